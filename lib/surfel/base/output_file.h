@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include <surfel/base/export.h>
+
+namespace surfel {
+
+/// A file that appears whole or not at all: written to a temporary beside the target and renamed by
+/// commit(). Destroyed without commit() (an exception, an interrupted run) it leaves no trace, and
+/// an older file of that name stays as it was. "-" (standard output) and targets that are no
+/// regular files (pipes, devices) are written to on commit().
+class SURFEL_API OutputFile {
+ public:
+  /// Creates the temporary. Throws Error(kIo) naming file and cause: the folder does not exist, the
+  /// target is a directory, is read-only, or is there already and `no_clobber` is set.
+  explicit OutputFile(std::string target, bool no_clobber = false);
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  /// Appends. Throws Error(kIo) (disk full and the like).
+  void write(const void* data, std::size_t bytes);
+  void write(const std::string& text) { write(text.data(), text.size()); }
+
+  /// Name of the temporary, for libraries that want to open it themselves. It keeps the target's
+  /// extension, by which such libraries choose the format.
+  const std::string& temporary() const { return temporary_; }
+
+  /// Flushes and renames to the target (or copies to standard output).
+  void commit();
+
+ private:
+  void copy_to_target() const;
+
+  std::string target_;
+  std::string temporary_;
+  int descriptor_ = -1;
+  bool copied_ = false;  ///< The target cannot be renamed to: commit() copies.
+  bool committed_ = false;
+};
+
+/// Removes the temporaries of all OutputFiles that are open; for handlers of signals that end the
+/// process (async-signal-safe).
+SURFEL_API void remove_temporaries() noexcept;
+
+}  // namespace surfel

@@ -1,0 +1,129 @@
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <mutex>
+#include <thread>
+
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+#include <tbb/task_group.h>
+
+#ifdef SURFEL_TSAN
+#include <sanitizer/tsan_interface.h>
+#define SURFEL_HAPPENS_BEFORE(address) __tsan_release(address)
+#define SURFEL_HAPPENS_AFTER(address) __tsan_acquire(address)
+#else
+#define SURFEL_HAPPENS_BEFORE(address) static_cast<void>(address)
+#define SURFEL_HAPPENS_AFTER(address) static_cast<void>(address)
+#endif
+
+namespace surfel {
+namespace {
+
+std::atomic<int> g_thread_count{0};
+std::atomic<bool> g_interrupt{false};
+thread_local bool t_inside_loop = false;
+
+int cores() noexcept { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+
+void throw_if_interrupted() {
+  if (interrupt_requested()) throw Error(ErrorKind::kInterrupted, "interrupted");
+}
+
+/// One loop's shared state; workers take the next range until none is left or one has failed.
+struct Loop {
+  std::size_t count;
+  std::size_t grain;
+  FunctionRef<void(std::size_t, std::size_t, int)> body;
+  std::atomic<std::size_t> next{0};
+  std::atomic<bool> failed{false};
+  std::exception_ptr error{};
+  std::mutex error_mutex{};
+
+  void run_worker(int worker) {
+    SURFEL_HAPPENS_AFTER(this);
+    const bool outer = t_inside_loop;
+    t_inside_loop = true;
+    try {
+      while (!failed.load(std::memory_order_relaxed)) {
+        const std::size_t begin = next.fetch_add(grain, std::memory_order_relaxed);
+        if (begin >= count) break;
+        throw_if_interrupted();
+        body(begin, std::min(count, begin + grain), worker);
+      }
+    } catch (...) {
+      const std::lock_guard lock(error_mutex);
+      if (!error) error = std::current_exception();
+      failed.store(true, std::memory_order_relaxed);
+    }
+    t_inside_loop = outer;
+    SURFEL_HAPPENS_BEFORE(&failed);
+  }
+};
+
+/// The arena is kept from loop to loop: a turntable runs thousands of short ones. It is made anew
+/// when the number of threads changes.
+tbb::task_arena& arena(int threads) {
+  static std::mutex mutex;
+  static std::unique_ptr<tbb::task_arena> current;
+  static std::unique_ptr<tbb::global_control> limit;
+  static int current_threads = 0;
+  const std::lock_guard lock(mutex);
+  if (current_threads != threads) {
+    // oneTBB caps its workers at the cores; --threads may ask for more, to test determinism.
+    limit =
+        std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
+                                              static_cast<std::size_t>(std::max(threads, cores())));
+    current = std::make_unique<tbb::task_arena>(threads);
+    current_threads = threads;
+  }
+  return *current;
+}
+
+}  // namespace
+
+int thread_count() noexcept {
+  const int set = g_thread_count.load(std::memory_order_relaxed);
+  return set > 0 ? set : cores();
+}
+
+void set_thread_count(int threads) noexcept {
+  g_thread_count.store(std::max(0, threads), std::memory_order_relaxed);
+}
+
+void request_interrupt() noexcept { g_interrupt.store(true, std::memory_order_relaxed); }
+
+bool interrupt_requested() noexcept { return g_interrupt.load(std::memory_order_relaxed); }
+
+void parallel_for(std::size_t count, std::size_t grain,
+                  FunctionRef<void(std::size_t, std::size_t, int)> body) {
+  if (count == 0) return;
+  grain = std::max<std::size_t>(1, grain);
+  const std::size_t ranges = (count - 1) / grain + 1;
+  const int threads =
+      t_inside_loop ? 1 : static_cast<int>(std::min<std::size_t>(ranges, thread_count()));
+  if (threads == 1) {
+    const bool outer = t_inside_loop;
+    for (std::size_t begin = 0; begin < count; begin += grain) {
+      if (!outer) throw_if_interrupted();
+      body(begin, std::min(count, begin + grain), 0);
+    }
+    return;
+  }
+  Loop loop{count, grain, body};
+  SURFEL_HAPPENS_BEFORE(&loop);
+  arena(thread_count()).execute([&] {
+    tbb::task_group group;
+    for (int worker = 1; worker < threads; ++worker) {
+      group.run([&loop, worker] { loop.run_worker(worker); });
+    }
+    loop.run_worker(0);
+    group.wait();
+  });
+  SURFEL_HAPPENS_AFTER(&loop.failed);
+  if (loop.error) std::rethrow_exception(loop.error);
+}
+
+}  // namespace surfel

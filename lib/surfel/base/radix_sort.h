@@ -1,0 +1,15 @@
+#pragma once
+
+#include <cstdint>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Stable ascending order of 64-bit keys: order[i] is the index of the i-th smallest key, equal
+/// keys by index. Parallel least-significant-digit radix sort that skips digits that all keys
+/// share; 24 bytes of scratch per key. The result does not depend on the number of threads.
+SURFEL_API Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys);
+
+}  // namespace surfel

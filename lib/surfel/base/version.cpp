@@ -1,0 +1,7 @@
+#include <surfel/base/version.h>
+
+namespace surfel {
+
+const char* version() noexcept { return SURFEL_VERSION; }
+
+}  // namespace surfel

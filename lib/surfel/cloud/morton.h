@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstdint>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+/// Interleaves the low 21 bits of three numbers: bit i of x goes to bit 3 i, of y to 3 i + 1, of z
+/// to 3 i + 2 (Morton 1966).
+constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+  constexpr auto spread = [](std::uint64_t v) {
+    v &= 0x1fffff;
+    v = (v | v << 32) & 0x001f00000000ffffULL;
+    v = (v | v << 16) & 0x001f0000ff0000ffULL;
+    v = (v | v << 8) & 0x100f00f00f00f00fULL;
+    v = (v | v << 4) & 0x10c30c30c30c30c3ULL;
+    v = (v | v << 2) & 0x1249249249249249ULL;
+    return v;
+  };
+  return spread(x) | spread(y) << 1 | spread(z) << 2;
+}
+
+/// Order of points along a Morton curve through the cube around `box` (2^21 cells a side). Points
+/// that are not finite come last. Points in one cell are ordered by position, then index, so that a
+/// shuffled cloud gives the same sequence of points.
+SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
+
+}  // namespace surfel

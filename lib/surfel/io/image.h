@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Picture in linear light, float, channels interleaved, row 0 at the top.
+struct Image {
+  int width = 0;
+  int height = 0;
+  std::vector<std::string> channels;  ///< "R" "G" "B" "A", then AOVs: "Z", "Z.first", "N.X", ...
+  Array<float> data;                  ///< width * height * channels.size().
+
+  int channel_count() const { return static_cast<int>(channels.size()); }
+  float* pixel(int x, int y) {
+    return data.data() + (static_cast<std::size_t>(y) * width + x) * channels.size();
+  }
+  const float* pixel(int x, int y) const {
+    return data.data() + (static_cast<std::size_t>(y) * width + x) * channels.size();
+  }
+};
+
+/// Reads any format of OpenImageIO as linear R G B A with straight (not premultiplied) alpha:
+/// integer files (8 and 16 bits, palette, grey) are decoded from sRGB, float files (EXR, HDR) are
+/// linear. Grey is spread to R G B, a missing alpha is 1. With `raw` channels come as stored: float
+/// files premultiplied and with all their AOVs, integer files still decoded. Throws Error(kIo,
+/// kInput) naming file and cause.
+SURFEL_API Image read_image(const std::string& path, bool raw = false);
+
+struct ImageWriteOptions {
+  bool no_clobber = false;
+  /// String attributes for the file's metadata (formats without any ignore them).
+  std::vector<std::pair<std::string, std::string>> metadata;
+  /// Row-major 4x4 world-to-camera matrix, written as `worldToCamera` (EXR); or empty.
+  std::vector<float> world_to_camera;
+};
+
+/// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF
+/// and PNG (8 bits, sRGB-encoded, straight alpha), JPEG (8 bits, sRGB, composited on nothing: alpha
+/// is dropped). The image is premultiplied linear R G B A followed by any AOVs; formats other than
+/// EXR get R G B A only. The same image gives the same bytes (no time stamps).
+/// Throws Error(kIo) naming file and cause; an extension that OpenImageIO does not know is kUsage.
+SURFEL_API void write_image(const Image& image, const std::string& path,
+                            const ImageWriteOptions& options = {});
+
+}  // namespace surfel
