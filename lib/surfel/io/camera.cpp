@@ -1,0 +1,169 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/camera.h>
+#include <surfel/io/toml_reader.h>
+
+namespace surfel {
+namespace {
+
+/// Part of the half-picture that a framed scene fills.
+constexpr double kFrameFill = 0.95;
+
+/// Rotation whose rows are right, down and forward. `up` parallel to the view is replaced.
+Eigen::Matrix3d look_along(const Vec3d& forward, const Vec3d& up) {
+  Vec3d right = forward.cross(up);
+  if (!(right.norm() > 1e-9 * up.norm())) right = forward.unitOrthogonal();
+  right.normalize();
+  const Vec3d down = forward.cross(right);
+  Eigen::Matrix3d rotation;
+  rotation.row(0) = right;
+  rotation.row(1) = down;
+  rotation.row(2) = forward;
+  return rotation;
+}
+
+/// Corners of the box in camera axes, relative to `target`.
+std::vector<Vec3d> box_corners(const Bounds& box, const Vec3d& target,
+                               const Eigen::Matrix3d& rotation) {
+  std::vector<Vec3d> corners;
+  for (int i = 0; i < 8; ++i) {
+    const Vec3d corner((i & 1) ? box.max.x() : box.min.x(), (i & 2) ? box.max.y() : box.min.y(),
+                       (i & 4) ? box.max.z() : box.min.z());
+    corners.push_back(rotation * (corner - target));
+  }
+  return corners;
+}
+
+}  // namespace
+
+std::vector<std::string> CameraOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](bool ok, const std::string& message) {
+    if (!ok) found.push_back(message);
+  };
+  check(fov > 0 && fov < 180, fmt::format("fov is {}; it must be in (0, 180) degrees", fov));
+  check(!ortho || (*ortho > 0 && std::isfinite(*ortho)),
+        fmt::format("ortho is {}; it must be a positive height", ortho.value_or(0)));
+  check(width >= 1 && width <= 65536 && height >= 1 && height <= 65536,
+        fmt::format("size is {}x{}; each side must be in 1..65536", width, height));
+  check(near >= 0 && std::isfinite(near), fmt::format("near is {}; it must be >= 0", near));
+  check(up.allFinite() && up.norm() > 0, "up must be a finite direction, not zero");
+  check(!eye || eye->allFinite(), "eye must be finite");
+  check(!target || target->allFinite(), "target must be finite");
+  return found;
+}
+
+Camera make_camera(const CameraOptions& options, const Bounds& scene) {
+  Bounds box = scene;
+  if (box.empty()) {
+    box.add(Vec3d::Constant(-0.5));
+    box.add(Vec3d::Constant(0.5));
+  }
+  const Vec3d target = options.target.value_or(box.center());
+  const bool z_up = std::abs(options.up.normalized().z()) > 0.9;
+  const Vec3d default_side = z_up ? Vec3d(0, -1, 0.5).normalized() : Vec3d(0, 0, 1);
+  const Vec3d back = options.eye ? Vec3d(*options.eye - target) : default_side;
+  if (!(back.norm() > 0)) throw_usage("eye and target are the same point");
+
+  Camera camera;
+  camera.width = options.width;
+  camera.height = options.height;
+  camera.near = options.near;
+  camera.center_x = options.width / 2.0;
+  camera.center_y = options.height / 2.0;
+  camera.orthographic = options.ortho.has_value();
+  camera.camera_from_world = look_along(-back.normalized(), options.up);
+
+  const bool frame = options.frame_all || !options.eye;
+  const double half_y = std::tan(options.fov * std::numbers::pi / 360) * kFrameFill;
+  const double half_x = half_y * options.width / options.height;
+  double distance = back.norm();
+  double half_height = options.ortho.value_or(1) / 2;
+  if (frame) {
+    // Smallest distance from which every corner of the box lies inside the picture.
+    double needed = 0;
+    double ortho_half = 0;
+    double nearest = 0;
+    for (const Vec3d& c : box_corners(box, target, camera.camera_from_world)) {
+      needed =
+          std::max({needed, std::abs(c.x()) / half_x - c.z(), std::abs(c.y()) / half_y - c.z()});
+      ortho_half =
+          std::max({ortho_half, std::abs(c.y()), std::abs(c.x()) * options.height / options.width});
+      nearest = std::max(nearest, -c.z());
+    }
+    const double size = box.diagonal() > 0 ? box.diagonal() : 1;
+    if (camera.orthographic) {
+      if (options.frame_all) half_height = std::max(ortho_half, 1e-3 * size) / kFrameFill;
+      distance = std::max(distance, nearest + size);
+    } else {
+      distance = std::max(needed, nearest + 0.05 * size) + options.near;
+    }
+  }
+  camera.eye = target + back.normalized() * distance;
+  camera.focal_y = camera.orthographic
+                       ? options.height / (2 * half_height)
+                       : options.height / (2 * std::tan(options.fov * std::numbers::pi / 360));
+  camera.focal_x = camera.focal_y;
+  return camera;
+}
+
+std::vector<Camera> turntable(const CameraOptions& options, const Bounds& scene, int count) {
+  const Camera first = make_camera(options, scene);
+  const Vec3d target = options.target.value_or(scene.empty() ? Vec3d(0, 0, 0) : scene.center());
+  std::vector<Camera> cameras;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up.normalized());
+    Camera camera = first;
+    camera.eye = target + turn * (first.eye - target);
+    camera.camera_from_world = first.camera_from_world * turn.inverse().toRotationMatrix();
+    cameras.push_back(camera);
+  }
+  return cameras;
+}
+
+std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOptions& defaults) {
+  const TomlReader file = TomlReader::open(path);
+  const auto read_one = [&](const TomlTable& table) {
+    CameraOptions options = defaults;
+    table.read("eye", options.eye);
+    table.read("target", options.target);
+    table.read("up", options.up);
+    table.read("fov", options.fov);
+    table.read("ortho", options.ortho);
+    table.read("size", options.width, options.height);
+    table.read("near", options.near);
+    table.read("frame-all", options.frame_all);
+    table.reject_unread();
+    for (const std::string& problem : options.problems()) throw_input(path, problem);
+    return options;
+  };
+  std::vector<CameraOptions> cameras;
+  const std::vector<TomlTable> tables = file.tables("camera");
+  for (const TomlTable& table : tables) cameras.push_back(read_one(table));
+  if (tables.empty()) {
+    cameras.push_back(read_one(file.root()));
+  } else {
+    file.root().reject_unread();
+  }
+  return cameras;
+}
+
+std::vector<float> world_to_camera_matrix(const Camera& camera) {
+  const Vec3d translation = -(camera.camera_from_world * camera.eye);
+  std::vector<float> matrix;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      matrix.push_back(static_cast<float>(camera.camera_from_world(row, column)));
+    }
+    matrix.push_back(static_cast<float>(translation[row]));
+  }
+  matrix.insert(matrix.end(), {0, 0, 0, 1});
+  return matrix;
+}
+
+}  // namespace surfel

@@ -1,0 +1,144 @@
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/toml_reader.h>
+#include <toml++/toml.h>
+
+namespace surfel {
+
+struct TomlTable::Node {
+  std::shared_ptr<const toml::table> file;  ///< Keeps the tree alive.
+  const toml::table* table = nullptr;
+  std::string path;
+  mutable std::set<std::string> read;
+
+  [[noreturn]] void fail(const toml::node& at, const std::string& message) const {
+    throw_input(path, fmt::format("line {}: {}", at.source().begin.line, message));
+  }
+  const toml::node* find(const char* key) const {
+    read.insert(key);
+    return table->get(key);
+  }
+  std::vector<double> numbers(const char* key, const toml::node& node, std::size_t count) const {
+    std::vector<double> values;
+    if (const toml::array* array = node.as_array()) {
+      for (const toml::node& item : *array) {
+        if (const auto number = item.value<double>()) values.push_back(*number);
+      }
+      if (values.size() == count && array->size() == count) return values;
+    }
+    fail(node, fmt::format("{} must be an array of {} numbers", key, count));
+  }
+};
+
+void TomlTable::read(const char* key, double& value) const {
+  const toml::node* node = node_->find(key);
+  if (!node) return;
+  const auto number = node->value<double>();
+  if (!number || !node->is_number()) node_->fail(*node, fmt::format("{} must be a number", key));
+  value = *number;
+}
+
+void TomlTable::read(const char* key, std::optional<double>& value) const {
+  if (!node_->find(key)) return;
+  double number = 0;
+  read(key, number);
+  value = number;
+}
+
+void TomlTable::read(const char* key, bool& value) const {
+  const toml::node* node = node_->find(key);
+  if (!node) return;
+  if (!node->is_boolean()) node_->fail(*node, fmt::format("{} must be true or false", key));
+  value = node->as_boolean()->get();
+}
+
+void TomlTable::read(const char* key, std::string& value) const {
+  const toml::node* node = node_->find(key);
+  if (!node) return;
+  if (!node->is_string()) node_->fail(*node, fmt::format("{} must be a string", key));
+  value = node->as_string()->get();
+}
+
+void TomlTable::read(const char* key, Vec3d& value) const {
+  const toml::node* node = node_->find(key);
+  if (!node) return;
+  const std::vector<double> v = node_->numbers(key, *node, 3);
+  value = Vec3d(v[0], v[1], v[2]);
+}
+
+void TomlTable::read(const char* key, std::optional<Vec3d>& value) const {
+  if (!node_->find(key)) return;
+  Vec3d vector;
+  read(key, vector);
+  value = vector;
+}
+
+void TomlTable::read(const char* key, Vec3f& value) const {
+  Vec3d vector = value.cast<double>();
+  read(key, vector);
+  value = vector.cast<float>();
+}
+
+void TomlTable::read(const char* key, int& first, int& second) const {
+  const toml::node* node = node_->find(key);
+  if (!node) return;
+  const std::vector<double> v = node_->numbers(key, *node, 2);
+  for (const double number : v) {
+    if (!(std::abs(number) < 1e9) || number != std::floor(number)) {
+      node_->fail(*node, fmt::format("{} must be two whole numbers", key));
+    }
+  }
+  first = static_cast<int>(v[0]);
+  second = static_cast<int>(v[1]);
+}
+
+void TomlTable::reject_unread() const {
+  for (const auto& [key, node] : *node_->table) {
+    if (!node_->read.contains(std::string(key.str()))) {
+      node_->fail(node, fmt::format("unknown key {}", key.str()));
+    }
+  }
+}
+
+TomlReader TomlReader::open(const std::string& path) {
+  if (std::filesystem::is_directory(path)) throw_io(path, "is a directory; name a TOML file");
+  std::ifstream stream(path);
+  if (!stream) throw_io(path, "cannot be opened");
+  auto node = std::make_shared<TomlTable::Node>();
+  node->path = path;
+  try {
+    node->file = std::make_shared<const toml::table>(toml::parse(stream, path));
+  } catch (const toml::parse_error& error) {
+    throw_input(path, fmt::format("line {}: {}", error.source().begin.line, error.description()));
+  }
+  node->table = node->file.get();
+  TomlReader reader;
+  reader.root_.node_ = node;
+  return reader;
+}
+
+std::vector<TomlTable> TomlReader::tables(const char* name) const {
+  std::vector<TomlTable> found;
+  const TomlTable::Node& root = *root_.node_;
+  const toml::node* node = root.find(name);
+  if (!node) return found;
+  const toml::array* array = node->as_array();
+  if (!array) root.fail(*node, fmt::format("write [[{}]], an array of tables", name));
+  for (const toml::node& item : *array) {
+    if (!item.is_table()) root.fail(item, fmt::format("{} must hold tables", name));
+    auto table = std::make_shared<TomlTable::Node>();
+    table->file = root.file;
+    table->path = root.path;
+    table->table = item.as_table();
+    TomlTable entry;
+    entry.node_ = table;
+    found.push_back(entry);
+  }
+  return found;
+}
+
+}  // namespace surfel

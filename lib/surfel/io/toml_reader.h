@@ -1,0 +1,49 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// One table of a TOML file. read() leaves the value alone where the key is absent, throws
+/// Error(kInput) naming file, line and key where it is of another type, and remembers the key, so
+/// that reject_unread() can refuse those that nobody asked for. Internal to the io module.
+class TomlTable {
+ public:
+  void read(const char* key, double& value) const;
+  void read(const char* key, std::optional<double>& value) const;
+  void read(const char* key, bool& value) const;
+  void read(const char* key, std::string& value) const;
+  void read(const char* key, Vec3d& value) const;
+  void read(const char* key, std::optional<Vec3d>& value) const;
+  void read(const char* key, Vec3f& value) const;
+  /// An array of two integers.
+  void read(const char* key, int& first, int& second) const;
+  /// Throws Error(kInput) for the first key that was not read.
+  void reject_unread() const;
+
+ private:
+  friend class TomlReader;
+  struct Node;
+  std::shared_ptr<const Node> node_;
+};
+
+/// A parsed TOML file.
+class TomlReader {
+ public:
+  /// Throws Error (kIo, kInput) naming file and line.
+  static TomlReader open(const std::string& path);
+  const TomlTable& root() const { return root_; }
+  /// The tables [[name]], in their order; none if there is no such array.
+  std::vector<TomlTable> tables(const char* name) const;
+
+ private:
+  TomlTable root_;
+};
+
+}  // namespace surfel
