@@ -1,7 +1,9 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json_fwd.hpp>
@@ -23,27 +25,56 @@ struct CommonOptions {
 /// One executable: the common options (--threads, --config, --print-config, --quiet, --verbose,
 /// --no-clobber, --stats, --help, --version), the configuration file, errors to exit codes,
 /// signals, the JSON report. A tool's main() declares its options on app() bound to the members of
-/// its options structs (whose initialisers are the defaults), then returns run().
+/// its options structs (whose initialisers are the defaults), then returns run():
+///
+///     int main(int argc, char** argv) {
+///       surfel::tool::Tool tool("surfel-thin", "Keeps every n-th surfel.");
+///       std::string input;
+///       std::string output;
+///       surfel::ThinOptions options;
+///       tool.app().add_option("surfels", input, "Surfels (PLY, PCD; - = standard input)")
+///           ->required();
+///       tool.app().add_option("-o,--output", output, "Surfels to write")->required();
+///       tool.app().add_option("--step", options.step, "Keep one surfel in this many, >= 1");
+///       return tool.run(argc, argv, [&] {
+///         surfel::tool::require_valid(options.problems());
+///         const surfel::SurfelCloud cloud = surfel::read_cloud(input);
+///         surfel::SurfelCloud thinned = surfel::thin(cloud, options);
+///         thinned.provenance.push_back(tool.provenance());
+///         surfel::write_cloud(thinned, output, {.no_clobber = tool.common().no_clobber});
+///         tool.report()["surfels"] = thinned.size();
+///         tool.note(fmt::format("{}: {} surfels", output, thinned.size()));
+///       });
+///     }
+///
+/// Vectors, sizes and choices have helpers in options.h. Numbers keep the type name that CLI11
+/// gives them (INT, FLOAT): by it --print-config and the report know them from text.
 class Tool {
  public:
   Tool(std::string name, std::string summary);
   ~Tool();
+  Tool(const Tool&) = delete;
+  Tool& operator=(const Tool&) = delete;
 
   CLI::App& app();
   const CommonOptions& common() const;
 
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
-  /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run().
+  /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
+  /// its options were understood writes the report too, with its message as `error`.
   nlohmann::json& report();
 
   /// Message on standard error: note() unless --quiet, detail() with --verbose only. Prefixed with
   /// the tool's name.
   void note(const std::string& message) const;
   void detail(const std::string& message) const;
-  /// Progress 0..1 on standard error: a bar on a terminal only, none with --quiet.
+  /// Progress 0..1 on standard error: a bar on a terminal only, none with --quiet. Cheap enough to
+  /// call often; may be called from any thread.
   void progress(const std::string& what, double fraction) const;
 
-  /// "surfel-x --spacing 0.01 ..." for provenance comments: tool, version and the options given.
+  /// "surfel-x 0.1.0 --spacing 0.01 ..." for provenance comments: tool, version and the options
+  /// given. What cannot change the result (threads, output, reports) and the folders of input files
+  /// are left out, so that the same work gives the same bytes.
   std::string provenance() const;
 
   /// Parses, runs the body, reports; returns the exit code.
@@ -51,7 +82,14 @@ class Tool {
 
  private:
   struct Impl;
-  Impl* impl_;
+  std::unique_ptr<Impl> impl_;
 };
+
+/// Writes the whole text to standard output. Throws Error(kIo) where it cannot (closed pipe, full
+/// disk).
+void print(const std::string& text);
+
+/// Throws Error(kUsage) with all the problems of an options struct, if there are any.
+void require_valid(const std::vector<std::string>& problems);
 
 }  // namespace surfel::tool

@@ -1,0 +1,132 @@
+#include "tools/support/config_file.h"
+
+#include <charconv>
+#include <optional>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <toml++/toml.h>
+
+namespace surfel::tool {
+namespace {
+
+/// A scalar as the command line would have it; nullopt for tables, dates and arrays.
+std::optional<std::string> as_argument(const toml::node& node) {
+  if (const auto* text = node.as_string()) return text->get();
+  if (const auto* flag = node.as_boolean()) return flag->get() ? "true" : "false";
+  if (const auto* integer = node.as_integer()) return std::to_string(integer->get());
+  if (const auto* number = node.as_floating_point()) return fmt::format("{}", number->get());
+  return std::nullopt;
+}
+
+/// The values for one option. An array fills an option of many values, or is joined by commas for
+/// one that takes a vector as text (`eye = [0, 0, 3]`).
+std::optional<std::vector<std::string>> as_arguments(const toml::node& node, bool many) {
+  const toml::array* array = node.as_array();
+  if (!array) {
+    const auto value = as_argument(node);
+    if (!value) return std::nullopt;
+    return std::vector{*value};
+  }
+  std::vector<std::string> values;
+  for (const toml::node& element : *array) {
+    const auto value = as_argument(element);
+    if (!value) return std::nullopt;
+    values.push_back(*value);
+  }
+  if (many) return values;
+  return std::vector{fmt::format("{}", fmt::join(values, ","))};
+}
+
+bool is_flag(const CLI::Option& option) { return option.get_expected_max() == 0; }
+bool takes_many(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
+
+/// As a number where the option takes numbers and the text is one.
+nlohmann::json typed(const CLI::Option& option, const std::string& text) {
+  const std::string type = option.get_type_name();
+  const char* end = text.data() + text.size();
+  if (type.starts_with("INT") || type.starts_with("UINT")) {
+    std::int64_t value = 0;
+    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    if (error == std::errc{} && stop == end) return value;
+  } else if (type.starts_with("FLOAT")) {
+    double value = 0;
+    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    if (error == std::errc{} && stop == end && std::isfinite(value)) return value;
+  }
+  return text;
+}
+
+/// CLI11 shows the default of an option of many values as "[a,b]".
+std::vector<std::string> default_values(const CLI::Option& option) {
+  const std::string text = option.get_default_str();
+  if (!takes_many(option)) return {text};
+  if (text.size() <= 2) return {};
+  return CLI::detail::split(text.substr(1, text.size() - 2), ',');
+}
+
+}  // namespace
+
+std::string plain_name(const CLI::Option& option) {
+  const std::vector<std::string>& names = option.get_lnames();
+  return names.empty() ? option.get_name() : names.front();
+}
+
+nlohmann::json value_in_force(const CLI::Option& option) {
+  if (is_flag(option)) return option.count() > 0 && option.as<bool>();
+  const bool given = option.count() > 0;
+  if (!given && option.get_default_str().empty()) return nullptr;
+  const std::vector<std::string> values = given ? option.results() : default_values(option);
+  if (!takes_many(option)) return typed(option, values.front());
+  nlohmann::json array = nlohmann::json::array();
+  for (const std::string& value : values) array.push_back(typed(option, value));
+  return array;
+}
+
+std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
+  const std::string file = app_.get_config_ptr()->as<std::string>();
+  const auto fail = [&](const toml::source_region& where, const std::string& message) {
+    throw CLI::ConversionError(fmt::format("{}: line {}: {}", file, where.begin.line, message));
+  };
+  toml::table table;
+  try {
+    table = toml::parse(in);
+  } catch (const toml::parse_error& error) {
+    fail(error.source(), std::string(error.description()));
+  }
+  for (const auto& [toml_key, node] : table) {
+    const std::string key(toml_key.str());
+    CLI::Option* option = app_.get_option_no_throw("--" + key);
+    if (!option || !option->get_configurable()) {
+      fail(toml_key.source(), fmt::format("unknown option '{}'", key));
+    }
+    const auto values = as_arguments(node, takes_many(*option));
+    if (!values) fail(node.source(), fmt::format("'{}' is not a value or a list of values", key));
+    if (!option->empty()) continue;  // Given on the command line.
+    try {
+      if (is_flag(*option)) {
+        option->add_result(option->get_flag_value(key, values->front()));
+      } else {
+        option->add_result(*values);
+      }
+      option->run_callback();
+    } catch (const CLI::Error& error) {
+      fail(node.source(), error.what());
+    }
+  }
+  return {};  // All is stored; nothing is left for CLI11 to do.
+}
+
+std::string ConfigFile::to_config(const CLI::App* app, bool, bool, std::string) const {
+  std::string text;
+  for (const CLI::Option* option : app->get_options()) {
+    if (!option->get_configurable() || option->get_lnames().empty()) continue;
+    const nlohmann::json value = value_in_force(*option);
+    // note: JSON's strings, numbers, truth values and arrays of these are valid TOML.
+    if (!value.is_null()) text += plain_name(*option) + " = " + value.dump() + "\n";
+  }
+  return text;
+}
+
+}  // namespace surfel::tool

@@ -1,0 +1,82 @@
+#include "tools/support/options.h"
+
+#include <charconv>
+#include <cmath>
+
+namespace surfel::tool {
+namespace {
+
+/// The whole of [begin, end) as a number; nullopt if it is none.
+template <class Number>
+std::optional<Number> parse_number(const char* begin, const char* end) {
+  if (begin != end && *begin == '+') ++begin;
+  Number value{};
+  const auto [stop, error] = std::from_chars(begin, end, value);
+  if (error != std::errc{} || stop != end) return std::nullopt;
+  return value;
+}
+
+[[noreturn]] void throw_conversion(const std::string& option, const std::string& text,
+                                   const std::string& expected) {
+  throw CLI::ConversionError(fmt::format("{}: '{}' is not {}", option, text, expected));
+}
+
+}  // namespace
+
+std::string long_name(const std::string& names) {
+  const std::size_t dashes = names.find("--");
+  if (dashes == std::string::npos) return names;
+  return names.substr(dashes, names.find(',', dashes) - dashes);
+}
+
+std::vector<double> parse_numbers(const std::string& option, const std::string& text, int count) {
+  std::vector<double> numbers;
+  for (const std::string& part : CLI::detail::split(text, ',')) {
+    const std::string trimmed = CLI::detail::trim_copy(part);
+    const auto number = parse_number<double>(trimmed.data(), trimmed.data() + trimmed.size());
+    if (!number || !std::isfinite(*number)) break;
+    numbers.push_back(*number);
+  }
+  const bool rest = std::count(text.begin(), text.end(), ',') + 1 != count;
+  if (rest || static_cast<int>(numbers.size()) != count) {
+    throw_conversion(option, text, fmt::format("{} numbers parted by commas", count));
+  }
+  return numbers;
+}
+
+std::pair<int, int> parse_size(const std::string& option, const std::string& text) {
+  constexpr int kLargest = 65536;
+  const std::size_t x = text.find('x');
+  if (x != std::string::npos) {
+    const auto width = parse_number<int>(text.data(), text.data() + x);
+    const auto height = parse_number<int>(text.data() + x + 1, text.data() + text.size());
+    if (width && height && std::min(*width, *height) >= 1 &&
+        std::max(*width, *height) <= kLargest) {
+      return {*width, *height};
+    }
+  }
+  throw_conversion(option, text, fmt::format("a size WxH in pixels, 1x1 to {0}x{0}", kLargest));
+}
+
+CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,
+                      const std::string& value, const std::string& description,
+                      const std::function<void(const std::string&)>& assign) {
+  CLI::Option* option = app.add_option(
+      names,
+      [assign](const CLI::results_t& results) {
+        assign(results.at(0));
+        return true;
+      },
+      description);
+  return option->type_name(type)->default_str(value)->expected(1);
+}
+
+CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
+                      const std::string& description) {
+  return add_text(app, names, "WxH", fmt::format("{}x{}", width, height), description,
+                  [&width, &height, name = long_name(names)](const std::string& text) {
+                    std::tie(width, height) = parse_size(name, text);
+                  });
+}
+
+}  // namespace surfel::tool

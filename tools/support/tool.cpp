@@ -1,0 +1,321 @@
+#include "tools/support/tool.h"
+
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <cstring>
+#include <mutex>
+#include <new>
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/base/output_file.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/timing.h>
+#include <surfel/base/version.h>
+#include <unistd.h>
+
+#include "tools/support/config_file.h"
+
+namespace surfel::tool {
+namespace {
+
+constexpr int kMostThreads = 1024;
+
+std::atomic<bool> g_signalled{false};
+
+/// The first signal asks the loops to stop, so that the run ends by its own error path; the second
+/// ends the process at once.
+extern "C" void handle_signal(int signal) {
+  if (!g_signalled.exchange(true)) {
+    request_interrupt();
+    return;
+  }
+  remove_temporaries();
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
+
+void install_signal_handlers() {
+  struct sigaction action {};
+  action.sa_handler = handle_signal;
+  action.sa_flags = SA_RESTART;
+  sigemptyset(&action.sa_mask);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  // A closed pipe and a file past its size limit are then errors of write(), with a message.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
+/// Colour and bars are for people: on a terminal that is not dumb.
+bool interactive() {
+  const char* terminal = std::getenv("TERM");
+  return isatty(STDERR_FILENO) != 0 && terminal && std::string(terminal) != "dumb";
+}
+
+bool colored() {
+  const char* no_color = std::getenv("NO_COLOR");
+  return interactive() && !(no_color && *no_color);
+}
+
+/// For messages and header comments, which are one line.
+std::string one_line(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
+  return text;
+}
+
+std::string quoted(const std::string& value) {
+  if (!value.empty() && value.find_first_of(" \"'") == std::string::npos) return value;
+  return nlohmann::json(value).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+/// How a run ended.
+struct Outcome {
+  ExitCode code = kDone;
+  std::string message;
+};
+
+ExitCode exit_code(ErrorKind kind) { return kind == ErrorKind::kUsage ? kWrongUsage : kFailed; }
+
+Outcome attempt(const std::function<void()>& action) {
+  try {
+    action();
+    return {};
+  } catch (const Error& error) {
+    return {exit_code(error.kind()), error.what()};
+  } catch (const CLI::Error& error) {
+    return {kWrongUsage, error.what()};
+  } catch (const std::bad_alloc&) {
+    return {kFailed, "out of memory; use fewer surfels, a smaller picture or a larger machine"};
+  } catch (const std::exception& error) {
+    return {kFailed, error.what()};
+  }
+}
+
+}  // namespace
+
+struct Tool::Impl {
+  Impl(std::string tool_name, const std::string& summary)
+      : name(std::move(tool_name)), app(summary, name) {}
+
+  std::string name;
+  CLI::App app;
+  CommonOptions common;
+  bool print_config = false;
+  nlohmann::json report = nlohmann::json::object();
+  Timer total;
+
+  std::mutex bar_mutex;
+  std::size_t bar_width = 0;  ///< Columns that the bar takes now.
+  Timer bar_age;
+
+  void add_common_options();
+  bool parse(int argc, char** argv);
+  void message(const std::string& text);
+  void error(const std::string& text);
+  void clear_bar();
+  void write_report(OutputFile& file, const Outcome& outcome);
+};
+
+void Tool::Impl::add_common_options() {
+  app.option_defaults()->always_capture_default();
+  app.get_formatter()->column_width(34);
+  app.set_help_flag("-h,--help", "Print this help and exit")->configurable(false);
+  app.set_version_flag("--version", fmt::format("{} {}", name, version()),
+                       "Print the version and exit")
+      ->configurable(false);
+  const std::string group = "Common options";
+  app.add_option("--threads", common.threads)
+      ->check(CLI::Range(1, kMostThreads).description(""))
+      ->type_name("INT")
+      ->default_str("")
+      ->description(fmt::format("Threads, 1..{}; results do not depend on it (default: one a core)",
+                                kMostThreads))
+      ->group(group);
+  app.set_config("--config", "",
+                 "TOML file of options under their long names; the command line wins")
+      ->type_name("FILE")
+      ->configurable(false)
+      ->group(group);
+  app.add_flag("--print-config", print_config, "Print the settings in force as TOML and exit")
+      ->configurable(false)
+      ->group(group);
+  app.add_flag("--quiet", common.quiet, "Print errors only")->group(group);
+  app.add_flag("--verbose", common.verbose, "Print details")->group(group);
+  app.add_flag("--no-clobber", common.no_clobber, "Never overwrite a file")->group(group);
+  app.add_option("--stats", common.stats,
+                 "JSON report to write: options, counts, times in ms, peak memory in bytes")
+      ->type_name("FILE")
+      ->group(group);
+}
+
+/// False if the run ends here: help, version or settings were printed.
+bool Tool::Impl::parse(int argc, char** argv) {
+  const bool only_settings = std::any_of(argv + std::min(argc, 1), argv + argc, [](const char* a) {
+    return std::strcmp(a, "--print-config") == 0;
+  });
+  if (only_settings) {
+    for (CLI::Option* option : app.get_options()) option->required(false);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    print(app.help());
+    return false;
+  } catch (const CLI::CallForVersion& call) {
+    print(std::string(call.what()) + "\n");
+    return false;
+  } catch (const CLI::FileError&) {
+    throw Error(ErrorKind::kUsage, app.get_config_ptr()->as<std::string>() + ": cannot be read");
+  }
+  if (print_config) print(app.config_to_str());
+  return !print_config;
+}
+
+void Tool::Impl::clear_bar() {
+  if (bar_width == 0) return;
+  fmt::print(stderr, "\r{:{}}\r", "", bar_width);
+  bar_width = 0;
+}
+
+void Tool::Impl::message(const std::string& text) {
+  const std::lock_guard lock(bar_mutex);
+  clear_bar();
+  fmt::print(stderr, "{}: {}\n", name, one_line(text));
+}
+
+void Tool::Impl::error(const std::string& text) {
+  message((colored() ? "\033[31merror:\033[0m " : "error: ") + one_line(text));
+}
+
+void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
+  nlohmann::json options = nlohmann::json::object();
+  for (const CLI::Option* option : app.get_options()) {
+    if (option == app.get_help_ptr() || plain_name(*option) == "version" ||
+        plain_name(*option) == "print-config") {
+      continue;
+    }
+    nlohmann::json value = value_in_force(*option);
+    if (!value.is_null()) options[plain_name(*option)] = std::move(value);
+  }
+  report["tool"] = name;
+  report["version"] = version();
+  report["options"] = std::move(options);
+  report["threads"] = thread_count();
+  report["total_ms"] = total.milliseconds();
+  report["peak_memory_bytes"] = peak_memory_bytes();
+  if (outcome.code != kDone) report["error"] = outcome.message;
+  // A file name may hold bytes that are not UTF-8; the report must still be JSON.
+  file.write(report.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+  file.commit();
+}
+
+Tool::Tool(std::string name, std::string summary)
+    : impl_(std::make_unique<Impl>(std::move(name), summary)) {
+  impl_->add_common_options();
+  impl_->app.config_formatter(std::make_shared<ConfigFile>(impl_->app));
+}
+
+Tool::~Tool() = default;
+
+CLI::App& Tool::app() { return impl_->app; }
+const CommonOptions& Tool::common() const { return impl_->common; }
+nlohmann::json& Tool::report() { return impl_->report; }
+
+void Tool::note(const std::string& message) const {
+  if (!impl_->common.quiet) impl_->message(message);
+}
+
+void Tool::detail(const std::string& message) const {
+  if (impl_->common.verbose && !impl_->common.quiet) impl_->message(message);
+}
+
+void Tool::progress(const std::string& what, double fraction) const {
+  static const bool shown = interactive();
+  if (!shown || impl_->common.quiet) return;
+  constexpr double kRedrawMilliseconds = 100;
+  constexpr std::size_t kCells = 30;
+  const std::lock_guard lock(impl_->bar_mutex);
+  if (fraction >= 1) return impl_->clear_bar();
+  if (impl_->bar_width > 0 && impl_->bar_age.milliseconds() < kRedrawMilliseconds) return;
+  impl_->clear_bar();
+  const double clamped = std::clamp(fraction, 0.0, 1.0);
+  const auto done = static_cast<std::size_t>(clamped * kCells);
+  const std::string bar =
+      fmt::format("[{:#<{}}{:{}}] {:3.0f} % {}", "", done, "", kCells - done, 100 * clamped, what);
+  fmt::print(stderr, "{}", bar);
+  std::fflush(stderr);
+  impl_->bar_width = bar.size();
+  impl_->bar_age.restart();
+}
+
+std::string Tool::provenance() const {
+  std::string line = fmt::format("{} {}", impl_->name, version());
+  for (const CLI::Option* option : impl_->app.get_options()) {
+    const std::string name = plain_name(*option);
+    static const std::vector<std::string> kWithoutEffect = {
+        "threads", "config", "quiet", "verbose", "no-clobber", "stats", "output"};
+    if (option->count() == 0 ||
+        std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
+      continue;
+    }
+    if (!option->get_lnames().empty()) line += " --" + name;
+    if (option->get_expected_max() == 0) continue;
+    for (const std::string& value : option->results()) {
+      line += " " + quoted(value.substr(value.rfind('/') + 1));
+    }
+  }
+  return one_line(line);
+}
+
+int Tool::run(int argc, char** argv, const std::function<void()>& body) {
+  impl_->total.restart();
+  install_signal_handlers();
+  bool proceed = false;
+  Outcome outcome = attempt([&] { proceed = impl_->parse(argc, argv); });
+  if (outcome.code == kWrongUsage) {
+    impl_->error(fmt::format("{}; see {} --help", outcome.message, impl_->name));
+    return outcome.code;
+  }
+  std::optional<OutputFile> stats;
+  if (proceed) {
+    outcome = attempt([&] {
+      set_thread_count(impl_->common.threads);
+      // Opened first: a report that cannot be written is found before the work, not after.
+      if (!impl_->common.stats.empty()) {
+        stats.emplace(impl_->common.stats, impl_->common.no_clobber);
+      }
+      body();
+    });
+  }
+  if (stats) {
+    const Outcome reported = attempt([&] { impl_->write_report(*stats, outcome); });
+    if (outcome.code == kDone) outcome = reported;
+  }
+  {
+    const std::lock_guard lock(impl_->bar_mutex);
+    impl_->clear_bar();
+  }
+  if (outcome.code != kDone) impl_->error(outcome.message);
+  return outcome.code;
+}
+
+void print(const std::string& text) {
+  for (std::size_t done = 0; done < text.size();) {
+    const ssize_t written = write(STDOUT_FILENO, text.data() + done, text.size() - done);
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0)
+      throw_io("standard output", std::string("cannot be written: ") + std::strerror(errno));
+    done += static_cast<std::size_t>(written);
+  }
+}
+
+void require_valid(const std::vector<std::string>& problems) {
+  if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+}
+
+}  // namespace surfel::tool
