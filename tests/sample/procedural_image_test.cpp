@@ -1,0 +1,75 @@
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/sample/procedural_image.h>
+
+namespace surfel {
+namespace {
+
+TEST(ProceduralTexture, CheckerAlternatesAlsoBelowZero) {
+  ProceduralTextureOptions options;
+  options.frequency = 4;
+  const ProceduralTexture checker = procedural_texture("checker", options);
+  for (int i = -8; i < 8; ++i) {
+    for (int j = -8; j < 8; ++j) {
+      const Vec3f expected = (i + j) % 2 == 0 ? options.dark : options.light;
+      EXPECT_EQ(checker((i + 0.5) / 4, (j + 0.5) / 4), expected) << i << ' ' << j;
+    }
+  }
+}
+
+TEST(ProceduralTexture, SiemensStarHasItsSpokes) {
+  ProceduralTextureOptions options;
+  options.frequency = 7;
+  const ProceduralTexture star = procedural_texture("siemens", options);
+  int changes = 0;
+  bool light = star(0.9, 0.5 + 1e-6).x() > 0;
+  constexpr int kSteps = 10000;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double angle = 6.283185307179586 * i / kSteps + 1e-5;
+    const bool now = star(0.5 + 0.4 * std::cos(angle), 0.5 + 0.4 * std::sin(angle)).x() > 0;
+    changes += now != light;
+    light = now;
+  }
+  EXPECT_EQ(changes, 14);
+  EXPECT_EQ(star(0.01, 0.01), options.dark);
+}
+
+TEST(ProceduralTexture, NoiseStaysInRangeAndFollowsItsSeed) {
+  ProceduralTextureOptions options;
+  const ProceduralTexture one = procedural_texture("noise", options);
+  options.seed = 2;
+  const ProceduralTexture two = procedural_texture("noise", options);
+  double difference = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3f color = one(i * 0.0137, i * 0.0071);
+    EXPECT_GE(color.minCoeff(), 0);
+    EXPECT_LE(color.maxCoeff(), 1);
+    difference += (color - two(i * 0.0137, i * 0.0071)).norm();
+  }
+  EXPECT_GT(difference, 100);
+}
+
+TEST(ProceduralTexture, RefusesUnknownNamesAndBadFrequencies) {
+  EXPECT_THROW(procedural_texture("marble"), Error);
+  ProceduralTextureOptions options;
+  EXPECT_TRUE(options.problems().empty());
+  options.frequency = 0;
+  EXPECT_THROW(procedural_texture("checker", options), Error);
+}
+
+TEST(Rasterize, TopRowIsVOneAndPixelsAreMeans) {
+  const ProceduralTexture ramp = [](double u, double v) {
+    return Vec3d(u, v, u * u).cast<float>().eval();
+  };
+  const Image image = rasterize(ramp, 4, 2, 8);
+  ASSERT_EQ(image.data.size(), 4u * 2 * 4);
+  EXPECT_NEAR(image.pixel(1, 0)[0], 0.375f, 1e-6f);
+  EXPECT_NEAR(image.pixel(1, 0)[1], 0.75f, 1e-6f);
+  EXPECT_NEAR(image.pixel(3, 1)[1], 0.25f, 1e-6f);
+  EXPECT_NEAR(image.pixel(3, 0)[2], 0.7708f, 1e-3f);  // Mean of u^2 over [3/4, 1].
+  EXPECT_EQ(image.pixel(2, 1)[3], 1);
+  EXPECT_THROW(rasterize(ramp, 0, 2), Error);
+}
+
+}  // namespace
+}  // namespace surfel
