@@ -1,0 +1,114 @@
+#pragma once
+
+// SS01 section 6 and table 1; design notes in lib/README.md.
+
+#include <cstddef>
+#include <cstdint>
+
+#include <surfel/render/splat.h>
+
+namespace surfel {
+
+/// What a fragment keeps of a surface in a pixel (SS01 table 1): sums over the contributions of one
+/// surface, each weighted by its resampling kernel rho. One plane of kTilePixels floats each.
+enum FragmentChannel : int {
+  kWeight,  ///< Sum of rho; 0 = free; kMergedWeight = shaded and merged.
+  kDepth,   ///< Sum of rho * depth; merged: the nearest fragment's depth.
+  kRed,     ///< Sum of rho * alpha * colour; merged: composite, premultiplied.
+  kGreen,
+  kBlue,
+  kAlpha,    ///< Sum of rho * alpha; merged: opacity.
+  kTag,      ///< Splat::tag of the first contribution, as bits.
+  kBack,     ///< Merged only: the farthest fragment's depth.
+  kNormalX,  ///< Sum of rho * normal; only in shaded pictures.
+  kNormalY,
+  kNormalZ,
+};
+
+/// SS01 marks shaded fragments by a negative weight; so do we.
+inline constexpr float kMergedWeight = -1.0F;
+
+/// Shape of a tile's A-buffer: layers x channels x kTilePixels floats.
+struct ABufferLayout {
+  int layers = 1;
+  bool normals = false;
+
+  int channels() const { return normals ? kNormalZ + 1 : kBack + 1; }
+  std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kTilePixels; }
+  std::size_t size() const { return layer_stride() * static_cast<std::size_t>(layers); }
+};
+
+/// One fragment of one pixel, by value.
+struct Fragment {
+  float channel[kNormalZ + 1];
+};
+
+/// Premultiplied colour.
+struct Rgba {
+  float red = 0, green = 0, blue = 0, alpha = 0;
+
+  /// Front-to-back compositing, SS01 (12): this over `back`.
+  void composite(const Rgba& back) {
+    const float transmitted = 1.0F - alpha;
+    red += transmitted * back.red;
+    green += transmitted * back.green;
+    blue += transmitted * back.blue;
+    alpha += transmitted * back.alpha;
+  }
+};
+
+/// What merging cost, summed over a frame.
+struct MergeStatistics {
+  std::uint64_t merged = 0;   ///< Pairs of fragments merged.
+  std::uint64_t dropped = 0;  ///< Contributions that came after their surface had been merged ...
+  double dropped_weight = 0;  ///< ... and the sum of their rho.
+  double total_weight = 0;    ///< Sum of rho of all fragments at the end (merged ones left out).
+
+  void add(const MergeStatistics& other) {
+    merged += other.merged;
+    dropped += other.dropped;
+    dropped_weight += other.dropped_weight;
+    total_weight += other.total_weight;
+  }
+};
+
+class Shader;
+
+/// One tile being rasterised: its A-buffer and what merging needs to know.
+struct TileABuffer {
+  ABufferLayout layout;
+  float* data = nullptr;
+  int x0 = 0, y0 = 0;     ///< Top left pixel of the tile in the picture.
+  int width = kTileSize;  ///< Pixels of the tile inside the picture.
+  int height = kTileSize;
+  float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
+  const Shader* shader = nullptr;
+  MergeStatistics merges;
+
+  float& at(int layer, int channel, int pixel) {
+    return data[layout.layer_stride() * static_cast<std::size_t>(layer) +
+                static_cast<std::size_t>(channel) * kTilePixels + static_cast<std::size_t>(pixel)];
+  }
+};
+
+/// A contribution that matches no fragment of a pixel whose layers are all taken: steps 2 and 3 of
+/// SS01 section 6. Contributions arrive roughly front to back, so the nearest two fragments are the
+/// ones that are complete: they are shaded and composited (12), and the free layer goes to the
+/// newcomer. One that lies within an already merged pair comes too late and is dropped (and
+/// counted). With a single layer the nearer surface stays.
+void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
+                       const SplatNormal* normal);
+
+/// Per-pixel result of a tile.
+struct PixelResult {
+  Rgba color;
+  float depth = 0;              ///< z where opacity passes one half; infinity if it never does.
+  float depth_first = 0;        ///< z of the nearest fragment; infinity if there is none.
+  float normal[3] = {0, 0, 0};  ///< Of the nearest unmerged fragment, unit; zero if none.
+  float weight = 0;             ///< Sum of rho of the nearest fragment.
+};
+
+/// Shades, weighs by coverage (SS01 section 7) and composites a pixel's fragments front to back.
+PixelResult resolve_pixel(TileABuffer& tile, int pixel);
+
+}  // namespace surfel

@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+/// Consecutive surfels of a RenderCloud with bounds for culling.
+struct Cluster {
+  std::uint32_t begin = 0;
+  std::uint32_t end = 0;
+  Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
+  float radius = 0;          ///< Of that sphere.
+  float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
+  Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
+  float cone_cosine =
+      -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
+};
+
+/// A cloud made ready for rendering: unusable surfels dropped, the rest sorted along a Morton
+/// curve, cut into clusters, and laid out in the columns that splat set-up streams through. Built
+/// once, rendered from any number of cameras. Does not depend on the order of the surfels in the
+/// cloud.
+class SURFEL_API RenderCloud {
+ public:
+  static constexpr std::uint32_t kClusterSize = 256;
+  /// Zeros past the end of every column, so that SIMD code may read whole vectors.
+  static constexpr std::size_t kPadding = 16;
+
+  /// What was left out, and why.
+  struct Dropped {
+    std::size_t position = 0;  ///< Not finite.
+    std::size_t variance = 0;  ///< Not finite, or not positive.
+    std::size_t color = 0;     ///< Colour, alpha or area not finite.
+    std::size_t total() const { return position + variance + color; }
+  };
+
+  /// Throws Error(kInput) if the cloud has no variance. Colourless clouds are white. A surfel whose
+  /// normal is zero always faces the eye.
+  explicit RenderCloud(const SurfelCloud& cloud);
+
+  std::size_t size() const { return size_; }
+  const std::vector<Cluster>& clusters() const { return clusters_; }
+  const Vec3d& origin() const { return origin_; }
+  const Dropped& dropped() const { return dropped_; }
+  bool anisotropic() const { return !tangent_x.empty(); }
+  /// Some surfel has alpha below 1.
+  bool transparent() const { return !alpha.empty(); }
+  /// World bounds of the surfels' discs at standard deviation 1.
+  const Bounds& bounds() const { return bounds_; }
+  std::uint64_t memory_bytes() const;
+
+  // Columns, in Morton order; the optional ones are empty where the scene does not need them.
+  Array<float> x, y, z;
+  Array<float> normal_x, normal_y, normal_z;
+  Array<float> deviation_u;  ///< Square root of the variance, along the tangent.
+  Array<float> deviation_v;  ///< Only if anisotropic().
+  Array<float> tangent_x, tangent_y, tangent_z;  ///< Only if anisotropic().
+  Array<float> area;
+  Array<float> red, green, blue;
+  Array<float> alpha;             ///< Only if transparent().
+  Array<std::uint16_t> material;  ///< Only if the cloud has it.
+
+ private:
+  void make_clusters();
+
+  std::size_t size_ = 0;
+  Vec3d origin_;
+  std::vector<Cluster> clusters_;
+  Dropped dropped_;
+  Bounds bounds_;
+};
+
+}  // namespace surfel

@@ -1,0 +1,556 @@
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/renderer.h>
+#include <surfel/render/shading.h>
+#include <surfel/render/splat.h>
+#include <surfel/render/splat_setup.h>
+#include <surfel/render/tile_raster.h>
+
+namespace surfel {
+namespace {
+
+/// Splats in flight at once, at most (rounded up to a cluster).
+constexpr std::size_t kBatchSurfels = std::size_t{1} << 21;
+/// Entries of tile lists in flight that a batch may be expected to need.
+constexpr double kBatchReferences = 1 << 24;
+/// Where several batches are needed, the A-buffer of this many bytes is kept between them; larger
+/// pictures are rendered in horizontal bands.
+constexpr std::size_t kABufferBytes = std::size_t{1} << 30;
+/// Tile histograms of all segments together, entries.
+constexpr std::size_t kHistogramEntries = std::size_t{1} << 22;
+/// Most tiles along a side that TileRange can name: pictures of 65,536 pixels have 4,096.
+constexpr int kMostTiles = 1 << 16;
+
+/// Cluster seen by the camera, nearest first, ties by index.
+struct VisibleCluster {
+  float nearest;  ///< Least z of its surfels' bounding sphere.
+  std::uint32_t index;
+  double references;  ///< Upper estimate of the tile list entries of its splats.
+};
+
+/// A tile list's entry.
+struct Reference {
+  std::uint32_t splat;
+  float depth;
+};
+
+/// Scratch memory of one worker.
+struct Worker {
+  SplatColumns columns;
+  Array<float> a_buffer;
+  std::vector<std::uint32_t> order;
+  std::vector<std::uint32_t> other;
+  std::vector<std::uint32_t> keys;
+  MergeStatistics merges;
+};
+
+/// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
+/// key is 16 bits of the depth's place in the list's range: two stable passes of counting.
+void sort_front_to_back(const Reference* list, std::size_t count, Worker& worker) {
+  worker.order.resize(count);
+  worker.other.resize(count);
+  worker.keys.resize(count);
+  float lo = std::numeric_limits<float>::infinity();
+  float hi = -lo;
+  for (std::size_t i = 0; i < count; ++i) {
+    lo = std::min(lo, list[i].depth);
+    hi = std::max(hi, list[i].depth);
+  }
+  const float scale = hi > lo ? 65535.0F / (hi - lo) : 0.0F;
+  std::array<std::uint32_t, 256> low{};
+  std::array<std::uint32_t, 256> high{};
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto key = static_cast<std::uint32_t>(std::min(65535.0F, (hi - list[i].depth) * scale));
+    worker.keys[i] = key;
+    ++low[key & 255];
+    ++high[key >> 8];
+  }
+  const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
+    std::uint32_t sum = 0;
+    for (std::uint32_t& entry : histogram) {
+      const std::uint32_t n = entry;
+      entry = sum;
+      sum += n;
+    }
+  };
+  to_starts(low);
+  to_starts(high);
+  for (std::size_t i = 0; i < count; ++i) {
+    worker.other[low[worker.keys[i] & 255]++] = static_cast<std::uint32_t>(i);
+  }
+  for (const std::uint32_t i : worker.other) {
+    worker.order[high[worker.keys[i] >> 8]++] = list[i].splat;
+  }
+}
+
+SplatView make_view(const Camera& camera, const Vec3d& origin, const RenderOptions& options) {
+  SplatView view{};
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      view.rotation[3 * row + column] = static_cast<float>(camera.camera_from_world(row, column));
+    }
+  }
+  // In double: cloud and camera may both be far from the world's origin.
+  const Vec3d translation = camera.camera_from_world * (origin - camera.eye);
+  for (int i = 0; i < 3; ++i) view.translation[i] = static_cast<float>(translation[i]);
+  view.focal_x = static_cast<float>(camera.focal_x);
+  view.focal_y = static_cast<float>(camera.focal_y);
+  view.center_x = static_cast<float>(camera.center_x);
+  view.center_y = static_cast<float>(camera.center_y);
+  view.near = static_cast<float>(camera.near);
+  view.orthographic = camera.orthographic;
+  view.cull_back = options.cull_back;
+  view.cutoff = static_cast<float>(options.cutoff);
+  view.lowpass2 = static_cast<float>(options.lowpass * options.lowpass);
+  view.depth_epsilon = static_cast<float>(options.depth_epsilon);
+  view.clip_x1 = static_cast<float>(camera.width);
+  return view;
+}
+
+}  // namespace
+
+double coverage_threshold(double cutoff) {
+  struct Point {
+    double cutoff, tau;
+  };
+  static constexpr Point kMeasured[] = {{0, 0},    {0.5, 0.18}, {1, 0.4},
+                                        {2, 0.69}, {4, 0.86},   {16, 0.9}};
+  for (std::size_t i = 1; i < std::size(kMeasured); ++i) {
+    const Point& a = kMeasured[i - 1];
+    const Point& b = kMeasured[i];
+    if (cutoff <= b.cutoff) {
+      return a.tau + (b.tau - a.tau) * (cutoff - a.cutoff) / (b.cutoff - a.cutoff);
+    }
+  }
+  return std::end(kMeasured)[-1].tau;
+}
+
+std::vector<std::string> RenderOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](bool ok, const std::string& message) {
+    if (!ok) found.push_back(message);
+  };
+  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+  check(lowpass >= 0.1 && lowpass <= 16,
+        fmt::format("lowpass is {}; it must be in 0.1..16 pixels", lowpass));
+  check(layers >= 1 && layers <= 64, fmt::format("layers is {}; it must be in 1..64", layers));
+  check(depth_epsilon > 0 && depth_epsilon <= 1e6,
+        fmt::format("depth-epsilon is {}; it must be in (0, 1e6]", depth_epsilon));
+  check(!coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
+        fmt::format("coverage-threshold is {}; it must be in (0, 1e6]",
+                    coverage_threshold.value_or(0)));
+  check(std::all_of(background.begin(), background.end(),
+                    [](float v) { return std::isfinite(v) && v >= 0; }) &&
+            background[3] <= 1,
+        "background must be four numbers >= 0, alpha at most 1");
+  return found;
+}
+
+struct Renderer::Impl {
+  const RenderCloud& cloud;
+  const Scene& scene;
+  RenderOptions options;
+  float full_weight;
+  bool opaque;
+  ABufferLayout layout;
+
+  // Kept from frame to frame: nothing is allocated in a turntable's later frames.
+  std::vector<Worker> workers;
+  Array<Splat> splats;
+  Array<SplatNormal> normals;
+  Array<TileRange> ranges;
+  std::vector<std::vector<std::uint32_t>> kept;  ///< Per segment: splats that are seen.
+  Array<std::uint32_t> histogram;                ///< Segments x tiles.
+  Array<std::uint32_t> tile_begin;
+  Array<Reference> references;
+  Array<float> a_buffer;
+
+  Impl(const RenderCloud& c, const Scene& s, const RenderOptions& o)
+      : cloud(c), scene(s), options(o) {
+    for (const std::string& problem : options.problems()) throw_usage(problem);
+    full_weight =
+        static_cast<float>(options.coverage_threshold.value_or(coverage_threshold(options.cutoff)));
+    opaque = !cloud.transparent();
+    if (!cloud.material.empty()) {
+      for (const Material& m : scene.materials) opaque = opaque && m.opacity >= 1;
+    } else {
+      opaque = opaque && scene.materials.front().opacity >= 1;
+    }
+    layout.layers = options.layers;
+    layout.normals = options.lit || options.aovs;
+  }
+
+  /// One horizontal band of a frame.
+  struct Band {
+    SplatView view;
+    int y0, y1;  ///< Rows of pixels.
+    int tiles_x, tiles_y;
+    std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * tiles_y; }
+  };
+
+  std::vector<VisibleCluster> cull(const Camera& camera, const Band& band) const;
+  std::size_t draw_batch(const Camera& camera, const Band& band, const VisibleCluster* clusters,
+                         std::size_t count, const Shader& shader, bool first, bool last,
+                         Image& image, FrameStatistics& statistics);
+  std::size_t set_up(const Band& band, const VisibleCluster* clusters, std::size_t count,
+                     std::size_t per_segment);
+  void pack(const Band& band, const SplatColumns& columns, int visible, std::uint32_t first_surfel,
+            std::size_t first_splat, std::vector<std::uint32_t>& kept_splats,
+            std::uint32_t* tile_counts);
+  void bin(const Band& band, std::size_t segments);
+  void rasterize(const Camera& camera, const Band& band, const Shader& shader, bool first,
+                 bool last, Image& image);
+  void resolve(TileABuffer& tile, Image& image) const;
+};
+
+Renderer::Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options)
+    : impl_(std::make_unique<Impl>(cloud, scene, options)) {}
+Renderer::~Renderer() = default;
+
+std::vector<VisibleCluster> Renderer::Impl::cull(const Camera& camera, const Band& band) const {
+  const std::vector<Cluster>& clusters = cloud.clusters();
+  const Eigen::Matrix3f rotation = camera.camera_from_world.cast<float>();
+  const Vec3f translation(band.view.translation[0], band.view.translation[1],
+                          band.view.translation[2]);
+  const auto width = static_cast<float>(camera.width);
+  const float reach = std::sqrt(2 * band.view.cutoff);
+  const float filter = reach * static_cast<float>(options.lowpass);
+  // Side planes of the view through the band's edges, moved out by the filter's reach: a sphere at
+  // camera-space centre p is outside where a . (p.x or p.y, p.z) > radius * |a|.
+  struct Edge {
+    float focal, offset, sign;
+    int axis;
+    float norm;
+  };
+  const auto edge = [&](int axis, float focal, float center, float pixel, float sign) {
+    const float offset = sign * (pixel - center) + filter;
+    return Edge{focal, offset, sign, axis, camera.orthographic ? focal : std::hypot(focal, offset)};
+  };
+  const Edge edges[] = {
+      edge(0, band.view.focal_x, band.view.center_x, 0, -1),
+      edge(0, band.view.focal_x, band.view.center_x, width, 1),
+      edge(1, band.view.focal_y, band.view.center_y, static_cast<float>(band.y0), -1),
+      edge(1, band.view.focal_y, band.view.center_y, static_cast<float>(band.y1), 1)};
+  const auto visible = [&](const Cluster& cluster, const Vec3f& p) {
+    const float radius = cluster.radius + reach * cluster.max_deviation;
+    if (p.z() + radius <= band.view.near) return false;
+    for (const Edge& e : edges) {
+      const float outside = camera.orthographic ? e.sign * e.focal * p[e.axis] - e.offset
+                                                : e.sign * e.focal * p[e.axis] - e.offset * p.z();
+      if (outside > radius * e.norm) return false;
+    }
+    if (options.cull_back && cluster.cone_cosine > 0) {
+      // All normals look away where the view direction to every surfel is within the cone's
+      // complement: angle(axis, p) + angular radius of the cluster + cone angle < 90 degrees.
+      const Vec3f axis = rotation * cluster.cone_axis;
+      const float distance = camera.orthographic ? 1.0F : p.norm();
+      const float along = camera.orthographic ? axis.z() : axis.dot(p) / distance;
+      const float spread = camera.orthographic ? 0.0F : cluster.radius / distance;
+      if (spread < 1 && along > 0 &&
+          std::acos(std::min(1.0F, along)) + std::asin(spread) + std::acos(cluster.cone_cosine) <
+              1.5707F) {
+        return false;
+      }
+    }
+    return true;
+  };
+  constexpr std::size_t kGrain = 1024;
+  std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
+  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<VisibleCluster>& out = found[begin / kGrain];
+    for (std::size_t i = begin; i < end; ++i) {
+      const Vec3f p = rotation * clusters[i].center + translation;
+      if (!visible(clusters[i], p)) continue;
+      const float nearest = p.z() - clusters[i].radius;
+      // Estimate of a splat's side in tiles, for the size of batches only.
+      const float z = camera.orthographic ? 1.0F : std::max(nearest, 1e-6F);
+      const double side =
+          std::min<double>(std::max(band.tiles_x, band.tiles_y),
+                           1 + 2 *
+                                   (reach * clusters[i].max_deviation *
+                                        std::max(band.view.focal_x, band.view.focal_y) / z +
+                                    filter) /
+                                   kTileSize);
+      out.push_back({nearest, static_cast<std::uint32_t>(i),
+                     (clusters[i].end - clusters[i].begin) * side * side});
+    }
+  });
+  std::vector<VisibleCluster> all;
+  for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
+    return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
+  });
+  return all;
+}
+
+void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int visible,
+                          std::uint32_t first_surfel, std::size_t first_splat,
+                          std::vector<std::uint32_t>& kept_splats, std::uint32_t* tile_counts) {
+  const auto tile_of = [](float pixel, int tiles) {
+    const float tile = std::floor(pixel / kTileSize);
+    return static_cast<std::uint16_t>(std::clamp(tile, 0.0F, static_cast<float>(tiles - 1)));
+  };
+  const auto band_y = static_cast<float>(band.y0);
+  for (int v = 0; v < visible; ++v) {
+    const int i = columns.visible[v];
+    const std::size_t surfel = first_surfel + static_cast<std::uint32_t>(i);
+    const std::size_t at = first_splat + static_cast<std::size_t>(v);
+    const std::uint32_t material = cloud.material.empty() ? 0 : cloud.material[surfel];
+    float alpha = cloud.alpha.empty() ? 1.0F : cloud.alpha[surfel];
+    if (!opaque) {
+      alpha *= scene.materials[std::min<std::size_t>(material, scene.materials.size() - 1)].opacity;
+    }
+    splats[at] = {columns.x[i],
+                  columns.y[i],
+                  columns.m[i],
+                  columns.k[i],
+                  columns.q[i],
+                  columns.amplitude[i],
+                  columns.depth[i],
+                  columns.depth_dx[i],
+                  columns.depth_dy[i],
+                  columns.depth_range[i],
+                  columns.epsilon[i],
+                  cloud.red[surfel] * alpha,
+                  cloud.green[surfel] * alpha,
+                  cloud.blue[surfel] * alpha,
+                  alpha,
+                  (columns.front[i] != 0 ? 1U : 0U) | material << 1};
+    if (layout.normals) {
+      normals[at] = {cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]};
+    }
+    const TileRange range{tile_of(columns.x[i] - columns.half_x[i], band.tiles_x),
+                          tile_of(columns.y[i] - columns.half_y[i] - band_y, band.tiles_y),
+                          tile_of(columns.x[i] + columns.half_x[i], band.tiles_x),
+                          tile_of(columns.y[i] + columns.half_y[i] - band_y, band.tiles_y)};
+    ranges[at] = range;
+    kept_splats.push_back(static_cast<std::uint32_t>(at));
+    for (int ty = range.y0; ty <= range.y1; ++ty) {
+      for (int tx = range.x0; tx <= range.x1; ++tx) ++tile_counts[ty * band.tiles_x + tx];
+    }
+  }
+}
+
+/// Sets up a batch's clusters, `per_segment` of them at a time, and counts the tiles that each
+/// segment's splats touch. Returns how many splats are seen.
+std::size_t Renderer::Impl::set_up(const Band& band, const VisibleCluster* clusters,
+                                   std::size_t count, std::size_t per_segment) {
+  const std::size_t tiles = band.tiles();
+  parallel_for(count, per_segment, [&](std::size_t begin, std::size_t end, int worker) {
+    const std::size_t segment = begin / per_segment;
+    std::uint32_t* tile_counts = histogram.data() + segment * tiles;
+    std::fill_n(tile_counts, tiles, 0U);
+    std::vector<std::uint32_t>& seen = kept[segment];
+    seen.clear();
+    SplatColumns& columns = workers[worker].columns;
+    for (std::size_t c = begin; c < end; ++c) {
+      const Cluster& cluster = cloud.clusters()[clusters[c].index];
+      const std::uint32_t i = cluster.begin;
+      const auto at = [&](const Array<float>& column) {
+        return column.empty() ? nullptr : column.data() + i;
+      };
+      const SurfelColumns surfels{at(cloud.x),           at(cloud.y),           at(cloud.z),
+                                  at(cloud.normal_x),    at(cloud.normal_y),    at(cloud.normal_z),
+                                  at(cloud.deviation_u), at(cloud.deviation_v), at(cloud.tangent_x),
+                                  at(cloud.tangent_y),   at(cloud.tangent_z),   at(cloud.area)};
+      const int visible =
+          set_up_splats(band.view, surfels, static_cast<int>(cluster.end - i), columns);
+      pack(band, columns, visible, i, c * RenderCloud::kClusterSize, seen, tile_counts);
+    }
+  });
+  std::size_t seen = 0;
+  for (std::size_t s = 0; s < (count + per_segment - 1) / per_segment; ++s) seen += kept[s].size();
+  return seen;
+}
+
+/// Writes every tile's list: splats in the order of the segments, which is that of the clusters.
+void Renderer::Impl::bin(const Band& band, std::size_t segments) {
+  const std::size_t tiles = band.tiles();
+  tile_begin.resize(tiles + 1);
+  std::size_t sum = 0;
+  for (std::size_t t = 0; t < tiles; ++t) {
+    tile_begin[t] = static_cast<std::uint32_t>(sum);
+    for (std::size_t s = 0; s < segments; ++s) {
+      std::uint32_t& entry = histogram[s * tiles + t];
+      const std::uint32_t n = entry;
+      entry = static_cast<std::uint32_t>(sum);
+      sum += n;
+    }
+  }
+  if (sum > std::numeric_limits<std::uint32_t>::max()) {
+    throw Error(ErrorKind::kNumeric, "the splats are too large on screen; move the camera back");
+  }
+  tile_begin[tiles] = static_cast<std::uint32_t>(sum);
+  references.resize(sum);
+  parallel_for(segments, 1, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t s = begin; s < end; ++s) {
+      std::uint32_t* cursor = histogram.data() + s * tiles;
+      for (const std::uint32_t splat : kept[s]) {
+        const TileRange& range = ranges[splat];
+        const Reference reference{splat, splats[splat].depth};
+        for (int ty = range.y0; ty <= range.y1; ++ty) {
+          for (int tx = range.x0; tx <= range.x1; ++tx) {
+            references[cursor[ty * band.tiles_x + tx]++] = reference;
+          }
+        }
+      }
+    }
+  });
+}
+
+void Renderer::Impl::resolve(TileABuffer& tile, Image& image) const {
+  const std::array<float, 4>& b = options.background;
+  const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  for (int y = 0; y < tile.height; ++y) {
+    for (int x = 0; x < tile.width; ++x) {
+      PixelResult result = resolve_pixel(tile, y * kTileSize + x);
+      result.color.composite(background);
+      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
+      out[0] = result.color.red;
+      out[1] = result.color.green;
+      out[2] = result.color.blue;
+      out[3] = result.color.alpha;
+      if (options.aovs) {
+        out[4] = result.depth;
+        out[5] = result.depth_first;
+        std::copy_n(result.normal, 3, out + 6);
+        out[9] = result.weight;
+      }
+    }
+  }
+}
+
+void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Shader& shader,
+                               bool first, bool last, Image& image) {
+  const bool keep = !(first && last);
+  if (first && keep) a_buffer.resize(layout.size() * band.tiles());
+  parallel_for(band.tiles(), 1, [&](std::size_t t, std::size_t, int w) {
+    Worker& worker = workers[w];
+    const std::size_t begin = tile_begin[t];
+    const std::size_t count = tile_begin[t + 1] - begin;
+    if (keep && !first && !last && count == 0) return;
+    TileABuffer tile;
+    tile.layout = layout;
+    if (keep) {
+      tile.data = a_buffer.data() + layout.size() * t;
+    } else {
+      worker.a_buffer.resize(layout.size());
+      tile.data = worker.a_buffer.data();
+    }
+    if (first) std::fill_n(tile.data, layout.size(), 0.0F);
+    tile.x0 = static_cast<int>(t % band.tiles_x) * kTileSize;
+    tile.y0 = band.y0 + static_cast<int>(t / band.tiles_x) * kTileSize;
+    tile.width = std::min(kTileSize, camera.width - tile.x0);
+    tile.height = std::min(kTileSize, band.y1 - tile.y0);
+    tile.full_weight = full_weight;
+    tile.shader = &shader;
+    if (count > 0) {
+      sort_front_to_back(references.data() + begin, count, worker);
+      rasterize_tile({splats.data(), layout.normals ? normals.data() : nullptr, worker.order.data(),
+                      count, band.view.cutoff, opaque},
+                     tile);
+    }
+    if (last) resolve(tile, image);
+    worker.merges.add(tile.merges);
+  });
+}
+
+std::size_t Renderer::Impl::draw_batch(const Camera& camera, const Band& band,
+                                       const VisibleCluster* clusters, std::size_t count,
+                                       const Shader& shader, bool first, bool last, Image& image,
+                                       FrameStatistics& statistics) {
+  const std::size_t most_segments =
+      std::clamp<std::size_t>(kHistogramEntries / band.tiles(), 4, 256);
+  const std::size_t per_segment =
+      std::max<std::size_t>(1, (count + most_segments - 1) / most_segments);
+  const std::size_t segments = (count + per_segment - 1) / per_segment;
+  const std::size_t capacity = count * RenderCloud::kClusterSize;
+  splats.resize(std::max(splats.size(), capacity));
+  ranges.resize(std::max(ranges.size(), capacity));
+  if (layout.normals) normals.resize(std::max(normals.size(), capacity));
+  histogram.resize(segments * band.tiles());
+  kept.resize(std::max(kept.size(), segments));
+
+  Timer timer;
+  const std::size_t seen = set_up(band, clusters, count, per_segment);
+  statistics.stages.add("setup", timer.milliseconds());
+  timer.restart();
+  bin(band, segments);
+  statistics.stages.add("bin", timer.milliseconds());
+  timer.restart();
+  rasterize(camera, band, shader, first, last, image);
+  statistics.stages.add("raster", timer.milliseconds());
+  return seen;
+}
+
+Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
+  Impl& r = *impl_;
+  FrameStatistics stats;
+  const Timer whole;
+  const Shader shader(r.options.lit ? &r.scene : nullptr, camera);
+  r.workers.resize(std::max<std::size_t>(r.workers.size(), thread_count()));
+  for (Worker& worker : r.workers) worker.merges = {};
+
+  Image image;
+  image.width = camera.width;
+  image.height = camera.height;
+  image.channels = {"R", "G", "B", "A"};
+  if (r.options.aovs) {
+    for (const char* name : {"Z", "Z.first", "N.X", "N.Y", "N.Z", "weight"}) {
+      image.channels.emplace_back(name);
+    }
+  }
+  image.data.resize(static_cast<std::size_t>(camera.width) * camera.height * image.channels.size());
+
+  // Bands only matter to pictures so large that the A-buffer may not fit its limit.
+  const int tiles_x = (camera.width + kTileSize - 1) / kTileSize;
+  const std::size_t row_bytes = r.layout.size() * sizeof(float) * tiles_x;
+  const int band_rows =
+      static_cast<int>(std::clamp<std::size_t>(kABufferBytes / row_bytes, 1, kMostTiles)) *
+      kTileSize;
+  for (int y0 = 0; y0 < camera.height; y0 += band_rows) {
+    Impl::Band band;
+    band.y0 = y0;
+    band.y1 = std::min(camera.height, y0 + band_rows);
+    band.tiles_x = tiles_x;
+    band.tiles_y = (band.y1 - band.y0 + kTileSize - 1) / kTileSize;
+    band.view = make_view(camera, r.cloud.origin(), r.options);
+    band.view.clip_y0 = static_cast<float>(band.y0);
+    band.view.clip_y1 = static_cast<float>(band.y1);
+
+    Timer timer;
+    const std::vector<VisibleCluster> clusters = r.cull(camera, band);
+    stats.clusters += clusters.size();
+    stats.stages.add("cull", timer.milliseconds());
+    std::size_t begin = 0;
+    do {
+      std::size_t end = begin;
+      double expected = 0;
+      while (end < clusters.size() &&
+             (end - begin + 1) * RenderCloud::kClusterSize <= kBatchSurfels &&
+             (end == begin || expected + clusters[end].references <= kBatchReferences)) {
+        expected += clusters[end++].references;
+      }
+      stats.splats += r.draw_batch(camera, band, clusters.data() + begin, end - begin, shader,
+                                   begin == 0, end == clusters.size(), image, stats);
+      begin = end;
+    } while (begin < clusters.size());
+  }
+  MergeStatistics merges;
+  for (const Worker& worker : r.workers) merges.add(worker.merges);
+  stats.merged = merges.merged;
+  const double all = merges.total_weight + merges.dropped_weight;
+  stats.dropped_weight_share = all > 0 ? merges.dropped_weight / all : 0;
+  stats.milliseconds = whole.milliseconds();
+  if (statistics) *statistics = stats;
+  return image;
+}
+
+}  // namespace surfel

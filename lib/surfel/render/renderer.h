@@ -1,0 +1,78 @@
+#pragma once
+
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01).
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/timing.h>
+#include <surfel/io/camera.h>
+#include <surfel/io/image.h>
+#include <surfel/io/scene.h>
+#include <surfel/render/render_cloud.h>
+
+namespace surfel {
+
+/// Coverage threshold tau(cutoff) of SS01 section 7: the sum of the truncated kernels from which on
+/// a pixel counts as covered. It is the least sum measured inside jittered-grid and blue-noise
+/// surfaces with V = h^2 I, so that no interior turns translucent: the paper's 0.4 at cutoff 1,
+/// interpolated between measured values elsewhere (lib/README.md).
+SURFEL_API double coverage_threshold(double cutoff);
+
+struct RenderOptions {
+  double cutoff = 1;   ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
+  double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
+  int layers = 3;      ///< l: fragments per pixel, 1..64.
+  double depth_epsilon =
+      1;  ///< Contributions join a surface within this many footprints of it, > 0.
+  std::optional<double> coverage_threshold;  ///< tau, > 0; unset: coverage_threshold(cutoff).
+  bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.
+  bool lit = true;         ///< Shade with the scene; else show the filtered texture itself.
+  std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
+  bool aovs = false;                            ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight.
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
+};
+
+/// What one frame cost and did.
+struct FrameStatistics {
+  double milliseconds = 0;
+  StageTimes stages;                ///< cull, setup, bin, raster.
+  std::size_t clusters = 0;         ///< Drawn, of all.
+  std::size_t splats = 0;           ///< Set up and inside the picture.
+  std::uint64_t merged = 0;         ///< Pairs of fragments merged because all layers were taken.
+  double dropped_weight_share = 0;  ///< Share of the sum of rho that came too late for its merged
+                                    ///< surface: a bound of the error that merging made.
+};
+
+/// Renders a cloud by screen space EWA splatting with an A-buffer: clusters are culled and taken
+/// front to back, their splats set up, binned to tiles, and each tile is rasterised and resolved by
+/// one thread. The picture does not depend on the number of threads, nor on the order of the
+/// surfels. Memory: 96 bytes for each of at most 2 million splats in flight, 12 bytes for each tile
+/// they touch, and the A-buffer where more splats than that are seen.
+class SURFEL_API Renderer {
+ public:
+  /// Keeps references to the cloud and the scene. Throws Error(kUsage) for options that are not
+  /// usable.
+  Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options);
+  ~Renderer();
+  Renderer(const Renderer&) = delete;
+  Renderer& operator=(const Renderer&) = delete;
+
+  /// Premultiplied linear R G B A over the background, then Z (depth along the view where opacity
+  /// passes one half, infinity where it never does), Z.first (of the nearest surface), N.X N.Y N.Z
+  /// (world axes) and weight (sum of rho of the nearest surface) if asked for.
+  Image render(const Camera& camera, FrameStatistics* statistics = nullptr);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace surfel

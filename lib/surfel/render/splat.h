@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+
+// Plain structures that the SIMD files share with the rest: raw numbers only, no Eigen type (its
+// alignment depends on compiler flags, which differ from target to target there).
+
+namespace surfel {
+
+/// Pictures are rendered in square tiles, so that a tile's A-buffer stays in the first-level cache.
+inline constexpr int kTileSize = 16;
+inline constexpr int kTilePixels = kTileSize * kTileSize;
+
+/// A surfel's resampling kernel, ready to be rasterised. With dx, dy from the centre in pixels:
+/// beta = k (dx - m dy)^2 + q dy^2, the square completed along rows: unlike the conic's three
+/// coefficients it does not cancel when the ellipse is a long diagonal sliver.
+/// Depth is "nearness": 1 / z in perspective, -z in orthographic projection; larger is nearer.
+struct alignas(64) Splat {
+  float x, y;       ///< Centre, pixels.
+  float m, k, q;    ///< m = Sigma_xy / Sigma_yy, k = Sigma_yy / (2 |Sigma|), q = 1 / (2 Sigma_yy).
+  float amplitude;  ///< rho_k at the centre.
+  float depth;      ///< At the centre ...
+  float depth_dx, depth_dy;  ///< ... and per pixel, on the tangent plane.
+  float depth_range;         ///< The plane's depth is clamped to depth +- depth_range.
+  float epsilon;             ///< Contributions this close in depth are of one surface.
+  float red, green, blue;    ///< Times alpha.
+  float alpha;
+  std::uint32_t tag;  ///< Bit 0: the surfel's front faces the eye; from bit 1 on: material.
+};
+static_assert(sizeof(Splat) == 64);
+
+/// World-space normal of a splat, in a record of its own as unshaded pictures do not need it.
+struct SplatNormal {
+  float x, y, z;
+};
+
+/// Tiles that a splat's bounding box touches, last ones included.
+struct TileRange {
+  std::uint16_t x0, y0, x1, y1;
+};
+
+/// Camera and filter, in single precision, for one frame (or one horizontal band of it).
+struct SplatView {
+  float rotation[9];     ///< Row-major camera_from_world.
+  float translation[3];  ///< Cloud's origin in camera space: p_camera = rotation p + translation.
+  float focal_x, focal_y, center_x, center_y;
+  float near;
+  bool orthographic;
+  bool cull_back;       ///< Drop surfels that face away from the eye.
+  float cutoff;         ///< c of beta < c.
+  float lowpass2;       ///< Variance of the low-pass filter, pixels^2.
+  float depth_epsilon;  ///< Multiple of the footprint that separates surfaces.
+  float clip_x1;        ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.
+  float clip_y0, clip_y1;
+};
+
+}  // namespace surfel

@@ -1,0 +1,215 @@
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001: equations (4) and (6).
+// Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017: the tangent frame.
+// ewa_kernel.cpp holds the same in plain double.
+
+#include <cstdint>
+
+#include <surfel/render/splat_setup.h>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "surfel/render/splat_setup.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace surfel {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, 16>;
+using V = hn::Vec<D>;
+
+struct Vec3 {
+  V x, y, z;
+};
+
+HWY_INLINE V dot(const Vec3& a, const Vec3& b) {
+  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
+}
+
+HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {hn::MulSub(a.y, b.z, hn::Mul(a.z, b.y)), hn::MulSub(a.z, b.x, hn::Mul(a.x, b.z)),
+          hn::MulSub(a.x, b.y, hn::Mul(a.y, b.x))};
+}
+
+HWY_INLINE Vec3 rotate(const float* r, const Vec3& v) {
+  const D d;
+  const auto row = [&](int i) {
+    return hn::MulAdd(hn::Set(d, r[i]), v.x,
+                      hn::MulAdd(hn::Set(d, r[i + 1]), v.y, hn::Mul(hn::Set(d, r[i + 2]), v.z)));
+  };
+  return {row(0), row(3), row(6)};
+}
+
+/// Unit tangent perpendicular to the unit vector n.
+HWY_INLINE Vec3 any_tangent(const Vec3& n) {
+  const D d;
+  const V one = hn::Set(d, 1.0F);
+  const V sign = hn::CopySign(one, n.z);
+  const V a = hn::Div(hn::Set(d, -1.0F), hn::Add(sign, n.z));
+  return {hn::MulAdd(hn::Mul(sign, hn::Mul(n.x, n.x)), a, one),
+          hn::Mul(sign, hn::Mul(hn::Mul(n.x, n.y), a)), hn::Neg(hn::Mul(sign, n.x))};
+}
+
+template <bool kPerspective, bool kAnisotropic>
+int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColumns& out) {
+  /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
+  /// growing: a grazing plane runs to infinity.
+  constexpr float kLeastCosine = 0.1F;
+  constexpr float kLeastGradientCosine = 1e-3F;
+  constexpr float kInvTwoPi = 0.15915494309189535F;
+
+  const D d;
+  const hn::RebindToSigned<D> di;
+  const V zero = hn::Zero(d);
+  const V one = hn::Set(d, 1.0F);
+  const V focal_x = hn::Set(d, view.focal_x);
+  const V focal_y = hn::Set(d, view.focal_y);
+  const V inv_focal_x = hn::Set(d, 1.0F / view.focal_x);
+  const V inv_focal_y = hn::Set(d, 1.0F / view.focal_y);
+  const V h2 = hn::Set(d, view.lowpass2);
+  const V two_c = hn::Set(d, 2.0F * view.cutoff);
+  // Standard deviation of the pixel filter at distance 1.
+  const V pixel = hn::Mul(hn::Sqrt(h2), hn::Max(inv_focal_x, inv_focal_y));
+
+  int visible_count = 0;
+  for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
+    // Camera space.
+    const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
+    Vec3 p = rotate(view.rotation, world);
+    p.x = hn::Add(p.x, hn::Set(d, view.translation[0]));
+    p.y = hn::Add(p.y, hn::Set(d, view.translation[1]));
+    p.z = hn::Add(p.z, hn::Set(d, view.translation[2]));
+    const V inv_z = kPerspective ? hn::Div(one, p.z) : one;
+    const V X = kPerspective ? hn::Mul(p.x, inv_z) : zero;
+    const V Y = kPerspective ? hn::Mul(p.y, inv_z) : zero;
+    const V inv_distance = kPerspective ? hn::Div(one, hn::Sqrt(dot(p, p))) : one;
+
+    // An unknown normal looks at the eye.
+    Vec3 n = rotate(view.rotation, {hn::LoadU(d, in.normal_x + i), hn::LoadU(d, in.normal_y + i),
+                                    hn::LoadU(d, in.normal_z + i)});
+    const auto unknown = hn::Eq(dot(n, n), zero);
+    const V to_eye = hn::Neg(inv_distance);
+    n.x = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.x, to_eye) : zero, n.x);
+    n.y = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.y, to_eye) : zero, n.y);
+    n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.z, to_eye) : hn::Neg(one), n.z);
+
+    // Columns of J V^(1/2): see screen_from_tangent_jacobian().
+    const V deviation_u = hn::LoadU(d, in.deviation_u + i);
+    const V deviation_v = kAnisotropic ? hn::LoadU(d, in.deviation_v + i) : deviation_u;
+    Vec3 t;
+    if constexpr (kAnisotropic) {
+      t = rotate(view.rotation, {hn::LoadU(d, in.tangent_x + i), hn::LoadU(d, in.tangent_y + i),
+                                 hn::LoadU(d, in.tangent_z + i)});
+    } else {
+      t = any_tangent(n);
+    }
+    const Vec3 b = cross(n, t);
+    const V scale_x = hn::Mul(focal_x, inv_z);
+    const V scale_y = hn::Mul(focal_y, inv_z);
+    const V tx = hn::Mul(hn::Mul(scale_x, deviation_u), hn::NegMulAdd(X, t.z, t.x));
+    const V ty = hn::Mul(hn::Mul(scale_y, deviation_u), hn::NegMulAdd(Y, t.z, t.y));
+    const V bx = hn::Mul(hn::Mul(scale_x, deviation_v), hn::NegMulAdd(X, b.z, b.x));
+    const V by = hn::Mul(hn::Mul(scale_y, deviation_v), hn::NegMulAdd(Y, b.z, b.y));
+
+    // Sigma = J V J^T + h^2 I, SS01 (6); |Sigma| as a sum of positive terms.
+    const V xx = hn::MulAdd(tx, tx, hn::Mul(bx, bx));
+    const V yy = hn::MulAdd(ty, ty, hn::Mul(by, by));
+    const V Sigma_xx = hn::Add(xx, h2);
+    const V Sigma_yy = hn::Add(yy, h2);
+    const V Sigma_xy = hn::MulAdd(tx, ty, hn::Mul(bx, by));
+    const V n_ray = hn::MulAdd(n.x, X, hn::MulAdd(n.y, Y, n.z));  // n . (X, Y, 1)
+    const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(n_ray));
+    const V det_JV = hn::Mul(det_J, hn::Mul(deviation_u, deviation_v));
+    const V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2, hn::Add(hn::Add(xx, yy), h2)));
+    const V half = hn::Set(d, 0.5F);
+    const V inv_yy = hn::Div(one, Sigma_yy);
+    const V amplitude =
+        hn::Div(hn::Mul(hn::Mul(hn::LoadU(d, in.area + i), hn::Set(d, kInvTwoPi)), det_J),
+                hn::Sqrt(det_Sigma));
+
+    // Depth plane: see depth_plane(). n . p = n_ray * p.z.
+    const V n_p = kPerspective ? hn::Mul(n_ray, p.z) : n.z;
+    const V cosine = kPerspective ? hn::Mul(hn::Abs(n_p), inv_distance) : hn::Abs(n.z);
+    const V least = kPerspective ? hn::Div(hn::Set(d, kLeastGradientCosine), inv_distance)
+                                 : hn::Set(d, kLeastGradientCosine);
+    const V inv_np = hn::Div(one, hn::CopySign(hn::Max(hn::Abs(n_p), least), n_p));
+    // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
+    // divided by the cosine.
+    const V deviation = hn::Max(deviation_u, deviation_v);
+    const V pixel_on_plane = hn::Div(kPerspective ? hn::Mul(pixel, p.z) : pixel,
+                                     hn::Max(cosine, hn::Set(d, kLeastCosine)));
+    const V reach = hn::Sqrt(
+        hn::Mul(two_c, hn::MulAdd(deviation, deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
+    const V depth_reach = hn::Mul(reach, hn::Mul(inv_z, inv_z));  // dz / z^2, of d = 1 / z
+
+    const V center_x = hn::MulAdd(focal_x, kPerspective ? X : p.x, hn::Set(d, view.center_x));
+    const V center_y = hn::MulAdd(focal_y, kPerspective ? Y : p.y, hn::Set(d, view.center_y));
+    const V half_x = hn::Sqrt(hn::Mul(two_c, Sigma_xx));
+    const V half_y = hn::Sqrt(hn::Mul(two_c, Sigma_yy));
+
+    // The whole disc must lie in front of the near plane: where it does not, the affine
+    // approximation (4) has no meaning. Comparisons are false for NaN.
+    const V disc = hn::Mul(hn::Sqrt(two_c), deviation);
+    const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
+    auto visible = hn::Gt(hn::NegMulAdd(disc, sine, p.z), hn::Set(d, view.near));
+    visible = hn::And(visible, hn::Gt(hn::Add(center_x, half_x), zero));
+    visible = hn::And(visible, hn::Lt(hn::Sub(center_x, half_x), hn::Set(d, view.clip_x1)));
+    visible = hn::And(visible, hn::Gt(hn::Add(center_y, half_y), hn::Set(d, view.clip_y0)));
+    visible = hn::And(visible, hn::Lt(hn::Sub(center_y, half_y), hn::Set(d, view.clip_y1)));
+    visible = hn::And(visible, hn::Gt(amplitude, zero));
+    const auto front = hn::Lt(n_p, zero);
+    if (view.cull_back) visible = hn::And(visible, front);
+    const auto index = hn::Iota(di, i);
+    visible = hn::And(visible, hn::RebindMask(d, hn::Lt(index, hn::Set(di, count))));
+
+    hn::Store(center_x, d, out.x + i);
+    hn::Store(center_y, d, out.y + i);
+    hn::Store(hn::Mul(Sigma_xy, inv_yy), d, out.m + i);
+    hn::Store(hn::Mul(half, hn::Div(Sigma_yy, det_Sigma)), d, out.k + i);
+    hn::Store(hn::Mul(half, inv_yy), d, out.q + i);
+    hn::Store(amplitude, d, out.amplitude + i);
+    hn::Store(kPerspective ? inv_z : hn::Neg(p.z), d, out.depth + i);
+    hn::Store(hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x), d, out.depth_dx + i);
+    hn::Store(hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y), d, out.depth_dy + i);
+    hn::Store(depth_reach, d, out.depth_range + i);
+    hn::Store(hn::Mul(depth_reach, hn::Set(d, view.depth_epsilon)), d, out.epsilon + i);
+    hn::Store(half_x, d, out.half_x + i);
+    hn::Store(half_y, d, out.half_y + i);
+    hn::Store(hn::IfThenElse(front, one, zero), d, out.front + i);
+    visible_count += static_cast<int>(hn::CompressBlendedStore(index, hn::RebindMask(di, visible),
+                                                               di, out.visible + visible_count));
+  }
+  return visible_count;
+}
+
+}  // namespace
+
+int set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
+                       SplatColumns& out) {
+  const bool anisotropic = in.tangent_x != nullptr;
+  if (view.orthographic) {
+    return anisotropic ? set_up<false, true>(view, in, count, out)
+                       : set_up<false, false>(view, in, count, out);
+  }
+  return anisotropic ? set_up<true, true>(view, in, count, out)
+                     : set_up<true, false>(view, in, count, out);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace surfel
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace surfel {
+
+HWY_EXPORT(set_up_splats_simd);
+
+int set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
+                  SplatColumns& out) {
+  return HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, out);
+}
+
+}  // namespace surfel
+#endif

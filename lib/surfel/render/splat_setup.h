@@ -1,0 +1,52 @@
+#pragma once
+
+// SS01 sections 3.3 and 4, for a cluster of surfels at a time.
+
+#include <cstdint>
+
+#include <surfel/render/splat.h>
+
+namespace surfel {
+
+/// Most surfels that one call takes.
+inline constexpr int kSetupSurfels = 256;
+
+/// Columns of a RenderCloud from a cluster's first surfel on. Null: the scene does not have it.
+struct SurfelColumns {
+  const float* x;
+  const float* y;
+  const float* z;
+  const float* normal_x;
+  const float* normal_y;
+  const float* normal_z;
+  const float* deviation_u;
+  const float* deviation_v;
+  const float* tangent_x;
+  const float* tangent_y;
+  const float* tangent_z;
+  const float* area;
+};
+
+/// What set-up computes, in columns; only entries named in `visible` mean anything. Room for one
+/// vector past the end.
+struct SplatColumns {
+  static constexpr int kSize = kSetupSurfels + 16;
+  alignas(64) float x[kSize], y[kSize];
+  alignas(64) float m[kSize], k[kSize], q[kSize];
+  alignas(64) float amplitude[kSize];
+  alignas(64) float depth[kSize], depth_dx[kSize], depth_dy[kSize];
+  alignas(64) float depth_range[kSize], epsilon[kSize];
+  alignas(64) float half_x[kSize],
+      half_y[kSize];                        ///< Of the bounding box of beta < cutoff, pixels.
+  alignas(64) float front[kSize];           ///< 1 if the front faces the eye, else 0.
+  alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
+};
+
+/// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
+/// at run time. Arrays may be read up to the next multiple of the vector length past `count`, so
+/// columns carry padding (RenderCloud::kPadding). Returns how many entries of `visible` are set:
+/// those in front of the near plane as a whole disc, whose kernel reaches into the clip rectangle.
+int set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
+                  SplatColumns& out);
+
+}  // namespace surfel

@@ -1,0 +1,249 @@
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001: sections 4 and 6.
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include <surfel/render/tile_raster.h>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "surfel/render/tile_raster.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace surfel {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, kTileSize>;
+using V = hn::Vec<D>;
+using M = hn::Mask<D>;
+
+/// exp(-x) for x in [0, 80]: 2^n times the Taylor polynomial of 2^f of degree 5, |f| <= 1/2, whose
+/// relative error is below 2.5e-6.
+HWY_INLINE V exp_minus(V x) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  const V t = hn::Mul(x, hn::Set(d, -1.4426950408889634F));
+  const V n = hn::Round(t);
+  const V f = hn::Sub(t, n);
+  V p = hn::Set(d, 0.0013333558F);
+  p = hn::MulAdd(p, f, hn::Set(d, 0.0096181291F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.0555041087F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.2402265070F));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.6931471806F));
+  p = hn::MulAdd(p, f, hn::Set(d, 1.0F));
+  const auto exponent = hn::ShiftLeft<23>(hn::Add(hn::ConvertTo(di, n), hn::Set(di, 127)));
+  return hn::Mul(p, hn::BitCast(d, exponent));
+}
+
+/// A splat's values, spread over vectors once a tile.
+struct Spread {
+  V amplitude, k, epsilon, red, green, blue, alpha, depth_lo, depth_hi, tag, normal_x, normal_y,
+      normal_z;
+};
+
+template <bool kNormals, bool kOpaqueSplats>
+class Rasterizer {
+ public:
+  Rasterizer(const TileJob& job, TileABuffer& tile)
+      : job_(job), tile_(tile), full_(hn::Set(D(), tile.full_weight)) {}
+
+  void run() {
+    // How often the tile is checked for being covered; a check costs about as much as a splat.
+    constexpr std::size_t kCheckEvery = 32;
+    float covered_depth = -infinity();
+    for (std::size_t i = 0; i < job_.count; ++i) {
+      if (i % kCheckEvery == 0) covered_depth = covered_up_to();
+      const std::uint32_t index = job_.order[i];
+      const Splat& splat = job_.splats[index];
+      if (splat.depth + splat.depth_range < covered_depth) continue;
+      draw(splat, kNormals ? job_.normals + index : nullptr);
+    }
+  }
+
+ private:
+  static float infinity() { return __builtin_inff(); }
+
+  /// Largest depth such that everything behind it is hidden in all of the tile's pixels; minus
+  /// infinity while some pixel is not covered by an opaque surface.
+  float covered_up_to() const {
+    const D d;
+    V least = hn::Set(d, infinity());
+    for (int y = 0; y < tile_.height; ++y) {
+      for (int x = 0; x < tile_.width; x += static_cast<int>(hn::Lanes(d))) {
+        const std::size_t pixel =
+            static_cast<std::size_t>(y) * kTileSize + static_cast<std::size_t>(x);
+        V hidden = hn::Set(d, -infinity());
+        for (int layer = 0; layer < tile_.layout.layers; ++layer) {
+          const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
+          const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
+          const M hides = covers(fragment, weight);
+          const V depth = hn::Div(hn::Load(d, fragment + kDepth * kTilePixels), weight);
+          hidden = hn::IfThenElse(hides, hn::Max(hidden, depth), hidden);
+        }
+        // Pixels outside of the picture do not count.
+        const M inside = hn::FirstN(d, static_cast<std::size_t>(tile_.width - x));
+        least = hn::IfThenElse(inside, hn::Min(least, hidden), least);
+      }
+    }
+    return hn::GetLane(hn::MinOfLanes(d, least));
+  }
+
+  /// Fragments that nothing behind is seen through.
+  M covers(const float* fragment, V weight) const {
+    const D d;
+    // Merged fragments have a negative weight and never pass.
+    M full = hn::Ge(weight, full_);
+    if constexpr (!kOpaqueSplats) {
+      const V alpha = hn::Load(d, fragment + kAlpha * kTilePixels);
+      full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, 0.9995F))));
+    }
+    return full;
+  }
+
+  void draw(const Splat& splat, const SplatNormal* normal) {
+    const D d;
+    const float cx = splat.x - static_cast<float>(tile_.x0) - 0.5F;  // of pixel centres
+    const float cy = splat.y - static_cast<float>(tile_.y0) - 0.5F;
+    const float half_y = std::sqrt(job_.cutoff / splat.q);
+    // First and last row whose centre lies within; the bounds are tested before they are converted.
+    const float first_row = std::ceil(std::max(0.0F, cy - half_y));
+    const float last_row = std::floor(std::min(static_cast<float>(tile_.height - 1), cy + half_y));
+    if (!(first_row <= last_row)) return;
+
+    Spread s;
+    s.amplitude = hn::Set(d, splat.amplitude);
+    s.k = hn::Set(d, splat.k);
+    s.epsilon = hn::Set(d, splat.epsilon);
+    s.red = hn::Set(d, splat.red);
+    s.green = hn::Set(d, splat.green);
+    s.blue = hn::Set(d, splat.blue);
+    s.alpha = hn::Set(d, splat.alpha);
+    s.depth_lo = hn::Set(d, splat.depth - splat.depth_range);
+    s.depth_hi = hn::Set(d, splat.depth + splat.depth_range);
+    s.tag = hn::Set(d, std::bit_cast<float>(splat.tag));
+    if constexpr (kNormals) {
+      s.normal_x = hn::Set(d, normal->x);
+      s.normal_y = hn::Set(d, normal->y);
+      s.normal_z = hn::Set(d, normal->z);
+    }
+    const int last = static_cast<int>(last_row);
+    for (int row = static_cast<int>(first_row); row <= last; ++row) {
+      const float dy = static_cast<float>(row) - cy;
+      const V row_beta = hn::Set(d, splat.q * dy * dy);
+      const V middle = hn::Set(d, cx + splat.m * dy);
+      const V row_depth = hn::Set(d, splat.depth + splat.depth_dy * dy - splat.depth_dx * cx);
+      const V slope = hn::Set(d, splat.depth_dx);
+      for (int x = 0; x < tile_.width; x += static_cast<int>(hn::Lanes(d))) {
+        const V column = hn::Iota(d, static_cast<float>(x));
+        const V e = hn::Sub(column, middle);
+        const V beta = hn::MulAdd(hn::Mul(s.k, e), e, row_beta);
+        const M inside = hn::Lt(beta, hn::Set(d, job_.cutoff));
+        if (hn::AllFalse(d, inside)) continue;
+        const V rho = hn::Mul(s.amplitude, exp_minus(hn::IfThenElseZero(inside, beta)));
+        const V depth =
+            hn::Min(hn::Max(hn::MulAdd(slope, column, row_depth), s.depth_lo), s.depth_hi);
+        add(splat, normal, s,
+            static_cast<std::size_t>(row) * kTileSize + static_cast<std::size_t>(x), inside, rho,
+            depth);
+      }
+    }
+  }
+
+  /// Accumulate or separate, SS01 section 6, for a vector of pixels.
+  void add(const Splat& splat, const SplatNormal* normal, const Spread& s, std::size_t pixel,
+           M open, V rho, V depth) {
+    const D d;
+    const hn::RebindToUnsigned<D> du;
+    const auto side = hn::Set(du, 1u);
+    for (int layer = 0; layer < tile_.layout.layers; ++layer) {
+      float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
+      const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
+      const V weighted_depth = hn::Load(d, fragment + kDepth * kTilePixels);
+      const V tag = hn::Load(d, fragment + kTag * kTilePixels);
+      // depth - fragment's depth, times the fragment's weight, to save the division.
+      const V behind = hn::MulSub(depth, weight, weighted_depth);
+      const M near = hn::Lt(hn::Abs(behind), hn::Mul(s.epsilon, weight));
+      const M same_side = hn::RebindMask(
+          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::BitCast(du, s.tag)), side),
+                    hn::Zero(du)));
+      const M free = hn::Eq(weight, hn::Zero(d));
+      const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
+      if (!hn::AllFalse(d, joins)) {
+        hn::Store(hn::IfThenElse(free, s.tag, tag), d, fragment + kTag * kTilePixels);
+        accumulate(fragment, s, hn::IfThenElseZero(joins, rho), depth, weight, weighted_depth);
+        open = hn::AndNot(joins, open);
+      }
+      const M hidden = hn::And(covers(fragment, weight), hn::Lt(behind, hn::Zero(d)));
+      open = hn::AndNot(hidden, open);
+      if (hn::AllFalse(d, open)) return;
+    }
+    // No layer is left in these pixels.
+    HWY_ALIGN float rhos[kTileSize];
+    HWY_ALIGN float depths[kTileSize];
+    HWY_ALIGN float lanes[kTileSize];
+    hn::Store(rho, d, rhos);
+    hn::Store(depth, d, depths);
+    hn::Store(hn::IfThenElseZero(open, hn::Set(d, 1.0F)), d, lanes);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      if (lanes[lane] == 0) continue;
+      insert_by_merging(tile_, static_cast<int>(pixel + lane), rhos[lane], depths[lane], splat,
+                        normal);
+    }
+  }
+
+  /// Adds rho, which is zero where a pixel does not take part.
+  static void accumulate(float* fragment, const Spread& s, V rho, V depth, V weight,
+                         V weighted_depth) {
+    const D d;
+    const auto add_to = [&](int channel, V value) {
+      float* plane = fragment + channel * kTilePixels;
+      hn::Store(hn::MulAdd(rho, value, hn::Load(d, plane)), d, plane);
+    };
+    hn::Store(hn::Add(weight, rho), d, fragment + kWeight * kTilePixels);
+    hn::Store(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kTilePixels);
+    add_to(kRed, s.red);
+    add_to(kGreen, s.green);
+    add_to(kBlue, s.blue);
+    add_to(kAlpha, s.alpha);
+    if constexpr (kNormals) {
+      add_to(kNormalX, s.normal_x);
+      add_to(kNormalY, s.normal_y);
+      add_to(kNormalZ, s.normal_z);
+    }
+  }
+
+  const TileJob& job_;
+  TileABuffer& tile_;
+  const V full_;
+};
+
+}  // namespace
+
+void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
+  if (job.normals) {
+    job.opaque ? Rasterizer<true, true>(job, tile).run() : Rasterizer<true, false>(job, tile).run();
+  } else {
+    job.opaque ? Rasterizer<false, true>(job, tile).run()
+               : Rasterizer<false, false>(job, tile).run();
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace surfel
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace surfel {
+
+HWY_EXPORT(rasterize_tile_simd);
+
+void rasterize_tile(const TileJob& job, TileABuffer& tile) {
+  HWY_DYNAMIC_DISPATCH(rasterize_tile_simd)(job, tile);
+}
+
+}  // namespace surfel
+#endif

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/splat.h>
+
+namespace surfel {
+
+/// Splats of one tile, in the order in which they are to be drawn: nearest first.
+struct TileJob {
+  const Splat* splats = nullptr;
+  const SplatNormal* normals = nullptr;  ///< Parallel to `splats`; null in unshaded pictures.
+  const std::uint32_t* order = nullptr;  ///< Indices into them.
+  std::size_t count = 0;
+  float cutoff = 1;
+  bool opaque = true;  ///< Every splat has alpha 1.
+};
+
+/// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and
+/// for every pixel accumulates it to the fragment of its surface (the same side faces the eye,
+/// depths agree within epsilon) or separates it. What lies behind an opaque surface that already
+/// covers the pixel is skipped. SIMD over a tile's rows, chosen at run time; exp() is a polynomial
+/// of relative error below 3e-6.
+void rasterize_tile(const TileJob& job, TileABuffer& tile);
+
+}  // namespace surfel
