@@ -1,0 +1,93 @@
+#include <algorithm>
+#include <bit>
+
+#include <surfel/base/parallel.h>
+#include <surfel/base/radix_sort.h>
+#include <surfel/base/random.h>
+#include <surfel/sample/mesh_edges.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 14;
+
+/// For every vertex the first one in sorting order that has its position.
+Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
+  Array<std::uint64_t> keys(position.size());
+  parallel_for(position.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Vec3f p = position[i] + Vec3f::Zero();  // -0 becomes 0, to which it is equal.
+      const auto xy = static_cast<std::uint64_t>(std::bit_cast<std::uint32_t>(p.x())) << 32 |
+                      std::bit_cast<std::uint32_t>(p.y());
+      keys[i] = random_bits(xy, std::bit_cast<std::uint32_t>(p.z()));
+    }
+  });
+  const Array<std::uint32_t> order = sorted_order(keys);
+  Array<std::uint32_t> welded(position.size());
+  for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
+    for (end = begin + 1; end < order.size() && keys[order[end]] == keys[order[begin]]; ++end) {
+    }
+    // All of a run are at one place, but for collisions of the hash.
+    for (std::size_t i = begin; i < end; ++i) {
+      std::size_t first = begin;
+      while (position[order[first]] != position[order[i]]) ++first;
+      welded[order[i]] = order[first];
+    }
+  }
+  return welded;
+}
+
+/// Root of a face's tree; the path to it is halved on the way.
+std::uint32_t root_of(Array<std::uint32_t>& parent, std::uint32_t face) {
+  while (parent[face] != face) {
+    parent[face] = parent[parent[face]];
+    face = parent[face];
+  }
+  return face;
+}
+
+}  // namespace
+
+Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
+  const Array<std::uint32_t> welded = welded_vertices(mesh.position);
+  const std::size_t edges = 3 * mesh.face.size();
+  Array<std::uint64_t> keys(edges);
+  parallel_for(mesh.face.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t f = begin; f < end; ++f) {
+      for (int k = 0; k < 3; ++k) {
+        const std::uint64_t a = welded[mesh.face[f][k]];
+        const std::uint64_t b = welded[mesh.face[f][(k + 1) % 3]];
+        keys[3 * f + k] = std::min(a, b) << 32 | std::max(a, b);
+      }
+    }
+  });
+  const Array<std::uint32_t> order = sorted_order(keys);
+  Array<std::uint32_t> rings(edges);
+  for (std::size_t begin = 0, end; begin < edges; begin = end) {
+    for (end = begin + 1; end < edges && keys[order[end]] == keys[order[begin]]; ++end) {
+      rings[order[end - 1]] = order[end];
+    }
+    const std::uint64_t key = keys[order[begin]];
+    const bool collapsed = key >> 32 == (key & 0xffffffff);
+    rings[order[end - 1]] = end == begin + 1 ? kBorderEdge : order[begin];
+    for (std::size_t i = begin; collapsed && i < end; ++i) rings[order[i]] = kBorderEdge;
+  }
+  return rings;
+}
+
+Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings) {
+  Array<std::uint32_t> parent(rings.size() / 3);
+  for (std::size_t f = 0; f < parent.size(); ++f) parent[f] = static_cast<std::uint32_t>(f);
+  for (std::size_t e = 0; e < rings.size(); ++e) {
+    if (rings[e] == kBorderEdge) continue;
+    const std::uint32_t a = root_of(parent, static_cast<std::uint32_t>(e / 3));
+    const std::uint32_t b = root_of(parent, rings[e] / 3);
+    parent[std::max(a, b)] = std::min(a, b);
+  }
+  for (std::size_t f = 0; f < parent.size(); ++f) {
+    parent[f] = root_of(parent, static_cast<std::uint32_t>(f));
+  }
+  return parent;
+}
+
+}  // namespace surfel

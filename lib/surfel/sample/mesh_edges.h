@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/io/mesh.h>
+
+namespace surfel {
+
+/// In edge_rings(): no other face has this edge.
+inline constexpr std::uint32_t kBorderEdge = std::numeric_limits<std::uint32_t>::max();
+
+/// Which faces meet at an edge, vertices at the same position counting as one: element 3 f + k is
+/// 3 * face + edge of the next face around edge k of face f (from corner k to corner k + 1), or
+/// kBorderEdge. Two faces at an edge point at each other; more form a ring in ascending order.
+SURFEL_API Array<std::uint32_t> edge_rings(const TriangleMesh& mesh);
+
+/// Connected parts over edges: the lowest face of its part for every face.
+SURFEL_API Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings);
+
+}  // namespace surfel

@@ -1,0 +1,335 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/base/parallel.h>
+#include <surfel/sample/mesh_edges.h>
+#include <surfel/sample/mesh_sampler.h>
+#include <surfel/sample/poisson_disk.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kMostSamples = std::size_t{1} << 28;
+
+std::array<Vec3d, 3> corners(const TriangleMesh& mesh, std::size_t face) {
+  std::array<Vec3d, 3> out;
+  for (int k = 0; k < 3; ++k) out[k] = mesh.position[mesh.face[face][k]].cast<double>();
+  return out;
+}
+
+/// Twice the area along the normal.
+Vec3d area_vector(const std::array<Vec3d, 3>& corner) {
+  return (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+}
+
+/// What the refusals and the components' variances need of the faces.
+struct FaceMeasures {
+  std::vector<double> area;
+  double total_area = 0;
+  double total_edge = 0;  ///< Sum of the faces' longest edges.
+  double largest_coordinate = 0;
+  std::size_t degenerate = 0;
+};
+
+FaceMeasures measure(const TriangleMesh& mesh) {
+  FaceMeasures m;
+  m.area.resize(mesh.face.size());
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    const std::array<Vec3d, 3> corner = corners(mesh, f);
+    double edge2 = 0;
+    for (int k = 0; k < 3; ++k) {
+      edge2 = std::max(edge2, (corner[(k + 1) % 3] - corner[k]).squaredNorm());
+      m.largest_coordinate = std::max(m.largest_coordinate, corner[k].cwiseAbs().maxCoeff());
+    }
+    m.area[f] = area_vector(corner).norm() / 2;
+    m.degenerate += !(m.area[f] > 0);
+    m.total_area += m.area[f];
+    m.total_edge += std::sqrt(edge2);
+  }
+  return m;
+}
+
+/// Throws where sampling at this spacing is beyond memory or precision.
+void check_feasible(const FaceMeasures& m, double spacing) {
+  const double samples = m.total_area / (spacing * spacing);
+  // Chunks have edges of 2.5 to 5 spacings; a face is one at least, a sliver a row of them.
+  const double chunks =
+      static_cast<double>(m.area.size()) + samples / 2.5 + m.total_edge / (1.25 * spacing);
+  const double bytes = 300 * samples + 150 * chunks;
+  if (samples > static_cast<double>(kMostSamples) ||
+      bytes > static_cast<double>(available_memory_bytes())) {
+    throw_input("", fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask "
+                                "for a larger spacing",
+                                spacing, samples,
+                                samples > static_cast<double>(kMostSamples)
+                                    ? "the 268435456 that one run makes"
+                                    : "fit into memory"));
+  }
+  if (spacing < 32 * m.largest_coordinate * std::numeric_limits<float>::epsilon()) {
+    throw_input("",
+                fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
+                            "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
+                            spacing, m.largest_coordinate));
+  }
+}
+
+/// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
+std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
+                                          const Array<std::uint32_t>& rings, const FaceMeasures& m,
+                                          std::size_t count, std::uint64_t seed, double& spacing) {
+  const auto wanted = static_cast<double>(count);
+  constexpr int kTrials = 14;
+  // Bounds of the spacing: too fine for the count, and coarse enough.
+  double fine = 0;
+  double coarse = std::numeric_limits<double>::infinity();
+  std::unique_ptr<PoissonDisk> disk;
+  spacing = 1.01 * std::sqrt(m.total_area / wanted);
+  for (int trial = 0; trial < kTrials; ++trial) {
+    check_feasible(m, spacing);
+    disk.reset();
+    disk = std::make_unique<PoissonDisk>(mesh, rings, spacing, seed);
+    const auto made = static_cast<double>(disk->size());
+    if (made <= wanted && made >= 0.97 * wanted - 1) break;
+    (made > wanted ? fine : coarse) = spacing;
+    double next = spacing * std::sqrt(made / (0.99 * wanted));
+    if (next <= fine || next >= coarse) {
+      next = std::isinf(coarse) ? 2 * fine : (fine + coarse) / 2;
+    }
+    spacing = next;
+  }
+  if (static_cast<double>(disk->size()) > wanted && !std::isinf(coarse)) {
+    spacing = coarse;
+    disk = std::make_unique<PoissonDisk>(mesh, rings, spacing, seed);
+  }
+  disk->fill(count);
+  return disk;
+}
+
+/// Largest variance that a component's samples may have, by the component's lowest face: a disc
+/// should not outgrow what it stands for.
+std::vector<double> component_areas(const Array<std::uint32_t>& component,
+                                    const std::vector<double>& face_area) {
+  std::vector<double> area(component.size(), 0);
+  for (std::size_t f = 0; f < component.size(); ++f) area[component[f]] += face_area[f];
+  return area;
+}
+
+/// Barycentric coordinates of a point of the face's plane, clamped to the face.
+Vec3d barycentric(const std::array<Vec3d, 3>& corner, const Vec3d& p) {
+  const Vec3d normal = area_vector(corner);
+  Vec3d b;
+  for (int k = 0; k < 3; ++k) {
+    b[k] = std::max(
+        0.0,
+        (corner[(k + 2) % 3] - corner[(k + 1) % 3]).cross(p - corner[(k + 1) % 3]).dot(normal));
+  }
+  const double sum = b.sum();
+  return sum > 0 ? Vec3d(b / sum) : Vec3d::Constant(1 / 3.0);
+}
+
+struct UvFrame {
+  Vec3d dpdu = Vec3d::Zero();
+  Vec3d dpdv = Vec3d::Zero();
+};
+
+/// Derivatives of the position by uv over a face; zero where the uv span no area.
+UvFrame uv_frame(const std::array<Vec3d, 3>& corner, const std::array<Vec2f, 3>& uv) {
+  const Vec2d a = (uv[1] - uv[0]).cast<double>();
+  const Vec2d b = (uv[2] - uv[0]).cast<double>();
+  const double determinant = a.x() * b.y() - a.y() * b.x();
+  const double scale = a.norm() * b.norm();
+  if (!(std::abs(determinant) > 1e-12 * scale)) return {};
+  const Vec3d edge_a = corner[1] - corner[0];
+  const Vec3d edge_b = corner[2] - corner[0];
+  return {(b.y() * edge_a - a.y() * edge_b) / determinant,
+          (a.x() * edge_b - b.x() * edge_a) / determinant};
+}
+
+template <class T>
+T interpolated(const std::array<T, 3>& corner, const Vec3d& b) {
+  const Vec3f w = b.cast<float>();
+  return w[0] * corner[0] + w[1] * corner[1] + w[2] * corner[2];
+}
+
+/// Fills the cloud's columns from the mesh at the samples.
+class AttributeTransfer {
+ public:
+  AttributeTransfer(const TriangleMesh& mesh, const Array<std::array<Vec3f, 3>>& wedge_normal,
+                    SurfelCloud& cloud)
+      : mesh_(mesh), wedge_normal_(wedge_normal), cloud_(cloud) {
+    const std::size_t n = cloud.size();
+    cloud.normal.resize(n);
+    if (!mesh.wedge_uv.empty()) {
+      cloud.uv.resize(n);
+      cloud.dpdu.resize(n);
+      cloud.dpdv.resize(n);
+    }
+    const bool untextured = std::any_of(mesh.material.begin(), mesh.material.end(),
+                                        [](const MeshMaterial& m) { return m.texture.empty(); });
+    material_color_ = mesh.color.empty() && untextured && !mesh.face_material.empty();
+    if (!mesh.color.empty() || material_color_) cloud.color.resize(n);
+    if (mesh.material.size() > 1 && !mesh.face_material.empty()) cloud.material.resize(n);
+  }
+
+  void transfer(std::size_t i, std::uint32_t face) {
+    const std::array<Vec3d, 3> corner = corners(mesh_, face);
+    const Vec3d b = barycentric(corner, cloud_.position[i].cast<double>());
+    cloud_.normal[i] = normal(face, corner, b);
+    if (!cloud_.uv.empty()) {
+      cloud_.uv[i] = interpolated(mesh_.wedge_uv[face], b);
+      const UvFrame frame = uv_frame(corner, mesh_.wedge_uv[face]);
+      cloud_.dpdu[i] = frame.dpdu.cast<float>();
+      cloud_.dpdv[i] = frame.dpdv.cast<float>();
+    }
+    if (!cloud_.color.empty()) cloud_.color[i] = color(face, b);
+    if (!cloud_.material.empty()) cloud_.material[i] = mesh_.face_material[face];
+  }
+
+ private:
+  Vec3f normal(std::uint32_t face, const std::array<Vec3d, 3>& corner, const Vec3d& b) const {
+    if (!wedge_normal_.empty()) {
+      const Vec3f smooth = interpolated(wedge_normal_[face], b);
+      const float length = smooth.norm();
+      // Normals that cancel say nothing; the face's does.
+      if (length > 1e-3f) return smooth / length;
+    }
+    return area_vector(corner).normalized().cast<float>();
+  }
+
+  Vec3f color(std::uint32_t face, const Vec3d& b) const {
+    if (!material_color_) {
+      const auto& vertex = mesh_.face[face];
+      return interpolated<Vec3f>(
+          {mesh_.color[vertex[0]], mesh_.color[vertex[1]], mesh_.color[vertex[2]]}, b);
+    }
+    const MeshMaterial& material = mesh_.material[mesh_.face_material[face]];
+    return material.texture.empty() ? material.diffuse : Vec3f(1, 1, 1);
+  }
+
+  const TriangleMesh& mesh_;
+  const Array<std::array<Vec3f, 3>>& wedge_normal_;
+  SurfelCloud& cloud_;
+  bool material_color_ = false;
+};
+
+void report_distances(const Array<SurfaceSample>& samples, MeshSampleReport& report) {
+  report.least_distance = std::numeric_limits<double>::infinity();
+  double sum = 0;
+  std::size_t with_neighbor = 0;
+  for (const SurfaceSample& sample : samples) {
+    if (std::isinf(sample.nearest)) continue;
+    report.least_distance = std::min<double>(report.least_distance, sample.nearest);
+    sum += sample.nearest;
+    ++with_neighbor;
+  }
+  report.mean_distance = with_neighbor > 0 ? sum / static_cast<double>(with_neighbor) : 0;
+}
+
+std::size_t count_flat_uv(const TriangleMesh& mesh) {
+  std::size_t flat = 0;
+  for (std::size_t f = 0; f < mesh.wedge_uv.size(); ++f) {
+    flat += uv_frame(corners(mesh, f), mesh.wedge_uv[f]).dpdu.isZero(0);
+  }
+  return flat;
+}
+
+}  // namespace
+
+std::vector<std::string> MeshSampleOptions::problems() const {
+  std::vector<std::string> found;
+  if (spacing.has_value() == count.has_value()) {
+    found.push_back("either spacing or count must be given, and not both");
+  }
+  if (spacing && !(*spacing > 0 && std::isfinite(*spacing))) {
+    found.push_back(fmt::format("spacing is {}; it must be positive", *spacing));
+  }
+  if (count && (*count < 1 || *count > kMostSamples)) {
+    found.push_back(fmt::format("count is {}; it must be 1 to {}", *count, kMostSamples));
+  }
+  if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
+    found.push_back(fmt::format("variance-scale is {}; it must be positive", variance_scale));
+  }
+  if (!(crease_angle >= 0 && crease_angle <= std::numbers::pi)) {
+    found.push_back("crease-angle must be 0 to 180 degrees");
+  }
+  return found;
+}
+
+SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
+                        MeshSampleReport* report) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  MeshSampleReport unused;
+  MeshSampleReport& out = report ? *report : unused;
+  out = {};
+  Timer timer;
+  const auto stage = [&](const char* name) {
+    out.times.add(name, timer.milliseconds());
+    timer.restart();
+  };
+
+  const FaceMeasures faces = measure(mesh);
+  if (!(faces.total_area > 0)) {
+    throw_input("", fmt::format("the mesh has no area ({} faces); there is nothing to sample",
+                                mesh.face.size() + mesh.degenerate_faces));
+  }
+  const Array<std::uint32_t> rings = edge_rings(mesh);
+  const Array<std::uint32_t> component = face_components(rings);
+  stage("topology");
+
+  std::unique_ptr<PoissonDisk> disk;
+  if (options.count) {
+    disk = sample_count(mesh, rings, faces, *options.count, options.seed, out.spacing);
+  } else {
+    out.spacing = *options.spacing;
+    check_feasible(faces, out.spacing);
+    disk = std::make_unique<PoissonDisk>(mesh, rings, out.spacing, options.seed);
+  }
+  stage("sample");
+  const Array<SurfaceSample> samples = disk->samples();
+  disk.reset();
+  stage("areas");
+
+  SurfelCloud cloud;
+  cloud.origin = mesh.origin;
+  cloud.position.resize(samples.size());
+  cloud.area.resize(samples.size());
+  cloud.variance.resize(samples.size());
+  const std::vector<double> component_area = component_areas(component, faces.area);
+  const Array<std::array<Vec3f, 3>> none;
+  AttributeTransfer attributes(mesh, options.flat ? none : mesh.wedge_normal, cloud);
+  // The samples' areas are those of chunks with rounded corners, which shows in slivers.
+  double sampled_area = 0;
+  for (const SurfaceSample& sample : samples) sampled_area += sample.area;
+  const double to_exact = faces.total_area / sampled_area;
+  const double cell = out.spacing * out.spacing;
+  const double scale2 = options.variance_scale * options.variance_scale;
+  parallel_for(samples.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const SurfaceSample& sample = samples[i];
+      cloud.position[i] = sample.position;
+      cloud.area[i] = static_cast<float>(to_exact * sample.area);
+      cloud.variance[i] =
+          static_cast<float>(scale2 * std::min(cell, component_area[component[sample.face]]));
+      attributes.transfer(i, sample.face);
+    }
+  });
+  stage("attributes");
+
+  out.faces = mesh.face.size();
+  out.degenerate_faces = mesh.degenerate_faces + faces.degenerate;
+  out.flat_uv_faces = count_flat_uv(mesh);
+  for (std::size_t f = 0; f < component.size(); ++f) out.components += component[f] == f;
+  out.area = faces.total_area;
+  report_distances(samples, out);
+  return cloud;
+}
+
+}  // namespace surfel

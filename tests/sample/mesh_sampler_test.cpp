@@ -1,0 +1,330 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/sample/generate.h>
+#include <surfel/sample/mesh_sampler.h>
+
+#include "sample/sheet_check.h"
+
+namespace surfel {
+namespace {
+
+MeshSampleOptions by_spacing(double spacing) {
+  MeshSampleOptions options;
+  options.spacing = spacing;
+  return options;
+}
+
+MeshSampleOptions by_count(std::size_t count) {
+  MeshSampleOptions options;
+  options.count = count;
+  return options;
+}
+
+double samples(const SurfelCloud& cloud) { return static_cast<double>(cloud.size()); }
+
+double total(const Array<float>& values) {
+  double sum = 0;
+  for (const float x : values) sum += x;
+  return sum;
+}
+
+void add_triangle(TriangleMesh& mesh, const Vec3f& a, const Vec3f& b, const Vec3f& c) {
+  const auto first = static_cast<std::uint32_t>(mesh.position.size());
+  for (const Vec3f& p : {a, b, c}) mesh.position.push_back(p);
+  mesh.face.push_back({first, first + 1, first + 2});
+}
+
+void add_quad(TriangleMesh& mesh, const Vec3f& a, const Vec3f& b, const Vec3f& c, const Vec3f& d) {
+  add_triangle(mesh, a, b, c);
+  add_triangle(mesh, a, c, d);
+}
+
+/// Axis-aligned, faces outward; vertices are not shared, as in an STL file.
+TriangleMesh box(const Vec3f& size) {
+  TriangleMesh mesh;
+  const auto corner = [&](int i) {
+    return Vec3f((i & 1 ? size : Vec3f(0, 0, 0)).x(), (i & 2 ? size : Vec3f(0, 0, 0)).y(),
+                 (i & 4 ? size : Vec3f(0, 0, 0)).z());
+  };
+  for (const auto& q : std::initializer_list<std::array<int, 4>>{
+           {0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}) {
+    add_quad(mesh, corner(q[0]), corner(q[1]), corner(q[2]), corner(q[3]));
+  }
+  return mesh;
+}
+
+void append(TriangleMesh& mesh, const TriangleMesh& other, float scale, const Vec3f& offset) {
+  const auto first = static_cast<std::uint32_t>(mesh.position.size());
+  for (const Vec3f& p : other.position) mesh.position.push_back(scale * p + offset);
+  for (const auto& f : other.face) mesh.face.push_back({f[0] + first, f[1] + first, f[2] + first});
+}
+
+TriangleMesh surface(const std::string& kind, int resolution) {
+  TriangleMesh mesh = generate_mesh(procedural_scene(kind, 1), resolution);
+  return mesh;
+}
+
+/// Samples, checks both guarantees by brute force and the sum of areas.
+SurfelCloud sampled_soundly(const TriangleMesh& mesh, double spacing, int cuts,
+                            double agreeing_share = 0.005) {
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(spacing), &report);
+  EXPECT_NO_THROW(cloud.check_columns(""));
+  EXPECT_NEAR(total(cloud.area), report.area, 1e-5 * report.area);
+  const test::SheetReport found = test::SheetCheck(mesh, cuts, spacing).check(cloud);
+  EXPECT_GE(found.least_distance, 0.6);
+  EXPECT_LE(found.furthest, 1.0);
+  EXPECT_LE(found.furthest_agreeing_share, agreeing_share);
+  return cloud;
+}
+
+TEST(SheetCheck, SeesHolesAndClumps) {
+  const TriangleMesh mesh = surface("torus", 40);
+  SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.1));
+  const test::SheetCheck check(mesh, 4, 0.1);
+  // All around one sample are moved to a place far off.
+  const Vec3f center = cloud.position[100];
+  const Vec3f heap = cloud.position[(cloud.size() / 2 + 100) % cloud.size()];
+  for (Vec3f& p : cloud.position) {
+    if ((p - center).norm() < 0.12f) p = heap;
+  }
+  const test::SheetReport found = check.check(cloud);
+  EXPECT_LT(found.least_distance, 0.1);
+  EXPECT_GT(found.furthest, 1.0);
+}
+
+TEST(SampleMesh, FacesLikeTheSpacing) {
+  const SurfelCloud cloud = sampled_soundly(surface("torus", 64), 0.05, 4);
+  const double area = 4 * std::numbers::pi * std::numbers::pi * 0.7 * 0.3;
+  EXPECT_NEAR(samples(cloud), area / (0.05 * 0.05), 0.05 * samples(cloud));
+}
+
+TEST(SampleMesh, FacesMuchSmallerThanTheSpacing) {
+  const SurfelCloud cloud = sampled_soundly(surface("head", 150), 0.12, 1);
+  EXPECT_NEAR(total(cloud.area) / samples(cloud), 0.12 * 0.12, 0.08 * 0.12 * 0.12);
+}
+
+TEST(SampleMesh, FacesMuchLargerThanTheSpacing) {
+  const SurfelCloud cloud = sampled_soundly(surface("plane", 3), 0.03, 80);
+  EXPECT_NEAR(samples(cloud), 4 / (0.03 * 0.03), 0.05 * samples(cloud));
+}
+
+TEST(SampleMesh, ThinPlateHasBothSides) {
+  constexpr double kSpacing = 0.05;
+  const SurfelCloud cloud =
+      sampled_soundly(box(Vec3f(1, 1, static_cast<float>(0.1 * kSpacing))), kSpacing, 80, 0.01);
+  double top = 0;
+  double bottom = 0;
+  for (const Vec3f& n : cloud.normal) {
+    top += n.z() > 0.9f;
+    bottom += n.z() < -0.9f;
+  }
+  EXPECT_NEAR(top, 400, 50);
+  EXPECT_NEAR(bottom, 400, 50);
+}
+
+TEST(SampleMesh, NestedShellsFacingTheSameWayDoNotSeeEachOther) {
+  TriangleMesh mesh = surface("sphere", 40);
+  append(mesh, surface("sphere", 40), 1.01f, Vec3f(0, 0, 0));
+  constexpr double kSpacing = 0.1;
+  const SurfelCloud cloud = sampled_soundly(mesh, kSpacing, 4);
+  const auto inner =
+      static_cast<double>(std::count_if(cloud.position.begin(), cloud.position.end(),
+                                        [](const Vec3f& p) { return p.norm() < 1.002f; }));
+  EXPECT_NEAR(inner, 4 * std::numbers::pi / (kSpacing * kSpacing), 100);
+  EXPECT_NEAR(samples(cloud) - inner, 1282, 100);
+}
+
+TEST(SampleMesh, BoxKeepsTheDistanceAcrossItsEdges) {
+  sampled_soundly(box(Vec3f(1, 0.7f, 0.5f)), 0.06, 60, 0.02);
+}
+
+TEST(SampleMesh, LooseSliversAreCoveredToTheirTips) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 20; ++i) {
+    const auto y = static_cast<float>(i);
+    add_triangle(mesh, Vec3f(0, y, 0), Vec3f(2, y, 0), Vec3f(1.3f, y + 0.002f, 0));
+  }
+  const SurfelCloud cloud = sampled_soundly(mesh, 0.1, 100);
+  EXPECT_GE(cloud.size(), 20u * 12);
+  EXPECT_LE(cloud.size(), 20u * 25);
+}
+
+TEST(SampleMesh, SurfaceCutIntoSliversIsOneSheet) {
+  TriangleMesh mesh;
+  constexpr int kStrips = 60;
+  for (int i = 0; i < kStrips; ++i) {
+    const float low = static_cast<float>(i) / kStrips;
+    const float high = static_cast<float>(i + 1) / kStrips;
+    add_quad(mesh, Vec3f(0, low, 0), Vec3f(1, low, 0), Vec3f(1, high, 0), Vec3f(0, high, 0));
+  }
+  const SurfelCloud cloud = sampled_soundly(mesh, 0.1, 40);
+  EXPECT_LE(cloud.size(), 150u);
+}
+
+TEST(SampleMesh, ComponentsBelowTheSpacingHaveASampleEach) {
+  TriangleMesh mesh = box(Vec3f(1, 1, 1));
+  for (int i = 0; i < 50; ++i) {
+    append(mesh, box(Vec3f(1, 1, 1)), 1e-3f, Vec3f(2 + 0.01f * static_cast<float>(i), 0, 0));
+  }
+  constexpr double kSpacing = 0.2;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(kSpacing));
+  std::vector<double> area(50, 0);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (cloud.position[i].x() < 1.5f) {
+      EXPECT_FLOAT_EQ(cloud.variance[i], static_cast<float>(kSpacing * kSpacing));
+      continue;
+    }
+    area[static_cast<int>((cloud.position[i].x() - 1.999f) / 0.01f)] += cloud.area[i];
+    EXPECT_LE(cloud.variance[i], 6.1e-6f);
+  }
+  for (const double a : area) EXPECT_NEAR(a, 6e-6, 1e-8);
+}
+
+TEST(SampleMesh, SpacingLargerThanTheMeshStillSamplesIt) {
+  const SurfelCloud cloud = sample_mesh(surface("torus", 20), by_spacing(100));
+  EXPECT_GE(cloud.size(), 1u);
+  EXPECT_LE(cloud.size(), 8u);  // The sides that face apart do not see each other.
+}
+
+TEST(SampleMesh, CountIsExact) {
+  const TriangleMesh torus = surface("torus", 50);
+  for (const std::size_t count : {5u, 10u, 100u, 1000u, 54321u}) {
+    MeshSampleReport report;
+    const SurfelCloud cloud = sample_mesh(torus, by_count(count), &report);
+    EXPECT_EQ(cloud.size(), count);
+    EXPECT_GE(report.least_distance, 0.6 * report.spacing);
+    EXPECT_NEAR(total(cloud.area), report.area, 1e-5 * report.area);
+  }
+}
+
+TEST(SampleMesh, CountBelowTheComponentsGivesOneEach) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 10; ++i) {
+    append(mesh, box(Vec3f(1, 1, 1)), 1, Vec3f(10.0f * static_cast<float>(i), 0, 0));
+  }
+  EXPECT_GE(sample_mesh(mesh, by_count(3)).size(), 10u);
+}
+
+TEST(SampleMesh, ThreadsDoNotChangeTheResultButSeedsDo) {
+  const TriangleMesh mesh = surface("head", 60);
+  MeshSampleOptions options = by_spacing(0.02);
+  set_thread_count(1);
+  const SurfelCloud one = sample_mesh(mesh, options);
+  set_thread_count(5);
+  const SurfelCloud five = sample_mesh(mesh, options);
+  set_thread_count(0);
+  ASSERT_EQ(one.size(), five.size());
+  EXPECT_EQ(0, std::memcmp(one.position.data(), five.position.data(), one.size() * sizeof(Vec3f)));
+  EXPECT_EQ(0, std::memcmp(one.area.data(), five.area.data(), one.size() * sizeof(float)));
+  options.seed = 2;
+  EXPECT_NE(sample_mesh(mesh, options).position[0], one.position[0]);
+}
+
+TEST(SampleMesh, NonManifoldAndDegenerateFaces) {
+  TriangleMesh mesh;
+  // Three leaves at one edge, and faces without area between and beside them.
+  for (const float angle : {0.0f, 2.0f, 4.0f}) {
+    add_triangle(mesh, Vec3f(0, 0, 0), Vec3f(0, 0, 1), Vec3f(std::cos(angle), std::sin(angle), 0));
+  }
+  add_triangle(mesh, Vec3f(0, 0, 0), Vec3f(0, 0, 1), Vec3f(0, 0, 0.5f));
+  add_triangle(mesh, Vec3f(5, 5, 5), Vec3f(5, 5, 5), Vec3f(5, 5, 5));
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.1), &report);
+  EXPECT_EQ(report.degenerate_faces, 2u);
+  EXPECT_NEAR(report.area, 1.5, 1e-6);
+  EXPECT_NEAR(samples(cloud), 150, 40);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    EXPECT_TRUE(cloud.position[i].allFinite());
+    EXPECT_NEAR(cloud.normal[i].norm(), 1, 1e-5);
+  }
+}
+
+TEST(SampleMesh, InterpolatesAttributesOnThePlane) {
+  TriangleMesh mesh = surface("plane", 7);
+  mesh.origin = Vec3d(1e7, 0, -5);
+  for (const Vec3f& p : mesh.position) {
+    mesh.color.push_back(Vec3f(0.5f * (p.x() + 1), 0.5f * (p.y() + 1), 0.25f));
+  }
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05));
+  EXPECT_EQ(cloud.origin, mesh.origin);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const Vec3f expected(0.5f * (cloud.position[i].x() + 1), 0.5f * (cloud.position[i].y() + 1),
+                         0.25f);
+    EXPECT_LT((cloud.color[i] - expected).norm(), 1e-5);
+    EXPECT_LT((cloud.uv[i] - expected.head<2>()).norm(), 1e-5);
+    EXPECT_LT((cloud.dpdu[i] - Vec3f(2, 0, 0)).norm(), 1e-4);
+    EXPECT_LT((cloud.dpdv[i] - Vec3f(0, 2, 0)).norm(), 1e-4);
+    EXPECT_LT((cloud.normal[i] - Vec3f(0, 0, 1)).norm(), 1e-6);
+    EXPECT_FLOAT_EQ(cloud.variance[i], 0.0025f);
+  }
+}
+
+TEST(SampleMesh, FlatUvGiveZeroDerivativesAndAreCounted) {
+  TriangleMesh mesh = surface("plane", 3);
+  for (Vec2f& uv : mesh.wedge_uv[4]) uv = Vec2f(0.5f, 0.5f);
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.1), &report);
+  EXPECT_EQ(report.flat_uv_faces, 1u);
+  const auto zero = std::count(cloud.dpdu.begin(), cloud.dpdu.end(), Vec3f(0, 0, 0));
+  EXPECT_NEAR(static_cast<double>(zero), samples(cloud) / 18, 10);
+}
+
+TEST(SampleMesh, MaterialColorsWhereThereIsNoTexture) {
+  TriangleMesh mesh = surface("plane", 3);
+  mesh.material = {{"red", Vec3f(1, 0, 0), ""}, {"picture", Vec3f(0, 0, 1), "a.png"}};
+  mesh.face_material.assign(mesh.face.size(), 0);
+  mesh.face_material[3] = 1;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05));
+  ASSERT_EQ(cloud.material.size(), cloud.size());
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    EXPECT_EQ(cloud.color[i], cloud.material[i] == 0 ? Vec3f(1, 0, 0) : Vec3f(1, 1, 1));
+  }
+}
+
+TEST(SampleMesh, SmoothNormalsFollowTheSphereAndFlatOnesTheFaces) {
+  TriangleMesh mesh = surface("sphere", 24);
+  MeshSampleOptions options = by_spacing(0.1);
+  const SurfelCloud smooth = sample_mesh(mesh, options);
+  options.flat = true;
+  const SurfelCloud flat = sample_mesh(mesh, options);
+  double smooth_error = 0;
+  double flat_error = 0;
+  for (std::size_t i = 0; i < smooth.size(); ++i) {
+    const Vec3f exact = smooth.position[i].normalized();
+    smooth_error += (smooth.normal[i] - exact).norm();
+    flat_error += (flat.normal[i] - exact).norm();
+  }
+  EXPECT_LT(smooth_error, 0.2 * flat_error);
+  EXPECT_GT(flat_error / samples(flat), 0.02);
+}
+
+TEST(SampleMesh, RefusesWhatCannotBe) {
+  const TriangleMesh mesh = surface("plane", 3);
+  EXPECT_THROW(sample_mesh(mesh, {}), Error);
+  EXPECT_THROW(sample_mesh(mesh, by_spacing(0)), Error);
+  EXPECT_THROW(sample_mesh(mesh, by_spacing(-1)), Error);
+  EXPECT_THROW(sample_mesh(mesh, by_spacing(std::nan(""))), Error);
+  EXPECT_THROW(sample_mesh(mesh, by_spacing(1e-7)), Error);
+  EXPECT_THROW(sample_mesh(mesh, by_count(0)), Error);
+  MeshSampleOptions both = by_count(10);
+  both.spacing = 0.1;
+  EXPECT_EQ(both.problems().size(), 1u);
+  EXPECT_TRUE(by_count(10).problems().empty());
+  EXPECT_THROW(sample_mesh(TriangleMesh{}, by_count(10)), Error);
+
+  TriangleMesh needle;  // Little area, but long: as many samples as the length asks for.
+  add_triangle(needle, Vec3f(0, 0, 0), Vec3f(1e6f, 0, 0), Vec3f(1e6f, 1e-6f, 0));
+  EXPECT_THROW(sample_mesh(needle, by_spacing(1e-4)), Error);
+}
+
+}  // namespace
+}  // namespace surfel
