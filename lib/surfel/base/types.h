@@ -1,7 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <memory>
+#include <cstddef>
+#include <new>
 #include <utility>
 #include <vector>
 
@@ -13,15 +14,24 @@ using Vec2d = Eigen::Vector2d;
 using Vec3d = Eigen::Vector3d;
 
 /// Allocator whose resize() leaves plain values uninitialised: an array that is filled by several
-/// threads is touched once, and its pages are spread by the threads that fill them.
+/// threads is touched once, and its pages are spread by the threads that fill them. Memory starts
+/// at a cache line, as SIMD code wants it.
 template <class T>
-class UninitializedAllocator : public std::allocator<T> {
+class UninitializedAllocator {
  public:
+  using value_type = T;
+  static constexpr std::align_val_t kAlignment{64};
+
+  UninitializedAllocator() noexcept = default;
   template <class U>
-  struct rebind {
-    using other = UninitializedAllocator<U>;
-  };
-  using std::allocator<T>::allocator;
+  explicit(false) UninitializedAllocator(const UninitializedAllocator<U>& /*other*/) noexcept {}
+
+  T* allocate(std::size_t count) {
+    if (count > static_cast<std::size_t>(-1) / 2 / sizeof(T)) throw std::bad_alloc();
+    return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
+  }
+  void deallocate(T* p, std::size_t /*count*/) noexcept { ::operator delete(p, kAlignment); }
+
   template <class U>
   void construct(U* p) noexcept {
     ::new (static_cast<void*>(p)) U;
@@ -29,6 +39,10 @@ class UninitializedAllocator : public std::allocator<T> {
   template <class U, class... Args>
   void construct(U* p, Args&&... args) {
     ::new (static_cast<void*>(p)) U(std::forward<Args>(args)...);
+  }
+  template <class U>
+  bool operator==(const UninitializedAllocator<U>& /*other*/) const noexcept {
+    return true;
   }
 };
 

@@ -66,7 +66,8 @@ Camera make_camera(const CameraOptions& options, const Bounds& scene) {
   }
   const Vec3d target = options.target.value_or(box.center());
   const bool z_up = std::abs(options.up.normalized().z()) > 0.9;
-  const Vec3d default_side = z_up ? Vec3d(0, -1, 0.5).normalized() : Vec3d(0, 0, 1);
+  const Vec3d default_side =
+      z_up ? Vec3d(0, -1, 0.36).normalized() : Vec3d(0, 0.36, 1).normalized();
   const Vec3d back = options.eye ? Vec3d(*options.eye - target) : default_side;
   if (!(back.norm() > 0)) throw_usage("eye and target are the same point");
 

@@ -29,8 +29,8 @@ struct Camera {
 
 /// What a user says of a camera; what is left out is chosen so that the whole scene is seen.
 struct CameraOptions {
-  std::optional<Vec3d> eye;     ///< Default: in front of the target (along +z of the world, or from
-                                ///< above where `up` is z), so far away that everything is seen.
+  std::optional<Vec3d> eye;     ///< Default: in front of the target (towards +z, or -y where `up`
+                                ///< is z) and 20 degrees above it, so far that all is seen.
   std::optional<Vec3d> target;  ///< Default: the centre of the scene's bounding box.
   Vec3d up{0, 1, 0};            ///< Need not be perpendicular to the view.
   double fov = 40;              ///< Vertical field of view, degrees, in (0, 180).

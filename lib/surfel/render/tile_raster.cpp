@@ -8,6 +8,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/render/tile_raster.cpp"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -54,12 +55,16 @@ class Rasterizer {
   void run() {
     // How often the tile is checked for being covered; a check costs about as much as a splat.
     constexpr std::size_t kCheckEvery = 32;
-    float covered_depth = -infinity();
+    // A tile's splats are strewn over the batch: without this, waiting for them takes half the
+    // time.
+    constexpr std::size_t kPrefetchAhead = 12;
+    float hidden = -infinity();
     for (std::size_t i = 0; i < job_.count; ++i) {
-      if (i % kCheckEvery == 0) covered_depth = covered_up_to();
+      if (i % kCheckEvery == 0) hidden = find_hidden();
+      if (i + kPrefetchAhead < job_.count) prefetch(job_.order[i + kPrefetchAhead]);
       const std::uint32_t index = job_.order[i];
       const Splat& splat = job_.splats[index];
-      if (splat.depth + splat.depth_range < covered_depth) continue;
+      if (splat.depth + splat.depth_range + splat.epsilon < hidden) continue;
       draw(splat, kNormals ? job_.normals + index : nullptr);
     }
   }
@@ -67,9 +72,14 @@ class Rasterizer {
  private:
   static float infinity() { return __builtin_inff(); }
 
-  /// Largest depth such that everything behind it is hidden in all of the tile's pixels; minus
-  /// infinity while some pixel is not covered by an opaque surface.
-  float covered_up_to() const {
+  void prefetch(std::uint32_t index) const {
+    hwy::Prefetch(job_.splats + index);
+    if constexpr (kNormals) hwy::Prefetch(job_.normals + index);
+  }
+
+  /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
+  /// none), behind which nothing is seen. Returns the least of them in the tile.
+  float find_hidden() {
     const D d;
     V least = hn::Set(d, infinity());
     for (int y = 0; y < tile_.height; ++y) {
@@ -84,6 +94,7 @@ class Rasterizer {
           const V depth = hn::Div(hn::Load(d, fragment + kDepth * kTilePixels), weight);
           hidden = hn::IfThenElse(hides, hn::Max(hidden, depth), hidden);
         }
+        hn::Store(hidden, d, hidden_ + pixel);
         // Pixels outside of the picture do not count.
         const M inside = hn::FirstN(d, static_cast<std::size_t>(tile_.width - x));
         least = hn::IfThenElse(inside, hn::Min(least, hidden), least);
@@ -141,14 +152,16 @@ class Rasterizer {
         const V column = hn::Iota(d, static_cast<float>(x));
         const V e = hn::Sub(column, middle);
         const V beta = hn::MulAdd(hn::Mul(s.k, e), e, row_beta);
-        const M inside = hn::Lt(beta, hn::Set(d, job_.cutoff));
-        if (hn::AllFalse(d, inside)) continue;
-        const V rho = hn::Mul(s.amplitude, exp_minus(hn::IfThenElseZero(inside, beta)));
         const V depth =
             hn::Min(hn::Max(hn::MulAdd(slope, column, row_depth), s.depth_lo), s.depth_hi);
-        add(splat, normal, s,
-            static_cast<std::size_t>(row) * kTileSize + static_cast<std::size_t>(x), inside, rho,
-            depth);
+        const std::size_t pixel =
+            static_cast<std::size_t>(row) * kTileSize + static_cast<std::size_t>(x);
+        // What lies within epsilon of the hiding surface may belong to it.
+        const M seen = hn::Ge(hn::Add(depth, s.epsilon), hn::Load(d, hidden_ + pixel));
+        const M inside = hn::And(seen, hn::Lt(beta, hn::Set(d, job_.cutoff)));
+        if (hn::AllFalse(d, inside)) continue;
+        const V rho = hn::Mul(s.amplitude, exp_minus(hn::IfThenElseZero(inside, beta)));
+        add(splat, normal, s, pixel, inside, rho, depth);
       }
     }
   }
@@ -219,6 +232,7 @@ class Rasterizer {
   const TileJob& job_;
   TileABuffer& tile_;
   const V full_;
+  HWY_ALIGN float hidden_[kTilePixels];
 };
 
 }  // namespace

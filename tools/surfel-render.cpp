@@ -1,0 +1,211 @@
+#include <filesystem>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/io/camera.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/image.h>
+#include <surfel/io/scene.h>
+#include <surfel/render/renderer.h>
+
+#include "tools/support/options.h"
+#include "tools/support/tool.h"
+
+namespace {
+
+enum class Shading { kPhong, kNone };
+enum class Cull { kNone, kBack };
+enum class Kernel { kAffine };
+enum class Filter { kEwa };
+
+struct Settings {
+  std::string input;
+  std::string output;
+  std::string camera_file;
+  std::string scene_file;
+  surfel::CameraOptions camera;
+  surfel::RenderOptions render;
+  int turntable = 0;
+  Shading shading = Shading::kPhong;
+  Cull cull = Cull::kNone;
+  Kernel kernel = Kernel::kAffine;
+  Filter filter = Filter::kEwa;
+  Eigen::Vector4d background{0, 0, 0, 0};
+};
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD; - = standard input)")->required();
+  app.add_option("-o,--output", s.output,
+                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
+      ->required();
+
+  app.option_defaults()->group("Camera");
+  add_vector(app, "--eye", s.camera.eye, "Eye, world coordinates; default: everything is seen");
+  add_vector(app, "--target", s.camera.target, "Point looked at; default: the scene's centre");
+  add_vector(app, "--up", s.camera.up, "Direction that is up in the picture");
+  app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)")
+      ->capture_default_str();
+  app.add_option("--ortho", s.camera.ortho,
+                 "Orthographic projection of this visible height, scene units, > 0");
+  add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
+  app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0")
+      ->capture_default_str();
+  app.add_flag("--frame-all", s.camera.frame_all,
+               "Move the eye along its line of sight until the whole scene is just seen");
+  app.add_option(
+      "--camera", s.camera_file,
+      "Camera file (TOML); its keys win over the options above; [[camera]] = one view each");
+  app.add_option("--turntable", s.turntable,
+                 "That many pictures around the target, 1..100000; 0 = one picture")
+      ->capture_default_str();
+
+  app.option_defaults()->group("Kernel and filter");
+  add_choice(app, "--kernel", s.kernel, {{"affine", Kernel::kAffine}}, "Projection of the kernel");
+  add_choice(app, "--filter", s.filter, {{"ewa", Filter::kEwa}}, "Filter");
+  app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16")
+      ->capture_default_str();
+  app.add_option("--lowpass", s.render.lowpass,
+                 "Standard deviation of the low-pass filter, pixels, 0.1..16")
+      ->capture_default_str();
+
+  app.option_defaults()->group("Visibility and coverage");
+  app.add_option("--layers", s.render.layers, "Fragments per pixel, 1..64")->capture_default_str();
+  app.add_option("--depth-epsilon", s.render.depth_epsilon,
+                 "Surfaces within this many footprints in depth are one, > 0")
+      ->capture_default_str();
+  app.add_option("--coverage-threshold", s.render.coverage_threshold,
+                 "Sum of kernels that covers a pixel, > 0; default: by the cutoff");
+  add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
+             "Leave out surfels that face away: for closed, opaque surfaces");
+
+  app.option_defaults()->group("Shading");
+  add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
+             "none shows the filtered texture itself");
+  app.add_option("--scene", s.scene_file, "Lights and materials (TOML)");
+  add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
+  app.option_defaults()->group("Options");
+}
+
+/// Fills in what the library's options hold in other types.
+void finish(Settings& s) {
+  s.render.lit = s.shading == Shading::kPhong;
+  s.render.cull_back = s.cull == Cull::kBack;
+  for (int i = 0; i < 4; ++i) s.render.background[i] = static_cast<float>(s.background[i]);
+  s.render.aovs = std::filesystem::path(s.output).extension() == ".exr";
+}
+
+void check(const Settings& s) {
+  std::vector<std::string> problems = s.camera.problems();
+  for (const std::string& p : s.render.problems()) problems.push_back(p);
+  if (s.turntable < 0 || s.turntable > 100000) {
+    problems.push_back(fmt::format("turntable is {}; it must be in 0..100000", s.turntable));
+  }
+  surfel::tool::require_valid(problems);
+}
+
+/// Name of the i-th picture: the pattern's %d or %04d replaced.
+std::string picture_name(const std::string& pattern, std::size_t i) {
+  const std::size_t percent = pattern.find('%');
+  const std::size_t d = pattern.find('d', percent);
+  const std::string width = pattern.substr(percent + 1, d - percent - 1);
+  const int digits = width.empty() ? 0 : std::stoi(width);
+  return pattern.substr(0, percent) +
+         (width.starts_with('0') ? fmt::format("{:0{}}", i, digits)
+                                 : fmt::format("{:{}}", i, digits)) +
+         pattern.substr(d + 1);
+}
+
+bool is_pattern(const std::string& name) {
+  const std::size_t percent = name.find('%');
+  if (percent == std::string::npos) return false;
+  const std::size_t end = name.find_first_not_of("0123456789", percent + 1);
+  return end != std::string::npos && end - percent <= 3 && name[end] == 'd';
+}
+
+/// The cameras to render from.
+std::vector<surfel::Camera> cameras(const Settings& s, const surfel::Bounds& scene) {
+  std::vector<surfel::CameraOptions> views{s.camera};
+  if (!s.camera_file.empty()) views = surfel::read_cameras(s.camera_file, s.camera);
+  std::vector<surfel::Camera> all;
+  for (const surfel::CameraOptions& view : views) {
+    if (s.turntable > 0) {
+      for (const surfel::Camera& c : surfel::turntable(view, scene, s.turntable)) all.push_back(c);
+    } else {
+      all.push_back(surfel::make_camera(view, scene));
+    }
+  }
+  if (all.size() > 1 && !is_pattern(s.output)) {
+    surfel::throw_usage(
+        fmt::format("--output is \"{}\" but there are {} views; give a pattern such "
+                    "as view_%04d.png",
+                    s.output, all.size()));
+  }
+  return all;
+}
+
+nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
+  nlohmann::json stages = nlohmann::json::object();
+  for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
+  return {{"ms", frame.milliseconds},
+          {"stages", stages},
+          {"encode_ms", encode_ms},
+          {"clusters", frame.clusters},
+          {"splats", frame.splats},
+          {"merged_fragments", frame.merged},
+          {"dropped_weight_share", frame.dropped_weight_share}};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  surfel::tool::Tool tool("surfel-render",
+                          "Renders surfels by screen space EWA splatting (Zwicker et al. 2001).");
+  Settings s;
+  declare_options(tool.app(), s);
+  return tool.run(argc, argv, [&] {
+    finish(s);
+    check(s);
+    const surfel::Scene scene =
+        s.scene_file.empty() ? surfel::Scene{} : surfel::read_scene(s.scene_file);
+
+    const surfel::Timer load;
+    const std::string name = s.input == "-" ? "standard input" : s.input;
+    auto cloud = std::make_unique<surfel::SurfelCloud>(surfel::read_cloud(s.input));
+    if (cloud->empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
+    if (!cloud->empty() && cloud->variance.empty() && !cloud->anisotropic()) {
+      surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
+    }
+    const surfel::RenderCloud surfels(*cloud);
+    cloud.reset();
+    const double load_ms = load.milliseconds();
+    if (const auto& d = surfels.dropped(); d.total() > 0) {
+      tool.note(
+          fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
+                      "colours that are not usable numbers)",
+                      name, d.total(), d.position, d.variance, d.color));
+    }
+
+    nlohmann::json& report = tool.report();
+    report["surfels"] = surfels.size();
+    report["dropped"] = surfels.dropped().total();
+    report["load_ms"] = load_ms;
+    report["frames"] = nlohmann::json::array();
+    const std::vector<surfel::Camera> views = cameras(s, surfels.bounds());
+    surfel::Renderer renderer(surfels, scene, s.render);
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      surfel::FrameStatistics frame;
+      const surfel::Image image = renderer.render(views[i], &frame);
+      const surfel::Timer encode;
+      surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,
+                          {.no_clobber = tool.common().no_clobber,
+                           .metadata = {{"Software", "surfel-render"}},
+                           .world_to_camera = surfel::world_to_camera_matrix(views[i])});
+      report["frames"].push_back(to_json(frame, encode.milliseconds()));
+      tool.progress("rendering", static_cast<double>(i + 1) / static_cast<double>(views.size()));
+    }
+  });
+}
