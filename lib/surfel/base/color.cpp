@@ -14,12 +14,16 @@ double encode(double linear) {
   return linear <= 0.0031308 ? linear * 12.92 : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
 }
 
-/// For every 8-bit value, the linear light where rounding passes to it from the value below.
-/// Encoding by a search in it costs no pow() and rounds exactly.
+/// For every 8-bit value, the least float of linear light that rounds to it. Encoding by a search
+/// in it costs no pow() and rounds exactly.
 const std::array<float, 256>& thresholds() {
   static const std::array<float, 256> table = [] {
     std::array<float, 256> t{};
-    for (int i = 1; i < 256; ++i) t[i] = static_cast<float>(decode((i - 0.5) / 255));
+    for (int i = 1; i < 256; ++i) {
+      const double threshold = decode((i - 0.5) / 255);
+      t[i] = static_cast<float>(threshold);
+      if (t[i] < threshold) t[i] = std::nextafter(t[i], 2.0F);
+    }
     return t;
   }();
   return table;

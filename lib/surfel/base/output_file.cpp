@@ -1,10 +1,14 @@
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
 #include <climits>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <mutex>
+#include <tuple>
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
@@ -62,6 +66,11 @@ void write_all(int descriptor, const char* data, std::size_t bytes, const std::s
   }
 }
 
+/// The name by which messages call a target.
+std::string display_name(const std::string& target) {
+  return target == "-" ? "standard output" : target;
+}
+
 /// Folder and file name of a path, the folder with its slash ("" for the current one).
 std::pair<std::string, std::string> split(const std::string& path) {
   const std::size_t slash = path.rfind('/');
@@ -69,11 +78,40 @@ std::pair<std::string, std::string> split(const std::string& path) {
   return {path.substr(0, slash + 1), path.substr(slash + 1)};
 }
 
+/// The file that a symbolic link stands for, there or not, so that the link is not replaced by it.
+std::string follow_links(const std::string& target) {
+  namespace fs = std::filesystem;
+  constexpr int kMostLinks = 40;  // As the kernel.
+  std::string path = target;
+  std::error_code error;
+  for (int i = 0; fs::is_symlink(path, error); ++i) {
+    if (i == kMostLinks) throw_io(target, "is a loop of symbolic links");
+    const fs::path link = fs::read_symlink(path, error);
+    if (error) break;
+    path = (fs::path(path).parent_path() / link).string();
+  }
+  return path;
+}
+
+/// Pattern for mkstemps() of a hidden temporary beside `path` with its extension, and the
+/// extension's length. Long names are cut: the random part must not make them too long.
+std::pair<std::string, int> temporary_pattern(const std::string& path) {
+  constexpr std::size_t kLongestStem = 64;
+  constexpr std::size_t kLongestExtension = 32;
+  const auto [folder, name] = split(path);
+  const std::size_t dot = name.rfind('.');
+  std::string extension = dot == std::string::npos || dot == 0 ? "" : name.substr(dot);
+  if (extension.size() > kLongestExtension) extension.clear();
+  const std::string stem = name.substr(0, std::min(kLongestStem, name.size() - extension.size()));
+  return {folder + "." + stem + ".XXXXXX" + extension, static_cast<int>(extension.size())};
+}
+
 }  // namespace
 
-OutputFile::OutputFile(std::string target, bool no_clobber) : target_(std::move(target)) {
+OutputFile::OutputFile(std::string target, bool no_clobber)
+    : target_(std::move(target)), no_clobber_(no_clobber) {
   std::string pattern;
-  std::size_t suffix = 0;
+  int suffix = 0;
   mode_t mode = 0;
   struct stat status {};
   const bool exists = target_ != "-" && stat(target_.c_str(), &status) == 0;
@@ -91,16 +129,14 @@ OutputFile::OutputFile(std::string target, bool no_clobber) : target_(std::move(
       }
       mode = status.st_mode & 0777;
     }
-    const auto [folder, name] = split(target_);
-    if (name.empty()) throw_io(target_, "is not a file name");
-    const std::size_t dot = name.rfind('.');
-    const std::string extension = dot == std::string::npos || dot == 0 ? "" : name.substr(dot);
-    pattern = folder + "." + name.substr(0, name.size() - extension.size()) + ".XXXXXX" + extension;
-    suffix = extension.size();
+    target_ = follow_links(target_);
+    if (split(target_).second.empty()) throw_io(target_, "is not a file name");
+    std::tie(pattern, suffix) = temporary_pattern(target_);
   }
-  descriptor_ = mkstemps(pattern.data(), static_cast<int>(suffix));
+  descriptor_ = mkstemps(pattern.data(), suffix);
   if (descriptor_ < 0) {
-    throw_io(target_, "cannot be created: " + cause() + "; is the folder there and writable?");
+    throw_io(display_name(target_),
+             "cannot be created: " + cause() + "; is the folder there and writable?");
   }
   temporary_ = pattern;
   remember(temporary_);
@@ -119,7 +155,7 @@ OutputFile::~OutputFile() {
 }
 
 void OutputFile::write(const void* data, std::size_t bytes) {
-  write_all(descriptor_, static_cast<const char*>(data), bytes, target_);
+  write_all(descriptor_, static_cast<const char*>(data), bytes, display_name(target_));
 }
 
 void OutputFile::commit() {
@@ -129,15 +165,24 @@ void OutputFile::commit() {
   } else {
     const int closed = close(descriptor_);
     descriptor_ = -1;
-    if (closed != 0 || rename(temporary_.c_str(), target_.c_str()) != 0) {
-      throw_io(target_, "cannot be written: " + cause());
-    }
+    if (closed != 0 || !rename_to_target()) throw_io(target_, "cannot be written: " + cause());
   }
   committed_ = true;
 }
 
+bool OutputFile::rename_to_target() const {
+  const char* from = temporary_.c_str();
+  const char* to = target_.c_str();
+  if (no_clobber_) {
+    // The file may have come into being since the constructor looked.
+    if (renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE) == 0) return true;
+    if (errno != EINVAL && errno != ENOSYS) return false;  // Else: not known to this file system.
+  }
+  return rename(from, to) == 0;
+}
+
 void OutputFile::copy_to_target() const {
-  const std::string name = target_ == "-" ? "standard output" : target_;
+  const std::string name = display_name(target_);
   const Descriptor in{open(temporary_.c_str(), O_RDONLY | O_CLOEXEC)};
   const Descriptor out{target_ == "-" ? dup(STDOUT_FILENO)
                                       : open(target_.c_str(), O_WRONLY | O_CLOEXEC)};

@@ -9,8 +9,9 @@ namespace surfel {
 
 /// A file that appears whole or not at all: written to a temporary beside the target and renamed by
 /// commit(). Destroyed without commit() (an exception, an interrupted run) it leaves no trace, and
-/// an older file of that name stays as it was. "-" (standard output) and targets that are no
-/// regular files (pipes, devices) are written to on commit().
+/// an older file of that name stays as it was, and keeps its permissions when replaced. A symbolic
+/// link stays one: the file that it stands for is replaced. "-" (standard output) and targets that
+/// are no regular files (pipes, devices) are written to on commit().
 class SURFEL_API OutputFile {
  public:
   /// Creates the temporary. Throws Error(kIo) naming file and cause: the folder does not exist, the
@@ -32,11 +33,13 @@ class SURFEL_API OutputFile {
   void commit();
 
  private:
+  bool rename_to_target() const;
   void copy_to_target() const;
 
   std::string target_;
   std::string temporary_;
   int descriptor_ = -1;
+  bool no_clobber_ = false;
   bool copied_ = false;  ///< The target cannot be renamed to: commit() copies.
   bool committed_ = false;
 };

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <limits>
+#include <memory>
 #include <mutex>
 #include <thread>
 
@@ -33,6 +35,8 @@ void throw_if_interrupted() {
 }
 
 /// One loop's shared state; workers take the next range until none is left or one has failed.
+/// Ranges are taken in ascending order, so that every range below a failed one has been started:
+/// the failure of the lowest is the one that a single thread would have met.
 struct Loop {
   std::size_t count;
   std::size_t grain;
@@ -40,34 +44,42 @@ struct Loop {
   std::atomic<std::size_t> next{0};
   std::atomic<bool> failed{false};
   std::exception_ptr error{};
+  std::size_t error_begin = std::numeric_limits<std::size_t>::max();
   std::mutex error_mutex{};
 
   void run_worker(int worker) {
     SURFEL_HAPPENS_AFTER(this);
     const bool outer = t_inside_loop;
     t_inside_loop = true;
-    try {
-      while (!failed.load(std::memory_order_relaxed)) {
-        const std::size_t begin = next.fetch_add(grain, std::memory_order_relaxed);
-        if (begin >= count) break;
+    while (!failed.load(std::memory_order_relaxed)) {
+      const std::size_t begin = next.fetch_add(grain, std::memory_order_relaxed);
+      if (begin >= count) break;
+      try {
         throw_if_interrupted();
         body(begin, std::min(count, begin + grain), worker);
+      } catch (...) {
+        fail(begin);
       }
-    } catch (...) {
-      const std::lock_guard lock(error_mutex);
-      if (!error) error = std::current_exception();
-      failed.store(true, std::memory_order_relaxed);
     }
     t_inside_loop = outer;
     SURFEL_HAPPENS_BEFORE(&failed);
   }
+
+  void fail(std::size_t begin) {
+    const std::lock_guard lock(error_mutex);
+    if (begin < error_begin) {
+      error = std::current_exception();
+      error_begin = begin;
+    }
+    failed.store(true, std::memory_order_relaxed);
+  }
 };
 
 /// The arena is kept from loop to loop: a turntable runs thousands of short ones. It is made anew
-/// when the number of threads changes.
-tbb::task_arena& arena(int threads) {
+/// when the number of threads changes; a loop that still runs in the old one keeps it alive.
+std::shared_ptr<tbb::task_arena> arena(int threads) {
   static std::mutex mutex;
-  static std::unique_ptr<tbb::task_arena> current;
+  static std::shared_ptr<tbb::task_arena> current;
   static std::unique_ptr<tbb::global_control> limit;
   static int current_threads = 0;
   const std::lock_guard lock(mutex);
@@ -76,10 +88,10 @@ tbb::task_arena& arena(int threads) {
     limit =
         std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                               static_cast<std::size_t>(std::max(threads, cores())));
-    current = std::make_unique<tbb::task_arena>(threads);
+    current = std::make_shared<tbb::task_arena>(threads);
     current_threads = threads;
   }
-  return *current;
+  return current;
 }
 
 }  // namespace
@@ -114,7 +126,7 @@ void parallel_for(std::size_t count, std::size_t grain,
   }
   Loop loop{count, grain, body};
   SURFEL_HAPPENS_BEFORE(&loop);
-  arena(thread_count()).execute([&] {
+  arena(thread_count())->execute([&] {
     tbb::task_group group;
     for (int worker = 1; worker < threads; ++worker) {
       group.run([&loop, worker] { loop.run_worker(worker); });

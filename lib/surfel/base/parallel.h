@@ -22,8 +22,9 @@ SURFEL_API bool interrupt_requested() noexcept;
 /// last may be shorter). The ranges depend on `count` and `grain` alone, never on the number of
 /// threads, so that a sum per range, added up in the order of the ranges, is the same on every run.
 /// `worker` is in [0, thread_count()) and no two running calls share it: index scratch memory by
-/// it, not results. An exception of the body is passed on once all workers have stopped. A loop
-/// inside a loop's body runs on the calling thread alone, as worker 0.
+/// it, not results. An exception of the body stops the loop and is passed on once all workers have
+/// stopped; of several, that of the lowest range. A loop inside a loop's body runs on the calling
+/// thread alone, as worker 0.
 SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);

@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <vector>
 
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
 
@@ -23,6 +25,9 @@ std::size_t digit(std::uint64_t key, int shift) { return (key >> shift) & (kBuck
 
 Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
   const std::size_t n = keys.size();
+  if (n > std::numeric_limits<std::uint32_t>::max()) {
+    throw_input("", "more than 4294967295 elements cannot be ordered; split the cloud");
+  }
   Array<Item> items(n);
   Array<Item> other(n);
   const std::size_t grain = std::max<std::size_t>(1 << 14, n / 64 + 1);

@@ -76,9 +76,11 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
     ExtraProperty to{property.name, property.type, {}};
     const std::size_t bytes = scalar_size(property.type);
     to.data.resize(order.size() * bytes);
-    for (std::size_t i = 0; i < order.size(); ++i) {
-      std::memcpy(to.data.data() + i * bytes, property.data.data() + order[i] * bytes, bytes);
-    }
+    parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        std::memcpy(to.data.data() + i * bytes, property.data.data() + order[i] * bytes, bytes);
+      }
+    });
     out.extra.push_back(std::move(to));
   }
   return out;

@@ -23,9 +23,9 @@ constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint3
   return spread(x) | spread(y) << 1 | spread(z) << 2;
 }
 
-/// Order of points along a Morton curve through the cube around `box` (2^21 cells a side). Points
-/// that are not finite come last. Points in one cell are ordered by position, then index, so that a
-/// shuffled cloud gives the same sequence of points.
+/// Order of points along a Morton curve through the cube around the finite ones (2^21 cells a
+/// side). Points that are not finite come last, by index. Points in one cell are ordered by
+/// position, then index, so that a shuffled cloud gives the same sequence of points.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
 
 }  // namespace surfel

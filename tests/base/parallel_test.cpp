@@ -1,0 +1,169 @@
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+
+namespace surfel {
+namespace {
+
+/// The number of threads is the process's; each test leaves it as it was.
+class ParallelFor : public testing::TestWithParam<int> {
+ protected:
+  void SetUp() override { set_thread_count(GetParam()); }
+  void TearDown() override { set_thread_count(0); }
+};
+
+TEST_P(ParallelFor, CoversEveryIndexOnceInFixedRanges) {
+  for (const std::size_t count : {0, 1, 2, 63, 64, 65, 1000, 12345}) {
+    for (const std::size_t grain : {0, 1, 7, 64, 100000}) {
+      const std::size_t step = std::max<std::size_t>(1, grain);
+      std::vector<int> visits(count, 0);
+      parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {
+        EXPECT_EQ(begin % step, 0);
+        EXPECT_EQ(end, std::min(count, begin + step));
+        for (std::size_t i = begin; i < end; ++i) ++visits[i];
+      });
+      EXPECT_EQ(visits, std::vector<int>(count, 1)) << count << " by " << grain;
+    }
+  }
+}
+
+TEST_P(ParallelFor, NoTwoRunningCallsShareAWorker) {
+  std::vector<std::atomic<int>> running(static_cast<std::size_t>(GetParam()));
+  std::atomic<bool> shared{false};
+  parallel_for(20000, 1, [&](std::size_t, std::size_t, int worker) {
+    ASSERT_GE(worker, 0);
+    ASSERT_LT(worker, GetParam());
+    if (running[worker].fetch_add(1) != 0) shared = true;
+    running[worker].fetch_sub(1);
+  });
+  EXPECT_FALSE(shared);
+}
+
+TEST_P(ParallelFor, ScratchByWorkerNeedsNoLock) {
+  // Plain memory, written by one worker at a time: a race here is what the thread sanitizer sees.
+  std::vector<std::vector<int>> scratch(static_cast<std::size_t>(GetParam()));
+  for (int repeat = 0; repeat < 50; ++repeat) {
+    parallel_for(1000, 10, [&](std::size_t begin, std::size_t, int worker) {
+      scratch[worker].push_back(static_cast<int>(begin));
+    });
+  }
+  std::size_t sum = 0;
+  for (const auto& s : scratch) sum += s.size();
+  EXPECT_EQ(sum, 50 * 100);
+}
+
+TEST_P(ParallelFor, SumPerRangeIsTheSameForAnyThreads) {
+  const auto sum = [] {
+    constexpr std::size_t kGrain = 1000;
+    std::vector<double> partial(100);
+    parallel_for(100 * kGrain, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      double s = 0;
+      for (std::size_t i = begin; i < end; ++i) s += random_uniform(1, i);
+      partial[begin / kGrain] = s;
+    });
+    double total = 0;
+    for (const double s : partial) total += s;
+    return total;
+  };
+  const double with_threads = sum();
+  set_thread_count(1);
+  EXPECT_EQ(with_threads, sum());
+}
+
+TEST_P(ParallelFor, PassesOnTheFailureOfTheLowestRange) {
+  for (int repeat = 0; repeat < 20; ++repeat) {
+    std::atomic<int> calls{0};
+    try {
+      parallel_for(10000, 10, [&](std::size_t begin, std::size_t, int) {
+        ++calls;
+        if (begin >= 300) throw std::runtime_error(std::to_string(begin));
+      });
+      FAIL() << "nothing was thrown";
+    } catch (const std::runtime_error& error) {
+      EXPECT_STREQ(error.what(), "300");
+    }
+    EXPECT_LE(calls, 30 + GetParam());  // The loop stops: each worker fails at most once.
+  }
+}
+
+TEST_P(ParallelFor, WorksAgainAfterAFailure) {
+  EXPECT_THROW(parallel_for(100, 1, [](std::size_t, std::size_t, int) { throw_input("", "x"); }),
+               Error);
+  std::atomic<int> calls{0};
+  parallel_for(100, 1, [&](std::size_t, std::size_t, int) { ++calls; });
+  EXPECT_EQ(calls, 100);
+}
+
+TEST_P(ParallelFor, InnerLoopRunsOnTheCallersThread) {
+  std::atomic<int> elsewhere{0};
+  std::vector<int> visits(100 * 50, 0);
+  parallel_for(100, 1, [&](std::size_t outer, std::size_t, int) {
+    const auto thread = std::this_thread::get_id();
+    parallel_for(50, 1, [&](std::size_t inner, std::size_t, int worker) {
+      if (worker != 0 || std::this_thread::get_id() != thread) ++elsewhere;
+      ++visits[outer * 50 + inner];
+    });
+  });
+  EXPECT_EQ(elsewhere, 0);
+  EXPECT_EQ(visits, std::vector<int>(100 * 50, 1));
+}
+
+TEST_P(ParallelFor, TwoCallersAtOnceEachGetTheirOwnLoop) {
+  const auto count = [](std::vector<int>& visits) {
+    for (int repeat = 0; repeat < 20; ++repeat) {
+      parallel_for(visits.size(), 16, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t i = begin; i < end; ++i) ++visits[i];
+      });
+    }
+  };
+  std::vector<int> a(5000, 0);
+  std::vector<int> b(5000, 0);
+  std::thread other([&] { count(a); });
+  count(b);
+  other.join();
+  EXPECT_EQ(a, std::vector<int>(5000, 20));
+  EXPECT_EQ(b, std::vector<int>(5000, 20));
+}
+
+INSTANTIATE_TEST_SUITE_P(Threads, ParallelFor, testing::Values(1, 2, 5, 16));
+
+TEST(ThreadCount, ZeroAndLessMeanOnePerCore) {
+  set_thread_count(3);
+  EXPECT_EQ(thread_count(), 3);
+  set_thread_count(-1);
+  const int automatic = thread_count();
+  EXPECT_GE(automatic, 1);
+  set_thread_count(0);
+  EXPECT_EQ(thread_count(), automatic);
+}
+
+TEST(Interrupt, StopsRunningLoopsWithAnError) {
+  // There is no way back from an interruption, so it happens in a process of its own.
+  const auto interrupted = [](int threads) {
+    set_thread_count(threads);
+    std::atomic<int> calls{0};
+    try {
+      parallel_for(100000, 1, [&](std::size_t begin, std::size_t, int) {
+        ++calls;
+        if (begin == 10) request_interrupt();
+      });
+    } catch (const Error& error) {
+      std::exit(error.kind() == ErrorKind::kInterrupted && calls < 1000 ? 0 : 2);
+    }
+    std::exit(3);
+  };
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(interrupted(1), testing::ExitedWithCode(0), "");
+  EXPECT_EXIT(interrupted(4), testing::ExitedWithCode(0), "");
+}
+
+}  // namespace
+}  // namespace surfel
