@@ -1,0 +1,110 @@
+#pragma once
+
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+/// A named scalar in every record of a table.
+struct RecordColumn {
+  std::string name;
+  ScalarType type = ScalarType::kFloat32;
+  std::size_t offset = 0;  ///< Bytes from the record's start; need not be aligned.
+};
+
+/// Records of equal size, one after the other, as PLY and PCD store them: a view, it owns nothing.
+/// Internal to the io module.
+struct RecordTable {
+  const std::byte* data = nullptr;
+  std::size_t count = 0;
+  std::size_t stride = 0;  ///< Bytes from one record to the next.
+  bool swapped = false;    ///< Values are in the other byte order than this machine's.
+  std::vector<RecordColumn> columns;
+
+  const RecordColumn* find(std::string_view name) const {
+    for (const RecordColumn& column : columns) {
+      if (column.name == name) return &column;
+    }
+    return nullptr;
+  }
+};
+
+/// "uchar", "float" and so on: PLY's names.
+constexpr const char* scalar_name(ScalarType type) {
+  constexpr const char* kNames[] = {"char", "uchar", "short", "ushort",
+                                    "int",  "uint",  "float", "double"};
+  return kNames[static_cast<std::size_t>(type)];
+}
+
+/// Calls visit(T{}) with the C++ type, so that a loop is specialised once per column, not per
+/// value.
+template <class Visit>
+decltype(auto) visit_type(ScalarType type, Visit&& visit) {
+  switch (type) {
+    case ScalarType::kInt8:
+      return visit(std::int8_t{});
+    case ScalarType::kUint8:
+      return visit(std::uint8_t{});
+    case ScalarType::kInt16:
+      return visit(std::int16_t{});
+    case ScalarType::kUint16:
+      return visit(std::uint16_t{});
+    case ScalarType::kInt32:
+      return visit(std::int32_t{});
+    case ScalarType::kUint32:
+      return visit(std::uint32_t{});
+    case ScalarType::kFloat32:
+      return visit(float{});
+    case ScalarType::kFloat64:
+      break;
+  }
+  return visit(double{});
+}
+
+/// The value at an address of any alignment, its bytes reversed if `kSwapped`.
+template <class T, bool kSwapped>
+T load_scalar(const std::byte* from) {
+  if constexpr (!kSwapped || sizeof(T) == 1) {
+    T value;
+    std::memcpy(&value, from, sizeof(T));
+    return value;
+  } else {
+    using Bits =
+        std::conditional_t<sizeof(T) == 2, std::uint16_t,
+                           std::conditional_t<sizeof(T) == 4, std::uint32_t, std::uint64_t>>;
+    Bits bits;
+    std::memcpy(&bits, from, sizeof(T));
+    if constexpr (sizeof(T) == 2) bits = __builtin_bswap16(bits);
+    if constexpr (sizeof(T) == 4) bits = __builtin_bswap32(bits);
+    if constexpr (sizeof(T) == 8) bits = __builtin_bswap64(bits);
+    return std::bit_cast<T>(bits);
+  }
+}
+
+/// Can `value` be stored in To without becoming another number? Rounding to float is allowed.
+template <class To, class From>
+bool representable(From value) {
+  if constexpr (std::is_floating_point_v<To>) {
+    return true;
+  } else if constexpr (std::is_floating_point_v<From>) {
+    // One past the largest, which is a power of two, is exact in every floating type.
+    constexpr double kEnd = 2.0 * static_cast<double>(std::numeric_limits<To>::max() / 2 + 1);
+    return value >= static_cast<double>(std::numeric_limits<To>::min()) &&
+           static_cast<double>(value) < kEnd && value == std::trunc(value);
+  } else {
+    return static_cast<std::int64_t>(value) >= std::int64_t{std::numeric_limits<To>::min()} &&
+           static_cast<std::int64_t>(value) <= std::int64_t{std::numeric_limits<To>::max()};
+  }
+}
+
+}  // namespace surfel
