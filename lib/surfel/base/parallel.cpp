@@ -5,21 +5,13 @@
 #include <memory>
 #include <mutex>
 #include <thread>
+#include <vector>
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
-
-#ifdef SURFEL_TSAN
-#include <sanitizer/tsan_interface.h>
-#define SURFEL_HAPPENS_BEFORE(address) __tsan_release(address)
-#define SURFEL_HAPPENS_AFTER(address) __tsan_acquire(address)
-#else
-#define SURFEL_HAPPENS_BEFORE(address) static_cast<void>(address)
-#define SURFEL_HAPPENS_AFTER(address) static_cast<void>(address)
-#endif
 
 namespace surfel {
 namespace {
@@ -48,7 +40,6 @@ struct Loop {
   std::mutex error_mutex{};
 
   void run_worker(int worker) {
-    SURFEL_HAPPENS_AFTER(this);
     const bool outer = t_inside_loop;
     t_inside_loop = true;
     while (!failed.load(std::memory_order_relaxed)) {
@@ -62,7 +53,6 @@ struct Loop {
       }
     }
     t_inside_loop = outer;
-    SURFEL_HAPPENS_BEFORE(&failed);
   }
 
   void fail(std::size_t begin) {
@@ -74,6 +64,21 @@ struct Loop {
     failed.store(true, std::memory_order_relaxed);
   }
 };
+
+#ifdef SURFEL_TSAN
+
+/// oneTBB's library is not instrumented, and the thread sanitizer would report its own accesses;
+/// with plain threads it sees what matters, the bodies of the loops.
+void run_workers(Loop& loop, int workers) {
+  std::vector<std::thread> threads;
+  for (int worker = 1; worker < workers; ++worker) {
+    threads.emplace_back([&loop, worker] { loop.run_worker(worker); });
+  }
+  loop.run_worker(0);
+  for (std::thread& thread : threads) thread.join();
+}
+
+#else
 
 /// The arena is kept from loop to loop: a turntable runs thousands of short ones. It is made anew
 /// when the number of threads changes; a loop that still runs in the old one keeps it alive.
@@ -93,6 +98,19 @@ std::shared_ptr<tbb::task_arena> arena(int threads) {
   }
   return current;
 }
+
+void run_workers(Loop& loop, int workers) {
+  arena(thread_count())->execute([&] {
+    tbb::task_group group;
+    for (int worker = 1; worker < workers; ++worker) {
+      group.run([&loop, worker] { loop.run_worker(worker); });
+    }
+    loop.run_worker(0);
+    group.wait();
+  });
+}
+
+#endif
 
 }  // namespace
 
@@ -125,16 +143,7 @@ void parallel_for(std::size_t count, std::size_t grain,
     return;
   }
   Loop loop{count, grain, body};
-  SURFEL_HAPPENS_BEFORE(&loop);
-  arena(thread_count())->execute([&] {
-    tbb::task_group group;
-    for (int worker = 1; worker < threads; ++worker) {
-      group.run([&loop, worker] { loop.run_worker(worker); });
-    }
-    loop.run_worker(0);
-    group.wait();
-  });
-  SURFEL_HAPPENS_AFTER(&loop.failed);
+  run_workers(loop, threads);
   if (loop.error) std::rethrow_exception(loop.error);
 }
 
