@@ -1,0 +1,263 @@
+// Zwicker, Pfister, van Baar, Gross 2001, "Surface Splatting", section 5.
+
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include <surfel/base/parallel.h>
+#include <surfel/texture/ewa_fit.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::uint32_t kNoChart = std::numeric_limits<std::uint32_t>::max();
+constexpr std::size_t kGrain = 1 << 12;
+
+/// A chart whose box has more texels than this many images, or than kMaxBox, is not masked: where
+/// an image is repeated so often, what lies beyond the border is the image again.
+constexpr double kMaxRepetitions = 4;
+constexpr double kMinBox = 1 << 16;
+constexpr double kMaxBox = 1 << 28;
+
+/// Charts with more texels are worked on by all threads together, smaller ones by one thread each.
+constexpr std::size_t kSharedTexels = 1 << 18;
+
+/// A chart in use: its box of texels and its surfels, order[begin] ... order[end - 1].
+struct ChartTask {
+  std::uint32_t chart;
+  CoverageRaster raster;
+  std::size_t begin;
+  std::size_t end;
+  bool shared() const {
+    return static_cast<std::size_t>(raster.width) * raster.height > kSharedTexels;
+  }
+};
+
+class EwaFit {
+ public:
+  EwaFit(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
+         TextureFitReport& report)
+      : cloud_(cloud), textures_(textures), options_(options), report_(report) {}
+
+  void run() {
+    Timer timer;
+    const bool alpha = std::any_of(textures_.maps.begin(), textures_.maps.end(),
+                                   [](const TextureMap& map) { return map.has_alpha(); });
+    report_.alpha = alpha;
+    survey();
+    const std::vector<ChartTask> tasks = plan_charts();
+    report_.times.add("charts", timer.milliseconds());
+
+    timer.restart();
+    build_maps();
+    report_.times.add("pyramid", timer.milliseconds());
+
+    timer.restart();
+    cloud_.coefficient.resize(cloud_.size());
+    if (alpha) cloud_.alpha.resize(cloud_.size());
+    fit_unmasked();
+    fit_charts(tasks);
+    cloud_.basis_cutoff.reset();
+    report_.outside_charts += unreached_;
+    report_.times.add("filter", timer.milliseconds());
+  }
+
+ private:
+  std::size_t map_index(std::size_t k) const {
+    return textures_.maps.size() == 1 ? 0 : cloud_.material[k];
+  }
+  const TextureMap& map_of(std::size_t k) const { return textures_.maps[map_index(k)]; }
+
+  /// Variance of the reconstruction kernel alone.
+  Eigen::Matrix2d reconstruction() const {
+    return options_.reconstruction * options_.reconstruction * Eigen::Matrix2d::Identity();
+  }
+
+  struct Footprint {
+    TexelKernel kernel;
+    bool point = false;    ///< The surfel's own kernel is not usable.
+    bool widened = false;  ///< Its aspect was limited.
+  };
+
+  /// The surfel's uv must be finite.
+  Footprint footprint(std::size_t k) const {
+    const TextureMap& map = map_of(k);
+    Footprint result;
+    result.kernel.center = map.texel(cloud_.uv[k]);
+    result.kernel.variance = reconstruction();
+    if (auto variance = texture_space_variance(cloud_, k, map.width(), map.height())) {
+      result.kernel.variance += *variance;
+      result.widened = limit_kernel(result.kernel.variance, {.max_aspect = options_.max_aspect});
+    } else {
+      result.point = true;
+    }
+    return result;
+  }
+
+  /// Finds the chart and the pyramid level of every surfel, and counts what is unusual.
+  void survey() {
+    level_.resize(cloud_.size());
+    if (textures_.charts) chart_.assign(cloud_.size(), kNoChart);
+    std::atomic<std::size_t> without_uv{0};
+    std::atomic<std::size_t> without_kernel{0};
+    std::atomic<std::size_t> widened{0};
+    std::atomic<std::size_t> outside{0};
+    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t k = begin; k < end; ++k) {
+        level_[k] = 0;
+        if (!cloud_.uv[k].allFinite()) {
+          ++without_uv;
+          continue;
+        }
+        const Footprint place = footprint(k);
+        if (place.point) ++without_kernel;
+        if (place.widened) ++widened;
+        if (!options_.exact) level_[k] = level_for(place.kernel);
+        if (textures_.charts && !find_chart(k)) ++outside;
+      }
+    });
+    report_.without_uv = without_uv;
+    report_.without_kernel = without_kernel;
+    report_.widened = widened;
+    report_.outside_charts = outside;
+  }
+
+  static std::uint8_t level_for(const TexelKernel& kernel) {
+    return static_cast<std::uint8_t>(
+        GaussianPyramid::level_for(principal_variances(kernel.variance).minor));
+  }
+
+  /// A surfel at the border of its face may have been rounded out of it by a little.
+  bool find_chart(std::size_t k) {
+    const TextureMap& map = map_of(k);
+    const Vec2f texel(1.0F / static_cast<float>(map.width()),
+                      1.0F / static_cast<float>(map.height()));
+    const std::optional<std::uint16_t> material =
+        cloud_.material.empty() ? std::nullopt : std::optional(cloud_.material[k]);
+    const Vec3d position = cloud_.world(k);
+    auto chart = textures_.charts->find(cloud_.uv[k], position, material, texel / 4);
+    if (!chart) chart = textures_.charts->find(cloud_.uv[k], position, material, 2 * texel);
+    chart_[k] = chart.value_or(kNoChart);
+    return chart.has_value();
+  }
+
+  /// Groups surfels by chart. Those of charts that are too large lose theirs.
+  std::vector<ChartTask> plan_charts() {
+    std::vector<ChartTask> tasks;
+    if (!textures_.charts) return tasks;
+    report_.charts = textures_.charts->count();
+    std::vector<std::size_t> begin(textures_.charts->count() + 1, 0);
+    for (const std::uint32_t chart : chart_) {
+      if (chart != kNoChart) ++begin[chart + 1];
+    }
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    order_.resize(begin.back());
+    std::vector<std::size_t> next(begin.begin(), begin.end() - 1);
+    for (std::size_t k = 0; k < chart_.size(); ++k) {
+      if (chart_[k] != kNoChart) order_[next[chart_[k]]++] = static_cast<std::uint32_t>(k);
+    }
+    for (std::uint32_t chart = 0; chart + 1 < begin.size(); ++chart) {
+      if (begin[chart] == begin[chart + 1]) continue;
+      const TextureMap& map = map_of(order_[begin[chart]]);
+      const double limit =
+          std::min(kMaxBox, std::max(kMinBox, kMaxRepetitions * map.width() * map.height()));
+      auto box = coverage_box(textures_.charts->triangles(chart), map.width(), map.height(), limit);
+      if (box) {
+        tasks.push_back({chart, std::move(*box), begin[chart], begin[chart + 1]});
+        continue;
+      }
+      ++report_.charts_too_large;
+      for (std::size_t i = begin[chart]; i < begin[chart + 1]; ++i) chart_[order_[i]] = kNoChart;
+    }
+    return tasks;
+  }
+
+  bool unmasked(std::size_t k) const { return chart_.empty() || chart_[k] == kNoChart; }
+
+  void build_maps() {
+    std::vector<int> level(textures_.maps.size(), 0);
+    for (std::size_t k = 0; k < cloud_.size(); ++k) {
+      report_.levels = std::max(report_.levels, level_[k] + 1);
+      if (unmasked(k)) level[map_index(k)] = std::max<int>(level[map_index(k)], level_[k]);
+    }
+    for (std::size_t m = 0; m < level.size(); ++m) textures_.maps[m].build(level[m]);
+  }
+
+  void store(std::size_t k, const TextureSample& sample) {
+    cloud_.coefficient[k] = sample.color;
+    if (report_.alpha) cloud_.alpha[k] = sample.alpha;
+  }
+
+  void fit_unmasked() {
+    std::vector<TextureSample> means;
+    if (report_.without_uv > 0) {
+      for (const TextureMap& map : textures_.maps) means.push_back(map.mean());
+    }
+    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t k = begin; k < end; ++k) {
+        if (!unmasked(k)) continue;
+        const bool placed = cloud_.uv[k].allFinite();
+        store(k, placed ? map_of(k).sample(footprint(k).kernel) : means[map_index(k)]);
+      }
+    });
+  }
+
+  void fit_charts(const std::vector<ChartTask>& tasks) {
+    std::vector<const ChartTask*> alone;
+    for (const ChartTask& task : tasks) {
+      if (task.shared()) {
+        fit_chart(task);
+      } else {
+        alone.push_back(&task);
+      }
+    }
+    parallel_for(alone.size(), 4, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) fit_chart(*alone[i]);
+    });
+  }
+
+  void fit_chart(const ChartTask& task) {
+    const TextureMap& map = map_of(order_[task.begin]);
+    CoverageRaster raster = task.raster;
+    rasterize_coverage(textures_.charts->triangles(task.chart), map.width(), map.height(), raster);
+    ChartTexture texture(map, raster);
+    int level = 0;
+    for (std::size_t i = task.begin; i < task.end; ++i) {
+      level = std::max<int>(level, level_[order_[i]]);
+    }
+    texture.build(level);
+    parallel_for(task.end - task.begin, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = task.begin + begin; i < task.begin + end; ++i) {
+        const std::size_t k = order_[i];
+        const TexelKernel kernel = footprint(k).kernel;
+        std::optional<TextureSample> sample = texture.sample(kernel);
+        if (!sample) {
+          ++unreached_;
+          sample = map.sample({kernel.center, reconstruction()});
+        }
+        store(k, *sample);
+      }
+    });
+  }
+
+  SurfelCloud& cloud_;
+  TextureSet& textures_;
+  const TextureFitOptions& options_;
+  TextureFitReport& report_;
+  Array<std::uint8_t> level_;   ///< Pyramid level per surfel.
+  Array<std::uint32_t> chart_;  ///< Chart per surfel, or empty.
+  Array<std::uint32_t> order_;  ///< Surfels that have a chart, by chart.
+  std::atomic<std::size_t> unreached_{0};
+};
+
+}  // namespace
+
+void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
+             TextureFitReport& report) {
+  EwaFit(cloud, textures, options, report).run();
+}
+
+}  // namespace surfel

@@ -1,0 +1,16 @@
+#pragma once
+
+#include <surfel/cloud/cloud.h>
+#include <surfel/texture/texture_fit.h>
+
+namespace surfel {
+
+/// View-independent EWA [SS01 section 5]: w_k = sum_i c_i g_i / sum_i g_i over the texels i, with
+/// g = G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image, n being the reconstruction
+/// kernel's standard deviation. It is what (11) gives where the basis is taken as orthonormal. The
+/// columns are those that fit_texture() has checked. Builds the maps' pyramids as far as needed.
+/// The same for any number of threads.
+void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
+             TextureFitReport& report);
+
+}  // namespace surfel

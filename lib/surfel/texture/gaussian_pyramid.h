@@ -1,0 +1,84 @@
+#pragma once
+
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/texture/texel_kernel.h>
+
+namespace surfel {
+
+/// What lies beyond the borders of an image.
+enum class WrapMode {
+  kRepeat,   ///< The image again.
+  kMirror,   ///< The image mirrored at each border.
+  kClamp,    ///< The border texels, without end.
+  kNothing,  ///< Nothing: no colour and no weight.
+};
+
+/// Texels of a level along one axis: texel i, of `count` from `first` on, has its centre at
+/// (i + 1/2) pitch.
+struct TexelAxis {
+  int first = 0;
+  int count = 0;
+  double pitch = 1;  ///< Texels of the image.
+};
+
+/// Where texel i is stored, counted from `first`; -1 if there is none.
+int stored_offset(int i, const TexelAxis& axis, WrapMode wrap);
+
+/// Four floats a texel (R, G, B, weight, all premultiplied by the weight), row by row.
+struct PyramidLevel {
+  TexelAxis x;
+  TexelAxis y;
+  Array<float> texels;
+
+  const float* row(int offset) const {
+    return texels.data() + static_cast<std::size_t>(offset) * x.count * 4;
+  }
+};
+
+/// Sums of texels under a Gaussian kernel, at a cost that does not grow with the kernel.
+///
+/// Level l holds the image convolved with a Gaussian of variance kPrefilter pitch^2 along each
+/// axis, sampled every `pitch` texels (2^l; a little less where a size is not a power of two, so
+/// that the image stays a whole number of texels and wraps). A kernel of variance M is evaluated on
+/// the coarsest level that leaves its minor axis at least kResidual, with variance
+/// M - kPrefilter pitch^2: Gaussians convolve to Gaussians, so only the sampling between them costs
+/// accuracy. A sine wave of frequency f per level texel aliases by
+/// exp(-2 pi^2 [kPrefilter (1 - f)^2 + kResidual f^2]), which is at most
+/// exp(-2 pi^2 kPrefilter kResidual / (kPrefilter + kResidual)) = 1.0e-3 of its amplitude.
+class SURFEL_API GaussianPyramid {
+ public:
+  static constexpr double kPrefilter = 0.7;
+  static constexpr double kResidual = 0.7;
+  /// Texels where the kernel's exponent exceeds this are left out: exp(-10) = 4.5e-5 of the peak,
+  /// and as much of the volume, so that no sum is off by more than 5e-5 of the image's range.
+  static constexpr double kExponentCutoff = 10;
+
+  /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
+  GaussianPyramid(PyramidLevel image, WrapMode wrap);
+
+  /// The level that a kernel whose smaller principal variance is `minor` texel^2 belongs on.
+  static int level_for(double minor);
+  /// Builds the levels up to `level`, or up to a single texel. In parallel.
+  void build(int level);
+
+  /// Sum over the texels of kernel times texel, the kernel's peak being 1 at its centre.
+  /// Kernels that need a level that was not built are summed over the coarsest there is.
+  struct Sum {
+    Eigen::Array4d texels{0, 0, 0, 0};  ///< Of R, G, B, weight.
+    double kernel = 0;                  ///< Of the kernel, over the texels that exist.
+  };
+  Sum filter(const TexelKernel& kernel) const;
+
+  const PyramidLevel& image() const { return levels_.front(); }
+  int level_count() const { return static_cast<int>(levels_.size()); }
+  WrapMode wrap() const { return wrap_; }
+
+ private:
+  WrapMode wrap_;
+  std::vector<PyramidLevel> levels_;
+};
+
+}  // namespace surfel

@@ -1,0 +1,81 @@
+// Zwicker, Pfister, van Baar, Gross 2001, "Surface Splatting", section 5.
+// Heckbert 1989, "Fundamentals of Texture Mapping and Image Warping" (limit of the eccentricity).
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include <surfel/texture/texel_kernel.h>
+
+namespace surfel {
+namespace {
+
+/// Sine of the angle between the derivatives by x and y, scaled by their ratio, below which the
+/// map from texture to surface has no area: some ten times the rounding of float derivatives.
+constexpr double kSingular = 1e-6;
+
+/// V in the frame (t, n x t); t is meaningless where V is isotropic.
+Vec2d surfel_variance(const SurfelCloud& cloud, std::size_t k) {
+  if (cloud.anisotropic()) return {cloud.variance_u[k], cloud.variance_v[k]};
+  return Vec2d::Constant(cloud.variance[k]);
+}
+
+}  // namespace
+
+PrincipalVariances principal_variances(const Eigen::Matrix2d& variance) {
+  const double mean = variance.trace() / 2;
+  const double difference = (variance(0, 0) - variance(1, 1)) / 2;
+  const double major = mean + std::hypot(difference, variance(0, 1));
+  if (!(major > 0)) return {};
+  return {major, std::max(0.0, variance.determinant() / major)};
+}
+
+std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
+                                                      int width, int height) {
+  // Image rows run downwards, v upwards.
+  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
+  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
+  const Vec3d cross = dpdx.cross(dpdy);
+  const double area = cross.norm();
+  if (!(area > kSingular * std::max(dpdx.squaredNorm(), dpdy.squaredNorm()))) return std::nullopt;
+
+  const Vec2d V = surfel_variance(cloud, surfel);
+  if (!(V.minCoeff() >= 0)) return std::nullopt;
+
+  const Vec3d normal = cross / area;
+  Vec3d t = dpdx;
+  if (cloud.anisotropic()) {
+    const Vec3d tangent = cloud.tangent[surfel].cast<double>();
+    const Vec3d projected = tangent - normal * normal.dot(tangent);
+    if (projected.squaredNorm() > 0) t = projected;
+  }
+  t.normalize();
+  const Vec3d b = normal.cross(t);
+  Eigen::Matrix2d T;
+  T << t.dot(dpdx), t.dot(dpdy), b.dot(dpdx), b.dot(dpdy);
+  const Eigen::Matrix2d T_inverse = T.inverse();
+  const Eigen::Matrix2d variance = T_inverse * V.asDiagonal() * T_inverse.transpose();
+  if (!variance.allFinite()) return std::nullopt;
+  return variance;
+}
+
+bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits) {
+  PrincipalVariances axes = principal_variances(variance);
+  const double max_variance = limits.max_sigma * limits.max_sigma;
+  if (axes.major > max_variance) {
+    const double shrink = max_variance / axes.major;
+    variance *= shrink;
+    axes.major *= shrink;
+    axes.minor *= shrink;
+  }
+  const double least = axes.major / (limits.max_aspect * limits.max_aspect);
+  if (axes.minor >= least) return false;
+  // Adds to the minor axis alone: major I - M projects on it.
+  const Eigen::Matrix2d projector =
+      (axes.major * Eigen::Matrix2d::Identity() - variance) / (axes.major - axes.minor);
+  variance += (least - axes.minor) * projector;
+  return true;
+}
+
+}  // namespace surfel

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <optional>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+/// Gaussian over an image. Texel units: x to the right, y down, texel (i, j) has its centre at
+/// (i + 1/2, j + 1/2).
+struct TexelKernel {
+  Vec2d center{0, 0};
+  Eigen::Matrix2d variance = Eigen::Matrix2d::Identity();  ///< Texel^2, positive definite.
+};
+
+/// Eigenvalues of a symmetric positive semi-definite 2x2 matrix; `minor` does not cancel when the
+/// ellipse is a sliver.
+struct PrincipalVariances {
+  double major = 0;
+  double minor = 0;
+};
+SURFEL_API PrincipalVariances principal_variances(const Eigen::Matrix2d& variance);
+
+/// The image's texel coordinates at (u, v); v = 0 is the bottom edge of the image.
+inline Vec2d texel_position(const Vec2f& uv, int width, int height) {
+  return {static_cast<double>(uv.x()) * width, (1 - static_cast<double>(uv.y())) * height};
+}
+
+/// A surfel's Gaussian seen from texture space, T^-1 V T^-T [SS01 section 5], with T the Jacobian
+/// of the map from texels to the surface, 2x2, scene units per texel. The frame of T lies in the
+/// plane of dpdu and dpdv; an anisotropic surfel's tangent is projected into it, so that a smooth
+/// normal that leans away from its face does not shorten the kernel. Mirrored frames are fine.
+/// \param width, height  of the image, texels.
+/// \return texel^2; nullopt where there is none: derivatives that are zero, parallel (uv without
+///         area) or not finite, or a variance that is negative or not finite.
+/// The cloud must have the columns dpdu, dpdv and variance or (tangent, variance_u, variance_v).
+SURFEL_API std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud,
+                                                                 std::size_t surfel, int width,
+                                                                 int height);
+
+/// Bounds of a kernel's shape, which bound what it costs to evaluate.
+struct KernelLimits {
+  /// Longest axis over shortest, >= 1; a kernel that is more elongated is widened, which blurs but
+  /// does not alias (Heckbert 1989).
+  double max_aspect = 128;
+  /// Largest standard deviation, texels; beyond it the kernel is shrunk.
+  double max_sigma = 0x1p24;
+};
+
+/// Applies the limits; true if the aspect was changed.
+SURFEL_API bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits);
+
+}  // namespace surfel
