@@ -1,0 +1,123 @@
+#include <gtest/gtest.h>
+#include <surfel/render/a_buffer.h>
+
+#include "render/scenes.h"
+
+namespace surfel::test {
+namespace {
+
+constexpr double kOneInByte = 1 / 255.0;
+
+struct Stack {
+  SurfelCloud cloud;
+  Rgba expected;  ///< Exact composite over nothing.
+};
+
+/// k planes behind one another, each of one colour and alpha.
+Stack stacked_planes(int k) {
+  Stack stack;
+  for (int i = 0; i < k; ++i) {
+    const auto alpha = static_cast<float>(0.2 + 0.5 * random_uniform(5, i));
+    const Vec3f color =
+        Vec3d(random_uniform(6, i, 0), random_uniform(6, i, 1), random_uniform(6, i, 2))
+            .cast<float>();
+    SurfelCloud plane = jittered_plane(48, 1.5, 0.25, 10 + i, -0.4 * i);
+    for (std::size_t s = 0; s < plane.size(); ++s) {
+      add_surfel(stack.cloud, plane.position[s], plane.normal[s], plane.variance[s], plane.area[s],
+                 color);
+      stack.cloud.alpha.push_back(alpha);
+    }
+    stack.expected.composite({color.x() * alpha, color.y() * alpha, color.z() * alpha, alpha});
+  }
+  return stack;
+}
+
+double worst_error(const Image& image, const Rgba& expected) {
+  double worst = 0;
+  for (int y = 16; y < image.height - 16; ++y) {
+    for (int x = 16; x < image.width - 16; ++x) {
+      const float* p = image.pixel(x, y);
+      const float e[] = {expected.red, expected.green, expected.blue, expected.alpha};
+      for (int c = 0; c < 4; ++c) worst = std::max<double>(worst, std::abs(p[c] - e[c]));
+    }
+  }
+  return worst;
+}
+
+TEST(Transparency, StackedPlanesMatchTheExactComposite) {
+  for (const int layers : {1, 2, 3, 5, 8}) {
+    for (int k = 1; k <= layers; ++k) {
+      const Stack stack = stacked_planes(k);
+      RenderOptions options;
+      options.layers = layers;
+      FrameStatistics statistics;
+      const Image image = render_unlit(stack.cloud, camera_at(2.5, 96), options, &statistics);
+      EXPECT_LT(worst_error(image, stack.expected), kOneInByte) << k << " planes, " << layers;
+      EXPECT_EQ(statistics.merged, 0);
+    }
+  }
+}
+
+TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
+  for (const int k : {4, 6, 9}) {
+    const Stack stack = stacked_planes(k);
+    FrameStatistics statistics;
+    const Image image = render_unlit(stack.cloud, camera_at(2.5, 96), {}, &statistics);
+    EXPECT_GT(statistics.merged, 0);
+    // Planes arrive front to back, so that what is merged is complete: the error stays small.
+    EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;
+    EXPECT_LT(statistics.dropped_weight_share, 0.01);
+  }
+}
+
+TEST(Transparency, SlantedStackKeepsItsOrder) {
+  Stack stack = stacked_planes(3);
+  const Eigen::AngleAxisf turn(0.9F, Vec3f(0.3F, 1, 0).normalized());
+  for (std::size_t i = 0; i < stack.cloud.size(); ++i) {
+    stack.cloud.position[i] = turn * stack.cloud.position[i];
+    stack.cloud.normal[i] = turn * stack.cloud.normal[i];
+  }
+  const Image image = render_unlit(stack.cloud, camera_at(4, 64, 12));
+  EXPECT_LT(worst_error(image, stack.expected), kOneInByte);
+}
+
+TEST(Transparency, BackgroundShowsThroughByItsAlpha) {
+  const Stack stack = stacked_planes(1);
+  RenderOptions options;
+  options.background = {1, 0.5F, 0, 1};
+  const Image image = render_unlit(stack.cloud, camera_at(2.5, 96), options);
+  Rgba expected = stack.expected;
+  expected.composite({1, 0.5F, 0, 1});
+  EXPECT_LT(worst_error(image, expected), kOneInByte);
+}
+
+TEST(Transparency, OppositeSidesOfAThinSheetAreNotMixed) {
+  // Red faces the eye, green faces away, closer than the depth threshold.
+  SurfelCloud cloud = jittered_plane(48, 1.5, 0.25, 1);
+  const SurfelCloud back = jittered_plane(48, 1.5, 0.25, 2, -1e-4);
+  for (Vec3f& c : cloud.coefficient) c = {1, 0, 0};
+  for (std::size_t i = 0; i < back.size(); ++i) {
+    add_surfel(cloud, back.position[i], -back.normal[i], back.variance[i], back.area[i], {0, 1, 0});
+  }
+  const Image image = render_unlit(cloud, camera_at(2.5, 96));
+  EXPECT_LT(worst_error(image, {1, 0, 0, 1}), 1e-5);
+}
+
+TEST(Transparency, CompositingIsAssociative) {
+  const Rgba a{0.1F, 0.2F, 0.1F, 0.3F};
+  const Rgba b{0.3F, 0.0F, 0.2F, 0.5F};
+  const Rgba c{0.2F, 0.6F, 0.1F, 0.8F};
+  Rgba left = a;
+  left.composite(b);
+  left.composite(c);
+  Rgba bc = b;
+  bc.composite(c);
+  Rgba right = a;
+  right.composite(bc);
+  EXPECT_NEAR(left.red, right.red, 1e-6);
+  EXPECT_NEAR(left.green, right.green, 1e-6);
+  EXPECT_NEAR(left.alpha, right.alpha, 1e-6);
+}
+
+}  // namespace
+}  // namespace surfel::test
