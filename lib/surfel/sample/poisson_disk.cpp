@@ -40,10 +40,9 @@ bool hovers_over(const Vec3f& p, const Triangle& t, float radius2) {
   return true;
 }
 
-/// Whether all of the triangle is within sqrt(radius2) of `p`.
-bool covers(const Vec3f& p, const Triangle& t, float radius2) {
-  return (t[0] - p).squaredNorm() <= radius2 && (t[1] - p).squaredNorm() <= radius2 &&
-         (t[2] - p).squaredNorm() <= radius2;
+/// Square of the distance from `p` to the furthest point of the triangle, a corner.
+float furthest_corner2(const Vec3f& p, const Triangle& t) {
+  return std::max({(t[0] - p).squaredNorm(), (t[1] - p).squaredNorm(), (t[2] - p).squaredNorm()});
 }
 
 /// A point uniform in the triangle by area, from two numbers in [0, 1).
@@ -260,20 +259,24 @@ class PoissonDisk::Impl {
     for (const Vec3f& corner : triangle) {
       radius2 = std::max(radius2, (corner - center).squaredNorm());
     }
-    const float reach = coverage_ + std::sqrt(radius2);
+    const float reach2 = square(coverage_ + std::sqrt(radius2));
     const std::size_t begin = darts.list.size();
     bool full = false;     // No dart can be taken here.
     bool covered = false;  // One is welcome, but not needed.
     const auto consider = [&](std::uint32_t i) {
       const Neighbor& sample = darts.pool[i];
-      if ((sample.position - center).squaredNorm() > reach * reach) return;
+      const float center2 = (sample.position - center).squaredNorm();
+      if (center2 > reach2) return;
       darts.list.push_back(i);
-      full = full || covers(sample.position, triangle, sample.conflict2);
-      covered = covered || (sample.agrees && covers(sample.position, triangle, coverage2_));
+      // A ball that holds the corners holds the centroid.
+      if (center2 > coverage2_) return;
+      const float corner2 = furthest_corner2(sample.position, triangle);
+      full = full || corner2 <= sample.conflict2;
+      covered = covered || (sample.agrees && corner2 <= coverage2_);
     };
-    for (std::size_t k = list_begin; k < list_end; ++k) consider(darts.list[k]);
+    for (std::size_t k = list_begin; k < list_end && !full; ++k) consider(darts.list[k]);
     const std::size_t pool = darts.pool.size();
-    for (std::size_t i = known; i < pool; ++i) consider(static_cast<std::uint32_t>(i));
+    for (std::size_t i = known; i < pool && !full; ++i) consider(static_cast<std::uint32_t>(i));
     if (!full) throw_dart(triangle, darts, begin, pool, covered);
     darts.list.resize(begin);
   }
@@ -285,7 +288,7 @@ class PoissonDisk::Impl {
     const Vec3f dart = point_in(triangle, fraction(bits, 0), fraction(bits, 1));
     const std::size_t end = darts.list.size();
     const bool taken = !conflicts(darts, begin, end, dart) && take(darts, dart);
-    if (covered || (taken && covers(dart, triangle, coverage2_))) return;
+    if (covered || (taken && furthest_corner2(dart, triangle) <= coverage2_)) return;
     int longest = 0;
     float length2 = 0;
     for (int k = 0; k < 3; ++k) {
@@ -391,8 +394,10 @@ class PoissonDisk::Impl {
       if (side == Facing::kOpposed && at != chunk) continue;
       const bool agrees = side == Facing::kAgree || at == chunk;
       reach_[at].push_back(agrees ? slot : slot | kAsideBit);
-      if (covers(p, surface_.chunk[at].corner, agrees ? conflict2_ : aside_conflict2_))
+      if (furthest_corner2(p, surface_.chunk[at].corner) <=
+          (agrees ? conflict2_ : aside_conflict2_)) {
         full_[at] = 1;
+      }
     }
     return slot;
   }
