@@ -61,7 +61,10 @@ TriangleMesh box(const Vec3f& size) {
   return mesh;
 }
 
+/// Adds the other mesh's triangles; columns per wedge are dropped.
 void append(TriangleMesh& mesh, const TriangleMesh& other, float scale, const Vec3f& offset) {
+  mesh.wedge_uv.clear();
+  mesh.wedge_normal.clear();
   const auto first = static_cast<std::uint32_t>(mesh.position.size());
   for (const Vec3f& p : other.position) mesh.position.push_back(scale * p + offset);
   for (const auto& f : other.face) mesh.face.push_back({f[0] + first, f[1] + first, f[2] + first});
@@ -320,6 +323,10 @@ TEST(SampleMesh, RefusesWhatCannotBe) {
   EXPECT_EQ(both.problems().size(), 1u);
   EXPECT_TRUE(by_count(10).problems().empty());
   EXPECT_THROW(sample_mesh(TriangleMesh{}, by_count(10)), Error);
+
+  TriangleMesh torn = mesh;
+  torn.wedge_uv.pop_back();
+  EXPECT_THROW(sample_mesh(torn, by_spacing(0.1)), Error);
 
   TriangleMesh needle;  // Little area, but long: as many samples as the length asks for.
   add_triangle(needle, Vec3f(0, 0, 0), Vec3f(1e6f, 0, 0), Vec3f(1e6f, 1e-6f, 0));

@@ -57,6 +57,17 @@ FaceMeasures measure(const TriangleMesh& mesh) {
   return m;
 }
 
+void check_columns(const TriangleMesh& mesh) {
+  const auto check = [](std::size_t size, std::size_t expected, const char* what) {
+    if (size == 0 || size == expected) return;
+    throw_input("", fmt::format("the mesh has {} {}; {} are needed", size, what, expected));
+  };
+  check(mesh.color.size(), mesh.position.size(), "vertex colours");
+  check(mesh.wedge_uv.size(), mesh.face.size(), "faces' uv");
+  check(mesh.wedge_normal.size(), mesh.face.size(), "faces' normals");
+  check(mesh.face_material.size(), mesh.face.size(), "faces' materials");
+}
+
 /// Throws where sampling at this spacing is beyond memory or precision.
 void check_feasible(const FaceMeasures& m, double spacing) {
   const double samples = m.total_area / (spacing * spacing);
@@ -275,6 +286,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
     timer.restart();
   };
 
+  check_columns(mesh);
   const FaceMeasures faces = measure(mesh);
   if (!(faces.total_area > 0)) {
     throw_input("", fmt::format("the mesh has no area ({} faces); there is nothing to sample",
