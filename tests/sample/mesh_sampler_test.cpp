@@ -7,14 +7,15 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/random.h>
-#include <surfel/sample/generate.h>
 #include <surfel/sample/mesh_sampler.h>
 
 #include "sample/sheet_check.h"
+#include "sample/test_meshes.h"
 
 namespace surfel {
 namespace {
+
+using namespace test;
 
 MeshSampleOptions by_spacing(double spacing) {
   MeshSampleOptions options;
@@ -36,45 +37,6 @@ double total(const Array<float>& values) {
   return sum;
 }
 
-void add_triangle(TriangleMesh& mesh, const Vec3f& a, const Vec3f& b, const Vec3f& c) {
-  const auto first = static_cast<std::uint32_t>(mesh.position.size());
-  for (const Vec3f& p : {a, b, c}) mesh.position.push_back(p);
-  mesh.face.push_back({first, first + 1, first + 2});
-}
-
-void add_quad(TriangleMesh& mesh, const Vec3f& a, const Vec3f& b, const Vec3f& c, const Vec3f& d) {
-  add_triangle(mesh, a, b, c);
-  add_triangle(mesh, a, c, d);
-}
-
-/// Axis-aligned, faces outward; vertices are not shared, as in an STL file.
-TriangleMesh box(const Vec3f& size) {
-  TriangleMesh mesh;
-  const auto corner = [&](int i) {
-    return Vec3f((i & 1 ? size : Vec3f(0, 0, 0)).x(), (i & 2 ? size : Vec3f(0, 0, 0)).y(),
-                 (i & 4 ? size : Vec3f(0, 0, 0)).z());
-  };
-  for (const auto& q : std::initializer_list<std::array<int, 4>>{
-           {0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}) {
-    add_quad(mesh, corner(q[0]), corner(q[1]), corner(q[2]), corner(q[3]));
-  }
-  return mesh;
-}
-
-/// Adds the other mesh's triangles; columns per wedge are dropped.
-void append(TriangleMesh& mesh, const TriangleMesh& other, float scale, const Vec3f& offset) {
-  mesh.wedge_uv.clear();
-  mesh.wedge_normal.clear();
-  const auto first = static_cast<std::uint32_t>(mesh.position.size());
-  for (const Vec3f& p : other.position) mesh.position.push_back(scale * p + offset);
-  for (const auto& f : other.face) mesh.face.push_back({f[0] + first, f[1] + first, f[2] + first});
-}
-
-TriangleMesh surface(const std::string& kind, int resolution) {
-  TriangleMesh mesh = generate_mesh(procedural_scene(kind, 1), resolution);
-  return mesh;
-}
-
 /// Samples, checks both guarantees by brute force and the sum of areas.
 SurfelCloud sampled_soundly(const TriangleMesh& mesh, double spacing, int cuts,
                             double agreeing_share = 0.005) {
@@ -82,7 +44,7 @@ SurfelCloud sampled_soundly(const TriangleMesh& mesh, double spacing, int cuts,
   const SurfelCloud cloud = sample_mesh(mesh, by_spacing(spacing), &report);
   EXPECT_NO_THROW(cloud.check_columns(""));
   EXPECT_NEAR(total(cloud.area), report.area, 1e-5 * report.area);
-  const test::SheetReport found = test::SheetCheck(mesh, cuts, spacing).check(cloud);
+  const SheetReport found = SheetCheck(mesh, cuts, spacing).check(cloud);
   EXPECT_GE(found.least_distance, 0.6);
   EXPECT_LE(found.furthest, 1.0);
   EXPECT_LE(found.furthest_agreeing_share, agreeing_share);
@@ -92,14 +54,14 @@ SurfelCloud sampled_soundly(const TriangleMesh& mesh, double spacing, int cuts,
 TEST(SheetCheck, SeesHolesAndClumps) {
   const TriangleMesh mesh = surface("torus", 40);
   SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.1));
-  const test::SheetCheck check(mesh, 4, 0.1);
+  const SheetCheck check(mesh, 4, 0.1);
   // All around one sample are moved to a place far off.
   const Vec3f center = cloud.position[100];
   const Vec3f heap = cloud.position[(cloud.size() / 2 + 100) % cloud.size()];
   for (Vec3f& p : cloud.position) {
     if ((p - center).norm() < 0.12f) p = heap;
   }
-  const test::SheetReport found = check.check(cloud);
+  const SheetReport found = check.check(cloud);
   EXPECT_LT(found.least_distance, 0.1);
   EXPECT_GT(found.furthest, 1.0);
 }
@@ -308,6 +270,15 @@ TEST(SampleMesh, SmoothNormalsFollowTheSphereAndFlatOnesTheFaces) {
   }
   EXPECT_LT(smooth_error, 0.2 * flat_error);
   EXPECT_GT(flat_error / samples(flat), 0.02);
+}
+
+TEST(SampleMesh, ComputesNormalsWhereTheFileHasNone) {
+  TriangleMesh mesh = surface("sphere", 40);
+  mesh.wedge_normal.clear();
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05));
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    EXPECT_GT(cloud.normal[i].dot(cloud.position[i].normalized()), 0.9999f);
+  }
 }
 
 TEST(SampleMesh, RefusesWhatCannotBe) {

@@ -11,7 +11,17 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
 
-/// For every vertex the first one in sorting order that has its position.
+/// Root of a face's tree; the path to it is halved on the way.
+std::uint32_t root_of(Array<std::uint32_t>& parent, std::uint32_t face) {
+  while (parent[face] != face) {
+    parent[face] = parent[parent[face]];
+    face = parent[face];
+  }
+  return face;
+}
+
+}  // namespace
+
 Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   Array<std::uint64_t> keys(position.size());
   parallel_for(position.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -36,17 +46,6 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   }
   return welded;
 }
-
-/// Root of a face's tree; the path to it is halved on the way.
-std::uint32_t root_of(Array<std::uint32_t>& parent, std::uint32_t face) {
-  while (parent[face] != face) {
-    parent[face] = parent[parent[face]];
-    face = parent[face];
-  }
-  return face;
-}
-
-}  // namespace
 
 Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
   const Array<std::uint32_t> welded = welded_vertices(mesh.position);

@@ -13,6 +13,9 @@ namespace surfel {
 /// In edge_rings(): no other face has this edge.
 inline constexpr std::uint32_t kBorderEdge = std::numeric_limits<std::uint32_t>::max();
 
+/// For every vertex the lowest one at the same position.
+SURFEL_API Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position);
+
 /// Which faces meet at an edge, vertices at the same position counting as one: element 3 f + k is
 /// 3 * face + edge of the next face around edge k of face f (from corner k to corner k + 1), or
 /// kBorderEdge. Two faces at an edge point at each other; more form a ring in ascending order.

@@ -12,6 +12,7 @@
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/poisson_disk.h>
+#include <surfel/sample/smooth_normals.h>
 
 namespace surfel {
 namespace {
@@ -315,8 +316,12 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   cloud.area.resize(samples.size());
   cloud.variance.resize(samples.size());
   const std::vector<double> component_area = component_areas(component, faces.area);
-  const Array<std::array<Vec3f, 3>> none;
-  AttributeTransfer attributes(mesh, options.flat ? none : mesh.wedge_normal, cloud);
+  Array<std::array<Vec3f, 3>> computed;
+  if (!options.flat && mesh.wedge_normal.empty()) {
+    computed = smooth_normals(mesh, options.crease_angle);
+  }
+  const bool from_file = !options.flat && !mesh.wedge_normal.empty();
+  AttributeTransfer attributes(mesh, from_file ? mesh.wedge_normal : computed, cloud);
   // The samples' areas are those of chunks with rounded corners, which shows in slivers.
   double sampled_area = 0;
   for (const SurfaceSample& sample : samples) sampled_area += sample.area;

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <array>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/io/mesh.h>
+
+namespace surfel {
+
+/// Unit normals per wedge: the mean of the normals of the faces that meet at the wedge's vertex
+/// (vertices at the same position count as one), weighted by their angles there (Thuermer and
+/// Wuethrich 1998, "Computing vertex normals from polygonal facets"). Only faces within
+/// `crease_angle` (radians) of the wedge's own take part, so that sharp edges stay sharp; at
+/// vertices of more than 256 faces all do. A face without area takes no part, and has the others'
+/// mean; a wedge that nothing defines has zero.
+SURFEL_API Array<std::array<Vec3f, 3>> smooth_normals(const TriangleMesh& mesh,
+                                                      double crease_angle);
+
+}  // namespace surfel
