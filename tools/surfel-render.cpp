@@ -127,7 +127,7 @@ bool is_pattern(const std::string& name) {
 }
 
 /// The cameras to render from.
-std::vector<surfel::Camera> cameras(const Settings& s, const surfel::Bounds& scene) {
+std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent& scene) {
   std::vector<surfel::CameraOptions> views{s.camera};
   if (!s.camera_file.empty()) views = surfel::read_cameras(s.camera_file, s.camera);
   std::vector<surfel::Camera> all;
@@ -194,7 +194,7 @@ int main(int argc, char** argv) {
     report["dropped"] = surfels.dropped().total();
     report["load_ms"] = load_ms;
     report["frames"] = nlohmann::json::array();
-    const std::vector<surfel::Camera> views = cameras(s, surfels.bounds());
+    const std::vector<surfel::Camera> views = cameras(s, surfels.extent());
     surfel::Renderer renderer(surfels, scene, s.render);
     for (std::size_t i = 0; i < views.size(); ++i) {
       surfel::FrameStatistics frame;

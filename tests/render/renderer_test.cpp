@@ -81,7 +81,7 @@ TEST(Renderer, OrthographicSplatMatchesEquation6) {
   options.target = Vec3d(0, 0, 0);
   options.ortho = 2;
   options.width = options.height = 128;
-  const Camera camera = make_camera(options, Bounds{});
+  const Camera camera = make_camera(options, SceneExtent{});
   EXPECT_LT(error_of_single_splat(single({0.2F, 0.3F, 0}, {1, 0.5F, 1}, 0.1F), camera, 2, 1),
             kSplatTolerance);
 }

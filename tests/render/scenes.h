@@ -18,7 +18,7 @@ inline Camera camera_at(double distance, int size, double fov = 40) {
   options.fov = fov;
   options.width = size;
   options.height = size;
-  return make_camera(options, Bounds{});
+  return make_camera(options, SceneExtent{});
 }
 
 inline void add_surfel(SurfelCloud& cloud, const Vec3f& position, const Vec3f& normal,

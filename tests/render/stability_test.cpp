@@ -34,7 +34,7 @@ TEST(Stability, OnePointIsSeen) {
   SurfelCloud cloud;
   add_surfel(cloud, {0, 0, 0}, {0, 0, 1}, 0.01F, 0.01F, {1, 1, 1});
   const RenderCloud surfels(cloud);
-  const Camera camera = make_camera(CameraOptions{}, surfels.bounds());
+  const Camera camera = make_camera(CameraOptions{}, surfels.extent());
   EXPECT_GT(total_alpha(render_unlit(cloud, camera)), 10);
 }
 
@@ -146,7 +146,7 @@ TEST(Stability, SingleRowAndColumnPictures) {
     options.width = w;
     options.height = h;
     const RenderCloud surfels(cloud);
-    const Image image = render_unlit(cloud, make_camera(options, surfels.bounds()));
+    const Image image = render_unlit(cloud, make_camera(options, surfels.extent()));
     EXPECT_EQ(image.data.size(), static_cast<std::size_t>(w) * h * 10);
     expect_finite_colors(image);
   }

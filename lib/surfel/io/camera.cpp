@@ -27,16 +27,20 @@ Eigen::Matrix3d look_along(const Vec3d& forward, const Vec3d& up) {
   return rotation;
 }
 
-/// Corners of the box in camera axes, relative to `target`.
-std::vector<Vec3d> box_corners(const Bounds& box, const Vec3d& target,
-                               const Eigen::Matrix3d& rotation) {
-  std::vector<Vec3d> corners;
-  for (int i = 0; i < 8; ++i) {
-    const Vec3d corner((i & 1) ? box.max.x() : box.min.x(), (i & 2) ? box.max.y() : box.min.y(),
-                       (i & 4) ? box.max.z() : box.min.z());
-    corners.push_back(rotation * (corner - target));
+/// The scene's spheres (without any: the box's corners) in camera axes, relative to `target`.
+std::vector<Sphere> parts_in_view(const SceneExtent& scene, const Bounds& box, const Vec3d& target,
+                                  const Eigen::Matrix3d& rotation) {
+  std::vector<Sphere> parts = scene.spheres;
+  if (parts.empty()) {
+    for (int i = 0; i < 8; ++i) {
+      parts.push_back(
+          {Vec3d((i & 1) ? box.max.x() : box.min.x(), (i & 2) ? box.max.y() : box.min.y(),
+                 (i & 4) ? box.max.z() : box.min.z()),
+           0});
+    }
   }
-  return corners;
+  for (Sphere& part : parts) part.center = rotation * (part.center - target);
+  return parts;
 }
 
 }  // namespace
@@ -58,8 +62,8 @@ std::vector<std::string> CameraOptions::problems() const {
   return found;
 }
 
-Camera make_camera(const CameraOptions& options, const Bounds& scene) {
-  Bounds box = scene;
+Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
+  Bounds box = scene.box;
   if (box.empty()) {
     box.add(Vec3d::Constant(-0.5));
     box.add(Vec3d::Constant(0.5));
@@ -86,16 +90,19 @@ Camera make_camera(const CameraOptions& options, const Bounds& scene) {
   double distance = back.norm();
   double half_height = options.ortho.value_or(1) / 2;
   if (frame) {
-    // Smallest distance from which every corner of the box lies inside the picture.
+    // Smallest distance from which every part lies inside the picture: a sphere touches the side
+    // plane of slope h where |x| + radius sqrt(1 + h^2) = h (z + distance).
     double needed = 0;
     double ortho_half = 0;
     double nearest = 0;
-    for (const Vec3d& c : box_corners(box, target, camera.camera_from_world)) {
-      needed =
-          std::max({needed, std::abs(c.x()) / half_x - c.z(), std::abs(c.y()) / half_y - c.z()});
-      ortho_half =
-          std::max({ortho_half, std::abs(c.y()), std::abs(c.x()) * options.height / options.width});
-      nearest = std::max(nearest, -c.z());
+    for (const Sphere& part : parts_in_view(scene, box, target, camera.camera_from_world)) {
+      const Vec3d& c = part.center;
+      const double reach_x = std::abs(c.x()) + part.radius * std::hypot(1, half_x);
+      const double reach_y = std::abs(c.y()) + part.radius * std::hypot(1, half_y);
+      needed = std::max({needed, reach_x / half_x - c.z(), reach_y / half_y - c.z()});
+      ortho_half = std::max({ortho_half, std::abs(c.y()) + part.radius,
+                             (std::abs(c.x()) + part.radius) * options.height / options.width});
+      nearest = std::max(nearest, part.radius - c.z());
     }
     const double size = box.diagonal() > 0 ? box.diagonal() : 1;
     if (camera.orthographic) {
@@ -113,9 +120,10 @@ Camera make_camera(const CameraOptions& options, const Bounds& scene) {
   return camera;
 }
 
-std::vector<Camera> turntable(const CameraOptions& options, const Bounds& scene, int count) {
+std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& scene, int count) {
   const Camera first = make_camera(options, scene);
-  const Vec3d target = options.target.value_or(scene.empty() ? Vec3d(0, 0, 0) : scene.center());
+  const Vec3d target =
+      options.target.value_or(scene.box.empty() ? Vec3d(0, 0, 0) : scene.box.center());
   std::vector<Camera> cameras;
   for (int i = 0; i < count; ++i) {
     const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up.normalized());

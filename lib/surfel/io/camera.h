@@ -45,12 +45,24 @@ struct CameraOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// Camera from options, for a scene of these bounds (empty bounds: a unit box is assumed).
-/// Throws Error(kUsage) if eye and target coincide.
-SURFEL_API Camera make_camera(const CameraOptions& options, const Bounds& scene);
+struct Sphere {
+  Vec3d center{0, 0, 0};
+  double radius = 0;
+};
+
+/// What a camera is to see: the box decides on the target, the spheres, which together hold the
+/// scene, on the distance. Without spheres the box's corners do; an empty box stands for a unit
+/// cube.
+struct SceneExtent {
+  Bounds box;
+  std::vector<Sphere> spheres;
+};
+
+/// Camera from options. Throws Error(kUsage) if eye and target coincide.
+SURFEL_API Camera make_camera(const CameraOptions& options, const SceneExtent& scene);
 
 /// `count` cameras on a circle around the target, `up` its axis, the first one the camera itself.
-SURFEL_API std::vector<Camera> turntable(const CameraOptions& options, const Bounds& scene,
+SURFEL_API std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& scene,
                                          int count);
 
 /// Reads cameras from TOML: keys eye, target, up, fov, ortho, size = [w, h], near, frame-all at top

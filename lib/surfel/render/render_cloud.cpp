@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
@@ -161,10 +162,20 @@ void RenderCloud::make_clusters() {
   });
   for (const Cluster& cluster : clusters_) {
     const Vec3d center = origin_ + cluster.center.cast<double>();
-    const Vec3d reach =
-        Vec3d::Constant(static_cast<double>(cluster.radius) + cluster.max_deviation);
-    bounds_.add(center - reach);
-    bounds_.add(center + reach);
+    const double radius = static_cast<double>(cluster.radius) + cluster.max_deviation;
+    extent_.spheres.push_back({center, radius});
+  }
+  // The box from the surfels themselves: around the spheres it would be far too large.
+  Vec3f lo = Vec3f::Constant(std::numeric_limits<float>::infinity());
+  Vec3f hi = -lo;
+  for (std::size_t i = 0; i < size(); ++i) {
+    const Vec3f reach = Vec3f::Constant(deviation_u[i]);
+    lo = lo.cwiseMin(Vec3f(x[i], y[i], z[i]) - reach);
+    hi = hi.cwiseMax(Vec3f(x[i], y[i], z[i]) + reach);
+  }
+  if (size() > 0) {
+    extent_.box.add(origin_ + lo.cast<double>());
+    extent_.box.add(origin_ + hi.cast<double>());
   }
 }
 

@@ -6,6 +6,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/cloud/cloud.h>
+#include <surfel/io/camera.h>
 
 namespace surfel {
 
@@ -50,8 +51,8 @@ class SURFEL_API RenderCloud {
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Some surfel has alpha below 1.
   bool transparent() const { return !alpha.empty(); }
-  /// World bounds of the surfels' discs at standard deviation 1.
-  const Bounds& bounds() const { return bounds_; }
+  /// World bounds: a box, and a sphere around each cluster's discs at standard deviation 1.
+  const SceneExtent& extent() const { return extent_; }
   std::uint64_t memory_bytes() const;
 
   // Columns, in Morton order; the optional ones are empty where the scene does not need them.
@@ -72,7 +73,7 @@ class SURFEL_API RenderCloud {
   Vec3d origin_;
   std::vector<Cluster> clusters_;
   Dropped dropped_;
-  Bounds bounds_;
+  SceneExtent extent_;
 };
 
 }  // namespace surfel
