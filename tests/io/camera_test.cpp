@@ -1,0 +1,228 @@
+#include <Eigen/LU>
+#include <cmath>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/io/camera.h>
+#include <surfel/io/scene.h>
+
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+Vec2d project(const Camera& camera, const Vec3d& world) {
+  const Vec3d p = camera.camera_from_world * (world - camera.eye);
+  const double w = camera.orthographic ? 1 : p.z();
+  return {camera.focal_x * p.x() / w + camera.center_x,
+          camera.focal_y * p.y() / w + camera.center_y};
+}
+
+CameraOptions front_view() {
+  CameraOptions options;
+  options.eye = Vec3d(0, 0, 3);
+  options.target = Vec3d(0, 0, 0);
+  return options;
+}
+
+std::string written(const TemporaryFolder& folder, const std::string& text) {
+  const std::string path = folder / "file.toml";
+  std::ofstream(path) << text;
+  return path;
+}
+
+/// What the call throws, or nothing.
+template <class Call>
+std::string message_of(Call&& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Camera, LooksAlongTheViewWithUpAtTheTop) {
+  const Camera camera = make_camera(front_view(), {});
+  EXPECT_LT((project(camera, {0, 0, 0}) - Vec2d(256, 256)).norm(), 1e-9);
+  EXPECT_GT(project(camera, {0.1, 0, 0}).x(), 256);  // World x to the right,
+  EXPECT_LT(project(camera, {0, 0.1, 0}).y(), 256);  // y up, where rows are small.
+  EXPECT_NEAR(camera.camera_from_world.determinant(), 1, 1e-12);
+}
+
+TEST(Camera, FieldOfViewIsVertical) {
+  CameraOptions options = front_view();
+  options.fov = 60;
+  options.width = 1000;
+  const Camera camera = make_camera(options, {});
+  EXPECT_NEAR(project(camera, {0, 3 * std::tan(M_PI / 6), 0}).y(), 0, 1e-9);
+  EXPECT_DOUBLE_EQ(camera.focal_x, camera.focal_y);
+  EXPECT_DOUBLE_EQ(camera.center_x, 500);
+}
+
+TEST(Camera, OrthographicHeightIsWhatIsSeen) {
+  CameraOptions options = front_view();
+  options.ortho = 4;
+  const Camera camera = make_camera(options, {});
+  EXPECT_NEAR(project(camera, {0, 2, -7}).y(), 0, 1e-9);
+  EXPECT_NEAR(project(camera, {0, -2, 1}).y(), 512, 1e-9);
+}
+
+TEST(Camera, FramingSeesEverySphereAndLittleElse) {
+  SceneExtent scene;
+  for (const Vec3d& p : {Vec3d(5, 1, 2), Vec3d(9, -3, 0), Vec3d(4, 4, -6)}) {
+    scene.spheres.push_back({p, 0.5});
+    scene.box.add(p - Vec3d::Constant(0.5));
+    scene.box.add(p + Vec3d::Constant(0.5));
+  }
+  for (const bool orthographic : {false, true}) {
+    for (const auto& [w, h] : {std::pair{400, 200}, {200, 400}}) {
+      CameraOptions options;
+      options.width = w;
+      options.height = h;
+      options.frame_all = true;
+      if (orthographic) options.ortho = 1;
+      const Camera camera = make_camera(options, scene);
+      double fill = 0;
+      for (const Sphere& s : scene.spheres) {
+        for (const Vec3d& d : {Vec3d(1, 0, 0), Vec3d(-1, 0, 0), Vec3d(0, 1, 0), Vec3d(0, -1, 0),
+                               Vec3d(0, 0, 1), Vec3d(0, 0, -1)}) {
+          const Vec2d p = project(camera, s.center + s.radius * d);
+          EXPECT_GT(p.minCoeff(), 0);
+          EXPECT_LT(p.x(), w);
+          EXPECT_LT(p.y(), h);
+          fill = std::max(
+              {fill, std::abs(p.x() - w / 2.0) / (w / 2.0), std::abs(p.y() - h / 2.0) / (h / 2.0)});
+        }
+      }
+      EXPECT_GT(fill, 0.8);
+    }
+  }
+}
+
+TEST(Camera, DefaultSeesAPointAndAnEmptyScene) {
+  EXPECT_TRUE(make_camera({}, {}).eye.allFinite());
+  SceneExtent point;
+  point.box.add(Vec3d(1e7, 2e7, 3e7));
+  const Camera camera = make_camera({}, point);
+  EXPECT_LT((project(camera, {1e7, 2e7, 3e7}) - Vec2d(256, 256)).norm(), 1e-3);
+}
+
+TEST(Camera, TurntableCirclesTheTarget) {
+  const std::vector<Camera> cameras = turntable(front_view(), {}, 8);
+  ASSERT_EQ(cameras.size(), 8U);
+  for (const Camera& camera : cameras) {
+    EXPECT_NEAR(camera.eye.norm(), 3, 1e-9);
+    EXPECT_LT((project(camera, {0, 0, 0}) - Vec2d(256, 256)).norm(), 1e-6);
+    EXPECT_LT(project(camera, {0, 0.1, 0}).y(), 256);
+  }
+  EXPECT_LT((cameras[2].eye - Vec3d(3, 0, 0)).norm(), 1e-9);
+}
+
+TEST(Camera, UpAlongTheViewIsReplaced) {
+  CameraOptions options = front_view();
+  options.up = Vec3d(0, 0, 1);
+  const Camera camera = make_camera(options, {});
+  EXPECT_TRUE(camera.camera_from_world.allFinite());
+  EXPECT_NEAR(camera.camera_from_world.determinant(), 1, 1e-12);
+}
+
+TEST(Camera, EyeOnTargetIsRefused) {
+  CameraOptions options = front_view();
+  options.eye = options.target;
+  EXPECT_THROW(make_camera(options, {}), Error);
+}
+
+TEST(Camera, MatrixTakesWorldToCamera) {
+  const Camera camera = make_camera(front_view(), {});
+  const std::vector<float> m = world_to_camera_matrix(camera);
+  const Vec3d p(0.3, -0.2, 0.7);
+  const Vec3d q = camera.camera_from_world * (p - camera.eye);
+  for (int row = 0; row < 3; ++row) {
+    EXPECT_NEAR(
+        m[4 * row] * p.x() + m[4 * row + 1] * p.y() + m[4 * row + 2] * p.z() + m[4 * row + 3],
+        q[row], 1e-6);
+  }
+}
+
+TEST(CameraOptions, DefaultsAreValidAndBadValuesAreRefused) {
+  EXPECT_TRUE(CameraOptions{}.problems().empty());
+  const auto refused = [](auto change) {
+    CameraOptions options;
+    change(options);
+    return options.problems().size() == 1;
+  };
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.fov = 180; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.fov = std::nan(""); }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.ortho = 0; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.width = 0; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.near = -1; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.up = Vec3d(0, 0, 0); }));
+}
+
+TEST(CameraFile, ReadsOneOrManyViews) {
+  const TemporaryFolder folder;
+  const auto one =
+      read_cameras(written(folder, "eye = [1, 2, 3]\nfov = 30\nsize = [64, 48]\n"), {});
+  ASSERT_EQ(one.size(), 1U);
+  EXPECT_EQ(*one[0].eye, Vec3d(1, 2, 3));
+  EXPECT_EQ(one[0].fov, 30);
+  EXPECT_EQ(one[0].height, 48);
+  EXPECT_FALSE(one[0].target);
+  const auto two =
+      read_cameras(written(folder, "[[camera]]\northo = 2\n[[camera]]\nframe-all = true\n"), {});
+  ASSERT_EQ(two.size(), 2U);
+  EXPECT_EQ(two[0].ortho, 2);
+  EXPECT_TRUE(two[1].frame_all);
+}
+
+TEST(CameraFile, ErrorsNameFileLineAndKey) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& text) {
+    return message_of([&] { read_cameras(written(folder, text), {}); });
+  };
+  EXPECT_NE(error("fov = 40\nfovv = 3\n").find("line 2: unknown key fovv"), std::string::npos);
+  EXPECT_NE(error("eye = [1, 2]\n").find("eye must be an array of 3 numbers"), std::string::npos);
+  EXPECT_NE(error("eye = [1, 2\n").find("file.toml: line"), std::string::npos);
+  EXPECT_NE(error("fov = 200\n").find("fov is 200"), std::string::npos);
+  EXPECT_NE(error("size = [1e30, 2]\n").find("whole numbers"), std::string::npos);
+  EXPECT_NE(message_of([&] { read_cameras(folder / "none.toml", {}); }).find("cannot be opened"),
+            std::string::npos);
+  EXPECT_NE(message_of([&] { read_cameras(folder / "", {}); }).find("is a directory"),
+            std::string::npos);
+}
+
+TEST(SceneFile, ReadsLightsAndMaterials) {
+  const TemporaryFolder folder;
+  const Scene scene = read_scene(written(folder,
+                                         "ambient = [0.1, 0.2, 0.3]\n"
+                                         "[[light]]\ntype = \"point\"\nposition = [1, 2, 3]\n"
+                                         "[[material]]\nname = \"a\"\nopacity = 0.5\n"
+                                         "[[material]]\nspecular = [1, 1, 1]\nshininess = 8\n"));
+  EXPECT_EQ(scene.ambient, Vec3f(0.1F, 0.2F, 0.3F));
+  ASSERT_EQ(scene.lights.size(), 1U);
+  EXPECT_EQ(scene.lights[0].type, Light::Type::kPoint);
+  ASSERT_EQ(scene.materials.size(), 2U);
+  EXPECT_EQ(scene.materials[0].opacity, 0.5F);
+  EXPECT_EQ(scene.materials[1].shininess, 8.0F);
+  const Scene defaults = read_scene(written(folder, ""));
+  EXPECT_EQ(defaults.lights.size(), Scene{}.lights.size());
+  EXPECT_EQ(defaults.materials.size(), 1U);
+}
+
+TEST(SceneFile, RefusesWhatItDoesNotKnow) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& text) {
+    return message_of([&] { read_scene(written(folder, text)); });
+  };
+  EXPECT_NE(error("[[light]]\ntype = \"laser\"\n").find("laser"), std::string::npos);
+  EXPECT_NE(error("[[material]]\nshine = 3\n").find("unknown key shine"), std::string::npos);
+  EXPECT_NE(error("[[material]]\nopacity = 2\n").find("opacity is 2"), std::string::npos);
+  EXPECT_NE(error("[[light]]\ntype = \"directional\"\ndirection = [0, 0, 0]\n").find("direction"),
+            std::string::npos);
+  EXPECT_NE(error("ambient = [nan, 0, 0]\n").find("finite"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace surfel::test
