@@ -28,24 +28,29 @@ struct Image {
 
 /// Reads any format of OpenImageIO as linear R G B A with straight (not premultiplied) alpha:
 /// integer files (8 and 16 bits, palette, grey) are decoded from sRGB, float files (EXR, HDR) are
-/// linear. Grey is spread to R G B, a missing alpha is 1. With `raw` channels come as stored: float
-/// files premultiplied and with all their AOVs, integer files still decoded. Throws Error(kIo,
-/// kInput) naming file and cause.
+/// linear. Colour profiles and gamma tags are ignored. Grey is spread to R G B, a missing alpha is
+/// 1; where a premultiplied file has alpha 0, its colour comes as stored. With `raw` channels come
+/// as stored: float files premultiplied and with all their AOVs, integer files still decoded. Of
+/// files with several images the first, of EXR the data window. Throws Error(kIo, kInput) naming
+/// file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
 
 struct ImageWriteOptions {
   bool no_clobber = false;
   /// String attributes for the file's metadata (formats without any ignore them).
   std::vector<std::pair<std::string, std::string>> metadata;
-  /// Row-major 4x4 world-to-camera matrix, written as `worldToCamera` (EXR); or empty.
+  /// Row-major 4x4 matrix that takes column vectors from world to camera, or empty. Written to EXR
+  /// as `worldToCamera`, transposed as OpenEXR's matrices act on row vectors.
   std::vector<float> world_to_camera;
 };
 
 /// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF
-/// and PNG (8 bits, sRGB-encoded, straight alpha), JPEG (8 bits, sRGB, composited on nothing: alpha
-/// is dropped). The image is premultiplied linear R G B A followed by any AOVs; formats other than
-/// EXR get R G B A only. The same image gives the same bytes (no time stamps).
-/// Throws Error(kIo) naming file and cause; an extension that OpenImageIO does not know is kUsage.
+/// and PNG (8 bits, sRGB-encoded, straight alpha, which is left out where every pixel is opaque),
+/// JPEG (8 bits, sRGB, quality 95, composited on nothing: alpha is dropped), Radiance HDR (linear
+/// R G B), and what else OpenImageIO encodes in memory, like PNG; "-" is standard output, as PNG.
+/// The image is premultiplied linear R G B A followed by any AOVs, found by name; formats other
+/// than EXR get R G B A only. The same image gives the same bytes (no time stamps). Throws
+/// Error(kIo) naming file and cause; an extension that cannot be written is kUsage.
 SURFEL_API void write_image(const Image& image, const std::string& path,
                             const ImageWriteOptions& options = {});
 

@@ -1,0 +1,29 @@
+#include <algorithm>
+
+#include <surfel/base/error.h>
+#include <surfel/base/plugin.h>
+#include <surfel/io/image.h>
+#include <surfel/io/image_plugin.h>
+
+namespace surfel {
+
+Image read_image(const std::string& path, bool raw) {
+  Image image;
+  const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
+  read(path, raw, image);
+  return image;
+}
+
+void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {
+  const std::size_t values = static_cast<std::size_t>(std::max(0, image.width)) *
+                             static_cast<std::size_t>(std::max(0, image.height)) *
+                             image.channels.size();
+  if (values == 0 || values != image.data.size()) {
+    throw_usage(path + ": an image without pixels cannot be written");
+  }
+  const auto write =
+      reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
+  write(image, path, options);
+}
+
+}  // namespace surfel

@@ -1,0 +1,395 @@
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <surfel/base/color.h>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/base/output_file.h>
+#include <surfel/base/parallel.h>
+#include <surfel/io/image_plugin.h>
+#include <unistd.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kRowsPerRange = 16;
+constexpr int kMostChannels = 256;
+
+/// OpenImageIO's own limits and thread pools; they are global to the process, so they are set
+/// before each use.
+void configure_openimageio() {
+  constexpr std::uint64_t kMegabyte = 1 << 20;
+  const std::uint64_t limit = std::min<std::uint64_t>(available_memory_bytes() / kMegabyte, 32768);
+  OIIO::attribute("threads", thread_count());
+  OIIO::attribute("exr_threads", thread_count());
+  OIIO::attribute("limits:channels", kMostChannels);
+  OIIO::attribute("limits:imagesize_MB", static_cast<int>(std::max<std::uint64_t>(1, limit)));
+}
+
+/// Last line of OpenImageIO's message without trailing punctuation; the first lines often repeat
+/// the same for each reader that was tried.
+std::string cause(std::string message) {
+  const auto is_junk = [](char c) { return c == '\n' || c == ' ' || c == '.'; };
+  while (!message.empty() && is_junk(message.back())) message.pop_back();
+  const std::size_t line = message.rfind('\n');
+  if (line != std::string::npos) message.erase(0, line + 1);
+  return message.empty() ? "unknown cause" : message;
+}
+
+// ---------------------------------------------------------------------------------------------
+// Reading
+
+/// Which stored channels become R, G, B and A; alpha is -1 where there is none.
+struct ColorChannels {
+  int red, green, blue, alpha;
+};
+
+int find_channel(const std::vector<std::string>& names, const char* name) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  return found == names.end() ? -1 : static_cast<int>(found - names.begin());
+}
+
+/// R G B by name. Without those names, three or more colour channels are taken in their order, one
+/// or two are grey.
+ColorChannels color_channels(const std::vector<std::string>& names, int alpha) {
+  ColorChannels c{find_channel(names, "R"), find_channel(names, "G"), find_channel(names, "B"),
+                  alpha >= 0 ? alpha : find_channel(names, "A")};
+  if (c.red >= 0 && c.green >= 0 && c.blue >= 0) return c;
+  std::vector<int> colors;
+  for (int i = 0; i < static_cast<int>(names.size()); ++i) {
+    if (i != c.alpha) colors.push_back(i);
+  }
+  if (colors.empty()) colors.push_back(c.alpha);
+  const bool grey = colors.size() < 3;
+  c.red = colors[0];
+  c.green = grey ? colors[0] : colors[1];
+  c.blue = grey ? colors[0] : colors[2];
+  return c;
+}
+
+/// One value as a fraction of full scale, still encoded.
+float fraction(std::uint8_t value) { return static_cast<float>(value) / 255.0f; }
+float fraction(std::uint16_t value) { return static_cast<float>(value) / 65535.0f; }
+float fraction(float value) { return value; }
+
+/// One colour value in linear light.
+float linear(std::uint8_t value) { return srgb8_to_linear(value); }
+float linear(std::uint16_t value) {
+  static const std::vector<float> table = [] {
+    std::vector<float> t(65536);
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      t[i] = srgb16_to_linear(static_cast<std::uint16_t>(i));
+    }
+    return t;
+  }();
+  return table[value];
+}
+float linear(float value) { return value; }
+
+template <class T>
+T clamped_ratio(T value, T alpha) {
+  constexpr float kFull = std::is_same_v<T, std::uint8_t> ? 255.0f : 65535.0f;
+  const float ratio = static_cast<float>(value) / static_cast<float>(alpha);
+  return static_cast<T>(std::min(ratio, 1.0f) * kFull + 0.5f);
+}
+
+template <class T>
+T divided(T value, T alpha) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return value / alpha;
+  } else {
+    constexpr unsigned kFull = std::numeric_limits<T>::max();
+    return static_cast<T>(std::min(kFull, (value * kFull + alpha / 2u) / alpha));
+  }
+}
+
+/// Colour with its alpha divided out, linear. Integer formats multiplied the encoded value, so they
+/// are divided before they are decoded. Where alpha is zero the colour stays as stored: environment
+/// maps come with an empty alpha channel.
+template <class T>
+float straight(T value, T alpha) {
+  return linear(alpha > T{} ? divided(value, alpha) : value);
+}
+
+template <class T>
+void convert_to_rgba(const T* in, std::size_t stride, const ColorChannels& c, bool associated,
+                     Image& image) {
+  const auto width = static_cast<std::size_t>(image.width);
+  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    float* out = image.data.data() + begin * width * 4;
+    for (const T* p = in + begin * width * stride; p != in + end * width * stride;
+         p += stride, out += 4) {
+      const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
+      out[3] = c.alpha >= 0 ? fraction(p[c.alpha]) : 1.0f;
+      for (std::size_t i = 0; i < 3; ++i) {
+        out[i] = associated ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
+      }
+    }
+  });
+}
+
+template <class T>
+void convert_raw(const T* in, std::size_t channels, int alpha, Image& image) {
+  const std::size_t row = channels * static_cast<std::size_t>(image.width);
+  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin * row; i < end * row; ++i) {
+      image.data[i] = static_cast<int>(i % channels) == alpha ? fraction(in[i]) : linear(in[i]);
+    }
+  });
+}
+
+/// Whether the reader hands out colours multiplied by alpha although it was asked not to: OpenEXR's
+/// convention, and TIFF files that are stored so.
+bool has_associated_alpha(const OIIO::ImageInput& input) {
+  const std::string format = input.format_name();
+  return (format == "openexr" || format == "tiff") &&
+         input.spec().get_int_attribute("oiio:UnassociatedAlpha") == 0;
+}
+
+/// Reads the pixels as T and converts them.
+template <class T>
+void read_pixels(OIIO::ImageInput& input, const std::string& path, bool raw, Image& image) {
+  const OIIO::ImageSpec& spec = input.spec();
+  const auto channels = static_cast<std::size_t>(spec.nchannels);
+  const std::size_t pixel_count = static_cast<std::size_t>(spec.width) * spec.height;
+  Array<T> pixels(pixel_count * channels);
+  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, pixels.data())) {
+    throw_input(path, "damaged image: " + cause(input.geterror()));
+  }
+  const ColorChannels c = color_channels(spec.channelnames, spec.alpha_channel);
+  if (raw) {
+    image.channels = spec.channelnames;
+    image.data.resize(pixels.size());
+    convert_raw(pixels.data(), channels, c.alpha, image);
+  } else {
+    image.channels = {"R", "G", "B", "A"};
+    image.data.resize(pixel_count * 4);
+    const bool associated = c.alpha >= 0 && c.alpha != c.red && has_associated_alpha(input);
+    convert_to_rgba(pixels.data(), channels, c, associated, image);
+  }
+}
+
+void check_is_file(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error)) {
+    throw_io(path, "is a directory; name an image file");
+  }
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) throw_io(path, "cannot be opened: " + std::string(std::strerror(errno)));
+  close(descriptor);
+}
+
+void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
+  if (spec.width <= 0 || spec.height <= 0 || spec.nchannels <= 0 || spec.depth > 1) {
+    throw_input(path, fmt::format("has {} x {} x {} pixels of {} channels; only flat pictures are "
+                                  "read",
+                                  spec.width, spec.height, spec.depth, spec.nchannels));
+  }
+  const double bytes = static_cast<double>(spec.width) * spec.height * std::max(4, spec.nchannels) *
+                       2 * sizeof(float);
+  if (bytes > static_cast<double>(available_memory_bytes())) {
+    throw_input(path, fmt::format("{} x {} pixels of {} channels do not fit into memory",
+                                  spec.width, spec.height, spec.nchannels));
+  }
+}
+
+// ---------------------------------------------------------------------------------------------
+// Writing
+
+/// What a format stores.
+enum class Encoding {
+  kFloatAllChannels,  ///< Linear, premultiplied, AOVs included.
+  kFloatColor,        ///< Linear, premultiplied, R G B.
+  kStraight8,         ///< sRGB, straight alpha; the alpha is left out where it is 1 everywhere.
+  kColor8             ///< sRGB of the premultiplied colour: the picture over black.
+};
+
+Encoding encoding_of(const OIIO::ImageOutput& output) {
+  const std::string format = output.format_name();
+  if (format == "openexr") return Encoding::kFloatAllChannels;
+  if (format == "hdr") return Encoding::kFloatColor;
+  return output.supports("alpha") ? Encoding::kStraight8 : Encoding::kColor8;
+}
+
+ColorChannels color_channels(const Image& image) {
+  return color_channels(image.channels, find_channel(image.channels, "A"));
+}
+
+std::uint8_t alpha8(float alpha) {
+  return static_cast<std::uint8_t>(std::clamp(alpha, 0.0f, 1.0f) * 255.0f + 0.5f);
+}
+
+bool is_opaque(const Image& image, int alpha) {
+  if (alpha < 0) return true;
+  const std::size_t stride = image.channels.size();
+  for (std::size_t i = static_cast<std::size_t>(alpha); i < image.data.size(); i += stride) {
+    if (alpha8(image.data[i]) != 255) return false;
+  }
+  return true;
+}
+
+/// Calls convert(pixel, out) for every pixel, out being `channels` values of T further each time.
+template <class T, class Convert>
+std::vector<T> convert_pixels(const Image& image, std::size_t channels, const Convert& convert) {
+  const std::size_t stride = image.channels.size();
+  const auto width = static_cast<std::size_t>(image.width);
+  std::vector<T> result(width * image.height * channels);
+  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin * width; i < end * width; ++i) {
+      convert(image.data.data() + i * stride, result.data() + i * channels);
+    }
+  });
+  return result;
+}
+
+std::vector<std::uint8_t> encode_straight8(const Image& image, bool with_alpha) {
+  const ColorChannels c = color_channels(image);
+  return convert_pixels<std::uint8_t>(image, with_alpha ? 4 : 3,
+                                      [&](const float* in, std::uint8_t* out) {
+                                        const float alpha = c.alpha < 0 ? 1.0f : in[c.alpha];
+                                        const float scale = alpha > 0 ? 1 / alpha : 0.0f;
+                                        out[0] = linear_to_srgb8(in[c.red] * scale);
+                                        out[1] = linear_to_srgb8(in[c.green] * scale);
+                                        out[2] = linear_to_srgb8(in[c.blue] * scale);
+                                        if (with_alpha) out[3] = alpha8(alpha);
+                                      });
+}
+
+std::vector<std::uint8_t> encode_color8(const Image& image) {
+  const ColorChannels c = color_channels(image);
+  return convert_pixels<std::uint8_t>(image, 3, [&](const float* in, std::uint8_t* out) {
+    out[0] = linear_to_srgb8(in[c.red]);
+    out[1] = linear_to_srgb8(in[c.green]);
+    out[2] = linear_to_srgb8(in[c.blue]);
+  });
+}
+
+std::vector<float> select_color(const Image& image) {
+  const ColorChannels c = color_channels(image);
+  return convert_pixels<float>(image, 3, [&](const float* in, float* out) {
+    out[0] = in[c.red];
+    out[1] = in[c.green];
+    out[2] = in[c.blue];
+  });
+}
+
+void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions& options) {
+  const bool floats = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kFloatColor;
+  spec.attribute("oiio:ColorSpace", floats ? "Linear" : "sRGB");
+  if (encoding == Encoding::kStraight8) spec.attribute("oiio:UnassociatedAlpha", 1);
+  for (const auto& [key, value] : options.metadata) spec.attribute(key, value);
+  // Without it, OpenImageIO stamps the current time.
+  spec.attribute("DateTime", "");
+  if (options.world_to_camera.size() == 16) {
+    // OpenEXR's matrices act on row vectors: the transpose of ours.
+    std::array<float, 16> transposed{};
+    for (std::size_t i = 0; i < 16; ++i) {
+      transposed[i] = options.world_to_camera[i % 4 * 4 + i / 4];
+    }
+    spec.attribute("worldToCamera", OIIO::TypeMatrix, transposed.data());
+  }
+}
+
+/// The writer for a path's extension; PNG for standard output. Only writers into memory are taken:
+/// the bytes then go through OutputFile, which notices a full disk (libjpeg would end the process).
+std::unique_ptr<OIIO::ImageOutput> make_output(const std::string& path) {
+  const std::string extension =
+      path == "-" ? ".png" : std::filesystem::path(path).extension().string();
+  auto output = extension.size() > 1 ? OIIO::ImageOutput::create(extension.substr(1)) : nullptr;
+  if (!output || !output->supports("ioproxy")) {
+    OIIO::geterror();
+    throw_usage(path + ": images are not written as '" + extension +
+                "'; use .png, .exr, .tif, .jpg, .hdr, .bmp, .tga, .webp or .ppm");
+  }
+  return output;
+}
+
+/// Encodes pixels of T into the bytes of a file.
+template <class T>
+std::vector<unsigned char> encode_file(OIIO::ImageOutput& output, OIIO::ImageSpec spec,
+                                       const T* pixels, const std::string& path) {
+  OIIO::Filesystem::IOVecOutput memory;
+  spec.set_format(OIIO::BaseTypeFromC<T>::value);
+  const bool written = output.set_ioproxy(&memory) && output.open("memory", spec) &&
+                       output.write_image(OIIO::BaseTypeFromC<T>::value, pixels);
+  if (!output.close() || !written) {
+    throw_io(path, "cannot be written: " + cause(output.geterror()));
+  }
+  return memory.buffer();
+}
+
+std::vector<unsigned char> encode_image(OIIO::ImageOutput& output, const Image& image,
+                                        const std::string& path, const ImageWriteOptions& options) {
+  const Encoding encoding = encoding_of(output);
+  const bool with_alpha =
+      encoding == Encoding::kStraight8 && !is_opaque(image, color_channels(image).alpha);
+  OIIO::ImageSpec spec(image.width, image.height, with_alpha ? 4 : 3);
+  describe(spec, encoding, options);
+  switch (encoding) {
+    case Encoding::kFloatAllChannels:
+      spec.nchannels = image.channel_count();
+      spec.channelnames = image.channels;
+      spec.alpha_channel = find_channel(image.channels, "A");
+      spec.z_channel = find_channel(image.channels, "Z");
+      return encode_file(output, spec, image.data.data(), path);
+    case Encoding::kFloatColor:
+      return encode_file(output, spec, select_color(image).data(), path);
+    case Encoding::kStraight8:
+      return encode_file(output, spec, encode_straight8(image, with_alpha).data(), path);
+    case Encoding::kColor8:
+      spec.attribute("CompressionQuality", 95);
+      spec.attribute("jpeg:subsampling", "4:4:4");
+      return encode_file(output, spec, encode_color8(image).data(), path);
+  }
+  return {};
+}
+
+}  // namespace
+}  // namespace surfel
+
+extern "C" {
+
+SURFEL_API void surfel_image_plugin_read(const std::string& path, bool raw, surfel::Image& image) {
+  using namespace surfel;
+  check_is_file(path);
+  configure_openimageio();
+  OIIO::ImageSpec hints;
+  hints.attribute("oiio:UnassociatedAlpha", 1);
+  const auto input = OIIO::ImageInput::open(path, &hints);
+  if (!input) throw_input(path, "cannot be read as an image: " + cause(OIIO::geterror()));
+  const OIIO::ImageSpec& spec = input->spec();
+  check_size(spec, path);
+  image.width = spec.width;
+  image.height = spec.height;
+  if (spec.format.is_floating_point()) {
+    read_pixels<float>(*input, path, raw, image);
+  } else if (spec.format.size() == 1) {
+    read_pixels<std::uint8_t>(*input, path, raw, image);
+  } else {
+    read_pixels<std::uint16_t>(*input, path, raw, image);
+  }
+}
+
+SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std::string& path,
+                                          const surfel::ImageWriteOptions& options) {
+  using namespace surfel;
+  configure_openimageio();
+  const auto output = make_output(path);
+  // Before the work is done, so that a target that cannot be written is found at once.
+  OutputFile file(path, options.no_clobber);
+  const std::vector<unsigned char> bytes = encode_image(*output, image, path, options);
+  file.write(bytes.data(), bytes.size());
+  file.commit();
+}
+
+}  // extern "C"
