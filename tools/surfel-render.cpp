@@ -45,6 +45,8 @@ void declare_options(CLI::App& app, Settings& s) {
 
   app.option_defaults()->group("Camera");
   add_vector(app, "--eye", s.camera.eye, "Eye, world coordinates; default: everything is seen");
+  add_vector(app, "--from", s.camera.from,
+             "Instead of --eye: direction from the target to the eye");
   add_vector(app, "--target", s.camera.target, "Point looked at; default: the scene's centre");
   add_vector(app, "--up", s.camera.up, "Direction that is up in the picture");
   app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)")
@@ -53,6 +55,8 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Orthographic projection of this visible height, scene units, > 0");
   add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
   app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0")
+      ->capture_default_str();
+  app.add_option("--zoom", s.camera.zoom, "Enlarges the picture about its centre, once framed, > 0")
       ->capture_default_str();
   app.add_flag("--frame-all", s.camera.frame_all,
                "Move the eye along its line of sight until the whole scene is just seen");

@@ -120,6 +120,21 @@ TEST(Camera, TurntableCirclesTheTarget) {
   EXPECT_LT((cameras[2].eye - Vec3d(3, 0, 0)).norm(), 1e-9);
 }
 
+TEST(Camera, FromIsTheSideThatIsSeenAndZoomEnlarges) {
+  SceneExtent scene;
+  scene.box.add(Vec3d(-1, -1, -1));
+  scene.box.add(Vec3d(3, 1, 1));
+  CameraOptions options;
+  options.from = Vec3d(2, 0, 0);
+  const Camera camera = make_camera(options, scene);
+  EXPECT_GT(camera.eye.x(), 3);
+  EXPECT_NEAR(camera.eye.y(), 0, 1e-9);
+  options.zoom = 4;
+  const Camera near = make_camera(options, scene);
+  EXPECT_EQ(near.eye, camera.eye);
+  EXPECT_DOUBLE_EQ(near.focal_x, 4 * camera.focal_x);
+}
+
 TEST(Camera, UpAlongTheViewIsReplaced) {
   CameraOptions options = front_view();
   options.up = Vec3d(0, 0, 1);
@@ -158,6 +173,9 @@ TEST(CameraOptions, DefaultsAreValidAndBadValuesAreRefused) {
   EXPECT_TRUE(refused([](CameraOptions& o) { o.ortho = 0; }));
   EXPECT_TRUE(refused([](CameraOptions& o) { o.width = 0; }));
   EXPECT_TRUE(refused([](CameraOptions& o) { o.near = -1; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.zoom = 0; }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.from = Vec3d(0, 0, 0); }));
+  EXPECT_TRUE(refused([](CameraOptions& o) { o.from = o.eye = Vec3d(0, 0, 1); }));
   EXPECT_TRUE(refused([](CameraOptions& o) { o.up = Vec3d(0, 0, 0); }));
 }
 

@@ -57,7 +57,11 @@ std::vector<std::string> CameraOptions::problems() const {
         fmt::format("size is {}x{}; each side must be in 1..65536", width, height));
   check(near >= 0 && std::isfinite(near), fmt::format("near is {}; it must be >= 0", near));
   check(up.allFinite() && up.norm() > 0, "up must be a finite direction, not zero");
+  check(zoom > 0 && std::isfinite(zoom), fmt::format("zoom is {}; it must be > 0", zoom));
   check(!eye || eye->allFinite(), "eye must be finite");
+  check(!from || (from->allFinite() && from->norm() > 0),
+        "from must be a finite direction, not zero");
+  check(!eye || !from, "eye and from exclude each other");
   check(!target || target->allFinite(), "target must be finite");
   return found;
 }
@@ -70,9 +74,10 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
   }
   const Vec3d target = options.target.value_or(box.center());
   const bool z_up = std::abs(options.up.normalized().z()) > 0.9;
-  const Vec3d default_side =
-      z_up ? Vec3d(0, -1, 0.36).normalized() : Vec3d(0, 0.36, 1).normalized();
-  const Vec3d back = options.eye ? Vec3d(*options.eye - target) : default_side;
+  const Vec3d side = options.from ? options.from->normalized()
+                     : z_up       ? Vec3d(0, -1, 0.36).normalized()
+                                  : Vec3d(0, 0.36, 1).normalized();
+  const Vec3d back = options.eye ? Vec3d(*options.eye - target) : side;
   if (!(back.norm() > 0)) throw_usage("eye and target are the same point");
 
   Camera camera;
@@ -113,9 +118,9 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
     }
   }
   camera.eye = target + back.normalized() * distance;
-  camera.focal_y = camera.orthographic
-                       ? options.height / (2 * half_height)
-                       : options.height / (2 * std::tan(options.fov * std::numbers::pi / 360));
+  const double half_picture =
+      camera.orthographic ? half_height : std::tan(options.fov * std::numbers::pi / 360);
+  camera.focal_y = options.zoom * options.height / (2 * half_picture);
   camera.focal_x = camera.focal_y;
   return camera;
 }
@@ -140,12 +145,14 @@ std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOpt
   const auto read_one = [&](const TomlTable& table) {
     CameraOptions options = defaults;
     table.read("eye", options.eye);
+    table.read("from", options.from);
     table.read("target", options.target);
     table.read("up", options.up);
     table.read("fov", options.fov);
     table.read("ortho", options.ortho);
     table.read("size", options.width, options.height);
     table.read("near", options.near);
+    table.read("zoom", options.zoom);
     table.read("frame-all", options.frame_all);
     table.reject_unread();
     for (const std::string& problem : options.problems()) throw_input(path, problem);

@@ -31,6 +31,7 @@ struct Camera {
 struct CameraOptions {
   std::optional<Vec3d> eye;     ///< Default: in front of the target (towards +z, or -y where `up`
                                 ///< is z) and 20 degrees above it, so far that all is seen.
+  std::optional<Vec3d> from;    ///< Direction from the target to the eye, where `eye` is not set.
   std::optional<Vec3d> target;  ///< Default: the centre of the scene's bounding box.
   Vec3d up{0, 1, 0};            ///< Need not be perpendicular to the view.
   double fov = 40;              ///< Vertical field of view, degrees, in (0, 180).
@@ -38,6 +39,7 @@ struct CameraOptions {
   int width = 512;              ///< Pixels, 1..65536.
   int height = 512;
   double near = 0;         ///< Scene units, >= 0.
+  double zoom = 1;         ///< Enlarges the picture about its centre, once framed; > 0.
   bool frame_all = false;  ///< Move the eye along its line of sight (orthographic: set the
                            ///< height) until the whole scene is just seen.
 
@@ -65,9 +67,9 @@ SURFEL_API Camera make_camera(const CameraOptions& options, const SceneExtent& s
 SURFEL_API std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& scene,
                                          int count);
 
-/// Reads cameras from TOML: keys eye, target, up, fov, ortho, size = [w, h], near, frame-all at top
-/// level or, for several views, in tables [[camera]]; what a file leaves out comes from `defaults`.
-/// Throws Error naming file and line; an unknown key is an error.
+/// Reads cameras from TOML: keys eye, from, target, up, fov, ortho, size = [w, h], near, zoom,
+/// frame-all at top level or, for several views, in tables [[camera]]; what a file leaves out comes
+/// from `defaults`. Throws Error naming file and line; an unknown key is an error.
 SURFEL_API std::vector<CameraOptions> read_cameras(const std::string& path,
                                                    const CameraOptions& defaults);
 
