@@ -1,0 +1,54 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <filesystem>
+#include <string_view>
+
+#include <surfel/base/error.h>
+#include <surfel/io/file_kind.h>
+#include <surfel/io/input_file.h>
+#include <surfel/io/ply.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::array<std::string_view, 3> kMeshes = {".obj", ".off", ".stl"};
+constexpr std::array<std::string_view, 11> kImages = {
+    ".bmp", ".exr", ".hdr", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tga", ".tif", ".tiff"};
+
+template <class Set>
+bool contains(const Set& set, const std::string& value) {
+  return std::find(set.begin(), set.end(), value) != set.end();
+}
+
+FileKind ply_kind(InputFile file) {
+  const PlyFile ply(std::move(file));
+  const auto count = [&](std::string_view element) {
+    const PlyElement* found = ply.header().find(element);
+    return found ? found->count : 0;
+  };
+  if (count("face") > 0 || count("tristrips") > 0) return FileKind::kMesh;
+  // Point clouds are often written with an empty list of faces; without points it is an empty mesh.
+  const bool empty_mesh = ply.header().find("face") && count("vertex") == 0;
+  return empty_mesh ? FileKind::kMesh : FileKind::kCloud;
+}
+
+}  // namespace
+
+FileKind file_kind(const std::string& path) {
+  if (path == "-") return FileKind::kCloud;
+  InputFile file(path);
+  if (file.bytes().empty()) throw_input(path, "is empty");
+  if (PlyFile::matches(file.bytes())) return ply_kind(std::move(file));
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".pcd" || extension == ".ply") return FileKind::kCloud;
+  if (contains(kMeshes, extension)) return FileKind::kMesh;
+  if (contains(kImages, extension)) return FileKind::kImage;
+  throw_input(path,
+              "format not supported; known are PLY and PCD (surfels), PLY, OBJ, OFF and STL "
+              "(meshes) and images");
+}
+
+}  // namespace surfel

@@ -1,0 +1,347 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/measure/cloud_statistics.h>
+#include <surfel/measure/neighbors.h>
+#include <surfel/measure/voronoi_cell.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kQueryGrain = 64;
+/// Neighbours that bound a Voronoi cell; on a random surface six do on average.
+constexpr std::size_t kCellNeighbors = 24;
+/// Discs looked at per cell; more over one point than this are not counted.
+constexpr std::size_t kMostDiscs = 1024;
+constexpr int kPointsPerCell = 16;
+constexpr float kAgreeingCosine = 0.5F;  // 60 degrees.
+
+bool finite(float value) { return std::isfinite(value); }
+bool finite(const Vec2f& value) { return value.allFinite(); }
+bool finite(const Vec3f& value) { return value.allFinite(); }
+template <class Integer>
+requires std::is_integral_v<Integer>
+bool finite(Integer) { return true; }
+
+/// Number of i in [0, count) for which `test` holds.
+template <class Test>
+std::size_t count_if(std::size_t count, Test test) {
+  std::vector<std::size_t> partial((count + kGrain - 1) / kGrain);
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) partial[begin / kGrain] += test(i) ? 1 : 0;
+  });
+  std::size_t sum = 0;
+  for (const std::size_t p : partial) sum += p;
+  return sum;
+}
+
+void count_flaws(const SurfelCloud& cloud, CloudStatistics& out) {
+  const std::size_t n = cloud.size();
+  out.count = n;
+  out.nonfinite_positions = count_if(n, [&](std::size_t i) { return !finite(cloud.position[i]); });
+  if (!cloud.normal.empty()) {
+    const auto& normal = cloud.normal;
+    out.nonfinite_normals = count_if(n, [&](std::size_t i) { return !finite(normal[i]); });
+    out.zero_normals = count_if(n, [&](std::size_t i) { return normal[i].isZero(0); });
+    out.non_unit_normals = count_if(n, [&](std::size_t i) {
+      return finite(normal[i]) && !normal[i].isZero(0) && std::abs(normal[i].norm() - 1) > 1e-3F;
+    });
+  }
+  Array<std::uint8_t> flawed;
+  flawed.assign(n, 0);
+  SurfelCloud::visit_columns(cloud, [&](const auto& column) {
+    const void* address = &column;
+    if (column.empty() || address == &cloud.position || address == &cloud.normal) return;
+    parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!finite(column[i])) flawed[i] = 1;
+      }
+    });
+  });
+  out.nonfinite_values = count_if(n, [&](std::size_t i) { return flawed[i] != 0; });
+}
+
+/// The surfels that take part in the measures of space: finite ones, with what these need.
+struct Discs {
+  Array<Vec3f> position;
+  Array<std::uint32_t> surfel;  ///< Index into the cloud.
+  Array<float> radius;          ///< sqrt(2 c max variance); empty without variances.
+};
+
+bool has_variance(const SurfelCloud& cloud) {
+  return cloud.anisotropic() || !cloud.variance.empty();
+}
+
+float largest_variance(const SurfelCloud& cloud, std::size_t i) {
+  return cloud.anisotropic() ? std::max(cloud.variance_u[i], cloud.variance_v[i])
+                             : cloud.variance[i];
+}
+
+Discs finite_discs(const SurfelCloud& cloud, double cutoff) {
+  Discs discs;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (!finite(cloud.position[i])) continue;
+    discs.position.push_back(cloud.position[i]);
+    discs.surfel.push_back(static_cast<std::uint32_t>(i));
+    if (!has_variance(cloud)) continue;
+    const double variance = largest_variance(cloud, i);
+    const bool usable = std::isfinite(variance) && variance > 0;
+    discs.radius.push_back(usable ? static_cast<float>(std::sqrt(2 * cutoff * variance)) : 0.0F);
+  }
+  return discs;
+}
+
+/// Distances within a disc's plane are measured in its standard deviations: the exponent
+/// beta = d^T V^-1 d / 2 of the offset d from surfel i.   [SS01 (6), without the screen]
+double exponent(const SurfelCloud& cloud, std::size_t i, const Vec3d& offset) {
+  const Vec3d n = cloud.normal[i].cast<double>();
+  if (!cloud.anisotropic()) {
+    return (offset - offset.dot(n) * n).squaredNorm() /
+           (2 * static_cast<double>(cloud.variance[i]));
+  }
+  const Vec3d t = cloud.tangent[i].cast<double>();
+  const double u = offset.dot(t);
+  const double v = offset.dot(n.cross(t));
+  return u * u / (2 * static_cast<double>(cloud.variance_u[i])) +
+         v * v / (2 * static_cast<double>(cloud.variance_v[i]));
+}
+
+/// Measures the coverage around one surfel after the other.
+class CoverageProbe {
+ public:
+  CoverageProbe(const SurfelCloud& cloud, const CloudStatisticsOptions& options, const Discs& discs,
+                const Neighbors& neighbors)
+      : cloud_(cloud), options_(options), discs_(discs), neighbors_(neighbors) {
+    for (const float r : discs.radius) largest_radius_ = std::max(largest_radius_, r);
+  }
+
+  struct Cell {
+    double area = 0;  ///< 0 where the cell is open.
+    int points = 0;
+    int holes = 0;
+    double overlap = 0;  ///< Discs over the points, summed.
+  };
+
+  Cell measure(std::size_t disc) const {
+    Cell out;
+    const std::uint32_t k = discs_.surfel[disc];
+    const Vec3f& normal = cloud_.normal[k];
+    if (!finite(normal) || normal.isZero(0)) return out;
+    const Vec3d n = normal.cast<double>().normalized();
+    const Vec3d a = n.unitOrthogonal();
+    const Vec3d b = n.cross(a);
+    const auto corners = cell(disc, a, b);
+    if (!corners) return out;
+    out.area = polygon_area(*corners);
+
+    double reach = largest_radius_;
+    for (const Vec2d& corner : *corners) reach = std::max(reach, largest_radius_ + corner.norm());
+    const std::vector<std::uint32_t> near =
+        neighbors_.within(discs_.position[disc], static_cast<float>(reach) * 1.0001F, kMostDiscs);
+    for (int point = 0; point < kPointsPerCell; ++point) {
+      const double s = random_uniform(options_.seed, k, 2 * point + 1);
+      const double t = random_uniform(options_.seed, k, 2 * point + 2);
+      const Vec2d p = polygon_point(*corners, s, t);
+      const int discs =
+          covering(near, k, discs_.position[disc].cast<double>() + p.x() * a + p.y() * b);
+      ++out.points;
+      out.holes += discs == 0 ? 1 : 0;
+      out.overlap += discs;
+    }
+    return out;
+  }
+
+ private:
+  bool agree(std::uint32_t i, std::uint32_t k) const {
+    return cloud_.normal[i].dot(cloud_.normal[k]) > kAgreeingCosine;
+  }
+
+  std::optional<std::vector<Vec2d>> cell(std::size_t disc, const Vec3d& a, const Vec3d& b) const {
+    const Vec3f& center = discs_.position[disc];
+    const std::vector<std::uint32_t> near = neighbors_.nearest(center, kCellNeighbors + 1);
+    std::vector<Vec2d> flat;
+    double reach = 0;
+    for (const std::uint32_t j : near) {
+      const Vec3d offset = (discs_.position[j] - center).cast<double>();
+      reach = offset.norm();  // They come by ascending distance.
+      if (agree(discs_.surfel[j], discs_.surfel[disc]))
+        flat.emplace_back(offset.dot(a), offset.dot(b));
+    }
+    return voronoi_cell(flat, reach);
+  }
+
+  int covering(const std::vector<std::uint32_t>& near, std::uint32_t k, const Vec3d& point) const {
+    int count = 0;
+    for (const std::uint32_t j : near) {
+      const std::uint32_t i = discs_.surfel[j];
+      if (discs_.radius[j] == 0 || !agree(i, k)) continue;
+      const Vec3d offset = point - discs_.position[j].cast<double>();
+      const double height = std::abs(offset.dot(cloud_.normal[i].cast<double>()));
+      if (height <= discs_.radius[j] && exponent(cloud_, i, offset) < options_.cutoff) ++count;
+    }
+    return count;
+  }
+
+  const SurfelCloud& cloud_;
+  const CloudStatisticsOptions& options_;
+  const Discs& discs_;
+  const Neighbors& neighbors_;
+  float largest_radius_ = 0;
+};
+
+/// `samples` of [0, count), spread evenly, one from each of equal stretches; all if there are
+/// fewer.
+std::vector<std::size_t> sampled(std::size_t count, std::size_t samples, std::uint64_t seed) {
+  std::vector<std::size_t> picked(std::min(count, samples));
+  const double stretch = static_cast<double>(count) / static_cast<double>(picked.size());
+  for (std::size_t i = 0; i < picked.size(); ++i) {
+    const double jitter = picked.size() == count ? 0 : random_uniform(seed, i);
+    const auto at = static_cast<std::size_t>((static_cast<double>(i) + jitter) * stretch);
+    picked[i] = std::min(at, count - 1);
+  }
+  return picked;
+}
+
+void measure_spacing(const Discs& discs, const Neighbors& neighbors,
+                     const std::vector<std::size_t>& queries, CloudStatistics& out) {
+  if (discs.position.size() < 2) return;
+  std::vector<double> distance(queries.size());
+  parallel_for(queries.size(), kQueryGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) {
+      const Vec3f& at = discs.position[queries[q]];
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const std::uint32_t j : neighbors.nearest(at, 2)) {
+        if (j != queries[q])
+          nearest = std::min(nearest, (discs.position[j] - at).cast<double>().norm());
+      }
+      distance[q] = nearest;
+    }
+  });
+  const auto coincident = std::count(distance.begin(), distance.end(), 0.0);
+  out.coincident_share = static_cast<double>(coincident) / static_cast<double>(distance.size());
+  out.spacing = distribution(std::move(distance));
+}
+
+void measure_coverage(const SurfelCloud& cloud, const CloudStatisticsOptions& options,
+                      const Discs& discs, const Neighbors& neighbors,
+                      const std::vector<std::size_t>& queries, CloudStatistics& out) {
+  if (cloud.normal.empty() || !has_variance(cloud)) return;
+  const CoverageProbe probe(cloud, options, discs, neighbors);
+  std::vector<CoverageProbe::Cell> cells(queries.size());
+  parallel_for(queries.size(), kQueryGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) cells[q] = probe.measure(queries[q]);
+  });
+  // Cells differ in area and have the same number of points: a point counts by its cell's area.
+  Coverage coverage;
+  double area = 0;
+  for (const CoverageProbe::Cell& cell : cells) {
+    if (cell.area <= 0) continue;
+    ++coverage.cells;
+    area += cell.area;
+    coverage.hole_share += cell.area * cell.holes / cell.points;
+    coverage.overlap += cell.area * cell.overlap / cell.points;
+  }
+  if (coverage.cells == 0) return;
+  coverage.hole_share /= area;
+  coverage.overlap /= area;
+  coverage.cell_area_mean = area / static_cast<double>(coverage.cells);
+  out.coverage = coverage;
+}
+
+const char* type_name(ScalarType type) {
+  constexpr const char* kNames[] = {"char", "uchar", "short", "ushort",
+                                    "int",  "uint",  "float", "double"};
+  return kNames[static_cast<std::size_t>(type)];
+}
+
+}  // namespace
+
+Distribution distribution(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const auto rank = [&](double p) {
+    return values[static_cast<std::size_t>(p * static_cast<double>(values.size() - 1) + 0.5)];
+  };
+  double sum = 0;
+  for (const double v : values) sum += v;
+  return {sum / static_cast<double>(values.size()),
+          values.front(),
+          rank(0.05),
+          rank(0.5),
+          rank(0.95),
+          values.back()};
+}
+
+std::vector<std::string> CloudStatisticsOptions::problems() const {
+  std::vector<std::string> out;
+  if (!(cutoff > 0) || !std::isfinite(cutoff)) {
+    out.push_back("cutoff is " + std::to_string(cutoff) + "; it must be above 0");
+  }
+  if (samples < 1) out.emplace_back("samples is 0; it must be at least 1");
+  return out;
+}
+
+CloudStatistics cloud_statistics(const SurfelCloud& cloud, const CloudStatisticsOptions& options) {
+  if (const auto problems = options.problems(); !problems.empty()) throw_usage(problems.front());
+  CloudStatistics out;
+  count_flaws(cloud, out);
+  out.bounds = cloud.bounds();
+  const Discs discs = finite_discs(cloud, options.cutoff);
+  if (has_variance(cloud)) {
+    out.negative_variances =
+        count_if(cloud.size(), [&](std::size_t i) { return largest_variance(cloud, i) < 0; });
+    if (!discs.radius.empty())
+      out.radius = distribution({discs.radius.begin(), discs.radius.end()});
+  }
+  if (discs.position.empty()) return out;
+  const Neighbors neighbors(discs.position);
+  const auto queries = sampled(discs.position.size(), options.samples, options.seed);
+  measure_spacing(discs, neighbors, queries, out);
+  measure_coverage(cloud, options, discs, neighbors, queries, out);
+  return out;
+}
+
+std::vector<PropertyInfo> cloud_properties(const SurfelCloud& cloud) {
+  std::vector<PropertyInfo> out;
+  const auto add = [&](const auto& column, const std::string& type,
+                       std::initializer_list<const char*> names) {
+    if (column.empty()) return;
+    for (const char* name : names) out.push_back({name, type});
+  };
+  const bool doubles = cloud.double_positions || !cloud.origin.isZero(0);
+  const std::string color = cloud.color_encoding == ColorEncoding::kUint8Srgb    ? "uchar"
+                            : cloud.color_encoding == ColorEncoding::kUint16Srgb ? "ushort"
+                                                                                 : "float";
+  out.push_back({"x", doubles ? "double" : "float"});
+  out.push_back({"y", out.back().type});
+  out.push_back({"z", out.back().type});
+  add(cloud.normal, "float", {"nx", "ny", "nz"});
+  add(cloud.variance, "float", {"variance"});
+  add(cloud.tangent, "float", {"tx", "ty", "tz"});
+  add(cloud.variance_u, "float", {"variance_u"});
+  add(cloud.variance_v, "float", {"variance_v"});
+  add(cloud.area, "float", {"area"});
+  add(cloud.color, color, {"red", "green", "blue"});
+  add(cloud.alpha, cloud.alpha_as_uint8 ? "uchar" : "float", {"alpha"});
+  add(cloud.coefficient, "float", {"w_red", "w_green", "w_blue"});
+  add(cloud.uv, "float", {"u", "v"});
+  add(cloud.dpdu, "float", {"dpdu_x", "dpdu_y", "dpdu_z"});
+  add(cloud.dpdv, "float", {"dpdv_x", "dpdv_y", "dpdv_z"});
+  add(cloud.material, "ushort", {"material"});
+  add(cloud.group, "ushort", {"group"});
+  add(cloud.group_radius, "float", {"group_radius"});
+  add(cloud.source, "uint", {"source"});
+  add(cloud.level, "uchar", {"level"});
+  for (const ExtraProperty& property : cloud.extra) {
+    out.push_back({property.name, type_name(property.type)});
+  }
+  return out;
+}
+
+}  // namespace surfel

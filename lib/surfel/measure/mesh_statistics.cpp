@@ -1,0 +1,82 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include <surfel/base/radix_sort.h>
+#include <surfel/measure/mesh_statistics.h>
+
+namespace surfel {
+namespace {
+
+/// Disjoint sets with path halving (Tarjan and van Leeuwen 1984).
+class DisjointSets {
+ public:
+  explicit DisjointSets(std::size_t count) : parent_(count) {
+    std::iota(parent_.begin(), parent_.end(), 0U);
+  }
+  std::uint32_t find(std::uint32_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void unite(std::uint32_t a, std::uint32_t b) {
+    a = find(a);
+    b = find(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+  }
+
+ private:
+  std::vector<std::uint32_t> parent_;
+};
+
+std::size_t count_components(const TriangleMesh& mesh) {
+  DisjointSets sets(mesh.position.size());
+  std::vector<bool> used(mesh.position.size(), false);
+  for (const auto& [a, b, c] : mesh.face) {
+    sets.unite(a, b);
+    sets.unite(b, c);
+    used[a] = used[b] = used[c] = true;
+  }
+  std::size_t count = 0;
+  for (std::uint32_t i = 0; i < used.size(); ++i) count += used[i] && sets.find(i) == i ? 1 : 0;
+  return count;
+}
+
+void count_edges(const TriangleMesh& mesh, MeshStatistics& out) {
+  Array<std::uint64_t> edges;
+  edges.reserve(3 * mesh.face.size());
+  for (const auto& face : mesh.face) {
+    for (int corner = 0; corner < 3; ++corner) {
+      const auto [low, high] = std::minmax(face[corner], face[(corner + 1) % 3]);
+      edges.push_back(std::uint64_t{high} << 32 | low);
+    }
+  }
+  const Array<std::uint32_t> order = sorted_order(edges);
+  for (std::size_t begin = 0; begin < order.size();) {
+    std::size_t end = begin + 1;
+    while (end < order.size() && edges[order[end]] == edges[order[begin]]) ++end;
+    if (end - begin == 1) ++out.border_edges;
+    if (end - begin > 2) ++out.non_manifold_edges;
+    begin = end;
+  }
+}
+
+}  // namespace
+
+MeshStatistics mesh_statistics(const TriangleMesh& mesh) {
+  MeshStatistics out;
+  out.vertices = mesh.position.size();
+  out.faces = mesh.face.size();
+  out.components = count_components(mesh);
+  count_edges(mesh, out);
+  for (const Vec3f& p : mesh.position) out.bounds.add(mesh.origin + p.cast<double>());
+  for (const auto& [a, b, c] : mesh.face) {
+    const Vec3d p = mesh.position[a].cast<double>();
+    const Vec3d ab = mesh.position[b].cast<double>() - p;
+    const Vec3d ac = mesh.position[c].cast<double>() - p;
+    out.area += ab.cross(ac).norm() / 2;
+  }
+  return out;
+}
+
+}  // namespace surfel

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+
+#include <surfel/base/export.h>
+#include <surfel/cloud/cloud.h>
+#include <surfel/io/mesh.h>
+
+namespace surfel {
+
+/// Counts and measures of a mesh. Lengths are in scene units.
+struct MeshStatistics {
+  std::size_t vertices = 0;
+  std::size_t faces = 0;
+  std::size_t components = 0;          ///< Sets of faces that share vertices.
+  std::size_t border_edges = 0;        ///< Edges of one face.
+  std::size_t non_manifold_edges = 0;  ///< Edges of three faces or more.
+  double area = 0;                     ///< unit^2.
+  Bounds bounds;                       ///< Of the vertices, world coordinates.
+};
+
+SURFEL_API MeshStatistics mesh_statistics(const TriangleMesh& mesh);
+
+}  // namespace surfel

@@ -1,0 +1,37 @@
+# Sourced by the scripts that need the project built: surfel_install_packages installs what is
+# missing on a Debian 12, surfel_build PRESET configures and builds in build/PRESET. Both are quick
+# when there is nothing to do.
+
+surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+
+surfel_packages=(
+  # Compiler and build.
+  g++ cmake ninja-build pkg-config
+  # Libraries that the project links (design: which does what).
+  libceres-dev libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev
+  liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
+  nlohmann-json3-dev
+  # Tests and checks.
+  libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
+)
+
+surfel_install_packages() {
+  local missing=() package
+  for package in "${surfel_packages[@]}"; do
+    if [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" != installed ]; then
+      missing+=("$package")
+    fi
+  done
+  if [ ${#missing[@]} -eq 0 ]; then return 0; fi
+  echo "Installing: ${missing[*]}"
+  local sudo=()
+  if [ "$(id -u)" -ne 0 ]; then sudo=(sudo); fi
+  "${sudo[@]}" apt-get update -q
+  "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -qy --no-install-recommends "${missing[@]}"
+}
+
+surfel_build() {
+  local preset=$1
+  shift
+  (cd "$surfel_root" && cmake --preset "$preset" "$@" >/dev/null && cmake --build --preset "$preset")
+}
