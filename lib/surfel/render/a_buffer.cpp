@@ -16,6 +16,9 @@ constexpr float kOpaque = 0.9995F;
 Fragment load(TileABuffer& tile, int layer, int pixel) {
   Fragment fragment{};
   for (int c = 0; c < tile.layout.channels(); ++c) fragment.channel[c] = tile.at(layer, c, pixel);
+  if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
+    fragment.channel[kAlpha] = fragment.channel[kWeight];
+  }
   return fragment;
 }
 
@@ -99,8 +102,8 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 
 }  // namespace
 
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal) {
+void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, float epsilon,
+                       const Splat& splat, const SplatNormal* normal) {
   const Fragment fresh = contribution(rho, depth, splat, normal);
   const Sorted sorted(tile, pixel);
   int in_front = 0;  // How many fragments are nearer than the newcomer.
@@ -109,8 +112,7 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
     if (is_merged(fragment)) {
       const bool behind = depth < fragment.channel[kDepth];
       if (behind && fragment.channel[kAlpha] >= kOpaque) return;
-      if (depth - splat.epsilon < fragment.channel[kDepth] &&
-          depth + splat.epsilon > fragment.channel[kBack]) {
+      if (depth - epsilon < fragment.channel[kDepth] && depth + epsilon > fragment.channel[kBack]) {
         ++tile.merges.dropped;
         tile.merges.dropped_weight += rho;
         return;

@@ -17,7 +17,7 @@ enum FragmentChannel : int {
   kRed,     ///< Sum of rho * alpha * colour; merged: composite, premultiplied.
   kGreen,
   kBlue,
-  kAlpha,    ///< Sum of rho * alpha; merged: opacity.
+  kAlpha,    ///< Sum of rho * alpha (not kept where all splats are opaque); merged: opacity.
   kTag,      ///< Splat::tag of the first contribution, as bits.
   kBack,     ///< Merged only: the farthest fragment's depth.
   kNormalX,  ///< Sum of rho * normal; only in shaded pictures.
@@ -32,6 +32,7 @@ inline constexpr float kMergedWeight = -1.0F;
 struct ABufferLayout {
   int layers = 1;
   bool normals = false;
+  bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, but for merged fragments.
 
   int channels() const { return normals ? kNormalZ + 1 : kBack + 1; }
   std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kTilePixels; }
@@ -96,8 +97,8 @@ struct TileABuffer {
 /// ones that are complete: they are shaded and composited (12), and the free layer goes to the
 /// newcomer. One that lies within an already merged pair comes too late and is dropped (and
 /// counted). With a single layer the nearer surface stays.
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal);
+void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, float epsilon,
+                       const Splat& splat, const SplatNormal* normal);
 
 /// Per-pixel result of a tile.
 struct PixelResult {

@@ -107,7 +107,6 @@ SplatView make_view(const Camera& camera, const Vec3d& origin, const RenderOptio
   view.cull_back = options.cull_back;
   view.cutoff = static_cast<float>(options.cutoff);
   view.lowpass2 = static_cast<float>(options.lowpass * options.lowpass);
-  view.depth_epsilon = static_cast<float>(options.depth_epsilon);
   view.clip_x1 = static_cast<float>(camera.width);
   return view;
 }
@@ -187,6 +186,7 @@ struct Renderer::Impl {
     }
     layout.layers = options.layers;
     layout.normals = options.lit || options.aovs;
+    layout.opaque = opaque;
   }
 
   /// One horizontal band of a frame.
@@ -319,7 +319,7 @@ void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int vis
                   columns.depth_dx[i],
                   columns.depth_dy[i],
                   columns.depth_range[i],
-                  columns.epsilon[i],
+                  columns.half_y[i],
                   cloud.red[surfel] * alpha,
                   cloud.green[surfel] * alpha,
                   cloud.blue[surfel] * alpha,
@@ -456,7 +456,7 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Sha
     if (count > 0) {
       sort_front_to_back(references.data() + begin, count, worker);
       rasterize_tile({splats.data(), layout.normals ? normals.data() : nullptr, worker.order.data(),
-                      count, band.view.cutoff, opaque},
+                      count, band.view.cutoff, static_cast<float>(options.depth_epsilon), opaque},
                      tile);
     }
     if (last) resolve(tile, image);

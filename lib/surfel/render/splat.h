@@ -22,7 +22,7 @@ struct alignas(64) Splat {
   float depth;      ///< At the centre ...
   float depth_dx, depth_dy;  ///< ... and per pixel, on the tangent plane.
   float depth_range;         ///< The plane's depth is clamped to depth +- depth_range.
-  float epsilon;             ///< Contributions this close in depth are of one surface.
+  float half_y;              ///< Half the height of the box that bounds beta < cutoff, pixels.
   float red, green, blue;    ///< Times alpha.
   float alpha;
   std::uint32_t tag;  ///< Bit 0: the surfel's front faces the eye; from bit 1 on: material.
@@ -49,7 +49,6 @@ struct SplatView {
   bool cull_back;       ///< Drop surfels that face away from the eye.
   float cutoff;         ///< c of beta < c.
   float lowpass2;       ///< Variance of the low-pass filter, pixels^2.
-  float depth_epsilon;  ///< Multiple of the footprint that separates surfaces.
   float clip_x1;        ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.
   float clip_y0, clip_y1;
 };

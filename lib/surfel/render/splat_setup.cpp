@@ -174,7 +174,6 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     hn::Store(hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x), d, out.depth_dx + i);
     hn::Store(hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y), d, out.depth_dy + i);
     hn::Store(depth_reach, d, out.depth_range + i);
-    hn::Store(hn::Mul(depth_reach, hn::Set(d, view.depth_epsilon)), d, out.epsilon + i);
     hn::Store(half_x, d, out.half_x + i);
     hn::Store(half_y, d, out.half_y + i);
     hn::Store(hn::IfThenElse(front, one, zero), d, out.front + i);

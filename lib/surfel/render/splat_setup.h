@@ -35,7 +35,7 @@ struct SplatColumns {
   alignas(64) float m[kSize], k[kSize], q[kSize];
   alignas(64) float amplitude[kSize];
   alignas(64) float depth[kSize], depth_dx[kSize], depth_dy[kSize];
-  alignas(64) float depth_range[kSize], epsilon[kSize];
+  alignas(64) float depth_range[kSize];
   alignas(64) float half_x[kSize],
       half_y[kSize];                        ///< Of the bounding box of beta < cutoff, pixels.
   alignas(64) float front[kSize];           ///< 1 if the front faces the eye, else 0.

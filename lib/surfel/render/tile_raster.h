@@ -15,7 +15,8 @@ struct TileJob {
   const std::uint32_t* order = nullptr;  ///< Indices into them.
   std::size_t count = 0;
   float cutoff = 1;
-  bool opaque = true;  ///< Every splat has alpha 1.
+  float depth_epsilon = 1;  ///< Depths within this many depth ranges are of one surface.
+  bool opaque = true;       ///< Every splat has alpha 1.
 };
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and
