@@ -245,6 +245,7 @@ TEST(EwaFit, MaterialsChooseTheirMapAndAlphaIsOneWhereAMapHasNone) {
   textures.maps.emplace_back(
       make_image(8, 8, [](int, int) { return Eigen::Vector4f(1, 1, 1, 0.5F); }), WrapMode::kRepeat);
   textures.maps.push_back(TextureMap::constant({3, 2, 1}));
+  textures.map_of_material = {0, 1, 2};
   EXPECT_TRUE(fit_texture(cloud, textures, {}).alpha);
   EXPECT_TRUE(cloud.coefficient[0].isApprox(Vec3f(0.1F, 0.2F, 0.3F)));
   EXPECT_TRUE(cloud.coefficient[2].isApprox(Vec3f(3, 2, 1)));
@@ -311,10 +312,10 @@ TEST(EwaFit, NamesTheColumnThatIsMissingAndWhoMakesIt) {
   EXPECT_TRUE(contains(message(no_variance, one_map(image)), "variance"));
 
   TextureSet two = one_map(image);
-  two.maps.push_back(TextureMap::constant({1, 1, 1}));
+  two.map_of_material = {0, 0};
   EXPECT_TRUE(contains(message(cloud, std::move(two)), "material"));
   two = one_map(image);
-  two.maps.push_back(TextureMap::constant({1, 1, 1}));
+  two.map_of_material = {0, 0};
   cloud.material = {1, 2};
   EXPECT_TRUE(contains(message(cloud, std::move(two)), "surfel 1 has material 2"));
 }

@@ -66,10 +66,10 @@ class EwaFit {
   }
 
  private:
-  std::size_t map_index(std::size_t k) const {
-    return textures_.maps.size() == 1 ? 0 : cloud_.material[k];
-  }
+  std::size_t map_index(std::size_t k) const { return textures_.map_index(cloud_, k); }
   const TextureMap& map_of(std::size_t k) const { return textures_.maps[map_index(k)]; }
+
+  int max_level() const { return options_.exact ? 0 : GaussianPyramid::kMaxLevel; }
 
   /// Variance of the reconstruction kernel alone.
   Eigen::Matrix2d reconstruction() const {
@@ -200,7 +200,7 @@ class EwaFit {
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
         const bool placed = cloud_.uv[k].allFinite();
-        store(k, placed ? map_of(k).sample(footprint(k).kernel) : means[map_index(k)]);
+        store(k, placed ? map_of(k).sample(footprint(k).kernel, max_level()) : means[map_index(k)]);
       }
     });
   }
@@ -233,7 +233,7 @@ class EwaFit {
       for (std::size_t i = task.begin + begin; i < task.begin + end; ++i) {
         const std::size_t k = order_[i];
         const TexelKernel kernel = footprint(k).kernel;
-        std::optional<TextureSample> sample = texture.sample(kernel);
+        std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
           ++unreached_;
           sample = map.sample({kernel.center, reconstruction()});

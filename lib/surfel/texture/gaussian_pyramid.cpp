@@ -14,7 +14,6 @@ namespace {
 
 /// Reach of the filter from one level to the next, in its standard deviations: exp(-8) is left out.
 constexpr double kStepReach = 4;
-constexpr int kMaxLevel = 30;
 constexpr std::size_t kRowGrain = 16;
 
 /// Remainder in [0, period).
@@ -188,8 +187,9 @@ void GaussianPyramid::build(int level) {
   }
 }
 
-GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel) const {
-  const int l = std::min(level_for(principal_variances(kernel.variance).minor), level_count() - 1);
+GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_level) const {
+  const int l = std::min(
+      {level_for(principal_variances(kernel.variance).minor), max_level, level_count() - 1});
   const PyramidLevel& level = levels_[static_cast<std::size_t>(l)];
   Sum total;
   if (level.x.count == 1 && level.y.count == 1 && wrap_ != WrapMode::kNothing) {

@@ -55,6 +55,7 @@ class SURFEL_API GaussianPyramid {
   /// Texels where the kernel's exponent exceeds this are left out: exp(-10) = 4.5e-5 of the peak,
   /// and as much of the volume, so that no sum is off by more than 5e-5 of the image's range.
   static constexpr double kExponentCutoff = 10;
+  static constexpr int kMaxLevel = 30;
 
   /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
   GaussianPyramid(PyramidLevel image, WrapMode wrap);
@@ -65,12 +66,13 @@ class SURFEL_API GaussianPyramid {
   void build(int level);
 
   /// Sum over the texels of kernel times texel, the kernel's peak being 1 at its centre.
-  /// Kernels that need a level that was not built are summed over the coarsest there is.
   struct Sum {
     Eigen::Array4d texels{0, 0, 0, 0};  ///< Of R, G, B, weight.
     double kernel = 0;                  ///< Of the kernel, over the texels that exist.
   };
-  Sum filter(const TexelKernel& kernel) const;
+  /// \param max_level  the coarsest level to use; 0: the image's own texels, whatever it takes.
+  /// A level that was not built is replaced by the coarsest there is.
+  Sum filter(const TexelKernel& kernel, int max_level = kMaxLevel) const;
 
   const PyramidLevel& image() const { return levels_.front(); }
   int level_count() const { return static_cast<int>(levels_.size()); }

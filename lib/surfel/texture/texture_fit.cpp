@@ -31,19 +31,20 @@ void check_columns_present(const SurfelCloud& cloud, const std::string& name) {
 
 void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
                      const std::string& name) {
-  const std::size_t maps = textures.maps.size();
-  if (maps == 0) throw_usage("there is no texture");
-  if (maps == 1 || cloud.empty()) return;
+  if (textures.maps.empty()) throw_usage("there is no texture");
+  const std::size_t materials = textures.map_of_material.size();
+  if (materials == 0 || cloud.empty()) return;
   if (cloud.material.empty()) {
-    throw_input(name, fmt::format("the surfels have no material to tell {} textures apart; sample "
-                                  "them with surfel-from-mesh, or give one --image",
-                                  maps));
+    if (materials == 1) return;
+    throw_input(name, fmt::format("the surfels have no material to tell {} of the mesh apart; "
+                                  "sample them with surfel-from-mesh, or give one image",
+                                  materials));
   }
   const auto largest = std::max_element(cloud.material.begin(), cloud.material.end());
-  if (*largest >= maps) {
-    throw_input(name, fmt::format("surfel {} has material {}, but there are {} textures; give the "
-                                  "mesh that the surfels were sampled from",
-                                  largest - cloud.material.begin(), *largest, maps));
+  if (*largest >= materials) {
+    throw_input(name, fmt::format("surfel {} has material {}, but the mesh has {}; give the mesh "
+                                  "that the surfels were sampled from",
+                                  largest - cloud.material.begin(), *largest, materials));
   }
 }
 

@@ -33,8 +33,15 @@ struct SURFEL_API TextureFitOptions {
 
 /// What the surfels are textured with.
 struct TextureSet {
-  std::vector<TextureMap> maps;      ///< One for all surfels, or one per row of `material`.
-  std::optional<UvCharts> charts{};  ///< Kernels take no colour from outside their chart.
+  std::vector<TextureMap> maps;
+  std::vector<std::size_t> map_of_material{};  ///< Index into maps; empty: maps[0] for all surfels.
+  std::optional<UvCharts> charts{};            ///< Kernels take no colour from beyond their chart.
+
+  /// Index of a surfel's map.
+  std::size_t map_index(const SurfelCloud& cloud, std::size_t surfel) const {
+    if (map_of_material.empty()) return 0;
+    return map_of_material[cloud.material.empty() ? 0 : cloud.material[surfel]];
+  }
 };
 
 /// What a fit met and made.

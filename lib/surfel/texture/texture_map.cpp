@@ -119,8 +119,8 @@ TextureMap TextureMap::constant(const Vec3f& color) {
   return {std::move(image), WrapMode::kRepeat};
 }
 
-TextureSample TextureMap::sample(const TexelKernel& kernel) const {
-  const GaussianPyramid::Sum sum = pyramid_.filter(kernel);
+TextureSample TextureMap::sample(const TexelKernel& kernel, int max_level) const {
+  const GaussianPyramid::Sum sum = pyramid_.filter(kernel, max_level);
   // Opaque images: the weight is the sum of the alphas, rounded as the colours are.
   return straight(sum.texels, has_alpha_ ? sum.kernel : sum.texels[3]);
 }
@@ -144,9 +144,9 @@ void ChartTexture::build(int level) {
   if (coverage_) coverage_->build(level);
 }
 
-std::optional<TextureSample> ChartTexture::sample(const TexelKernel& kernel) const {
-  const Eigen::Array4d sum = pyramid_.filter(kernel).texels;
-  const double covered = coverage_ ? coverage_->filter(kernel).texels[3] : sum[3];
+std::optional<TextureSample> ChartTexture::sample(const TexelKernel& kernel, int max_level) const {
+  const Eigen::Array4d sum = pyramid_.filter(kernel, max_level).texels;
+  const double covered = coverage_ ? coverage_->filter(kernel, max_level).texels[3] : sum[3];
   if (!(covered > 0)) return std::nullopt;
   return straight(sum, covered);
 }

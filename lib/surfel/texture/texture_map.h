@@ -38,7 +38,8 @@ class SURFEL_API TextureMap {
   Vec2d texel(const Vec2f& uv) const { return texel_position(uv, width(), height()); }
   /// Makes kernels up to this level (GaussianPyramid::level_for) cheap; not needed for the result.
   void build(int level) { pyramid_.build(level); }
-  TextureSample sample(const TexelKernel& kernel) const;
+  /// \param max_level  0: the sum over the image's own texels, even where coarser levels are built.
+  TextureSample sample(const TexelKernel& kernel, int max_level = GaussianPyramid::kMaxLevel) const;
   /// Colour of the whole image.
   TextureSample mean() const;
 
@@ -58,7 +59,8 @@ class SURFEL_API ChartTexture {
 
   void build(int level);
   /// nullopt where the kernel does not reach the chart.
-  std::optional<TextureSample> sample(const TexelKernel& kernel) const;
+  std::optional<TextureSample> sample(const TexelKernel& kernel,
+                                      int max_level = GaussianPyramid::kMaxLevel) const;
 
  private:
   GaussianPyramid pyramid_;

@@ -1,0 +1,81 @@
+#include <algorithm>
+#include <charconv>
+#include <map>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/sample/procedural_image.h>
+#include <surfel/texture/texture_source.h>
+
+namespace surfel {
+namespace {
+
+constexpr int kProceduralSize = 2048;
+constexpr int kProceduralSamples = 2;  ///< Per texel and axis.
+constexpr double kLeastFrequency = 0.01;
+constexpr double kLargestFrequency = 512;  ///< Leaves four texels a period.
+
+Image procedural_image(const std::string& name, const std::string& frequency) {
+  ProceduralTextureOptions options;
+  if (!frequency.empty()) {
+    const char* end = frequency.data() + frequency.size();
+    const auto [stop, error] = std::from_chars(frequency.data(), end, options.frequency);
+    if (error != std::errc{} || stop != end || !(options.frequency >= kLeastFrequency) ||
+        !(options.frequency <= kLargestFrequency)) {
+      throw_usage(fmt::format("image is {}:{}; the frequency must be a number from {} to {}", name,
+                              frequency, kLeastFrequency, kLargestFrequency));
+    }
+  }
+  return rasterize(procedural_texture(name, options), kProceduralSize, kProceduralSize,
+                   kProceduralSamples);
+}
+
+/// One map per image that the materials name, however many share it.
+void add_material_maps(TextureSet& textures, const TriangleMesh& mesh, WrapMode wrap) {
+  std::map<std::string, std::size_t> map_of_image;
+  for (const MeshMaterial& material : mesh.material) {
+    if (material.texture.empty()) {
+      textures.map_of_material.push_back(textures.maps.size());
+      textures.maps.push_back(TextureMap::constant(material.diffuse));
+      continue;
+    }
+    const auto [place, is_new] = map_of_image.try_emplace(material.texture, textures.maps.size());
+    if (is_new) textures.maps.emplace_back(read_image(material.texture), wrap);
+    textures.map_of_material.push_back(place->second);
+  }
+}
+
+}  // namespace
+
+Image load_texture_image(const std::string& name) {
+  const std::size_t colon = name.find(':');
+  const std::string stem = name.substr(0, colon);
+  const std::vector<std::string>& known = procedural_texture_names();
+  if (std::find(known.begin(), known.end(), stem) == known.end()) return read_image(name);
+  if (colon == std::string::npos) return procedural_image(stem, "");
+  if (colon + 1 == name.size()) {
+    throw_usage(fmt::format("image is {}; a frequency must follow the colon", name));
+  }
+  return procedural_image(stem, name.substr(colon + 1));
+}
+
+TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh* mesh,
+                         const std::string& mesh_name) {
+  TextureSet textures;
+  if (mesh && mesh->wedge_uv.empty()) {
+    throw_input(mesh_name, "the mesh has no texture coordinates, so no image can be put on it");
+  }
+  if (!options.image.empty()) {
+    textures.maps.emplace_back(load_texture_image(options.image), options.wrap);
+  } else if (!mesh) {
+    throw_usage("there is neither an image nor a mesh whose materials name some");
+  } else if (mesh->material.empty()) {
+    throw_input(mesh_name, "the mesh has no materials to take images from; give an image");
+  } else {
+    add_material_maps(textures, *mesh, options.wrap);
+  }
+  if (mesh && options.charts) textures.charts.emplace(*mesh);
+  return textures;
+}
+
+}  // namespace surfel

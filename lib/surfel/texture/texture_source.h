@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+
+#include <surfel/base/export.h>
+#include <surfel/io/image.h>
+#include <surfel/io/mesh.h>
+#include <surfel/texture/texture_fit.h>
+
+namespace surfel {
+
+/// The image that a user names: a file, or "NAME" or "NAME:FREQUENCY" for the unit square of a
+/// procedural texture (procedural_image.h; frequency 0.01 to 512, default 16) on 2048 x 2048
+/// texels. A file of such a name is reached as "./NAME". Throws Error (kUsage, kIo, kInput).
+SURFEL_API Image load_texture_image(const std::string& name);
+
+struct TextureSourceOptions {
+  std::string image{};                ///< For all surfels; empty = those of the mesh's materials.
+  WrapMode wrap = WrapMode::kRepeat;  ///< As OBJ and MTL have it where they do not say "-clamp on".
+  bool charts = true;                 ///< Keep kernels within the mesh's charts.
+};
+
+/// Textures of surfels that were sampled from `mesh`, or, without one, of any surfels. Materials
+/// that name no image have their diffuse colour. The mesh must outlive the result.
+/// \param mesh       may be null where there is an image.
+/// \param mesh_name  starts messages about the mesh.
+/// Throws Error: kUsage without image and mesh, kInput where the mesh has no texture coordinates,
+/// or neither image nor materials; kIo and kInput for the images.
+SURFEL_API TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh* mesh,
+                                    const std::string& mesh_name);
+
+}  // namespace surfel
