@@ -271,15 +271,17 @@ template <class Source>
 void read_records(Source& source, const PlyElement& element, ElementData* data) {
   std::byte skipped[sizeof(double)];
   for (std::size_t row = 0; row < element.count; ++row) {
-    std::byte* record = data ? data->records.data() + row * data->scalars.stride : skipped;
+    std::byte* record = data ? data->records.data() + row * data->scalars.stride : nullptr;
+    std::size_t scalar = 0;
     for (std::size_t k = 0; k < element.properties.size(); ++k) {
       const PlyProperty& property = element.properties[k];
       const auto what = [&] { return place(element, row, property); };
       if (property.is_list()) {
         read_list(source, property, what, data ? &data->lists[k] : nullptr);
       } else {
-        source.read(property.type, record, what);
-        if (data) record += scalar_size(property.type);
+        const RecordColumn* column = data ? &data->scalars.columns[scalar++] : nullptr;
+        source.read(column ? column->type : property.type,
+                    column ? record + column->offset : skipped, what);
       }
     }
     source.expect_line_end([&] { return fmt::format("{} {}", element.name, row); });
@@ -321,10 +323,10 @@ struct PlyFile::Impl {
   std::size_t index_of_property(const PlyElement& element, std::string_view property,
                                 bool list) const;
   void check_count(std::size_t index) const;
-  void describe_records(std::size_t index);
+  void describe_records(std::size_t index, std::initializer_list<std::string_view> wide);
   std::size_t read(std::size_t index, bool keep);
   void locate(std::size_t index);
-  ElementData& decode(std::size_t index);
+  ElementData& decode(std::size_t index, std::initializer_list<std::string_view> wide = {});
 
   InputFile file;
   PlyHeader header;
@@ -364,14 +366,19 @@ void PlyFile::Impl::check_count(std::size_t index) const {
 }
 
 /// Lays out the scalar columns.
-void PlyFile::Impl::describe_records(std::size_t index) {
+void PlyFile::Impl::describe_records(std::size_t index,
+                                     std::initializer_list<std::string_view> wide) {
   const PlyElement& element = header.elements[index];
   RecordTable& table = elements[index].scalars;
   table.count = element.count;
   for (const PlyProperty& property : element.properties) {
     if (property.is_list()) continue;
-    table.columns.push_back({property.name, property.type, table.stride});
-    table.stride += scalar_size(property.type);
+    const bool widen = header.format == PlyFormat::kAscii &&
+                       property.type == ScalarType::kFloat32 &&
+                       std::find(wide.begin(), wide.end(), property.name) != wide.end();
+    const ScalarType type = widen ? ScalarType::kFloat64 : property.type;
+    table.columns.push_back({property.name, type, table.stride});
+    table.stride += scalar_size(type);
   }
 }
 
@@ -419,12 +426,13 @@ void PlyFile::Impl::locate(std::size_t index) {
   }
 }
 
-ElementData& PlyFile::Impl::decode(std::size_t index) {
+ElementData& PlyFile::Impl::decode(std::size_t index,
+                                   std::initializer_list<std::string_view> wide) {
   ElementData& data = elements[index];
   if (data.decoded) return data;
   locate(index);
   check_count(index);
-  describe_records(index);
+  describe_records(index, wide);
   const PlyElement& element = header.elements[index];
   const bool only_scalars = data.scalars.columns.size() == element.properties.size();
   if (header.format != PlyFormat::kAscii && only_scalars) {
@@ -464,8 +472,9 @@ bool PlyFile::matches(std::span<const std::byte> bytes) {
 const PlyHeader& PlyFile::header() const { return impl_->header; }
 const std::string& PlyFile::name() const { return impl_->file.name(); }
 
-const RecordTable& PlyFile::scalars(std::string_view element) {
-  return impl_->decode(impl_->index_of(element)).scalars;
+const RecordTable& PlyFile::scalars(std::string_view element,
+                                    std::initializer_list<std::string_view> wide) {
+  return impl_->decode(impl_->index_of(element), wide).scalars;
 }
 
 template <class T>

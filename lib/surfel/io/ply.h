@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <string>
@@ -69,8 +70,11 @@ class SURFEL_API PlyFile {
   const std::string& name() const;  ///< Of the file, for messages.
 
   /// The scalar properties of an element as records: a view into the file where it is binary and
-  /// the element has no lists, otherwise into memory of this object.
-  const RecordTable& scalars(std::string_view element);
+  /// the element has no lists, otherwise into memory of this object. In text files the float
+  /// properties named in `wide` become double columns, because text can hold more digits than the
+  /// type that its header names; this has an effect on the first request for the element only.
+  const RecordTable& scalars(std::string_view element,
+                             std::initializer_list<std::string_view> wide = {});
 
   /// One scalar property, converted. T is float, double or an integer of at most 32 bits; a value
   /// that an integer T cannot hold is an error.

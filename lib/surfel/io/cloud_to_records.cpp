@@ -1,0 +1,183 @@
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+
+#include <surfel/base/color.h>
+#include <surfel/base/parallel.h>
+#include <surfel/io/cloud_to_records.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = std::size_t{1} << 15;
+
+/// Are all coordinates of this axis exact as float?
+bool exact_in_float(const SurfelCloud& cloud, int axis) {
+  if (cloud.origin[axis] == 0) return true;
+  std::atomic<bool> exact{true};
+  parallel_for(cloud.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    bool all = true;
+    for (std::size_t i = begin; i < end; ++i) {
+      const double x = cloud.origin[axis] + static_cast<double>(cloud.position[i][axis]);
+      all &= static_cast<double>(static_cast<float>(x)) == x || std::isnan(x);
+    }
+    if (!all) exact = false;
+  });
+  return exact;
+}
+
+std::uint8_t to_uint8(float alpha) {
+  return alpha > 0 ? static_cast<std::uint8_t>(std::lround(std::min(alpha, 1.0f) * 255)) : 0;
+}
+
+}  // namespace
+
+/// Adds a column whose value in record i is value(i), unless that name is there already.
+template <class T, class Value>
+void CloudRecords::add(const std::string& name, Value value) {
+  for (const RecordColumn& column : columns_) {
+    if (column.name == name) return;
+  }
+  // Types in the order of ScalarType.
+  constexpr ScalarType kType = std::is_same_v<T, std::int8_t>     ? ScalarType::kInt8
+                               : std::is_same_v<T, std::uint8_t>  ? ScalarType::kUint8
+                               : std::is_same_v<T, std::int16_t>  ? ScalarType::kInt16
+                               : std::is_same_v<T, std::uint16_t> ? ScalarType::kUint16
+                               : std::is_same_v<T, std::int32_t>  ? ScalarType::kInt32
+                               : std::is_same_v<T, std::uint32_t> ? ScalarType::kUint32
+                               : std::is_same_v<T, float>         ? ScalarType::kFloat32
+                                                                  : ScalarType::kFloat64;
+  const std::size_t offset = stride_;
+  columns_.push_back({name, kType, offset});
+  stride_ += sizeof(T);
+  encode_.push_back([this, offset, value](std::size_t begin, std::size_t end, std::byte* out) {
+    out += offset;
+    for (std::size_t i = begin; i < end; ++i, out += stride_) {
+      const T stored = value(i);
+      std::memcpy(out, &stored, sizeof(T));
+    }
+  });
+}
+
+template <class T>
+void CloudRecords::add_scalar(const char* name, const Array<T>& column) {
+  if (column.empty()) return;
+  add<T>(name, [from = column.data()](std::size_t i) { return from[i]; });
+}
+
+template <int kSize>
+void CloudRecords::add_vector(const char* const (&names)[kSize],
+                              const Array<Eigen::Matrix<float, kSize, 1>>& column) {
+  if (column.empty()) return;
+  for (int k = 0; k < kSize; ++k) {
+    add<float>(names[k], [from = column.data(), k](std::size_t i) { return from[i][k]; });
+  }
+}
+
+void CloudRecords::add_position(bool for_text) {
+  const Vec3d& origin = cloud_.origin;
+  const bool wide =
+      cloud_.double_positions || (for_text && origin != Vec3d::Zero()) ||
+      !(exact_in_float(cloud_, 0) && exact_in_float(cloud_, 1) && exact_in_float(cloud_, 2));
+  constexpr const char* kNames[] = {"x", "y", "z"};
+  for (int k = 0; k < 3; ++k) {
+    const auto world = [from = cloud_.position.data(), o = origin[k], k](std::size_t i) {
+      // Not 0 + x, which makes 0 of -0.
+      return o == 0 ? static_cast<double>(from[i][k]) : o + static_cast<double>(from[i][k]);
+    };
+    if (wide) {
+      add<double>(kNames[k], world);
+    } else {
+      add<float>(kNames[k], [world](std::size_t i) { return static_cast<float>(world(i)); });
+    }
+  }
+}
+
+void CloudRecords::add_variances() {
+  add_scalar("variance", cloud_.variance);
+  add_vector<3>({"tx", "ty", "tz"}, cloud_.tangent);
+  add_scalar("variance_u", cloud_.variance_u);
+  add_scalar("variance_v", cloud_.variance_v);
+  // For other viewers: sqrt(2 c max variance) at c = 1.
+  if (cloud_.anisotropic()) {
+    add<float>("radius", [this](std::size_t i) {
+      return std::sqrt(2 * std::max(cloud_.variance_u[i], cloud_.variance_v[i]));
+    });
+  } else if (!cloud_.variance.empty()) {
+    add<float>("radius", [this](std::size_t i) { return std::sqrt(2 * cloud_.variance[i]); });
+  }
+}
+
+void CloudRecords::add_color(bool pcl_names) {
+  if (cloud_.color.empty()) return;
+  const Vec3f* color = cloud_.color.data();
+  if (cloud_.color_encoding == ColorEncoding::kUint8Srgb && pcl_names) {
+    add<float>("rgb", [color](std::size_t i) {
+      const auto bits = [&](int k) { return std::uint32_t{linear_to_srgb8(color[i][k])}; };
+      return std::bit_cast<float>(bits(0) << 16 | bits(1) << 8 | bits(2));
+    });
+    return;
+  }
+  constexpr const char* kNames[] = {"red", "green", "blue"};
+  for (int k = 0; k < 3; ++k) {
+    switch (cloud_.color_encoding) {
+      case ColorEncoding::kUint8Srgb:
+        add<std::uint8_t>(kNames[k],
+                          [color, k](std::size_t i) { return linear_to_srgb8(color[i][k]); });
+        break;
+      case ColorEncoding::kUint16Srgb:
+        add<std::uint16_t>(kNames[k],
+                           [color, k](std::size_t i) { return linear_to_srgb16(color[i][k]); });
+        break;
+      case ColorEncoding::kFloatLinear:
+        add<float>(kNames[k], [color, k](std::size_t i) { return color[i][k]; });
+        break;
+    }
+  }
+}
+
+void CloudRecords::add_alpha() {
+  if (!cloud_.alpha_as_uint8) return add_scalar("alpha", cloud_.alpha);
+  if (cloud_.alpha.empty()) return;
+  add<std::uint8_t>("alpha",
+                    [from = cloud_.alpha.data()](std::size_t i) { return to_uint8(from[i]); });
+}
+
+void CloudRecords::add_extra(const ExtraProperty& property) {
+  visit_type(property.type, [&]<class T>(T) {
+    add<T>(property.name, [from = property.data.data()](std::size_t i) {
+      return load_scalar<T, false>(from + i * sizeof(T));
+    });
+  });
+}
+
+CloudRecords::CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& options)
+    : cloud_(cloud) {
+  add_position(options.for_text);
+  if (options.pcl_names) {
+    add_vector<3>({"normal_x", "normal_y", "normal_z"}, cloud.normal);
+  } else {
+    add_vector<3>({"nx", "ny", "nz"}, cloud.normal);
+  }
+  add_variances();
+  add_scalar("area", cloud.area);
+  add_color(options.pcl_names);
+  add_alpha();
+  add_vector<3>({"w_red", "w_green", "w_blue"}, cloud.coefficient);
+  add_vector<2>({"u", "v"}, cloud.uv);
+  add_vector<3>({"dpdu_x", "dpdu_y", "dpdu_z"}, cloud.dpdu);
+  add_vector<3>({"dpdv_x", "dpdv_y", "dpdv_z"}, cloud.dpdv);
+  add_scalar("material", cloud.material);
+  add_scalar("group", cloud.group);
+  add_scalar("group_radius", cloud.group_radius);
+  add_scalar("source", cloud.source);
+  add_scalar("level", cloud.level);
+  for (const ExtraProperty& property : cloud.extra) add_extra(property);
+}
+
+void CloudRecords::encode(std::size_t begin, std::size_t end, std::byte* out) const {
+  for (const auto& column : encode_) column(begin, end, out);
+}
+
+}  // namespace surfel

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <surfel/cloud/cloud.h>
+#include <surfel/io/record_table.h>
+
+namespace surfel {
+
+/// How a file's columns are to look.
+struct CloudRecordOptions {
+  /// PCL's names for normals, and 8-bit colours packed into one float `rgb`, as PCL's own point
+  /// types have them.
+  bool pcl_names = false;
+  /// Coordinates that were re-centred are stored as double even where float would be exact: text
+  /// with few digits is so by its decimal value only.
+  bool for_text = false;
+};
+
+/// A cloud's columns as a file's records, made range by range. Internal to the io module.
+class CloudRecords {
+ public:
+  /// Keeps a reference to the cloud.
+  CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& options);
+
+  const std::vector<RecordColumn>& columns() const { return columns_; }
+  std::size_t stride() const { return stride_; }
+  /// Writes the records [begin, end) in this machine's byte order. Callable from any thread.
+  void encode(std::size_t begin, std::size_t end, std::byte* out) const;
+
+ private:
+  template <class T, class Value>
+  void add(const std::string& name, Value value);
+  template <class T>
+  void add_scalar(const char* name, const Array<T>& column);
+  template <int kSize>
+  void add_vector(const char* const (&names)[kSize],
+                  const Array<Eigen::Matrix<float, kSize, 1>>& column);
+  void add_position(bool for_text);
+  void add_variances();
+  void add_color(bool pcl_names);
+  void add_alpha();
+  void add_extra(const ExtraProperty& property);
+
+  const SurfelCloud& cloud_;
+  std::vector<RecordColumn> columns_;
+  std::size_t stride_ = 0;
+  /// One a column: fills it in the records [begin, end), which start at `out`.
+  std::vector<std::function<void(std::size_t begin, std::size_t end, std::byte* out)>> encode_;
+};
+
+}  // namespace surfel
