@@ -214,7 +214,7 @@ void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   file.commit();
 }
 
-Tool::Tool(std::string name, std::string summary)
+Tool::Tool(std::string name, const std::string& summary)
     : impl_(std::make_unique<Impl>(std::move(name), summary)) {
   impl_->add_common_options();
   impl_->app.config_formatter(std::make_shared<ConfigFile>(impl_->app));

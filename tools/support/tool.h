@@ -51,7 +51,7 @@ struct CommonOptions {
 /// gives them (INT, FLOAT): by it --print-config and the report know them from text.
 class Tool {
  public:
-  Tool(std::string name, std::string summary);
+  Tool(std::string name, const std::string& summary);
   ~Tool();
   Tool(const Tool&) = delete;
   Tool& operator=(const Tool&) = delete;

@@ -24,7 +24,7 @@ class UninitializedAllocator {
 
   UninitializedAllocator() noexcept = default;
   template <class U>
-  explicit(false) UninitializedAllocator(const UninitializedAllocator<U>& /*other*/) noexcept {}
+  UninitializedAllocator(const UninitializedAllocator<U>& /*other*/) noexcept {}  // NOLINT: rebinds
 
   T* allocate(std::size_t count) {
     if (count > static_cast<std::size_t>(-1) / 2 / sizeof(T)) throw std::bad_alloc();
