@@ -1,0 +1,205 @@
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <unordered_map>
+
+#include <fmt/format.h>
+#include <surfel/base/color.h>
+#include <surfel/base/error.h>
+#include <surfel/io/line_scanner.h>
+#include <surfel/io/mesh_builder.h>
+#include <surfel/io/mtl.h>
+#include <surfel/io/obj.h>
+#include <surfel/io/text_numbers.h>
+
+namespace surfel {
+namespace {
+
+constexpr float kWhite = 1;
+
+/// MeshLab, ZBrush and Blender write colours as they are displayed; a value that is no number
+/// leaves the vertex white.
+float decode_color(double encoded) {
+  return std::isfinite(encoded) ? srgb_to_linear(static_cast<float>(encoded)) : kWhite;
+}
+
+class ObjReader {
+ public:
+  explicit ObjReader(const InputFile& file)
+      : in_(file),
+        file_(file.name()),
+        folder_(std::filesystem::path(file_).parent_path()),
+        mesh_(file_) {}
+
+  TriangleMesh read() {
+    for (; in_.skip_to_content(); in_.next_line()) read_line();
+    check_reach(vertex_reach_, mesh_.position.size(), "vertex", "vertices");
+    check_reach(uv_reach_, mesh_.uv.size(), "texture coordinate", "texture coordinates");
+    check_reach(normal_reach_, mesh_.normal.size(), "normal", "normals");
+    if (!mesh_.color.empty()) mesh_.color.resize(mesh_.position.size(), Vec3f::Constant(kWhite));
+    for (MeshMaterial& material : mesh_.material) {
+      const auto defined = library_.find(material.name);
+      if (defined != library_.end()) material = defined->second;
+    }
+    return mesh_.finish();
+  }
+
+ private:
+  /// The largest index of a kind, and where it is: faces may name vertices that follow them, so
+  /// that only the end of the file tells whether it exists.
+  struct Reach {
+    std::uint32_t index = 0;
+    const char* place = nullptr;
+  };
+
+  void read_line() {
+    const std::string_view keyword = in_.word();
+    if (keyword == "v") {
+      read_vertex();
+    } else if (keyword == "vt") {
+      const double u = in_.number("u of a texture coordinate");
+      const double v = in_.at_line_end() ? 0 : in_.number("v of a texture coordinate");
+      mesh_.uv.emplace_back(static_cast<float>(u), static_cast<float>(v));
+    } else if (keyword == "vn") {
+      read_normal();
+    } else if (keyword == "f") {
+      read_face();
+    } else if (keyword == "usemtl") {
+      use_material(std::string(in_.rest_of_line()));
+    } else if (keyword == "mtllib") {
+      read_libraries(in_.rest_of_line());
+    }
+  }
+
+  void read_vertex() {
+    const double x = in_.number("x of a vertex");
+    const double y = in_.number("y of a vertex");
+    const double z = in_.number("z of a vertex");
+    mesh_.position.emplace_back(x, y, z);
+    if (in_.at_line_end()) return;
+    std::array<double, 4> more{};
+    std::size_t count = 0;
+    for (; count < more.size() && !in_.at_line_end(); ++count) {
+      const std::string_view text = in_.word();
+      const auto value = parse_number(text);
+      if (!value) in_.fail(fmt::format("{} of a vertex is not a number", quoted_excerpt(text)));
+      more[count] = *value;
+    }
+    if (count < 3) return;
+    mesh_.color.resize(mesh_.position.size() - 1, Vec3f::Constant(kWhite));
+    mesh_.color.emplace_back(decode_color(more[0]), decode_color(more[1]), decode_color(more[2]));
+  }
+
+  void read_normal() {
+    Vec3f normal;
+    for (float& component : normal) {
+      const std::string_view text = in_.word();
+      const auto value = parse_number(text);
+      if (!value) in_.fail(fmt::format("{} of a normal is not a number", quoted_excerpt(text)));
+      component = static_cast<float>(*value);
+    }
+    mesh_.normal.push_back(normal);
+  }
+
+  /// Index from 0 of what a face names: from 1 on, or backwards from the last one read.
+  std::uint32_t read_index(std::size_t count, Reach& reach, const char* what) {
+    const char* place = in_.position();
+    const std::int64_t index = in_.integer("an index of a face");
+    if (index == 0) in_.fail(fmt::format("index 0 of a {}; they count from 1", what));
+    const std::int64_t from_zero = index > 0 ? index - 1 : static_cast<std::int64_t>(count) + index;
+    if (from_zero < 0 || from_zero >= MeshBuilder::kNone) {
+      in_.fail(
+          fmt::format("index {} of a {} is out of range; {} were read so far", index, what, count));
+    }
+    const auto result = static_cast<std::uint32_t>(from_zero);
+    if (!reach.place || result > reach.index) reach = {result, place};
+    return result;
+  }
+
+  MeshBuilder::Corner read_corner() {
+    const auto index_follows = [&] {
+      const char next = in_.peek();
+      return next == '-' || next == '+' || (next >= '0' && next <= '9');
+    };
+    MeshBuilder::Corner corner;
+    corner.vertex = read_index(mesh_.position.size(), vertex_reach_, "vertex");
+    if (in_.skip('/') && index_follows()) {
+      corner.uv = read_index(mesh_.uv.size(), uv_reach_, "texture coordinate");
+    }
+    if (in_.skip('/') && index_follows()) {
+      corner.normal = read_index(mesh_.normal.size(), normal_reach_, "normal");
+    }
+    if (!in_.at_word_end()) {
+      in_.fail(fmt::format("{} does not belong into a face", quoted_excerpt(in_.word())));
+    }
+    return corner;
+  }
+
+  void read_face() {
+    corners_.clear();
+    while (!in_.at_line_end()) corners_.push_back(read_corner());
+    if (corners_.size() < 3) {
+      in_.fail(fmt::format("a face with {} corners; it needs three at least", corners_.size()));
+    }
+    if (!material_ && !mesh_.material.empty()) use_material("");
+    mesh_.add_polygon(corners_, material_.value_or(0));
+  }
+
+  void use_material(const std::string& name) {
+    // Faces before the first usemtl have the material without a name.
+    if (mesh_.material.empty() && mesh_.polygon_count() > 0 && !name.empty()) use_material("");
+    const auto [entry, added] =
+        material_index_.try_emplace(name, static_cast<std::uint16_t>(mesh_.material.size()));
+    if (added) {
+      if (mesh_.material.size() > std::numeric_limits<std::uint16_t>::max()) {
+        in_.fail("more than 65536 materials are not supported");
+      }
+      mesh_.material.push_back({.name = name, .texture = {}});
+    }
+    material_ = entry->second;
+  }
+
+  /// One file whose name may hold blanks, or several with blanks between them.
+  void read_libraries(std::string_view names) {
+    if (read_library(names)) return;
+    while (!names.empty()) {
+      const std::size_t stop = std::min(names.find_first_of(" \t"), names.size());
+      read_library(names.substr(0, stop));
+      names.remove_prefix(std::min(names.find_first_not_of(" \t", stop), names.size()));
+    }
+  }
+
+  bool read_library(std::string_view name) {
+    const auto path = find_beside(folder_, name);
+    if (!path) return false;
+    for (MeshMaterial& material : read_mtl(InputFile(*path))) {
+      library_.try_emplace(material.name, std::move(material));
+    }
+    return true;
+  }
+
+  void check_reach(const Reach& reach, std::size_t count, const char* what, const char* plural) {
+    if (!reach.place || reach.index < count) return;
+    in_.fail_at(reach.place, fmt::format("a face names {} {}, but there are {} {}", what,
+                                         reach.index + std::size_t{1}, count, plural));
+  }
+
+  LineScanner in_;
+  std::string file_;
+  std::filesystem::path folder_;
+  MeshBuilder mesh_;
+  std::vector<MeshBuilder::Corner> corners_;
+  Reach vertex_reach_;
+  Reach uv_reach_;
+  Reach normal_reach_;
+  std::optional<std::uint16_t> material_;
+  std::unordered_map<std::string, std::uint16_t> material_index_;
+  std::unordered_map<std::string, MeshMaterial> library_;
+};
+
+}  // namespace
+
+TriangleMesh read_obj(const InputFile& file) { return ObjReader(file).read(); }
+
+}  // namespace surfel

@@ -1,0 +1,14 @@
+#pragma once
+
+#include <surfel/io/input_file.h>
+#include <surfel/io/mesh.h>
+
+namespace surfel {
+
+/// Geomview's OFF as text: OFF, COFF (vertex colours), NOFF (normals), STOFF (uv) and their
+/// combinations; colours of faces are skipped. A scanner of our own: OpenMesh's reader takes
+/// comments after the header for numbers and reads past the end of a truncated file. Internal to
+/// the io module.
+TriangleMesh read_off(const InputFile& file);
+
+}  // namespace surfel
