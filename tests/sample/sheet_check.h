@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -24,7 +25,7 @@ struct SheetReport {
 
 /// Checks a sampling independently of how it is made: the mesh is cut into tiny triangles, all
 /// faces in the same barycentric grid; a point's sheet is what a flood over tiny triangles that
-/// share a corner's position reaches without leaving a ball of 1.2 spacings.
+/// share an edge reaches without leaving a ball of 1.2 spacings.
 class SheetCheck {
  public:
   SheetCheck(const TriangleMesh& mesh, int cuts, double spacing) : spacing_(spacing) {
@@ -56,9 +57,8 @@ class SheetCheck {
         }
       }
     }
-    around_.resize(first.size());
     for (std::uint32_t t = 0; t < tile_.size(); ++t) {
-      for (const std::uint32_t corner : tile_[t].corner) around_[corner].push_back(t);
+      for (int k = 0; k < 3; ++k) around_[edge(tile_[t], k)].push_back(t);
       cells_[cell(tile_[t].center)].push_back(t);
     }
   }
@@ -67,7 +67,7 @@ class SheetCheck {
     std::vector<std::uint32_t> home(cloud.size());  // The tile that each sample lies on.
     std::unordered_map<std::uint32_t, std::vector<std::uint32_t>> on_tile;
     for (std::uint32_t s = 0; s < cloud.size(); ++s) {
-      home[s] = nearest_tile(cloud.position[s]);
+      home[s] = nearest_tile(cloud.position[s], cloud.normal[s]);
       on_tile[home[s]].push_back(s);
     }
     SheetReport report;
@@ -90,8 +90,8 @@ class SheetCheck {
             report.least_distance = std::min(report.least_distance, apart);
           }
         }
-        for (const std::uint32_t corner : tile_[t].corner) {
-          for (const std::uint32_t next : around_[corner]) {
+        for (int k = 0; k < 3; ++k) {
+          for (const std::uint32_t next : around_.at(edge(tile_[t], k))) {
             if (seen[next] == s) continue;
             if ((tile_[next].center - cloud.position[s]).norm() > 1.2 * spacing_) continue;
             seen[next] = s;
@@ -119,13 +119,20 @@ class SheetCheck {
   };
   using Cell = std::tuple<int, int, int>;
 
+  static std::uint64_t edge(const Tile& tile, int k) {
+    const std::uint64_t a = tile.corner[k];
+    const std::uint64_t b = tile.corner[(k + 1) % 3];
+    return std::min(a, b) << 32 | std::max(a, b);
+  }
+
   Cell cell(const Vec3f& p) const {
     const Vec3d c = p.cast<double>() / (0.5 * spacing_);
     return {static_cast<int>(std::floor(c.x())), static_cast<int>(std::floor(c.y())),
             static_cast<int>(std::floor(c.z()))};
   }
 
-  std::uint32_t nearest_tile(const Vec3f& p) const {
+  /// The tile that a sample lies on; where several faces meet in a point, one that faces its way.
+  std::uint32_t nearest_tile(const Vec3f& p, const Vec3f& normal) const {
     std::uint32_t best = 0;
     float best2 = INFINITY;
     const auto [x, y, z] = cell(p);
@@ -136,7 +143,9 @@ class SheetCheck {
         // The plane's distance counts more: sheets may be closer than centres of tiles.
         const Vec3f to_p = p - tile_[t].center;
         const float height = 30 * to_p.dot(tile_[t].normal);
-        const float d2 = to_p.squaredNorm() + height * height;
+        const float turned = 1 - normal.dot(tile_[t].normal);
+        const float d2 =
+            to_p.squaredNorm() + height * height + turned * static_cast<float>(spacing_ * spacing_);
         if (d2 < best2) {
           best2 = d2;
           best = t;
@@ -148,7 +157,7 @@ class SheetCheck {
 
   double spacing_;
   std::vector<Tile> tile_;
-  std::vector<std::vector<std::uint32_t>> around_;  ///< Tiles at each corner.
+  std::unordered_map<std::uint64_t, std::vector<std::uint32_t>> around_;  ///< Tiles at each edge.
   std::map<Cell, std::vector<std::uint32_t>> cells_;
 };
 
