@@ -1,0 +1,113 @@
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/image.h>
+#include <surfel/sample/generate.h>
+#include <surfel/sample/procedural_image.h>
+#include <tools/support/options.h>
+#include <tools/support/tool.h>
+
+namespace {
+
+using namespace surfel;
+
+struct Request {
+  std::string kind;
+  std::string output;
+  std::string image;
+  GenerateOptions surfels;
+  int width = 512;
+  int height = 512;
+  std::string texture;
+  double frequency = ProceduralTextureOptions{}.frequency;
+};
+
+bool is_texture(const std::string& kind) {
+  const auto& names = procedural_texture_names();
+  return std::find(names.begin(), names.end(), kind) != names.end();
+}
+
+void declare(tool::Tool& tool, Request& r) {
+  CLI::App& app = tool.app();
+  app.add_option(
+         "kind", r.kind,
+         fmt::format("Surface ({}) or image ({})", fmt::join(procedural_scene_names(), ", "),
+                     fmt::join(procedural_texture_names(), ", ")))
+      ->required();
+  app.add_option("-o,--output", r.output,
+                 "Surfels to write (PLY, PCD; - = standard output); the picture for an image kind");
+  app.add_option("--count", r.surfels.count, "Surfels, exactly");
+  app.add_option("--seed", r.surfels.seed, "Seed of the pattern, of relief and of noise");
+  app.add_option("--jitter", r.surfels.jitter,
+                 "Offset from the cell's centre, +- this part of the spacing, 0 to 0.5");
+  app.add_option("--variance-scale", r.surfels.variance_scale,
+                 "Standard deviation of the kernels in units of the spacing");
+  app.add_option("--image", r.image,
+                 "Write the surface's texture, or the picture of an image kind, to this file")
+      ->expected(0, 1);
+  tool::add_size(app, "--size", r.width, r.height, "Size of the image in pixels");
+  app.add_option("--texture", r.texture,
+                 fmt::format("Texture for the surface instead of its own: {}",
+                             fmt::join(procedural_texture_names(), ", ")));
+  app.add_option(
+      "--frequency", r.frequency,
+      "Squares, pairs of spokes or noise cells per unit of uv, for --texture and images");
+}
+
+void write_picture(const tool::Tool& tool, const Image& image, const std::string& path) {
+  ImageWriteOptions options;
+  options.no_clobber = tool.common().no_clobber;
+  write_image(image, path, options);
+  tool.note(fmt::format("{}: {}x{} pixels", path, image.width, image.height));
+}
+
+void generate_picture(const tool::Tool& tool, const Request& r) {
+  const std::string& path = r.image.empty() ? r.output : r.image;
+  if (path.empty()) throw_usage("nothing to write; name the picture with --image");
+  ProceduralTextureOptions options;
+  options.frequency = r.frequency;
+  options.seed = r.surfels.seed;
+  write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height), path);
+}
+
+void generate_surface(tool::Tool& tool, const Request& r) {
+  const bool no_clobber = tool.common().no_clobber;
+  if (r.output.empty() && r.image.empty()) {
+    throw_usage("nothing to write; name a file with --output or --image");
+  }
+  const ProceduralScene scene = procedural_scene(r.kind, r.surfels.seed, r.texture, r.frequency);
+  if (!r.output.empty()) {
+    const Timer timer;
+    SurfelCloud cloud = generate_surfels(scene, r.surfels);
+    tool.report()["generate_ms"] = timer.milliseconds();
+    tool.report()["surfels"] = cloud.size();
+    cloud.provenance.push_back(tool.provenance());
+    write_cloud(cloud, r.output, {.no_clobber = no_clobber});
+    tool.note(fmt::format("{}: {} surfels", r.output, cloud.size()));
+  }
+  if (!r.image.empty()) {
+    write_picture(tool, generate_texture(scene, r.width, r.height), r.image);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  tool::Tool tool("surfel-generate",
+                  "Makes surfels, meshes and images whose truth is known, from formulas.");
+  Request request;
+  declare(tool, request);
+  return tool.run(argc, argv, [&] {
+    tool::require_valid(request.surfels.problems());
+    if (is_texture(request.kind)) {
+      generate_picture(tool, request);
+    } else {
+      generate_surface(tool, request);
+    }
+  });
+}
