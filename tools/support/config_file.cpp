@@ -78,7 +78,7 @@ nlohmann::json value_in_force(const CLI::Option& option) {
   const bool given = option.count() > 0;
   if (!given && option.get_default_str().empty()) return nullptr;
   const std::vector<std::string> values = given ? option.results() : default_values(option);
-  if (!takes_many(option)) return typed(option, values.front());
+  if (!takes_many(option)) return typed(option, values.empty() ? "" : values.front());
   nlohmann::json array = nlohmann::json::array();
   for (const std::string& value : values) array.push_back(typed(option, value));
   return array;

@@ -1,0 +1,176 @@
+// surfel-info: what is in a file of surfels, a mesh or an image, and is it sound.
+
+#include <cmath>
+
+#include <nlohmann/json.hpp>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/file_kind.h>
+#include <surfel/io/image.h>
+#include <surfel/io/mesh.h>
+#include <surfel/measure/cloud_statistics.h>
+#include <surfel/measure/mesh_statistics.h>
+
+#include "tools/support/tool.h"
+
+namespace {
+
+using surfel::tool::Tool;
+using Json = nlohmann::ordered_json;
+
+Json describe(const surfel::Vec3d& v) { return {v.x(), v.y(), v.z()}; }
+
+Json describe(const surfel::Bounds& box) {
+  if (box.empty()) return nullptr;
+  return {{"min", describe(box.min)}, {"max", describe(box.max)}, {"diagonal", box.diagonal()}};
+}
+
+Json describe(const std::optional<surfel::Distribution>& d) {
+  if (!d) return nullptr;
+  return {{"mean", d->mean},     {"min", d->min},           {"p5", d->percentile_5},
+          {"median", d->median}, {"p95", d->percentile_95}, {"max", d->max}};
+}
+
+Json describe(const std::optional<surfel::Coverage>& c) {
+  if (!c) return nullptr;
+  return {{"hole_share", c->hole_share},
+          {"overlap", c->overlap},
+          {"cells", c->cells},
+          {"cell_area_mean", c->cell_area_mean}};
+}
+
+Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOptions& options) {
+  const surfel::SurfelCloud cloud = surfel::read_cloud(file);
+  const surfel::CloudStatistics s = surfel::cloud_statistics(cloud, options);
+  Json properties = Json::array();
+  for (const auto& [name, type] : surfel::cloud_properties(cloud)) {
+    properties.push_back({{"name", name}, {"type", type}});
+  }
+  Json out = {{"file", file}, {"kind", "surfels"}, {"count", s.count}, {"properties", properties}};
+  out["bounds"] = describe(s.bounds);
+  out["origin"] = describe(cloud.origin);
+  out["spacing"] = describe(s.spacing);
+  out["coincident_share"] = s.coincident_share;
+  out["cutoff"] = options.cutoff;
+  out["radius"] = describe(s.radius);
+  out["coverage"] = describe(s.coverage);
+  out["nonfinite_positions"] = s.nonfinite_positions;
+  out["nonfinite_normals"] = s.nonfinite_normals;
+  out["zero_normals"] = s.zero_normals;
+  out["non_unit_normals"] = s.non_unit_normals;
+  out["nonfinite_values"] = s.nonfinite_values;
+  out["negative_variances"] = s.negative_variances;
+  out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
+  out["provenance"] = cloud.provenance;
+  out["comments"] = cloud.comments;
+  return out;
+}
+
+Json describe_mesh(const std::string& file) {
+  const surfel::TriangleMesh mesh = surfel::read_mesh(file);
+  const surfel::MeshStatistics s = surfel::mesh_statistics(mesh);
+  Json materials = Json::array();
+  for (const surfel::MeshMaterial& material : mesh.material) {
+    materials.push_back({{"name", material.name}, {"texture", material.texture}});
+  }
+  return {{"file", file},
+          {"kind", "mesh"},
+          {"vertices", s.vertices},
+          {"faces", s.faces},
+          {"components", s.components},
+          {"border_edges", s.border_edges},
+          {"non_manifold_edges", s.non_manifold_edges},
+          {"degenerate_faces", mesh.degenerate_faces},
+          {"area", s.area},
+          {"bounds", describe(s.bounds)},
+          {"uv", !mesh.wedge_uv.empty()},
+          {"normals", !mesh.wedge_normal.empty()},
+          {"colors", !mesh.color.empty()},
+          {"materials", materials}};
+}
+
+Json describe_image(const std::string& file) {
+  const surfel::Image image = surfel::read_image(file, true);
+  std::size_t nonfinite = 0;
+  for (const float value : image.data) nonfinite += std::isfinite(value) ? 0 : 1;
+  return {{"file", file},
+          {"kind", "image"},
+          {"width", image.width},
+          {"height", image.height},
+          {"channels", image.channels},
+          {"nonfinite_values", nonfinite}};
+}
+
+Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions& options) {
+  switch (surfel::file_kind(file)) {
+    case surfel::FileKind::kMesh:
+      return describe_mesh(file);
+    case surfel::FileKind::kImage:
+      return describe_image(file);
+    case surfel::FileKind::kCloud:
+      break;
+  }
+  return describe_cloud(file, options);
+}
+
+/// A value for people: "mean 0.01, min 0.008" for an object, "1 2 3" for numbers.
+std::string text(const Json& value) {
+  if (value.is_null()) return "-";
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float()) return fmt::format("{:.7g}", value.get<double>());
+  if (!value.is_structured()) return value.dump();
+  std::string out;
+  for (const auto& [key, item] : value.items()) {
+    if (value.is_object()) {
+      out += fmt::format("{}{} {}", out.empty() ? "" : ", ", key, text(item));
+    } else {
+      out += (out.empty() ? "" : item.is_object() ? "; " : " ") + text(item);
+    }
+  }
+  return out.empty() ? "-" : out;
+}
+
+std::string for_people(const Json& description) {
+  std::string out;
+  for (const auto& [key, value] : description.items()) {
+    if (key == "properties") {
+      std::string list;
+      for (const Json& property : value) {
+        list += fmt::format("{}{} ({})", list.empty() ? "" : ", ", text(property["name"]),
+                            text(property["type"]));
+      }
+      out += fmt::format("{:20} {}\n", key, list);
+    } else if (key == "provenance" || key == "comments") {
+      for (const Json& line : value) out += fmt::format("{:20} {}\n", key, text(line));
+    } else {
+      out += fmt::format("{:20} {}\n", key, text(value));
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Tool tool("surfel-info",
+            "Tells what is in a file of surfels, a mesh or an image, and whether it is sound.");
+  std::string file;
+  bool json = false;
+  surfel::CloudStatisticsOptions options;
+  tool.app()
+      .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
+      ->required();
+  tool.app().add_flag("--json", json, "Print JSON");
+  tool.app().add_option("--cutoff", options.cutoff,
+                        "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
+  tool.app().add_option("--samples", options.samples,
+                        "Surfels whose spacing and coverage are measured, >= 1");
+  tool.app().add_option("--seed", options.seed, "Choice of these surfels");
+  return tool.run(argc, argv, [&] {
+    surfel::tool::require_valid(options.problems());
+    const Json description = describe_file(file, options);
+    const auto replace = Json::error_handler_t::replace;
+    surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
+                             : for_people(description));
+    tool.report()["info"] = nlohmann::json::parse(description.dump(-1, ' ', false, replace));
+  });
+}
