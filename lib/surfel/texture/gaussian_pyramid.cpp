@@ -24,6 +24,16 @@ int wrapped(int i, int period) {
 
 double squared(double x) { return x * x; }
 
+/// Without SSE 4.1, which not every x86-64 has, std::floor is a function of some twenty steps.
+int floor_to_int(double x) {
+  const int i = static_cast<int>(x);
+  return i - (x < i ? 1 : 0);
+}
+int ceil_to_int(double x) {
+  const int i = static_cast<int>(x);
+  return i + (x > i ? 1 : 0);
+}
+
 /// Standard deviation, in texels of `fine`, of the filter that leads from it to a level of that
 /// pitch. Level 0 has not been filtered.
 double step_sigma(const TexelAxis& fine, double coarse_pitch, bool from_image) {
@@ -119,34 +129,52 @@ double reduced(double center, double reach, const TexelAxis& axis, WrapMode wrap
   return std::clamp(center, axis.first - reach - 1, axis.first + axis.count + reach + 1);
 }
 
-/// One row's sum of exp(-(i + 1/2 - center)^2 / (2 variance)) times texel i. The exponential is
-/// carried from texel to texel by two products; in double their error stays below 1e-9 over the
-/// longest row.
-class RowSum {
- public:
-  RowSum(int begin, double center, double variance) {
-    const double d = begin + 0.5 - center;
-    value_ = std::exp(-d * d / (2 * variance));
-    ratio_ = std::exp(-(2 * d + 1) / (2 * variance));
-    ratio_step_ = std::exp(-1 / variance);
+/// A kernel cut along a row: exp(-exponent) at a texel, with the factor to the next texel. The
+/// exponential is carried on by products, two texels at a time; in double their error stays below
+/// 1e-9 over the longest row.
+struct RowKernel {
+  /// \param d         from the kernel's centre in the row to the centre of the first texel.
+  /// \param decay     1 / (2 variance) along the row. \param step  exp(-2 decay).
+  /// \param exponent  at the kernel's centre in the row.
+  RowKernel(double d, double decay, double step, double exponent) {
+    const Eigen::Array2d e = Eigen::Array2d(-d * d * decay - exponent, -(2 * d + 1) * decay).exp();
+    const double next = e[1];
+    value = {e[0], e[0] * next};
+    const double skip_one = next * next * step;
+    ratio = {skip_one, skip_one * step * step};
+    ratio_step = (step * step) * (step * step);
   }
-  void add(const float* texel) {
-    sum += static_cast<float>(value_) * Eigen::Map<const Eigen::Array4f>(texel);
-    kernel += value_;
-    skip();
+  void advance() {
+    value *= ratio;
+    ratio *= ratio_step;
   }
-  void skip() {
-    value_ *= ratio_;
-    ratio_ *= ratio_step_;
-  }
-  Eigen::Array4f sum{0, 0, 0, 0};
-  double kernel = 0;
-
- private:
-  double value_;
-  double ratio_;
-  double ratio_step_;
+  Eigen::Array2d value;  ///< At this texel and at the next.
+  Eigen::Array2d ratio;  ///< To those two texels further on.
+  double ratio_step;
 };
+
+/// Adds kernel times texel over the texels texel_at(begin) ... texel_at(end - 1) of a row.
+template <class TexelAt>
+void add_row(int begin, int end, RowKernel kernel, const TexelAt& texel_at,
+             GaussianPyramid::Sum& total) {
+  using Texel = Eigen::Map<const Eigen::Array4f>;
+  Eigen::Array4f even = Eigen::Array4f::Zero();
+  Eigen::Array4f odd = Eigen::Array4f::Zero();
+  Eigen::Array2d weight = Eigen::Array2d::Zero();
+  int x = begin;
+  for (; x + 1 < end; x += 2) {
+    even += static_cast<float>(kernel.value[0]) * Texel(texel_at(x));
+    odd += static_cast<float>(kernel.value[1]) * Texel(texel_at(x + 1));
+    weight += kernel.value;
+    kernel.advance();
+  }
+  if (x < end) {
+    even += static_cast<float>(kernel.value[0]) * Texel(texel_at(x));
+    weight[0] += kernel.value[0];
+  }
+  total.texels += (even + odd).cast<double>();
+  total.kernel += weight.sum();
+}
 
 }  // namespace
 
@@ -203,46 +231,50 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
   const double xx = kernel.variance(0, 0) / squared(level.x.pitch) - prefilter;
   const double yy = kernel.variance(1, 1) / squared(level.y.pitch) - prefilter;
   const double xy = kernel.variance(0, 1) / (level.x.pitch * level.y.pitch);
-  constexpr double kTwiceCutoff = 2 * kExponentCutoff;
-  const double reach_x = std::sqrt(kTwiceCutoff * xx);
-  const double reach_y = std::sqrt(kTwiceCutoff * yy);
+  const double reach_x = std::sqrt(2 * kExponentCutoff * xx);
+  const double reach_y = std::sqrt(2 * kExponentCutoff * yy);
   const double center_x = reduced(kernel.center.x() / level.x.pitch, reach_x, level.x, wrap_);
   const double center_y = reduced(kernel.center.y() / level.y.pitch, reach_y, level.y, wrap_);
 
   // A Gaussian is the product of its marginal in y and its conditional in x given y.
   const double conditional_variance = xx - xy * xy / yy;
-  int y_begin = static_cast<int>(std::ceil(center_y - reach_y - 0.5));
-  int y_end = static_cast<int>(std::floor(center_y + reach_y - 0.5)) + 1;
+  const double decay = 1 / (2 * conditional_variance);
+  const double step = std::exp(-2 * decay);
+  const double marginal_decay = 1 / (2 * yy);
+  const double slope = xy / yy;
+  int y_begin = ceil_to_int(center_y - reach_y - 0.5);
+  int y_end = floor_to_int(center_y + reach_y - 0.5) + 1;
   if (wrap_ == WrapMode::kNothing) {
     y_begin = std::max(y_begin, level.y.first);
     y_end = std::min(y_end, level.y.first + level.y.count);
   }
   for (int y = y_begin; y < y_end; ++y) {
     const double dy = y + 0.5 - center_y;
-    const double row_center = center_x + xy / yy * dy;
+    const double exponent = dy * dy * marginal_decay;
+    const double row_center = center_x + slope * dy;
     const double row_reach =
-        std::sqrt(std::max(0.0, (kTwiceCutoff - dy * dy / yy) * conditional_variance));
-    int begin = static_cast<int>(std::ceil(row_center - row_reach - 0.5));
-    int end = static_cast<int>(std::floor(row_center + row_reach - 0.5)) + 1;
+        std::sqrt(std::max(0.0, 2 * (kExponentCutoff - exponent) * conditional_variance));
+    int begin = ceil_to_int(row_center - row_reach - 0.5);
+    int end = floor_to_int(row_center + row_reach - 0.5) + 1;
     if (wrap_ == WrapMode::kNothing) {
       begin = std::max(begin, level.x.first);
       end = std::min(end, level.x.first + level.x.count);
     }
     if (begin >= end) continue;
 
-    RowSum row(begin, row_center, conditional_variance);
+    const RowKernel row(begin + 0.5 - row_center, decay, step, exponent);
     const float* texels = level.row(stored_offset(y, level.y, wrap_));
     if (begin >= level.x.first && end <= level.x.first + level.x.count) {
-      const float* texel = texels + static_cast<std::size_t>(begin - level.x.first) * 4;
-      for (int x = begin; x < end; ++x, texel += 4) row.add(texel);
+      const auto texel_at = [&](int x) {
+        return texels + static_cast<std::ptrdiff_t>(x - level.x.first) * 4;
+      };
+      add_row(begin, end, row, texel_at, total);
     } else {
-      for (int x = begin; x < end; ++x) {
-        row.add(texels + static_cast<std::size_t>(stored_offset(x, level.x, wrap_)) * 4);
-      }
+      const auto texel_at = [&](int x) {
+        return texels + static_cast<std::ptrdiff_t>(stored_offset(x, level.x, wrap_)) * 4;
+      };
+      add_row(begin, end, row, texel_at, total);
     }
-    const double marginal = std::exp(-dy * dy / (2 * yy));
-    total.texels += marginal * row.sum.cast<double>();
-    total.kernel += marginal * row.kernel;
   }
   return total;
 }
