@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
