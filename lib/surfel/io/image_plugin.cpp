@@ -1,15 +1,14 @@
 #include <algorithm>
 #include <array>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <memory>
+#include <span>
+#include <string_view>
 #include <vector>
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
@@ -17,7 +16,7 @@
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/image_plugin.h>
-#include <unistd.h>
+#include <surfel/io/input_file.h>
 
 namespace surfel {
 namespace {
@@ -97,13 +96,6 @@ float linear(std::uint16_t value) {
 float linear(float value) { return value; }
 
 template <class T>
-T clamped_ratio(T value, T alpha) {
-  constexpr float kFull = std::is_same_v<T, std::uint8_t> ? 255.0f : 65535.0f;
-  const float ratio = static_cast<float>(value) / static_cast<float>(alpha);
-  return static_cast<T>(std::min(ratio, 1.0f) * kFull + 0.5f);
-}
-
-template <class T>
 T divided(T value, T alpha) {
   if constexpr (std::is_floating_point_v<T>) {
     return value / alpha;
@@ -179,14 +171,63 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, bool raw, Ima
   }
 }
 
-void check_is_file(const std::string& path) {
-  std::error_code error;
-  if (std::filesystem::is_directory(path, error)) {
-    throw_io(path, "is a directory; name an image file");
+/// Does a JPEG stream run up to its end marker? libjpeg completes a cut one in grey and says
+/// nothing. In the coded data between segments a 0xff is followed by 0, a restart marker or fill.
+bool jpeg_is_whole(std::span<const std::byte> bytes) {
+  constexpr int kTemporary = 0x01, kRestart0 = 0xd0, kStart = 0xd8, kEnd = 0xd9, kFill = 0xff;
+  const auto at = [&](std::size_t i) { return std::to_integer<int>(bytes[i]); };
+  for (std::size_t i = 0; i + 1 < bytes.size();) {
+    const int marker = at(i + 1);
+    if (at(i) != kFill || marker == kFill) {
+      ++i;
+    } else if (marker == kEnd) {
+      return true;
+    } else if (marker <= kTemporary || (marker >= kRestart0 && marker <= kStart)) {
+      i += 2;
+    } else {
+      if (i + 3 >= bytes.size()) return false;
+      i += 2 + static_cast<std::size_t>(at(i + 2) << 8 | at(i + 3));
+    }
   }
-  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) throw_io(path, "cannot be opened: " + std::string(std::strerror(errno)));
-  close(descriptor);
+  return false;
+}
+
+/// OpenImageIO's name of the format of bytes in memory, which it does not find out by itself; empty
+/// for a format that is not known here.
+std::string format_of(std::span<const std::byte> bytes) {
+  const std::string_view start(reinterpret_cast<const char*>(bytes.data()),
+                               std::min<std::size_t>(bytes.size(), 4));
+  if (start == "\x89PNG") return "png";
+  if (start == "\x76\x2f\x31\x01") return "openexr";
+  if (start == std::string_view("II*\0", 4) || start == std::string_view("MM\0*", 4)) return "tiff";
+  if (start.starts_with("\xff\xd8")) return "jpeg";
+  return start.starts_with("#?") ? "hdr" : "";
+}
+
+/// Opens standard input or a pipe, whose bytes `memory` reads.
+std::unique_ptr<OIIO::ImageInput> open_piped(const InputFile& file, const OIIO::ImageSpec& hints,
+                                             OIIO::Filesystem::IOMemReader& memory) {
+  const std::string format = format_of(file.bytes());
+  if (format.empty()) throw_input(file.name(), "is no PNG, EXR, TIFF, JPEG or HDR image");
+  auto input = OIIO::ImageInput::create(format);
+  OIIO::ImageSpec spec;
+  if (!input || !input->set_ioproxy(&memory) || !input->open("memory", spec, hints)) {
+    throw_input(file.name(), "cannot be read as an image: " +
+                                 cause(input ? input->geterror() : OIIO::geterror()));
+  }
+  return input;
+}
+
+/// Opens a file by name.
+std::unique_ptr<OIIO::ImageInput> open_file(const std::string& path, const OIIO::ImageSpec& hints) {
+  auto input = OIIO::ImageInput::open(path, &hints);
+  if (!input) {
+    const std::string message = OIIO::geterror();
+    const bool unknown = message.find("find a format reader") != std::string::npos;
+    throw_input(path, unknown ? "is no image of a known format"
+                              : "cannot be read as an image: " + cause(message));
+  }
+  return input;
 }
 
 void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
@@ -290,6 +331,8 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
   for (const auto& [key, value] : options.metadata) spec.attribute(key, value);
   // Without it, OpenImageIO stamps the current time.
   spec.attribute("DateTime", "");
+  // libtiff has to read a file back to append Exif tags, which output in memory does not allow.
+  spec.attribute("tiff:write_exif", 0);
   if (options.world_to_camera.size() == 16) {
     // OpenEXR's matrices act on row vectors: the transpose of ours.
     std::array<float, 16> transposed{};
@@ -322,7 +365,8 @@ std::vector<unsigned char> encode_file(OIIO::ImageOutput& output, OIIO::ImageSpe
   spec.set_format(OIIO::BaseTypeFromC<T>::value);
   const bool written = output.set_ioproxy(&memory) && output.open("memory", spec) &&
                        output.write_image(OIIO::BaseTypeFromC<T>::value, pixels);
-  if (!output.close() || !written) {
+  // libtiff's failures at the end are known by the message alone.
+  if (!output.close() || !written || output.has_error()) {
     throw_io(path, "cannot be written: " + cause(output.geterror()));
   }
   return memory.buffer();
@@ -361,22 +405,27 @@ extern "C" {
 
 SURFEL_API void surfel_image_plugin_read(const std::string& path, bool raw, surfel::Image& image) {
   using namespace surfel;
-  check_is_file(path);
+  const InputFile file(path);
   configure_openimageio();
+  OIIO::Filesystem::IOMemReader memory(file.bytes().data(), file.bytes().size());
   OIIO::ImageSpec hints;
   hints.attribute("oiio:UnassociatedAlpha", 1);
-  const auto input = OIIO::ImageInput::open(path, &hints);
-  if (!input) throw_input(path, "cannot be read as an image: " + cause(OIIO::geterror()));
+  // A pipe, which has been read, cannot be opened a second time.
+  const bool named = path != "-" && std::filesystem::is_regular_file(path);
+  const auto input = named ? open_file(path, hints) : open_piped(file, hints, memory);
+  if (std::string(input->format_name()) == "jpeg" && !jpeg_is_whole(file.bytes())) {
+    throw_input(file.name(), "damaged image: the JPEG data ends too early");
+  }
   const OIIO::ImageSpec& spec = input->spec();
-  check_size(spec, path);
+  check_size(spec, file.name());
   image.width = spec.width;
   image.height = spec.height;
   if (spec.format.is_floating_point()) {
-    read_pixels<float>(*input, path, raw, image);
+    read_pixels<float>(*input, file.name(), raw, image);
   } else if (spec.format.size() == 1) {
-    read_pixels<std::uint8_t>(*input, path, raw, image);
+    read_pixels<std::uint8_t>(*input, file.name(), raw, image);
   } else {
-    read_pixels<std::uint16_t>(*input, path, raw, image);
+    read_pixels<std::uint16_t>(*input, file.name(), raw, image);
   }
 }
 

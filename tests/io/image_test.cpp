@@ -1,0 +1,494 @@
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <thread>
+
+#include <gtest/gtest.h>
+#include <surfel/base/color.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/io/image.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "support/test_data.h"
+
+namespace surfel {
+namespace {
+
+using test::TemporaryFolder;
+
+Image make_image(int width, int height, std::vector<std::string> channels) {
+  Image image{width, height, std::move(channels), {}};
+  image.data.assign(static_cast<std::size_t>(width) * height * image.channels.size(), 0.0f);
+  return image;
+}
+
+/// Premultiplied linear R G B A of random straight colours and alphas, and further channels.
+Image random_image(int width, int height, std::vector<std::string> channels) {
+  Image image = make_image(width, height, std::move(channels));
+  for (std::size_t i = 0; i < image.data.size(); ++i) {
+    image.data[i] = static_cast<float>(random_uniform(1, i));
+  }
+  const int stride = image.channel_count();
+  for (std::size_t p = 0; stride >= 4 && p < image.data.size(); p += stride) {
+    for (int c = 0; c < 3; ++c) image.data[p + c] *= image.data[p + 3];
+  }
+  return image;
+}
+
+std::vector<char> bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write_bytes(const std::string& path, const std::vector<char>& bytes) {
+  std::ofstream(path, std::ios::binary).write(bytes.data(), std::ssize(bytes));
+}
+
+/// The error that a call throws; fails where there is none or it does not name the file.
+template <class Call>
+ErrorKind error_kind(const std::string& file, const Call& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find(file), std::string::npos) << error.what();
+    return error.kind();
+  }
+  ADD_FAILURE() << file << ": no error";
+  return ErrorKind::kInterrupted;
+}
+
+std::size_t files_in(const std::string& folder) {
+  const auto begin = std::filesystem::directory_iterator(folder);
+  return static_cast<std::size_t>(std::distance(begin, std::filesystem::directory_iterator()));
+}
+
+std::string data_file(const std::string& name) { return (test::data_folder() / name).string(); }
+
+/// 256 opaque pixels, one for each 8-bit value, grey.
+Image all_8bit_values() {
+  Image image = make_image(16, 16, {"R", "G", "B", "A"});
+  for (int i = 0; i < 256; ++i) {
+    float* p = image.pixel(i % 16, i / 16);
+    p[0] = srgb8_to_linear(static_cast<std::uint8_t>(i));
+    p[1] = srgb8_to_linear(static_cast<std::uint8_t>(255 - i));
+    p[2] = srgb8_to_linear(static_cast<std::uint8_t>(i ^ 85));
+    p[3] = 1;
+  }
+  return image;
+}
+
+TEST(Image, LosslessFormatsKeepAll256ValuesExactly) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  for (const std::string name : {"a.png", "a.tif", "a.bmp", "a.tga", "a.ppm"}) {
+    write_image(image, folder / name);
+    const Image read = read_image(folder / name);
+    ASSERT_EQ(read.width, 16) << name;
+    ASSERT_EQ(read.height, 16) << name;
+    EXPECT_EQ(read.channels, image.channels) << name;
+    EXPECT_EQ(read.data, image.data) << name;
+  }
+}
+
+TEST(Image, TransparentPixelsComeBackStraight) {
+  const TemporaryFolder folder;
+  Image image = make_image(256, 256, {"R", "G", "B", "A"});
+  for (int alpha = 0; alpha < 256; ++alpha) {
+    for (int value = 0; value < 256; ++value) {
+      float* p = image.pixel(value, alpha);
+      p[3] = static_cast<float>(alpha) / 255;
+      p[0] = p[1] = srgb8_to_linear(static_cast<std::uint8_t>(value)) * p[3];
+      p[2] = 0.25f * p[3];
+    }
+  }
+  for (const std::string name : {"a.png", "a.tif"}) {
+    write_image(image, folder / name);
+    const Image read = read_image(folder / name);
+    for (int alpha = 1; alpha < 256; ++alpha) {
+      for (int value = 0; value < 256; ++value) {
+        const float* p = read.pixel(value, alpha);
+        ASSERT_EQ(p[0], srgb8_to_linear(static_cast<std::uint8_t>(value))) << name << alpha;
+        ASSERT_EQ(p[3], static_cast<float>(alpha) / 255) << name;
+      }
+    }
+  }
+}
+
+TEST(Image, OpaquePicturesAreWrittenWithoutAlpha) {
+  const TemporaryFolder folder;
+  Image image = all_8bit_values();
+  write_image(image, folder / "opaque.png");
+  EXPECT_EQ(read_image(folder / "opaque.png", true).channel_count(), 3);
+  image.pixel(7, 7)[3] = 0.5f;
+  write_image(image, folder / "transparent.png");
+  EXPECT_EQ(read_image(folder / "transparent.png", true).channel_count(), 4);
+}
+
+TEST(Image, ExrKeepsEveryChannelAndBit) {
+  const TemporaryFolder folder;
+  Image image =
+      random_image(33, 17, {"R", "G", "B", "A", "Z", "Z.first", "N.X", "N.Y", "N.Z", "weight"});
+  image.pixel(3, 4)[4] = std::numeric_limits<float>::infinity();
+  image.pixel(5, 6)[0] = 12345.678f;
+  image.pixel(5, 7)[0] = -1e-30f;
+  write_image(image, folder / "a.exr");
+  const Image read = read_image(folder / "a.exr", true);
+  ASSERT_EQ(read.width, image.width);
+  ASSERT_EQ(read.height, image.height);
+  ASSERT_EQ(read.channel_count(), image.channel_count());
+  for (int c = 0; c < image.channel_count(); ++c) {
+    // EXR may store channels in another order; a name is what finds one.
+    const auto found = std::find(read.channels.begin(), read.channels.end(), image.channels[c]);
+    ASSERT_NE(found, read.channels.end()) << image.channels[c];
+    const auto at = found - read.channels.begin();
+    for (int y = 0; y < image.height; ++y) {
+      for (int x = 0; x < image.width; ++x) {
+        ASSERT_EQ(image.pixel(x, y)[c], read.pixel(x, y)[at]) << image.channels[c];
+      }
+    }
+  }
+}
+
+TEST(Image, ExrIsReadWithStraightAlpha) {
+  const TemporaryFolder folder;
+  Image image = make_image(3, 1, {"R", "G", "B", "A"});
+  const float in[12] = {0.125f, 0.25f, 0.5f, 0.5f, 3, 2, 1, 1, 0.5f, 0.25f, 0, 0};
+  std::copy(in, in + 12, image.data.begin());
+  write_image(image, folder / "a.exr");
+  const Image read = read_image(folder / "a.exr");
+  const Array<float> expected = {0.25f, 0.5f, 1, 0.5f, 3, 2, 1, 1, 0.5f, 0.25f, 0, 0};
+  EXPECT_EQ(read.data, expected) << "alpha 0 keeps the colour as stored";
+}
+
+TEST(Image, JpegIsCloseAndShowsThePictureOverBlack) {
+  const TemporaryFolder folder;
+  Image image = make_image(64, 64, {"R", "G", "B", "A"});
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      float* p = image.pixel(x, y);
+      p[0] = srgb_to_linear(static_cast<float>(x) / 63);
+      p[1] = srgb_to_linear(static_cast<float>(y) / 63);
+      p[2] = 0.2f;
+      p[3] = 0.75f;
+    }
+  }
+  write_image(image, folder / "a.jpg");
+  const Image read = read_image(folder / "a.jpg");
+  for (std::size_t i = 0; i < image.data.size(); ++i) {
+    const float expected = i % 4 == 3 ? 1.0f : linear_to_srgb(image.data[i]);
+    const float got = i % 4 == 3 ? read.data[i] : linear_to_srgb(read.data[i]);
+    ASSERT_NEAR(got, expected, 0.025) << i;
+  }
+}
+
+TEST(Image, RadianceKeepsTheRange) {
+  const TemporaryFolder folder;
+  Image image = random_image(32, 8, {"R", "G", "B"});
+  for (float& value : image.data) value = std::exp(8 * value);
+  write_image(image, folder / "a.hdr");
+  const Image read = read_image(folder / "a.hdr");
+  for (int i = 0; i < 32 * 8; ++i) {
+    const float* in = &image.data[3 * i];
+    const float peak = std::max({in[0], in[1], in[2]});
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(read.data[4 * i + c], in[c], peak / 120);
+  }
+}
+
+TEST(Image, SameBytesForAnyThreadCountAndTime) {
+  const TemporaryFolder folder;
+  const Image image = random_image(301, 203, {"R", "G", "B", "A", "Z"});
+  const std::vector<std::string> extensions = {"png", "exr", "tif", "jpg", "hdr"};
+  ImageWriteOptions options;
+  options.metadata = {{"surfel:tool", "test"}};
+  for (const int threads : {1, 2, 5}) {
+    set_thread_count(threads);
+    for (const auto& e : extensions) {
+      write_image(image, folder / (std::to_string(threads) + "." + e), options);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  }
+  set_thread_count(0);
+  for (const auto& e : extensions) {
+    const auto first = bytes_of(folder / ("1." + e));
+    ASSERT_FALSE(first.empty()) << e;
+    EXPECT_EQ(first, bytes_of(folder / ("2." + e))) << e;
+    EXPECT_EQ(first, bytes_of(folder / ("5." + e))) << e;
+  }
+}
+
+TEST(Image, NeitherNanNorInfinityBreaksAnEncoding) {
+  const TemporaryFolder folder;
+  Image image = make_image(4, 1, {"R", "G", "B", "A"});
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  constexpr float kInf = std::numeric_limits<float>::infinity();
+  const float in[16] = {kNan, kInf, -kInf, 1, 1, 1, 1, kNan, 1, 1, 1, kInf, 9, -9, 0, 1};
+  std::copy(in, in + 16, image.data.begin());
+  write_image(image, folder / "a.png");
+  const Image read = read_image(folder / "a.png");
+  const Array<float> opaque(read.data.begin(), read.data.begin() + 3);
+  EXPECT_EQ(opaque, (Array<float>{0, 1, 0}));
+  for (const float value : read.data) EXPECT_TRUE(value >= 0 && value <= 1);
+}
+
+TEST(Image, WritesPngToStandardOutput) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  const int saved = dup(STDOUT_FILENO);
+  ASSERT_NE(std::freopen((folder / "out").c_str(), "wb", stdout), nullptr);
+  write_image(image, "-");
+  dup2(saved, STDOUT_FILENO);
+  close(saved);
+  EXPECT_EQ(read_image(folder / "out").data, image.data) << "found by content, without extension";
+}
+
+TEST(Image, ReadsStandardInput) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  const int saved = dup(STDIN_FILENO);
+  for (const std::string name : {"a.png", "a.tif", "a.exr"}) {
+    write_image(image, folder / name);
+    ASSERT_NE(std::freopen((folder / name).c_str(), "rb", stdin), nullptr);
+    EXPECT_EQ(read_image("-").data, image.data) << name;
+  }
+  std::ofstream(folder / "text") << "no picture";
+  ASSERT_NE(std::freopen((folder / "text").c_str(), "rb", stdin), nullptr);
+  EXPECT_EQ(error_kind("standard input", [] { read_image("-"); }), ErrorKind::kInput);
+  dup2(saved, STDIN_FILENO);
+  close(saved);
+}
+
+TEST(Image, ReadsANamedPipe) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  write_image(image, folder / "a.png");
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  std::thread writer([&] { write_bytes(folder / "pipe", bytes_of(folder / "a.png")); });
+  EXPECT_EQ(read_image(folder / "pipe").data, image.data);
+  writer.join();
+}
+
+TEST(Image, AssociatedIntegersAreDividedBeforeDecoding) {
+  const TemporaryFolder folder;
+  // Little-endian TIFF, 1x1 pixel of R G B A 8 bits: 64 32 16 128, ExtraSamples = associated.
+  const std::vector<std::array<std::uint16_t, 4>> tags = {
+      {256, 3, 1, 1},   {257, 3, 1, 1}, {258, 3, 4, 142}, {259, 3, 1, 1}, {262, 3, 1, 2},
+      {273, 4, 1, 150}, {277, 3, 1, 4}, {278, 3, 1, 1},   {279, 4, 1, 4}, {338, 3, 1, 1}};
+  std::vector<char> bytes = {'I', 'I', 42, 0, 8, 0, 0, 0};
+  const auto put = [&](unsigned value, int size) {
+    for (int i = 0; i < size; ++i) bytes.push_back(static_cast<char>(value >> (8 * i)));
+  };
+  put(static_cast<unsigned>(tags.size()), 2);
+  for (const auto& tag : tags) {
+    put(tag[0], 2);
+    put(tag[1], 2);
+    put(tag[2], 4);
+    put(tag[3], 4);
+  }
+  put(0, 4);
+  bytes.resize(142);
+  for (int i = 0; i < 4; ++i) put(8, 2);
+  for (const unsigned value : {64u, 32u, 16u, 128u}) put(value, 1);
+  write_bytes(folder / "a.tif", bytes);
+  const Image read = read_image(folder / "a.tif");
+  const Array<float> expected = {srgb8_to_linear(128), srgb8_to_linear(64), srgb8_to_linear(32),
+                                 128 / 255.0f};
+  EXPECT_EQ(read.data, expected);
+}
+
+TEST(Image, CameraMatrixActsOnRowVectorsInTheFile) {
+  const TemporaryFolder folder;
+  ImageWriteOptions options;
+  options.world_to_camera = {1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1};
+  write_image(all_8bit_values(), folder / "a.exr", options);
+  const auto bytes = bytes_of(folder / "a.exr");
+  const std::string key("worldToCamera\0m44f\0", 19);
+  const auto at = std::search(bytes.begin(), bytes.end(), key.begin(), key.end());
+  ASSERT_GT(bytes.end() - at, 19 + 4 + 64);
+  std::array<float, 16> stored{};
+  std::memcpy(stored.data(), &*at + 19 + 4, sizeof stored);
+  EXPECT_EQ(stored, (std::array<float, 16>{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1}));
+}
+
+TEST(Image, WrongUsageIsRefused) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  for (const std::string name : {"a.xyz", "noextension", "a.obj", "a."}) {
+    EXPECT_EQ(error_kind(name, [&] { write_image(image, folder / name); }), ErrorKind::kUsage);
+  }
+  Image empty = make_image(0, 5, {"R", "G", "B"});
+  EXPECT_EQ(error_kind("e.png", [&] { write_image(empty, folder / "e.png"); }), ErrorKind::kUsage);
+  Image short_of_data = all_8bit_values();
+  short_of_data.data.pop_back();
+  EXPECT_EQ(error_kind("s.png", [&] { write_image(short_of_data, folder / "s.png"); }),
+            ErrorKind::kUsage);
+  EXPECT_EQ(files_in(folder / ""), 0u);
+}
+
+TEST(Image, TargetsThatCannotBeWrittenAreErrors) {
+  const TemporaryFolder folder;
+  const Image image = all_8bit_values();
+  std::filesystem::create_directory(folder / "d.png");
+  EXPECT_EQ(error_kind("d.png", [&] { write_image(image, folder / "d.png"); }), ErrorKind::kIo);
+  EXPECT_EQ(error_kind("none/a.png", [&] { write_image(image, folder / "none/a.png"); }),
+            ErrorKind::kIo);
+  write_image(image, folder / "old.png");
+  ImageWriteOptions keep;
+  keep.no_clobber = true;
+  EXPECT_EQ(error_kind("old.png", [&] { write_image(image, folder / "old.png", keep); }),
+            ErrorKind::kIo);
+  EXPECT_EQ(files_in(folder / ""), 2u);
+}
+
+TEST(Image, FullDiskIsReportedForEveryFormat) {
+  if (access("/dev/full", W_OK) != 0) GTEST_SKIP() << "no /dev/full";
+  const TemporaryFolder folder;
+  const Image image = random_image(64, 64, {"R", "G", "B", "A"});
+  for (const std::string name : {"a.png", "a.exr", "a.tif", "a.jpg"}) {
+    std::filesystem::create_symlink("/dev/full", folder / name);
+    EXPECT_EQ(error_kind(name, [&] { write_image(image, folder / name); }), ErrorKind::kIo);
+  }
+}
+
+TEST(Image, WhatIsNoImageIsRefused) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "text.txt") << "v 0 0 0\nf 1 2 3\n";
+  std::ofstream(folder / "text.png") << "not a picture\n";
+  std::ofstream(folder / "empty.png");
+  const auto read = [&](const std::string& name) {
+    return error_kind(name, [&] { read_image(folder / name); });
+  };
+  EXPECT_EQ(read("text.txt"), ErrorKind::kInput);
+  EXPECT_EQ(read("text.png"), ErrorKind::kInput);
+  EXPECT_EQ(read("empty.png"), ErrorKind::kInput);
+  EXPECT_EQ(read("missing.png"), ErrorKind::kIo);
+  EXPECT_EQ(error_kind("surfel-test", [&] { read_image(folder / ""); }), ErrorKind::kIo);
+}
+
+TEST(Image, CutFilesAreRefused) {
+  const TemporaryFolder folder;
+  const Image image = random_image(97, 61, {"R", "G", "B", "A"});
+  for (const std::string e : {"png", "exr", "tif", "jpg", "hdr"}) {
+    write_image(image, folder / ("whole." + e));
+    const auto whole = bytes_of(folder / ("whole." + e));
+    for (const double share : {0.1, 0.5, 0.9}) {
+      const std::string name = "cut." + e;
+      const auto size = static_cast<std::ptrdiff_t>(share * static_cast<double>(whole.size()));
+      write_bytes(folder / name, {whole.begin(), whole.begin() + size});
+      EXPECT_EQ(error_kind(name, [&] { read_image(folder / name); }), ErrorKind::kInput)
+          << e << " " << share;
+    }
+  }
+}
+
+TEST(Image, ScribbledFilesNeverCrash) {
+  const TemporaryFolder folder;
+  const Image image = random_image(41, 29, {"R", "G", "B", "A"});
+  for (const std::string e : {"png", "exr", "tif", "jpg", "hdr"}) {
+    write_image(image, folder / ("whole." + e));
+    const auto whole = bytes_of(folder / ("whole." + e));
+    for (int round = 0; round < 40; ++round) {
+      auto damaged = whole;
+      for (int k = 0; k < 3; ++k) {
+        const std::uint64_t bits = random_bits(7, round, k);
+        // Headers are where a wrong number does most.
+        damaged[bits % std::min<std::size_t>(whole.size(), round % 2 ? 300 : whole.size())] =
+            static_cast<char>(bits >> 56);
+      }
+      write_bytes(folder / ("damaged." + e), damaged);
+      try {
+        const Image read = read_image(folder / ("damaged." + e));
+        EXPECT_EQ(read.data.size(), static_cast<std::size_t>(read.width) * read.height * 4);
+      } catch (const Error& error) {
+        EXPECT_NE(std::string(error.what()).find("damaged." + e), std::string::npos);
+      }
+    }
+  }
+}
+
+TEST(Image, AbsurdHeadersAreRefused) {
+  SURFEL_REQUIRE_TEST_DATA();
+  for (const std::string name : {"libpng_badcrc.png", "libpng_huge_text_chunk.png",
+                                 "openexr_oom.exr", "openexr_heap_overflow.exr"}) {
+    EXPECT_EQ(error_kind(name, [&] { read_image(data_file("malformed/invalid/" + name)); }),
+              ErrorKind::kInput);
+  }
+}
+
+TEST(Image, PngSuite) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const auto read = [](const std::string& name) {
+    const Image image = read_image(data_file("malformed/tricky/" + name));
+    EXPECT_EQ(image.width, 32) << name;
+    EXPECT_EQ(image.height, 32) << name;
+    EXPECT_EQ(image.data.size(), 32u * 32 * 4) << name;
+    return image;
+  };
+  // basn0g16 is a ramp over all of black to white; grey means equal channels.
+  const Image grey = read("png_grey16.png");
+  const auto [low, high] = std::minmax_element(grey.data.begin(), grey.data.end());
+  EXPECT_EQ(*low, 0.0f);
+  EXPECT_EQ(*high, 1.0f);
+  for (int i = 0; i < 32 * 32; ++i) {
+    EXPECT_EQ(grey.data[4 * i], grey.data[4 * i + 1]);
+    EXPECT_EQ(grey.data[4 * i], grey.data[4 * i + 2]);
+    EXPECT_EQ(grey.data[4 * i + 3], 1.0f);
+  }
+  // basn6a08: alpha is a ramp along each row from 0 to 1, whatever the row.
+  const Image rgba = read("png_rgba8_interlaced.png");
+  for (int x = 0; x < 32; ++x) {
+    for (int y = 1; y < 32; ++y) EXPECT_EQ(rgba.pixel(x, y)[3], rgba.pixel(x, 0)[3]);
+    if (x > 0) {
+      EXPECT_GT(rgba.pixel(x, 0)[3], rgba.pixel(x - 1, 0)[3]);
+    }
+  }
+  EXPECT_GT(rgba.pixel(1, 0)[0], 0.9f) << "red stays red where nearly transparent";
+  // The palette's image is opaque and coloured.
+  const Image palette = read("png_palette8.png");
+  bool colored = false;
+  for (int i = 0; i < 32 * 32; ++i) {
+    EXPECT_EQ(palette.data[4 * i + 3], 1.0f);
+    colored |= palette.data[4 * i] != palette.data[4 * i + 1];
+  }
+  EXPECT_TRUE(colored);
+  // tRNS: pixels of one colour are transparent, the others opaque.
+  const Image keyed = read("png_rgb_tRNS.png");
+  int transparent = 0;
+  for (int i = 0; i < 32 * 32; ++i) {
+    const float alpha = keyed.data[4 * i + 3];
+    EXPECT_TRUE(alpha == 0 || alpha == 1);
+    transparent += alpha == 0;
+  }
+  EXPECT_GT(transparent, 100);
+  EXPECT_LT(transparent, 32 * 32 - 100);
+}
+
+TEST(Image, TexturesAndEnvironments) {
+  SURFEL_REQUIRE_TEST_DATA();
+  for (const auto& [name, width, height] :
+       {std::tuple{"textured/spot/spot_texture.png", 1024, 1024},
+        std::tuple{"textured/scissors/scissors_texture.png", 2048, 2048},
+        std::tuple{"textured/head_scan/lee_perry_smith_color.png", 1024, 1024},
+        std::tuple{"textured/head_scan/lee_perry_smith_color.jpg", 1024, 1024},
+        std::tuple{"envmaps/OrientationLatLong.exr", 1024, 512},
+        std::tuple{"envmaps/venice_sunset_1k.hdr", 1024, 512}}) {
+    const Image image = read_image(data_file(name));
+    EXPECT_EQ(image.width, width) << name;
+    EXPECT_EQ(image.height, height) << name;
+    const auto finite = [](float v) { return std::isfinite(v) && v >= 0; };
+    EXPECT_TRUE(std::all_of(image.data.begin(), image.data.end(), finite)) << name;
+  }
+  const Image png = read_image(data_file("textured/head_scan/lee_perry_smith_color.png"));
+  const Image jpg = read_image(data_file("textured/head_scan/lee_perry_smith_color.jpg"));
+  EXPECT_EQ(png.data, jpg.data) << "the PNG was decoded from the JPEG";
+}
+
+}  // namespace
+}  // namespace surfel
