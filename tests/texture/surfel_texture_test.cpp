@@ -1,0 +1,121 @@
+// surfel-texture as a user runs it.
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/image.h>
+
+#include "support/run_tool.h"
+#include "texture_support.h"
+
+namespace surfel::test {
+namespace {
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+class SurfelTexture : public testing::Test {
+ protected:
+  void SetUp() override {
+    SurfelCloud cloud;
+    cloud.position = {Vec3f(0.25F, 0.25F, 0), Vec3f(0.75F, 0.75F, 0)};
+    cloud.uv = {Vec2f(0.25F, 0.25F), Vec2f(0.75F, 0.75F)};
+    cloud.dpdu.assign(2, Vec3f(1, 0, 0));
+    cloud.dpdv.assign(2, Vec3f(0, 1, 0));
+    cloud.variance.assign(2, 1e-4F);
+    cloud.basis_cutoff = 1;
+    write_cloud(cloud, surfels_);
+    // Rows 0 to 15, v > 1/2, are white; the others red.
+    write_image(make_image(32, 32,
+                           [](int, int y) {
+                             return y < 16 ? Eigen::Vector4f(1, 1, 1, 1)
+                                           : Eigen::Vector4f(1, 0, 0, 1);
+                           }),
+                image_);
+    write_text(mesh_,
+               "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+               "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+    write_text(folder_ / "m.mtl", "newmtl m\nmap_Kd image.png\n");
+  }
+  RunResult texture(const std::vector<std::string>& arguments) const {
+    std::vector<std::string> command{tool("surfel-texture")};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    return run(command);
+  }
+  void expect_red_and_white() const {
+    const SurfelCloud cloud = read_cloud(output_);
+    ASSERT_EQ(cloud.coefficient.size(), 2U);
+    EXPECT_TRUE(cloud.coefficient[0].isApprox(Vec3f(1, 0, 0), 1e-4F)) << cloud.coefficient[0];
+    EXPECT_TRUE(cloud.coefficient[1].isApprox(Vec3f(1, 1, 1), 1e-4F)) << cloud.coefficient[1];
+  }
+
+  TemporaryFolder folder_;
+  std::string surfels_ = folder_ / "surfels.ply";
+  std::string image_ = folder_ / "image.png";
+  std::string mesh_ = folder_ / "m.obj";
+  std::string output_ = folder_ / "out.ply";
+};
+
+TEST_F(SurfelTexture, WritesCoefficientsAndKeepsTheRest) {
+  const RunResult result = texture({surfels_, "--image", image_, "--fit", "ewa", "-o", output_,
+                                    "--stats", folder_ / "stats.json"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  expect_red_and_white();
+  const SurfelCloud cloud = read_cloud(output_);
+  EXPECT_EQ(cloud.uv[1], Vec2f(0.75F, 0.75F));
+  EXPECT_FALSE(cloud.basis_cutoff);
+  ASSERT_EQ(cloud.provenance.size(), 1U);
+  EXPECT_TRUE(contains(cloud.provenance[0], "surfel-texture"));
+  EXPECT_TRUE(contains(cloud.provenance[0], "--fit ewa"));
+  const auto stats = nlohmann::json::parse(read_text(folder_ / "stats.json"));
+  EXPECT_EQ(stats["surfels"], 2);
+  EXPECT_EQ(stats["without_uv"], 0);
+  EXPECT_EQ(stats["coefficient_max"][0], 1);
+}
+
+TEST_F(SurfelTexture, TakesTheImagesOfTheMeshsMaterials) {
+  const RunResult result = texture({surfels_, "--mesh", mesh_, "-o", output_});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  expect_red_and_white();
+}
+
+TEST_F(SurfelTexture, RefusesWrongUsage) {
+  const std::vector<std::vector<std::string>> wrong{{"--image", image_, "--fit", "gram"},
+                                                    {"--image", image_, "--wrap", "around"},
+                                                    {"--image", image_, "--max-aspect", "x"},
+                                                    {"--image", image_, "--reconstruction", "0"},
+                                                    {"--image", "checker:none"},
+                                                    {}};
+  for (std::vector<std::string> arguments : wrong) {
+    arguments.insert(arguments.begin(), {surfels_, "-o", output_});
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 2) << result.errors;
+    EXPECT_FALSE(result.errors.empty());
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
+}
+
+TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {
+  const std::string damaged = folder_ / "damaged.png";
+  write_text(damaged, "\x89PNG\r\n\x1a\n and then nothing");
+  SurfelCloud points;
+  points.position = {Vec3f(0, 0, 0)};
+  write_cloud(points, folder_ / "points.ply");
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
+      {{surfels_, "--image", damaged}, damaged},
+      {{surfels_, "--image", folder_ / "none.png"}, folder_ / "none.png"},
+      {{folder_ / "none.ply", "--image", image_}, folder_ / "none.ply"},
+      {{surfels_, "--mesh", folder_ / "none.obj"}, folder_ / "none.obj"},
+      {{folder_ / "points.ply", "--image", image_}, "surfel-from-mesh"}};
+  for (auto [arguments, named] : cases) {
+    arguments.insert(arguments.end(), {"-o", output_});
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 1) << named;
+    EXPECT_TRUE(contains(result.errors, named)) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
