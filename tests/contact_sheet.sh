@@ -25,7 +25,7 @@ sheet_row() {
   for view in "whole --from=$from" "near --from=$from --zoom 6" "far --from=$from --zoom 0.2" "side --from=$side"; do
     local label=${view%% *} options=${view#* }
     # shellcheck disable=SC2086  # the options are words
-    "$tools/surfel-render" "$surfels" -o "$work/$name-$label.png" $options --up="$up" --size 320x320 \
+    "$tools/surfel-render" "$surfels" -o "$work/$name-$label.png" $options --up="$up" --size 256x256 \
       --cull none --shading "$shading" --background 0.6,0.6,0.65,1 --quiet
     tiles+=("$work/$name-$label.png")
   done
@@ -42,10 +42,10 @@ sheet_row scissors "$t/scissors/scissors.obj" 0,1,0 0.1,-0.2,1 0.1,-1,0.15 \
 m=$data/meshes
 sheet_row bunny "$m/stanford_bunny.obj" 0,1,0 0,0.2,1 1,0.05,0.1
 sheet_row dragon "$m/dragon_vrip_res2.ply" 0,1,0 0,0.2,1 1,0.05,0.1
-sheet_row armadillo "$m/armadillo.ply" 0,1,0 0,0.2,-1 1,0.05,0.1
+sheet_row armadillo "$m/armadillo.ply" 0,1,0 0,0.2,1 1,0.05,0.1
 sheet_row fandisk "$m/fandisk.obj" 0,1,0 -0.7,0.5,-1 -1,0.05,-0.1
 sheet_row brain "$m/brain_tristrips.ply" 0,0,1 0.3,-1,0.4 1,0.05,0.1
-sheet_row mri_head "$m/mri_head_surface.ply" 0,0,1 0.3,-1,0.1 1,0.05,0.1
+sheet_row mri_head "$m/mri_head_surface.ply" 0,-1,0 -1,-0.1,0.5 0.1,-0.05,1
 
 mkdir -p "$(dirname "$output")"
 oiiotool "${tiles[@]}" --mosaic:pad=2 "4x$((${#tiles[@]} / 4))" --compression jpeg:85 -o "$work/sheet.jpg"

@@ -40,8 +40,8 @@ class SURFEL_API RenderCloud {
     std::size_t total() const { return position + variance + color; }
   };
 
-  /// Throws Error(kInput) if the cloud has no variance. Colourless clouds are white. A surfel whose
-  /// normal is zero always faces the eye.
+  /// Throws Error(kInput) if the cloud has no variance. Colourless clouds are light grey. A surfel
+  /// whose normal is zero always faces the eye.
   explicit RenderCloud(const SurfelCloud& cloud);
 
   std::size_t size() const { return size_; }
