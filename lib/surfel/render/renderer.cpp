@@ -295,9 +295,10 @@ std::vector<VisibleCluster> Renderer::Impl::cull(const Camera& camera, const Ban
 void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int visible,
                           std::uint32_t first_surfel, std::size_t first_splat,
                           std::vector<std::uint32_t>& kept_splats, std::uint32_t* tile_counts) {
+  // Clamped before it is converted, so that truncation rounds down; std::floor() would be a call.
   const auto tile_of = [](float pixel, int tiles) {
-    const float tile = std::floor(pixel / kTileSize);
-    return static_cast<std::uint16_t>(std::clamp(tile, 0.0F, static_cast<float>(tiles - 1)));
+    return static_cast<std::uint16_t>(
+        std::clamp(pixel * (1.0F / kTileSize), 0.0F, static_cast<float>(tiles) - 0.5F));
   };
   const auto band_y = static_cast<float>(band.y0);
   for (int v = 0; v < visible; ++v) {

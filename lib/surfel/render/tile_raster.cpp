@@ -34,10 +34,15 @@ HWY_INLINE V exp_minus(V x) {
   return hn::MulAdd(p, x, hn::Set(d, 0.999999554F));
 }
 
-/// A splat's values, spread over vectors once a tile.
+/// A splat's values, spread over vectors, and what else the loops over its pixels need: in locals,
+/// as the compiler must assume that stores to the A-buffer change any member.
 struct Spread {
   V amplitude, k, epsilon, red, green, blue, alpha, depth_lo, depth_hi, tag, normal_x, normal_y,
       normal_z;
+  V full, cutoff;
+  float* data;
+  std::size_t stride;
+  int layers, squarings;
 };
 
 template <bool kNormals, bool kOpaqueSplats>
@@ -90,7 +95,7 @@ class Rasterizer {
         for (int layer = 0; layer < tile_.layout.layers; ++layer) {
           const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
           const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
-          const M hides = covers(fragment, weight);
+          const M hides = covers(fragment, weight, full_);
           const V depth = hn::Div(hn::Load(d, fragment + kDepth * kTilePixels), weight);
           hidden = hn::IfThenElse(hides, hn::Max(hidden, depth), hidden);
         }
@@ -104,10 +109,10 @@ class Rasterizer {
   }
 
   /// Fragments that nothing behind is seen through.
-  M covers(const float* fragment, V weight) const {
+  static M covers(const float* fragment, V weight, V full_weight) {
     const D d;
     // Merged fragments have a negative weight and never pass.
-    M full = hn::Ge(weight, full_);
+    M full = hn::Ge(weight, full_weight);
     if constexpr (!kOpaqueSplats) {
       const V alpha = hn::Load(d, fragment + kAlpha * kTilePixels);
       full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, 0.9995F))));
@@ -141,6 +146,12 @@ class Rasterizer {
       s.normal_y = hn::Set(d, normal->y);
       s.normal_z = hn::Set(d, normal->z);
     }
+    s.full = full_;
+    s.cutoff = hn::Set(d, job_.cutoff * scale_);
+    s.data = tile_.data;
+    s.stride = tile_.layout.layer_stride();
+    s.layers = tile_.layout.layers;
+    s.squarings = squarings_;
     const V m = hn::Set(d, splat.m);
     const V depth_dy = hn::Set(d, splat.depth_dy);
     const float q = splat.q * scale_;
@@ -170,21 +181,21 @@ class Rasterizer {
     const V depth = hn::Min(hn::Max(plane, s.depth_lo), s.depth_hi);
     // What lies within epsilon of the hiding surface may belong to it.
     const M seen = hn::Ge(hn::Add(depth, s.epsilon), hn::Load(d, hidden_ + pixel));
-    const M inside = hn::And(seen, hn::Lt(beta, hn::Set(d, job_.cutoff * scale_)));
+    const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
     if (hn::AllFalse(d, inside)) return;
     V rho = exp_minus(hn::IfThenElseZero(inside, beta));
-    for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
+    for (int i = 0; i < s.squarings; ++i) rho = hn::Mul(rho, rho);
     add(splat, normal, s, pixel, inside, hn::Mul(s.amplitude, rho), depth);
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
-  void add(const Splat& splat, const SplatNormal* normal, const Spread& s, std::size_t pixel,
-           M open, V rho, V depth) {
+  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, const Spread& s,
+                      std::size_t pixel, M open, V rho, V depth) {
     const D d;
     const hn::RebindToUnsigned<D> du;
     const auto side = hn::Set(du, 1u);
-    for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-      float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
+    float* fragment = s.data + pixel;
+    for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
       const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
       const V weighted_depth = hn::Load(d, fragment + kDepth * kTilePixels);
       const V tag = hn::Load(d, fragment + kTag * kTilePixels);
@@ -204,7 +215,7 @@ class Rasterizer {
         open = hn::AndNot(joins, open);
         if (hn::AllFalse(d, open)) return;
       }
-      const M hidden = hn::And(covers(fragment, weight), hn::Lt(behind, hn::Zero(d)));
+      const M hidden = hn::And(covers(fragment, weight, s.full), hn::Lt(behind, hn::Zero(d)));
       open = hn::AndNot(hidden, open);
       if (hn::AllFalse(d, open)) return;
     }
