@@ -3,7 +3,9 @@
 #include <string>
 
 #include <surfel/base/memory.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 namespace surfel {
 
@@ -29,6 +31,15 @@ std::uint64_t available_memory_bytes() noexcept {
   } catch (...) {  // Unreadable or out of memory: as where the system does not tell.
   }
   return std::numeric_limits<std::uint64_t>::max();
+}
+
+void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
+  constexpr std::size_t kSmall = std::size_t{8} << 20;
+  if (bytes < kSmall) return;
+  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  const auto begin = (reinterpret_cast<std::uintptr_t>(data) + page - 1) / page * page;
+  const auto end = (reinterpret_cast<std::uintptr_t>(data) + bytes) / page * page;
+  madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
 }
 
 }  // namespace surfel

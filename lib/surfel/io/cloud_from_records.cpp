@@ -162,6 +162,7 @@ void Reader::allocate(Array<T>& to, std::size_t values) {
                                    table_.count, available_ >> 20));
   }
   to.resize(values);
+  prefer_huge_pages(to.data(), values * sizeof(T));
 }
 
 void Reader::run(const Copies& copies) const {
@@ -258,7 +259,6 @@ void Reader::read_position(const RecordColumn& column, int axis) {
   visit_values(column, [&](auto load) {
     position_copies_.push_back([this, axis, to, load](std::size_t begin, std::size_t end) {
       using T = decltype(load(0));
-      const double origin = cloud_.origin[axis];
       T min = std::numeric_limits<T>::max();
       T max = std::numeric_limits<T>::lowest();
       for (std::size_t i = begin; i < end; ++i) {
@@ -266,7 +266,12 @@ void Reader::read_position(const RecordColumn& column, int axis) {
         const bool finite = value - value == 0;
         min = finite && value < min ? value : min;
         max = finite && value > max ? value : max;
-        to[3 * i] = static_cast<float>(static_cast<double>(value) - origin);
+        to[3 * i] = static_cast<float>(value);
+      }
+      if (const double origin = cloud_.origin[axis]; origin != 0) {
+        for (std::size_t i = begin; i < end; ++i) {
+          to[3 * i] = static_cast<float>(static_cast<double>(load(i)) - origin);
+        }
       }
       if (min <= max) {
         ranges_[axis][begin / kBlock] = {static_cast<double>(min), static_cast<double>(max)};
