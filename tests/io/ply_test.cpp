@@ -2,43 +2,34 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 
 #include <surfel/base/error.h>
 #include <surfel/io/ply.h>
 
+#include "support/memory_file.h"
 #include "support/test_data.h"
 
 namespace surfel {
 namespace {
 
+using test::MemoryFile;
 using test::TemporaryFolder;
 
-/// Files of given bytes, opened as PLY.
-class PlyTest : public testing::Test {
- protected:
-  std::string store(const std::string& bytes) {
-    const std::string path = folder_ / "test.ply";
-    std::ofstream(path, std::ios::binary) << bytes;
-    return path;
-  }
-  PlyFile open(const std::string& bytes) { return PlyFile(InputFile(store(bytes))); }
+PlyFile open(const std::string& bytes) { return PlyFile(InputFile(MemoryFile(bytes).path())); }
 
-  /// The message of the error that opening the bytes and reading column x of `vertex` gives.
-  std::string error(const std::string& bytes) {
-    try {
-      open(bytes).column<float>("vertex", "x");
-    } catch (const Error& e) {
-      EXPECT_EQ(e.what(), (folder_ / "test.ply") + std::string(e.what()).substr(path_length()));
-      return std::string(e.what()).substr(path_length() + 2);
-    }
-    return "no error";
+/// The message of the error that opening the bytes and reading column x of `vertex` gives, without
+/// the file's name in front.
+std::string error(const std::string& bytes) {
+  const MemoryFile file(bytes);
+  try {
+    PlyFile(InputFile(file.path())).column<float>("vertex", "x");
+  } catch (const Error& e) {
+    const std::string message = e.what();
+    EXPECT_TRUE(message.starts_with(file.path() + ": ")) << message;
+    return message.substr(file.path().size() + 2);
   }
-
- private:
-  std::size_t path_length() const { return (folder_ / "test.ply").size(); }
-  TemporaryFolder folder_;
-};
+  return "no error";
+}
 
 /// Bytes of a value in the byte order asked for.
 template <class T>
@@ -51,7 +42,7 @@ std::string bytes_of(T value, bool big_endian) {
   return bytes;
 }
 
-TEST_F(PlyTest, EveryTypeReadsTheSameFromEveryFormat) {
+TEST(Ply, EveryTypeReadsTheSameFromEveryFormat) {
   const std::string elements =
       "element face 2\nproperty list uchar int corners\nproperty float weight\n"
       "element vertex 2\nproperty char a\nproperty uint8 b\nproperty short c\nproperty uint16 d\n"
@@ -95,7 +86,7 @@ TEST_F(PlyTest, EveryTypeReadsTheSameFromEveryFormat) {
   }
 }
 
-TEST_F(PlyTest, HeaderMayBeUntidy) {
+TEST(Ply, HeaderMayBeUntidy) {
   for (const std::string end : {"\n", "\r\n", "\r"}) {
     const std::string header =
         "ply  " + end + "format\tascii   1.0\t" + end + "comment  two  words " + end +
@@ -111,7 +102,7 @@ TEST_F(PlyTest, HeaderMayBeUntidy) {
   }
 }
 
-TEST_F(PlyTest, BinaryDataMayStartWithAnyByte) {
+TEST(Ply, BinaryDataMayStartWithAnyByte) {
   for (const std::string end : {"\n", "\r\n"}) {
     for (const std::uint8_t first : std::initializer_list<std::uint8_t>{0, 10, 13, 32}) {
       PlyFile file = open(
@@ -123,7 +114,7 @@ TEST_F(PlyTest, BinaryDataMayStartWithAnyByte) {
   }
 }
 
-TEST_F(PlyTest, NumbersInText) {
+TEST(Ply, NumbersInText) {
   const std::string header =
       "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
       "property int i\nend_header\n";
@@ -142,7 +133,7 @@ TEST_F(PlyTest, NumbersInText) {
   EXPECT_EQ(open(header + "1 255.0").column<std::uint8_t>("vertex", "i")[0], 255);
 }
 
-TEST_F(PlyTest, BrokenHeadersAreRefusedWithTheirLine) {
+TEST(Ply, BrokenHeadersAreRefusedWithTheirLine) {
   EXPECT_EQ(error(""), "is empty");
   EXPECT_EQ(error("plywood\n"), "is not a PLY file: it does not start with 'ply'");
   EXPECT_EQ(error("ply\nformat ascii 1.0\nelement vertex 1\n"),
@@ -175,7 +166,7 @@ TEST_F(PlyTest, BrokenHeadersAreRefusedWithTheirLine) {
             "element vertex has no scalar property 'x'");
 }
 
-TEST_F(PlyTest, LyingCountsAreRefusedBeforeAnyAllocation) {
+TEST(Ply, LyingCountsAreRefusedBeforeAnyAllocation) {
   for (const std::string format : {"ascii", "binary_little_endian"}) {
     const std::string start = "ply\nformat " + format + " 1.0\n";
     const std::string vertex = "element vertex 1000000000000\nproperty float x\n";
@@ -192,7 +183,7 @@ TEST_F(PlyTest, LyingCountsAreRefusedBeforeAnyAllocation) {
   }
 }
 
-TEST_F(PlyTest, BrokenRecordsAreRefusedWithTheirPlace) {
+TEST(Ply, BrokenRecordsAreRefusedWithTheirPlace) {
   const std::string start =
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n"
       "property uchar red\nend_header\n";
@@ -215,7 +206,7 @@ TEST_F(PlyTest, BrokenRecordsAreRefusedWithTheirPlace) {
             "holds; it is truncated");
 }
 
-TEST_F(PlyTest, EveryTruncationOfABinaryFileWithListsIsAnError) {
+TEST(Ply, EveryTruncationOfABinaryFileWithListsIsAnError) {
   std::string bytes =
       "ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty double x\n"
       "property list short float l\nend_header\n";
@@ -229,7 +220,7 @@ TEST_F(PlyTest, EveryTruncationOfABinaryFileWithListsIsAnError) {
   }
 }
 
-TEST_F(PlyTest, ValuesThatDoNotFitAreRefused) {
+TEST(Ply, ValuesThatDoNotFitAreRefused) {
   const std::string start =
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\n"
       "property list uchar uint l\nend_header\n";
@@ -240,7 +231,7 @@ TEST_F(PlyTest, ValuesThatDoNotFitAreRefused) {
   EXPECT_THROW(file.lists<std::int32_t>("vertex", "l"), Error);
 }
 
-TEST_F(PlyTest, WhatCannotBeOpenedSaysWhy) {
+TEST(Ply, WhatCannotBeOpenedSaysWhy) {
   TemporaryFolder folder;
   const auto message = [](const std::string& path) -> std::string {
     try {
