@@ -53,7 +53,8 @@ bool LineScanner::skip_to_content() {
 }
 
 bool LineScanner::at_word_end(const char* c) const {
-  return c == end_ || is_blank(*c) || is_line_end(*c) || *c == '#' ||
+  // note: # within a word starts no comment; "1.#IND" is how old Windows libraries print NaN.
+  return c == end_ || is_blank(*c) || is_line_end(*c) ||
          (*c == '\\' && c + 1 != end_ && is_line_end(c[1]));
 }
 
@@ -69,6 +70,11 @@ std::string_view LineScanner::word() {
   const std::string_view found = word_at(at_);
   at_ += found.size();
   return found;
+}
+
+std::string_view LineScanner::peek_word() {
+  at_line_end();
+  return word_at(at_);
 }
 
 std::string_view LineScanner::rest_of_line() {

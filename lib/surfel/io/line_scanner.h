@@ -23,8 +23,10 @@ class LineScanner {
   /// the file.
   bool skip_to_content();
 
-  /// The next word of the line; empty at its end.
+  /// The next word of the line; empty at its end. A comment starts at a word's start only.
   std::string_view word();
+  /// The same, but stays before it.
+  std::string_view peek_word();
   /// The rest of the line without blanks around it; # and \ are part of it.
   std::string_view rest_of_line();
   /// A finite number, or an error that names `what`.

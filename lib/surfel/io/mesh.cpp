@@ -5,10 +5,11 @@
 #include <surfel/base/error.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/mesh.h>
-#include <surfel/io/mesh_ply.h>
+#include <surfel/io/mesh_writers.h>
 #include <surfel/io/obj.h>
 #include <surfel/io/off.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/ply_mesh.h>
 #include <surfel/io/stl.h>
 
 namespace surfel {
@@ -30,6 +31,29 @@ std::string extension_of_content(const InputFile& file) {
   return text.substr(0, 5).find("OFF") != std::string_view::npos ? ".off" : ".obj";
 }
 
+/// Writers rely on what readers guarantee; meshes may also come from a program.
+void check_columns(const TriangleMesh& mesh, const std::string& path) {
+  const std::size_t faces = mesh.face.size();
+  const auto fits = [](const auto& column, std::size_t size) {
+    return column.empty() || column.size() == size;
+  };
+  if (!fits(mesh.color, mesh.position.size()) || !fits(mesh.wedge_uv, faces) ||
+      !fits(mesh.wedge_normal, faces) || !fits(mesh.face_material, faces) ||
+      (!mesh.material.empty() && faces > 0 && mesh.face_material.empty())) {
+    throw_input(path, "the columns of the mesh differ in length");
+  }
+  for (const auto& face : mesh.face) {
+    if (*std::max_element(face.begin(), face.end()) >= mesh.position.size()) {
+      throw_input(path, "a face names a vertex that is not there");
+    }
+  }
+  for (const std::uint16_t material : mesh.face_material) {
+    if (material >= mesh.material.size()) {
+      throw_input(path, "a face names a material that is not there");
+    }
+  }
+}
+
 }  // namespace
 
 TriangleMesh read_mesh(const std::string& path) {
@@ -43,6 +67,20 @@ TriangleMesh read_mesh(const std::string& path) {
   throw_input(path, fmt::format("'{}' is not a mesh format that is supported: .obj, .ply, .stl, "
                                 ".off",
                                 extension));
+}
+
+void write_mesh(const TriangleMesh& mesh, const std::string& path,
+                const MeshWriteOptions& options) {
+  check_columns(mesh, path);
+  const std::string extension = lower_extension(path);
+  if (extension == ".obj") {
+    write_obj(mesh, path, options);
+  } else if (extension == ".ply" || path == "-") {
+    write_ply_mesh(mesh, path, options);
+  } else {
+    throw_usage(fmt::format(
+        "{}: '{}' is not a mesh format that can be written; choose .obj or .ply", path, extension));
+  }
 }
 
 }  // namespace surfel

@@ -74,6 +74,13 @@ std::string resolve_texture(const std::filesystem::path& folder, std::string_vie
   return (folder / name).lexically_normal().string();
 }
 
+std::string texture_name_from(const std::filesystem::path& folder, const std::string& texture) {
+  namespace fs = std::filesystem;
+  const fs::path file = fs::weakly_canonical(fs::absolute(texture));
+  const fs::path relative = file.lexically_relative(fs::weakly_canonical(fs::absolute(folder)));
+  return relative.empty() || *relative.begin() == ".." ? file.string() : relative.string();
+}
+
 std::vector<MeshMaterial> read_mtl(const InputFile& file) {
   const std::filesystem::path folder = std::filesystem::path(file.name()).parent_path();
   std::vector<MeshMaterial> materials;

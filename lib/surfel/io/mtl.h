@@ -22,4 +22,8 @@ std::optional<std::string> find_beside(const std::filesystem::path& folder, std:
 /// find_beside(), or the name in the folder where there is no such file.
 std::string resolve_texture(const std::filesystem::path& folder, std::string_view name);
 
+/// What to call a texture in a file in `folder`: its name as seen from there where it lies in the
+/// folder or below, so that both can be moved together; otherwise its whole path.
+std::string texture_name_from(const std::filesystem::path& folder, const std::string& texture);
+
 }  // namespace surfel

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <string>
-
 #include <surfel/io/input_file.h>
 #include <surfel/io/mesh.h>
 
@@ -15,8 +13,5 @@ namespace surfel {
 /// vt, vn, f (indices from either end, polygons), usemtl, mtllib; of the MTL: Kd, map_Kd. All else
 /// is skipped. A material file that is not there is no error: its materials have no texture.
 TriangleMesh read_obj(const InputFile& file);
-
-/// Writes OBJ, and the MTL beside it where there are materials, both or none.
-void write_obj(const TriangleMesh& mesh, const std::string& path, const MeshWriteOptions& options);
 
 }  // namespace surfel

@@ -34,8 +34,7 @@ class OffReader {
   /// [ST][C][N]OFF; the keyword may be left out.
   void read_keyword() {
     require_content("the header");
-    const char first = in_.peek();
-    if (first >= '0' && first <= '9') return;
+    if (in_.peek_word().find_first_not_of("+-.0123456789") == std::string_view::npos) return;
     const std::string_view keyword = in_.word();
     std::string_view rest = keyword;
     const auto take = [&](std::string_view prefix) {
@@ -52,7 +51,7 @@ class OffReader {
                       "their combinations in three dimensions)",
                       quoted_excerpt(keyword)));
     }
-    if (!in_.at_line_end() && in_.word() == "BINARY") in_.fail("binary OFF is not supported");
+    if (in_.peek_word() == "BINARY") in_.fail("binary OFF is not supported");
   }
 
   void require_content(const char* what) {

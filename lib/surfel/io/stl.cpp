@@ -1,8 +1,6 @@
+#include <array>
 #include <bit>
-#include <cmath>
-#include <cstring>
 #include <string_view>
-#include <unordered_map>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -10,6 +8,7 @@
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/stl.h>
+#include <surfel/io/unique_vectors.h>
 
 namespace surfel {
 namespace {
@@ -18,44 +17,21 @@ constexpr std::size_t kHeaderBytes = 84;  // 80 of text, then the number of tria
 constexpr std::size_t kRecordBytes = 50;  // Normal, three corners, 16 bits of attributes.
 constexpr bool kSwapped = std::endian::native == std::endian::big;
 
-/// Gives corners at the same position the same vertex.
-class Welder {
- public:
-  explicit Welder(MeshBuilder& mesh) : mesh_(mesh) {}
-
-  MeshBuilder::Corner corner(const Vec3f& p) {
-    const Vec3f key = p + Vec3f::Zero();  // -0 and 0 are the same place.
-    const auto next = static_cast<std::uint32_t>(mesh_.position.size());
-    const auto [entry, added] = index_.try_emplace({key.x(), key.y(), key.z()}, next);
-    if (added) mesh_.position.push_back(key.cast<double>());
-    return {.vertex = entry->second};
-  }
-
- private:
-  struct Hash {
-    std::size_t operator()(const std::array<float, 3>& p) const {
-      std::uint64_t h = 0;
-      for (const float c : p) {
-        h = (h ^ std::bit_cast<std::uint32_t>(c)) * 0x9E3779B97F4A7C15U;
-        h ^= h >> 32;
-      }
-      return h;
-    }
-  };
-
-  MeshBuilder& mesh_;
-  std::unordered_map<std::array<float, 3>, std::uint32_t, Hash> index_;
-};
-
 std::size_t promised_triangles(std::span<const std::byte> bytes) {
   return load_scalar<std::uint32_t, kSwapped>(bytes.data() + kHeaderBytes - 4);
+}
+
+TriangleMesh finish(MeshBuilder& mesh, const UniqueVectors<3>& welded) {
+  mesh.position.reserve(welded.values().size());
+  for (const Vec3f& p : welded.values()) mesh.position.push_back(p.cast<double>());
+  return mesh.finish();
 }
 
 TriangleMesh read_binary(const InputFile& file) {
   const std::span<const std::byte> bytes = file.bytes();
   const std::size_t count = promised_triangles(bytes);
   MeshBuilder mesh(file.name());
-  Welder welder(mesh);
+  UniqueVectors<3> welded;
   for (std::size_t i = 0; i < count; ++i) {
     const std::byte* at = bytes.data() + kHeaderBytes + i * kRecordBytes + 3 * sizeof(float);
     std::array<MeshBuilder::Corner, 3> corners;
@@ -68,17 +44,17 @@ TriangleMesh read_binary(const InputFile& file) {
       if (!p.allFinite()) {
         throw_input(file.name(), fmt::format("a coordinate of face {} is not a finite number", i));
       }
-      corner = welder.corner(p);
+      corner.vertex = welded.index_of(p);
     }
     mesh.add_polygon(corners);
   }
-  return mesh.finish();
+  return finish(mesh, welded);
 }
 
 /// Facets are read by their words `vertex` and `endloop`; the file must end a solid that it began.
 TriangleMesh read_text(const InputFile& file) {
   MeshBuilder mesh(file.name());
-  Welder welder(mesh);
+  UniqueVectors<3> welded;
   LineScanner in(file);
   std::vector<MeshBuilder::Corner> corners;
   bool within_solid = false;
@@ -91,7 +67,8 @@ TriangleMesh read_text(const InputFile& file) {
     } else if (keyword == "vertex") {
       const double x = in.number("x of a vertex");
       const double y = in.number("y of a vertex");
-      corners.push_back(welder.corner(Vec3d(x, y, in.number("z of a vertex")).cast<float>()));
+      const Vec3d p(x, y, in.number("z of a vertex"));
+      corners.push_back({.vertex = welded.index_of(p.cast<float>())});
     } else if (keyword == "endloop") {
       if (corners.size() < 3) {
         in.fail(fmt::format("a facet with {} corners; it needs three at least", corners.size()));
@@ -103,7 +80,7 @@ TriangleMesh read_text(const InputFile& file) {
   if (within_solid) {
     in.fail_at(in.position(), "the file ends without 'endsolid'; it is truncated");
   }
-  return mesh.finish();
+  return finish(mesh, welded);
 }
 
 }  // namespace

@@ -5,9 +5,9 @@
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
-#include <surfel/io/mesh_ply.h>
 #include <surfel/io/mtl.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/ply_mesh.h>
 
 namespace surfel {
 namespace {
@@ -78,9 +78,10 @@ class PlyMeshReader {
       case ScalarType::kFloat32:
       case ScalarType::kFloat64:
         return stored;
+      case ScalarType::kUint8:
+        return srgb8_to_linear(static_cast<std::uint8_t>(stored));
       case ScalarType::kUint16:
-      case ScalarType::kInt16:
-        return srgb_to_linear(stored / 65535);
+        return srgb16_to_linear(static_cast<std::uint16_t>(stored));
       default:
         return srgb_to_linear(stored / 255);
     }

@@ -1,0 +1,166 @@
+#include <charconv>
+#include <filesystem>
+#include <optional>
+#include <set>
+
+#include <fmt/format.h>
+#include <surfel/base/color.h>
+#include <surfel/base/output_file.h>
+#include <surfel/io/mesh_writers.h>
+#include <surfel/io/mtl.h>
+#include <surfel/io/unique_vectors.h>
+
+namespace surfel {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Collects text and hands it on in large pieces.
+class TextWriter {
+ public:
+  explicit TextWriter(OutputFile& file) : file_(file) {}
+
+  void add(std::string_view text) { text_ += text; }
+  void add(char c) { text_ += c; }
+  /// The shortest decimal that reads back as the same value.
+  template <class T>
+  void add_number(T value) {
+    char buffer[32];
+    const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
+    text_.append(buffer, end);
+  }
+  template <class Vector>
+  void add_vector(std::string_view keyword, const Vector& v) {
+    add(keyword);
+    for (const auto component : v) {
+      add(' ');
+      add_number(component);
+    }
+  }
+  void end_line() {
+    constexpr std::size_t kPiece = std::size_t{1} << 20;
+    text_ += '\n';
+    if (text_.size() >= kPiece) flush();
+  }
+  void flush() {
+    file_.write(text_);
+    text_.clear();
+  }
+
+ private:
+  OutputFile& file_;
+  std::string text_;
+};
+
+/// OBJ tells materials apart by name: those without one, or with one that an earlier one has, get
+/// another.
+std::vector<std::string> material_names(const TriangleMesh& mesh) {
+  std::vector<std::string> names;
+  std::set<std::string> used;
+  for (const MeshMaterial& material : mesh.material) {
+    std::string name = material.name;
+    for (std::size_t i = names.size(); name.empty() || used.contains(name); ++i) {
+      name = fmt::format("{}material_{}", material.name.empty() ? "" : material.name + "_", i);
+    }
+    used.insert(name);
+    names.push_back(std::move(name));
+  }
+  return names;
+}
+
+void write_materials(const TriangleMesh& mesh, const std::vector<std::string>& names,
+                     const fs::path& folder, TextWriter& out) {
+  for (std::size_t i = 0; i < mesh.material.size(); ++i) {
+    out.add("newmtl ");
+    out.add(names[i]);
+    out.end_line();
+    out.add_vector("Kd", mesh.material[i].diffuse);
+    out.end_line();
+    if (mesh.material[i].texture.empty()) continue;
+    out.add("map_Kd ");
+    out.add(texture_name_from(folder, mesh.material[i].texture));
+    out.end_line();
+  }
+  out.flush();
+}
+
+/// Coordinates that were centred have the decimals of their double sum, others those of the float.
+void write_vertices(const TriangleMesh& mesh, TextWriter& out) {
+  const bool centred = mesh.origin != Vec3d::Zero();
+  for (std::size_t i = 0; i < mesh.position.size(); ++i) {
+    if (centred) {
+      out.add_vector("v", (mesh.origin + mesh.position[i].cast<double>()).eval());
+    } else {
+      out.add_vector("v", mesh.position[i]);
+    }
+    if (!mesh.color.empty()) {
+      out.add_vector("", mesh.color[i].unaryExpr([](float c) { return linear_to_srgb(c); }).eval());
+    }
+    out.end_line();
+  }
+}
+
+template <int kSize>
+Array<std::array<std::uint32_t, 3>> write_wedges(
+    const Array<std::array<Eigen::Matrix<float, kSize, 1>, 3>>& wedges, const char* keyword,
+    TextWriter& out) {
+  UniqueVectors<kSize> unique;
+  Array<std::array<std::uint32_t, 3>> index(wedges.size());
+  for (std::size_t i = 0; i < wedges.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) index[i][k] = unique.index_of(wedges[i][k]);
+  }
+  for (const auto& value : unique.values()) {
+    out.add_vector(keyword, value);
+    out.end_line();
+  }
+  return index;
+}
+
+void write_faces(const TriangleMesh& mesh, const std::vector<std::string>& names, TextWriter& out) {
+  const auto uv = write_wedges(mesh.wedge_uv, "vt", out);
+  const auto normal = write_wedges(mesh.wedge_normal, "vn", out);
+  for (std::size_t i = 0; i < mesh.face.size(); ++i) {
+    const bool new_material = !mesh.face_material.empty() &&
+                              (i == 0 || mesh.face_material[i] != mesh.face_material[i - 1]);
+    if (new_material) {
+      out.add("usemtl ");
+      out.add(names[mesh.face_material[i]]);
+      out.end_line();
+    }
+    out.add('f');
+    for (std::size_t k = 0; k < 3; ++k) {
+      out.add(' ');
+      out.add_number(mesh.face[i][k] + std::uint64_t{1});
+      if (uv.empty() && normal.empty()) continue;
+      out.add('/');
+      if (!uv.empty()) out.add_number(uv[i][k] + std::uint64_t{1});
+      if (normal.empty()) continue;
+      out.add('/');
+      out.add_number(normal[i][k] + std::uint64_t{1});
+    }
+    out.end_line();
+  }
+  out.flush();
+}
+
+}  // namespace
+
+void write_obj(const TriangleMesh& mesh, const std::string& path, const MeshWriteOptions& options) {
+  const std::vector<std::string> names = material_names(mesh);
+  OutputFile file(path, options.no_clobber);
+  TextWriter out(file);
+  std::optional<OutputFile> material_file;
+  if (!mesh.material.empty()) {
+    const fs::path beside = fs::path(path).replace_extension(".mtl");
+    TextWriter materials(material_file.emplace(beside.string(), options.no_clobber));
+    write_materials(mesh, names, beside.parent_path(), materials);
+    out.add("mtllib " + beside.filename().string());
+    out.end_line();
+  }
+  write_vertices(mesh, out);
+  write_faces(mesh, names, out);
+  if (material_file) material_file->commit();
+  file.commit();
+}
+
+}  // namespace surfel
