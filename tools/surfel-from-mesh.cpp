@@ -87,7 +87,7 @@ int main(int argc, char** argv) {
     const TriangleMesh mesh = read_mesh(request.mesh);
     tool.report()["load_ms"] = timer.milliseconds();
     MeshSampleReport report;
-    SurfelCloud cloud = sample_mesh(mesh, request.options, &report);
+    SurfelCloud cloud = sample_mesh(mesh, request.options, &report, request.mesh);
     cloud.provenance.push_back(tool.provenance());
     fill_report(tool.report(), cloud, report);
     timer.restart();

@@ -130,20 +130,30 @@ std::string text(const Json& value) {
   return out.empty() ? "-" : out;
 }
 
+/// "x y z (double), nx ny nz (float)": runs of one type together.
+std::string property_list(const Json& properties) {
+  std::string out;
+  for (std::size_t i = 0; i < properties.size(); ++i) {
+    out += text(properties[i]["name"]);
+    const bool last = i + 1 == properties.size();
+    const bool run_ends = last || properties[i + 1]["type"] != properties[i]["type"];
+    out += !run_ends ? " " : fmt::format(" ({}){}", text(properties[i]["type"]), last ? "" : ", ");
+  }
+  return out;
+}
+
 std::string for_people(const Json& description) {
   std::string out;
+  const auto line = [&](const std::string& key, const std::string& value) {
+    out += fmt::format("{:20} {}\n", key, value);
+  };
   for (const auto& [key, value] : description.items()) {
     if (key == "properties") {
-      std::string list;
-      for (const Json& property : value) {
-        list += fmt::format("{}{} ({})", list.empty() ? "" : ", ", text(property["name"]),
-                            text(property["type"]));
-      }
-      out += fmt::format("{:20} {}\n", key, list);
+      line(key, property_list(value));
     } else if (key == "provenance" || key == "comments") {
-      for (const Json& line : value) out += fmt::format("{:20} {}\n", key, text(line));
+      for (const Json& item : value) line(key, text(item));
     } else {
-      out += fmt::format("{:20} {}\n", key, text(value));
+      line(key, text(value));
     }
   }
   return out;

@@ -11,6 +11,7 @@
 
 #include "sample/sheet_check.h"
 #include "sample/test_meshes.h"
+#include "support/test_data.h"
 
 namespace surfel {
 namespace {
@@ -278,6 +279,39 @@ TEST(SampleMesh, ComputesNormalsWhereTheFileHasNone) {
   const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05));
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     EXPECT_GT(cloud.normal[i].dot(cloud.position[i].normalized()), 0.9999f);
+  }
+}
+
+/// A mesh file as it came, its sides that face apart told apart by flat normals.
+void real_mesh_is_sampled_soundly(const std::string& file, double count, int cuts) {
+  const TriangleMesh mesh = read_mesh((data_folder() / file).string());
+  MeshSampleReport report;
+  MeshSampleOptions options = by_count(100);
+  sample_mesh(mesh, options, &report);
+  options = by_spacing(std::sqrt(report.area / count));
+  options.flat = true;
+  const SurfelCloud cloud = sample_mesh(mesh, options, &report);
+  const SheetReport found = SheetCheck(mesh, cuts, *options.spacing).check(cloud);
+  EXPECT_GE(found.least_distance, 0.6) << file;
+  EXPECT_LE(found.furthest, 1.0) << file;
+  EXPECT_LE(found.furthest_agreeing_share, 0.001) << file;
+  EXPECT_NEAR(samples(cloud), count, 0.1 * count) << file;
+  EXPECT_NEAR(total(cloud.area), report.area, 1e-5 * report.area) << file;
+}
+
+TEST(SampleMesh, RealMeshesAreCoveredSheetBySheet) {
+  SURFEL_REQUIRE_TEST_DATA();
+  real_mesh_is_sampled_soundly("textured/spot/spot_triangulated.obj", 20000, 8);
+  real_mesh_is_sampled_soundly("meshes/fandisk.obj", 20000, 4);
+  real_mesh_is_sampled_soundly("meshes/brain_tristrips.ply", 10000, 6);
+}
+
+TEST(SampleMesh, MessagesNameTheFile) {
+  try {
+    sample_mesh(surface("plane", 3), by_spacing(1e-7), nullptr, "plane.obj");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(std::string(error.what()).find("plane.obj: "), 0u) << error.what();
   }
 }
 

@@ -58,10 +58,10 @@ FaceMeasures measure(const TriangleMesh& mesh) {
   return m;
 }
 
-void check_columns(const TriangleMesh& mesh) {
-  const auto check = [](std::size_t size, std::size_t expected, const char* what) {
+void check_columns(const TriangleMesh& mesh, const std::string& name) {
+  const auto check = [&](std::size_t size, std::size_t expected, const char* what) {
     if (size == 0 || size == expected) return;
-    throw_input("", fmt::format("the mesh has {} {}; {} are needed", size, what, expected));
+    throw_input(name, fmt::format("the mesh has {} {}; {} are needed", size, what, expected));
   };
   check(mesh.color.size(), mesh.position.size(), "vertex colours");
   check(mesh.wedge_uv.size(), mesh.face.size(), "faces' uv");
@@ -70,7 +70,7 @@ void check_columns(const TriangleMesh& mesh) {
 }
 
 /// Throws where sampling at this spacing is beyond memory or precision.
-void check_feasible(const FaceMeasures& m, double spacing) {
+void check_feasible(const FaceMeasures& m, double spacing, const std::string& name) {
   const double samples = m.total_area / (spacing * spacing);
   // Chunks have edges of 2.5 to 5 spacings; a face is one at least, a sliver a row of them.
   const double chunks =
@@ -78,12 +78,13 @@ void check_feasible(const FaceMeasures& m, double spacing) {
   const double bytes = 300 * samples + 150 * chunks;
   if (samples > static_cast<double>(kMostSamples) ||
       bytes > static_cast<double>(available_memory_bytes())) {
-    throw_input("", fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask "
-                                "for a larger spacing",
-                                spacing, samples,
-                                samples > static_cast<double>(kMostSamples)
-                                    ? "the 268435456 that one run makes"
-                                    : "fit into memory"));
+    throw_input(
+        name,
+        fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask "
+                    "for a larger spacing",
+                    spacing, samples,
+                    samples > static_cast<double>(kMostSamples) ? "the 268435456 that one run makes"
+                                                                : "fit into memory"));
   }
   if (spacing < 32 * m.largest_coordinate * std::numeric_limits<float>::epsilon()) {
     throw_input("",
@@ -96,7 +97,8 @@ void check_feasible(const FaceMeasures& m, double spacing) {
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
 std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
                                           const Array<std::uint32_t>& rings, const FaceMeasures& m,
-                                          std::size_t count, std::uint64_t seed, double& spacing) {
+                                          std::size_t count, std::uint64_t seed,
+                                          const std::string& name, double& spacing) {
   const auto wanted = static_cast<double>(count);
   constexpr int kTrials = 14;
   // Bounds of the spacing: too fine for the count, and coarse enough.
@@ -105,7 +107,7 @@ std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
   std::unique_ptr<PoissonDisk> disk;
   spacing = 1.01 * std::sqrt(m.total_area / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
-    check_feasible(m, spacing);
+    check_feasible(m, spacing, name);
     disk.reset();
     disk = std::make_unique<PoissonDisk>(mesh, rings, spacing, seed);
     const auto made = static_cast<double>(disk->size());
@@ -276,22 +278,22 @@ std::vector<std::string> MeshSampleOptions::problems() const {
 }
 
 SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
-                        MeshSampleReport* report) {
+                        MeshSampleReport* report, const std::string& name) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   MeshSampleReport unused;
   MeshSampleReport& out = report ? *report : unused;
   out = {};
   Timer timer;
-  const auto stage = [&](const char* name) {
-    out.times.add(name, timer.milliseconds());
+  const auto stage = [&](const char* done) {
+    out.times.add(done, timer.milliseconds());
     timer.restart();
   };
 
-  check_columns(mesh);
+  check_columns(mesh, name);
   const FaceMeasures faces = measure(mesh);
   if (!(faces.total_area > 0)) {
-    throw_input("", fmt::format("the mesh has no area ({} faces); there is nothing to sample",
-                                mesh.face.size() + mesh.degenerate_faces));
+    throw_input(name, fmt::format("the mesh has no area ({} faces); there is nothing to sample",
+                                  mesh.face.size() + mesh.degenerate_faces));
   }
   const Array<std::uint32_t> rings = edge_rings(mesh);
   const Array<std::uint32_t> component = face_components(rings);
@@ -299,10 +301,10 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
 
   std::unique_ptr<PoissonDisk> disk;
   if (options.count) {
-    disk = sample_count(mesh, rings, faces, *options.count, options.seed, out.spacing);
+    disk = sample_count(mesh, rings, faces, *options.count, options.seed, name, out.spacing);
   } else {
     out.spacing = *options.spacing;
-    check_feasible(faces, out.spacing);
+    check_feasible(faces, out.spacing, name);
     disk = std::make_unique<PoissonDisk>(mesh, rings, out.spacing, options.seed);
   }
   stage("sample");

@@ -52,10 +52,12 @@ struct MeshSampleReport {
 /// where the mesh has uv; color where it has vertex colours or materials without texture; material
 /// where it has more than one. The mesh's origin is kept.
 ///
+/// `name` is the mesh's file, to start messages with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would
 /// not fit into memory or be finer than the coordinates' precision. The same for any number of
 /// threads. Cost: about 1.5 microseconds a sample and core, 300 bytes a sample.
 SURFEL_API SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
-                                   MeshSampleReport* report = nullptr);
+                                   MeshSampleReport* report = nullptr,
+                                   const std::string& name = {});
 
 }  // namespace surfel

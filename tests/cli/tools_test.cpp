@@ -1,0 +1,354 @@
+// What holds for every tool: usage, bad input, bad output, interruption, number of threads.
+
+#include <algorithm>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Words = std::vector<std::string>;
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+Words operator+(Words a, const Words& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+/// Small files of every kind that the tools read, made once.
+struct Inputs {
+  TemporaryFolder folder;
+  std::string surfels = folder / "surfels.ply";
+  std::string mesh = folder / "mesh.obj";
+  std::string image = folder / "image.png";
+
+  Inputs() {
+    write_text(mesh,
+               "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+               "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+    run({tool("surfel-generate"), "checker", "--size", "16x16", "--image", image, "--quiet"});
+    run({tool("surfel-from-mesh"), mesh, "--spacing", "0.05", "-o", surfels, "--quiet"});
+  }
+  static const Inputs& get() {
+    static const Inputs inputs;
+    return inputs;
+  }
+};
+
+/// How to run a tool: its input (if it has one) comes first, then options, then the output.
+struct Usage {
+  std::string name;
+  Words options;
+  std::string input;   ///< Kind of the input: "surfels", "mesh", "any" or "" for none.
+  std::string output;  ///< Extension of the output; empty for none.
+};
+
+const std::vector<Usage>& usages() {
+  static const std::vector<Usage> all = {
+      {"surfel-generate", {"plane", "--count", "400"}, "", ".ply"},
+      {"surfel-from-mesh", {"--spacing", "0.05"}, "mesh", ".ply"},
+      {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
+      {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
+      {"surfel-info", {"--json"}, "any", ""},
+  };
+  return all;
+}
+
+std::string good_input(const Usage& usage) {
+  return usage.input == "mesh" ? Inputs::get().mesh : Inputs::get().surfels;
+}
+
+RunResult run_on(const Usage& usage, const std::string& input, const std::string& output,
+                 const Words& more = {}, const RunSetup& setup = {}) {
+  Words command = {tool(usage.name)};
+  if (!usage.input.empty()) command.push_back(input);
+  command = command + usage.options;
+  if (!usage.output.empty()) command = command + Words{"-o", output};
+  return run(command + more, setup);
+}
+
+class EveryTool : public testing::TestWithParam<Usage> {
+ protected:
+  std::string output(const std::string& stem = "out") const {
+    return folder_ / (stem + GetParam().output);
+  }
+  RunResult run_good(const Words& more = {}) const {
+    return run_on(GetParam(), good_input(GetParam()), output(), more);
+  }
+  /// Exit code 1 with one message, of this tool, that names `file`; and no file is left.
+  void expect_refused(const RunResult& result, const std::string& file) const {
+    EXPECT_EQ(result.exit_code, 1)
+        << file << " (signal " << result.signal << "): " << result.errors;
+    EXPECT_TRUE(contains(result.errors, GetParam().name + ": error: ")) << result.errors;
+    EXPECT_TRUE(contains(result.errors, fs::path(file).filename().string())) << result.errors;
+    EXPECT_EQ(entries(folder_ / ""), Words{}) << file;
+  }
+
+  TemporaryFolder folder_;
+};
+
+TEST_P(EveryTool, TellsItsVersionAndHelp) {
+  const std::string path = tool(GetParam().name);
+  EXPECT_EQ(run({path, "--version"}).output, GetParam().name + " 0.1.0\n");
+  const RunResult help = run({path, "--help"});
+  EXPECT_EQ(help.exit_code, 0);
+  for (const char* option : {"--threads", "--config", "--stats", "--no-clobber"}) {
+    EXPECT_TRUE(contains(help.output, option)) << option;
+  }
+}
+
+TEST_P(EveryTool, StartsWithoutHeavyLibraries) {
+  // What the dynamic linker would load at the start; plug-ins come later, if they are needed.
+  const RunResult loaded =
+      run({"env", "LD_TRACE_LOADED_OBJECTS=1", tool(GetParam().name), "--version"});
+  EXPECT_TRUE(contains(loaded.output, "libsurfel"));
+  for (const char* heavy : {"OpenImageIO", "pcl", "vtk", "OpenMesh", "ceres", "opencv"}) {
+    EXPECT_FALSE(contains(loaded.output, heavy)) << heavy;
+  }
+}
+
+TEST_P(EveryTool, WrongUsageEndsWithTwo) {
+  const std::string path = tool(GetParam().name);
+  write_text(folder_ / "bad.toml", "no-such-option = 1\n");
+  for (const Words& arguments :
+       {Words{}, Words{"--no-such-option"}, Words{"--threads", "0"},
+        Words{"--config", folder_ / "bad.toml"}, Words{"a", "b", "c", "d"}}) {
+    const RunResult result = run(Words{path} + arguments);
+    EXPECT_EQ(result.exit_code, 2) << result.errors;
+    EXPECT_TRUE(result.errors.starts_with(GetParam().name + ": error: ")) << result.errors;
+  }
+  EXPECT_TRUE(contains(run({path, "--config", folder_ / "bad.toml"}).errors, "'no-such-option'"));
+}
+
+TEST_P(EveryTool, PrintedSettingsReadBackAreTheSame) {
+  const std::string path = tool(GetParam().name);
+  const RunResult first = run({path, "--print-config", "--threads", "2"});
+  ASSERT_EQ(first.exit_code, 0) << first.errors;
+  EXPECT_TRUE(contains(first.output, "threads = 2\n"));
+  write_text(folder_ / "config.toml", first.output);
+  const RunResult second = run({path, "--print-config", "--config", folder_ / "config.toml"});
+  EXPECT_EQ(second.exit_code, 0) << second.errors;
+  EXPECT_EQ(second.output, first.output);
+}
+
+TEST_P(EveryTool, DoesItsWorkAndReportsIt) {
+  const std::string stats = folder_ / "stats.json";
+  const RunResult result = run_good({"--stats", stats, "--threads", "2"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_NE(GetParam().output.empty(), fs::exists(output()));
+  const auto report = nlohmann::json::parse(read_text(stats));
+  EXPECT_EQ(report["tool"], GetParam().name);
+  EXPECT_EQ(report["version"], "0.1.0");
+  EXPECT_EQ(report["threads"], 2);
+  EXPECT_GT(report["total_ms"].get<double>(), 0);
+  EXPECT_GT(report["peak_memory_bytes"].get<double>(), 1e5);
+  EXPECT_EQ(report["options"]["threads"], 2);
+}
+
+TEST_P(EveryTool, GivesTheSameBytesForAnyNumberOfThreads) {
+  if (GetParam().output.empty()) GTEST_SKIP() << "writes no file";
+  ASSERT_EQ(run_good({"--threads", "1"}).exit_code, 0);
+  const std::string alone = read_text(output());
+  EXPECT_FALSE(alone.empty());
+  for (const char* threads : {"2", "5"}) {
+    ASSERT_EQ(run_good({"--threads", threads}).exit_code, 0);
+    EXPECT_TRUE(read_text(output()) == alone) << threads << " threads";
+  }
+}
+
+TEST_P(EveryTool, RefusesInputThatIsNotThere) {
+  if (GetParam().input.empty()) GTEST_SKIP() << "reads no file";
+  const std::string extension = fs::path(good_input(GetParam())).extension();
+  const TemporaryFolder bad;
+  fs::create_directory(bad / ("folder" + extension));
+  write_text(bad / ("empty" + extension), "");
+  write_text(bad / "unknown.xyzzy", "no format that anybody knows");
+  write_text(bad / ("noise" + extension), std::string("\0\1\2\xff\xfe noise", 12));
+  for (const std::string& file : {"none" + extension, "folder" + extension, "empty" + extension,
+                                  "noise" + extension, std::string("unknown.xyzzy")}) {
+    expect_refused(run_on(GetParam(), bad / file, output()), file);
+  }
+}
+
+TEST_P(EveryTool, RefusesOutputThatCannotBe) {
+  const Usage& usage = GetParam();
+  if (usage.output.empty()) GTEST_SKIP() << "writes no file";
+  const TemporaryFolder bad;
+  fs::create_directory(bad / ("folder" + usage.output));
+  for (const std::string& file : {"folder" + usage.output, "none/out" + usage.output}) {
+    expect_refused(run_on(usage, good_input(usage), bad / file), file);
+  }
+  EXPECT_EQ(entries(bad / ""), Words{"folder" + usage.output});
+}
+
+TEST_P(EveryTool, NoClobberKeepsAnOlderFile) {
+  if (GetParam().output.empty()) GTEST_SKIP() << "writes no file";
+  write_text(output(), "old");
+  EXPECT_EQ(run_good({"--no-clobber"}).exit_code, 1);
+  EXPECT_EQ(read_text(output()), "old");
+  EXPECT_EQ(run_good().exit_code, 0);
+  EXPECT_NE(read_text(output()), "old");
+}
+
+TEST_P(EveryTool, LeavesTheOldFileWhereTheDiskIsFull) {
+  const Usage& usage = GetParam();
+  if (usage.output.empty()) GTEST_SKIP() << "writes no file";
+  write_text(output(), "old");
+  // A limit on the size of files fails as a full disk does; no output is as small as this.
+  Words command = {"sh", "-c", "ulimit -f 0; exec \"$@\"", "sh", tool(usage.name)};
+  if (!usage.input.empty()) command.push_back(good_input(usage));
+  const RunResult result = run(command + usage.options + Words{"-o", output()});
+  EXPECT_EQ(result.exit_code, 1) << result.signal << result.errors;
+  EXPECT_EQ(read_text(output()), "old");
+  EXPECT_EQ(entries(folder_ / "").size(), 1U);
+}
+
+TEST_P(EveryTool, RefusesMalformedFiles) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const Usage& usage = GetParam();
+  if (usage.input.empty()) GTEST_SKIP() << "reads no file";
+  int refused = 0;
+  for (const auto& entry : fs::directory_iterator(data_folder() / "malformed" / "invalid")) {
+    const std::string file = entry.path();
+    // Odd, but a whole mesh of one face: tools for meshes read it.
+    const bool whole = entry.path().filename() == "trimesh_no_faces_in_chunk.obj";
+    if (whole && usage.input != "surfels") continue;
+    expect_refused(run_on(usage, file, output()), file);
+    ++refused;
+  }
+  EXPECT_GT(refused, 10);
+}
+
+/// "surfel-from-mesh" is "frommesh" in the names of tests.
+std::string test_name(const testing::TestParamInfo<Usage>& usage) {
+  std::string name = usage.param.name.substr(usage.param.name.find('-') + 1);
+  name.erase(std::remove(name.begin(), name.end(), '-'), name.end());
+  return name;
+}
+INSTANTIATE_TEST_SUITE_P(Tools, EveryTool, testing::ValuesIn(usages()), test_name);
+
+TEST(Tools, AreAllTested) {
+  std::istringstream built(SURFEL_TOOLS);
+  for (std::string name; std::getline(built, name, ',');) {
+    const bool tested = std::any_of(usages().begin(), usages().end(),
+                                    [&](const Usage& usage) { return usage.name == name; });
+    EXPECT_TRUE(tested) << name;
+  }
+}
+
+TEST(Tools, ReadAndWritePipes) {
+  const TemporaryFolder folder;
+  const std::string from_mesh = tool("surfel-from-mesh") + " " + Inputs::get().mesh;
+  const std::string direct = folder / "direct.png";
+  const std::string piped = folder / "piped.png";
+  const std::string steps = from_mesh + " --spacing 0.05 --quiet -o {0} && " +
+                            tool("surfel-texture") + " {0} --image checker --quiet -o {1} && " +
+                            tool("surfel-render") + " {1} --size 40x40 --quiet -o " + direct;
+  std::string by_files = steps;
+  for (const auto& [mark, file] : {std::pair{"{0}", folder / "a.ply"}, {"{1}", folder / "b.ply"}}) {
+    for (std::size_t at = 0; (at = by_files.find(mark)) != std::string::npos;) {
+      by_files.replace(at, 3, file);
+    }
+  }
+  const RunResult files = run({"sh", "-c", by_files});
+  ASSERT_EQ(files.exit_code, 0) << files.errors;
+  const RunResult pipes = run({"sh", "-c",
+                               from_mesh + " --spacing 0.05 --quiet -o - | " +
+                                   tool("surfel-texture") + " - --image checker --quiet -o - | " +
+                                   tool("surfel-render") + " - --size 40x40 --quiet -o " + piped});
+  ASSERT_EQ(pipes.exit_code, 0) << pipes.errors;
+  EXPECT_FALSE(read_text(direct).empty());
+  EXPECT_TRUE(read_text(direct) == read_text(piped));
+}
+
+TEST(Tools, MalformedTexturesAreRefused) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const TemporaryFolder folder;
+  for (const char* name : {"libpng_badcrc.png", "libpng_huge_text_chunk.png", "openexr_oom.exr",
+                           "openexr_heap_overflow.exr"}) {
+    const std::string image = data_folder() / "malformed" / "invalid" / name;
+    const RunResult result = run({tool("surfel-texture"), Inputs::get().surfels, "--image", image,
+                                  "-o", folder / "out.ply"});
+    EXPECT_EQ(result.exit_code, 1) << name;
+    EXPECT_TRUE(contains(result.errors, name)) << result.errors;
+    EXPECT_EQ(entries(folder / ""), Words{});
+  }
+}
+
+TEST(Tools, InterruptedWorkLeavesNoTemporary) {
+  const TemporaryFolder folder;
+  // More work than ends before the signal; wherever it strikes, only a whole file may be left.
+  for (const int delay_ms : {100, 300, 600}) {
+    const RunSetup interrupt{.input = {}, .meanwhile = [&](pid_t process) {
+                               usleep(static_cast<useconds_t>(delay_ms) * 1000);
+                               kill(process, SIGINT);
+                             }};
+    const RunResult result = run({tool("surfel-generate"), "terrain", "--count", "5000000",
+                                  "--quiet", "-o", folder / "out.ply"},
+                                 interrupt);
+    EXPECT_EQ(result.signal, 0);
+    if (result.exit_code == 0) {
+      fs::remove(folder / "out.ply");
+    } else {
+      EXPECT_EQ(result.exit_code, 1);
+      EXPECT_TRUE(contains(result.errors, "interrupted")) << result.errors;
+    }
+    EXPECT_EQ(entries(folder / ""), Words{});
+  }
+}
+
+TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
+  const auto describe = [](const std::string& file) {
+    const RunResult result = run({tool("surfel-info"), file, "--json"});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return nlohmann::json::parse(result.output);
+  };
+  const auto surfels = describe(Inputs::get().surfels);
+  EXPECT_EQ(surfels["kind"], "surfels");
+  EXPECT_GT(surfels["count"].get<int>(), 100);
+  EXPECT_EQ(surfels["properties"][0]["name"], "x");
+  EXPECT_EQ(surfels["zero_normals"], 0);
+  EXPECT_GT(surfels["spacing"]["mean"].get<double>(), 0.03);
+  EXPECT_LT(surfels["spacing"]["mean"].get<double>(), 0.06);
+  EXPECT_TRUE(surfels["coverage"].contains("hole_share"));
+  EXPECT_TRUE(surfels["coverage"].contains("overlap"));
+  EXPECT_FALSE(surfels["provenance"].empty());
+  const auto mesh = describe(Inputs::get().mesh);
+  EXPECT_EQ(mesh["kind"], "mesh");
+  EXPECT_EQ(mesh["faces"], 2);
+  EXPECT_EQ(mesh["border_edges"], 4);
+  EXPECT_EQ(mesh["uv"], true);
+  const auto image = describe(Inputs::get().image);
+  EXPECT_EQ(image["kind"], "image");
+  EXPECT_EQ(image["width"], 16);
+
+  const RunResult text = run({tool("surfel-info"), Inputs::get().surfels});
+  EXPECT_TRUE(contains(text.output, "spacing"));
+  EXPECT_TRUE(contains(text.output, "surfel-from-mesh"));
+}
+
+TEST(SurfelInfo, ReadsTrickyFilesOfSupportedFormats) {
+  SURFEL_REQUIRE_TEST_DATA();
+  int read = 0;
+  for (const auto& entry : fs::directory_iterator(data_folder() / "malformed" / "tricky")) {
+    const std::string extension = entry.path().extension();
+    const Words supported = {".ply", ".pcd", ".obj", ".off", ".png"};
+    // Points without faces are no mesh, and OBJ is no format of surfels.
+    const bool points = entry.path().filename() == "tinyobj_points.obj";
+    if (points || std::count(supported.begin(), supported.end(), extension) == 0) continue;
+    const RunResult result = run({tool("surfel-info"), entry.path(), "--json"});
+    EXPECT_EQ(result.exit_code, 0) << entry.path() << result.errors;
+    ++read;
+  }
+  EXPECT_GT(read, 20);
+}
+
+}  // namespace
+}  // namespace surfel::test
