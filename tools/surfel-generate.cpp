@@ -7,6 +7,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
+#include <surfel/io/mesh.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_image.h>
 #include <tools/support/options.h>
@@ -23,6 +24,8 @@ struct Request {
   GenerateOptions surfels;
   int width = 512;
   int height = 512;
+  std::string mesh;
+  int resolution = 256;
   std::string texture;
   double frequency = ProceduralTextureOptions{}.frequency;
 };
@@ -47,6 +50,13 @@ void declare(tool::Tool& tool, Request& r) {
                  "Offset from the cell's centre, +- this part of the spacing, 0 to 0.5");
   app.add_option("--variance-scale", r.surfels.variance_scale,
                  "Standard deviation of the kernels in units of the spacing");
+  app.add_option(
+      "--mesh", r.mesh,
+      "Write the surface as triangles with uv to this file (OBJ, PLY); with --image, its "
+      "material names that picture");
+  app.add_option("--resolution", r.resolution,
+                 "Cells of the mesh along u and v of every part, 3 to 16384")
+      ->capture_default_str();
   app.add_option("--image", r.image,
                  "Write the surface's texture, or the picture of an image kind, to this file")
       ->expected(0, 1);
@@ -77,8 +87,8 @@ void generate_picture(const tool::Tool& tool, const Request& r) {
 
 void generate_surface(tool::Tool& tool, const Request& r) {
   const bool no_clobber = tool.common().no_clobber;
-  if (r.output.empty() && r.image.empty()) {
-    throw_usage("nothing to write; name a file with --output or --image");
+  if (r.output.empty() && r.image.empty() && r.mesh.empty()) {
+    throw_usage("nothing to write; name a file with --output, --mesh or --image");
   }
   const ProceduralScene scene = procedural_scene(r.kind, r.surfels.seed, r.texture, r.frequency);
   if (!r.output.empty()) {
@@ -89,6 +99,11 @@ void generate_surface(tool::Tool& tool, const Request& r) {
     cloud.provenance.push_back(tool.provenance());
     write_cloud(cloud, r.output, {.no_clobber = no_clobber});
     tool.note(fmt::format("{}: {} surfels", r.output, cloud.size()));
+  }
+  if (!r.mesh.empty()) {
+    const TriangleMesh mesh = generate_mesh(scene, r.resolution, r.image);
+    write_mesh(mesh, r.mesh, {.no_clobber = no_clobber});
+    tool.note(fmt::format("{}: {} faces", r.mesh, mesh.face.size()));
   }
   if (!r.image.empty()) {
     write_picture(tool, generate_texture(scene, r.width, r.height), r.image);

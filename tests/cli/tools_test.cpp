@@ -50,6 +50,9 @@ struct Usage {
   std::string output;  ///< Extension of the output; empty for none.
 };
 
+/// For the names of tests, which would otherwise hold addresses.
+void PrintTo(const Usage& usage, std::ostream* out) { *out << usage.name; }
+
 const std::vector<Usage>& usages() {
   static const std::vector<Usage> all = {
       {"surfel-generate", {"plane", "--count", "400"}, "", ".ply"},
@@ -201,8 +204,8 @@ TEST_P(EveryTool, LeavesTheOldFileWhereTheDiskIsFull) {
   const Usage& usage = GetParam();
   if (usage.output.empty()) GTEST_SKIP() << "writes no file";
   write_text(output(), "old");
-  // A limit on the size of files fails as a full disk does; no output is as small as this.
-  Words command = {"sh", "-c", "ulimit -f 0; exec \"$@\"", "sh", tool(usage.name)};
+  // A limit on the size of files fails as a full disk does; no output is as small as its 512 bytes.
+  Words command = {"sh", "-c", "ulimit -f 1; exec \"$@\"", "sh", tool(usage.name)};
   if (!usage.input.empty()) command.push_back(good_input(usage));
   const RunResult result = run(command + usage.options + Words{"-o", output()});
   EXPECT_EQ(result.exit_code, 1) << result.signal << result.errors;

@@ -303,7 +303,6 @@ TEST(SampleMesh, RealMeshesAreCoveredSheetBySheet) {
   SURFEL_REQUIRE_TEST_DATA();
   real_mesh_is_sampled_soundly("textured/spot/spot_triangulated.obj", 20000, 8);
   real_mesh_is_sampled_soundly("meshes/fandisk.obj", 20000, 4);
-  real_mesh_is_sampled_soundly("meshes/brain_tristrips.ply", 10000, 6);
 }
 
 TEST(SampleMesh, MessagesNameTheFile) {

@@ -153,7 +153,7 @@ void write_obj(const TriangleMesh& mesh, const std::string& path, const MeshWrit
   if (!mesh.material.empty()) {
     const fs::path beside = fs::path(path).replace_extension(".mtl");
     TextWriter materials(material_file.emplace(beside.string(), options.no_clobber));
-    write_materials(mesh, names, beside.parent_path(), materials);
+    write_materials(mesh, names, fs::absolute(beside).parent_path(), materials);
     out.add("mtllib " + beside.filename().string());
     out.end_line();
   }

@@ -46,10 +46,10 @@ struct SplatView {
   float focal_x, focal_y, center_x, center_y;
   float near;
   bool orthographic;
-  bool cull_back;       ///< Drop surfels that face away from the eye.
-  float cutoff;         ///< c of beta < c.
-  float lowpass2;       ///< Variance of the low-pass filter, pixels^2.
-  float clip_x1;        ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.
+  bool cull_back;  ///< Drop surfels that face away from the eye.
+  float cutoff;    ///< c of beta < c.
+  float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
+  float clip_x1;   ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.
   float clip_y0, clip_y1;
 };
 
