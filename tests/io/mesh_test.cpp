@@ -768,7 +768,8 @@ TEST(RealMeshes, TexturedOnes) {
     ASSERT_EQ(mesh.wedge_uv.size(), mesh.face.size()) << file;
     for (const auto& wedge : mesh.wedge_uv) {
       for (const Vec2f& uv : wedge) {
-        ASSERT_TRUE(uv.minCoeff() >= -0.05F && uv.maxCoeff() <= 1.05F)
+        // The charts of spot reach 0.0522 past the image's left border.
+        ASSERT_TRUE(uv.minCoeff() >= -0.053F && uv.maxCoeff() <= 1.001F)
             << file << ' ' << uv.transpose();
       }
     }
