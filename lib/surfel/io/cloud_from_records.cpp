@@ -263,7 +263,7 @@ void Reader::read_position(const RecordColumn& column, int axis) {
       T max = std::numeric_limits<T>::lowest();
       for (std::size_t i = begin; i < end; ++i) {
         const T value = load(i);
-        const bool finite = value - value == 0;
+        const bool finite = value * T{0} == T{0};  // Neither infinite nor NaN, without a branch.
         min = finite && value < min ? value : min;
         max = finite && value > max ? value : max;
         to[3 * i] = static_cast<float>(value);
@@ -361,8 +361,10 @@ void Reader::read_colors() {
       if (floats) {
         copy(*columns[k], to, 3);
       } else {
-        copy(*columns[k], to, 3,
-             [table](auto value) { return table[static_cast<std::uint16_t>(value)]; });
+        // fit() has seen that no value is negative.
+        copy(*columns[k], to, 3, [table](auto value) {
+          return table[static_cast<std::uint16_t>(value)];  // NOLINT(bugprone-signed-char-misuse)
+        });
       }
     }
     return;

@@ -98,7 +98,8 @@ bool representable(From value) {
     return true;
   } else if constexpr (std::is_floating_point_v<From>) {
     // One past the largest, which is a power of two, is exact in every floating type.
-    constexpr double kEnd = 2.0 * static_cast<double>(std::numeric_limits<To>::max() / 2 + 1);
+    constexpr To kHalf = std::numeric_limits<To>::max() / 2 + 1;
+    constexpr double kEnd = 2.0 * static_cast<double>(kHalf);
     return value >= static_cast<double>(std::numeric_limits<To>::min()) &&
            static_cast<double>(value) < kEnd && value == std::trunc(value);
   } else {
