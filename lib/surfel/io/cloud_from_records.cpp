@@ -362,9 +362,8 @@ void Reader::read_colors() {
         copy(*columns[k], to, 3);
       } else {
         // fit() has seen that no value is negative.
-        copy(*columns[k], to, 3, [table](auto value) {
-          return table[static_cast<std::uint16_t>(value)];  // NOLINT(bugprone-signed-char-misuse)
-        });
+        copy(*columns[k], to, 3,
+             [table](auto value) { return table[static_cast<std::uint16_t>(value)]; });
       }
     }
     return;
