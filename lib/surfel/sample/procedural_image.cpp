@@ -82,8 +82,9 @@ Image rasterize(const ProceduralTexture& texture, int width, int height, int sam
       for (int x = 0; x < width; ++x) {
         Vec3f sum = Vec3f::Zero();
         for (int s = 0; s < samples * samples; ++s) {
+          const int row = s / samples;
           const double u = (x + (s % samples + 0.5) / samples) / width;
-          const double v = 1 - (y + (s / samples + 0.5) / samples) / height;
+          const double v = 1 - (y + (row + 0.5) / samples) / height;
           sum += texture(u, v);
         }
         float* pixel = image.pixel(x, y);

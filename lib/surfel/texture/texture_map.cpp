@@ -131,7 +131,7 @@ TextureSample TextureMap::mean() const {
   for (std::size_t i = 0; i < texels.size(); i += 4) {
     sum += Eigen::Map<const Eigen::Array4f>(texels.data() + i).cast<double>();
   }
-  return straight(sum, static_cast<double>(texels.size() / 4));
+  return straight(sum, static_cast<double>(texels.size()) / 4);
 }
 
 ChartTexture::ChartTexture(const TextureMap& map, const CoverageRaster& raster)

@@ -90,7 +90,7 @@ Vec3d barycentric(const Vec2d& p, const std::array<Vec2d, 3>& t) {
 
 /// Point of the triangle nearest to p, as barycentric coordinates.
 Vec3d closest_in_triangle(const Vec2d& p, const std::array<Vec2d, 3>& t) {
-  const Vec3d inside = barycentric(p, t);
+  Vec3d inside = barycentric(p, t);
   if (inside.minCoeff() >= 0) return inside;
   Vec2d best = t[0];
   for (int i = 0; i < 3; ++i) {
