@@ -10,9 +10,6 @@
 namespace surfel {
 namespace {
 
-/// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
-constexpr float kOpaque = 0.9995F;
-
 Fragment load(TileABuffer& tile, int layer, int pixel) {
   Fragment fragment{};
   for (int c = 0; c < tile.layout.channels(); ++c) fragment.channel[c] = tile.at(layer, c, pixel);
@@ -36,7 +33,7 @@ float back_depth(const Fragment& fragment) {
 Rgba color_of(const TileABuffer& tile, const Fragment& fragment, int pixel) {
   const float* c = fragment.channel;
   if (is_merged(fragment)) return {c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
-  return tile.shader->shade(fragment, tile.x0 + pixel % kTileSize, tile.y0 + pixel / kTileSize,
+  return tile.shader->shade(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
                             tile.full_weight);
 }
 
@@ -102,24 +99,12 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 
 }  // namespace
 
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, float epsilon,
-                       const Splat& splat, const SplatNormal* normal) {
+void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
+                       const SplatNormal* normal) {
   const Fragment fresh = contribution(rho, depth, splat, normal);
   const Sorted sorted(tile, pixel);
   int in_front = 0;  // How many fragments are nearer than the newcomer.
-  for (int i = 0; i < sorted.count; ++i) {
-    const Fragment& fragment = sorted[i];
-    if (is_merged(fragment)) {
-      const bool behind = depth < fragment.channel[kDepth];
-      if (behind && fragment.channel[kAlpha] >= kOpaque) return;
-      if (depth - epsilon < fragment.channel[kDepth] && depth + epsilon > fragment.channel[kBack]) {
-        ++tile.merges.dropped;
-        tile.merges.dropped_weight += rho;
-        return;
-      }
-    }
-    if (front_depth(fragment) >= depth) in_front = i + 1;
-  }
+  while (in_front < sorted.count && front_depth(sorted[in_front]) >= depth) ++in_front;
   if (sorted.count == 1) {
     if (in_front == 0) store(tile, 0, pixel, fresh);
     return;

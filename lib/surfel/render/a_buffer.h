@@ -28,6 +28,9 @@ enum FragmentChannel : int {
 /// SS01 marks shaded fragments by a negative weight; so do we.
 inline constexpr float kMergedWeight = -1.0F;
 
+/// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
+inline constexpr float kOpaqueAlpha = 0.9995F;
+
 /// Shape of a tile's A-buffer: layers x channels x kTilePixels floats.
 struct ABufferLayout {
   int layers = 1;
@@ -92,13 +95,12 @@ struct TileABuffer {
   }
 };
 
-/// A contribution that matches no fragment of a pixel whose layers are all taken: steps 2 and 3 of
-/// SS01 section 6. Contributions arrive roughly front to back, so the nearest two fragments are the
-/// ones that are complete: they are shaded and composited (12), and the free layer goes to the
-/// newcomer. One that lies within an already merged pair comes too late and is dropped (and
-/// counted). With a single layer the nearer surface stays.
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, float epsilon,
-                       const Splat& splat, const SplatNormal* normal);
+/// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a
+/// merged pair: steps 2 and 3 of SS01 section 6. Contributions arrive roughly front to back, so the
+/// nearest two fragments are the ones that are complete: they are shaded and composited (12), and
+/// the free layer goes to the newcomer. With a single layer the nearer surface stays.
+void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
+                       const SplatNormal* normal);
 
 /// Per-pixel result of a tile.
 struct PixelResult {

@@ -295,12 +295,6 @@ std::vector<VisibleCluster> Renderer::Impl::cull(const Camera& camera, const Ban
 void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int visible,
                           std::uint32_t first_surfel, std::size_t first_splat,
                           std::vector<std::uint32_t>& kept_splats, std::uint32_t* tile_counts) {
-  // Clamped before it is converted, so that truncation rounds down; std::floor() would be a call.
-  const auto tile_of = [](float pixel, int tiles) {
-    return static_cast<std::uint16_t>(
-        std::clamp(pixel * (1.0F / kTileSize), 0.0F, static_cast<float>(tiles) - 0.5F));
-  };
-  const auto band_y = static_cast<float>(band.y0);
   for (int v = 0; v < visible; ++v) {
     const int i = columns.visible[v];
     const std::size_t surfel = first_surfel + static_cast<std::uint32_t>(i);
@@ -314,12 +308,12 @@ void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int vis
                   columns.y[i],
                   columns.m[i],
                   columns.k[i],
-                  columns.q[i],
                   columns.amplitude[i],
                   columns.depth[i],
                   columns.depth_dx[i],
                   columns.depth_dy[i],
                   columns.depth_range[i],
+                  columns.half_x[i],
                   columns.half_y[i],
                   cloud.red[surfel] * alpha,
                   cloud.green[surfel] * alpha,
@@ -329,10 +323,10 @@ void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int vis
     if (layout.normals) {
       normals[at] = {cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]};
     }
-    const TileRange range{tile_of(columns.x[i] - columns.half_x[i], band.tiles_x),
-                          tile_of(columns.y[i] - columns.half_y[i] - band_y, band.tiles_y),
-                          tile_of(columns.x[i] + columns.half_x[i], band.tiles_x),
-                          tile_of(columns.y[i] + columns.half_y[i] - band_y, band.tiles_y)};
+    const TileRange range{static_cast<std::uint16_t>(columns.tile_x0[i]),
+                          static_cast<std::uint16_t>(columns.tile_y0[i]),
+                          static_cast<std::uint16_t>(columns.tile_x1[i]),
+                          static_cast<std::uint16_t>(columns.tile_y1[i])};
     ranges[at] = range;
     kept_splats.push_back(static_cast<std::uint32_t>(at));
     for (int ty = range.y0; ty <= range.y1; ++ty) {
@@ -376,16 +370,21 @@ std::size_t Renderer::Impl::set_up(const Band& band, const VisibleCluster* clust
 /// Writes every tile's list: splats in the order of the segments, which is that of the clusters.
 void Renderer::Impl::bin(const Band& band, std::size_t segments) {
   const std::size_t tiles = band.tiles();
+  // Entries become places: first within the tile's list, then in `references`.
   tile_begin.resize(tiles + 1);
+  std::fill_n(tile_begin.data(), tiles, 0U);
+  for (std::size_t i = 0; i < segments * tiles; i += tiles) {
+    for (std::size_t t = 0; t < tiles; ++t) {
+      const std::uint32_t n = histogram[i + t];
+      histogram[i + t] = tile_begin[t];
+      tile_begin[t] += n;
+    }
+  }
   std::size_t sum = 0;
   for (std::size_t t = 0; t < tiles; ++t) {
+    const std::uint32_t n = tile_begin[t];
     tile_begin[t] = static_cast<std::uint32_t>(sum);
-    for (std::size_t s = 0; s < segments; ++s) {
-      std::uint32_t& entry = histogram[s * tiles + t];
-      const std::uint32_t n = entry;
-      entry = static_cast<std::uint32_t>(sum);
-      sum += n;
-    }
+    sum += n;
   }
   if (sum > std::numeric_limits<std::uint32_t>::max()) {
     throw Error(ErrorKind::kNumeric, "the splats are too large on screen; move the camera back");
@@ -395,6 +394,7 @@ void Renderer::Impl::bin(const Band& band, std::size_t segments) {
   parallel_for(segments, 1, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t s = begin; s < end; ++s) {
       std::uint32_t* cursor = histogram.data() + s * tiles;
+      for (std::size_t t = 0; t < tiles; ++t) cursor[t] += tile_begin[t];
       for (const std::uint32_t splat : kept[s]) {
         const TileRange& range = ranges[splat];
         const Reference reference{splat, splats[splat].depth};
@@ -413,7 +413,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, Image& image) const {
   const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
   for (int y = 0; y < tile.height; ++y) {
     for (int x = 0; x < tile.width; ++x) {
-      PixelResult result = resolve_pixel(tile, y * kTileSize + x);
+      PixelResult result = resolve_pixel(tile, tile_pixel(x, y));
       result.color.composite(background);
       float* out = image.pixel(tile.x0 + x, tile.y0 + y);
       out[0] = result.color.red;
@@ -469,8 +469,9 @@ std::size_t Renderer::Impl::draw_batch(const Camera& camera, const Band& band,
                                        const VisibleCluster* clusters, std::size_t count,
                                        const Shader& shader, bool first, bool last, Image& image,
                                        FrameStatistics& statistics) {
-  const std::size_t most_segments =
-      std::clamp<std::size_t>(kHistogramEntries / band.tiles(), 4, 256);
+  // Enough for the threads to share the work evenly; lists do not depend on their number.
+  const std::size_t most_segments = std::clamp<std::size_t>(
+      kHistogramEntries / band.tiles(), 4, 16 * static_cast<std::size_t>(thread_count()));
   const std::size_t per_segment =
       std::max<std::size_t>(1, (count + most_segments - 1) / most_segments);
   const std::size_t segments = (count + per_segment - 1) / per_segment;

@@ -10,19 +10,31 @@ namespace surfel {
 /// Pictures are rendered in square tiles, so that a tile's A-buffer stays in the first-level cache.
 inline constexpr int kTileSize = 16;
 inline constexpr int kTilePixels = kTileSize * kTileSize;
+/// A tile's pixels are stored in vertical strips of this width, so that a vector of 16 holds 4 x 4
+/// pixels, from any row on: most splats need one or two of them.
+inline constexpr int kStripWidth = 4;
+
+/// Place of a tile's pixel among its kTilePixels.
+constexpr int tile_pixel(int x, int y) {
+  return (x / kStripWidth * kTileSize + y) * kStripWidth + x % kStripWidth;
+}
+constexpr int tile_pixel_x(int pixel) {
+  return pixel / (kTileSize * kStripWidth) * kStripWidth + pixel % kStripWidth;
+}
+constexpr int tile_pixel_y(int pixel) { return pixel / kStripWidth % kTileSize; }
 
 /// A surfel's resampling kernel, ready to be rasterised. With dx, dy from the centre in pixels:
-/// beta = k (dx - m dy)^2 + q dy^2, the square completed along rows: unlike the conic's three
-/// coefficients it does not cancel when the ellipse is a long diagonal sliver.
+/// beta = k (dx - m dy)^2 + c (dy / half_y)^2, the square completed along rows: unlike the conic's
+/// three coefficients it does not cancel when the ellipse is a long diagonal sliver.
 /// Depth is "nearness": 1 / z in perspective, -z in orthographic projection; larger is nearer.
 struct alignas(64) Splat {
-  float x, y;       ///< Centre, pixels.
-  float m, k, q;    ///< m = Sigma_xy / Sigma_yy, k = Sigma_yy / (2 |Sigma|), q = 1 / (2 Sigma_yy).
-  float amplitude;  ///< rho_k at the centre.
-  float depth;      ///< At the centre ...
+  float x, y;                ///< Centre, pixels.
+  float m, k;                ///< m = Sigma_xy / Sigma_yy, k = Sigma_yy / (2 |Sigma|).
+  float amplitude;           ///< rho_k at the centre.
+  float depth;               ///< At the centre ...
   float depth_dx, depth_dy;  ///< ... and per pixel, on the tangent plane.
   float depth_range;         ///< The plane's depth is clamped to depth +- depth_range.
-  float half_y;              ///< Half the height of the box that bounds beta < cutoff, pixels.
+  float half_x, half_y;      ///< Half the sides of the box that bounds beta < c, pixels.
   float red, green, blue;    ///< Times alpha.
   float alpha;
   std::uint32_t tag;  ///< Bit 0: the surfel's front faces the eye; from bit 1 on: material.

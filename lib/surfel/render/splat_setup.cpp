@@ -2,6 +2,7 @@
 // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017: the tangent frame.
 // ewa_kernel.cpp holds the same in plain double.
 
+#include <cmath>
 #include <cstdint>
 
 #include <surfel/render/splat_setup.h>
@@ -72,6 +73,17 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
   const V two_c = hn::Set(d, 2.0F * view.cutoff);
   // Standard deviation of the pixel filter at distance 1.
   const V pixel = hn::Mul(hn::Sqrt(h2), hn::Max(inv_focal_x, inv_focal_y));
+
+  // Of the first pixel whose centre lies at or after a coordinate, or the last one at or before it.
+  // Clamped before it is converted, so that truncation rounds down.
+  constexpr float kBeforeFirst = 0.4999F;
+  constexpr float kAfterLast = -0.5F;
+  const V last_tile_x = hn::Set(d, std::ceil(view.clip_x1 / kTileSize) - 0.5F);
+  const V last_tile_y = hn::Set(d, std::ceil((view.clip_y1 - view.clip_y0) / kTileSize) - 0.5F);
+  const auto tile_of = [&](V coordinate, float offset, V last) {
+    const V tile = hn::Mul(hn::Add(coordinate, hn::Set(d, offset)), hn::Set(d, 1.0F / kTileSize));
+    return hn::ConvertTo(di, hn::Min(hn::Max(tile, zero), last));
+  };
 
   int visible_count = 0;
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
@@ -168,7 +180,6 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     hn::Store(center_y, d, out.y + i);
     hn::Store(hn::Mul(Sigma_xy, inv_yy), d, out.m + i);
     hn::Store(hn::Mul(half, hn::Div(Sigma_yy, det_Sigma)), d, out.k + i);
-    hn::Store(hn::Mul(half, inv_yy), d, out.q + i);
     hn::Store(amplitude, d, out.amplitude + i);
     hn::Store(kPerspective ? inv_z : hn::Neg(p.z), d, out.depth + i);
     hn::Store(hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x), d, out.depth_dx + i);
@@ -176,6 +187,11 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     hn::Store(depth_reach, d, out.depth_range + i);
     hn::Store(half_x, d, out.half_x + i);
     hn::Store(half_y, d, out.half_y + i);
+    hn::Store(tile_of(hn::Sub(center_x, half_x), kBeforeFirst, last_tile_x), di, out.tile_x0 + i);
+    hn::Store(tile_of(hn::Add(center_x, half_x), kAfterLast, last_tile_x), di, out.tile_x1 + i);
+    const V band_y = hn::Sub(center_y, hn::Set(d, view.clip_y0));
+    hn::Store(tile_of(hn::Sub(band_y, half_y), kBeforeFirst, last_tile_y), di, out.tile_y0 + i);
+    hn::Store(tile_of(hn::Add(band_y, half_y), kAfterLast, last_tile_y), di, out.tile_y1 + i);
     hn::Store(hn::IfThenElse(front, one, zero), d, out.front + i);
     visible_count += static_cast<int>(hn::CompressBlendedStore(index, hn::RebindMask(di, visible),
                                                                di, out.visible + visible_count));

@@ -32,12 +32,14 @@ struct SurfelColumns {
 struct SplatColumns {
   static constexpr int kSize = kSetupSurfels + 16;
   alignas(64) float x[kSize], y[kSize];
-  alignas(64) float m[kSize], k[kSize], q[kSize];
+  alignas(64) float m[kSize], k[kSize];
   alignas(64) float amplitude[kSize];
   alignas(64) float depth[kSize], depth_dx[kSize], depth_dy[kSize];
   alignas(64) float depth_range[kSize];
   alignas(64) float half_x[kSize],
-      half_y[kSize];                        ///< Of the bounding box of beta < cutoff, pixels.
+      half_y[kSize];  ///< Of the bounding box of beta < cutoff, pixels.
+  /// Tiles with pixel centres in that box, last ones included; none where first > last.
+  alignas(64) std::int32_t tile_x0[kSize], tile_y0[kSize], tile_x1[kSize], tile_y1[kSize];
   alignas(64) float front[kSize];           ///< 1 if the front faces the eye, else 0.
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
 };

@@ -34,11 +34,16 @@ HWY_INLINE V exp_minus(V x) {
   return hn::MulAdd(p, x, hn::Set(d, 0.999999554F));
 }
 
+/// A vector holds this many columns and rows of a strip of the tile.
+constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
+constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
+
 /// A splat's values, spread over vectors, and what else the loops over its pixels need: in locals,
 /// as the compiler must assume that stores to the A-buffer change any member.
 struct Spread {
-  V amplitude, k, epsilon, red, green, blue, alpha, depth_lo, depth_hi, tag, normal_x, normal_y,
-      normal_z;
+  Splat splat;
+  SplatNormal normal;
+  float k, q, epsilon, depth_lo, depth_hi;
   V full, cutoff;
   float* data;
   std::size_t stride;
@@ -54,6 +59,11 @@ class Rasterizer {
     while (job.cutoff * scale_ > 1) {
       scale_ /= 2;
       ++squarings_;
+    }
+    for (int y = 0; y < kTileSize; ++y) {
+      for (int x = 0; x < kTileSize; ++x) {
+        outside_[tile_pixel(x, y)] = x < tile.width && y < tile.height ? -infinity() : infinity();
+      }
     }
   }
 
@@ -72,6 +82,7 @@ class Rasterizer {
       if (splat.depth + (1 + job_.depth_epsilon) * splat.depth_range < hidden) continue;
       draw(splat, kNormals ? job_.normals + index : nullptr);
     }
+    tile_.merges.dropped_weight += hn::GetLane(hn::SumOfLanes(D(), dropped_weight_));
   }
 
  private:
@@ -87,23 +98,18 @@ class Rasterizer {
   float find_hidden() {
     const D d;
     V least = hn::Set(d, infinity());
-    for (int y = 0; y < tile_.height; ++y) {
-      for (int x = 0; x < tile_.width; x += static_cast<int>(hn::Lanes(d))) {
-        const std::size_t pixel =
-            static_cast<std::size_t>(y) * kTileSize + static_cast<std::size_t>(x);
-        V hidden = hn::Set(d, -infinity());
-        for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-          const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
-          const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
-          const M hides = covers(fragment, weight, full_);
-          const V depth = hn::Div(hn::Load(d, fragment + kDepth * kTilePixels), weight);
-          hidden = hn::IfThenElse(hides, hn::Max(hidden, depth), hidden);
-        }
-        hn::Store(hidden, d, hidden_ + pixel);
-        // Pixels outside of the picture do not count.
-        const M inside = hn::FirstN(d, static_cast<std::size_t>(tile_.width - x));
-        least = hn::IfThenElse(inside, hn::Min(least, hidden), least);
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+      V hidden = hn::Load(d, outside_ + pixel);
+      for (int layer = 0; layer < tile_.layout.layers; ++layer) {
+        const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
+        const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
+        const V depth = hn::Load(d, fragment + kDepth * kTilePixels);
+        hidden = hn::IfThenElse(covers(fragment, weight, full_),
+                                hn::Max(hidden, hn::Div(depth, weight)), hidden);
+        hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
       }
+      hn::Store(hidden, d, hidden_ + pixel);
+      least = hn::Min(least, hidden);
     }
     return hn::GetLane(hn::MinOfLanes(d, least));
   }
@@ -114,38 +120,48 @@ class Rasterizer {
     // Merged fragments have a negative weight and never pass.
     M full = hn::Ge(weight, full_weight);
     if constexpr (!kOpaqueSplats) {
-      const V alpha = hn::Load(d, fragment + kAlpha * kTilePixels);
-      full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, 0.9995F))));
+      const V alpha = hn::LoadU(d, fragment + kAlpha * kTilePixels);
+      full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, kOpaqueAlpha))));
     }
     return full;
+  }
+
+  /// Merged fragments that nothing behind is seen through.
+  static M covers_merged(const float* fragment, V weight) {
+    const D d;
+    return hn::And(hn::Lt(weight, hn::Zero(d)),
+                   hn::Ge(hn::LoadU(d, fragment + kAlpha * kTilePixels), hn::Set(d, kOpaqueAlpha)));
   }
 
   void draw(const Splat& splat, const SplatNormal* normal) {
     const D d;
     const float cx = splat.x - static_cast<float>(tile_.x0) - 0.5F;  // of pixel centres
     const float cy = splat.y - static_cast<float>(tile_.y0) - 0.5F;
-    // First and last row whose centre lies within; the bounds are tested before they are converted.
-    const float first_row = std::ceil(std::max(0.0F, cy - splat.half_y));
-    const float last_row =
-        std::floor(std::min(static_cast<float>(tile_.height - 1), cy + splat.half_y));
-    if (!(first_row <= last_row)) return;
+    // First column and row, last column and row, whose centres lie within the bounding box: clamped
+    // before they are converted, so that truncation rounds down. (The least that 0.9999 misses is
+    // rejected by beta.)
+    HWY_ALIGN const float corners[] = {cx - splat.half_x, cy - splat.half_y, cx + splat.half_x,
+                                       cy + splat.half_y};
+    HWY_ALIGN static constexpr float kToWhole[] = {0.9999F, 0.9999F, 0, 0};
+    HWY_ALIGN std::int32_t box[4];
+    const hn::CappedTag<float, 4> d4;
+    const hn::RebindToSigned<decltype(d4)> di4;
+    for (std::size_t i = 0; i < 4; i += hn::Lanes(d4)) {
+      const auto clamped = hn::Min(hn::Max(hn::Load(d4, corners + i), hn::Zero(d4)),
+                                   hn::Set(d4, static_cast<float>(kTileSize - 1)));
+      hn::Store(hn::ConvertTo(di4, hn::Add(clamped, hn::Load(d4, kToWhole + i))), di4, box + i);
+    }
+    const int first_column = box[0], first_row = box[1], last_column = box[2], last_row = box[3];
+    if (first_column > last_column || first_row > last_row) return;
 
     Spread s;
-    s.amplitude = hn::Set(d, splat.amplitude);
-    s.k = hn::Set(d, splat.k * scale_);
-    s.epsilon = hn::Set(d, splat.depth_range * job_.depth_epsilon);
-    s.red = hn::Set(d, splat.red);
-    s.green = hn::Set(d, splat.green);
-    s.blue = hn::Set(d, splat.blue);
-    s.alpha = hn::Set(d, splat.alpha);
-    s.depth_lo = hn::Set(d, splat.depth - splat.depth_range);
-    s.depth_hi = hn::Set(d, splat.depth + splat.depth_range);
-    s.tag = hn::Set(d, std::bit_cast<float>(splat.tag));
-    if constexpr (kNormals) {
-      s.normal_x = hn::Set(d, normal->x);
-      s.normal_y = hn::Set(d, normal->y);
-      s.normal_z = hn::Set(d, normal->z);
-    }
+    s.splat = splat;
+    if constexpr (kNormals) s.normal = *normal;
+    s.k = splat.k * scale_;
+    s.q = job_.cutoff * scale_ / (splat.half_y * splat.half_y);
+    s.epsilon = splat.depth_range * job_.depth_epsilon;
+    s.depth_lo = splat.depth - splat.depth_range;
+    s.depth_hi = splat.depth + splat.depth_range;
     s.full = full_;
     s.cutoff = hn::Set(d, job_.cutoff * scale_);
     s.data = tile_.data;
@@ -153,39 +169,41 @@ class Rasterizer {
     s.layers = tile_.layout.layers;
     s.squarings = squarings_;
     const V m = hn::Set(d, splat.m);
+    const V depth_dx = hn::Set(d, splat.depth_dx);
     const V depth_dy = hn::Set(d, splat.depth_dy);
-    const float q = splat.q * scale_;
-    for (int x = 0; x < tile_.width; x += static_cast<int>(hn::Lanes(d))) {
-      // At the first row; advanced from row to row (at most 15 additions).
-      const float dy0 = first_row - cy;
-      const V dx = hn::Sub(hn::Iota(d, static_cast<float>(x)), hn::Set(d, cx));
-      V e = hn::NegMulAdd(m, hn::Set(d, dy0), dx);
-      V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
-                           hn::Set(d, splat.depth + splat.depth_dy * dy0));
-      std::size_t pixel =
-          static_cast<std::size_t>(first_row) * kTileSize + static_cast<std::size_t>(x);
-      for (float dy = dy0; dy <= last_row - cy; dy += 1.0F) {
-        draw_row(splat, normal, s, pixel, hn::Set(d, q * dy * dy), e, plane);
-        e = hn::Sub(e, m);
-        plane = hn::Add(plane, depth_dy);
-        pixel += kTileSize;
+    const V depth = hn::Set(d, splat.depth);
+    // As few vectors as hold the rows, moved up where the last would leave the strip.
+    const int height = (last_row - first_row + kRows) / kRows * kRows;
+    const int top = std::min(first_row, kTileSize - height);
+    const V dy0 = hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, static_cast<float>(top) - cy));
+    for (int x = first_column / kColumns * kColumns; x <= last_column; x += kColumns) {
+      const V dx = hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, static_cast<float>(x) - cx));
+      const V plane0 = hn::MulAdd(depth_dx, dx, depth);
+      V dy = dy0;
+      const std::size_t first = tile_pixel(x, top);
+      const std::size_t end = first + static_cast<std::size_t>(height) * kStripWidth;
+      for (std::size_t pixel = first; pixel < end; pixel += kRows * kStripWidth) {
+        draw_vector(splat, normal, s, pixel, hn::NegMulAdd(m, dy, dx), dy,
+                    hn::MulAdd(depth_dy, dy, plane0));
+        dy = hn::Add(dy, hn::Set(d, static_cast<float>(kRows)));
       }
     }
   }
 
-  /// A vector of pixels of one row: e = dx - m dy, `plane` the depth on the tangent plane.
-  HWY_INLINE void draw_row(const Splat& splat, const SplatNormal* normal, const Spread& s,
-                           std::size_t pixel, V row_beta, V e, V plane) {
+  /// A vector of pixels: e = dx - m dy, `plane` the depth on the tangent plane.
+  HWY_INLINE void draw_vector(const Splat& splat, const SplatNormal* normal, const Spread& s,
+                              std::size_t pixel, V e, V dy, V plane) {
     const D d;
-    const V beta = hn::MulAdd(hn::Mul(s.k, e), e, row_beta);
-    const V depth = hn::Min(hn::Max(plane, s.depth_lo), s.depth_hi);
+    const V beta =
+        hn::MulAdd(hn::Mul(hn::Set(d, s.k), e), e, hn::Mul(hn::Mul(hn::Set(d, s.q), dy), dy));
+    const V depth = hn::Min(hn::Max(plane, hn::Set(d, s.depth_lo)), hn::Set(d, s.depth_hi));
     // What lies within epsilon of the hiding surface may belong to it.
-    const M seen = hn::Ge(hn::Add(depth, s.epsilon), hn::Load(d, hidden_ + pixel));
+    const M seen = hn::Ge(hn::Add(depth, hn::Set(d, s.epsilon)), hn::LoadU(d, hidden_ + pixel));
     const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
     if (hn::AllFalse(d, inside)) return;
     V rho = exp_minus(hn::IfThenElseZero(inside, beta));
     for (int i = 0; i < s.squarings; ++i) rho = hn::Mul(rho, rho);
-    add(splat, normal, s, pixel, inside, hn::Mul(s.amplitude, rho), depth);
+    add(splat, normal, s, pixel, inside, hn::Mul(hn::Set(d, s.splat.amplitude), rho), depth);
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
@@ -196,20 +214,21 @@ class Rasterizer {
     const auto side = hn::Set(du, 1u);
     float* fragment = s.data + pixel;
     for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
-      const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
-      const V weighted_depth = hn::Load(d, fragment + kDepth * kTilePixels);
-      const V tag = hn::Load(d, fragment + kTag * kTilePixels);
+      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
+      const V weighted_depth = hn::LoadU(d, fragment + kDepth * kTilePixels);
+      const V tag = hn::LoadU(d, fragment + kTag * kTilePixels);
       // depth - fragment's depth, times the fragment's weight, to save the division.
       const V behind = hn::MulSub(depth, weight, weighted_depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(s.epsilon, weight));
+      const M near = hn::Lt(hn::Abs(behind), hn::Mul(hn::Set(d, s.epsilon), weight));
       const M same_side = hn::RebindMask(
-          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::BitCast(du, s.tag)), side),
+          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, s.splat.tag)), side),
                     hn::Zero(du)));
       const M free = hn::Eq(weight, hn::Zero(d));
       const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
       if (!hn::AllFalse(d, joins)) {
         if (!hn::AllFalse(d, free)) {
-          hn::Store(hn::IfThenElse(free, s.tag, tag), d, fragment + kTag * kTilePixels);
+          hn::StoreU(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, s.splat.tag)), tag), d,
+                     fragment + kTag * kTilePixels);
         }
         accumulate(fragment, s, hn::IfThenElseZero(joins, rho), depth, weight, weighted_depth);
         open = hn::AndNot(joins, open);
@@ -220,6 +239,8 @@ class Rasterizer {
       if (hn::AllFalse(d, open)) return;
     }
     // No layer is left in these pixels.
+    open = add_to_merged(s, pixel, open, rho, depth);
+    if (hn::AllFalse(d, open)) return;
     HWY_ALIGN float rhos[kTileSize];
     HWY_ALIGN float depths[kTileSize];
     HWY_ALIGN float lanes[kTileSize];
@@ -228,9 +249,29 @@ class Rasterizer {
     hn::Store(hn::IfThenElseZero(open, hn::Set(d, 1.0F)), d, lanes);
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
       if (lanes[lane] == 0) continue;
-      insert_by_merging(tile_, static_cast<int>(pixel + lane), rhos[lane], depths[lane],
-                        splat.depth_range * job_.depth_epsilon, splat, normal);
+      insert_by_merging(tile_, static_cast<int>(pixel + lane), rhos[lane], depths[lane], splat,
+                        normal);
     }
+  }
+
+  /// Contributions that come after their surface has been merged: those behind an opaque pair are
+  /// not seen, those within a pair come too late and are dropped (and counted). Returns the others.
+  HWY_INLINE M add_to_merged(const Spread& s, std::size_t pixel, M open, V rho, V depth) {
+    const D d;
+    const float* fragment = s.data + pixel;
+    for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
+      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
+      const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
+      const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
+      open = hn::AndNot(hn::And(covers_merged(fragment, weight), hn::Lt(depth, front)), open);
+      const M within = hn::And(hn::And(open, hn::Lt(weight, hn::Zero(d))),
+                               hn::And(hn::Lt(hn::Sub(depth, hn::Set(d, s.epsilon)), front),
+                                       hn::Gt(hn::Add(depth, hn::Set(d, s.epsilon)), back)));
+      tile_.merges.dropped += hn::CountTrue(d, within);
+      dropped_weight_ = hn::Add(dropped_weight_, hn::IfThenElseZero(within, rho));
+      open = hn::AndNot(within, open);
+    }
+    return open;
   }
 
   /// Adds rho, which is zero where a pixel does not take part.
@@ -239,27 +280,32 @@ class Rasterizer {
     const D d;
     const auto add_to = [&](int channel, V value) {
       float* plane = fragment + channel * kTilePixels;
-      hn::Store(hn::MulAdd(rho, value, hn::Load(d, plane)), d, plane);
+      hn::StoreU(hn::MulAdd(rho, value, hn::LoadU(d, plane)), d, plane);
     };
-    hn::Store(hn::Add(weight, rho), d, fragment + kWeight * kTilePixels);
-    hn::Store(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kTilePixels);
-    add_to(kRed, s.red);
-    add_to(kGreen, s.green);
-    add_to(kBlue, s.blue);
-    if constexpr (!kOpaqueSplats) add_to(kAlpha, s.alpha);
+    hn::StoreU(hn::Add(weight, rho), d, fragment + kWeight * kTilePixels);
+    hn::StoreU(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kTilePixels);
+    add_to(kRed, hn::Set(d, s.splat.red));
+    add_to(kGreen, hn::Set(d, s.splat.green));
+    add_to(kBlue, hn::Set(d, s.splat.blue));
+    if constexpr (!kOpaqueSplats) add_to(kAlpha, hn::Set(d, s.splat.alpha));
     if constexpr (kNormals) {
-      add_to(kNormalX, s.normal_x);
-      add_to(kNormalY, s.normal_y);
-      add_to(kNormalZ, s.normal_z);
+      add_to(kNormalX, hn::Set(d, s.normal.x));
+      add_to(kNormalY, hn::Set(d, s.normal.y));
+      add_to(kNormalZ, hn::Set(d, s.normal.z));
     }
   }
 
   const TileJob& job_;
   TileABuffer& tile_;
   const V full_;
+  V dropped_weight_ = hn::Zero(D());
   float scale_ = 1;    ///< 2^-n, applied to beta and the cutoff.
   int squarings_ = 0;  ///< n.
   HWY_ALIGN float hidden_[kTilePixels];
+  HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
+  HWY_ALIGN static constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3,
+                                                      0, 1, 2, 3, 0, 1, 2, 3};
+  HWY_ALIGN static constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 };
 
 }  // namespace
