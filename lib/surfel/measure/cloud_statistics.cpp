@@ -7,9 +7,9 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+#include <surfel/estimate/neighbor_search.h>
+#include <surfel/estimate/voronoi_cell.h>
 #include <surfel/measure/cloud_statistics.h>
-#include <surfel/measure/neighbors.h>
-#include <surfel/measure/voronoi_cell.h>
 
 namespace surfel {
 namespace {
@@ -117,7 +117,7 @@ double exponent(const SurfelCloud& cloud, std::size_t i, const Vec3d& offset) {
 class CoverageProbe {
  public:
   CoverageProbe(const SurfelCloud& cloud, const CloudStatisticsOptions& options, const Discs& discs,
-                const Neighbors& neighbors)
+                const NeighborSearch& neighbors)
       : cloud_(cloud), options_(options), discs_(discs), neighbors_(neighbors) {
     for (const float r : discs.radius) largest_radius_ = std::max(largest_radius_, r);
   }
@@ -137,18 +137,17 @@ class CoverageProbe {
     const Vec3d n = normal.cast<double>().normalized();
     const Vec3d a = n.unitOrthogonal();
     const Vec3d b = n.cross(a);
-    const auto corners = cell(disc, a, b);
-    if (!corners) return out;
-    out.area = polygon_area(*corners);
+    VoronoiCell cell;
+    if (!closed_cell(disc, a, b, cell)) return out;
+    out.area = cell.area();
 
-    double reach = largest_radius_;
-    for (const Vec2d& corner : *corners) reach = std::max(reach, largest_radius_ + corner.norm());
-    const std::vector<std::uint32_t> near =
-        neighbors_.within(discs_.position[disc], static_cast<float>(reach) * 1.0001F, kMostDiscs);
+    const double reach = largest_radius_ + cell.radius();
+    std::vector<Neighbor> near;
+    neighbors_.within(discs_.position[disc], static_cast<float>(reach) * 1.0001F, kMostDiscs, near);
     for (int point = 0; point < kPointsPerCell; ++point) {
       const double s = random_uniform(options_.seed, k, 2 * point + 1);
       const double t = random_uniform(options_.seed, k, 2 * point + 2);
-      const Vec2d p = polygon_point(*corners, s, t);
+      const Vec2d p = cell.point(s, t);
       const int discs =
           covering(near, k, discs_.position[disc].cast<double>() + p.x() * a + p.y() * b);
       ++out.points;
@@ -163,23 +162,25 @@ class CoverageProbe {
     return cloud_.normal[i].dot(cloud_.normal[k]) > kAgreeingCosine;
   }
 
-  std::optional<std::vector<Vec2d>> cell(std::size_t disc, const Vec3d& a, const Vec3d& b) const {
+  /// False where the cell is open, or neighbours further than those that were looked at could still
+  /// cut it.
+  bool closed_cell(std::size_t disc, const Vec3d& a, const Vec3d& b, VoronoiCell& cell) const {
     const Vec3f& center = discs_.position[disc];
-    const std::vector<std::uint32_t> near = neighbors_.nearest(center, kCellNeighbors + 1);
-    std::vector<Vec2d> flat;
-    double reach = 0;
-    for (const std::uint32_t j : near) {
+    std::vector<Neighbor> near;
+    neighbors_.nearest(center, kCellNeighbors + 1, near);
+    const double reach = (discs_.position[near.back().index] - center).norm();
+    if (!(reach > 0)) return false;
+    cell.reset(reach);
+    for (const auto& [j, distance2] : near) {
       const Vec3d offset = (discs_.position[j] - center).cast<double>();
-      reach = offset.norm();  // They come by ascending distance.
-      if (agree(discs_.surfel[j], discs_.surfel[disc]))
-        flat.emplace_back(offset.dot(a), offset.dot(b));
+      if (agree(discs_.surfel[j], discs_.surfel[disc])) cell.cut({offset.dot(a), offset.dot(b)});
     }
-    return voronoi_cell(flat, reach);
+    return cell.radius() <= reach / 2;
   }
 
-  int covering(const std::vector<std::uint32_t>& near, std::uint32_t k, const Vec3d& point) const {
+  int covering(const std::vector<Neighbor>& near, std::uint32_t k, const Vec3d& point) const {
     int count = 0;
-    for (const std::uint32_t j : near) {
+    for (const auto& [j, distance2] : near) {
       const std::uint32_t i = discs_.surfel[j];
       if (discs_.radius[j] == 0 || !agree(i, k)) continue;
       const Vec3d offset = point - discs_.position[j].cast<double>();
@@ -192,7 +193,7 @@ class CoverageProbe {
   const SurfelCloud& cloud_;
   const CloudStatisticsOptions& options_;
   const Discs& discs_;
-  const Neighbors& neighbors_;
+  const NeighborSearch& neighbors_;
   float largest_radius_ = 0;
 };
 
@@ -209,15 +210,17 @@ std::vector<std::size_t> sampled(std::size_t count, std::size_t samples, std::ui
   return picked;
 }
 
-void measure_spacing(const Discs& discs, const Neighbors& neighbors,
+void measure_spacing(const Discs& discs, const NeighborSearch& neighbors,
                      const std::vector<std::size_t>& queries, CloudStatistics& out) {
   if (discs.position.size() < 2) return;
   std::vector<double> distance(queries.size());
   parallel_for(queries.size(), kQueryGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<Neighbor> near;
     for (std::size_t q = begin; q < end; ++q) {
       const Vec3f& at = discs.position[queries[q]];
       double nearest = std::numeric_limits<double>::infinity();
-      for (const std::uint32_t j : neighbors.nearest(at, 2)) {
+      neighbors.nearest(at, 2, near);
+      for (const auto& [j, distance2] : near) {
         if (j != queries[q])
           nearest = std::min(nearest, (discs.position[j] - at).cast<double>().norm());
       }
@@ -230,7 +233,7 @@ void measure_spacing(const Discs& discs, const Neighbors& neighbors,
 }
 
 void measure_coverage(const SurfelCloud& cloud, const CloudStatisticsOptions& options,
-                      const Discs& discs, const Neighbors& neighbors,
+                      const Discs& discs, const NeighborSearch& neighbors,
                       const std::vector<std::size_t>& queries, CloudStatistics& out) {
   if (cloud.normal.empty() || !has_variance(cloud)) return;
   const CoverageProbe probe(cloud, options, discs, neighbors);
@@ -300,10 +303,10 @@ CloudStatistics cloud_statistics(const SurfelCloud& cloud, const CloudStatistics
       out.radius = distribution({discs.radius.begin(), discs.radius.end()});
   }
   if (discs.position.empty()) return out;
-  const Neighbors neighbors(discs.position);
+  const auto neighbors = make_neighbor_search(discs.position);
   const auto queries = sampled(discs.position.size(), options.samples, options.seed);
-  measure_spacing(discs, neighbors, queries, out);
-  measure_coverage(cloud, options, discs, neighbors, queries, out);
+  measure_spacing(discs, *neighbors, queries, out);
+  measure_coverage(cloud, options, discs, *neighbors, queries, out);
   return out;
 }
 

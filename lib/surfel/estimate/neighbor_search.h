@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// How neighbours are searched for. The approximate one stops early (FLANN's eps = 1): it returns
+/// as many, but may miss about 1 in 100 of the nearest.
+enum class SearchMethod : std::uint8_t { kFlann, kFlannApproximate };
+
+struct Neighbor {
+  std::uint32_t index;
+  float distance2;  ///< Squared distance to the query, unit^2.
+};
+
+/// Neighbour search among fixed points, ordered by ascending distance, equal distances by index;
+/// the same for any number of threads. Queries may run in parallel. A faster search of all points'
+/// neighbourhoods at once is to override for_each_*().
+class SURFEL_API NeighborSearch {
+ public:
+  /// What is done with the neighbourhood of point `i`; the span is valid during the call only.
+  using Body = FunctionRef<void(std::size_t i, std::span<const Neighbor> neighbors, int worker)>;
+
+  virtual ~NeighborSearch() = default;
+
+  virtual std::size_t size() const = 0;
+  /// The k points nearest to `query` (all, if there are fewer), a point at the query itself
+  /// included.
+  virtual void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const = 0;
+  /// Those within `radius` (inclusive), at most the `most` nearest.
+  virtual void within(const Vec3f& query, float radius, std::size_t most,
+                      std::vector<Neighbor>& out) const = 0;
+
+  /// Calls body in parallel with the k nearest (or all within `radius`) of every point, the point
+  /// itself included. Fastest where the points are in the order of a space-filling curve.
+  virtual void for_each_nearest(std::size_t k, Body body) const = 0;
+  virtual void for_each_within(float radius, std::size_t most, Body body) const = 0;
+};
+
+/// `points` are finite and outlive the search.
+SURFEL_API std::unique_ptr<NeighborSearch> make_neighbor_search(
+    const Array<Vec3f>& points, SearchMethod method = SearchMethod::kFlann);
+
+}  // namespace surfel

@@ -1,0 +1,301 @@
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/normals.h>
+
+namespace surfel {
+namespace {
+
+constexpr int kMostNeighbors = std::numeric_limits<std::uint16_t>::max();
+/// Neighbourhoods that are too thin grow up to this many points.
+constexpr std::size_t kMostExtended = 128;
+/// lambda_1 / lambda_2 below which a neighbourhood is thin: a fifth as wide as long.
+constexpr double kThinShare = 0.04;
+/// And below which it is a line: a thousandth as wide as long.
+constexpr double kLineShare = 1e-6;
+/// Half width of the adaptive size's confidence intervals, in standard errors. Larger values take
+/// noise away better and round edges off more: 1 to 2.4 were compared on plane, sphere, torus,
+/// cube.
+constexpr double kIntervalErrors = 1.8;
+/// Normals that differ by less, in radians, agree: they are floats.
+constexpr double kSameAngle = 1e-6;
+
+/// Sums from which the covariance follows.
+struct Moments {
+  double n = 0;
+  double x = 0, y = 0, z = 0;
+  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+
+  void add(const Vec3d& d) {
+    n += 1;
+    x += d.x(), y += d.y(), z += d.z();
+    xx += d.x() * d.x(), xy += d.x() * d.y(), xz += d.x() * d.z();
+    yy += d.y() * d.y(), yz += d.y() * d.z(), zz += d.z() * d.z();
+  }
+
+  Eigen::Matrix3d covariance() const {
+    const double cxy = xy - x * y / n;
+    const double cxz = xz - x * z / n;
+    const double cyz = yz - y * z / n;
+    Eigen::Matrix3d c;
+    c << xx - x * x / n, cxy, cxz, cxy, yy - y * y / n, cyz, cxz, cyz, zz - z * z / n;
+    return c / n;
+  }
+};
+
+/// The plane that fits a neighbourhood best.
+struct Plane {
+  Vec3d normal;  ///< Unit length.
+  Vec3d lambda;  ///< Variances of the points along the principal axes, ascending, >= 0.
+  double n;      ///< Points.
+
+  bool thin() const { return lambda[1] < kThinShare * lambda[2]; }
+  double variation() const { return lambda[0] / lambda.sum(); }
+  /// Variance of the points' distances from the plane; a plane has three parameters.
+  double noise() const {
+    return n > 3 ? lambda[0] * n / (n - 3) : std::numeric_limits<double>::infinity();
+  }
+  /// Standard error of the normal, in radians, where the distances have the variance `noise`;
+  /// infinite where any normal is as good.
+  double error(double noise) const {
+    const double gap_1 = lambda[1] - lambda[0];
+    const double gap_2 = lambda[2] - lambda[0];
+    if (!(gap_1 > 0)) return std::numeric_limits<double>::infinity();
+    return std::sqrt(noise / n * (lambda[1] / (gap_1 * gap_1) + lambda[2] / (gap_2 * gap_2)));
+  }
+};
+
+/// The points are not all at one place.
+Plane fit_plane(const Moments& moments) {
+  const Eigen::Matrix3d c = moments.covariance();
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  // The closed form is several times faster, but loses half of the digits where eigenvalues come
+  // close. The residual bounds its error, in radians times the gap; the Rayleigh quotient has twice
+  // as many digits as the vector.
+  solver.computeDirect(c);
+  Vec3d normal = solver.eigenvectors().col(0);
+  double lowest = normal.dot(c * normal);
+  const double residual = (c * normal - lowest * normal).norm();
+  if (!(residual <= 1e-9 * (solver.eigenvalues()[1] - lowest))) {
+    solver.compute(c);
+    normal = solver.eigenvectors().col(0);
+    lowest = solver.eigenvalues()[0];
+  }
+  const Vec3d lambda(lowest, solver.eigenvalues()[1], solver.eigenvalues()[2]);
+  return {normal, lambda.cwiseMax(0), moments.n};
+}
+
+/// What a neighbourhood gave.
+struct Result {
+  PointFlag flag = PointFlag::kTooFew;
+  std::size_t neighbors = 0;
+  Plane plane{};  ///< Set if the flag is kGood or kThin.
+};
+
+/// Estimates one point after the other.
+class Estimator {
+ public:
+  Estimator(const Array<Vec3f>& points, const NeighborSearch& search, const NormalOptions& options)
+      : points_(points), search_(search), adaptive_(options.adaptive) {
+    // In steps of sqrt(2); the last one is k_max.
+    if (!adaptive_) return;
+    const auto most = static_cast<std::size_t>(options.k_max);
+    for (double k = options.k_min; k < options.k_max; k *= std::sqrt(2.0)) {
+      sizes_.push_back(static_cast<std::size_t>(std::lround(k)));
+    }
+    while (!sizes_.empty() && sizes_.back() >= most) sizes_.pop_back();
+    sizes_.push_back(most);
+  }
+
+  Result estimate(std::size_t i, std::span<const Neighbor> neighbors) const {
+    return adaptive_ ? of_best_size(i, neighbors) : of_all(i, neighbors);
+  }
+
+  /// Whether more neighbours may help; not if all points are neighbours already.
+  bool extensible(const Result& result, std::size_t found) const {
+    return result.flag != PointFlag::kGood && found < std::min(kMostExtended, points_.size());
+  }
+
+  /// With twice as many neighbours as were `found`, four times ..., until they are not thin.
+  Result extended(std::size_t i, std::size_t found, std::vector<Neighbor>& scratch) const {
+    Result result;
+    do {
+      search_.nearest(points_[i], std::min(2 * found, kMostExtended), scratch);
+      found = scratch.size();
+      result = of_all(i, scratch);
+    } while (extensible(result, found));
+    return result;
+  }
+
+ private:
+  Vec3d offset(std::size_t i, const Neighbor& neighbor) const {
+    return points_[neighbor.index].cast<double>() - points_[i].cast<double>();
+  }
+
+  Result of_all(std::size_t i, std::span<const Neighbor> neighbors) const {
+    Moments moments;
+    for (const Neighbor& neighbor : neighbors) moments.add(offset(i, neighbor));
+    return classified(i, moments);
+  }
+
+  Result classified(std::size_t i, const Moments& moments) const {
+    Result result;
+    result.neighbors = static_cast<std::size_t>(moments.n);
+    if (moments.n < 3) return result;
+    // Extents below the rounding of the coordinates are not the points' own.
+    const double rounding = 0x1p-24 * static_cast<double>(points_[i].cwiseAbs().maxCoeff());
+    const double least = rounding * rounding;
+    if (!(moments.covariance().trace() > least)) {
+      result.flag = PointFlag::kCoincident;
+      return result;
+    }
+    result.plane = fit_plane(moments);
+    const Vec3d& lambda = result.plane.lambda;
+    if (!(lambda[1] > std::max(least, kLineShare * lambda[2]))) {
+      result.flag = PointFlag::kCollinear;
+    } else {
+      result.flag = result.plane.thin() ? PointFlag::kThin : PointFlag::kGood;
+    }
+    return result;
+  }
+
+  /// Intersection of confidence intervals; neighbourhoods that are thin are passed over. Neighbours
+  /// come by ascending distance, so that each size is a continuation of the one before.
+  Result of_best_size(std::size_t i, std::span<const Neighbor> neighbors) const {
+    struct Candidate {
+      Vec3d normal;
+      double error;
+    };
+    constexpr std::size_t kMostSizes = 40;  // sqrt(2)^40 > 65535.
+    std::array<Candidate, kMostSizes> smaller;
+    std::size_t count = 0;
+    double noise = std::numeric_limits<double>::infinity();
+    Result best;
+    Moments moments;
+    std::size_t added = 0;
+    for (const std::size_t size : sizes_) {
+      for (; added < std::min(size, neighbors.size()); ++added) {
+        moments.add(offset(i, neighbors[added]));
+      }
+      const Result result = classified(i, moments);
+      if (result.flag == PointFlag::kGood) {
+        // What a larger neighbourhood adds to the distances is curvature and edges, not noise.
+        noise = std::min(noise, result.plane.noise());
+        const Candidate candidate{result.plane.normal, result.plane.error(noise)};
+        const bool agrees = std::all_of(
+            smaller.begin(), smaller.begin() + static_cast<std::ptrdiff_t>(count),
+            [&](const Candidate& other) {
+              const double sine = candidate.normal.cross(other.normal).norm();
+              return sine <= kIntervalErrors * (candidate.error + other.error) + kSameAngle;
+            });
+        if (!agrees) break;
+        smaller[count++] = candidate;
+      }
+      if (result.flag == PointFlag::kGood || count == 0) best = result;
+      if (added == neighbors.size()) break;
+    }
+    return best;
+  }
+
+  const Array<Vec3f>& points_;
+  const NeighborSearch& search_;
+  bool adaptive_;
+  std::vector<std::size_t> sizes_;  ///< Ascending.
+};
+
+/// The side is nobody's choice here, but the same on every machine.
+Vec3f with_fixed_side(const Vec3d& normal) {
+  Eigen::Index largest = 0;
+  normal.cwiseAbs().maxCoeff(&largest);
+  return (normal[largest] < 0 ? Vec3d(-normal) : normal).cast<float>();
+}
+
+void store(const Result& result, std::size_t i, NormalEstimate& out) {
+  out.flag[i] = result.flag;
+  out.neighbors[i] = static_cast<std::uint16_t>(result.neighbors);
+  out.normal[i] = Vec3f(0, 0, 0);
+  out.curvature[i] = 0;
+  out.confidence[i] = 0;
+  if (result.flag != PointFlag::kGood && result.flag != PointFlag::kThin) return;
+  const Plane& plane = result.plane;
+  out.normal[i] = with_fixed_side(plane.normal);
+  out.curvature[i] = static_cast<float>(plane.variation());
+  out.confidence[i] = static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise())));
+}
+
+std::string out_of_range(const char* name, int value, int least, int most) {
+  return std::string(name) + " is " + std::to_string(value) + "; it must be " +
+         std::to_string(least) + " to " + std::to_string(most);
+}
+
+}  // namespace
+
+std::vector<std::string> NormalOptions::problems() const {
+  std::vector<std::string> out;
+  if (k < 3 || k > kMostNeighbors) out.push_back(out_of_range("k", k, 3, kMostNeighbors));
+  if (k_max < 4 || k_max > kMostNeighbors) {
+    out.push_back(out_of_range("k_max", k_max, 4, kMostNeighbors));
+  } else if (k_min < 4 || k_min > k_max) {
+    out.push_back(out_of_range("k_min", k_min, 4, k_max));
+  }
+  if (!(radius >= 0) || !std::isfinite(radius)) {
+    out.push_back("radius is " + std::to_string(radius) + "; it must be above 0, or 0 for none");
+  }
+  if (adaptive && radius > 0) {
+    out.emplace_back("radius and an adaptive number of neighbours exclude each other");
+  }
+  return out;
+}
+
+NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch& search,
+                                const NormalOptions& options) {
+  if (const auto problems = options.problems(); !problems.empty()) throw_usage(problems.front());
+  const std::size_t n = points.size();
+  if (search.size() != n) {
+    throw_usage("the neighbour search has " + std::to_string(search.size()) +
+                " points, the cloud " + std::to_string(n));
+  }
+  NormalEstimate out;
+  out.normal.resize(n);
+  out.curvature.resize(n);
+  out.confidence.resize(n);
+  out.flag.resize(n);
+  out.neighbors.resize(n);
+
+  struct alignas(64) Worker {
+    std::vector<Neighbor> scratch;
+    std::array<std::size_t, kPointFlags> flagged{};
+    std::size_t extended = 0;
+  };
+  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  const Estimator estimator(points, search, options);
+  const bool by_radius = options.radius > 0;
+  const auto body = [&](std::size_t i, std::span<const Neighbor> neighbors, int worker) {
+    Worker& w = workers[static_cast<std::size_t>(worker)];
+    Result result = estimator.estimate(i, neighbors);
+    if (!by_radius && estimator.extensible(result, neighbors.size())) {
+      result = estimator.extended(i, neighbors.size(), w.scratch);
+      ++w.extended;
+    }
+    store(result, i, out);
+    ++w.flagged[static_cast<std::size_t>(result.flag)];
+  };
+  if (by_radius) {
+    search.for_each_within(static_cast<float>(options.radius), kMostNeighbors, body);
+  } else {
+    search.for_each_nearest(static_cast<std::size_t>(options.adaptive ? options.k_max : options.k),
+                            body);
+  }
+  for (const Worker& w : workers) {
+    for (std::size_t f = 0; f < kPointFlags; ++f) out.flagged[f] += w.flagged[f];
+    out.extended += w.extended;
+  }
+  return out;
+}
+
+}  // namespace surfel

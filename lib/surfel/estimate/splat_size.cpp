@@ -1,0 +1,327 @@
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/splat_size.h>
+#include <surfel/estimate/voronoi_cell.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1024;
+/// Points that surround one in a regular pattern: SS01's small neighbourhood.
+constexpr std::size_t kSmallNeighborhood = 6;
+/// The local spacing is the mean distance to that many.
+constexpr std::size_t kSpacingNeighbors = 4;
+/// Neighbourhoods are doubled up to this many times `neighbors` where a cell stays open.
+constexpr std::size_t kMostDoublings = 3;
+/// Where an open cell ends, in local spacings.
+constexpr double kBorderReach = 0.75;
+/// Up to here the surface surely goes on, in local spacings.
+constexpr double kSureReach = 1.15;
+/// Voids whose middle is further away than this are holes of the surface, in local spacings. (The
+/// middle between scan lines 10 times as far apart as their points is 3.3 of them away.)
+constexpr double kVoidReach = 4;
+/// A point is alone whose spacing is that many times its neighbours'.
+constexpr double kAloneFactor = 3;
+/// Ellipses are no longer than this, so that two points on a line do not make a needle.
+constexpr double kMostElongated = 16;
+/// Ellipses are used for the whole cloud where this share of the cells is elongated.
+constexpr double kElongatedShare = 0.1;
+
+enum class CellKind : std::uint8_t { kClosed, kBorder, kAlone };
+
+/// Tangent plane (a, b) and normal n, orthonormal.
+struct Frame {
+  Vec3d a, b, n;
+};
+
+/// What is left of a point's cell.
+struct Shape {
+  Eigen::Matrix2d moments;  ///< Of the cell, per area^2 (so without unit).
+  double radius = 0;        ///< Of the disc that holds the cell.
+  double stretch2 = 0;      ///< Largest corner^T moments^-1 corner: the ellipse that holds it.
+  double elongation = 1;    ///< Long by short side.
+};
+
+class Sizer {
+ public:
+  Sizer(const Array<Vec3f>& position, const Array<Vec3f>& normal, bool oriented,
+        const NeighborSearch& search, const SplatSizeOptions& options)
+      : position_(position),
+        normal_(normal),
+        oriented_(oriented),
+        search_(search),
+        options_(options),
+        workers_(static_cast<std::size_t>(thread_count())) {
+    const std::size_t count = position.size();
+    spacing_.resize(count);
+    kind_.resize(count);
+    out_.variance.resize(count);
+    out_.area.resize(count);
+    if (options.rule == VarianceRule::kCover && options.anisotropy != Anisotropy::kOff) {
+      out_.tangent.resize(count);
+      out_.variance_u.resize(count);
+      out_.variance_v.resize(count);
+    }
+  }
+
+  SplatSizes run() {
+    search_.for_each_nearest(static_cast<std::size_t>(options_.neighbors),
+                             [&](std::size_t i, std::span<const Neighbor> near, int worker) {
+                               size_point(i, near, workers_[static_cast<std::size_t>(worker)]);
+                             });
+    limit_lonely();
+    for (const CellKind kind : kind_) out_.border += kind != CellKind::kClosed ? 1 : 0;
+    if (!out_.tangent.empty() && !worth_ellipses()) {
+      out_.tangent = {};
+      out_.variance_u = {};
+      out_.variance_v = {};
+    }
+    return std::move(out_);
+  }
+
+ private:
+  struct Worker {
+    VoronoiCell cell;
+    std::vector<Vec2d> flat;  ///< Neighbours on the surface, in the tangent plane.
+    std::vector<Neighbor> more;
+  };
+
+  /// Does point j bound the cell of point i? Not what faces the other way, nor what lies further
+  /// from the tangent plane than along it: other sheets, and what is behind an edge.
+  bool neighbors_on_surface(std::size_t i, std::size_t j, double height, const Vec2d& flat) const {
+    if (oriented_ && normal_[i].dot(normal_[j]) < 0) return false;
+    return height * height <= flat.squaredNorm();
+  }
+
+  void size_point(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
+    std::size_t coincident = 0;
+    while (coincident < near.size() && near[coincident].distance2 == 0) ++coincident;
+    // Enough others to tell the spacing, and a cell that those further away cannot cut.
+    const bool known = !normal_[i].isZero(0);
+    const Vec3d n = known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ());
+    const Frame frame{n.unitOrthogonal(), n.cross(n.unitOrthogonal()), n};
+    double reach = 0;
+    for (std::size_t k = near.size(), doublings = 0;; ++doublings) {
+      const bool usable = known && near.size() >= coincident + 2;
+      reach = std::sqrt(static_cast<double>(near.back().distance2));
+      if (usable) cut_cell(i, near, frame, worker);
+      const bool settled = usable && !open_corner(reach, spacing(near, coincident), worker);
+      if (settled || doublings == kMostDoublings || k >= search_.size()) break;
+      k *= 2;
+      search_.nearest(position_[i], k, worker.more);
+      near = worker.more;
+      while (coincident < near.size() && near[coincident].distance2 == 0) ++coincident;
+    }
+    spacing_[i] = static_cast<float>(spacing(near, coincident));
+    if (!known || near.size() < coincident + 2) {
+      kind_[i] = CellKind::kBorder;
+      store_unknown(i, spacing_[i]);
+      return;
+    }
+    const bool open = close_at_border(reach, spacing_[i], worker);
+    kind_[i] = open ? CellKind::kBorder : CellKind::kClosed;
+    const auto shared = static_cast<double>(std::max<std::size_t>(coincident, 1));
+    out_.area[i] = static_cast<float>(worker.cell.area() / shared);
+    if (options_.rule == VarianceRule::kMaxDistance) {
+      const std::size_t last = std::min(near.size(), coincident + kSmallNeighborhood) - 1;
+      out_.variance[i] = near[last].distance2;
+    } else {
+      store_cover(i, shape_of(worker.cell), frame);
+    }
+  }
+
+  /// Cuts the cell of point i out of its tangent plane.
+  void cut_cell(std::size_t i, std::span<const Neighbor> near, const Frame& frame,
+                Worker& worker) const {
+    worker.cell.reset(std::sqrt(static_cast<double>(near.back().distance2)));
+    worker.flat.clear();
+    double radius = worker.cell.radius();
+    for (const Neighbor& neighbor : near) {
+      const Vec3d offset = (position_[neighbor.index] - position_[i]).cast<double>();
+      const Vec2d flat(offset.dot(frame.a), offset.dot(frame.b));
+      if (!neighbors_on_surface(i, neighbor.index, offset.dot(frame.n), flat)) continue;
+      worker.flat.push_back(flat);
+      // Bisectors beyond the cell's furthest corner cut nothing.
+      if (flat.squaredNorm() > 4 * radius * radius) continue;
+      worker.cell.cut(flat);
+      radius = worker.cell.radius();
+    }
+  }
+
+  static double spacing(std::span<const Neighbor> near, std::size_t coincident) {
+    const std::size_t end = std::min(near.size(), coincident + kSpacingNeighbors);
+    if (end <= coincident) return 0;
+    double sum = 0;
+    for (std::size_t k = coincident; k < end; ++k) {
+      sum += std::sqrt(static_cast<double>(near[k].distance2));
+    }
+    return sum / static_cast<double>(end - coincident);
+  }
+
+  /// Does the surface go on at a corner of the cell? It does if the void around the corner is not
+  /// too large and has points behind it, within 30 degrees, so that those along a border do not
+  /// count. Neighbours are known as far as `reach`.
+  static bool on_surface(const Vec2d& corner, double reach, double spacing,
+                         const std::vector<Vec2d>& flat) {
+    constexpr double kCosine2 = 0.75;
+    const double distance2 = corner.squaredNorm();
+    const double distance = std::sqrt(distance2);
+    if (distance <= kSureReach * spacing) return true;
+    if (distance > std::min(reach / 2, kVoidReach * spacing)) return false;
+    return std::any_of(flat.begin(), flat.end(), [&](const Vec2d& p) {
+      const double along = p.dot(corner);
+      return along >= distance2 && along * along >= kCosine2 * distance2 * p.squaredNorm();
+    });
+  }
+
+  /// The furthest corner where the surface does not go on.
+  static std::optional<Vec2d> open_corner(double reach, double spacing, const Worker& worker) {
+    std::optional<Vec2d> furthest;
+    for (const Vec2d& corner : worker.cell.corners()) {
+      if (on_surface(corner, reach, spacing, worker.flat)) continue;
+      if (!furthest || corner.squaredNorm() > furthest->squaredNorm()) furthest = corner;
+    }
+    return furthest;
+  }
+
+  /// Ends the cell in every direction in which it is open. Was there one?
+  static bool close_at_border(double reach, double spacing, Worker& worker) {
+    constexpr int kMostCuts = 32;
+    int cuts = 0;
+    for (; cuts < kMostCuts; ++cuts) {
+      const std::optional<Vec2d> corner = open_corner(reach, spacing, worker);
+      if (!corner) break;
+      worker.cell.cut(2 * kBorderReach * spacing * corner->normalized());
+    }
+    return cuts > 0;
+  }
+
+  Shape shape_of(const VoronoiCell& cell) const {
+    Shape shape;
+    shape.radius = cell.radius() * options_.margin;
+    const double area = cell.area();
+    shape.moments = cell.moments() / (area * area);
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(shape.moments);
+    Eigen::Vector2d values = eigen.eigenvalues();
+    values[0] = std::max(values[0], values[1] / (kMostElongated * kMostElongated));
+    shape.moments = eigen.eigenvectors() * values.asDiagonal() * eigen.eigenvectors().transpose();
+    shape.elongation = std::sqrt(values[1] / values[0]);
+    const Eigen::Matrix2d inverse = shape.moments.inverse();
+    for (const Vec2d& corner : cell.corners()) {
+      shape.stretch2 = std::max(shape.stretch2, corner.dot(inverse * corner));
+    }
+    shape.stretch2 *= options_.margin * options_.margin;
+    return shape;
+  }
+
+  void store_cover(std::size_t i, const Shape& shape, const Frame& frame) {
+    const double two_c = 2 * options_.cutoff;
+    out_.variance[i] = static_cast<float>(shape.radius * shape.radius / two_c);
+    if (out_.tangent.empty()) return;
+    const Eigen::Matrix2d V = shape.moments * (shape.stretch2 / two_c);
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(V);
+    const Vec2d axis = eigen.eigenvectors().col(1);
+    Vec3d tangent = axis.x() * frame.a + axis.y() * frame.b;
+    // One of the two directions of the axis, whatever the solver took.
+    int largest = 0;
+    tangent.cwiseAbs().maxCoeff(&largest);
+    if (tangent[largest] < 0) tangent = -tangent;
+    out_.tangent[i] = tangent.normalized().cast<float>();
+    out_.variance_u[i] = static_cast<float>(eigen.eigenvalues()[1]);
+    out_.variance_v[i] = static_cast<float>(std::max(eigen.eigenvalues()[0], 0.0));
+  }
+
+  /// Without a tangent plane there is no cell: a disc of the border's reach.
+  void store_unknown(std::size_t i, double spacing) {
+    const double radius = kBorderReach * spacing;
+    const auto variance = static_cast<float>(radius * radius / (2 * options_.cutoff));
+    out_.variance[i] = variance;
+    out_.area[i] = static_cast<float>(spacing * spacing);
+    if (out_.tangent.empty()) return;
+    const Vec3f n = normal_[i].isZero(0) ? Vec3f(0, 0, 1) : normal_[i];
+    out_.tangent[i] = n.unitOrthogonal();
+    out_.variance_u[i] = variance;
+    out_.variance_v[i] = variance;
+  }
+
+  /// Cuts the splats of points that are far from all others to their neighbours' spacing.
+  void limit_lonely() {
+    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
+      std::vector<Neighbor>& near = workers_[static_cast<std::size_t>(w)].more;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (kind_[i] == CellKind::kClosed) continue;
+        search_.nearest(position_[i], static_cast<std::size_t>(options_.neighbors), near);
+        float others = 0;
+        for (const Neighbor& neighbor : near) {
+          if (neighbor.index != i) others = std::max(others, spacing_[neighbor.index]);
+        }
+        const double most = kAloneFactor * others;
+        if (!(others > 0) || spacing_[i] <= most) continue;
+        const double scale = most / spacing_[i];
+        const auto scale2 = static_cast<float>(scale * scale);
+        out_.variance[i] *= scale2;
+        out_.area[i] *= scale2;
+        if (!out_.tangent.empty()) {
+          out_.variance_u[i] *= scale2;
+          out_.variance_v[i] *= scale2;
+        }
+        kind_[i] = CellKind::kAlone;
+      }
+    });
+    for (const CellKind kind : kind_) out_.capped += kind == CellKind::kAlone ? 1 : 0;
+  }
+
+  bool worth_ellipses() const {
+    if (options_.anisotropy == Anisotropy::kOn) return true;
+    const auto ratio2 = static_cast<float>(options_.anisotropy_ratio * options_.anisotropy_ratio);
+    std::size_t elongated = 0;
+    for (std::size_t i = 0; i < position_.size(); ++i) {
+      if (kind_[i] == CellKind::kClosed && out_.variance_u[i] > ratio2 * out_.variance_v[i]) {
+        ++elongated;
+      }
+    }
+    return static_cast<double>(elongated) > kElongatedShare * static_cast<double>(position_.size());
+  }
+
+  const Array<Vec3f>& position_;
+  const Array<Vec3f>& normal_;
+  bool oriented_;
+  const NeighborSearch& search_;
+  const SplatSizeOptions& options_;
+  std::vector<Worker> workers_;
+  Array<float> spacing_;
+  Array<CellKind> kind_;
+  SplatSizes out_;
+};
+
+}  // namespace
+
+std::vector<std::string> SplatSizeOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](bool ok, const std::string& message) {
+    if (!ok) found.push_back(message);
+  };
+  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+  check(neighbors >= 4 && neighbors <= 1024,
+        fmt::format("neighbors is {}; it must be in 4..1024", neighbors));
+  check(anisotropy_ratio > 1 && anisotropy_ratio <= 100,
+        fmt::format("anisotropy-ratio is {}; it must be in (1, 100]", anisotropy_ratio));
+  check(margin >= 1 && margin <= 4, fmt::format("margin is {}; it must be in 1..4", margin));
+  return found;
+}
+
+SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                                bool oriented, const NeighborSearch& search,
+                                const SplatSizeOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  return Sizer(position, normal, oriented, search, options).run();
+}
+
+}  // namespace surfel

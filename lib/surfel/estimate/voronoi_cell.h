@@ -1,0 +1,37 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Voronoi cell of the origin of a plane: cut out of a square by the bisector of one neighbour
+/// after another. Keeps its memory, so that many cells cost no allocations.
+class SURFEL_API VoronoiCell {
+ public:
+  /// Starts anew with the square |x|, |y| <= half_side, > 0.
+  void reset(double half_side);
+  /// Keeps what is no further from the origin than from `neighbor` (Sutherland and Hodgman 1974). A
+  /// neighbour at the origin is ignored.
+  void cut(const Vec2d& neighbor);
+
+  /// Counter-clockwise.
+  std::span<const Vec2d> corners() const { return corners_; }
+  /// Distance of the furthest corner. Where all neighbours up to a distance d are known and cut,
+  /// the cell is final if this is d / 2 at most: one further away cannot reach it.
+  double radius() const;
+  double area() const;
+  /// Integral of x x^T over the cell: second moments about the origin.
+  Eigen::Matrix2d moments() const;
+  /// Point of the cell for (s, t) in [0, 1)^2, uniform by area.
+  Vec2d point(double s, double t) const;
+
+ private:
+  std::vector<Vec2d> corners_;
+  std::vector<Vec2d> other_;
+};
+
+}  // namespace surfel

@@ -1,0 +1,211 @@
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <tuple>
+
+#include <gtest/gtest.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/estimate/neighbor_search.h>
+
+namespace surfel {
+namespace {
+
+using Points = Array<Vec3f>;
+
+float uniform(std::size_t i, std::uint64_t dimension) {
+  return static_cast<float>(random_uniform(7, i, dimension));
+}
+
+Points random_points(std::size_t count, float scale = 1, const Vec3f& shift = {0, 0, 0}) {
+  Points p;
+  for (std::size_t i = 0; i < count; ++i) {
+    p.push_back(shift + scale * Vec3f(uniform(i, 0), uniform(i, 1), uniform(i, 2)));
+  }
+  return p;
+}
+
+/// Shuffled, so that indices and places have nothing to do with each other. Most distances have
+/// many ties.
+Points grid_points(int side) {
+  Points p;
+  for (int i = 0; i < side * side * side; ++i) {
+    p.emplace_back(static_cast<float>(i % side), static_cast<float>(i / side % side),
+                   static_cast<float>(i / side / side));
+  }
+  for (std::size_t i = p.size() - 1; i > 0; --i) std::swap(p[i], p[random_bits(3, i) % (i + 1)]);
+  return p;
+}
+
+/// A few tight clusters far from each other, with points that coincide.
+Points clustered_points(std::size_t count) {
+  Points p;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t cluster = random_bits(5, i) % 5;
+    const std::size_t twin = random_bits(6, i) % 4 == 0 ? i / 8 * 8 : i;
+    p.push_back(Vec3f(uniform(twin, 0), uniform(twin, 1), uniform(twin, 2)) * 1e-3F +
+                Vec3f::Constant(static_cast<float>(cluster * cluster)));
+  }
+  return p;
+}
+
+std::vector<Neighbor> brute_force(const Points& points, const Vec3f& query, float limit2,
+                                  std::size_t most) {
+  std::vector<Neighbor> all;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const float distance2 = (points[i] - query).squaredNorm();
+    if (distance2 <= limit2) all.push_back({static_cast<std::uint32_t>(i), distance2});
+  }
+  std::sort(all.begin(), all.end(), [](const Neighbor& a, const Neighbor& b) {
+    return std::tie(a.distance2, a.index) < std::tie(b.distance2, b.index);
+  });
+  all.resize(std::min(all.size(), most));
+  return all;
+}
+
+constexpr float kNoLimit = std::numeric_limits<float>::infinity();
+
+bool same(std::span<const Neighbor> a, std::span<const Neighbor> b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const auto& x, const auto& y) {
+    return x.index == y.index && x.distance2 == y.distance2;
+  });
+}
+
+void expect_same_as_brute_force(const Points& points, float radius) {
+  const auto search = make_neighbor_search(points);
+  ASSERT_EQ(search->size(), points.size());
+  std::vector<Neighbor> found;
+  for (std::size_t q = 0; q < 60; ++q) {
+    // At points and between them.
+    Vec3f query = points[random_bits(11, q) % points.size()];
+    if (q % 3 == 0) query += radius * Vec3f(uniform(q, 4), uniform(q, 5), -uniform(q, 6));
+    for (const std::size_t k : {1, 2, 7, 16, 100, 300}) {
+      search->nearest(query, k, found);
+      ASSERT_TRUE(same(found, brute_force(points, query, kNoLimit, k))) << q << ", k = " << k;
+    }
+    for (const std::size_t most : {std::size_t{5}, std::size_t{200}, points.size() + 1}) {
+      search->within(query, radius, most, found);
+      ASSERT_TRUE(same(found, brute_force(points, query, radius * radius, most))) << q;
+    }
+  }
+}
+
+TEST(NeighborSearch, SameAsBruteForceOnRandomPoints) {
+  for (const float scale : {1e-6F, 1.0F, 1e6F}) {
+    expect_same_as_brute_force(random_points(3000, scale), 0.2F * scale);
+  }
+  expect_same_as_brute_force(random_points(3000, 1, Vec3f(1e4F, -1e4F, 1e4F)), 0.1F);
+}
+
+TEST(NeighborSearch, EqualDistancesAreOrderedByIndex) {
+  expect_same_as_brute_force(grid_points(14), 2);
+}
+
+TEST(NeighborSearch, SameAsBruteForceInClusters) {
+  expect_same_as_brute_force(clustered_points(3000), 3e-4F);
+}
+
+TEST(NeighborSearch, SameAsBruteForceOnALineOfGrowingGaps) {
+  Points p;  // A tree over it is as deep as they get.
+  for (int i = 0; i < 120; ++i) p.emplace_back(std::ldexp(1.0F, i - 60), 0.0F, 0.0F);
+  expect_same_as_brute_force(p, 3);
+}
+
+TEST(NeighborSearch, RadiusIsInclusive) {
+  const Points points = {{0, 0, 0}, {3, 4, 0}, {0, 5, 0}, {5.000001F, 0, 0}};
+  std::vector<Neighbor> found;
+  make_neighbor_search(points)->within(points[0], 5, 10, found);
+  ASSERT_EQ(found.size(), 3U);
+  EXPECT_EQ(found[1].index, 1U);
+  EXPECT_EQ(found[2].index, 2U);
+  EXPECT_EQ(found[2].distance2, 25.0F);
+}
+
+TEST(NeighborSearch, FewPointsAndNone) {
+  std::vector<Neighbor> found(3);
+  const Points none;
+  const auto empty = make_neighbor_search(none);
+  EXPECT_EQ(empty->size(), 0U);
+  empty->nearest({0, 0, 0}, 5, found);
+  EXPECT_TRUE(found.empty());
+  empty->for_each_nearest(5, [](std::size_t, std::span<const Neighbor>, int) { FAIL(); });
+
+  const Points one = {{1, 2, 3}};
+  const auto single = make_neighbor_search(one);
+  single->nearest({1, 2, 5}, 5, found);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].distance2, 4.0F);
+  single->within({1, 2, 5}, 1, 5, found);
+  EXPECT_TRUE(found.empty());
+  single->nearest({1, 2, 5}, 0, found);
+  EXPECT_TRUE(found.empty());
+
+  const Points points = random_points(10);
+  make_neighbor_search(points)->nearest(points[0], 1000, found);
+  EXPECT_TRUE(same(found, brute_force(points, points[0], kNoLimit, 1000)));
+}
+
+TEST(NeighborSearch, CoincidentPointsAreFoundByIndexInLinearTime) {
+  Points points;
+  points.assign(100000, Vec3f(1, 2, 3));
+  points.emplace_back(1.0F, 2.0F, 3.5F);
+  const auto search = make_neighbor_search(points);
+  std::atomic<std::size_t> right = 0;
+  search->for_each_nearest(16, [&](std::size_t i, std::span<const Neighbor> found, int) {
+    const bool apart = i + 1 == points.size();
+    bool good = found.size() == 16;
+    for (std::uint32_t j = 0; good && j < 16; ++j) {
+      const std::uint32_t expected = !apart ? j : j == 0 ? 100000 : j - 1;
+      good = found[j].index == expected && found[j].distance2 == (!apart || j == 0 ? 0 : 0.25F);
+    }
+    right += good ? 1 : 0;
+  });
+  EXPECT_EQ(right, points.size());
+}
+
+TEST(NeighborSearch, AllPointsNeighborhoodsForAnyNumberOfThreads) {
+  Points points = random_points(2500);
+  const Points grid = grid_points(8);
+  for (const Vec3f& p : grid) points.push_back(p / 8);
+  const auto search = make_neighbor_search(points);
+  for (const int threads : {1, 2, 5}) {
+    set_thread_count(threads);
+    std::vector<std::vector<Neighbor>> nearest(points.size());
+    std::vector<std::vector<Neighbor>> within(points.size());
+    search->for_each_nearest(12, [&](std::size_t i, std::span<const Neighbor> found, int worker) {
+      EXPECT_LT(worker, threads);
+      EXPECT_TRUE(nearest[i].empty());
+      nearest[i].assign(found.begin(), found.end());
+    });
+    search->for_each_within(0.1F, 20, [&](std::size_t i, std::span<const Neighbor> found, int) {
+      within[i].assign(found.begin(), found.end());
+    });
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      ASSERT_TRUE(same(nearest[i], brute_force(points, points[i], kNoLimit, 12))) << i;
+      ASSERT_TRUE(same(within[i], brute_force(points, points[i], 0.1F * 0.1F, 20))) << i;
+    }
+  }
+  set_thread_count(0);
+}
+
+TEST(NeighborSearch, ApproximateFindsMostOfTheNearest) {
+  const Points points = random_points(20000);
+  const auto exact = make_neighbor_search(points);
+  const auto approximate = make_neighbor_search(points, SearchMethod::kFlannApproximate);
+  std::vector<Neighbor> a;
+  std::vector<Neighbor> b;
+  std::size_t hits = 0;
+  for (std::size_t i = 0; i < 2000; ++i) {
+    exact->nearest(points[i], 16, a);
+    approximate->nearest(points[i], 16, b);
+    ASSERT_EQ(b.size(), 16U);
+    for (const Neighbor& n : a) {
+      hits += std::any_of(b.begin(), b.end(), [&](const auto& m) { return m.index == n.index; });
+    }
+  }
+  EXPECT_GT(hits, 2000U * 16U * 96 / 100);
+}
+
+}  // namespace
+}  // namespace surfel

@@ -1,0 +1,221 @@
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/estimate/splat_size.h>
+
+namespace surfel {
+namespace {
+
+struct Points {
+  Array<Vec3f> position;
+  Array<Vec3f> normal;
+  void add(double x, double y, double z = 0, const Vec3f& n = {0, 0, 1}) {
+    position.push_back(Vec3d(x, y, z).cast<float>());
+    normal.push_back(n);
+  }
+};
+
+/// n x n points over the unit square, rows `aspect` times as far apart as columns.
+Points grid(int n, double jitter, double aspect = 1) {
+  Points out;
+  const double h = 1.0 / n;
+  const int rows = static_cast<int>(n / aspect);
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < n; ++i) {
+      const auto k = static_cast<std::uint64_t>(j) * n + i;
+      const double du = (2 * random_uniform(1, k, 0) - 1) * jitter;
+      const double dv = (2 * random_uniform(1, k, 1) - 1) * jitter;
+      out.add((i + 0.5 + du) * h, (j + 0.5 + dv) * h * aspect);
+    }
+  }
+  return out;
+}
+
+SplatSizes sizes_of(const Points& points, const SplatSizeOptions& options = {}) {
+  const auto search = make_neighbor_search(points.position);
+  return estimate_splat_sizes(points.position, points.normal, true, *search, options);
+}
+
+/// Mean number of discs or ellipses (beta < cutoff) over random places of the square's interior;
+/// -1 if one is not covered.
+double overlap(const Points& points, const SplatSizes& sizes, double cutoff, double border) {
+  const auto search = make_neighbor_search(points.position);
+  double reach = 0;
+  for (std::size_t i = 0; i < points.position.size(); ++i) {
+    const float longest = sizes.tangent.empty() ? sizes.variance[i] : sizes.variance_u[i];
+    reach = std::max(reach, std::sqrt(2 * cutoff * longest));
+  }
+  std::vector<Neighbor> near;
+  double sum = 0;
+  constexpr int kPlaces = 20000;
+  for (int s = 0; s < kPlaces; ++s) {
+    const auto at = [&](int d) {
+      return static_cast<float>(border + (1 - 2 * border) * random_uniform(7, s, d));
+    };
+    const Vec3f place(at(0), at(1), 0);
+    search->within(place, static_cast<float>(reach), points.position.size(), near);
+    int discs = 0;
+    for (const Neighbor& neighbor : near) {
+      const std::size_t i = neighbor.index;
+      const Vec3f offset = place - points.position[i];
+      double beta = offset.squaredNorm() / (2 * sizes.variance[i]);
+      if (!sizes.tangent.empty()) {
+        const float u = offset.dot(sizes.tangent[i]);
+        const float v2 = offset.squaredNorm() - u * u;
+        beta = u * u / (2 * sizes.variance_u[i]) + v2 / (2 * sizes.variance_v[i]);
+      }
+      discs += beta < cutoff ? 1 : 0;
+    }
+    if (discs == 0) return -1;
+    sum += discs;
+  }
+  return sum / kPlaces;
+}
+
+TEST(SplatSize, CoverHasNoHolesAndLittleOverlap) {
+  for (const double jitter : {0.0, 0.35, 1.0}) {
+    const Points points = grid(60, jitter);
+    SplatSizeOptions options;
+    const double cover = overlap(points, sizes_of(points, options), 1, 0.1);
+    options.rule = VarianceRule::kMaxDistance;
+    const double largest = overlap(points, sizes_of(points, options), 1, 0.1);
+    EXPECT_GT(cover, 1) << jitter;
+    EXPECT_LT(cover, 0.35 * largest) << jitter;
+  }
+  // On a grid the disc's radius is half of the diagonal: pi / 2 discs over a point, with the
+  // margin.
+  const double expected = std::numbers::pi / 2 * 1.05 * 1.05;
+  EXPECT_NEAR(overlap(grid(60, 0), sizes_of(grid(60, 0)), 1, 0.1), expected, 0.02);
+}
+
+TEST(SplatSize, VarianceFollowsTheCutoff) {
+  const Points points = grid(40, 0.35);
+  for (const double cutoff : {0.5, 2.0, 4.0}) {
+    SplatSizeOptions options;
+    options.cutoff = cutoff;
+    EXPECT_GT(overlap(points, sizes_of(points, options), cutoff, 0.1), 1);
+  }
+}
+
+TEST(SplatSize, AreasSumToTheSurface) {
+  const Points points = grid(80, 0.35);
+  double sum = 0;
+  for (const float area : sizes_of(points).area) sum += area;
+  EXPECT_NEAR(sum, 1, 0.03);  // The border ends a quarter of a spacing outside of the square.
+}
+
+TEST(SplatSize, ScanLinesGetEllipses) {
+  for (const double aspect : {3.0, 8.0}) {
+    const Points points = grid(200, 0.1, aspect);
+    const SplatSizes ellipses = sizes_of(points);
+    ASSERT_FALSE(ellipses.tangent.empty()) << aspect;
+    SplatSizeOptions options;
+    options.anisotropy = Anisotropy::kOff;
+    const SplatSizes discs = sizes_of(points, options);
+    EXPECT_TRUE(discs.tangent.empty());
+    const double with = overlap(points, ellipses, 1, 0.15);
+    const double without = overlap(points, discs, 1, 0.15);
+    EXPECT_GT(with, 1);
+    EXPECT_GT(without, 1);
+    EXPECT_LT(with, 0.8 * without) << aspect;
+  }
+  EXPECT_TRUE(sizes_of(grid(60, 0.35)).tangent.empty());  // Not worth it on even samples.
+}
+
+TEST(SplatSize, BordersDoNotFray) {
+  const Points points = grid(60, 0.3);
+  const SplatSizes sizes = sizes_of(points);
+  EXPECT_GT(sizes.border, 200U);
+  EXPECT_LT(sizes.border, 300U);
+  const double h = 1.0 / 60;
+  for (std::size_t i = 0; i < points.position.size(); ++i) {
+    const float outside =
+        std::max(std::abs(points.position[i].x() - 0.5F), std::abs(points.position[i].y() - 0.5F)) -
+        0.5F;
+    EXPECT_LT(outside + std::sqrt(2 * sizes.variance[i]), 1.4 * h);
+  }
+}
+
+TEST(SplatSize, APointAloneDoesNotSmear) {
+  Points points = grid(60, 0.3);
+  points.add(0.5, 0.5, 0.7);
+  points.add(3, 0.5, 0, Vec3f(0, 0, 0));  // Nor does one without a normal.
+  const SplatSizes sizes = sizes_of(points);
+  EXPECT_EQ(sizes.capped, 2U);
+  for (const std::size_t alone : {points.position.size() - 2, points.position.size() - 1}) {
+    EXPECT_LT(std::sqrt(2 * sizes.variance[alone]), 5.0 / 60);
+    EXPECT_GT(sizes.variance[alone], 0);
+  }
+}
+
+TEST(SplatSize, SheetsDoNotDisturbEachOther) {
+  Points points = grid(50, 0.3);
+  const SplatSizes alone = sizes_of(points);
+  const std::size_t front = points.position.size();
+  for (std::size_t i = 0; i < front; ++i) {  // The plate's other side, a tenth of a spacing away.
+    const Vec3f& p = points.position[i];
+    points.add(1 - p.x(), p.y(), -0.002, Vec3f(0, 0, -1));
+  }
+  const SplatSizes both = sizes_of(points);
+  std::size_t same = 0;
+  for (std::size_t i = 0; i < front; ++i) {
+    same += std::abs(both.variance[i] / alone.variance[i] - 1) < 0.01F ? 1 : 0;
+  }
+  EXPECT_GT(static_cast<double>(same), 0.85 * static_cast<double>(front));  // But near the border.
+}
+
+TEST(SplatSize, DegenerateCloudsGiveFiniteNumbers) {
+  std::vector<Points> clouds(5);
+  clouds[0].add(1, 2, 3);
+  for (int i = 0; i < 2; ++i) clouds[1].add(i, 0);
+  for (int i = 0; i < 100; ++i) clouds[2].add(1, 1, 1);
+  for (int i = 0; i < 100; ++i) clouds[3].add(i * 0.1, 0);
+  for (int i = 0; i < 100; ++i) clouds[4].add(i % 10, i / 50, 0, Vec3f(0, 0, 0));
+  clouds.emplace_back();
+  for (const Points& points : clouds) {
+    SplatSizeOptions options;
+    for (const Anisotropy anisotropy : {Anisotropy::kOn, Anisotropy::kOff}) {
+      options.anisotropy = anisotropy;
+      const SplatSizes sizes = sizes_of(points, options);
+      ASSERT_EQ(sizes.variance.size(), points.position.size());
+      for (std::size_t i = 0; i < sizes.variance.size(); ++i) {
+        EXPECT_TRUE(std::isfinite(sizes.variance[i]) && sizes.variance[i] >= 0);
+        EXPECT_TRUE(std::isfinite(sizes.area[i]) && sizes.area[i] >= 0);
+        if (sizes.tangent.empty()) continue;
+        EXPECT_NEAR(sizes.tangent[i].norm(), 1, 1e-5);
+        EXPECT_TRUE(std::isfinite(sizes.variance_u[i]) && std::isfinite(sizes.variance_v[i]));
+      }
+    }
+  }
+}
+
+TEST(SplatSize, CoincidentPointsShareTheirArea) {
+  Points points = grid(40, 0.2);
+  const std::size_t count = points.position.size();
+  for (std::size_t i = 0; i < count; ++i) {
+    points.add(points.position[i].x(), points.position[i].y());
+  }
+  double sum = 0;
+  for (const float area : sizes_of(points).area) sum += area;
+  EXPECT_NEAR(sum, 1, 0.05);
+}
+
+TEST(SplatSize, SameForAnyNumberOfThreads) {
+  const Points points = grid(100, 0.4, 4);
+  set_thread_count(1);
+  const SplatSizes one = sizes_of(points);
+  for (const int threads : {2, 5}) {
+    set_thread_count(threads);
+    const SplatSizes many = sizes_of(points);
+    EXPECT_EQ(one.variance, many.variance);
+    EXPECT_EQ(one.variance_u, many.variance_u);
+    EXPECT_EQ(one.area, many.area);
+  }
+  set_thread_count(0);
+}
+
+}  // namespace
+}  // namespace surfel
