@@ -69,7 +69,7 @@ struct NormalEstimate {
 /// it is large enough (intersection of confidence intervals [Lepskii 1990; Goldenshluger,
 /// Nemirovski 1997]). The closed formula of Mitra, Nguyen, Guibas 2004 needs the curvature, which
 /// is not known where noise is strong: on a torus with noise of 0.3 spacings the mean error was 5.4
-/// to 10.3 degrees with it (its constant c_1 from 4 down to 0.5), 5.0 with k = 16, and is 1.5 with
+/// to 10.3 degrees with it (its constant c_1 from 4 down to 0.5), 5.0 with k = 16, and is 1.4 with
 /// this rule. Relief finer than the spacing cannot be told from noise: there k = 16 is better.
 ///
 /// The same for any number of threads. Throws Error(kUsage) for bad options, or if `search` has
