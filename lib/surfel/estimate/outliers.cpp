@@ -1,0 +1,42 @@
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/plugin.h>
+#include <surfel/estimate/outliers.h>
+#include <surfel/estimate/outliers_plugin.h>
+
+namespace surfel {
+
+std::vector<std::string> OutlierOptions::problems() const {
+  std::vector<std::string> found;
+  if (neighbors < 1 || neighbors > 1024) {
+    found.push_back(fmt::format("outlier-k is {}; it must be in 1..1024", neighbors));
+  }
+  if (!(deviations > 0 && deviations <= 1e6)) {
+    found.push_back(fmt::format("outlier-deviations is {}; it must be in (0, 1e6]", deviations));
+  }
+  return found;
+}
+
+Array<std::uint8_t> inliers(const Array<Vec3f>& points, const OutlierOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  Array<std::uint8_t> inlier(points.size());
+  if (points.size() <= static_cast<std::size_t>(options.neighbors)) {
+    std::fill(inlier.begin(), inlier.end(), std::uint8_t{1});
+    return inlier;
+  }
+  std::fill(inlier.begin(), inlier.end(), std::uint8_t{0});
+  OutlierWork work;
+  work.points = points.front().data();
+  work.count = points.size();
+  work.neighbors = options.neighbors;
+  work.deviations = options.deviations;
+  work.inlier = inlier.data();
+  const auto remove =
+      reinterpret_cast<RemoveOutliers>(plugin_symbol("filters", "surfel_remove_outliers"));
+  if (!remove(work)) throw Error(ErrorKind::kNumeric, "PCL failed to look for outliers");
+  return inlier;
+}
+
+}  // namespace surfel

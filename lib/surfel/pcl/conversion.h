@@ -1,0 +1,132 @@
+#pragma once
+
+// For programs that use PCL as well: header only, so that libsurfel itself needs no PCL.
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <concepts>
+#include <cstdint>
+
+#include <pcl/point_cloud.h>
+#include <pcl/point_types.h>
+#include <surfel/base/color.h>
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+namespace pcl_detail {
+
+template <class Point>
+concept HasNormal = requires(Point p) {
+  { p.normal_x } -> std::convertible_to<float>;
+};
+template <class Point>
+concept HasColor = requires(Point p) {
+  { p.r } -> std::convertible_to<int>;
+};
+template <class Point>
+concept HasAlpha = requires(Point p) {
+  { p.a } -> std::convertible_to<int>;
+};
+template <class Point>
+concept HasRadius = requires(Point p) {
+  { p.radius } -> std::convertible_to<float>;
+};
+
+inline std::uint8_t to_byte(float unit) {
+  return static_cast<std::uint8_t>(std::lround(std::fmin(std::fmax(unit, 0.0F), 1.0F) * 255.0F));
+}
+
+}  // namespace pcl_detail
+
+/// The surfels as a cloud of PCL, of any of its point types with x, y, z: normals, colour (linear
+/// light becomes 8-bit sRGB), alpha and radius (sqrt of the larger variance, one standard
+/// deviation) are set where the type has them, and left at PCL's defaults where the surfels have
+/// none. Positions are in world coordinates, which PCL holds in single precision: far from the
+/// origin take `keep_origin`, which leaves the cloud's origin out. What is NaN stays NaN; is_dense
+/// tells. Width is the number of surfels, height 1.
+template <class Point>
+pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false) {
+  namespace detail = pcl_detail;
+  pcl::PointCloud<Point> out;
+  out.resize(cloud.size());
+  out.is_dense = true;
+  const Array<Vec3f>* color = cloud.render_color();
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    Point& p = out[i];
+    const Vec3f position = keep_origin ? cloud.position[i] : Vec3f(cloud.world(i).cast<float>());
+    p.x = position.x();
+    p.y = position.y();
+    p.z = position.z();
+    if (!position.allFinite()) out.is_dense = false;
+    if constexpr (detail::HasNormal<Point>) {
+      if (!cloud.normal.empty()) {
+        p.normal_x = cloud.normal[i].x();
+        p.normal_y = cloud.normal[i].y();
+        p.normal_z = cloud.normal[i].z();
+      }
+    }
+    if constexpr (detail::HasColor<Point>) {
+      if (color) {
+        p.r = linear_to_srgb8((*color)[i].x());
+        p.g = linear_to_srgb8((*color)[i].y());
+        p.b = linear_to_srgb8((*color)[i].z());
+      }
+    }
+    if constexpr (detail::HasAlpha<Point>) {
+      if (!cloud.alpha.empty()) p.a = detail::to_byte(cloud.alpha[i]);
+    }
+    if constexpr (detail::HasRadius<Point>) {
+      if (cloud.anisotropic()) {
+        p.radius = std::sqrt(std::fmax(cloud.variance_u[i], cloud.variance_v[i]));
+      } else if (!cloud.variance.empty()) {
+        p.radius = std::sqrt(cloud.variance[i]);
+      }
+    }
+  }
+  if (cloud.viewpoint) {
+    const Vec3d eye = cloud.viewpoint->position - (keep_origin ? cloud.origin : Vec3d(0, 0, 0));
+    out.sensor_origin_.template head<3>() = eye.cast<float>();
+    const Eigen::Vector4d& q = cloud.viewpoint->orientation;
+    out.sensor_orientation_ = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).cast<float>();
+  }
+  return out;
+}
+
+/// A cloud of PCL as surfels: position, and normal, colour (8-bit sRGB becomes linear light),
+/// variance (radius^2, as toPCL() writes it) where the point type has them; alpha only from types
+/// with `with_alpha`, since PCL leaves it at 255 or 0 as it comes. The viewpoint is the sensor's.
+/// Points that are not finite stay.
+template <class Point>
+SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false) {
+  namespace detail = pcl_detail;
+  SurfelCloud out;
+  const std::size_t count = cloud.size();
+  out.position.resize(count);
+  if constexpr (detail::HasNormal<Point>) out.normal.resize(count);
+  if constexpr (detail::HasColor<Point>) out.color.resize(count);
+  if constexpr (detail::HasRadius<Point>) out.variance.resize(count);
+  if constexpr (detail::HasAlpha<Point>) {
+    if (with_alpha) out.alpha.resize(count);
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const Point& p = cloud[i];
+    out.position[i] = Vec3f(p.x, p.y, p.z);
+    if constexpr (detail::HasNormal<Point>) {
+      out.normal[i] = Vec3f(p.normal_x, p.normal_y, p.normal_z);
+    }
+    if constexpr (detail::HasColor<Point>) {
+      out.color[i] = Vec3f(srgb8_to_linear(p.r), srgb8_to_linear(p.g), srgb8_to_linear(p.b));
+    }
+    if constexpr (detail::HasRadius<Point>) out.variance[i] = p.radius * p.radius;
+    if constexpr (detail::HasAlpha<Point>) {
+      if (with_alpha) out.alpha[i] = static_cast<float>(p.a) / 255.0F;
+    }
+  }
+  const Eigen::Quaternionf& q = cloud.sensor_orientation_;
+  out.viewpoint = Viewpoint{cloud.sensor_origin_.template head<3>().template cast<double>(),
+                            Eigen::Vector4d(q.w(), q.x(), q.y(), q.z())};
+  return out;
+}
+
+}  // namespace surfel
