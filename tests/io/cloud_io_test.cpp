@@ -419,7 +419,7 @@ TEST(CloudIo, UnusableInputSaysWhatIsMissing) {
             "holds no points: it has no element 'vertex'");
   EXPECT_EQ(error_of(""), "is empty");
   EXPECT_EQ(error_of("LASF and so on"),
-            "format not supported; surfels and points are read from PLY and PCD");
+            "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
 }
 
 /// Replaces a standard stream by another descriptor for the object's life.

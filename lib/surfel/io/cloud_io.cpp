@@ -17,6 +17,7 @@
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/text_numbers.h>
+#include <surfel/io/xyz.h>
 
 namespace surfel {
 namespace {
@@ -174,7 +175,10 @@ SurfelCloud read_cloud(const std::string& path) {
   if (has_extension(path, ".ply"))
     throw_input(path, "is not a PLY file: it does not start with 'ply'");
   if (has_extension(path, ".pcd")) throw_input(path, "is not a PCD file: it has no PCD header");
-  throw_input(input.name(), "format not supported; surfels and points are read from PLY and PCD");
+  if (is_xyz_name(path)) return read_xyz(input);
+  throw_input(
+      input.name(),
+      "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
 }
 
 void write_cloud(const SurfelCloud& cloud, const std::string& path,

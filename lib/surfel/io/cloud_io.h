@@ -8,12 +8,13 @@
 namespace surfel {
 
 /// Reads surfels or points from PLY (ascii, binary of either byte order) or PCD (ascii, binary,
-/// binary_compressed, organised), told apart by content; "-" is standard input (PLY). Liberal as
-/// design.md section 2 says: any property order and type, list properties and other elements
-/// skipped, unknown scalar properties kept in `extra`. Integer colours are decoded from sRGB.
-/// Positions that are not finite are kept (the tools count or drop them). The origin is (0, 0, 0)
-/// unless the file has double positions or lies so far from the origin that float offsets would
-/// lose precision. Throws Error (kIo, kInput) naming the file and the line or element.
+/// binary_compressed, organised), told apart by content, or from text (XYZ, PTS, CSV; by name); "-"
+/// is standard input (PLY). Liberal as design.md section 2 says: any property order and type, list
+/// properties and other elements skipped, unknown scalar properties kept in `extra`. Integer
+/// colours are decoded from sRGB. Positions that are not finite are kept (the tools count or drop
+/// them). The origin is (0, 0, 0) unless the file has double positions or lies so far from the
+/// origin that float offsets would lose precision. Throws Error (kIo, kInput) naming the file and
+/// the line or element.
 SURFEL_API SurfelCloud read_cloud(const std::string& path);
 
 struct CloudWriteOptions {

@@ -8,6 +8,7 @@
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/xyz.h>
 
 namespace surfel {
 namespace {
@@ -43,12 +44,12 @@ FileKind file_kind(const std::string& path) {
   std::string extension = std::filesystem::path(path).extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (extension == ".pcd" || extension == ".ply") return FileKind::kCloud;
+  if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
   if (contains(kMeshes, extension)) return FileKind::kMesh;
   if (contains(kImages, extension)) return FileKind::kImage;
   throw_input(path,
-              "format not supported; known are PLY and PCD (surfels), PLY, OBJ, OFF and STL "
-              "(meshes) and images");
+              "format not supported; known are PLY, PCD and text such as XYZ (surfels), PLY, "
+              "OBJ, OFF and STL (meshes) and images");
 }
 
 }  // namespace surfel

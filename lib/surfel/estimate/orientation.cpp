@@ -1,0 +1,300 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <unordered_map>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/orientation.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1024;
+constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+constexpr float kLongestWeight = 65535;
+/// Parts are joined by edges below this weight among that many nearest points, in that many rounds.
+constexpr float kJoinWeight = 0.5F;
+constexpr std::size_t kJoinNeighbors = 64;
+constexpr int kJoinRounds = 8;
+
+/// Disjoint sets of points [Tarjan 1975], each with a sign relative to its set's root.
+class SignedSets {
+ public:
+  explicit SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      parent_[i] = static_cast<std::uint32_t>(i);
+      opposed_[i] = 0;
+      rank_[i] = 0;
+    }
+  }
+
+  struct Root {
+    std::uint32_t index;
+    bool opposed;  ///< The point's sign is the other than its root's.
+  };
+
+  /// Halves the path as it goes.
+  Root find(std::uint32_t i) {
+    bool opposed = false;
+    while (parent_[i] != i) {
+      const std::uint32_t parent = parent_[i];
+      if (parent_[parent] != parent) {
+        opposed_[i] ^= opposed_[parent];
+        parent_[i] = parent_[parent];
+      }
+      opposed ^= opposed_[i] != 0;
+      i = parent_[i];
+    }
+    return {i, opposed};
+  }
+
+  void unite(std::uint32_t i, std::uint32_t j, bool opposed) {
+    Root a = find(i);
+    Root b = find(j);
+    if (a.index == b.index) return;
+    if (rank_[a.index] < rank_[b.index]) std::swap(a, b);
+    if (rank_[a.index] == rank_[b.index]) ++rank_[a.index];
+    parent_[b.index] = a.index;
+    opposed_[b.index] = static_cast<std::uint8_t>(a.opposed ^ b.opposed ^ opposed);
+  }
+
+ private:
+  Array<std::uint32_t> parent_;
+  Array<std::uint8_t> opposed_;
+  Array<std::uint8_t> rank_;
+};
+
+class Spreader {
+ public:
+  Spreader(const Array<Vec3f>& position, const NeighborSearch& search, Array<Vec3f>& normal)
+      : position_(position), search_(search), normal_(normal), sets_(position.size()) {}
+
+  /// Turns the normals of each part to one side, whichever that is.
+  void spread(std::size_t neighbors) {
+    join_neighbors(neighbors);
+    for (int round = 0; round < kJoinRounds; ++round) {
+      if (!join_parts()) break;
+    }
+    for (std::uint32_t i = 0; i < position_.size(); ++i) {
+      if (known(i) && sets_.find(i).opposed) normal_[i] = -normal_[i];
+    }
+  }
+
+  bool known(std::size_t i) const { return !normal_[i].isZero(0); }
+  std::uint32_t part(std::uint32_t i) { return sets_.find(i).index; }
+
+ private:
+  /// In 0..1; see orient_normals().
+  float weight(std::size_t i, std::size_t j) const {
+    const Vec3f edge = position_[j] - position_[i];
+    const float length2 = edge.squaredNorm();
+    float sine2 = 0;
+    if (length2 > 0) {
+      const float a = edge.dot(normal_[i]);
+      const float b = edge.dot(normal_[j]);
+      sine2 = std::min(1.0F, std::max(a * a, b * b) / length2);
+    }
+    return 1 - std::min(1.0F, std::abs(normal_[i].dot(normal_[j]))) * (1 - sine2);
+  }
+
+  bool opposed(std::size_t i, std::size_t j) const { return normal_[i].dot(normal_[j]) < 0; }
+
+  /// Kruskal's algorithm over the edges to the nearest points; edge e is of point e / neighbors.
+  void join_neighbors(std::size_t neighbors) {
+    const std::size_t count = position_.size() * neighbors;
+    Array<std::uint32_t> to(count);
+    Array<std::uint16_t> length(count);
+    search_.for_each_nearest(neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near,
+                                                int) {
+      std::size_t e = i * neighbors;
+      for (const Neighbor& n : near) {
+        if (n.index == i || e == (i + 1) * neighbors || !known(i) || !known(n.index)) continue;
+        to[e] = n.index;
+        length[e++] = static_cast<std::uint16_t>(std::lround(weight(i, n.index) * kLongestWeight));
+      }
+      for (; e < (i + 1) * neighbors; ++e) {
+        to[e] = kNone;
+        length[e] = 0;
+      }
+    });
+    // Edges by weight, equal ones by index. Offsets have 64 bits: 2^32 edges are not many.
+    std::vector<std::size_t> begin(65537);
+    for (const std::uint16_t l : length) ++begin[l + 1U];
+    for (std::size_t l = 0; l + 1 < begin.size(); ++l) begin[l + 1] += begin[l];
+    Array<std::uint32_t> from(count);
+    Array<std::uint32_t> sorted(count);
+    for (std::size_t e = 0; e < count; ++e) {
+      const std::size_t place = begin[length[e]]++;
+      from[place] = static_cast<std::uint32_t>(e / neighbors);
+      sorted[place] = to[e];
+    }
+    for (std::size_t e = 0; e < count; ++e) {
+      if (sorted[e] != kNone) sets_.unite(from[e], sorted[e], opposed(from[e], sorted[e]));
+    }
+  }
+
+  /// Joins parts to others near them. Did any?
+  bool join_parts() {
+    const std::size_t count = position_.size();
+    Array<std::uint32_t> part_of(count);
+    std::unordered_map<std::uint32_t, std::size_t> sizes;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      part_of[i] = part(i);
+      if (known(i)) ++sizes[part_of[i]];
+    }
+    if (sizes.size() < 2) return false;
+    // The largest part waits for the others to come to it.
+    std::uint32_t largest = kNone;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      if (known(i) && (largest == kNone || sizes[part_of[i]] > sizes[largest])) {
+        largest = part_of[i];
+      }
+    }
+    struct Join {
+      float weight;
+      std::uint32_t from, to;
+    };
+    std::vector<std::vector<Join>> found((count + kGrain - 1) / kGrain);
+    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      std::vector<Neighbor> near;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!known(i) || part_of[i] == largest) continue;
+        search_.nearest(position_[i], kJoinNeighbors, near);
+        Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
+        for (const Neighbor& n : near) {
+          if (!known(n.index) || part_of[n.index] == part_of[i]) continue;
+          const float w = weight(i, n.index);
+          if (w < best.weight) {
+            best.weight = w;
+            best.to = n.index;
+          }
+        }
+        if (best.to != kNone) found[begin / kGrain].push_back(best);
+      }
+    });
+    std::vector<Join> joins;
+    for (const auto& some : found) joins.insert(joins.end(), some.begin(), some.end());
+    std::sort(joins.begin(), joins.end(), [](const Join& a, const Join& b) {
+      return a.weight != b.weight ? a.weight < b.weight : a.from < b.from;
+    });
+    for (const Join& join : joins) sets_.unite(join.from, join.to, opposed(join.from, join.to));
+    return !joins.empty();
+  }
+
+  const Array<Vec3f>& position_;
+  const NeighborSearch& search_;
+  Array<Vec3f>& normal_;
+  SignedSets sets_;
+};
+
+/// Directions that the extreme points of a part are looked for in.
+std::vector<Vec3f> probes(Orientation method) {
+  if (method != Orientation::kOutward) return {Vec3f(0, 0, 1)};
+  std::vector<Vec3f> out;
+  for (int code = 0; code < 27; ++code) {
+    const Vec3f d(static_cast<float>(code % 3 - 1), static_cast<float>(code / 3 % 3 - 1),
+                  static_cast<float>(code / 9 - 1));
+    if (!d.isZero(0)) out.push_back(d.normalized());
+  }
+  return out;
+}
+
+/// Turns whole parts: a part's extreme point in a direction looks there, if any.
+void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part, Orientation method,
+                Array<Vec3f>& normal) {
+  std::unordered_map<std::uint32_t, double> vote;
+  for (const Vec3f& d : probes(method)) {
+    std::unordered_map<std::uint32_t, std::uint32_t> extreme;
+    for (std::uint32_t i = 0; i < position.size(); ++i) {
+      if (normal[i].isZero(0)) continue;
+      const auto [at, fresh] = extreme.try_emplace(part[i], i);
+      if (!fresh && position[i].dot(d) > position[at->second].dot(d)) at->second = i;
+    }
+    for (const auto& [root, i] : extreme) vote[root] += static_cast<double>(normal[i].dot(d));
+  }
+  for (std::size_t i = 0; i < position.size(); ++i) {
+    if (!normal[i].isZero(0) && vote[part[i]] < 0) normal[i] = -normal[i];
+  }
+}
+
+/// Given normals decide for their points, and their majority in a part for the others of it.
+void align(const Array<Vec3f>& previous, const Array<std::uint32_t>& part, Array<Vec3f>& normal) {
+  const auto given = [&](std::size_t i) {
+    return !previous.empty() && previous[i].allFinite() && !previous[i].isZero(0);
+  };
+  std::unordered_map<std::uint32_t, std::int64_t> vote;
+  for (std::size_t i = 0; i < normal.size(); ++i) {
+    if (given(i)) vote[part[i]] += normal[i].dot(previous[i]) < 0 ? -1 : 1;
+  }
+  for (std::size_t i = 0; i < normal.size(); ++i) {
+    const auto found = vote.find(part[i]);
+    const bool turned =
+        given(i) ? normal[i].dot(previous[i]) < 0 : found != vote.end() && found->second < 0;
+    if (turned) normal[i] = -normal[i];
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> OrientationOptions::problems() const {
+  std::vector<std::string> found;
+  if (!viewpoint.allFinite()) found.emplace_back("viewpoint must be three finite numbers");
+  if (!up.allFinite() || up.isZero(0)) found.emplace_back("up must be finite and not zero");
+  if (neighbors < 2 || neighbors > 64) {
+    found.push_back(fmt::format("orient-k is {}; it must be in 2..64", neighbors));
+  }
+  return found;
+}
+
+OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
+                                 const NeighborSearch& search, const Array<Vec3f>& previous,
+                                 const OrientationOptions& options, Array<Vec3f>& normal) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  OrientationReport report;
+  const Array<Vec3f> before = normal;
+  const std::size_t count = position.size();
+  switch (options.method) {
+    case Orientation::kNone:
+      break;
+    case Orientation::kViewpoint:
+    case Orientation::kUp: {
+      const bool towards_point = options.method == Orientation::kViewpoint;
+      const Vec3d eye = options.viewpoint - origin;
+      parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t i = begin; i < end; ++i) {
+          const Vec3d to = towards_point ? Vec3d(eye - position[i].cast<double>()) : options.up;
+          if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
+        }
+      });
+      break;
+    }
+    case Orientation::kMst:
+    case Orientation::kOutward:
+    case Orientation::kAlign: {
+      Spreader spreader(position, search, normal);
+      spreader.spread(static_cast<std::size_t>(options.neighbors));
+      Array<std::uint32_t> part(count);
+      for (std::uint32_t i = 0; i < count; ++i) {
+        part[i] = spreader.part(i);
+        if (part[i] == i && spreader.known(i)) ++report.components;
+      }
+      if (options.method == Orientation::kAlign) {
+        align(previous, part, normal);
+      } else {
+        turn_parts(position, part, options.method, normal);
+      }
+      break;
+    }
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    report.unknown += normal[i].isZero(0) ? 1 : 0;
+    report.flipped += normal[i].dot(before[i]) < 0 ? 1 : 0;
+  }
+  return report;
+}
+
+}  // namespace surfel

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/estimate/neighbor_search.h>
+
+namespace surfel {
+
+/// Which side normals are turned to.
+enum class Orientation : std::uint8_t {
+  kMst,        ///< Consistent along the surface; of each part the highest point looks up.
+  kOutward,    ///< Consistent along the surface; of each part the outermost points look outward.
+  kViewpoint,  ///< Towards OrientationOptions::viewpoint.
+  kUp,         ///< Towards OrientationOptions::up.
+  kAlign,      ///< That of given normals; points without one follow the surface.
+  kNone        ///< As they are.
+};
+
+struct OrientationOptions {
+  Orientation method = Orientation::kMst;
+  Vec3d viewpoint{0, 0, 0};  ///< World coordinates.
+  Vec3d up{0, 0, 1};         ///< Any length but zero.
+  int neighbors = 8;         ///< Edges a point of the graph that signs spread along, 2..64.
+  SURFEL_API std::vector<std::string> problems() const;
+};
+
+struct OrientationReport {
+  std::size_t components =
+      0;                    ///< Parts of the surface that signs spread along; 0 without spreading.
+  std::size_t flipped = 0;  ///< Normals that were turned.
+  std::size_t unknown = 0;  ///< Points without a normal.
+};
+
+/// Turns unit normals (zero = unknown, stays so) to a side. Signs spread along the minimum spanning
+/// tree of the graph of nearest neighbours [Hoppe et al. 1992, section 3.3] with weights
+///   1 - |n_i . n_j| (1 - s^2),  s = the larger sine between the edge and either tangent plane,
+/// so that they neither cross sharp bends nor jump between sheets. The tree is found by Kruskal's
+/// algorithm on weights of 16 bits; signs are parities in its union-find structure, so the tree
+/// itself is never stored: 10 bytes an edge and 6 a point besides the search. Parts that the graph
+/// leaves apart (scan lines) are joined where among the 64 nearest points an edge of weight below
+/// 0.5 leads to another one.
+///
+/// \param origin    of the positions, for the viewpoint.
+/// \param search    over `position`.
+/// \param previous  for kAlign: normals of any length (zero or not finite = none), or empty.
+/// The same for any number of threads. Throws Error(kUsage) for bad options.
+SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
+                                            const NeighborSearch& search,
+                                            const Array<Vec3f>& previous,
+                                            const OrientationOptions& options,
+                                            Array<Vec3f>& normal);
+
+}  // namespace surfel

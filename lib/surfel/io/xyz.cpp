@@ -1,0 +1,238 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/cloud_from_records.h>
+#include <surfel/io/record_table.h>
+#include <surfel/io/text_numbers.h>
+#include <surfel/io/xyz.h>
+
+namespace surfel {
+namespace {
+
+std::string lower(std::string_view text) {
+  std::string out(text);
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return out;
+}
+
+class XyzReader {
+ public:
+  explicit XyzReader(const InputFile& file)
+      : file_(file),
+        text_(reinterpret_cast<const char*>(file.bytes().data()), file.bytes().size()) {}
+
+  SurfelCloud read() {
+    std::optional<std::size_t> count;
+    while (next_line()) {
+      if (names_.empty() && values_.empty() && !count && words_.size() == 1) {
+        count = read_count();
+      } else if (names_.empty() && values_.empty() && !parse_number(words_.front())) {
+        read_names();
+      } else {
+        read_values();
+        if (count && values_.size() == *count * columns_) break;
+      }
+    }
+    const std::size_t rows = columns_ == 0 ? 0 : values_.size() / columns_;
+    if (rows == 0) throw_input(file_.name(), "holds no points");
+    if (count && rows < *count) {
+      throw_input(file_.name(),
+                  fmt::format("the first line promises {} points, but {} follow; it is truncated",
+                              *count, rows));
+    }
+    if (names_.empty()) name_columns();
+    return to_cloud(rows);
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& message) const {
+    throw_input(file_.name(), fmt::format("line {}: {}", line_, message));
+  }
+
+  static bool is_separator(char c) {
+    return c == ' ' || c == '\t' || c == ',' || c == ';' || c == '\r';
+  }
+
+  /// Splits the next line that holds something into words_.
+  bool next_line() {
+    while (at_ < text_.size()) {
+      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
+      std::string_view line = text_.substr(at_, end - at_);
+      at_ = end + 1;
+      ++line_;
+      words_.clear();
+      while (true) {
+        while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
+        if (line.empty()) break;
+        if (words_.empty() && (line.front() == '#' || line.starts_with("//"))) break;
+        std::size_t size = 0;
+        while (size < line.size() && !is_separator(line[size])) ++size;
+        words_.push_back(line.substr(0, size));
+        line.remove_prefix(size);
+      }
+      if (!words_.empty()) return true;
+    }
+    return false;
+  }
+
+  std::size_t read_count() const {
+    const std::optional<double> value = parse_number(words_[0]);
+    constexpr std::size_t kShortestLine = 6;  // "0 0 0\n"
+    if (!value || *value < 0 || *value != std::trunc(*value)) {
+      fail(fmt::format("{} alone is neither a point nor a count of points",
+                       quoted_excerpt(words_[0])));
+    }
+    if (*value >
+        static_cast<double>((text_.size() - std::min(at_, text_.size())) / kShortestLine + 1)) {
+      fail(fmt::format("promises {} points, but only {} bytes follow", *value,
+                       text_.size() - std::min(at_, text_.size())));
+    }
+    return static_cast<std::size_t>(*value);
+  }
+
+  void read_names() {
+    for (const std::string_view word : words_) {
+      std::string name = lower(word);
+      std::erase(name, '"');
+      names_.push_back(name);
+    }
+    columns_ = names_.size();
+    for (const char* needed : {"x", "y", "z"}) {
+      if (std::find(names_.begin(), names_.end(), needed) == names_.end()) {
+        fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
+                         quoted_excerpt(words_[0])));
+      }
+    }
+  }
+
+  void read_values() {
+    if (columns_ == 0) columns_ = words_.size();
+    if (words_.size() != columns_) {
+      fail(fmt::format("{} values; the lines before have {}", words_.size(), columns_));
+    }
+    for (const std::string_view word : words_) {
+      const std::optional<double> value = parse_number(word);
+      if (!value) fail(fmt::format("{} is not a number", quoted_excerpt(word)));
+      values_.push_back(*value);
+    }
+  }
+
+  /// Do the three columns from `first` on have length 1 in every line?
+  bool unit_length(std::size_t first) const {
+    for (std::size_t i = first; i < values_.size(); i += columns_) {
+      const double length = std::hypot(values_[i], values_[i + 1], values_[i + 2]);
+      if (!(std::abs(length - 1) < 0.01)) return false;
+    }
+    return true;
+  }
+
+  void name_columns() {
+    const std::array<const char*, 3> normal{"nx", "ny", "nz"};
+    const std::array<const char*, 3> color{"red", "green", "blue"};
+    const auto add = [&](const auto& names) {
+      names_.insert(names_.end(), names.begin(), names.end());
+    };
+    add(std::array<const char*, 3>{"x", "y", "z"});
+    switch (columns_) {
+      case 3:
+        return;
+      case 4:
+        names_.emplace_back("intensity");
+        return;
+      case 6:
+        add(unit_length(3) ? normal : color);
+        return;
+      case 7:
+        names_.emplace_back("intensity");
+        add(color);
+        return;
+      case 9: {
+        const bool normal_first = unit_length(3);
+        add(normal_first ? normal : color);
+        add(normal_first ? color : normal);
+        return;
+      }
+      default:
+        throw_input(file_.name(),
+                    fmt::format("{} columns without names; known are 3 (x y z), 4 (and intensity), "
+                                "6 (and a normal or r g b), 7 (intensity r g b) and 9; write their "
+                                "names into a first line",
+                                columns_));
+    }
+  }
+
+  bool is_color(std::size_t column) const {
+    constexpr std::array<std::string_view, 6> kNames{"red", "green", "blue", "r", "g", "b"};
+    return std::find(kNames.begin(), kNames.end(), names_[column]) != kNames.end();
+  }
+
+  /// Of all colour columns together: their whole numbers are sRGB of 8 or 16 bits.
+  ScalarType color_type() const {
+    double largest = 0;
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+      if (!is_color(i % columns_)) continue;
+      if (!(values_[i] >= 0) || values_[i] != std::trunc(values_[i])) return ScalarType::kFloat32;
+      largest = std::max(largest, values_[i]);
+    }
+    if (largest <= 255) return ScalarType::kUint8;
+    return largest <= 65535 ? ScalarType::kUint16 : ScalarType::kFloat32;
+  }
+
+  SurfelCloud to_cloud(std::size_t rows) {
+    RecordTable table;
+    const ScalarType color = color_type();
+    for (std::size_t k = 0; k < columns_; ++k) {
+      // Coordinates in double: those of maps have more digits than float.
+      const bool coordinate = names_[k] == "x" || names_[k] == "y" || names_[k] == "z";
+      const ScalarType type = coordinate    ? ScalarType::kFloat64
+                              : is_color(k) ? color
+                                            : ScalarType::kFloat32;
+      table.columns.push_back({names_[k], type, table.stride});
+      table.stride += scalar_size(type);
+    }
+    Array<std::byte> records(rows * table.stride);
+    for (std::size_t i = 0; i < rows; ++i) {
+      for (std::size_t k = 0; k < columns_; ++k) {
+        const RecordColumn& column = table.columns[k];
+        visit_type(column.type, [&]<class T>(T) {
+          const T value = static_cast<T>(values_[i * columns_ + k]);
+          std::memcpy(records.data() + i * table.stride + column.offset, &value, sizeof(T));
+        });
+      }
+    }
+    table.data = records.data();
+    table.count = rows;
+    return cloud_from_records(table, file_.name(), false);
+  }
+
+  const InputFile& file_;
+  std::string_view text_;
+  std::size_t at_ = 0;
+  std::size_t line_ = 0;
+  std::vector<std::string_view> words_;
+  std::vector<std::string> names_;
+  std::size_t columns_ = 0;
+  Array<double> values_;
+};
+
+}  // namespace
+
+bool is_xyz_name(const std::string& path) {
+  constexpr std::array<std::string_view, 7> kExtensions{".xyz", ".txt",  ".pts",   ".asc",
+                                                        ".csv", ".xyzn", ".xyzrgb"};
+  const std::string extension = lower(std::filesystem::path(path).extension().string());
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
+
+SurfelCloud read_xyz(const InputFile& file) { return XyzReader(file).read(); }
+
+}  // namespace surfel

@@ -1,0 +1,98 @@
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <surfel/base/color.h>
+#include <surfel/base/error.h>
+#include <surfel/io/cloud_io.h>
+
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+SurfelCloud read_text(const std::string& text, const std::string& name = "points.xyz") {
+  const TemporaryFolder folder;
+  std::ofstream(folder / name, std::ios::binary) << text;
+  return read_cloud(folder / name);
+}
+
+std::string failure_of(const std::string& text) {
+  try {
+    read_text(text);
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kInput);
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(Xyz, SeparatorsCommentsAndLineEnds) {
+  for (const char* text : {"1 2 3\n4 5 6\n", "1,2,3\r\n4, 5, 6\r\n", "# made by\n1;2;3\n\n4;5;6",
+                           "// x y z\n\t1\t2\t3 \n4 5 6 \n", "2\n1 2 3\n4 5 6\n",
+                           "X,Y,Z\n1,2,3\n4,5,6\n", "\"x\" \"y\" \"z\"\n+1 2.0 3e0\n4 5 6\n"}) {
+    const SurfelCloud cloud = read_text(text);
+    ASSERT_EQ(cloud.size(), 2U) << text;
+    EXPECT_EQ(cloud.world(0), Vec3d(1, 2, 3)) << text;
+    EXPECT_EQ(cloud.world(1), Vec3d(4, 5, 6)) << text;
+    EXPECT_TRUE(cloud.normal.empty() && cloud.color.empty() && cloud.extra.empty()) << text;
+  }
+}
+
+TEST(Xyz, ColumnsByNumber) {
+  const SurfelCloud normals = read_text("1 2 3 0 0.6 0.8\n1 2 3 1 0 0\n");
+  EXPECT_EQ(normals.normal.at(0), Vec3f(0, 0.6F, 0.8F));
+  const SurfelCloud colors = read_text("1 2 3 0 128 255\n1 2 3 1 0 0\n");
+  EXPECT_EQ(colors.color.at(0), Vec3f(0, srgb8_to_linear(128), 1));
+  EXPECT_EQ(colors.color_encoding, ColorEncoding::kUint8Srgb);
+  EXPECT_EQ(read_text("1 2 3 0 0.25 0.5\n").color.at(0), Vec3f(0, 0.25F, 0.5F));
+  EXPECT_EQ(read_text("1 2 3 0 65535 0\n").color.at(0), Vec3f(0, 1, 0));
+  EXPECT_EQ(read_text("1 2 3 -1035\n").extra.at(0).name, "intensity");
+  EXPECT_EQ(read_text("1 2 3 -1035 255 0 0\n").color.at(0), Vec3f(1, 0, 0));
+  for (const char* text : {"1 2 3 0 0 1 255 0 0\n", "1 2 3 255 0 0 0 0 1\n"}) {
+    const SurfelCloud both = read_text(text);
+    EXPECT_EQ(both.normal.at(0), Vec3f(0, 0, 1)) << text;
+    EXPECT_EQ(both.color.at(0), Vec3f(1, 0, 0)) << text;
+  }
+}
+
+TEST(Xyz, NamedColumns) {
+  const SurfelCloud cloud = read_text("Red,Green,Blue,X,Y,Z,Time\n255,0,0,1,2,3,7.5\n");
+  EXPECT_EQ(cloud.position.at(0), Vec3f(1, 2, 3));
+  EXPECT_EQ(cloud.color.at(0), Vec3f(1, 0, 0));
+  EXPECT_EQ(cloud.extra.at(0).name, "time");
+}
+
+TEST(Xyz, MapCoordinatesKeepTheirDigits) {
+  const SurfelCloud cloud = read_text("289814.15 4320978.61 170.76\n289814.64 4320978.84 170.76\n");
+  EXPECT_NEAR(cloud.world(1).y() - cloud.world(0).y(), 0.23, 1e-6);
+}
+
+TEST(Xyz, BrokenFilesAreRefused) {
+  const auto expect = [](const std::string& text, const std::string& part) {
+    EXPECT_NE(failure_of(text).find(part), std::string::npos) << failure_of(text);
+  };
+  expect("1 2 3\n4 5\n", "line 2: 2 values; the lines before have 3");
+  expect("1 2 3\n4 five 6\n", "line 2: 'five' is not a number");
+  expect("a b c\n1 2 3\n", "line 1: 'a' is no number");
+  expect("# nothing\n", "holds no points");
+  expect("x y z\n", "holds no points");
+  expect("5\n1 2 3\n", "promises 5 points");
+  expect("1000000000000\n1 2 3\n", "line 1: promises");
+  expect("1 2\n1 2\n", "2 columns without names");
+  expect("1 2 3 4 5\n", "5 columns without names");
+}
+
+TEST(Xyz, RealFiles) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const auto read = [](const char* name) { return read_cloud((data_folder() / name).string()); };
+  const SurfelCloud kitten = read("raw_scans/kitten.xyz");
+  EXPECT_EQ(kitten.size(), kitten.normal.size());
+  EXPECT_GT(kitten.size(), 4000U);
+  EXPECT_EQ(read("malformed/tricky/pdal_crlf.txt").extra.at(0).name, "intensity");
+  const SurfelCloud pts = read("malformed/tricky/pdal_points.pts");
+  EXPECT_EQ(pts.size(), 19U);
+  EXPECT_EQ(pts.color.at(0).x(), srgb8_to_linear(97));
+}
+
+}  // namespace
+}  // namespace surfel::test

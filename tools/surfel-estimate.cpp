@@ -1,0 +1,165 @@
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/estimate/estimate.h>
+#include <surfel/io/cloud_io.h>
+
+#include "tools/support/options.h"
+#include "tools/support/tool.h"
+
+namespace {
+
+struct Settings {
+  std::string input;
+  std::string output;
+  std::string k = "16";
+  std::optional<surfel::Vec3d> viewpoint;
+  bool remove_outliers = false;
+  surfel::OutlierOptions outliers;
+  surfel::EstimateOptions estimate;
+};
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace surfel;
+  using tool::add_choice;
+  app.add_option("cloud", s.input, "Points (PLY, PCD, XYZ, PTS, TXT; - = standard input)")
+      ->required();
+  app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
+
+  app.option_defaults()->group("Neighbourhoods");
+  app.add_option("-k", s.k,
+                 "Points of a neighbourhood, the point itself included, 3..65535; auto = from "
+                 "--k-min to --k-max, as noise, curvature and density ask for it")
+      ->capture_default_str();
+  app.add_option("--k-min", s.estimate.normals.k_min, "Least points with -k auto")
+      ->capture_default_str();
+  app.add_option("--k-max", s.estimate.normals.k_max, "Most points with -k auto")
+      ->capture_default_str();
+  app.add_option("--radius", s.estimate.normals.radius,
+                 "Above 0: all points within that distance instead, scene units")
+      ->capture_default_str();
+  add_choice(app, "--search", s.estimate.search,
+             {{"flann", SearchMethod::kFlann}, {"flann-approx", SearchMethod::kFlannApproximate}},
+             "flann is exact; flann-approx may miss 1 in 100 neighbours");
+  app.add_flag("--remove-outliers", s.remove_outliers,
+               "Remove points that are further from their neighbours than most");
+  app.add_option("--outlier-k", s.outliers.neighbors, "Neighbours whose mean distance counts")
+      ->capture_default_str();
+  app.add_option("--outlier-deviations", s.outliers.deviations,
+                 "Standard deviations above the mean of all from which on a point is one")
+      ->capture_default_str();
+
+  app.option_defaults()->group("Orientation");
+  add_choice(app, "--orient", s.estimate.orientation.method,
+             {{"mst", Orientation::kMst},
+              {"outward", Orientation::kOutward},
+              {"viewpoint", Orientation::kViewpoint},
+              {"up", Orientation::kUp},
+              {"align", Orientation::kAlign},
+              {"none", Orientation::kNone}},
+             "Side of the normals: consistent along the surface (mst), out of closed surfaces, "
+             "towards the viewpoint or up, that of the normals in the file (align), any (none)");
+  tool::add_vector(app, "--viewpoint", s.viewpoint,
+                   "Where the scanner stood, world coordinates; default: what the file says");
+  tool::add_vector(app, "--up", s.estimate.orientation.up, "Direction for --orient up");
+
+  app.option_defaults()->group("Splats");
+  add_choice(
+      app, "--variance", s.estimate.size.rule,
+      {{"cover", VarianceRule::kCover}, {"max-distance", VarianceRule::kMaxDistance}},
+      "cover: discs at the cutoff just close the surface; max-distance: the largest distance "
+      "in a small neighbourhood is the standard deviation");
+  add_choice(app, "--anisotropy", s.estimate.size.anisotropy,
+             {{"auto", Anisotropy::kAuto}, {"on", Anisotropy::kOn}, {"off", Anisotropy::kOff}},
+             "Ellipses instead of discs: auto = where samples lie in lines");
+  app.add_option("--cutoff", s.estimate.size.cutoff,
+                 "c that --variance cover closes the surface at, 0.1..16")
+      ->capture_default_str();
+  app.option_defaults()->group("Options");
+}
+
+/// Fills in what the library's options hold in other types.
+void finish(Settings& s, const surfel::SurfelCloud& cloud) {
+  if (s.viewpoint) {
+    s.estimate.orientation.viewpoint = *s.viewpoint;
+  } else if (cloud.viewpoint) {
+    s.estimate.orientation.viewpoint = cloud.viewpoint->position;
+  } else if (s.estimate.orientation.method == surfel::Orientation::kViewpoint) {
+    surfel::throw_usage(
+        fmt::format("{} does not say where the scanner stood; give --viewpoint X,Y,Z", s.input));
+  }
+}
+
+void check(Settings& s) {
+  if (s.k == "auto") {
+    s.estimate.normals.adaptive = true;
+  } else {
+    const std::vector<double> k = surfel::tool::parse_numbers("-k", s.k, 1);
+    if (k[0] != static_cast<int>(k[0])) surfel::throw_usage("-k must be a whole number or auto");
+    s.estimate.normals.k = static_cast<int>(k[0]);
+  }
+  if (s.remove_outliers) s.estimate.outliers = s.outliers;
+  surfel::tool::require_valid(s.estimate.problems());
+}
+
+void report(nlohmann::json& json, const surfel::EstimateReport& r) {
+  json["points"] = r.points;
+  json["nonfinite"] = r.nonfinite;
+  json["outliers"] = r.outliers;
+  json["flags"] = {{"good", r.flagged[0]},
+                   {"thin", r.flagged[1]},
+                   {"too_few", r.flagged[2]},
+                   {"coincident", r.flagged[3]},
+                   {"collinear", r.flagged[4]}};
+  json["extended"] = r.extended;
+  json["mean_neighbors"] = r.mean_neighbors;
+  json["components"] = r.orientation.components;
+  json["flipped"] = r.orientation.flipped;
+  json["unknown_normals"] = r.orientation.unknown;
+  json["border"] = r.border;
+  json["capped"] = r.capped;
+  json["anisotropic"] = r.anisotropic;
+  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+}
+
+void warn(const surfel::tool::Tool& tool, const std::string& input,
+          const surfel::EstimateReport& r) {
+  const auto count = [&](std::size_t points, const char* what) {
+    if (points > 0) tool.note(fmt::format("{}: {} of {} points {}", input, points, r.points, what));
+  };
+  count(r.nonfinite, "are not finite: removed");
+  count(r.outliers, "are outliers: removed");
+  count(r.flagged[2] + r.flagged[3] + r.flagged[4],
+        "have no plane through their neighbours: they look at the eye");
+  count(r.capped, "are far from all others: their splats were cut to the neighbours' spacing");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  surfel::tool::Tool tool("surfel-estimate",
+                          "Makes surfels of raw points: normals, their side, splat sizes.");
+  Settings settings;
+  declare_options(tool.app(), settings);
+  return tool.run(argc, argv, [&] {
+    check(settings);
+    const surfel::Timer timer;
+    const surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    finish(settings, cloud);
+    tool.report()["load_ms"] = timer.milliseconds();
+
+    surfel::EstimateReport estimate;
+    surfel::SurfelCloud surfels =
+        surfel::estimate_surfels(cloud, settings.estimate, &estimate, settings.input);
+    report(tool.report(), estimate);
+    warn(tool, settings.input, estimate);
+
+    surfels.provenance.push_back(tool.provenance());
+    surfel::write_cloud(surfels, settings.output, {.no_clobber = tool.common().no_clobber});
+    tool.report()["surfels"] = surfels.size();
+    tool.note(fmt::format("{}: {} surfels", settings.output, surfels.size()));
+  });
+}
