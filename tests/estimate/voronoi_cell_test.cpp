@@ -48,7 +48,8 @@ TEST(VoronoiCell, ReachesTheSquareAtABorder) {
 }
 
 TEST(VoronoiCell, PointsAreUniformInArea) {
-  const VoronoiCell cell = cell_of({{1, 1}}, 1);  // A square of side 2 without the corner x + y > 1.
+  const VoronoiCell cell =
+      cell_of({{1, 1}}, 1);  // A square of side 2 without the corner x + y > 1.
   EXPECT_NEAR(cell.area(), 3.5, 1e-12);
   double sum = 0;
   int right = 0;

@@ -16,8 +16,13 @@ namespace {
 constexpr std::size_t kGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 constexpr float kLongestWeight = 65535;
+/// Edges steeper than 51 degrees to a tangent plane lead to another sheet: across a right-angled
+/// bend there are always some of 45.
+constexpr float kSteepestSine2 = 0.6F;
+/// Weight of what is no edge.
+constexpr float kNoEdge = 2;
 /// Parts are joined by edges below this weight among that many nearest points, in that many rounds.
-constexpr float kJoinWeight = 0.5F;
+constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
 constexpr int kJoinRounds = 8;
 
@@ -88,7 +93,7 @@ class Spreader {
   std::uint32_t part(std::uint32_t i) { return sets_.find(i).index; }
 
  private:
-  /// In 0..1; see orient_normals().
+  /// In 0..1, see orient_normals(), or kNoEdge.
   float weight(std::size_t i, std::size_t j) const {
     const Vec3f edge = position_[j] - position_[i];
     const float length2 = edge.squaredNorm();
@@ -98,6 +103,7 @@ class Spreader {
       const float b = edge.dot(normal_[j]);
       sine2 = std::min(1.0F, std::max(a * a, b * b) / length2);
     }
+    if (sine2 > kSteepestSine2) return kNoEdge;
     return 1 - std::min(1.0F, std::abs(normal_[i].dot(normal_[j]))) * (1 - sine2);
   }
 

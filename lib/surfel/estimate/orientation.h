@@ -39,11 +39,12 @@ struct OrientationReport {
 /// Turns unit normals (zero = unknown, stays so) to a side. Signs spread along the minimum spanning
 /// tree of the graph of nearest neighbours [Hoppe et al. 1992, section 3.3] with weights
 ///   1 - |n_i . n_j| (1 - s^2),  s = the larger sine between the edge and either tangent plane,
-/// so that they neither cross sharp bends nor jump between sheets. The tree is found by Kruskal's
+/// so that they rather go around sharp bends, and never along edges steeper than 51 degrees to a
+/// tangent plane, which lead to another sheet. The tree is found by Kruskal's
 /// algorithm on weights of 16 bits; signs are parities in its union-find structure, so the tree
 /// itself is never stored: 10 bytes an edge and 6 a point besides the search. Parts that the graph
 /// leaves apart (scan lines) are joined where among the 64 nearest points an edge of weight below
-/// 0.5 leads to another one.
+/// 0.1 leads to another one.
 ///
 /// \param origin    of the positions, for the viewpoint.
 /// \param search    over `position`.

@@ -1,0 +1,173 @@
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/random.h>
+#include <surfel/estimate/estimate.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/measure/cloud_statistics.h>
+#include <surfel/sample/generate.h>
+#include <surfel/sample/procedural_surface.h>
+
+#include "render/scenes.h"
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+SurfelCloud points_of(const std::string& kind, std::size_t count) {
+  GenerateOptions options;
+  options.count = count;
+  SurfelCloud cloud = generate_surfels(procedural_scene(kind, 1), options);
+  cloud.normal = {};
+  cloud.variance = {};
+  cloud.area = {};
+  return cloud;
+}
+
+const ExtraProperty* extra(const SurfelCloud& cloud, const std::string& name) {
+  for (const ExtraProperty& p : cloud.extra) {
+    if (p.name == name) return &p;
+  }
+  return nullptr;
+}
+
+TEST(Estimate, KeepsOrderAndAttributesOfThePoints) {
+  SurfelCloud cloud = points_of("sphere", 3000);
+  cloud.position[5].y() = std::numeric_limits<float>::quiet_NaN();
+  cloud.position[9].x() = std::numeric_limits<float>::infinity();
+  EstimateReport report;
+  const SurfelCloud out = estimate_surfels(cloud, {}, &report);
+  EXPECT_EQ(report.points, 3000U);
+  EXPECT_EQ(report.nonfinite, 2U);
+  ASSERT_EQ(out.size(), 2998U);
+  out.check_columns("");
+  for (std::size_t i = 0, j = 0; i < cloud.size(); ++i) {
+    if (i == 5 || i == 9) continue;
+    EXPECT_EQ(out.position[j], cloud.position[i]);
+    EXPECT_EQ(out.color[j], cloud.color[i]);
+    EXPECT_GT(out.normal[j].dot(cloud.position[i]), 0.99F);
+    ++j;
+  }
+  ASSERT_TRUE(extra(out, "confidence") && extra(out, "curvature") && extra(out, "flag"));
+  // A second estimate replaces them.
+  EXPECT_EQ(estimate_surfels(out, {}).extra.size(), out.extra.size());
+}
+
+TEST(Estimate, VarianceMatchesTheTrueSpacing) {
+  for (const char* kind : {"plane", "sphere", "torus"}) {
+    SurfelCloud cloud = points_of(kind, 20000);
+    const SurfelCloud out = estimate_surfels(cloud, {});
+    GenerateOptions truth;
+    truth.count = 20000;
+    const SurfelCloud known = generate_surfels(procedural_scene(kind, 1), truth);
+    double sum = 0;
+    double expected = 0;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      sum += out.area[i];
+      expected += known.area[i];
+    }
+    EXPECT_NEAR(sum / expected, 1, 0.03) << kind;
+  }
+}
+
+/// Share of the pixels well inside a unit sphere's silhouette that are not opaque.
+double hole_share(const SurfelCloud& cloud, double distance, int size) {
+  const Camera camera = camera_at(distance, size);
+  const Image image = render_unlit(cloud, camera);
+  const double silhouette =
+      camera.focal_x * std::tan(std::asin(1 / distance)) - 3;  // Pixels, without its edge.
+  std::size_t inside = 0;
+  std::size_t holes = 0;
+  for (int y = 0; y < size; ++y) {
+    for (int x = 0; x < size; ++x) {
+      if (std::hypot(x + 0.5 - size / 2.0, y + 0.5 - size / 2.0) > silhouette) continue;
+      ++inside;
+      holes += image.pixel(x, y)[3] < 0.99F ? 1 : 0;
+    }
+  }
+  return static_cast<double>(holes) / static_cast<double>(inside);
+}
+
+TEST(Estimate, CoverClosesASphereAtAnySizeOnScreen) {
+  SurfelCloud cloud = points_of("sphere", 40000);
+  for (Vec3f& p : cloud.position) p.normalize();
+  for (const double noise : {0.0, 0.1}) {
+    const double spacing = std::sqrt(4 * M_PI / 40000);
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      cloud.position[i] *= static_cast<float>(
+          1 + noise * spacing * (random_uniform(3, i, 0) + random_uniform(3, i, 1) - 1));
+    }
+    EstimateOptions options;
+    options.orientation.method = Orientation::kOutward;
+    const SurfelCloud cover = estimate_surfels(cloud, options);
+    // From one spacing a pixel to one spacing in six.
+    for (const int size : {150, 300, 900}) {
+      EXPECT_LT(hole_share(cover, 3, size), 0.0005) << size << " pixels, noise " << noise;
+    }
+    options.size.rule = VarianceRule::kMaxDistance;
+    const auto discs = cloud_statistics(cover).coverage;
+    const auto largest = cloud_statistics(estimate_surfels(cloud, options)).coverage;
+    ASSERT_TRUE(discs && largest);
+    EXPECT_LT(discs->overlap, 0.3 * largest->overlap);
+  }
+}
+
+TEST(Estimate, OutliersAreRemoved) {
+  SurfelCloud cloud = points_of("sphere", 5000);
+  cloud.position[100] *= 3;
+  cloud.position[200] *= 0.2F;
+  EstimateOptions options;
+  options.outliers.emplace();
+  options.outliers->deviations = 8;
+  EstimateReport report;
+  const SurfelCloud out = estimate_surfels(cloud, options, &report);
+  EXPECT_EQ(report.outliers, 2U);
+  EXPECT_EQ(out.size(), 4998U);
+}
+
+TEST(Estimate, DegenerateCloudsAreFlaggedNeverNan) {
+  std::vector<SurfelCloud> clouds(4);
+  clouds[0].position.assign(1, Vec3f(1, 2, 3));
+  clouds[1].position = {Vec3f(0, 0, 0), Vec3f(1, 0, 0)};
+  clouds[2].position.assign(500, Vec3f(1, 1, 1));
+  for (int i = 0; i < 500; ++i) clouds[3].position.emplace_back(static_cast<float>(i), 0.0F, 0.0F);
+  for (const SurfelCloud& cloud : clouds) {
+    for (const bool adaptive : {false, true}) {
+      EstimateOptions options;
+      options.normals.adaptive = adaptive;
+      EstimateReport report;
+      const SurfelCloud out = estimate_surfels(cloud, options, &report);
+      EXPECT_EQ(report.flagged[0] + report.flagged[1], 0U);
+      EXPECT_EQ(report.orientation.unknown, cloud.size());
+      for (std::size_t i = 0; i < out.size(); ++i) {
+        EXPECT_TRUE(out.normal[i].isZero(0));
+        EXPECT_TRUE(std::isfinite(out.area[i]));
+        EXPECT_TRUE(out.variance.empty() || std::isfinite(out.variance[i]));
+      }
+    }
+  }
+  SurfelCloud none;
+  none.position.assign(10, Vec3f::Constant(std::nanf("")));
+  EXPECT_THROW(estimate_surfels(none, {}), Error);
+}
+
+TEST(Estimate, RealScansGetNormalsLikeTheirOwn) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const SurfelCloud cloud =
+      read_cloud((data_folder() / "colour_clouds/fragment_normals_rgb.pcd").string());
+  EstimateOptions options;
+  options.orientation.method = Orientation::kAlign;
+  EstimateReport report;
+  const SurfelCloud out = estimate_surfels(cloud, options, &report);
+  std::size_t near = 0;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    near += out.normal[i].dot(cloud.normal[i].normalized()) > 0.9F ? 1 : 0;
+  }
+  EXPECT_GT(static_cast<double>(near), 0.95 * static_cast<double>(out.size()));
+}
+
+}  // namespace
+}  // namespace surfel::test
