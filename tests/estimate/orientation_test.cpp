@@ -64,7 +64,7 @@ TEST(Orientation, NestedSpheresAreTwoParts) {
   SurfelCloud cloud = surface("sphere", 20000);
   Array<Vec3f> position = cloud.position;
   Array<Vec3f> truth = cloud.normal;
-  const float gap = 3 * std::sqrt(4 * std::numbers::pi_v<float> / 20000);
+  const float gap = 2 * std::sqrt(4 * std::numbers::pi_v<float> / 20000);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     position.push_back((1 - gap) * cloud.position[i]);
     truth.push_back(cloud.normal[i]);
@@ -72,21 +72,6 @@ TEST(Orientation, NestedSpheresAreTwoParts) {
   const Oriented found = orient(position, truth, by(Orientation::kOutward));
   EXPECT_EQ(found.report.components, 2U);
   EXPECT_LT(found.wrong_share, 0.001);
-}
-
-TEST(Orientation, BothSidesOfAThinPlateFaceApart) {
-  // Two spacings apart, closed at the rim: a flat box.
-  Array<Vec3f> position;
-  Array<Vec3f> truth;
-  constexpr int kSide = 80;
-  for (int side : {-1, 1}) {
-    for (int i = 0; i < kSide * kSide; ++i) {
-      position.emplace_back(static_cast<float>(i % kSide), static_cast<float>(i / kSide),
-                            static_cast<float>(side));
-      truth.emplace_back(0.0F, 0.0F, static_cast<float>(side));
-    }
-  }
-  EXPECT_EQ(orient(position, truth, by(Orientation::kMst)).report.components, 2U);
 }
 
 TEST(Orientation, SpreadsAroundSharpEdges) {
