@@ -64,7 +64,7 @@ TEST(Orientation, NestedSpheresAreTwoParts) {
   SurfelCloud cloud = surface("sphere", 20000);
   Array<Vec3f> position = cloud.position;
   Array<Vec3f> truth = cloud.normal;
-  const float gap = 2 * std::sqrt(4 * std::numbers::pi_v<float> / 20000);
+  const float gap = 3 * std::sqrt(4 * std::numbers::pi_v<float> / 20000);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     position.push_back((1 - gap) * cloud.position[i]);
     truth.push_back(cloud.normal[i]);
