@@ -1,6 +1,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -178,18 +179,24 @@ class Sizer {
   }
 
   /// Does the surface go on at a corner of the cell? It does if the void around the corner is not
-  /// too large and has points behind it, within 30 degrees, so that those along a border do not
-  /// count. Neighbours are known as far as `reach`.
+  /// too large and the corner lies within the convex hull of the neighbours, looked at from five
+  /// sides. Neighbours are known as far as `reach`.
   static bool on_surface(const Vec2d& corner, double reach, double spacing,
                          const std::vector<Vec2d>& flat) {
-    constexpr double kCosine2 = 0.75;
-    const double distance2 = corner.squaredNorm();
-    const double distance = std::sqrt(distance2);
+    constexpr double kPi = std::numbers::pi;
+    static const std::array<Eigen::Matrix2d, 5> kTurns{
+        Eigen::Rotation2Dd(0).toRotationMatrix(), Eigen::Rotation2Dd(kPi / 6).toRotationMatrix(),
+        Eigen::Rotation2Dd(-kPi / 6).toRotationMatrix(),
+        Eigen::Rotation2Dd(kPi / 3).toRotationMatrix(),
+        Eigen::Rotation2Dd(-kPi / 3).toRotationMatrix()};
+    const double distance = corner.norm();
     if (distance <= kSureReach * spacing) return true;
     if (distance > std::min(reach / 2, kVoidReach * spacing)) return false;
-    return std::any_of(flat.begin(), flat.end(), [&](const Vec2d& p) {
-      const double along = p.dot(corner);
-      return along >= distance2 && along * along >= kCosine2 * distance2 * p.squaredNorm();
+    return std::all_of(kTurns.begin(), kTurns.end(), [&](const Eigen::Matrix2d& turn) {
+      const Vec2d direction = turn * corner;
+      const double height = direction.dot(corner);
+      return std::any_of(flat.begin(), flat.end(),
+                         [&](const Vec2d& p) { return p.dot(direction) >= height; });
     });
   }
 
