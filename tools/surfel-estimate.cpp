@@ -1,3 +1,4 @@
+#include <charconv>
 #include <optional>
 
 #include <fmt/format.h>
@@ -97,9 +98,12 @@ void check(Settings& s) {
   if (s.k == "auto") {
     s.estimate.normals.adaptive = true;
   } else {
-    const std::vector<double> k = surfel::tool::parse_numbers("-k", s.k, 1);
-    if (k[0] != static_cast<int>(k[0])) surfel::throw_usage("-k must be a whole number or auto");
-    s.estimate.normals.k = static_cast<int>(k[0]);
+    int& k = s.estimate.normals.k;
+    const char* end = s.k.data() + s.k.size();
+    const auto [rest, error] = std::from_chars(s.k.data(), end, k);
+    if (error != std::errc() || rest != end) {
+      surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
+    }
   }
   if (s.remove_outliers) s.estimate.outliers = s.outliers;
   surfel::tool::require_valid(s.estimate.problems());

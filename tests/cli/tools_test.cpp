@@ -57,6 +57,7 @@ const std::vector<Usage>& usages() {
   static const std::vector<Usage> all = {
       {"surfel-generate", {"plane", "--count", "400"}, "", ".ply"},
       {"surfel-from-mesh", {"--spacing", "0.05"}, "mesh", ".ply"},
+      {"surfel-estimate", {"-k", "8", "--orient", "up"}, "surfels", ".ply"},
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},

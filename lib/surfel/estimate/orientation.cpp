@@ -201,10 +201,13 @@ class Spreader {
 std::vector<Vec3f> probes(Orientation method) {
   if (method != Orientation::kOutward) return {Vec3f(0, 0, 1)};
   std::vector<Vec3f> out;
-  for (int code = 0; code < 27; ++code) {
-    const Vec3f d(static_cast<float>(code % 3 - 1), static_cast<float>(code / 3 % 3 - 1),
-                  static_cast<float>(code / 9 - 1));
-    if (!d.isZero(0)) out.push_back(d.normalized());
+  for (const float x : {-1.0F, 0.0F, 1.0F}) {
+    for (const float y : {-1.0F, 0.0F, 1.0F}) {
+      for (const float z : {-1.0F, 0.0F, 1.0F}) {
+        const Vec3f d(x, y, z);
+        if (!d.isZero(0)) out.push_back(d.normalized());
+      }
+    }
   }
   return out;
 }

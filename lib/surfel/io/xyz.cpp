@@ -91,10 +91,10 @@ class XyzReader {
       fail(fmt::format("{} alone is neither a point nor a count of points",
                        quoted_excerpt(words_[0])));
     }
-    if (*value >
-        static_cast<double>((text_.size() - std::min(at_, text_.size())) / kShortestLine + 1)) {
-      fail(fmt::format("promises {} points, but only {} bytes follow", *value,
-                       text_.size() - std::min(at_, text_.size())));
+    const std::size_t left = text_.size() - std::min(at_, text_.size());
+    const std::size_t most = left / kShortestLine + 1;
+    if (*value > static_cast<double>(most)) {
+      fail(fmt::format("promises {} points, but only {} bytes follow", *value, left));
     }
     return static_cast<std::size_t>(*value);
   }
