@@ -1,0 +1,184 @@
+// Prints the tables of docs/estimation.md: normals and sizes against the truth, beside PCL's
+// normals on the same points, and the times of both. Usage: normals_table > docs/estimation.md
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <pcl/features/normal_3d_omp.h>
+#include <pcl/search/kdtree.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/base/timing.h>
+#include <surfel/estimate/estimate.h>
+#include <surfel/measure/cloud_statistics.h>
+#include <surfel/pcl/conversion.h>
+#include <surfel/sample/generate.h>
+#include <surfel/sample/procedural_surface.h>
+
+namespace {
+
+using namespace surfel;
+
+struct Angles {
+  double mean, p99;
+};
+
+Angles angles(const Array<Vec3f>& normal, const Array<Vec3f>& truth) {
+  std::vector<double> all(truth.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    const Vec3d a = normal[i].cast<double>();
+    const Vec3d b = truth[i].cast<double>();
+    all[i] = std::atan2(a.cross(b).norm(), std::abs(a.dot(b))) * 180 / std::numbers::pi;
+    sum += all[i];
+  }
+  const auto rank = all.begin() + static_cast<std::ptrdiff_t>(all.size() * 99 / 100);
+  std::nth_element(all.begin(), rank, all.end());
+  return {sum / static_cast<double>(all.size()), *rank};
+}
+
+Array<Vec3f> pcl_normals(const SurfelCloud& cloud, int k) {
+  const pcl::PointCloud<pcl::PointXYZ>::Ptr points(
+      new pcl::PointCloud<pcl::PointXYZ>(toPCL<pcl::PointXYZ>(cloud)));
+  pcl::NormalEstimationOMP<pcl::PointXYZ, pcl::Normal> estimation(
+      static_cast<unsigned>(thread_count()));
+  estimation.setInputCloud(points);
+  estimation.setKSearch(k);
+  pcl::PointCloud<pcl::Normal> normals;
+  estimation.compute(normals);
+  Array<Vec3f> out;
+  for (const pcl::Normal& n : normals) out.emplace_back(n.normal_x, n.normal_y, n.normal_z);
+  return out;
+}
+
+struct Cloud {
+  SurfelCloud points;
+  Array<Vec3f> truth;
+  double area = 0;
+};
+
+/// Points of a surface, moved along their normals by Gaussian noise of `noise` mean spacings.
+Cloud noisy(const std::string& kind, std::size_t count, double noise) {
+  GenerateOptions options;
+  options.count = count;
+  Cloud out;
+  out.points = generate_surfels(procedural_scene(kind, 1), options);
+  out.truth = out.points.normal;
+  for (const float a : out.points.area) out.area += a;
+  const double spacing = std::sqrt(out.area / static_cast<double>(count));
+  for (std::size_t i = 0; i < count; ++i) {
+    const double u = std::max(random_uniform(11, i, 0), 1e-12);
+    const double gauss =
+        std::sqrt(-2 * std::log(u)) * std::cos(2 * std::numbers::pi * random_uniform(11, i, 1));
+    out.points.position[i] += static_cast<float>(noise * spacing * gauss) * out.truth[i];
+  }
+  return out;
+}
+
+SurfelCloud estimated(const SurfelCloud& cloud, bool adaptive, VarianceRule rule) {
+  EstimateOptions options;
+  options.normals.adaptive = adaptive;
+  options.size.rule = rule;
+  return estimate_surfels(cloud, options);
+}
+
+void accuracy() {
+  fmt::print(
+      "## Accuracy\n\nPoints of generated surfaces with Gaussian noise along the normal, in mean "
+      "spacings. Angles to the true\nnormal in degrees, mean / 99th percentile. Overlap: mean "
+      "number of discs (beta < 1) over a point; area: sum of the\nestimated areas by the true "
+      "one.\n\n| surface, points | noise | PCL, k = 16 | Surfelkit, -k 16 | -k auto | wrong side "
+      "| overlap cover / max-distance | area |\n|---|---|---|---|---|---|---|---|\n");
+  struct Surface {
+    const char* kind;
+    std::size_t count;
+    bool closed;
+  };
+  for (const Surface& s : {Surface{"plane", 40000, false}, Surface{"sphere", 40000, true},
+                           Surface{"torus", 40000, true}, Surface{"head", 400000, true},
+                           Surface{"terrain", 1000000, false}}) {
+    for (const double noise : {0.0, 0.1, 0.3}) {
+      const Cloud cloud = noisy(s.kind, s.count, noise);
+      const Angles pcl = angles(pcl_normals(cloud.points, 16), cloud.truth);
+      const SurfelCloud fixed = estimated(cloud.points, false, VarianceRule::kCover);
+      const Angles ours = angles(fixed.normal, cloud.truth);
+      const Angles adaptive =
+          angles(estimated(cloud.points, true, VarianceRule::kCover).normal, cloud.truth);
+      std::size_t wrong = 0;
+      double area = 0;
+      for (std::size_t i = 0; i < fixed.size(); ++i) {
+        wrong += fixed.normal[i].dot(cloud.truth[i]) < 0 ? 1 : 0;
+        area += fixed.area[i];
+      }
+      // An open surface has no outside: what counts is that all are on one.
+      if (!s.closed) wrong = std::min(wrong, s.count - wrong);
+      const auto cover = cloud_statistics(fixed).coverage;
+      const auto largest =
+          cloud_statistics(estimated(cloud.points, false, VarianceRule::kMaxDistance)).coverage;
+      fmt::print(
+          "| {}, {} | {} | {:.2f} / {:.2f} | {:.2f} / {:.2f} | {:.2f} / {:.2f} | {:.3f} % | "
+          "{:.2f} / {:.2f} | {:.3f} |\n",
+          s.kind, s.count, noise, pcl.mean, pcl.p99, ours.mean, ours.p99, adaptive.mean,
+          adaptive.p99, 100.0 * static_cast<double>(wrong) / static_cast<double>(s.count),
+          cover ? cover->overlap : 0, largest ? largest->overlap : 0, area / cloud.area);
+      std::fflush(stdout);
+    }
+  }
+}
+
+void speed() {
+  fmt::print(
+      "\n## Speed\n\n1 million points of `head`, k = 16, {} threads, best of three, one run. "
+      "PCL: NormalEstimationOMP with its own search tree;\nSurfelkit: everything that "
+      "`surfel-estimate` does between reading and writing.\n\n| order of the points | PCL, normals "
+      "alone | Surfelkit: search, normals | sizes | orientation (outward) "
+      "|\n|---|---|---|---|---|\n",
+      thread_count());
+  Cloud cloud = noisy("head", 1000000, 0.05);
+  for (const bool shuffled : {true, false}) {
+    if (shuffled) {  // Fisher and Yates
+      Array<std::uint32_t> order(cloud.points.size());
+      for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
+      for (std::uint32_t i = static_cast<std::uint32_t>(order.size()) - 1; i > 0; --i) {
+        std::swap(order[i], order[static_cast<std::uint32_t>(random_uniform(3, i) * (i + 1.0))]);
+      }
+      cloud.points = cloud.points.gathered(order);
+    } else {
+      cloud = noisy("head", 1000000, 0.05);
+    }
+    double pcl = 1e30;
+    double normals = 1e30;
+    double sizes = 1e30;
+    double orientation = 1e30;
+    for (int repeat = 0; repeat < 3; ++repeat) {
+      const Timer timer;
+      pcl_normals(cloud.points, 16);
+      pcl = std::min(pcl, timer.milliseconds());
+      EstimateOptions options;
+      options.orientation.method = Orientation::kOutward;
+      EstimateReport report;
+      estimate_surfels(cloud.points, options, &report);
+      double some = 0;
+      for (const auto& [stage, ms] : report.times.stages()) {
+        if (stage == "sizes") sizes = std::min(sizes, ms);
+        if (stage == "orientation") orientation = std::min(orientation, ms);
+        if (stage == "sort" || stage == "index" || stage == "normals") some += ms;
+      }
+      normals = std::min(normals, some);
+    }
+    fmt::print("| {} | {:.2f} s | {:.2f} s | {:.2f} s | {:.2f} s |\n",
+               shuffled ? "random" : "along the surface", pcl / 1000, normals / 1000, sizes / 1000,
+               orientation / 1000);
+  }
+}
+
+}  // namespace
+
+int main() {
+  fmt::print("# Estimation: measured\n\nMade by `tests/bench/normals_table`.\n\n");
+  accuracy();
+  speed();
+}
