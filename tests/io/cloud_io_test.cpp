@@ -64,9 +64,8 @@ std::string ply(const std::string& properties, const std::string& body, int coun
 template <class T>
 bool same_bits(const Array<T>& a, const Array<T>& b) {
   return a.size() == b.size() &&
-         (a.empty() ||
-          std::memcmp(static_cast<const void*>(a.data()), static_cast<const void*>(b.data()),
-                      a.size() * sizeof(T)) == 0);
+         (a.empty() || std::memcmp(static_cast<const void*>(a.data()),
+                                   static_cast<const void*>(b.data()), a.size() * sizeof(T)) == 0);
 }
 
 /// Calls check(name, a's column, b's column) for all columns but the positions.

@@ -299,8 +299,8 @@ void real_mesh_is_sampled_soundly(const std::string& file, double count, int cut
   EXPECT_NEAR(total(cloud.area), report.area, 1e-5 * report.area) << file;
 }
 
-// brain_tristrips.ply would not do: along its seams vertices lie 1e-5 spacings apart, which the check
-// takes for one sheet and the sampler, which welds equal positions only, for two.
+// brain_tristrips.ply would not do: along its seams vertices lie 1e-5 spacings apart, which the
+// check takes for one sheet and the sampler, which welds equal positions only, for two.
 TEST(SampleMesh, RealMeshesAreCoveredSheetBySheet) {
   SURFEL_REQUIRE_TEST_DATA();
   real_mesh_is_sampled_soundly("textured/spot/spot_triangulated.obj", 20000, 8);
