@@ -38,9 +38,9 @@ HWY_INLINE V exp_minus(V x) {
 constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
 constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
 
-/// A splat's values, spread over vectors, and what else the loops over its pixels need: in locals,
-/// as the compiler must assume that stores to the A-buffer change any member.
-struct Spread {
+/// A splat and what else the loops over its pixels need: in locals, as the compiler must assume
+/// that stores to the A-buffer change any member.
+struct Drawing {
   Splat splat;
   SplatNormal normal;
   float k, q, epsilon, depth_lo, depth_hi;
@@ -154,7 +154,7 @@ class Rasterizer {
     const int first_column = box[0], first_row = box[1], last_column = box[2], last_row = box[3];
     if (first_column > last_column || first_row > last_row) return;
 
-    Spread s;
+    Drawing s;
     s.splat = splat;
     if constexpr (kNormals) s.normal = *normal;
     s.k = splat.k * scale_;
@@ -191,7 +191,7 @@ class Rasterizer {
   }
 
   /// A vector of pixels: e = dx - m dy, `plane` the depth on the tangent plane.
-  HWY_INLINE void draw_vector(const Splat& splat, const SplatNormal* normal, const Spread& s,
+  HWY_INLINE void draw_vector(const Splat& splat, const SplatNormal* normal, const Drawing& s,
                               std::size_t pixel, V e, V dy, V plane) {
     const D d;
     const V beta =
@@ -207,7 +207,7 @@ class Rasterizer {
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
-  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, const Spread& s,
+  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, const Drawing& s,
                       std::size_t pixel, M open, V rho, V depth) {
     const D d;
     const hn::RebindToUnsigned<D> du;
@@ -256,7 +256,7 @@ class Rasterizer {
 
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
   /// not seen, those within a pair come too late and are dropped (and counted). Returns the others.
-  HWY_INLINE M add_to_merged(const Spread& s, std::size_t pixel, M open, V rho, V depth) {
+  HWY_INLINE M add_to_merged(const Drawing& s, std::size_t pixel, M open, V rho, V depth) {
     const D d;
     const float* fragment = s.data + pixel;
     for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
@@ -275,7 +275,7 @@ class Rasterizer {
   }
 
   /// Adds rho, which is zero where a pixel does not take part.
-  static void accumulate(float* fragment, const Spread& s, V rho, V depth, V weight,
+  static void accumulate(float* fragment, const Drawing& s, V rho, V depth, V weight,
                          V weighted_depth) {
     const D d;
     const auto add_to = [&](int channel, V value) {
