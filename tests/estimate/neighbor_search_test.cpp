@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+#include <surfel/estimate/neighbor_lists.h>
 #include <surfel/estimate/neighbor_search.h>
 
 namespace surfel {
@@ -205,6 +206,37 @@ TEST(NeighborSearch, ApproximateFindsMostOfTheNearest) {
     }
   }
   EXPECT_GT(hits, 2000U * 16U * 96 / 100);
+}
+
+TEST(NeighborLists, AreWhatTheSearchFinds) {
+  Array<Vec3f> points;
+  for (std::uint64_t i = 0; i < 3000; ++i) {
+    // Many ties and coincident points.
+    const auto at = [&](int d) {
+      return static_cast<float>(std::floor(10 * random_uniform(4, i, d)));
+    };
+    points.emplace_back(at(0), at(1), at(2));
+  }
+  const auto search = make_neighbor_search(points);
+  const NeighborLists lists(*search, points, 12);
+  for (const std::size_t k : {1U, 7U, 12U, 20U}) {
+    std::vector<std::vector<Neighbor>> expected(points.size());
+    search->for_each_nearest(k, [&](std::size_t i, std::span<const Neighbor> near, int) {
+      expected[i].assign(near.begin(), near.end());
+    });
+    lists.for_each_nearest(k, [&](std::size_t i, std::span<const Neighbor> near, int) {
+      ASSERT_EQ(near.size(), expected[i].size());
+      for (std::size_t n = 0; n < near.size(); ++n) {
+        EXPECT_EQ(near[n].index, expected[i][n].index);
+        EXPECT_EQ(near[n].distance2, expected[i][n].distance2);
+      }
+    });
+  }
+  const Array<Vec3f> two{Vec3f(0, 0, 0), Vec3f(1, 0, 0)};
+  const auto small = make_neighbor_search(two);
+  NeighborLists(*small, two, 16)
+      .for_each_nearest(
+          9, [&](std::size_t, std::span<const Neighbor> near, int) { EXPECT_EQ(near.size(), 2U); });
 }
 
 }  // namespace

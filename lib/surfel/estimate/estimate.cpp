@@ -6,9 +6,13 @@
 #include <surfel/base/parallel.h>
 #include <surfel/cloud/morton.h>
 #include <surfel/estimate/estimate.h>
+#include <surfel/estimate/neighbor_lists.h>
 
 namespace surfel {
 namespace {
+
+/// Neighbourhoods of the normals are kept up to this size.
+constexpr int kMostShared = 64;
 
 /// Indices of the points of `order` that `keep` says yes to.
 template <class Keep>
@@ -90,9 +94,16 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     lap("outliers");
   }
 
-  const auto search = make_neighbor_search(position, options.search);
-  lap("index");
-  NormalEstimate normals = estimate_normals(position, *search, options.normals);
+  const auto tree = make_neighbor_search(position, options.search);
+  // All stages go over the same neighbourhoods, but for large or adaptive ones of the normals.
+  std::size_t shared =
+      static_cast<std::size_t>(std::max(options.size.neighbors, options.orientation.neighbors + 1));
+  if (!options.normals.adaptive && options.normals.radius == 0) {
+    shared = std::max(shared, static_cast<std::size_t>(std::min(options.normals.k, kMostShared)));
+  }
+  const NeighborLists search(*tree, position, shared);
+  lap("neighbors");
+  NormalEstimate normals = estimate_normals(position, search, options.normals);
   r.flagged = normals.flagged;
   r.extended = normals.extended;
   r.mean_neighbors = std::accumulate(normals.neighbors.begin(), normals.neighbors.end(), 0.0) /
@@ -103,12 +114,12 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     previous.resize(order.size());
     for (std::size_t i = 0; i < order.size(); ++i) previous[i] = cloud.normal[order[i]];
   }
-  r.orientation = orient_normals(position, cloud.origin, *search, previous, options.orientation,
-                                 normals.normal);
+  r.orientation =
+      orient_normals(position, cloud.origin, search, previous, options.orientation, normals.normal);
   lap("orientation");
   const SplatSizes sizes =
       estimate_splat_sizes(position, normals.normal,
-                           options.orientation.method != Orientation::kNone, *search, options.size);
+                           options.orientation.method != Orientation::kNone, search, options.size);
   r.border = sizes.border;
   r.capped = sizes.capped;
   r.anisotropic = !sizes.tangent.empty();

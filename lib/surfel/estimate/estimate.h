@@ -45,7 +45,7 @@ struct EstimateReport {
 /// points, in the order in which they came. Points that are not finite are removed. A normal that
 /// cannot be told is zero, its splat a disc that looks at the eye.
 ///
-/// About 200 bytes a point besides the cloud. The same for any number of threads. Throws
+/// About 250 bytes a point besides the cloud. The same for any number of threads. Throws
 /// Error(kUsage) for bad options, Error(kInput) starting with `name` if no finite point is left.
 SURFEL_API SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& options,
                                         EstimateReport* report = nullptr,

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/estimate/neighbor_search.h>
+
+namespace surfel {
+
+/// The k nearest neighbours of all points, searched for once and kept (4 k bytes a point) for
+/// several stages that go over all neighbourhoods: for_each_nearest() of no more than k of them
+/// reads the lists, every other query goes to the search behind. The same results as that search's.
+class SURFEL_API NeighborLists final : public NeighborSearch {
+ public:
+  /// `search` is over `points`; both outlive this object.
+  NeighborLists(const NeighborSearch& search, const Array<Vec3f>& points, std::size_t k);
+
+  std::size_t size() const override { return search_.size(); }
+  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const override {
+    search_.nearest(query, k, out);
+  }
+  void within(const Vec3f& query, float radius, std::size_t most,
+              std::vector<Neighbor>& out) const override {
+    search_.within(query, radius, most, out);
+  }
+  void for_each_nearest(std::size_t k, Body body) const override;
+  void for_each_within(float radius, std::size_t most, Body body) const override {
+    search_.for_each_within(radius, most, body);
+  }
+
+ private:
+  const NeighborSearch& search_;
+  const Array<Vec3f>& points_;
+  std::size_t k_;
+  Array<std::uint32_t> index_;  ///< k_ of every point, nearest first.
+};
+
+}  // namespace surfel
