@@ -18,13 +18,13 @@ struct Oriented {
   double wrong_share = 0;  ///< Of the true normals' sides.
 };
 
-/// Estimates normals, flips half of them at random, orients them and compares with the truth.
-Oriented orient(const Array<Vec3f>& position, const Array<Vec3f>& truth,
-                const OrientationOptions& options, const Array<Vec3f>& previous = {},
-                const Vec3d& origin = {0, 0, 0}) {
+/// Flips half of the normals at random, orients them and compares with the truth.
+Oriented orient_these(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                      const Array<Vec3f>& truth, const OrientationOptions& options,
+                      const Array<Vec3f>& previous = {}, const Vec3d& origin = {0, 0, 0}) {
   const auto search = make_neighbor_search(position);
   Oriented out;
-  out.normal = estimate_normals(position, *search).normal;
+  out.normal = normal;
   for (std::size_t i = 0; i < out.normal.size(); ++i) {
     if (random_uniform(5, i) < 0.5) out.normal[i] = -out.normal[i];
   }
@@ -32,6 +32,28 @@ Oriented orient(const Array<Vec3f>& position, const Array<Vec3f>& truth,
   std::size_t wrong = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) wrong += out.normal[i].dot(truth[i]) < 0 ? 1 : 0;
   out.wrong_share = static_cast<double>(wrong) / static_cast<double>(truth.size());
+  return out;
+}
+
+/// The same with normals estimated from the points.
+Oriented orient(const Array<Vec3f>& position, const Array<Vec3f>& truth,
+                const OrientationOptions& options, const Array<Vec3f>& previous = {},
+                const Vec3d& origin = {0, 0, 0}) {
+  const auto search = make_neighbor_search(position);
+  const Array<Vec3f> normal = estimate_normals(position, *search).normal;
+  return orient_these(position, normal, truth, options, previous, origin);
+}
+
+/// Normals that are 5 degrees off, in random directions.
+Array<Vec3f> inexact(const Array<Vec3f>& truth) {
+  constexpr float kOff = 5 * std::numbers::pi_v<float> / 180;
+  Array<Vec3f> out = truth;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    Vec3f aside;
+    for (int d = 0; d < 3; ++d) aside[d] = static_cast<float>(random_uniform(7, i, d) - 0.5);
+    aside -= aside.dot(out[i]) * out[i];
+    out[i] = std::cos(kOff) * out[i] + std::sin(kOff) * aside.normalized();
+  }
   return out;
 }
 
@@ -91,9 +113,27 @@ TEST(Orientation, SpreadsAroundSharpEdges) {
       truth.push_back(normal);
     }
   }
-  const Oriented found = orient(position, truth, by(Orientation::kOutward));
-  EXPECT_EQ(found.report.components, 1U);
-  EXPECT_LT(found.wrong_share, 0.001);
+  // Estimated normals are rounded off at the edges, exact ones change from point to point.
+  const OrientationOptions options = by(Orientation::kOutward);
+  for (const Oriented& found :
+       {orient(position, truth, options), orient_these(position, inexact(truth), truth, options)}) {
+    EXPECT_EQ(found.report.components, 1U);
+    EXPECT_LT(found.wrong_share, 0.001);
+  }
+}
+
+TEST(Orientation, SheetsLessThanTwoSpacingsApartStayApart) {
+  const SurfelCloud cloud = surface("sphere", 20000);
+  Array<Vec3f> position = cloud.position;
+  Array<Vec3f> truth = cloud.normal;
+  const float gap = 1.5F * std::sqrt(4 * std::numbers::pi_v<float> / 20000);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    position.push_back((1 - gap) * cloud.position[i]);
+    truth.push_back(cloud.normal[i]);
+  }
+  const Oriented found = orient_these(position, inexact(truth), truth, by(Orientation::kOutward));
+  EXPECT_EQ(found.report.components, 2U);
+  EXPECT_EQ(found.wrong_share, 0);
 }
 
 TEST(Orientation, ScanLinesAreOnePart) {
@@ -136,6 +176,36 @@ TEST(Orientation, AlignKeepsGivenSidesAndSpreadsThem) {
   }
   const Oriented found = orient(cloud.position, cloud.normal, by(Orientation::kAlign), previous);
   EXPECT_GT(found.wrong_share, 0.999);
+}
+
+TEST(Orientation, AlignSpreadsFromTheNearestGiven) {
+  // One half of a sphere is given outward, the other inward, by few points; a second sphere far
+  // away has none.
+  const SurfelCloud cloud = surface("sphere", 10000);
+  Array<Vec3f> position = cloud.position;
+  Array<Vec3f> previous;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const float side = cloud.position[i].x() < 0 ? -1.0F : 1.0F;
+    previous.push_back(i % 10 == 0 ? Vec3f(side * cloud.normal[i]) : Vec3f(0, 0, 0));
+  }
+  Array<Vec3f> truth = cloud.normal;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    position.push_back(cloud.position[i] + Vec3f(10, 0, 0));
+    previous.emplace_back(0.0F, 0.0F, 0.0F);
+    truth.push_back(cloud.normal[i]);
+  }
+  const Oriented found = orient(position, truth, by(Orientation::kAlign), previous);
+  std::size_t wrong = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const float x = cloud.position[i].x();
+    if (std::abs(x) > 0.2F) wrong += found.normal[i].dot(truth[i]) * x < 0 ? 1 : 0;
+    if (i % 10 == 0) wrong += found.normal[i].dot(previous[i]) < 0 ? 1 : 0;
+  }
+  EXPECT_EQ(wrong, 0U);
+  for (std::size_t i = cloud.size(); i < position.size(); ++i)
+    wrong += found.normal[i].dot(truth[i]) < 0 ? 1 : 0;
+  EXPECT_EQ(wrong, 0U);
+  EXPECT_EQ(found.report.components, 2U);
 }
 
 TEST(Orientation, UnknownNormalsStayUnknown) {

@@ -28,8 +28,12 @@ std::string failure_of(const std::string& text) {
 
 TEST(Xyz, SeparatorsCommentsAndLineEnds) {
   for (const char* text : {"1 2 3\n4 5 6\n", "1,2,3\r\n4, 5, 6\r\n", "# made by\n1;2;3\n\n4;5;6",
-                           "// x y z\n\t1\t2\t3 \n4 5 6 \n", "2\n1 2 3\n4 5 6\n",
-                           "X,Y,Z\n1,2,3\n4,5,6\n", "\"x\" \"y\" \"z\"\n+1 2.0 3e0\n4 5 6\n"}) {
+                           "// x y z\n\t1\t2\t3 \n4 5 6 \n", "2\n1 2 3\n4 5 6\n", "1 2 3\r4 5 6\r",
+                           "\xef\xbb\xbf"
+                           "1 2 3\n4 5 6\n",
+                           "1\n1 2 3\n1\n4 5 6\n", "\xef\xbb\xbfX,Y,Z\n1,2,3\n4,5,6\n",
+                           "# x y z of a scan\n1 2 3\n4 5 6\n", "X,Y,Z\n1,2,3\n4,5,6\n",
+                           "\"x\" \"y\" \"z\"\n+1 2.0 3e0\n4 5 6\n"}) {
     const SurfelCloud cloud = read_text(text);
     ASSERT_EQ(cloud.size(), 2U) << text;
     EXPECT_EQ(cloud.world(0), Vec3d(1, 2, 3)) << text;
@@ -41,6 +45,10 @@ TEST(Xyz, SeparatorsCommentsAndLineEnds) {
 TEST(Xyz, ColumnsByNumber) {
   const SurfelCloud normals = read_text("1 2 3 0 0.6 0.8\n1 2 3 1 0 0\n");
   EXPECT_EQ(normals.normal.at(0), Vec3f(0, 0.6F, 0.8F));
+  const SurfelCloud unknown = read_text("1 2 3 0 0.6 0.8\n1 2 3 0 0 0\n");
+  EXPECT_EQ(unknown.normal.at(1), Vec3f(0, 0, 0));
+  EXPECT_TRUE(unknown.color.empty());
+  EXPECT_EQ(read_text("1 2 3 0 0 0\n").color.at(0), Vec3f(0, 0, 0));
   const SurfelCloud colors = read_text("1 2 3 0 128 255\n1 2 3 1 0 0\n");
   EXPECT_EQ(colors.color.at(0), Vec3f(0, srgb8_to_linear(128), 1));
   EXPECT_EQ(colors.color_encoding, ColorEncoding::kUint8Srgb);
@@ -60,6 +68,9 @@ TEST(Xyz, NamedColumns) {
   EXPECT_EQ(cloud.position.at(0), Vec3f(1, 2, 3));
   EXPECT_EQ(cloud.color.at(0), Vec3f(1, 0, 0));
   EXPECT_EQ(cloud.extra.at(0).name, "time");
+  const SurfelCloud comment = read_text("# a scan\n//X Y Z Nx Ny Nz\n1\n1 2 3 0 0 0\n");
+  EXPECT_EQ(comment.normal.at(0), Vec3f(0, 0, 0));
+  EXPECT_TRUE(comment.color.empty());
 }
 
 TEST(Xyz, MapCoordinatesKeepTheirDigits) {
@@ -77,6 +88,9 @@ TEST(Xyz, BrokenFilesAreRefused) {
   expect("# nothing\n", "holds no points");
   expect("x y z\n", "holds no points");
   expect("5\n1 2 3\n", "promises 5 points");
+  expect("2\n1 2 3\n4 5 6\n7 8 9\n", "line 4: more points than the 2");
+  expect("1 2 3\r4 five 6\r", "line 2: 'five' is not a number");
+  expect("1 2 3\r\n4 five 6\r\n", "line 2: 'five' is not a number");
   expect("1000000000000\n1 2 3\n", "line 1: promises");
   expect("1 2\n1 2\n", "2 columns without names");
   expect("1 2 3 4 5\n", "5 columns without names");

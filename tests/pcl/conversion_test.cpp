@@ -57,6 +57,35 @@ TEST(Pcl, RadiusIsOneStandardDeviation) {
   EXPECT_EQ(toPCL<pcl::PointSurfel>(cloud)[4].radius, 3);
 }
 
+TEST(Pcl, ConfidenceAndCurvatureAreKept) {
+  pcl::PointCloud<pcl::PointSurfel> points;
+  for (int i = 0; i < 3; ++i) {
+    pcl::PointSurfel p;
+    p.confidence = 0.25F * static_cast<float>(i);
+    p.curvature = 0.125F * static_cast<float>(i);
+    points.push_back(p);
+  }
+  points[1].curvature = std::numeric_limits<float>::quiet_NaN();
+  const SurfelCloud cloud = fromPCL(points);
+  cloud.check_columns("surfels");
+  const auto back = toPCL<pcl::PointSurfel>(cloud);
+  EXPECT_EQ(back[2].confidence, 0.5F);
+  EXPECT_EQ(back[2].curvature, 0.25F);
+  EXPECT_TRUE(std::isnan(back[1].curvature));
+  EXPECT_EQ(toPCL<pcl::PointNormal>(cloud)[2].curvature, 0.25F);
+  EXPECT_EQ(toPCL<pcl::PointNormal>(surfels())[2].curvature, 0);
+  EXPECT_TRUE(fromPCL(pcl::PointCloud<pcl::PointXYZ>()).extra.empty());
+}
+
+TEST(Pcl, PackedColors) {
+  pcl::PointCloud<pcl::PointXYZRGB> points;
+  points.emplace_back(1.0F, 2.0F, 3.0F, 255, 128, 0);
+  EXPECT_EQ(points[0].rgba, 0xffff8000U);
+  const SurfelCloud cloud = fromPCL(points);
+  EXPECT_EQ(cloud.color.at(0), Vec3f(1, srgb8_to_linear(128), 0));
+  EXPECT_EQ(toPCL<pcl::PointXYZRGB>(cloud)[0].rgba, 0xffff8000U);
+}
+
 TEST(Pcl, PlainPointsAndWhatIsNotFinite) {
   SurfelCloud cloud = surfels();
   cloud.position[3].y() = std::numeric_limits<float>::quiet_NaN();

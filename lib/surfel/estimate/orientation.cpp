@@ -19,8 +19,11 @@ constexpr float kLongestWeight = 65535;
 /// Edges steeper than 51 degrees to a tangent plane lead to another sheet: across a right-angled
 /// bend there are always some of 45.
 constexpr float kSteepestSine2 = 0.6F;
-/// Weight of what is no edge.
+/// Weight of what is no edge: above those that there are.
 constexpr float kNoEdge = 2;
+/// Bends by more than 45 degrees need the edge to tell the side: the normals' own product is near
+/// zero, its sign chance.
+constexpr float kBend = 0.7F;
 /// Parts are joined by edges below this weight among that many nearest points, in that many rounds.
 constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
@@ -57,14 +60,16 @@ class SignedSets {
     return {i, opposed};
   }
 
-  void unite(std::uint32_t i, std::uint32_t j, bool opposed) {
+  /// Calls opposed() for whether i and j have different signs, unless they are in one set already.
+  template <class Opposed>
+  void unite(std::uint32_t i, std::uint32_t j, Opposed&& opposed) {
     Root a = find(i);
     Root b = find(j);
     if (a.index == b.index) return;
     if (rank_[a.index] < rank_[b.index]) std::swap(a, b);
     if (rank_[a.index] == rank_[b.index]) ++rank_[a.index];
     parent_[b.index] = a.index;
-    opposed_[b.index] = static_cast<std::uint8_t>(a.opposed ^ b.opposed ^ opposed);
+    opposed_[b.index] = static_cast<std::uint8_t>(a.opposed ^ b.opposed ^ opposed());
   }
 
  private:
@@ -78,14 +83,32 @@ class Spreader {
   Spreader(const Array<Vec3f>& position, const NeighborSearch& search, Array<Vec3f>& normal)
       : position_(position), search_(search), normal_(normal), sets_(position.size()) {}
 
-  /// Turns the normals of each part to one side, whichever that is.
+  /// Makes points whose sides are right one part, and keeps their sides.
+  void settle(const std::vector<bool>& given) {
+    for (std::uint32_t i = 0; i < given.size(); ++i) {
+      if (!given[i]) continue;
+      if (settled_ == kNone) settled_ = i;
+      sets_.unite(settled_, i, [] { return false; });
+    }
+  }
+  /// A point that is settled, or kNone.
+  std::uint32_t settled() const { return settled_; }
+
+  /// Turns the normals of each part to one side, whichever that is unless points are settled.
   void spread(std::size_t neighbors) {
-    join_neighbors(neighbors);
+    if (position_.size() * neighbors <= kNone) {
+      join_neighbors<std::uint32_t>(neighbors);
+    } else {
+      join_neighbors<std::uint64_t>(neighbors);
+    }
     for (int round = 0; round < kJoinRounds; ++round) {
       if (!join_parts()) break;
     }
+    const SignedSets::Root right =
+        settled_ == kNone ? SignedSets::Root{kNone, false} : sets_.find(settled_);
     for (std::uint32_t i = 0; i < position_.size(); ++i) {
-      if (known(i) && sets_.find(i).opposed) normal_[i] = -normal_[i];
+      const SignedSets::Root root = sets_.find(i);
+      if (root.opposed != (root.index == right.index && right.opposed)) normal_[i] = -normal_[i];
     }
   }
 
@@ -104,42 +127,54 @@ class Spreader {
       sine2 = std::min(1.0F, std::max(a * a, b * b) / length2);
     }
     if (sine2 > kSteepestSine2) return kNoEdge;
-    return 1 - std::min(1.0F, std::abs(normal_[i].dot(normal_[j]))) * (1 - sine2);
+    return 1 - std::min(1.0F, std::abs(agreement(i, j))) * (1 - sine2);
   }
 
-  bool opposed(std::size_t i, std::size_t j) const { return normal_[i].dot(normal_[j]) < 0; }
+  /// Above zero where the normals are on the same side of the surface: their product, or in sharp
+  /// bends that of n_j and n_i mirrored at the plane half-way between the points.
+  float agreement(std::size_t i, std::size_t j) const {
+    const float product = normal_[i].dot(normal_[j]);
+    const Vec3f edge = position_[j] - position_[i];
+    const float length2 = edge.squaredNorm();
+    if (std::abs(product) >= kBend || !(length2 > 0)) return product;
+    const float mirrored = product - 2 * edge.dot(normal_[i]) * edge.dot(normal_[j]) / length2;
+    return std::abs(mirrored) > std::abs(product) ? mirrored : product;
+  }
 
-  /// Kruskal's algorithm over the edges to the nearest points; edge e is of point e / neighbors.
+  bool opposed(std::size_t i, std::size_t j) const { return agreement(i, j) < 0; }
+
+  /// Kruskal's algorithm over the edges to the nearest points; edge e is of point e / neighbors,
+  /// and Edge a type that counts them.
+  template <class Edge>
   void join_neighbors(std::size_t neighbors) {
     const std::size_t count = position_.size() * neighbors;
     Array<std::uint32_t> to(count);
     Array<std::uint16_t> length(count);
-    search_.for_each_nearest(neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near,
-                                                int) {
-      std::size_t e = i * neighbors;
-      for (const Neighbor& n : near) {
-        if (n.index == i || e == (i + 1) * neighbors || !known(i) || !known(n.index)) continue;
-        to[e] = n.index;
-        length[e++] = static_cast<std::uint16_t>(std::lround(weight(i, n.index) * kLongestWeight));
-      }
-      for (; e < (i + 1) * neighbors; ++e) {
-        to[e] = kNone;
-        length[e] = 0;
-      }
-    });
-    // Edges by weight, equal ones by index. Offsets have 64 bits: 2^32 edges are not many.
+    search_.for_each_nearest(
+        neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near, int) {
+          std::size_t e = i * neighbors;
+          const std::size_t end = e + neighbors;
+          for (const Neighbor& n : near) {
+            if (n.index == i || e == end || !known(i) || !known(n.index)) continue;
+            const float w = weight(i, n.index);
+            if (w == kNoEdge) continue;
+            to[e] = n.index;
+            length[e++] = static_cast<std::uint16_t>(std::lround(w * kLongestWeight));
+          }
+          for (; e < end; ++e) {
+            to[e] = kNone;
+            length[e] = 0;
+          }
+        });
+    // Edges by weight, equal ones by index.
     std::vector<std::size_t> begin(65537);
     for (const std::uint16_t l : length) ++begin[l + 1U];
     for (std::size_t l = 0; l + 1 < begin.size(); ++l) begin[l + 1] += begin[l];
-    Array<std::uint32_t> from(count);
-    Array<std::uint32_t> sorted(count);
-    for (std::size_t e = 0; e < count; ++e) {
-      const std::size_t place = begin[length[e]]++;
-      from[place] = static_cast<std::uint32_t>(e / neighbors);
-      sorted[place] = to[e];
-    }
-    for (std::size_t e = 0; e < count; ++e) {
-      if (sorted[e] != kNone) sets_.unite(from[e], sorted[e], opposed(from[e], sorted[e]));
+    Array<Edge> sorted(count);
+    for (std::size_t e = 0; e < count; ++e) sorted[begin[length[e]]++] = static_cast<Edge>(e);
+    for (const Edge e : sorted) {
+      const auto from = static_cast<std::uint32_t>(e / neighbors);
+      if (to[e] != kNone) sets_.unite(from, to[e], [&] { return opposed(from, to[e]); });
     }
   }
 
@@ -187,7 +222,9 @@ class Spreader {
     std::sort(joins.begin(), joins.end(), [](const Join& a, const Join& b) {
       return a.weight != b.weight ? a.weight < b.weight : a.from < b.from;
     });
-    for (const Join& join : joins) sets_.unite(join.from, join.to, opposed(join.from, join.to));
+    for (const Join& join : joins) {
+      sets_.unite(join.from, join.to, [&] { return opposed(join.from, join.to); });
+    }
     return !joins.empty();
   }
 
@@ -195,6 +232,7 @@ class Spreader {
   const NeighborSearch& search_;
   Array<Vec3f>& normal_;
   SignedSets sets_;
+  std::uint32_t settled_ = kNone;
 };
 
 /// Directions that the extreme points of a part are looked for in.
@@ -212,9 +250,9 @@ std::vector<Vec3f> probes(Orientation method) {
   return out;
 }
 
-/// Turns whole parts: a part's extreme point in a direction looks there, if any.
-void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part, Orientation method,
-                Array<Vec3f>& normal) {
+/// Turns whole parts but `settled`: a part's extreme point in a direction looks there, if any.
+void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
+                std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {
   std::unordered_map<std::uint32_t, double> vote;
   for (const Vec3f& d : probes(method)) {
     std::unordered_map<std::uint32_t, std::uint32_t> extreme;
@@ -226,25 +264,20 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part, 
     for (const auto& [root, i] : extreme) vote[root] += static_cast<double>(normal[i].dot(d));
   }
   for (std::size_t i = 0; i < position.size(); ++i) {
-    if (!normal[i].isZero(0) && vote[part[i]] < 0) normal[i] = -normal[i];
+    if (normal[i].isZero(0) || part[i] == settled) continue;
+    if (vote[part[i]] < 0) normal[i] = -normal[i];
   }
 }
 
-/// Given normals decide for their points, and their majority in a part for the others of it.
-void align(const Array<Vec3f>& previous, const Array<std::uint32_t>& part, Array<Vec3f>& normal) {
-  const auto given = [&](std::size_t i) {
-    return !previous.empty() && previous[i].allFinite() && !previous[i].isZero(0);
-  };
-  std::unordered_map<std::uint32_t, std::int64_t> vote;
-  for (std::size_t i = 0; i < normal.size(); ++i) {
-    if (given(i)) vote[part[i]] += normal[i].dot(previous[i]) < 0 ? -1 : 1;
+/// Turns normals to the side of given ones; returns which points have one.
+std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
+  std::vector<bool> given(previous.size());
+  for (std::size_t i = 0; i < previous.size(); ++i) {
+    if (!previous[i].allFinite() || previous[i].isZero(0) || normal[i].isZero(0)) continue;
+    if (normal[i].dot(previous[i]) < 0) normal[i] = -normal[i];
+    given[i] = true;
   }
-  for (std::size_t i = 0; i < normal.size(); ++i) {
-    const auto found = vote.find(part[i]);
-    const bool turned =
-        given(i) ? normal[i].dot(previous[i]) < 0 : found != vote.end() && found->second < 0;
-    if (turned) normal[i] = -normal[i];
-  }
+  return given;
 }
 
 }  // namespace
@@ -264,8 +297,10 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
                                  const OrientationOptions& options, Array<Vec3f>& normal) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   OrientationReport report;
-  const Array<Vec3f> before = normal;
   const std::size_t count = position.size();
+  // Turning a normal changes the sign of its x, of a zero too.
+  std::vector<bool> before(count);
+  for (std::size_t i = 0; i < count; ++i) before[i] = std::signbit(normal[i].x());
   switch (options.method) {
     case Orientation::kNone:
       break;
@@ -285,23 +320,22 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
     case Orientation::kOutward:
     case Orientation::kAlign: {
       Spreader spreader(position, search, normal);
+      if (options.method == Orientation::kAlign) spreader.settle(align(previous, normal));
       spreader.spread(static_cast<std::size_t>(options.neighbors));
       Array<std::uint32_t> part(count);
       for (std::uint32_t i = 0; i < count; ++i) {
         part[i] = spreader.part(i);
         if (part[i] == i && spreader.known(i)) ++report.components;
       }
-      if (options.method == Orientation::kAlign) {
-        align(previous, part, normal);
-      } else {
-        turn_parts(position, part, options.method, normal);
-      }
+      const std::uint32_t settled = spreader.settled() == kNone ? kNone : part[spreader.settled()];
+      turn_parts(position, part, settled, options.method, normal);
       break;
     }
   }
   for (std::size_t i = 0; i < count; ++i) {
-    report.unknown += normal[i].isZero(0) ? 1 : 0;
-    report.flipped += normal[i].dot(before[i]) < 0 ? 1 : 0;
+    const bool unknown = normal[i].isZero(0);
+    report.unknown += unknown ? 1 : 0;
+    report.flipped += !unknown && std::signbit(normal[i].x()) != before[i] ? 1 : 0;
   }
   return report;
 }

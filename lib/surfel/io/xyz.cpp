@@ -28,60 +28,98 @@ class XyzReader {
  public:
   explicit XyzReader(const InputFile& file)
       : file_(file),
-        text_(reinterpret_cast<const char*>(file.bytes().data()), file.bytes().size()) {}
+        text_(reinterpret_cast<const char*>(file.bytes().data()), file.bytes().size()) {
+    constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+    if (text_.starts_with(kByteOrderMark)) text_.remove_prefix(kByteOrderMark.size());
+  }
 
   SurfelCloud read() {
     std::optional<std::size_t> count;
     while (next_line()) {
-      if (names_.empty() && values_.empty() && !count && words_.size() == 1) {
-        count = read_count();
+      const bool complete = count && rows() == *count;
+      if (words_.size() == 1 && (complete || (names_.empty() && values_.empty() && !count))) {
+        // Several scans in a file follow one another, each with its count.
+        count = count.value_or(0) + read_count();
       } else if (names_.empty() && values_.empty() && !parse_number(words_.front())) {
         read_names();
+      } else if (complete) {
+        fail(fmt::format("more points than the {} that the count promises", *count));
       } else {
         read_values();
-        if (count && values_.size() == *count * columns_) break;
       }
     }
-    const std::size_t rows = columns_ == 0 ? 0 : values_.size() / columns_;
-    if (rows == 0) throw_input(file_.name(), "holds no points");
-    if (count && rows < *count) {
+    if (rows() == 0) throw_input(file_.name(), "holds no points");
+    if (count && rows() < *count) {
       throw_input(file_.name(),
-                  fmt::format("the first line promises {} points, but {} follow; it is truncated",
-                              *count, rows));
+                  fmt::format("the count promises {} points, but {} follow; it is truncated",
+                              *count, rows()));
     }
     if (names_.empty()) name_columns();
-    return to_cloud(rows);
+    return to_cloud(rows());
   }
 
  private:
+  std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
+
   [[noreturn]] void fail(const std::string& message) const {
     throw_input(file_.name(), fmt::format("line {}: {}", line_, message));
   }
 
-  static bool is_separator(char c) {
-    return c == ' ' || c == '\t' || c == ',' || c == ';' || c == '\r';
-  }
+  static bool is_separator(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
 
   /// Splits the next line that holds something into words_.
   bool next_line() {
     while (at_ < text_.size()) {
-      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
+      const std::size_t end = std::min(text_.find_first_of("\r\n", at_), text_.size());
       std::string_view line = text_.substr(at_, end - at_);
-      at_ = end + 1;
+      at_ = end + (text_.substr(end).starts_with("\r\n") ? 2 : 1);
       ++line_;
-      words_.clear();
-      while (true) {
-        while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
-        if (line.empty()) break;
-        if (words_.empty() && (line.front() == '#' || line.starts_with("//"))) break;
-        std::size_t size = 0;
-        while (size < line.size() && !is_separator(line[size])) ++size;
-        words_.push_back(line.substr(0, size));
-        line.remove_prefix(size);
+      while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
+      if (line.starts_with('#') || line.starts_with("//")) {
+        split(line.substr(line.starts_with('#') ? 1 : 2));
+        note_names();
+      } else {
+        split(line);
+        if (!words_.empty()) return true;
       }
-      if (!words_.empty()) return true;
     }
     return false;
+  }
+
+  void split(std::string_view line) {
+    words_.clear();
+    while (true) {
+      while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
+      if (line.empty()) return;
+      std::size_t size = 0;
+      while (size < line.size() && !is_separator(line[size])) ++size;
+      words_.push_back(line.substr(0, size));
+      line.remove_prefix(size);
+    }
+  }
+
+  /// words_ as names of columns.
+  std::vector<std::string> to_names() const {
+    std::vector<std::string> names;
+    for (const std::string_view word : words_) {
+      names.push_back(lower(word));
+      std::erase(names.back(), '"');
+    }
+    return names;
+  }
+
+  static bool has_coordinates(const std::vector<std::string>& names) {
+    for (const char* needed : {"x", "y", "z"}) {
+      if (std::find(names.begin(), names.end(), needed) == names.end()) return false;
+    }
+    return true;
+  }
+
+  /// A comment may name the columns ("//X Y Z R G B"): the lines below tell by their number.
+  void note_names() {
+    if (!values_.empty()) return;
+    std::vector<std::string> names = to_names();
+    if (has_coordinates(names)) comment_names_ = std::move(names);
   }
 
   std::size_t read_count() const {
@@ -100,22 +138,19 @@ class XyzReader {
   }
 
   void read_names() {
-    for (const std::string_view word : words_) {
-      std::string name = lower(word);
-      std::erase(name, '"');
-      names_.push_back(name);
-    }
+    names_ = to_names();
     columns_ = names_.size();
-    for (const char* needed : {"x", "y", "z"}) {
-      if (std::find(names_.begin(), names_.end(), needed) == names_.end()) {
-        fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
-                         quoted_excerpt(words_[0])));
-      }
+    if (!has_coordinates(names_)) {
+      fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
+                       quoted_excerpt(words_[0])));
     }
   }
 
   void read_values() {
-    if (columns_ == 0) columns_ = words_.size();
+    if (columns_ == 0) {
+      columns_ = words_.size();
+      if (comment_names_.size() == columns_) names_ = comment_names_;
+    }
     if (words_.size() != columns_) {
       fail(fmt::format("{} values; the lines before have {}", words_.size(), columns_));
     }
@@ -126,13 +161,17 @@ class XyzReader {
     }
   }
 
-  /// Do the three columns from `first` on have length 1 in every line?
+  /// Do the three columns from `first` on have length 1 in every line but those that are all zero
+  /// (normal unknown)?
   bool unit_length(std::size_t first) const {
+    bool any = false;
     for (std::size_t i = first; i < values_.size(); i += columns_) {
       const double length = std::hypot(values_[i], values_[i + 1], values_[i + 2]);
-      if (!(std::abs(length - 1) < 0.01)) return false;
+      const bool unit = std::abs(length - 1) < 0.01;
+      if (!unit && length != 0) return false;
+      any |= unit;
     }
-    return true;
+    return any;
   }
 
   void name_columns() {
@@ -220,6 +259,7 @@ class XyzReader {
   std::size_t line_ = 0;
   std::vector<std::string_view> words_;
   std::vector<std::string> names_;
+  std::vector<std::string> comment_names_;
   std::size_t columns_ = 0;
   Array<double> values_;
 };

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <concepts>
 #include <cstdint>
+#include <cstring>
+#include <string_view>
 
 #include <pcl/point_cloud.h>
 #include <pcl/point_types.h>
@@ -33,6 +35,41 @@ concept HasRadius = requires(Point p) {
   { p.radius } -> std::convertible_to<float>;
 };
 
+template <class Point>
+concept HasConfidence = requires(Point p) {
+  { p.confidence } -> std::convertible_to<float>;
+};
+template <class Point>
+concept HasCurvature = requires(Point p) {
+  { p.curvature } -> std::convertible_to<float>;
+};
+
+/// The float column of that name among the cloud's other properties, or null.
+inline const ExtraProperty* find_extra(const SurfelCloud& cloud, std::string_view name) {
+  for (const ExtraProperty& extra : cloud.extra) {
+    if (extra.name == name && extra.type == ScalarType::kFloat32) return &extra;
+  }
+  return nullptr;
+}
+
+inline float get_extra(const ExtraProperty& extra, std::size_t i) {
+  float value = 0;
+  std::memcpy(&value, extra.data.data() + i * sizeof(value), sizeof(value));
+  return value;
+}
+
+/// Adds a column with the values get(i).
+template <class Get>
+void add_extra(SurfelCloud& cloud, const char* name, Get get) {
+  ExtraProperty& extra = cloud.extra.emplace_back();
+  extra.name = name;
+  extra.data.resize(cloud.size() * sizeof(float));
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const float value = get(i);
+    std::memcpy(extra.data.data() + i * sizeof(value), &value, sizeof(value));
+  }
+}
+
 inline std::uint8_t to_byte(float unit) {
   return static_cast<std::uint8_t>(std::lround(std::fmin(std::fmax(unit, 0.0F), 1.0F) * 255.0F));
 }
@@ -40,11 +77,11 @@ inline std::uint8_t to_byte(float unit) {
 }  // namespace pcl_detail
 
 /// The surfels as a cloud of PCL, of any of its point types with x, y, z: normals, colour (linear
-/// light becomes 8-bit sRGB), alpha and radius (sqrt of the larger variance, one standard
-/// deviation) are set where the type has them, and left at PCL's defaults where the surfels have
-/// none. Positions are in world coordinates, which PCL holds in single precision: far from the
-/// origin take `keep_origin`, which leaves the cloud's origin out. What is NaN stays NaN; is_dense
-/// tells. Width is the number of surfels, height 1.
+/// light becomes 8-bit sRGB), alpha, radius (sqrt of the larger variance, one standard deviation)
+/// and the properties `confidence` and `curvature` are set where the type has them, and left at
+/// PCL's defaults where the surfels have none. Positions are in world coordinates, which PCL holds
+/// in single precision: far from the origin take `keep_origin`, which leaves the cloud's origin
+/// out. What is NaN stays NaN; is_dense tells. Width is the number of surfels, height 1.
 template <class Point>
 pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false) {
   namespace detail = pcl_detail;
@@ -52,6 +89,8 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
   out.resize(cloud.size());
   out.is_dense = true;
   const Array<Vec3f>* color = cloud.render_color();
+  [[maybe_unused]] const ExtraProperty* confidence = detail::find_extra(cloud, "confidence");
+  [[maybe_unused]] const ExtraProperty* curvature = detail::find_extra(cloud, "curvature");
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     Point& p = out[i];
     const Vec3f position = keep_origin ? cloud.position[i] : Vec3f(cloud.world(i).cast<float>());
@@ -83,6 +122,12 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
         p.radius = std::sqrt(cloud.variance[i]);
       }
     }
+    if constexpr (detail::HasConfidence<Point>) {
+      if (confidence) p.confidence = detail::get_extra(*confidence, i);
+    }
+    if constexpr (detail::HasCurvature<Point>) {
+      if (curvature) p.curvature = detail::get_extra(*curvature, i);
+    }
   }
   if (cloud.viewpoint) {
     const Vec3d eye = cloud.viewpoint->position - (keep_origin ? cloud.origin : Vec3d(0, 0, 0));
@@ -94,9 +139,9 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
 }
 
 /// A cloud of PCL as surfels: position, and normal, colour (8-bit sRGB becomes linear light),
-/// variance (radius^2, as toPCL() writes it) where the point type has them; alpha only from types
-/// with `with_alpha`, since PCL leaves it at 255 or 0 as it comes. The viewpoint is the sensor's.
-/// Points that are not finite stay.
+/// variance (radius^2, as toPCL() writes it) and the properties `confidence` and `curvature` where
+/// the point type has them; alpha only from types with `with_alpha`, since PCL leaves it at 255 or
+/// 0 as it comes. The viewpoint is the sensor's. Points that are not finite stay.
 template <class Point>
 SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false) {
   namespace detail = pcl_detail;
@@ -122,6 +167,12 @@ SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false
     if constexpr (detail::HasAlpha<Point>) {
       if (with_alpha) out.alpha[i] = static_cast<float>(p.a) / 255.0F;
     }
+  }
+  if constexpr (detail::HasConfidence<Point>) {
+    detail::add_extra(out, "confidence", [&](std::size_t i) { return cloud[i].confidence; });
+  }
+  if constexpr (detail::HasCurvature<Point>) {
+    detail::add_extra(out, "curvature", [&](std::size_t i) { return cloud[i].curvature; });
   }
   const Eigen::Quaternionf& q = cloud.sensor_orientation_;
   out.viewpoint = Viewpoint{cloud.sensor_origin_.template head<3>().template cast<double>(),
