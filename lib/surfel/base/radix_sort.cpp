@@ -28,10 +28,23 @@ Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
   if (n > std::numeric_limits<std::uint32_t>::max()) {
     throw_input("", "more than 4294967295 elements cannot be ordered; split the cloud");
   }
-  Array<Item> items(n);
-  Array<Item> other(n);
+  Array<std::uint32_t> order(n);
   const std::size_t grain = std::max<std::size_t>(1 << 14, n / 64 + 1);
   const std::size_t blocks = n == 0 ? 0 : (n - 1) / grain + 1;
+  // Sorted keys are common (the order of a cloud that this library has put in order) and cheap to
+  // tell.
+  std::vector<std::uint8_t> sorted(blocks, 0);
+  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
+    const auto first = keys.begin() + static_cast<std::ptrdiff_t>(begin == 0 ? 0 : begin - 1);
+    sorted[begin / grain] = std::is_sorted(first, keys.begin() + static_cast<std::ptrdiff_t>(end));
+    for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<std::uint32_t>(i);
+  });
+  if (std::all_of(sorted.begin(), sorted.end(), [](std::uint8_t s) { return s != 0; })) {
+    return order;
+  }
+
+  Array<Item> items(n);
+  Array<Item> other(n);
   std::vector<std::uint64_t> varying(blocks, 0);
   parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
     std::uint64_t bits = 0;
@@ -66,7 +79,6 @@ Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
     });
     items.swap(other);
   }
-  Array<std::uint32_t> order(n);
   parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) order[i] = items[i].index;
   });

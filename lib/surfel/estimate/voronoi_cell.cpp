@@ -12,32 +12,46 @@ double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.
 
 void VoronoiCell::reset(double half_side) {
   const double h = half_side;
-  corners_ = {{-h, -h}, {h, -h}, {h, h}, {-h, h}};
+  corners_.resize(4);
+  corners_[0] = {-h, -h};
+  corners_[1] = {h, -h};
+  corners_[2] = {h, h};
+  corners_[3] = {-h, h};
+  radius2_ = 2 * h * h;
 }
 
-void VoronoiCell::cut(const Vec2d& neighbor) {
+bool VoronoiCell::cut(const Vec2d& neighbor) {
   const double half2 = neighbor.squaredNorm() / 2;
-  if (half2 == 0) return;
-  const auto excess = [&](const Vec2d& p) { return p.dot(neighbor) - half2; };
-  if (std::all_of(corners_.begin(), corners_.end(), [&](const Vec2d& p) { return excess(p) <= 0; }))
-    return;
-  other_.clear();
-  for (std::size_t i = 0; i < corners_.size(); ++i) {
-    const Vec2d& a = corners_[i];
-    const Vec2d& b = corners_[i + 1 < corners_.size() ? i + 1 : 0];
-    const double ea = excess(a);
-    const double eb = excess(b);
-    if (ea <= 0) other_.push_back(a);
-    if ((ea < 0 && eb > 0) || (ea > 0 && eb < 0))
-      other_.emplace_back(a + (b - a) * (ea / (ea - eb)));
+  if (half2 == 0) return false;
+  const std::size_t n = corners_.size();
+  // How far each corner is beyond the bisector.
+  excess_.resize(n);
+  double most = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    excess_[i] = corners_[i].dot(neighbor) - half2;
+    most = std::max(most, excess_[i]);
   }
+  if (most <= 0) return false;
+  other_.resize(2 * n);  // A side gives two corners at most.
+  std::size_t kept = 0;
+  double radius2 = 0;
+  const auto keep = [&](const Vec2d& corner) {
+    other_[kept++] = corner;
+    radius2 = std::max(radius2, corner.squaredNorm());
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t next = i + 1 < n ? i + 1 : 0;
+    const double ea = excess_[i];
+    const double eb = excess_[next];
+    if (ea <= 0) keep(corners_[i]);
+    if ((ea < 0 && eb > 0) || (ea > 0 && eb < 0)) {
+      keep(corners_[i] + (corners_[next] - corners_[i]) * (ea / (ea - eb)));
+    }
+  }
+  other_.resize(kept);
   corners_.swap(other_);
-}
-
-double VoronoiCell::radius() const {
-  double most2 = 0;
-  for (const Vec2d& corner : corners_) most2 = std::max(most2, corner.squaredNorm());
-  return std::sqrt(most2);
+  radius2_ = radius2;
+  return true;
 }
 
 double VoronoiCell::area() const {

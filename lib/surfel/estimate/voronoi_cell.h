@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <span>
 #include <vector>
 
@@ -15,14 +16,15 @@ class SURFEL_API VoronoiCell {
   /// Starts anew with the square |x|, |y| <= half_side, > 0.
   void reset(double half_side);
   /// Keeps what is no further from the origin than from `neighbor` (Sutherland and Hodgman 1974). A
-  /// neighbour at the origin is ignored.
-  void cut(const Vec2d& neighbor);
+  /// neighbour at the origin is ignored. Was anything cut off?
+  bool cut(const Vec2d& neighbor);
 
   /// Counter-clockwise.
   std::span<const Vec2d> corners() const { return corners_; }
   /// Distance of the furthest corner. Where all neighbours up to a distance d are known and cut,
   /// the cell is final if this is d / 2 at most: one further away cannot reach it.
-  double radius() const;
+  double radius() const { return std::sqrt(radius2_); }
+  double radius2() const { return radius2_; }
   double area() const;
   /// Integral of x x^T over the cell: second moments about the origin.
   Eigen::Matrix2d moments() const;
@@ -30,8 +32,10 @@ class SURFEL_API VoronoiCell {
   Vec2d point(double s, double t) const;
 
  private:
-  std::vector<Vec2d> corners_;
-  std::vector<Vec2d> other_;
+  Array<Vec2d> corners_;
+  Array<Vec2d> other_;
+  Array<double> excess_;
+  double radius2_ = 0;
 };
 
 }  // namespace surfel
