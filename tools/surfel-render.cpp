@@ -18,8 +18,6 @@ namespace {
 
 enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
-enum class Kernel { kAffine };
-enum class Filter { kEwa };
 
 struct Settings {
   std::string input;
@@ -31,8 +29,6 @@ struct Settings {
   int turntable = 0;
   Shading shading = Shading::kPhong;
   Cull cull = Cull::kNone;
-  Kernel kernel = Kernel::kAffine;
-  Filter filter = Filter::kEwa;
   Eigen::Vector4d background{0, 0, 0, 0};
 };
 
@@ -68,8 +64,19 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Kernel and filter");
-  add_choice(app, "--kernel", s.kernel, {{"affine", Kernel::kAffine}}, "Projection of the kernel");
-  add_choice(app, "--filter", s.filter, {{"ewa", Filter::kEwa}}, "Filter");
+  using surfel::Filter;
+  using surfel::Kernel;
+  add_choice(
+      app, "--kernel", s.render.kernel,
+      {{"auto", Kernel::kAuto}, {"affine", Kernel::kAffine}, {"perspective", Kernel::kPerspective}},
+      "Projection of the kernel: affine about each surfel's centre, exact, or exact where "
+      "affine may be off by more than --kernel-tolerance");
+  app.add_option("--kernel-tolerance", s.render.kernel_tolerance,
+                 "Of --kernel auto: error on the splat's rim, pixels, > 0")
+      ->capture_default_str();
+  add_choice(app, "--filter", s.render.filter,
+             {{"ewa", Filter::kEwa}, {"circular", Filter::kCircular}, {"none", Filter::kNone}},
+             "Filter; circular (always affine) and none are there to compare with");
   app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16")
       ->capture_default_str();
   app.add_option("--lowpass", s.render.lowpass,
@@ -154,13 +161,10 @@ std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent
 nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
   nlohmann::json stages = nlohmann::json::object();
   for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
-  return {{"ms", frame.milliseconds},
-          {"stages", stages},
-          {"encode_ms", encode_ms},
-          {"clusters", frame.clusters},
-          {"splats", frame.splats},
-          {"merged_fragments", frame.merged},
-          {"dropped_weight_share", frame.dropped_weight_share}};
+  return {{"ms", frame.milliseconds},         {"stages", stages},
+          {"encode_ms", encode_ms},           {"clusters", frame.clusters},
+          {"splats", frame.splats},           {"exact_splats", frame.exact_splats},
+          {"merged_fragments", frame.merged}, {"dropped_weight_share", frame.dropped_weight_share}};
 }
 
 }  // namespace

@@ -15,6 +15,7 @@ double error_of_single_splat(const SurfelCloud& cloud, const Camera& camera, dou
   RenderOptions options;
   options.cutoff = cutoff;
   options.lowpass = lowpass;
+  options.kernel = Kernel::kAffine;
   const Image image = render_unlit(cloud, camera, options);
   const auto kernel = make_ewa_kernel(in_camera(cloud, 0, camera), camera, lowpass);
   double worst = 0;

@@ -1,3 +1,4 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -7,6 +8,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/exact_kernel.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/splat.h>
@@ -39,6 +41,10 @@ struct Reference {
   float depth;
 };
 
+/// Standard deviation of the low-pass filter that stands for none, pixels: an edge-on disc keeps a
+/// width.
+constexpr double kNoLowpass = 1e-3;
+
 /// Scratch memory of one worker.
 struct Worker {
   SplatColumns columns;
@@ -47,6 +53,7 @@ struct Worker {
   std::vector<std::uint32_t> other;
   std::vector<std::uint32_t> keys;
   MergeStatistics merges;
+  std::size_t exact_splats = 0;
 };
 
 /// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
@@ -88,6 +95,10 @@ void sort_front_to_back(const Reference* list, std::size_t count, Worker& worker
   }
 }
 
+double lowpass_of(const RenderOptions& options) {
+  return options.filter == Filter::kNone ? kNoLowpass : options.lowpass;
+}
+
 SplatView make_view(const Camera& camera, const Vec3d& origin, const RenderOptions& options) {
   SplatView view{};
   for (int row = 0; row < 3; ++row) {
@@ -106,7 +117,13 @@ SplatView make_view(const Camera& camera, const Vec3d& origin, const RenderOptio
   view.orthographic = camera.orthographic;
   view.cull_back = options.cull_back;
   view.cutoff = static_cast<float>(options.cutoff);
-  view.lowpass2 = static_cast<float>(options.lowpass * options.lowpass);
+  view.lowpass2 = static_cast<float>(lowpass_of(options) * lowpass_of(options));
+  view.circular = options.filter == Filter::kCircular;
+  view.tolerance = std::numeric_limits<float>::infinity();
+  if (!camera.orthographic && !view.circular && options.kernel != Kernel::kAffine) {
+    view.tolerance =
+        options.kernel == Kernel::kAuto ? static_cast<float>(options.kernel_tolerance) : -1.0F;
+  }
   view.clip_x1 = static_cast<float>(camera.width);
   return view;
 }
@@ -139,6 +156,10 @@ std::vector<std::string> RenderOptions::problems() const {
   check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
   check(lowpass >= 0.1 && lowpass <= 16,
         fmt::format("lowpass is {}; it must be in 0.1..16 pixels", lowpass));
+  check(kernel_tolerance > 0 && kernel_tolerance <= 1e6,
+        fmt::format("kernel-tolerance is {}; it must be in (0, 1e6] pixels", kernel_tolerance));
+  check(kernel != Kernel::kPerspective || filter != Filter::kCircular,
+        "the circular filter has an affine kernel only; leave out --kernel perspective");
   check(layers >= 1 && layers <= 64, fmt::format("layers is {}; it must be in 1..64", layers));
   check(depth_epsilon > 0 && depth_epsilon <= 1e6,
         fmt::format("depth-epsilon is {}; it must be in (0, 1e6]", depth_epsilon));
@@ -166,6 +187,7 @@ struct Renderer::Impl {
   std::vector<Worker> workers;
   Array<Splat> splats;
   Array<SplatNormal> normals;
+  Array<ExactSplat> exact;  ///< Parallel to `splats`; where k is kExactKernel.
   Array<TileRange> ranges;
   std::vector<std::vector<std::uint32_t>> kept;  ///< Per segment: splats that are seen.
   Array<std::uint32_t> histogram;                ///< Segments x tiles.
@@ -201,11 +223,11 @@ struct Renderer::Impl {
   std::size_t draw_batch(const Camera& camera, const Band& band, const VisibleCluster* clusters,
                          std::size_t count, const Shader& shader, bool first, bool last,
                          Image& image, FrameStatistics& statistics);
-  std::size_t set_up(const Band& band, const VisibleCluster* clusters, std::size_t count,
-                     std::size_t per_segment);
-  void pack(const Band& band, const SplatColumns& columns, int visible, std::uint32_t first_surfel,
-            std::size_t first_splat, std::vector<std::uint32_t>& kept_splats,
-            std::uint32_t* tile_counts);
+  std::size_t set_up(const Camera& camera, const Band& band, const VisibleCluster* clusters,
+                     std::size_t count, std::size_t per_segment);
+  SurfelInCamera in_camera(const Camera& camera, std::size_t surfel) const;
+  void add_splat(const Band& band, std::size_t surfel, const Splat& splat, const TileRange& range,
+                 std::size_t at, std::vector<std::uint32_t>& seen, std::uint32_t* tile_counts);
   void bin(const Band& band, std::size_t segments);
   void rasterize(const Camera& camera, const Band& band, const Shader& shader, bool first,
                  bool last, Image& image);
@@ -292,54 +314,65 @@ std::vector<VisibleCluster> Renderer::Impl::cull(const Camera& camera, const Ban
   return all;
 }
 
-void Renderer::Impl::pack(const Band& band, const SplatColumns& columns, int visible,
-                          std::uint32_t first_surfel, std::size_t first_splat,
-                          std::vector<std::uint32_t>& kept_splats, std::uint32_t* tile_counts) {
-  for (int v = 0; v < visible; ++v) {
-    const int i = columns.visible[v];
-    const std::size_t surfel = first_surfel + static_cast<std::uint32_t>(i);
-    const std::size_t at = first_splat + static_cast<std::size_t>(v);
-    const std::uint32_t material = cloud.material.empty() ? 0 : cloud.material[surfel];
-    float alpha = cloud.alpha.empty() ? 1.0F : cloud.alpha[surfel];
-    if (!opaque) {
-      alpha *= scene.materials[std::min<std::size_t>(material, scene.materials.size() - 1)].opacity;
-    }
-    splats[at] = {columns.x[i],
-                  columns.y[i],
-                  columns.m[i],
-                  columns.k[i],
-                  columns.amplitude[i],
-                  columns.depth[i],
-                  columns.depth_dx[i],
-                  columns.depth_dy[i],
-                  columns.depth_range[i],
-                  columns.half_x[i],
-                  columns.half_y[i],
-                  cloud.red[surfel] * alpha,
-                  cloud.green[surfel] * alpha,
-                  cloud.blue[surfel] * alpha,
-                  alpha,
-                  (columns.front[i] != 0 ? 1U : 0U) | material << 1};
-    if (layout.normals) {
-      normals[at] = {cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]};
-    }
-    const TileRange range{static_cast<std::uint16_t>(columns.tile_x0[i]),
-                          static_cast<std::uint16_t>(columns.tile_y0[i]),
-                          static_cast<std::uint16_t>(columns.tile_x1[i]),
-                          static_cast<std::uint16_t>(columns.tile_y1[i])};
-    ranges[at] = range;
-    kept_splats.push_back(static_cast<std::uint32_t>(at));
-    for (int ty = range.y0; ty <= range.y1; ++ty) {
-      for (int tx = range.x0; tx <= range.x1; ++tx) ++tile_counts[ty * band.tiles_x + tx];
-    }
+/// Surfel in camera space, in double; an unknown normal looks at the eye.
+SurfelInCamera Renderer::Impl::in_camera(const Camera& camera, std::size_t surfel) const {
+  SurfelInCamera s;
+  const Eigen::Matrix3d& rotation = camera.camera_from_world;
+  s.position = rotation * (cloud.origin() - camera.eye +
+                           Vec3d(cloud.x[surfel], cloud.y[surfel], cloud.z[surfel]));
+  s.normal =
+      rotation * Vec3d(cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]);
+  s.normal = s.normal.isZero(0) ? Vec3d(-s.position.normalized()) : Vec3d(s.normal.normalized());
+  s.variance_u = static_cast<double>(cloud.deviation_u[surfel]) * cloud.deviation_u[surfel];
+  s.variance_v = s.variance_u;
+  s.tangent = s.normal.unitOrthogonal();
+  if (cloud.anisotropic()) {
+    s.variance_v = static_cast<double>(cloud.deviation_v[surfel]) * cloud.deviation_v[surfel];
+    const Vec3d t =
+        rotation * Vec3d(cloud.tangent_x[surfel], cloud.tangent_y[surfel], cloud.tangent_z[surfel]);
+    s.tangent = (t - s.normal * s.normal.dot(t)).normalized();
+  }
+  s.area = cloud.area[surfel];
+  return s;
+}
+
+/// Stores a splat, `splat` without its colour, and counts the tiles that it touches.
+void Renderer::Impl::add_splat(const Band& band, std::size_t surfel, const Splat& splat,
+                               const TileRange& range, std::size_t at,
+                               std::vector<std::uint32_t>& seen, std::uint32_t* tile_counts) {
+  const std::uint32_t material = cloud.material.empty() ? 0 : cloud.material[surfel];
+  float alpha = cloud.alpha.empty() ? 1.0F : cloud.alpha[surfel];
+  if (!opaque) {
+    alpha *= scene.materials[std::min<std::size_t>(material, scene.materials.size() - 1)].opacity;
+  }
+  Splat& out = splats[at];
+  out = splat;
+  out.red = cloud.red[surfel] * alpha;
+  out.green = cloud.green[surfel] * alpha;
+  out.blue = cloud.blue[surfel] * alpha;
+  out.alpha = alpha;
+  out.tag = splat.tag | material << 1;
+  if (layout.normals) {
+    normals[at] = {cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]};
+  }
+  ranges[at] = range;
+  seen.push_back(static_cast<std::uint32_t>(at));
+  for (int ty = range.y0; ty <= range.y1; ++ty) {
+    for (int tx = range.x0; tx <= range.x1; ++tx) ++tile_counts[ty * band.tiles_x + tx];
   }
 }
 
 /// Sets up a batch's clusters, `per_segment` of them at a time, and counts the tiles that each
 /// segment's splats touch. Returns how many splats are seen.
-std::size_t Renderer::Impl::set_up(const Band& band, const VisibleCluster* clusters,
-                                   std::size_t count, std::size_t per_segment) {
+std::size_t Renderer::Impl::set_up(const Camera& camera, const Band& band,
+                                   const VisibleCluster* clusters, std::size_t count,
+                                   std::size_t per_segment) {
   const std::size_t tiles = band.tiles();
+  const ExactKernelView exact_view{.cutoff = options.cutoff,
+                                   .lowpass = lowpass_of(options),
+                                   .x1 = static_cast<double>(camera.width),
+                                   .y0 = static_cast<double>(band.y0),
+                                   .y1 = static_cast<double>(band.y1)};
   parallel_for(count, per_segment, [&](std::size_t begin, std::size_t end, int worker) {
     const std::size_t segment = begin / per_segment;
     std::uint32_t* tile_counts = histogram.data() + segment * tiles;
@@ -350,16 +383,49 @@ std::size_t Renderer::Impl::set_up(const Band& band, const VisibleCluster* clust
     for (std::size_t c = begin; c < end; ++c) {
       const Cluster& cluster = cloud.clusters()[clusters[c].index];
       const std::uint32_t i = cluster.begin;
-      const auto at = [&](const Array<float>& column) {
+      const auto from = [&](const Array<float>& column) {
         return column.empty() ? nullptr : column.data() + i;
       };
-      const SurfelColumns surfels{at(cloud.x),           at(cloud.y),           at(cloud.z),
-                                  at(cloud.normal_x),    at(cloud.normal_y),    at(cloud.normal_z),
-                                  at(cloud.deviation_u), at(cloud.deviation_v), at(cloud.tangent_x),
-                                  at(cloud.tangent_y),   at(cloud.tangent_z),   at(cloud.area)};
-      const int visible =
-          set_up_splats(band.view, surfels, static_cast<int>(cluster.end - i), columns);
-      pack(band, columns, visible, i, c * RenderCloud::kClusterSize, seen, tile_counts);
+      const SurfelColumns surfels{
+          from(cloud.x),           from(cloud.y),           from(cloud.z),
+          from(cloud.normal_x),    from(cloud.normal_y),    from(cloud.normal_z),
+          from(cloud.deviation_u), from(cloud.deviation_v), from(cloud.tangent_x),
+          from(cloud.tangent_y),   from(cloud.tangent_z),   from(cloud.area)};
+      set_up_splats(band.view, surfels, static_cast<int>(cluster.end - i), columns);
+      std::size_t at = c * RenderCloud::kClusterSize;
+      for (int v = 0; v < columns.visible_count; ++v) {
+        const int k = columns.visible[v];
+        const Splat splat{columns.x[k],
+                          columns.y[k],
+                          columns.m[k],
+                          columns.k[k],
+                          columns.amplitude[k],
+                          columns.depth[k],
+                          columns.depth_dx[k],
+                          columns.depth_dy[k],
+                          columns.depth_range[k],
+                          columns.half_x[k],
+                          columns.half_y[k],
+                          0,
+                          0,
+                          0,
+                          0,
+                          columns.front[k] != 0 ? 1U : 0U};
+        const TileRange range{static_cast<std::uint16_t>(columns.tile_x0[k]),
+                              static_cast<std::uint16_t>(columns.tile_y0[k]),
+                              static_cast<std::uint16_t>(columns.tile_x1[k]),
+                              static_cast<std::uint16_t>(columns.tile_y1[k])};
+        add_splat(band, i + static_cast<std::size_t>(k), splat, range, at++, seen, tile_counts);
+      }
+      for (int v = 0; v < columns.exact_count; ++v) {
+        const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
+        const std::optional<ExactKernel> kernel =
+            make_exact_kernel(in_camera(camera, surfel), camera, exact_view);
+        if (!kernel) continue;
+        exact[at] = kernel->exact;
+        add_splat(band, surfel, kernel->splat, kernel->tiles, at++, seen, tile_counts);
+        ++workers[worker].exact_splats;
+      }
     }
   });
   std::size_t seen = 0;
@@ -456,8 +522,9 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Sha
     tile.shader = &shader;
     if (count > 0) {
       sort_front_to_back(references.data() + begin, count, worker);
-      rasterize_tile({splats.data(), layout.normals ? normals.data() : nullptr, worker.order.data(),
-                      count, band.view.cutoff, static_cast<float>(options.depth_epsilon), opaque},
+      rasterize_tile({splats.data(), layout.normals ? normals.data() : nullptr, exact.data(),
+                      worker.order.data(), count, band.view.cutoff, band.view.lowpass2,
+                      static_cast<float>(options.depth_epsilon), opaque},
                      tile);
     }
     if (last) resolve(tile, image);
@@ -479,11 +546,12 @@ std::size_t Renderer::Impl::draw_batch(const Camera& camera, const Band& band,
   splats.resize(std::max(splats.size(), capacity));
   ranges.resize(std::max(ranges.size(), capacity));
   if (layout.normals) normals.resize(std::max(normals.size(), capacity));
+  if (std::isfinite(band.view.tolerance)) exact.resize(std::max(exact.size(), capacity));
   histogram.resize(segments * band.tiles());
   kept.resize(std::max(kept.size(), segments));
 
   Timer timer;
-  const std::size_t seen = set_up(band, clusters, count, per_segment);
+  const std::size_t seen = set_up(camera, band, clusters, count, per_segment);
   statistics.stages.add("setup", timer.milliseconds());
   timer.restart();
   bin(band, segments);
@@ -500,7 +568,10 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   const Timer whole;
   const Shader shader(r.options.lit ? &r.scene : nullptr, camera);
   r.workers.resize(std::max<std::size_t>(r.workers.size(), thread_count()));
-  for (Worker& worker : r.workers) worker.merges = {};
+  for (Worker& worker : r.workers) {
+    worker.merges = {};
+    worker.exact_splats = 0;
+  }
 
   Image image;
   image.width = camera.width;
@@ -548,7 +619,10 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     } while (begin < clusters.size());
   }
   MergeStatistics merges;
-  for (const Worker& worker : r.workers) merges.add(worker.merges);
+  for (const Worker& worker : r.workers) {
+    merges.add(worker.merges);
+    stats.exact_splats += worker.exact_splats;
+  }
   stats.merged = merges.merged;
   const double all = merges.total_weight + merges.dropped_weight;
   stats.dropped_weight_share = all > 0 ? merges.dropped_weight / all : 0;

@@ -25,8 +25,25 @@ namespace surfel {
 /// regular samples better, as silhouettes come out slimmer.
 SURFEL_API double coverage_threshold(double cutoff);
 
+/// How a kernel is projected.
+enum class Kernel : std::uint8_t {
+  kAffine,       ///< SS01 (4), (6): linearised at the surfel's centre.
+  kPerspective,  ///< SS01 (8): linearised at every pixel (exact_kernel.h).
+  kAuto,         ///< The latter where the former may be off by more than kernel_tolerance.
+};
+
+/// How a kernel is filtered (SS01 figure 8).
+enum class Filter : std::uint8_t {
+  kEwa,       ///< SS01 (6): the footprint convolved with the pixel's Gaussian.
+  kCircular,  ///< A round kernel as wide as the longer axis of that: blurs where surfaces slant.
+  kNone,      ///< The footprint alone: aliases where it is smaller than a pixel.
+};
+
 struct RenderOptions {
-  double cutoff = 1;   ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
+  Kernel kernel = Kernel::kAuto;
+  double kernel_tolerance = 0.5;  ///< Of Kernel::kAuto, pixels, > 0.
+  Filter filter = Filter::kEwa;   ///< kCircular is affine: it needs another kernel than the exact.
+  double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
   int layers = 3;      ///< l: fragments per pixel, 1..64.
   double depth_epsilon =
@@ -48,7 +65,8 @@ struct FrameStatistics {
   double milliseconds = 0;
   StageTimes stages;                ///< cull, setup, bin, raster.
   std::size_t clusters = 0;         ///< Drawn, of all.
-  std::size_t splats = 0;           ///< Set up and inside the picture.
+  std::size_t splats = 0;           ///< Set up and inside the picture ...
+  std::size_t exact_splats = 0;     ///< ... of these with perspective-exact kernels.
   std::uint64_t merged = 0;         ///< Pairs of fragments merged because all layers were taken.
   double dropped_weight_share = 0;  ///< Share of the sum of rho that came too late for its merged
                                     ///< surface: a bound of the error that merging made.

@@ -27,6 +27,9 @@ constexpr int tile_pixel_y(int pixel) { return pixel / kStripWidth % kTileSize; 
 /// beta = k (dx - m dy)^2 + c (dy / half_y)^2, the square completed along rows: unlike the conic's
 /// three coefficients it does not cancel when the ellipse is a long diagonal sliver.
 /// Depth is "nearness": 1 / z in perspective, -z in orthographic projection; larger is nearer.
+/// A splat with k < 0 (kExactKernel) has an ExactSplat instead, at the same place of a parallel
+/// array: of the fields before `red` it keeps only the box (its middle and half sides) and a depth
+/// to sort by.
 struct alignas(64) Splat {
   float x, y;                ///< Centre, pixels.
   float m, k;                ///< m = Sigma_xy / Sigma_yy, k = Sigma_yy / (2 |Sigma|).
@@ -40,6 +43,22 @@ struct alignas(64) Splat {
   std::uint32_t tag;  ///< Bit 0: the surfel's front faces the eye; from bit 1 on: material.
 };
 static_assert(sizeof(Splat) == 64);
+
+/// Value of Splat::k that marks splats whose kernel is exact.
+inline constexpr float kExactKernel = -1.0F;
+
+/// What it takes to meet a pixel's ray and the surfel's tangent plane exactly (exact_kernel.h):
+/// affine functions f[0] + f[1] dx + f[2] dy of the offset from (Splat::x, Splat::y), pixels.
+struct alignas(64) ExactSplat {
+  float u[3], v[3];          ///< Plane coordinates in standard deviations, times 1 / z.
+  float depth[3];            ///< 1 / z.
+  float amplitude;           ///< r_k at the surfel's centre.
+  float depth_lo, depth_hi;  ///< 1 / z is clamped to these.
+  float depth_most;          ///< At the near plane; infinity where that is the eye's.
+  float deviation2;          ///< Largest variance of the surfel times 2 c, unit^2.
+  float pixel2;  ///< Variance of the pixel filter on the plane at z = 1, times 2 c, unit^2.
+};
+static_assert(sizeof(ExactSplat) == 64);
 
 /// World-space normal of a splat, in a record of its own as unshaded pictures do not need it.
 struct SplatNormal {
@@ -59,6 +78,10 @@ struct SplatView {
   float near;
   bool orthographic;
   bool cull_back;  ///< Drop surfels that face away from the eye.
+  bool circular;   ///< Kernels as wide as their longer axis in all directions.
+  /// Kernels whose affine approximation may be off by more than this are exact, pixels; < 0: all,
+  /// infinity: none. Perspective projection only.
+  float tolerance;
   float cutoff;    ///< c of beta < c.
   float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
   float clip_x1;   ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.

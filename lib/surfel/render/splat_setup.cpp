@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include <surfel/render/splat_setup.h>
 
@@ -54,7 +55,7 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
 }
 
 template <bool kPerspective, bool kAnisotropic>
-int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColumns& out) {
+void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColumns& out) {
   /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
   /// growing: a grazing plane runs to infinity.
   constexpr float kLeastCosine = 0.1F;
@@ -86,6 +87,7 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
   };
 
   int visible_count = 0;
+  int exact_count = 0;
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
     // Camera space.
     const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
@@ -128,14 +130,24 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     // Sigma = J V J^T + h^2 I, SS01 (6); |Sigma| as a sum of positive terms.
     const V xx = hn::MulAdd(tx, tx, hn::Mul(bx, bx));
     const V yy = hn::MulAdd(ty, ty, hn::Mul(by, by));
-    const V Sigma_xx = hn::Add(xx, h2);
-    const V Sigma_yy = hn::Add(yy, h2);
-    const V Sigma_xy = hn::MulAdd(tx, ty, hn::Mul(bx, by));
+    V Sigma_xx = hn::Add(xx, h2);
+    V Sigma_yy = hn::Add(yy, h2);
+    V Sigma_xy = hn::MulAdd(tx, ty, hn::Mul(bx, by));
     const V n_ray = hn::MulAdd(n.x, X, hn::MulAdd(n.y, Y, n.z));  // n . (X, Y, 1)
     const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(n_ray));
     const V det_JV = hn::Mul(det_J, hn::Mul(deviation_u, deviation_v));
-    const V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2, hn::Add(hn::Add(xx, yy), h2)));
+    V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2, hn::Add(hn::Add(xx, yy), h2)));
     const V half = hn::Set(d, 0.5F);
+    if (view.circular) {
+      // The larger eigenvalue.
+      const V mean = hn::Mul(half, hn::Add(Sigma_xx, Sigma_yy));
+      const V difference = hn::Mul(half, hn::Sub(Sigma_xx, Sigma_yy));
+      Sigma_xx =
+          hn::Add(mean, hn::Sqrt(hn::MulAdd(difference, difference, hn::Mul(Sigma_xy, Sigma_xy))));
+      Sigma_yy = Sigma_xx;
+      Sigma_xy = zero;
+      det_Sigma = hn::Mul(Sigma_xx, Sigma_xx);
+    }
     const V inv_yy = hn::Div(one, Sigma_yy);
     const V amplitude =
         hn::Div(hn::Mul(hn::Mul(hn::LoadU(d, in.area + i), hn::Set(d, kInvTwoPi)), det_J),
@@ -161,20 +173,41 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     const V half_x = hn::Sqrt(hn::Mul(two_c, Sigma_xx));
     const V half_y = hn::Sqrt(hn::Mul(two_c, Sigma_yy));
 
-    // The whole disc must lie in front of the near plane: where it does not, the affine
-    // approximation (4) has no meaning. Comparisons are false for NaN.
+    // Where the disc reaches through the near plane, the affine approximation (4) has no meaning.
+    // Comparisons are false for NaN.
     const V disc = hn::Mul(hn::Sqrt(two_c), deviation);
     const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
-    auto visible = hn::Gt(hn::NegMulAdd(disc, sine, p.z), hn::Set(d, view.near));
+    const V depth_extent = hn::Mul(disc, sine);
+    const V near = hn::Set(d, view.near);
+    auto exact = hn::FirstN(d, 0);
+    auto visible = hn::Gt(hn::Sub(p.z, depth_extent), near);
+    if constexpr (kPerspective) {
+      // A point of the disc that is nearer than the centre by the share e of its depth is projected
+      // 1 / (1 - e) times as far from the centre as (4) says: off by e / (1 - e) of that.
+      const V size = hn::Sqrt(hn::Mul(two_c, hn::Add(xx, yy)));
+      const V error_z = hn::Mul(size, depth_extent);
+      const V tolerance = hn::Set(d, view.tolerance);
+      const auto affine =
+          hn::And(visible, hn::Le(error_z, hn::Mul(tolerance, hn::Sub(p.z, depth_extent))));
+      if (view.tolerance < std::numeric_limits<float>::infinity()) {
+        exact = hn::AndNot(affine, hn::Gt(hn::Add(p.z, depth_extent), near));
+        visible = affine;
+      }
+    }
     visible = hn::And(visible, hn::Gt(hn::Add(center_x, half_x), zero));
     visible = hn::And(visible, hn::Lt(hn::Sub(center_x, half_x), hn::Set(d, view.clip_x1)));
     visible = hn::And(visible, hn::Gt(hn::Add(center_y, half_y), hn::Set(d, view.clip_y0)));
     visible = hn::And(visible, hn::Lt(hn::Sub(center_y, half_y), hn::Set(d, view.clip_y1)));
     visible = hn::And(visible, hn::Gt(amplitude, zero));
     const auto front = hn::Lt(n_p, zero);
-    if (view.cull_back) visible = hn::And(visible, front);
+    if (view.cull_back) {
+      visible = hn::And(visible, front);
+      exact = hn::And(exact, front);
+    }
     const auto index = hn::Iota(di, i);
-    visible = hn::And(visible, hn::RebindMask(d, hn::Lt(index, hn::Set(di, count))));
+    const auto exists = hn::RebindMask(d, hn::Lt(index, hn::Set(di, count)));
+    visible = hn::And(visible, exists);
+    exact = hn::And(exact, exists);
 
     hn::Store(center_x, d, out.x + i);
     hn::Store(center_y, d, out.y + i);
@@ -195,21 +228,27 @@ int set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColum
     hn::Store(hn::IfThenElse(front, one, zero), d, out.front + i);
     visible_count += static_cast<int>(hn::CompressBlendedStore(index, hn::RebindMask(di, visible),
                                                                di, out.visible + visible_count));
+    if (kPerspective && !hn::AllFalse(d, exact)) {
+      exact_count += static_cast<int>(
+          hn::CompressBlendedStore(index, hn::RebindMask(di, exact), di, out.exact + exact_count));
+    }
   }
-  return visible_count;
+  out.visible_count = visible_count;
+  out.exact_count = exact_count;
 }
 
 }  // namespace
 
-int set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
-                       SplatColumns& out) {
+void set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
+                        SplatColumns& out) {
   const bool anisotropic = in.tangent_x != nullptr;
   if (view.orthographic) {
-    return anisotropic ? set_up<false, true>(view, in, count, out)
-                       : set_up<false, false>(view, in, count, out);
+    anisotropic ? set_up<false, true>(view, in, count, out)
+                : set_up<false, false>(view, in, count, out);
+  } else {
+    anisotropic ? set_up<true, true>(view, in, count, out)
+                : set_up<true, false>(view, in, count, out);
   }
-  return anisotropic ? set_up<true, true>(view, in, count, out)
-                     : set_up<true, false>(view, in, count, out);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -221,9 +260,9 @@ namespace surfel {
 
 HWY_EXPORT(set_up_splats_simd);
 
-int set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                  SplatColumns& out) {
-  return HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, out);
+void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
+                   SplatColumns& out) {
+  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, out);
 }
 
 }  // namespace surfel

@@ -42,13 +42,18 @@ struct SplatColumns {
   alignas(64) std::int32_t tile_x0[kSize], tile_y0[kSize], tile_x1[kSize], tile_y1[kSize];
   alignas(64) float front[kSize];           ///< 1 if the front faces the eye, else 0.
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
+  /// Indices of those that need an exact kernel, ascending: nothing else of them is set here.
+  alignas(64) std::int32_t exact[kSize];
+  int visible_count, exact_count;
 };
 
 /// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
 /// at run time. Arrays may be read up to the next multiple of the vector length past `count`, so
-/// columns carry padding (RenderCloud::kPadding). Returns how many entries of `visible` are set:
-/// those in front of the near plane as a whole disc, whose kernel reaches into the clip rectangle.
-int set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                  SplatColumns& out);
+/// columns carry padding (RenderCloud::kPadding). `visible` are those in front of the near plane as
+/// a whole disc, whose kernel reaches into the clip rectangle. `exact` are those for which the
+/// affine approximation (4) is off by more than the tolerance somewhere on the disc, and those that
+/// reach through the near plane (neither, where the tolerance is infinite).
+void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
+                   SplatColumns& out);
 
 }  // namespace surfel

@@ -43,8 +43,8 @@ constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
 struct Drawing {
   Splat splat;
   SplatNormal normal;
-  float k, q, epsilon, depth_lo, depth_hi;
-  V full, cutoff;
+  float k, q, depth_lo, depth_hi;
+  V full, cutoff, epsilon;
   float* data;
   std::size_t stride;
   int layers, squarings;
@@ -157,37 +157,110 @@ class Rasterizer {
     Drawing s;
     s.splat = splat;
     if constexpr (kNormals) s.normal = *normal;
-    s.k = splat.k * scale_;
-    s.q = job_.cutoff * scale_ / (splat.half_y * splat.half_y);
-    s.epsilon = splat.depth_range * job_.depth_epsilon;
-    s.depth_lo = splat.depth - splat.depth_range;
-    s.depth_hi = splat.depth + splat.depth_range;
     s.full = full_;
     s.cutoff = hn::Set(d, job_.cutoff * scale_);
     s.data = tile_.data;
     s.stride = tile_.layout.layer_stride();
     s.layers = tile_.layout.layers;
     s.squarings = squarings_;
-    const V m = hn::Set(d, splat.m);
-    const V depth_dx = hn::Set(d, splat.depth_dx);
-    const V depth_dy = hn::Set(d, splat.depth_dy);
-    const V depth = hn::Set(d, splat.depth);
     // As few vectors as hold the rows, moved up where the last would leave the strip.
     const int height = (last_row - first_row + kRows) / kRows * kRows;
     const int top = std::min(first_row, kTileSize - height);
     const V dy0 = hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, static_cast<float>(top) - cy));
-    for (int x = first_column / kColumns * kColumns; x <= last_column; x += kColumns) {
-      const V dx = hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, static_cast<float>(x) - cx));
-      const V plane0 = hn::MulAdd(depth_dx, dx, depth);
-      V dy = dy0;
-      const std::size_t first = tile_pixel(x, top);
-      const std::size_t end = first + static_cast<std::size_t>(height) * kStripWidth;
+    const Box pixels{first_column, last_column, top, height, cx, dy0};
+    if (splat.k < 0) {
+      draw_exact(splat, normal, job_.exact[&splat - job_.splats], s, pixels);
+      return;
+    }
+    s.k = splat.k * scale_;
+    s.q = job_.cutoff * scale_ / (splat.half_y * splat.half_y);
+    s.epsilon = hn::Set(d, splat.depth_range * job_.depth_epsilon);
+    s.depth_lo = splat.depth - splat.depth_range;
+    s.depth_hi = splat.depth + splat.depth_range;
+    const V m = hn::Set(d, splat.m);
+    const V depth_dx = hn::Set(d, splat.depth_dx);
+    const V depth_dy = hn::Set(d, splat.depth_dy);
+    const V depth = hn::Set(d, splat.depth);
+    for_each_vector(pixels, [&](std::size_t pixel, V dx, V dy) {
+      draw_vector(splat, normal, s, pixel, hn::NegMulAdd(m, dy, dx), dy,
+                  hn::MulAdd(depth_dx, dx, hn::MulAdd(depth_dy, dy, depth)));
+    });
+  }
+
+  /// Pixels of the tile that a splat's bounding box holds: columns, and rows in whole vectors.
+  struct Box {
+    int first_column, last_column;
+    int top, height;
+    float cx;  ///< The splat's centre, from the tile's first column.
+    V dy0;     ///< Offsets of the first vector's rows from it.
+  };
+
+  /// Calls body(first pixel, offsets dx, dy from the splat's centre) for every vector of the box.
+  template <class Body>
+  static HWY_INLINE void for_each_vector(const Box& box, Body body) {
+    const D d;
+    for (int x = box.first_column / kColumns * kColumns; x <= box.last_column; x += kColumns) {
+      const V dx = hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, static_cast<float>(x) - box.cx));
+      V dy = box.dy0;
+      const std::size_t first = tile_pixel(x, box.top);
+      const std::size_t end = first + static_cast<std::size_t>(box.height) * kStripWidth;
       for (std::size_t pixel = first; pixel < end; pixel += kRows * kStripWidth) {
-        draw_vector(splat, normal, s, pixel, hn::NegMulAdd(m, dy, dx), dy,
-                    hn::MulAdd(depth_dy, dy, plane0));
+        body(pixel, dx, dy);
         dy = hn::Add(dy, hn::Set(d, static_cast<float>(kRows)));
       }
     }
+  }
+
+  /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
+  /// affine one's code, as few splats come here.
+  HWY_NOINLINE void draw_exact(const Splat& splat, const SplatNormal* normal,
+                               const ExactSplat& exact, Drawing& s, const Box& box) {
+    const D d;
+    const V h2 = hn::Set(d, job_.lowpass2);
+    const V one = hn::Set(d, 1.0F);
+    const V scale = hn::Set(d, 0.5F * scale_);
+    for_each_vector(box, [&](std::size_t pixel, V dx, V dy) {
+      const auto affine = [&](const float* f) {
+        return hn::MulAdd(hn::Set(d, f[1]), dx, hn::MulAdd(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
+      };
+      // Plane coordinates of the hit, and z times their gradients on screen: J^-1 at this pixel.
+      const V plane = affine(exact.depth);
+      const V z = hn::Div(one, plane);
+      const V u = hn::Mul(affine(exact.u), z);
+      const V v = hn::Mul(affine(exact.v), z);
+      const V ux = hn::NegMulAdd(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
+      const V uy = hn::NegMulAdd(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
+      const V vx = hn::NegMulAdd(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
+      const V vy = hn::NegMulAdd(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
+      // |I + h^2 J^-1 J^-T| and beta of (8), both as sums of positive terms.
+      const auto sum2 = [](V a, V b) { return hn::MulAdd(a, a, hn::Mul(b, b)); };
+      const V filter = hn::Mul(h2, hn::Mul(z, z));
+      const V cross = hn::Mul(filter, hn::MulSub(ux, vy, hn::Mul(uy, vx)));
+      const V det =
+          hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
+      const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
+      const V inv_det = hn::Div(one, det);
+      const V beta = hn::Mul(hn::Mul(scale, inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
+      const V depth =
+          hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
+      s.epsilon = hn::Mul(hn::Mul(hn::Set(d, job_.depth_epsilon), depth),
+                          hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(depth, depth),
+                                              hn::Set(d, exact.pixel2))));
+      const M met =
+          hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
+      const M seen = hn::Ge(hn::Add(depth, s.epsilon), hn::LoadU(d, hidden_ + pixel));
+      const M inside = hn::And(hn::And(met, seen), hn::Lt(beta, s.cutoff));
+      if (hn::AllFalse(d, inside)) return;
+      const V amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
+      add(splat, normal, s, pixel, inside, hn::Mul(amplitude, decay(s, inside, beta)), depth);
+    });
+  }
+
+  /// exp(-beta) from beta scaled by 2^-n, where `inside`; 1 elsewhere.
+  static HWY_INLINE V decay(const Drawing& s, M inside, V beta) {
+    V rho = exp_minus(hn::IfThenElseZero(inside, beta));
+    for (int i = 0; i < s.squarings; ++i) rho = hn::Mul(rho, rho);
+    return rho;
   }
 
   /// A vector of pixels: e = dx - m dy, `plane` the depth on the tangent plane.
@@ -198,12 +271,11 @@ class Rasterizer {
         hn::MulAdd(hn::Mul(hn::Set(d, s.k), e), e, hn::Mul(hn::Mul(hn::Set(d, s.q), dy), dy));
     const V depth = hn::Min(hn::Max(plane, hn::Set(d, s.depth_lo)), hn::Set(d, s.depth_hi));
     // What lies within epsilon of the hiding surface may belong to it.
-    const M seen = hn::Ge(hn::Add(depth, hn::Set(d, s.epsilon)), hn::LoadU(d, hidden_ + pixel));
+    const M seen = hn::Ge(hn::Add(depth, s.epsilon), hn::LoadU(d, hidden_ + pixel));
     const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
     if (hn::AllFalse(d, inside)) return;
-    V rho = exp_minus(hn::IfThenElseZero(inside, beta));
-    for (int i = 0; i < s.squarings; ++i) rho = hn::Mul(rho, rho);
-    add(splat, normal, s, pixel, inside, hn::Mul(hn::Set(d, s.splat.amplitude), rho), depth);
+    const V rho = hn::Mul(hn::Set(d, s.splat.amplitude), decay(s, inside, beta));
+    add(splat, normal, s, pixel, inside, rho, depth);
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
@@ -219,7 +291,7 @@ class Rasterizer {
       const V tag = hn::LoadU(d, fragment + kTag * kTilePixels);
       // depth - fragment's depth, times the fragment's weight, to save the division.
       const V behind = hn::MulSub(depth, weight, weighted_depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(hn::Set(d, s.epsilon), weight));
+      const M near = hn::Lt(hn::Abs(behind), hn::Mul(s.epsilon, weight));
       const M same_side = hn::RebindMask(
           d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, s.splat.tag)), side),
                     hn::Zero(du)));
@@ -265,8 +337,8 @@ class Rasterizer {
       const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
       open = hn::AndNot(hn::And(covers_merged(fragment, weight), hn::Lt(depth, front)), open);
       const M within = hn::And(hn::And(open, hn::Lt(weight, hn::Zero(d))),
-                               hn::And(hn::Lt(hn::Sub(depth, hn::Set(d, s.epsilon)), front),
-                                       hn::Gt(hn::Add(depth, hn::Set(d, s.epsilon)), back)));
+                               hn::And(hn::Lt(hn::Sub(depth, s.epsilon), front),
+                                       hn::Gt(hn::Add(depth, s.epsilon), back)));
       tile_.merges.dropped += hn::CountTrue(d, within);
       dropped_weight_ = hn::Add(dropped_weight_, hn::IfThenElseZero(within, rho));
       open = hn::AndNot(within, open);

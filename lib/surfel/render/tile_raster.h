@@ -12,9 +12,11 @@ namespace surfel {
 struct TileJob {
   const Splat* splats = nullptr;
   const SplatNormal* normals = nullptr;  ///< Parallel to `splats`; null in unshaded pictures.
+  const ExactSplat* exact = nullptr;     ///< Parallel to `splats`; read where k is kExactKernel.
   const std::uint32_t* order = nullptr;  ///< Indices into them.
   std::size_t count = 0;
   float cutoff = 1;
+  float lowpass2 = 1;       ///< Variance of the low-pass filter, pixels^2.
   float depth_epsilon = 1;  ///< Depths within this many depth ranges are of one surface.
   bool opaque = true;       ///< Every splat has alpha 1.
 };
