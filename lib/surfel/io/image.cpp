@@ -6,12 +6,23 @@
 #include <surfel/io/image_plugin.h>
 
 namespace surfel {
+namespace {
 
-Image read_image(const std::string& path, bool raw) {
+Image read_image(const std::string& path, ImageForm form) {
   Image image;
   const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
-  read(path, raw, image);
+  read(path, form, image);
   return image;
+}
+
+}  // namespace
+
+Image read_image(const std::string& path, bool raw) {
+  return read_image(path, raw ? ImageForm::kRaw : ImageForm::kStraight);
+}
+
+Image read_premultiplied_image(const std::string& path) {
+  return read_image(path, ImageForm::kPremultiplied);
 }
 
 void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {

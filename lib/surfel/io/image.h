@@ -35,6 +35,10 @@ struct Image {
 /// Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
 
+/// The same R G B A premultiplied, as write_image() takes it: what a premultiplied float file (EXR)
+/// stores comes unchanged, even light where alpha is 0.
+SURFEL_API Image read_premultiplied_image(const std::string& path);
+
 struct ImageWriteOptions {
   bool no_clobber = false;
   /// String attributes for the file's metadata (formats without any ignore them).

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imagebuf.h>
+#include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -115,8 +117,13 @@ float straight(T value, T alpha) {
 
 template <class T>
 void convert_to_rgba(const T* in, std::size_t stride, const ColorChannels& c, bool associated,
-                     Image& image) {
+                     bool premultiply, Image& image) {
   const auto width = static_cast<std::size_t>(image.width);
+  // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
+  // and the light where alpha is zero.
+  const bool as_stored = premultiply && associated && std::is_floating_point_v<T>;
+  const bool divide = associated && !as_stored;
+  const bool multiply = premultiply && !as_stored;
   parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
     float* out = image.data.data() + begin * width * 4;
     for (const T* p = in + begin * width * stride; p != in + end * width * stride;
@@ -124,7 +131,8 @@ void convert_to_rgba(const T* in, std::size_t stride, const ColorChannels& c, bo
       const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
       out[3] = c.alpha >= 0 ? fraction(p[c.alpha]) : 1.0f;
       for (std::size_t i = 0; i < 3; ++i) {
-        out[i] = associated ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
+        out[i] = divide ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
+        if (multiply) out[i] *= out[3];
       }
     }
   });
@@ -150,7 +158,7 @@ bool has_associated_alpha(const OIIO::ImageInput& input) {
 
 /// Reads the pixels as T and converts them.
 template <class T>
-void read_pixels(OIIO::ImageInput& input, const std::string& path, bool raw, Image& image) {
+void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm form, Image& image) {
   const OIIO::ImageSpec& spec = input.spec();
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   const std::size_t pixel_count = static_cast<std::size_t>(spec.width) * spec.height;
@@ -159,7 +167,7 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, bool raw, Ima
     throw_input(path, "damaged image: " + cause(input.geterror()));
   }
   const ColorChannels c = color_channels(spec.channelnames, spec.alpha_channel);
-  if (raw) {
+  if (form == ImageForm::kRaw) {
     image.channels = spec.channelnames;
     image.data.resize(pixels.size());
     convert_raw(pixels.data(), channels, c.alpha, image);
@@ -167,7 +175,8 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, bool raw, Ima
     image.channels = {"R", "G", "B", "A"};
     image.data.resize(pixel_count * 4);
     const bool associated = c.alpha >= 0 && c.alpha != c.red && has_associated_alpha(input);
-    convert_to_rgba(pixels.data(), channels, c, associated, image);
+    const bool premultiply = form == ImageForm::kPremultiplied;
+    convert_to_rgba(pixels.data(), channels, c, associated, premultiply, image);
   }
 }
 
@@ -398,12 +407,23 @@ std::vector<unsigned char> encode_image(OIIO::ImageOutput& output, const Image& 
   return {};
 }
 
+// ---------------------------------------------------------------------------------------------
+// Comparing
+
+/// Hands the picture to OpenImageIO without a copy; it is read only, although the constructor does
+/// not say so.
+OIIO::ImageBuf buffer_of(const Image& image) {
+  const OIIO::ImageSpec spec(image.width, image.height, image.channel_count(), OIIO::TypeFloat);
+  return {spec, const_cast<float*>(image.data.data())};
+}
+
 }  // namespace
 }  // namespace surfel
 
 extern "C" {
 
-SURFEL_API void surfel_image_plugin_read(const std::string& path, bool raw, surfel::Image& image) {
+SURFEL_API void surfel_image_plugin_read(const std::string& path, surfel::ImageForm form,
+                                         surfel::Image& image) {
   using namespace surfel;
   const InputFile file(path);
   configure_openimageio();
@@ -421,11 +441,11 @@ SURFEL_API void surfel_image_plugin_read(const std::string& path, bool raw, surf
   image.width = spec.width;
   image.height = spec.height;
   if (spec.format.is_floating_point()) {
-    read_pixels<float>(*input, file.name(), raw, image);
+    read_pixels<float>(*input, file.name(), form, image);
   } else if (spec.format.size() == 1) {
-    read_pixels<std::uint8_t>(*input, file.name(), raw, image);
+    read_pixels<std::uint8_t>(*input, file.name(), form, image);
   } else {
-    read_pixels<std::uint16_t>(*input, file.name(), raw, image);
+    read_pixels<std::uint16_t>(*input, file.name(), form, image);
   }
 }
 
@@ -439,6 +459,21 @@ SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std:
   const std::vector<unsigned char> bytes = encode_image(*output, image, path, options);
   file.write(bytes.data(), bytes.size());
   file.commit();
+}
+
+SURFEL_API surfel::ChannelDifference surfel_image_plugin_compare(const surfel::Image& a,
+                                                                 const surfel::Image& b, int first,
+                                                                 int last, float threshold) {
+  const OIIO::ROI roi(0, a.width, 0, a.height, 0, 1, first, last);
+  const auto found = OIIO::ImageBufAlgo::compare(surfel::buffer_of(a), surfel::buffer_of(b),
+                                                 threshold, threshold, roi);
+  return {.mean_absolute = found.meanerror,
+          .rms = found.rms_error,
+          .maximum = found.maxerror,
+          .x = found.maxx,
+          .y = found.maxy,
+          .channel = found.maxc,
+          .beyond = found.nfail};
 }
 
 }  // extern "C"
