@@ -1,5 +1,6 @@
 #include <filesystem>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -9,7 +10,9 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
 #include <surfel/io/scene.h>
+#include <surfel/render/reference.h>
 #include <surfel/render/renderer.h>
+#include <surfel/render/source_ewa.h>
 
 #include "tools/support/options.h"
 #include "tools/support/tool.h"
@@ -18,6 +21,7 @@ namespace {
 
 enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
+enum class Filter { kEwa, kEwaSource, kCircular, kNone };
 
 struct Settings {
   std::string input;
@@ -29,6 +33,9 @@ struct Settings {
   int turntable = 0;
   Shading shading = Shading::kPhong;
   Cull cull = Cull::kNone;
+  Filter filter = Filter::kEwa;
+  bool reference = false;
+  surfel::ReferenceOptions rays;
   Eigen::Vector4d background{0, 0, 0, 0};
 };
 
@@ -64,7 +71,6 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Kernel and filter");
-  using surfel::Filter;
   using surfel::Kernel;
   add_choice(
       app, "--kernel", s.render.kernel,
@@ -74,9 +80,13 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--kernel-tolerance", s.render.kernel_tolerance,
                  "Of --kernel auto: error on the splat's rim, pixels, > 0")
       ->capture_default_str();
-  add_choice(app, "--filter", s.render.filter,
-             {{"ewa", Filter::kEwa}, {"circular", Filter::kCircular}, {"none", Filter::kNone}},
-             "Filter; circular (always affine) and none are there to compare with");
+  add_choice(app, "--filter", s.filter,
+             {{"ewa", Filter::kEwa},
+              {"ewa-source", Filter::kEwaSource},
+              {"circular", Filter::kCircular},
+              {"none", Filter::kNone}},
+             "Filter; the others are there to compare with: ewa-source filters in the surfels' "
+             "planes, slowly, circular in all directions alike (always affine), none not at all");
   app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16")
       ->capture_default_str();
   app.add_option("--lowpass", s.render.lowpass,
@@ -93,6 +103,19 @@ void declare_options(CLI::App& app, Settings& s) {
   add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
              "Leave out surfels that face away: for closed, opaque surfaces");
 
+  app.option_defaults()->group("Truth");
+  CLI::Option* reference =
+      app.add_flag("--reference", s.reference,
+                   "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
+                   "other pictures against (R G B A only)");
+  app.add_option("--samples", s.rays.samples,
+                 "Of --reference: rays along each side of a pixel, 1..64")
+      ->needs(reference)
+      ->capture_default_str();
+  for (const char* other : {"--kernel", "--kernel-tolerance", "--filter", "--layers"}) {
+    reference->excludes(app.get_option(other));
+  }
+
   app.option_defaults()->group("Shading");
   add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
              "none shows the filtered texture itself");
@@ -107,16 +130,49 @@ void finish(Settings& s) {
   s.render.cull_back = s.cull == Cull::kBack;
   for (int i = 0; i < 4; ++i) s.render.background[i] = static_cast<float>(s.background[i]);
   s.render.aovs = std::filesystem::path(s.output).extension() == ".exr";
+  if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
+  if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
 
 void check(const Settings& s) {
   std::vector<std::string> problems = s.camera.problems();
   for (const std::string& p : s.render.problems()) problems.push_back(p);
+  for (const std::string& p : s.rays.problems()) problems.push_back(p);
   if (s.turntable < 0 || s.turntable > 100000) {
     problems.push_back(fmt::format("turntable is {}; it must be in 0..100000", s.turntable));
   }
   surfel::tool::require_valid(problems);
 }
+
+/// Makes the pictures of one cloud, by whichever renderer was asked for.
+class Painter {
+ public:
+  Painter(const Settings& s, const surfel::RenderCloud& surfels, const surfel::Scene& scene) {
+    if (s.reference) {
+      reference_.emplace(surfels, scene, s.render, s.rays);
+    } else if (s.filter == Filter::kEwaSource) {
+      source_.emplace(surfels, scene, s.render);
+    } else {
+      fast_.emplace(surfels, scene, s.render);
+    }
+  }
+
+  /// \param progress  called with the share of this picture that is done, where it takes long.
+  surfel::Image paint(const surfel::Camera& camera, surfel::FrameStatistics& statistics,
+                      const std::function<void(double)>& progress) {
+    if (fast_) return fast_->render(camera, &statistics);
+    const surfel::Timer timer;
+    surfel::Image image =
+        reference_ ? reference_->render(camera, progress) : source_->render(camera, progress);
+    statistics.milliseconds = timer.milliseconds();
+    return image;
+  }
+
+ private:
+  std::optional<surfel::Renderer> fast_;
+  std::optional<surfel::ReferenceRenderer> reference_;
+  std::optional<surfel::SourceEwaRenderer> source_;
+};
 
 /// Name of the i-th picture: the pattern's %d or %04d replaced.
 std::string picture_name(const std::string& pattern, std::size_t i) {
@@ -203,17 +259,21 @@ int main(int argc, char** argv) {
     report["load_ms"] = load_ms;
     report["frames"] = nlohmann::json::array();
     const std::vector<surfel::Camera> views = cameras(s, surfels.extent());
-    surfel::Renderer renderer(surfels, scene, s.render);
+    Painter painter(s, surfels, scene);
     for (std::size_t i = 0; i < views.size(); ++i) {
       surfel::FrameStatistics frame;
-      const surfel::Image image = renderer.render(views[i], &frame);
+      const auto progress = [&](double share) {
+        tool.progress("rendering",
+                      (static_cast<double>(i) + share) / static_cast<double>(views.size()));
+      };
+      const surfel::Image image = painter.paint(views[i], frame, progress);
       const surfel::Timer encode;
       surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,
                           {.no_clobber = tool.common().no_clobber,
                            .metadata = {{"Software", "surfel-render"}},
                            .world_to_camera = surfel::world_to_camera_matrix(views[i])});
       report["frames"].push_back(to_json(frame, encode.milliseconds()));
-      tool.progress("rendering", static_cast<double>(i + 1) / static_cast<double>(views.size()));
+      progress(1);
     }
   });
 }

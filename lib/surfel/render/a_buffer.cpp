@@ -33,7 +33,8 @@ float back_depth(const Fragment& fragment) {
 Rgba color_of(const TileABuffer& tile, const Fragment& fragment, int pixel) {
   const float* c = fragment.channel;
   if (is_merged(fragment)) return {c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
-  return tile.shader->shade(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+  return tile.shader->shade(fragment, static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F,
+                            static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F,
                             tile.full_weight);
 }
 

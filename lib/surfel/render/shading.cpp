@@ -27,7 +27,7 @@ Shader::Shader(const Scene* scene, const Camera& camera)
   }
 }
 
-Rgba Shader::shade(const Fragment& fragment, int x, int y, float full_weight) const {
+Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight) const {
   const float* c = fragment.channel;
   const float inv_weight = 1.0F / c[kWeight];
   const float alpha = c[kAlpha] * inv_weight;
@@ -46,11 +46,11 @@ Rgba Shader::shade(const Fragment& fragment, int x, int y, float full_weight) co
   return {lit.x() * opacity, lit.y() * opacity, lit.z() * opacity, opacity};
 }
 
-Vec3f Shader::lit_color(const Vec3f& color, Vec3f normal, const Material& material, int x, int y,
-                        float depth) const {
-  // From the eye through the pixel's centre, in world axes.
-  const float px = (static_cast<float>(x) + 0.5F - center_x_) * inv_focal_x_;
-  const float py = (static_cast<float>(y) + 0.5F - center_y_) * inv_focal_y_;
+Vec3f Shader::lit_color(const Vec3f& color, Vec3f normal, const Material& material, float x,
+                        float y, float depth) const {
+  // From the eye through (x, y), in world axes.
+  const float px = (x - center_x_) * inv_focal_x_;
+  const float py = (y - center_y_) * inv_focal_y_;
   const Vec3f ray = world_from_camera_ * (orthographic_ ? Vec3f(0, 0, 1) : Vec3f(px, py, 1));
   const Vec3f to_eye = -ray.normalized();
   const float length = normal.norm();

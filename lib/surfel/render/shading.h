@@ -19,15 +19,17 @@ class Shader {
 
   bool lit() const { return scene_ != nullptr; }
 
-  /// Colour of an unmerged fragment seen in pixel (x, y) of the picture: normalised by the sum of
-  /// rho (9), shaded, its opacity multiplied with its coverage min(1, sum of rho / full_weight).
-  Rgba shade(const Fragment& fragment, int x, int y, float full_weight) const;
+  /// Colour of an unmerged fragment seen at picture coordinates (x, y), pixels, pixel centres at
+  /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
+  /// min(1, sum of rho / full_weight).
+  Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const;
 
-  /// z of a depth as splats hold it.
+  /// z of a depth as splats hold it, and back.
   float z(float depth) const { return orthographic_ ? -depth : 1.0F / depth; }
+  float depth(float z) const { return orthographic_ ? -z : 1.0F / z; }
 
  private:
-  Vec3f lit_color(const Vec3f& color, Vec3f normal, const Material& material, int x, int y,
+  Vec3f lit_color(const Vec3f& color, Vec3f normal, const Material& material, float x, float y,
                   float depth) const;
 
   struct LightInWorld {
