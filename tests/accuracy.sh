@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes docs/accuracy.md: the fast renderer against the reference, the reference against itself.
+# Makes docs/accuracy.md: the fast renderer against the reference, the reference against itself; and
+# docs/filters.png: SS01 figure 8.
 # Needs the real data and a build with -DSURFEL_BUILD_BENCH=ON in build/release. Takes minutes.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -18,9 +19,32 @@ spot 2000
 spot 40000
 spot 200000
 "$bin/accuracy_table" "$work/2000.ply" "$work/40000.ply" "$work/200000.ply" > "$work/table.md"
+# SS01 figure 8: a checker on a regular grid, magnified in front, minified at the horizon.
+view=(--eye 0,-0.52,0.05 --target 0,0.1,-0.06 --up 0,0,1 --fov 30 --size 256x192 --shading none --quiet)
+"$bin/surfel-generate" plane --jitter 0 --count 40000 --quiet -o - |
+  "$bin/surfel-texture" - --image checker:50 --quiet -o "$work/plane.ply"
+filters=(ewa ewa-source circular none)
+for filter in "${filters[@]}"; do
+  "$bin/surfel-render" "$work/plane.ply" -o "$work/$filter.exr" --filter "$filter" "${view[@]}"
+  "$bin/surfel-render" "$work/plane.ply" -o "$work/$filter.png" --filter "$filter" "${view[@]}" --background 1,1,1,1
+done
+"$bin/surfel-render" "$work/plane.ply" -o "$work/reference.exr" --reference "${view[@]}"
+"$bin/surfel-render" "$work/plane.ply" -o "$work/reference.png" --reference "${view[@]}" --background 1,1,1,1
+oiiotool "$work"/{ewa,circular,none,reference}.png --mosaic:pad=4 2x2 -o "$(dirname "$out")/filters.png"
+psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p' | head -1; }
+
 {
   echo "# Accuracy: measured"
   echo
   echo "Made by \`tests/accuracy.sh\`."
-  cat "$work/table.md" tests/accuracy_notes.md
+  cat "$work/table.md"
+  echo
+  echo "## Filters (SS01 figure 8)"
+  echo
+  echo "![ewa, circular; none, the reference](filters.png)"
+  echo
+  echo "A checker on a regular grid, magnified in front, minified at the horizon: ewa, circular (top), none, the reference"
+  echo "(bottom). PSNR inside the silhouette against the reference, dB:"
+  for filter in "${filters[@]}"; do echo "$filter $(psnr "$work/$filter.exr" "$work/reference.exr");"; done
+  echo "ewa against ewa-source $(psnr "$work/ewa.exr" "$work/ewa-source.exr")."
 } > "$out"

@@ -1,4 +1,7 @@
+#include <algorithm>
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <numeric>
 #include <optional>
 
@@ -10,9 +13,11 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
 #include <surfel/io/scene.h>
+#include <surfel/render/mesh_renderer.h>
 #include <surfel/render/reference.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/source_ewa.h>
+#include <surfel/texture/texture_source.h>
 
 #include "tools/support/options.h"
 #include "tools/support/tool.h"
@@ -36,12 +41,16 @@ struct Settings {
   Filter filter = Filter::kEwa;
   bool reference = false;
   surfel::ReferenceOptions rays;
+  std::string mesh;
+  surfel::TextureSourceOptions texture;
   Eigen::Vector4d background{0, 0, 0, 0};
 };
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD; - = standard input)")->required();
+  app.add_option("surfels", s.input,
+                 "Surfels (PLY, PCD; - = standard input); with --mesh they only frame the picture, "
+                 "and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
       ->required();
@@ -108,13 +117,23 @@ void declare_options(CLI::App& app, Settings& s) {
       app.add_flag("--reference", s.reference,
                    "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
                    "other pictures against (R G B A only)");
+  CLI::Option* mesh = app.add_option("--mesh", s.mesh,
+                                     "Ray-trace this mesh instead (OBJ, PLY, STL, OFF): the truth "
+                                     "to measure surfels made from it against (R G B A only)")
+                          ->excludes(reference);
+  app.add_option("--image", s.texture.image,
+                 "Of --mesh: image file, or checker, siemens, noise, each also as NAME:FREQUENCY; "
+                 "default: the images of the mesh's materials")
+      ->needs(mesh);
+  add_choice(app, "--wrap", s.texture.wrap,
+             {{"repeat", surfel::WrapMode::kRepeat},
+              {"mirror", surfel::WrapMode::kMirror},
+              {"clamp", surfel::WrapMode::kClamp}},
+             "Of --mesh: what lies beyond the image's borders")
+      ->needs(mesh);
   app.add_option("--samples", s.rays.samples,
-                 "Of --reference: rays along each side of a pixel, 1..64")
-      ->needs(reference)
+                 "Of --reference and --mesh: rays along each side of a pixel, 1..64")
       ->capture_default_str();
-  for (const char* other : {"--kernel", "--kernel-tolerance", "--filter", "--layers"}) {
-    reference->excludes(app.get_option(other));
-  }
 
   app.option_defaults()->group("Shading");
   add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
@@ -127,11 +146,37 @@ void declare_options(CLI::App& app, Settings& s) {
 /// Fills in what the library's options hold in other types.
 void finish(Settings& s) {
   s.render.lit = s.shading == Shading::kPhong;
+  s.texture.charts = false;
   s.render.cull_back = s.cull == Cull::kBack;
   for (int i = 0; i < 4; ++i) s.render.background[i] = static_cast<float>(s.background[i]);
   s.render.aovs = std::filesystem::path(s.output).extension() == ".exr";
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
+}
+
+/// What only the fast renderer heeds must not be given to the others.
+void require_effect(const CLI::App& app, const Settings& s) {
+  const auto refuse = [&](const std::string& renderer, std::vector<std::string> options) {
+    for (const std::string& option : options) {
+      if (app.get_option(option)->count() > 0) {
+        surfel::throw_usage(
+            fmt::format("{} has no effect with {}; leave it out", option, renderer));
+      }
+    }
+  };
+  if (s.reference) {
+    refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter"});
+  }
+  if (s.filter == Filter::kEwaSource) {
+    refuse("--filter ewa-source", {"--kernel", "--kernel-tolerance", "--layers"});
+  }
+  if (!s.mesh.empty()) {
+    refuse("--mesh", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff",
+                      "--depth-epsilon", "--coverage-threshold"});
+  } else if (s.input.empty()) {
+    surfel::throw_usage("there are neither surfels nor --mesh; give one");
+  }
+  if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
 }
 
 void check(const Settings& s) {
@@ -144,34 +189,62 @@ void check(const Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-/// Makes the pictures of one cloud, by whichever renderer was asked for.
-class Painter {
- public:
-  Painter(const Settings& s, const surfel::RenderCloud& surfels, const surfel::Scene& scene) {
-    if (s.reference) {
-      reference_.emplace(surfels, scene, s.render, s.rays);
-    } else if (s.filter == Filter::kEwaSource) {
-      source_.emplace(surfels, scene, s.render);
-    } else {
-      fast_.emplace(surfels, scene, s.render);
-    }
-  }
+/// Makes a picture. `progress` is called with the share of it that is done, where it takes long.
+using Paint =
+    std::function<surfel::Image(const surfel::Camera& camera, surfel::FrameStatistics& statistics,
+                                const std::function<void(double)>& progress)>;
 
-  /// \param progress  called with the share of this picture that is done, where it takes long.
-  surfel::Image paint(const surfel::Camera& camera, surfel::FrameStatistics& statistics,
-                      const std::function<void(double)>& progress) {
-    if (fast_) return fast_->render(camera, &statistics);
+/// Of a renderer that takes its time.
+template <class Renderer>
+Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
+  return [renderer](const surfel::Camera& camera, surfel::FrameStatistics& statistics,
+                    const std::function<void(double)>& progress) {
     const surfel::Timer timer;
-    surfel::Image image =
-        reference_ ? reference_->render(camera, progress) : source_->render(camera, progress);
+    surfel::Image image = renderer->render(camera, progress);
     statistics.milliseconds = timer.milliseconds();
     return image;
-  }
+  };
+}
 
- private:
-  std::optional<surfel::Renderer> fast_;
-  std::optional<surfel::ReferenceRenderer> reference_;
-  std::optional<surfel::SourceEwaRenderer> source_;
+/// The renderer of surfels that was asked for.
+Paint surfel_painter(const Settings& s, const surfel::RenderCloud& surfels,
+                     const surfel::Scene& scene) {
+  if (s.reference) {
+    return paint_slowly(
+        std::make_shared<surfel::ReferenceRenderer>(surfels, scene, s.render, s.rays));
+  }
+  if (s.filter == Filter::kEwaSource) {
+    return paint_slowly(std::make_shared<surfel::SourceEwaRenderer>(surfels, scene, s.render));
+  }
+  const auto renderer = std::make_shared<surfel::Renderer>(surfels, scene, s.render);
+  return [renderer](const surfel::Camera& camera, surfel::FrameStatistics& statistics,
+                    const std::function<void(double)>&) {
+    return renderer->render(camera, &statistics);
+  };
+}
+
+/// A mesh with its textures, and its renderer.
+struct MeshPainter {
+  surfel::TriangleMesh mesh;
+  std::optional<surfel::TextureSet> textures;
+  std::shared_ptr<surfel::MeshRenderer> renderer;  ///< Refers to both.
+
+  MeshPainter(const MeshPainter&) = delete;
+  MeshPainter& operator=(const MeshPainter&) = delete;
+  MeshPainter(const Settings& s, const surfel::Scene& scene) : mesh(surfel::read_mesh(s.mesh)) {
+    const bool named = std::any_of(mesh.material.begin(), mesh.material.end(),
+                                   [](const auto& m) { return !m.texture.empty(); });
+    if (!s.texture.image.empty() || named) {
+      textures = surfel::load_textures(s.texture, &mesh, s.mesh);
+    }
+    renderer = std::make_shared<surfel::MeshRenderer>(
+        mesh, textures ? &*textures : nullptr, scene,
+        surfel::MeshRenderOptions{.samples = s.rays.samples,
+                                  .lowpass = s.render.lowpass,
+                                  .cull_back = s.render.cull_back,
+                                  .lit = s.render.lit,
+                                  .background = s.render.background});
+  }
 };
 
 /// Name of the i-th picture: the pattern's %d or %04d replaced.
@@ -223,6 +296,24 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
           {"merged_fragments", frame.merged}, {"dropped_weight_share", frame.dropped_weight_share}};
 }
 
+/// Reads and prepares surfels, and tells what of them cannot be used.
+surfel::RenderCloud load_surfels(const surfel::tool::Tool& tool, const std::string& input) {
+  const std::string name = input == "-" ? "standard input" : input;
+  const surfel::SurfelCloud cloud = surfel::read_cloud(input);
+  if (cloud.empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
+  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) {
+    surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
+  }
+  surfel::RenderCloud surfels(cloud);
+  if (const auto& d = surfels.dropped(); d.total() > 0) {
+    tool.note(
+        fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
+                    "colours that are not usable numbers)",
+                    name, d.total(), d.position, d.variance, d.color));
+  }
+  return surfels;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -232,41 +323,32 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   return tool.run(argc, argv, [&] {
     finish(s);
+    require_effect(tool.app(), s);
     check(s);
     const surfel::Scene scene =
         s.scene_file.empty() ? surfel::Scene{} : surfel::read_scene(s.scene_file);
 
-    const surfel::Timer load;
-    const std::string name = s.input == "-" ? "standard input" : s.input;
-    auto cloud = std::make_unique<surfel::SurfelCloud>(surfel::read_cloud(s.input));
-    if (cloud->empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
-    if (!cloud->empty() && cloud->variance.empty() && !cloud->anisotropic()) {
-      surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
-    }
-    const surfel::RenderCloud surfels(*cloud);
-    cloud.reset();
-    const double load_ms = load.milliseconds();
-    if (const auto& d = surfels.dropped(); d.total() > 0) {
-      tool.note(
-          fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
-                      "colours that are not usable numbers)",
-                      name, d.total(), d.position, d.variance, d.color));
-    }
-
     nlohmann::json& report = tool.report();
-    report["surfels"] = surfels.size();
-    report["dropped"] = surfels.dropped().total();
-    report["load_ms"] = load_ms;
+    const surfel::Timer load;
+    std::optional<surfel::RenderCloud> surfels;
+    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input));
+    std::optional<MeshPainter> mesh;
+    if (!s.mesh.empty()) mesh.emplace(s, scene);
+    const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
+    const Paint paint = mesh ? paint_slowly(mesh->renderer) : surfel_painter(s, *surfels, scene);
+    report["load_ms"] = load.milliseconds();
+    report["surfels"] = surfels ? surfels->size() : 0;
+    report["dropped"] = surfels ? surfels->dropped().total() : 0;
+    report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     report["frames"] = nlohmann::json::array();
-    const std::vector<surfel::Camera> views = cameras(s, surfels.extent());
-    Painter painter(s, surfels, scene);
+    const std::vector<surfel::Camera> views = cameras(s, extent);
     for (std::size_t i = 0; i < views.size(); ++i) {
       surfel::FrameStatistics frame;
       const auto progress = [&](double share) {
         tool.progress("rendering",
                       (static_cast<double>(i) + share) / static_cast<double>(views.size()));
       };
-      const surfel::Image image = painter.paint(views[i], frame, progress);
+      const surfel::Image image = paint(views[i], frame, progress);
       const surfel::Timer encode;
       surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,
                           {.no_clobber = tool.common().no_clobber,

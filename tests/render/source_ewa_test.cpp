@@ -235,6 +235,47 @@ TEST(SourceEwa, CullingTransparencyAndBackgroundAreThoseOfOtherPictures) {
   EXPECT_NEAR(render_source(cloud, camera_at(5, 33), options).pixel(16, 16)[1], 0, 1e-6);
 }
 
+/// Camera and tiny discs for which the pixel filter alone decides on depths: its reach at the
+/// discs, scene units.
+constexpr double kDiscDistance = 5;
+double filter_reach(const Camera& camera) {
+  return std::sqrt(2.0) * kDiscDistance / camera.focal_x;
+}
+void add_tiny(SurfelCloud& cloud, double z, const Vec3f& normal, float area, const Vec3f& color) {
+  add_surfel(cloud, Vec3d(0, 0, z).cast<float>(), normal, 1e-8F, area, color);
+}
+
+TEST(SourceEwa, SurfacesMixWithinTheFootprintOfTheFilter) {
+  const Camera camera = camera_at(kDiscDistance, 33);
+  RenderOptions options;
+  options.coverage_threshold = 1e-12;
+  for (const double share : {0.95, 1.05}) {
+    SurfelCloud cloud;
+    add_tiny(cloud, 0, {0, 0, 1}, 1e-8F, {1, 0, 0});
+    add_tiny(cloud, -share * filter_reach(camera), {0, 0, 1}, 1e-8F, {0, 1, 0});
+    const float green = render_source(cloud, camera, options).pixel(16, 16)[1];
+    if (share < 1) {
+      EXPECT_GT(green, 0.4);
+    } else {
+      EXPECT_EQ(green, 0);
+    }
+  }
+}
+
+TEST(SourceEwa, DepthOfGrazingPlanesIsClamped) {
+  // One pixel to the right the red plane is more than twice as far as its disc. Its depth is
+  // clamped to the filter's reach divided by the least cosine, which is within epsilon of the green
+  // disc.
+  const Camera camera = camera_at(kDiscDistance, 33);
+  RenderOptions options;
+  options.coverage_threshold = 1e-12;
+  options.depth_epsilon = 1.5;
+  SurfelCloud cloud;
+  add_tiny(cloud, 0, {0, 0, 1}, 1e-8F, {0, 1, 0});
+  add_tiny(cloud, 0, Vec3f(0.99875F, 0, 0.05F), 5e-7F, {1, 0, 0});
+  EXPECT_GT(render_source(cloud, camera, options).pixel(17, 16)[0], 0.1);
+}
+
 TEST(SourceEwa, MinifiedSlantedPlaneStaysOneSurface) {
   // Depths on the plane differ by more than the discs' radii: the filter's footprint is what
   // counts. Two surfaces would show as a coverage below one.

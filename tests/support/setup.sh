@@ -9,7 +9,7 @@ surfel_packages=(
   g++ cmake ninja-build pkg-config
   # Libraries that the project links (design: which does what).
   libceres-dev libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev
-  liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
+  libembree-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
   nlohmann-json3-dev
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
