@@ -36,7 +36,7 @@ struct SupersampleOptions {
 /// \param trace     colour at picture coordinates (x, y), premultiplied, linear; called in parallel
 ///                  with the number of the calling worker, 0..thread_count() - 1.
 /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
-/// \return channels R G B A.
+/// \return channels R G B A. Throws Error(kUsage) for options that are not usable.
 SURFEL_API Image supersample(const Camera& camera, const SupersampleOptions& options,
                              FunctionRef<Rgba(double x, double y, int worker)> trace,
                              const std::function<void(double)>& progress = {});

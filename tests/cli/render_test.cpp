@@ -1,0 +1,77 @@
+// surfel-render: the renderers that it chooses from, and options that would have no effect.
+
+#include <gtest/gtest.h>
+#include <surfel/io/image.h>
+#include <surfel/measure/image_error.h>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+using Words = std::vector<std::string>;
+
+/// A textured square as mesh, and its surfels.
+struct Square {
+  TemporaryFolder folder;
+  std::string mesh = folder / "square.obj";
+  std::string surfels = folder / "square.ply";
+
+  Square() {
+    write_text(mesh,
+               "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+               "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+    const std::string plain = folder / "plain.ply";
+    run({tool("surfel-from-mesh"), mesh, "--spacing", "0.02", "-o", plain, "--quiet"});
+    run({tool("surfel-texture"), plain, "--image", "checker:2", "-o", surfels, "--quiet"});
+  }
+  static const Square& get() {
+    static const Square square;
+    return square;
+  }
+
+  Image picture(const Words& options) const {
+    const std::string file = folder / "picture.exr";
+    Words command{
+        tool("surfel-render"), "-o",   file,     "--eye", "0.3,-0.6,3", "--target", "0,0,0",
+        "--shading",           "none", "--size", "64x64"};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_image(file, true);
+  }
+};
+
+TEST(Render, EveryRendererSeesTheSamePicture) {
+  const Square& s = Square::get();
+  const Image fast = s.picture({s.surfels, "--cutoff", "2"});
+  const auto inside = [&](const Image& image) {
+    return image_error(fast, image, {.inside_only = true}).psnr;
+  };
+  EXPECT_GT(inside(s.picture({s.surfels, "--cutoff", "2", "--kernel", "perspective"})), 45);
+  EXPECT_GT(inside(s.picture({s.surfels, "--cutoff", "2", "--filter", "ewa-source"})), 45);
+  EXPECT_GT(inside(s.picture({s.surfels, "--cutoff", "2", "--reference", "--samples", "8"})), 30);
+  EXPECT_GT(inside(s.picture({"--mesh", s.mesh, "--image", "checker:2", "--samples", "8"})), 18);
+  EXPECT_LT(inside(s.picture({"--mesh", s.mesh, "--image", "checker:3", "--samples", "8"})), 15);
+}
+
+TEST(Render, OptionsWithoutEffectAreRefused) {
+  const Square& s = Square::get();
+  for (const Words& options :
+       {Words{s.surfels, "--reference", "--layers", "2"},
+        Words{s.surfels, "--reference", "--kernel", "affine"},
+        Words{s.surfels, "--filter", "ewa-source", "--kernel", "auto"},
+        Words{s.surfels, "--filter", "circular", "--kernel", "perspective"},
+        Words{s.surfels, "--samples", "4"}, Words{s.surfels, "--image", "checker"},
+        Words{s.surfels, "--mesh", s.mesh, "--reference"}, Words{"--mesh", s.mesh, "--cutoff", "2"},
+        Words{}}) {
+    Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 2) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(s.folder / "refused.png"));
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
