@@ -628,6 +628,20 @@ TEST(WriteMesh, PlyLeavesOutNormalsThatWedgesDoNotShare) {
   EXPECT_TRUE(read_mesh(folder / "mesh.ply").wedge_normal.empty());
 }
 
+TEST(WriteMesh, NamesWithoutAFolderAreThoseOfTheCurrentOne) {
+  const TemporaryFolder folder;
+  const TriangleMesh mesh = make_mesh(folder, Vec3d::Zero());
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::current_path(std::filesystem::path(folder / "."));
+  for (const char* name : {"mesh.ply", "mesh.obj"}) EXPECT_NO_THROW(write_mesh(mesh, name));
+  std::filesystem::current_path(before);
+  for (const char* name : {"mesh.ply", "mesh.obj"}) {
+    const TriangleMesh found = read_mesh(folder / name);
+    EXPECT_EQ(found.material.at(found.face_material.at(0)).texture,
+              mesh.material[mesh.face_material[0]].texture);
+  }
+}
+
 ErrorKind kind_of_failed_write(const TriangleMesh& mesh, const std::string& path,
                                const MeshWriteOptions& options = {}) {
   try {

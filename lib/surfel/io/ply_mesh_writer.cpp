@@ -113,7 +113,8 @@ void write_faces(const TriangleMesh& mesh, const Textures& textures, ByteWriter&
 
 void write_ply_mesh(const TriangleMesh& mesh, const std::string& path,
                     const MeshWriteOptions& options) {
-  const Textures textures(mesh.material, std::filesystem::path(path).parent_path());
+  // A name without a folder has an empty parent, which no path is relative to.
+  const Textures textures(mesh.material, std::filesystem::absolute(path).parent_path());
   const Array<Vec3f> normal = vertex_normals(mesh);
   const bool wide = !exact_in_float(mesh);
   std::string header = "ply\nformat binary_little_endian 1.0\n" + textures.comments;

@@ -40,8 +40,8 @@ struct ExactKernel {
 /// The box holds the disc's projection, clipped in camera space at the near plane, plus the reach
 /// of the filter. (Beyond it, towards the plane's horizon, the linearised filter would reach
 /// further and further: what is cut off there is below 3 % of the kernel's peak for a disc that
-/// the eye looks along, and usually nothing.) Nothing is returned for what is not seen: outside of the rectangle, behind the
-/// near plane, or edge-on. Perspective projection only.
+/// the eye looks along, and usually nothing.) Nothing is returned for what is not seen: outside of
+/// the rectangle, behind the near plane, or edge-on. Perspective projection only.
 SURFEL_API std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel,
                                                         const Camera& camera,
                                                         const ExactKernelView& view);

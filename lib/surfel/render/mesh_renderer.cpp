@@ -10,6 +10,7 @@
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/mesh_renderer.h>
 #include <surfel/render/mesh_tracer_plugin.h>
+#include <surfel/render/render_cloud.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/supersample.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -27,9 +28,6 @@ constexpr double kGap = 0x1p-20;
 /// Cells along the longest side of the box in which an extent's spheres are made. A sphere reaches
 /// at most half a cell's diagonal beyond the faces, 1.4 % of that side.
 constexpr std::size_t kExtentCells = 64;
-
-/// Linear colour where nothing says one, as for colourless clouds.
-const Vec3f kColorless(0.55F, 0.55F, 0.55F);
 
 /// Weights of a face's three corners.
 using Barycentric = Vec3f;
@@ -166,7 +164,7 @@ Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& 
     }
     return bilinear(image, texel);
   }
-  Vec3f opaque = kColorless;
+  Vec3f opaque = RenderCloud::colorless();
   if (!mesh.color.empty()) {
     const auto& v = mesh.face[face];
     opaque = interpolated<Vec3f>({mesh.color[v[0]], mesh.color[v[1]], mesh.color[v[2]]}, b);

@@ -17,10 +17,6 @@ constexpr std::size_t kGrain = 1 << 15;
 /// Cosine below which a cone of normals is of no use for culling.
 constexpr float kWidestCone = 0.05F;
 
-/// Linear colour of surfels that have none: a light grey that the default lights do not drive into
-/// saturation.
-const Vec3f kColorless(0.55F, 0.55F, 0.55F);
-
 enum class Verdict : std::uint8_t { kUsable, kPosition, kVariance, kColor };
 
 bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
@@ -115,7 +111,7 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud) : origin_(cloud.origin) {
         root_of_V = cloud.variance[k];
       }
       area[i] = cloud.area.empty() ? root_of_V : std::max(0.0F, cloud.area[k]);
-      const Vec3f c = color ? (*color)[k] : kColorless;
+      const Vec3f c = color ? (*color)[k] : colorless();
       red[i] = c.x();
       green[i] = c.y();
       blue[i] = c.z();

@@ -31,6 +31,9 @@ class SURFEL_API RenderCloud {
   static constexpr std::uint32_t kClusterSize = 256;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
   static constexpr std::size_t kPadding = 16;
+  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
+  /// into saturation.
+  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
 
   /// What was left out, and why.
   struct Dropped {
