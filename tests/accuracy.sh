@@ -31,7 +31,7 @@ done
 "$bin/surfel-render" "$work/plane.ply" -o "$work/reference.exr" --reference "${view[@]}"
 "$bin/surfel-render" "$work/plane.ply" -o "$work/reference.png" --reference "${view[@]}" --background 1,1,1,1
 oiiotool "$work"/{ewa,circular,none,reference}.png --mosaic:pad=4 2x2 -o "$(dirname "$out")/filters.png"
-psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p' | head -1; }
+psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \([0-9]*\.\{0,1\}[0-9]\{0,1\}\)[0-9]*.*/\1/p' | head -1; }
 
 {
   echo "# Accuracy: measured"
@@ -47,4 +47,5 @@ psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \
   echo "(bottom). PSNR inside the silhouette against the reference, dB:"
   for filter in "${filters[@]}"; do echo "$filter $(psnr "$work/$filter.exr" "$work/reference.exr");"; done
   echo "ewa against ewa-source $(psnr "$work/ewa.exr" "$work/ewa-source.exr")."
+  cat tests/accuracy_notes.md
 } > "$out"
