@@ -69,7 +69,8 @@ TEST(Estimate, VarianceMatchesTheTrueSpacing) {
       sum += out.area[i];
       expected += known.area[i];
     }
-    EXPECT_NEAR(sum / expected, 1, 0.03) << kind;
+    // Cells at the plane's border reach half a spacing of 1 / 70 of its side too far on four sides.
+    EXPECT_NEAR(sum / expected, 1, std::string(kind) == "plane" ? 0.04 : 0.03) << kind;
   }
 }
 

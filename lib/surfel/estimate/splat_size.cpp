@@ -23,11 +23,10 @@ constexpr std::size_t kSpacingNeighbors = 4;
 /// Neighbourhoods are doubled up to this many times `neighbors` where a cell stays open.
 constexpr std::size_t kMostDoublings = 3;
 /// Where an open cell ends, in local spacings.
-constexpr double kBorderReach = 0.75;
-/// Discs at a border reach further than their cells by this factor, as no disc comes to meet them.
-/// Chosen on real scans: where leaves, branches and occlusions interrupt the surface, 1 in 2,000
-/// pixels is seen through without it, 1 in 2,500 with it.
-constexpr double kBorderMargin = 1.25;
+/// (Chosen on real scans: where leaves, branches and occlusions interrupt the surface, 0.054 % of
+/// the pixels are seen through with 0.75, 0.044 % with this. At the border of a plane areas then
+/// reach half a spacing too far.)
+constexpr double kBorderReach = 0.95;
 /// Up to here the surface surely goes on, in local spacings.
 constexpr double kSureReach = 1.15;
 /// Least share of its disc that a cell at a border counts for; 0.44 is the mean of all on random
@@ -149,7 +148,7 @@ class Sizer {
       const std::size_t last = std::min(near.size(), coincident + kSmallNeighborhood) - 1;
       out_.variance[i] = near[last].distance2;
     } else {
-      store_cover(i, shape_of(worker.cell, options_.margin * (open ? kBorderMargin : 1)), frame);
+      store_cover(i, shape_of(worker.cell), frame);
     }
   }
 
@@ -223,9 +222,9 @@ class Sizer {
   }
 
   /// The smallest disc about the point, and the smallest ellipse of the cell's second moments.
-  Shape shape_of(const VoronoiCell& cell, double margin) const {
+  Shape shape_of(const VoronoiCell& cell) const {
     Shape shape;
-    const double margin2 = margin * margin;
+    const double margin2 = options_.margin * options_.margin;
     shape.radius2 = cell.radius2() * margin2;
     if (out_.tangent.empty()) return shape;
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;

@@ -51,9 +51,8 @@ struct SplatSizes {
 /// near the tangent plane, a point's Voronoi cell is all that is nearer to it than to them; the
 /// smallest disc (or ellipse of the cell's second moments) around the point that holds the cell
 /// closes the surface, since the cells tile it, and overlaps its neighbours no more than it must.
-/// At a border the cell is open: there it ends at 3/4 of the local spacing, and its disc a quarter
-/// further out, so that silhouettes do not fray. A point alone takes no more than three times its
-/// neighbours' spacing.
+/// At a border the cell is open: there it ends at 0.95 of the local spacing, so that silhouettes do
+/// not fray. A point alone takes no more than three times its neighbours' spacing.
 ///
 /// \param search  over `position`, in the order of a space-filling curve for speed.
 /// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
