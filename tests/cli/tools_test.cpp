@@ -28,12 +28,14 @@ struct Inputs {
   std::string surfels = folder / "surfels.ply";
   std::string mesh = folder / "mesh.obj";
   std::string image = folder / "image.png";
+  std::string other_image = folder / "other.png";
 
   Inputs() {
     write_text(mesh,
                "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
                "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
     run({tool("surfel-generate"), "checker", "--size", "16x16", "--image", image, "--quiet"});
+    run({tool("surfel-generate"), "noise", "--size", "16x16", "--image", other_image, "--quiet"});
     run({tool("surfel-from-mesh"), mesh, "--spacing", "0.05", "-o", surfels, "--quiet"});
   }
   static const Inputs& get() {
@@ -46,7 +48,7 @@ struct Inputs {
 struct Usage {
   std::string name;
   Words options;
-  std::string input;   ///< Kind of the input: "surfels", "mesh", "any" or "" for none.
+  std::string input;   ///< "surfels", "mesh", "image" (with another one), "any"; "" for none.
   std::string output;  ///< Extension of the output; empty for none.
 };
 
@@ -61,19 +63,27 @@ const std::vector<Usage>& usages() {
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
+      {"surfel-compare", {"--json"}, "image", ".exr"},
   };
   return all;
 }
 
 std::string good_input(const Usage& usage) {
+  if (usage.input == "image") return Inputs::get().image;
   return usage.input == "mesh" ? Inputs::get().mesh : Inputs::get().surfels;
+}
+
+/// The tool, `input` if it takes any, and its options.
+Words command_on(const Usage& usage, const std::string& input) {
+  Words command = {tool(usage.name)};
+  if (!usage.input.empty()) command.push_back(input);
+  if (usage.input == "image") command.push_back(Inputs::get().other_image);
+  return command + usage.options;
 }
 
 RunResult run_on(const Usage& usage, const std::string& input, const std::string& output,
                  const Words& more = {}, const RunSetup& setup = {}) {
-  Words command = {tool(usage.name)};
-  if (!usage.input.empty()) command.push_back(input);
-  command = command + usage.options;
+  Words command = command_on(usage, input);
   if (!usage.output.empty()) command = command + Words{"-o", output};
   return run(command + more, setup);
 }
@@ -206,9 +216,8 @@ TEST_P(EveryTool, LeavesTheOldFileWhereTheDiskIsFull) {
   if (usage.output.empty()) GTEST_SKIP() << "writes no file";
   write_text(output(), "old");
   // A limit on the size of files fails as a full disk does; no output is as small as its 512 bytes.
-  Words command = {"sh", "-c", "ulimit -f 1; exec \"$@\"", "sh", tool(usage.name)};
-  if (!usage.input.empty()) command.push_back(good_input(usage));
-  const RunResult result = run(command + usage.options + Words{"-o", output()});
+  const RunResult result = run(Words{"sh", "-c", "ulimit -f 1; exec \"$@\"", "sh"} +
+                               command_on(usage, good_input(usage)) + Words{"-o", output()});
   EXPECT_EQ(result.exit_code, 1) << result.signal << result.errors;
   EXPECT_EQ(read_text(output()), "old");
   EXPECT_EQ(entries(folder_ / "").size(), 1U);

@@ -58,6 +58,14 @@ nlohmann::json typed(const CLI::Option& option, const std::string& text) {
   return text;
 }
 
+/// As a number, a text, or an array of them where the option takes many.
+nlohmann::json typed(const CLI::Option& option, const std::vector<std::string>& values) {
+  if (!takes_many(option)) return typed(option, values.empty() ? "" : values.front());
+  nlohmann::json array = nlohmann::json::array();
+  for (const std::string& value : values) array.push_back(typed(option, value));
+  return array;
+}
+
 /// CLI11 shows the default of an option of many values as "[a,b]".
 std::vector<std::string> default_values(const CLI::Option& option) {
   const std::string text = option.get_default_str();
@@ -77,11 +85,7 @@ nlohmann::json value_in_force(const CLI::Option& option) {
   if (is_flag(option)) return option.count() > 0 && option.as<bool>();
   const bool given = option.count() > 0;
   if (!given && option.get_default_str().empty()) return nullptr;
-  const std::vector<std::string> values = given ? option.results() : default_values(option);
-  if (!takes_many(option)) return typed(option, values.empty() ? "" : values.front());
-  nlohmann::json array = nlohmann::json::array();
-  for (const std::string& value : values) array.push_back(typed(option, value));
-  return array;
+  return typed(option, given ? option.results() : default_values(option));
 }
 
 std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
@@ -104,6 +108,11 @@ std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
     const auto values = as_arguments(node, takes_many(*option));
     if (!values) fail(node.source(), fmt::format("'{}' is not a value or a list of values", key));
     if (!option->empty()) continue;  // Given on the command line.
+    // Said again, a default says nothing: not even that the option was given, so that all settings
+    // as --print-config prints them can be read although some exclude or need others.
+    const bool is_default = is_flag(*option) ? values->front() == "false"
+                                             : typed(*option, *values) == value_in_force(*option);
+    if (is_default) continue;
     try {
       if (is_flag(*option)) {
         option->add_result(option->get_flag_value(key, values->front()));
