@@ -1,0 +1,56 @@
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+
+#include <surfel/cloud/morton.h>
+#include <surfel/texture/surfel_basis.h>
+
+namespace surfel {
+namespace {
+
+bool usable_variance(double v) { return std::isfinite(v) && v > 0; }
+
+std::optional<SurfelBasis::Function> make_function(const SurfelCloud& cloud, std::size_t k) {
+  SurfelBasis::Function f;
+  f.position = cloud.position[k].cast<double>();
+  if (!f.position.allFinite() || cloud.normal.empty()) return std::nullopt;
+  const Vec3d n = cloud.normal[k].cast<double>();
+  const double length = n.norm();
+  if (!(length > 0) || !std::isfinite(length)) return std::nullopt;
+  f.normal = n / length;
+  f.tangent = f.normal.unitOrthogonal();
+  if (cloud.anisotropic()) {
+    f.variance_u = static_cast<double>(cloud.variance_u[k]);
+    f.variance_v = static_cast<double>(cloud.variance_v[k]);
+    const Vec3d t = cloud.tangent[k].cast<double>();
+    const Vec3d in_plane = t - f.normal * f.normal.dot(t);
+    if (in_plane.allFinite() && in_plane.norm() > 0) f.tangent = in_plane.normalized();
+  } else {
+    f.variance_u = f.variance_v = static_cast<double>(cloud.variance[k]);
+  }
+  if (!usable_variance(f.variance_u) || !usable_variance(f.variance_v)) return std::nullopt;
+  f.bitangent = f.normal.cross(f.tangent);
+  f.area = cloud.area.empty() ? std::sqrt(f.variance_u * f.variance_v)
+                              : static_cast<double>(cloud.area[k]);
+  if (!(f.area > 0) || !std::isfinite(f.area)) return std::nullopt;
+  return f;
+}
+
+}  // namespace
+
+SurfelBasis make_basis(const SurfelCloud& cloud) {
+  SurfelBasis basis;
+  const Array<std::uint32_t> order = morton_order(cloud.position);
+  basis.function.reserve(order.size());
+  basis.surfel.reserve(order.size());
+  for (const std::uint32_t k : order) {
+    if (const auto function = make_function(cloud, k)) {
+      basis.function.push_back(*function);
+      basis.surfel.push_back(k);
+    }
+  }
+  basis.unusable = cloud.size() - basis.size();
+  return basis;
+}
+
+}  // namespace surfel

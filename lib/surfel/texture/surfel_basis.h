@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/cloud/cloud.h>
+
+namespace surfel {
+
+/// The surfels of a cloud as functions on the surface, whose weighted sum is the texture function
+/// [SS01 (1)]: r_k = a_k G_{V_k}(u - u_k), u in the tangent plane of surfel k. In double, and in the
+/// order of a space-filling curve, so that neighbours lie together.
+struct SurfelBasis {
+  /// Scene units, relative to the cloud's origin. The frame is right-handed and orthonormal; V_k is
+  /// diag(variance_u, variance_v) in (tangent, bitangent).
+  struct Function {
+    Vec3d position;
+    Vec3d tangent, bitangent, normal;
+    double variance_u, variance_v;
+    double area;  ///< The amplitude a_k, unit^2.
+  };
+  Array<Function> function;
+  Array<std::uint32_t> surfel;  ///< Of every function, its index in the cloud.
+  std::size_t unusable = 0;     ///< Surfels left out: no finite position, normal, positive variance.
+
+  std::size_t size() const { return function.size(); }
+};
+
+/// Surfels without an area have sqrt |V_k|, as in the renderer (RenderCloud).
+SURFEL_API SurfelBasis make_basis(const SurfelCloud& cloud);
+
+}  // namespace surfel
