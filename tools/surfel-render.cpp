@@ -156,7 +156,7 @@ void finish(Settings& s) {
 
 /// What only the fast renderer heeds must not be given to the others.
 void require_effect(const CLI::App& app, const Settings& s) {
-  const auto refuse = [&](const std::string& renderer, std::vector<std::string> options) {
+  const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
     for (const std::string& option : options) {
       if (app.get_option(option)->count() > 0) {
         surfel::throw_usage(

@@ -245,15 +245,56 @@ TEST(Renderer, SmallBatchesGiveTheSamePicture) {
   const Image a = render_unlit(cloud, camera);
   const Image b = render_unlit(cloud, camera, small);
   // Batches are front to back, too, but more coarsely than a tile's list: only at the silhouette,
-  // where many surfaces meet in a pixel, may that be seen.
+  // where many surfaces meet in a pixel and are merged, their edges unseen, may that be seen.
   int differ = 0;
   for (std::size_t i = 0; i < a.data.size(); i += 10) {
     float worst = 0;
     for (int c = 0; c < 4; ++c) worst = std::max(worst, std::abs(a.data[i + c] - b.data[i + c]));
     differ += worst > 1 / 255.0F;
-    ASSERT_LT(worst, 0.1F);
+    ASSERT_LT(worst, 0.25F);
   }
   EXPECT_LT(differ, 200 * 200 / 200);
+}
+
+/// Sum of alpha over the picture: the area that is covered, pixels.
+double covered_area(const Image& image) {
+  double area = 0;
+  for (std::size_t i = 3; i < image.data.size(); i += image.channels.size()) area += image.data[i];
+  return area;
+}
+
+TEST(Renderer, SilhouettesAreWhereTheSurfaceEnds) {
+  // Of a sphere and of a square, both with samples half a pixel apart: their radius and half side,
+  // from the area that is covered, are measured 0.19 to 0.35 pixels too large, where q / tau alone
+  // (section 7) makes them 0.37 to 0.73 too large.
+  const Camera camera = camera_at(3, 200);
+  const double radius = camera.focal_x * std::tan(std::asin(1 / 3.0));
+  const double half_side = camera.focal_x / 3;
+  const SurfelCloud sphere = fibonacci_sphere(200000, 1);
+  const SurfelCloud square = jittered_plane(440, 1, 0.35);
+  for (const double cutoff : {1.0, 2.0, 4.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    const double r = std::sqrt(covered_area(render_unlit(sphere, camera, options)) / M_PI);
+    const double s = std::sqrt(covered_area(render_unlit(square, camera, options))) / 2;
+    EXPECT_NEAR(r, radius, 0.4) << cutoff;
+    EXPECT_NEAR(s, half_side, 0.3) << cutoff;
+    options.coverage_threshold = coverage_threshold(cutoff);
+    EXPECT_GT(std::sqrt(covered_area(render_unlit(sphere, camera, options)) / M_PI), r + 0.15);
+  }
+}
+
+TEST(Renderer, InteriorsOfJitteredGridsAreCovered) {
+  // What finds edges must not take the unevenness of the sums for one.
+  for (const double spacing : {0.5, 1.0, 2.0, 5.0}) {
+    const Camera camera = camera_at(3, 128);
+    const double half = 100 / camera.focal_x * 3;
+    const SurfelCloud cloud = jittered_plane(static_cast<int>(200 / spacing), half, 0.35);
+    const Image image = render_unlit(cloud, camera);
+    for (int y = 0; y < 128; ++y) {
+      for (int x = 0; x < 128; ++x) ASSERT_GT(image.pixel(x, y)[3], 0.99F) << x << ' ' << y;
+    }
+  }
 }
 
 TEST(Renderer, CullingBackFacesLeavesClosedSurfacesAsTheyAre) {

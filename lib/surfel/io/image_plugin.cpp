@@ -461,19 +461,19 @@ SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std:
   file.commit();
 }
 
-SURFEL_API surfel::ChannelDifference surfel_image_plugin_compare(const surfel::Image& a,
-                                                                 const surfel::Image& b, int first,
-                                                                 int last, float threshold) {
+SURFEL_API void surfel_image_plugin_compare(const surfel::Image& a, const surfel::Image& b,
+                                            int first, int last, float threshold,
+                                            surfel::ChannelDifference& difference) {
   const OIIO::ROI roi(0, a.width, 0, a.height, 0, 1, first, last);
   const auto found = OIIO::ImageBufAlgo::compare(surfel::buffer_of(a), surfel::buffer_of(b),
                                                  threshold, threshold, roi);
-  return {.mean_absolute = found.meanerror,
-          .rms = found.rms_error,
-          .maximum = found.maxerror,
-          .x = found.maxx,
-          .y = found.maxy,
-          .channel = found.maxc,
-          .beyond = found.nfail};
+  difference = {.mean_absolute = found.meanerror,
+                .rms = found.rms_error,
+                .maximum = found.maxerror,
+                .x = found.maxx,
+                .y = found.maxy,
+                .channel = found.maxc,
+                .beyond = found.nfail};
 }
 
 }  // extern "C"

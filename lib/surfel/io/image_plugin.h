@@ -27,8 +27,8 @@ struct ChannelDifference {
 using ReadImageFunction = void(const std::string& path, ImageForm form, Image& image);
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
-using CompareImagesFunction = ChannelDifference(const Image& a, const Image& b, int first, int last,
-                                                float threshold);
+using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
+                                   float threshold, ChannelDifference& difference);
 
 inline constexpr char kReadImageSymbol[] = "surfel_image_plugin_read";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";

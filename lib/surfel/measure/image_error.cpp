@@ -174,8 +174,10 @@ ImageError image_error(const Image& tested, const Image& truth, const ImageError
   const auto compare =
       reinterpret_cast<CompareImagesFunction*>(plugin_symbol("image", kCompareImagesSymbol));
   const auto threshold = static_cast<float>(options.threshold);
-  const ChannelDifference color = compare(a, b, 0, 3, threshold);
-  const ChannelDifference alpha = compare(a, b, 3, 4, threshold);
+  ChannelDifference color;
+  ChannelDifference alpha;
+  compare(a, b, 0, 3, threshold, color);
+  compare(a, b, 3, 4, threshold, alpha);
 
   // The means are over all pixels, those that are left out being equal.
   const auto compared = static_cast<double>(counts.compared);

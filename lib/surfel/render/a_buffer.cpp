@@ -30,18 +30,105 @@ float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
 }
 
-Rgba color_of(const TileABuffer& tile, const Fragment& fragment, int pixel) {
-  const float* c = fragment.channel;
-  if (is_merged(fragment)) return {c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
-  return tile.shader->shade(fragment, static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F,
-                            static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F,
-                            tile.full_weight);
+bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & 1U) != 0; }
+
+/// Sum of rho, at another pixel, of the fragment that continues this one: of the same side, nearest
+/// in depth.
+float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel) {
+  const float depth = front_depth(fragment);
+  float weight = 0;
+  float least = std::numeric_limits<float>::infinity();
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const float w = tile.at(layer, kWeight, pixel);
+    if (w == 0) break;
+    if (w < 0 || shows_front(tile.at(layer, kTag, pixel)) != shows_front(fragment.channel[kTag])) {
+      continue;
+    }
+    const float distance = std::abs(tile.at(layer, kDepth, pixel) / w - depth);
+    if (distance < least) {
+      least = distance;
+      weight = w;
+    }
+  }
+  return weight;
 }
+
+/// The sum of rho from which on an unmerged fragment covers its pixel.
+float covering_weight(TileABuffer& tile, const Fragment& fragment, int pixel) {
+  const float weight = fragment.channel[kWeight];
+  if (weight >= tile.mean_weight) return tile.full_weight;  // Covers it either way.
+  const int x = tile_pixel_x(pixel);
+  const int y = tile_pixel_y(pixel);
+  const auto at = [&](int column, int row) {
+    const bool inside = column >= 0 && column < tile.width && row >= 0 && row < tile.height;
+    return inside ? weight_of_neighbor(tile, fragment, tile_pixel(column, row)) : -1.0F;
+  };
+  float least = weight;
+  const auto look = [&](float near, float opposite) {
+    // What lies in another tile is taken to go on as it comes from the opposite side.
+    if (near < 0) near = weight * std::min(1.0F, opposite > 0 ? weight / opposite : 1.0F);
+    least = std::min(least, near);
+  };
+  const float left = at(x - 1, y);
+  const float right = at(x + 1, y);
+  const float above = at(x, y - 1);
+  const float below = at(x, y + 1);
+  look(left, right);
+  look(right, left);
+  look(above, below);
+  look(below, above);
+  const float edge = std::max(0.0F, 1.0F - least / tile.full_weight);
+  return tile.full_weight + (tile.mean_weight - tile.full_weight) * edge;
+}
+
+/// Composites the fragments of a pixel front to back.
+class FrontToBack {
+ public:
+  FrontToBack(const TileABuffer& tile, int pixel)
+      : tile_(tile),
+        x_(static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F),
+        y_(static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F) {}
+
+  /// \param full_weight  of unmerged fragments, see covering_weight().
+  void add(const Fragment& fragment, float full_weight) {
+    const float* c = fragment.channel;
+    if (is_merged(fragment)) {
+      color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
+      front_coverage_ = 0;
+      return;
+    }
+    Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
+    const bool front = shows_front(c[kTag]);
+    const float coverage = std::min(1.0F, c[kWeight] / full_weight);
+    if (!front && front_coverage_ > 0) {
+      // What the front leaves of it, where it lies behind the front and where it looks out; over
+      // what (12) is going to leave of it.
+      const float left = std::min(coverage, front_coverage_) * (1 - front_opacity_) +
+                         std::max(0.0F, coverage - front_coverage_);
+      const float independent = coverage * (1 - front_coverage_ * front_opacity_);
+      const float scale = independent > 0 ? left / independent : 1.0F;
+      color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
+    }
+    color_.composite(color);
+    front_coverage_ = front ? coverage : 0;
+    front_opacity_ = c[kAlpha] / c[kWeight];
+  }
+  const Rgba& color() const { return color_; }
+
+ private:
+  const TileABuffer& tile_;
+  float x_, y_;
+  Rgba color_;
+  float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
+  float front_opacity_ = 0;
+};
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
-  Rgba color = color_of(tile, front, pixel);
-  color.composite(color_of(tile, back, pixel));
+  FrontToBack pair(tile, pixel);
+  pair.add(front, tile.full_weight);
+  pair.add(back, tile.full_weight);
+  const Rgba& color = pair.color();
   Fragment out{};
   out.channel[kWeight] = kMergedWeight;
   out.channel[kDepth] = front_depth(front);
@@ -128,9 +215,10 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
   result.depth = kInfinity;
   result.depth_first = kInfinity;
   const Sorted sorted(tile, pixel);
+  FrontToBack composite(tile, pixel);
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
-    result.color.composite(color_of(tile, fragment, pixel));
+    composite.add(fragment, is_merged(fragment) ? 0 : covering_weight(tile, fragment, pixel));
     const float z = tile.shader->z(front_depth(fragment));
     if (i == 0) {
       result.depth_first = z;
@@ -144,9 +232,10 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
         }
       }
     }
-    if (result.depth == kInfinity && result.color.alpha >= 0.5F) result.depth = z;
+    if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
   }
+  result.color = composite.color();
   return result;
 }
 

@@ -86,6 +86,7 @@ struct TileABuffer {
   int width = kTileSize;  ///< Pixels of the tile inside the picture.
   int height = kTileSize;
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
+  float mean_weight = 1;  ///< What they sum up to on average inside a surface, >= tau.
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -112,6 +113,14 @@ struct PixelResult {
 };
 
 /// Shades, weighs by coverage (SS01 section 7) and composites a pixel's fragments front to back.
+///
+/// Coverage is the sum of rho over a weight that is tau inside a surface, below the least sum
+/// there. At its edge, where the sum falls with the surface's share of the pixel, tau would make it
+/// too large (two thirds of a pixel at c = 1): there the weight is the mean sum. An edge is where
+/// the sum at a neighbouring pixel is less than tau, which never happens inside. Of a pixel's
+/// front-facing fragment and the back-facing one behind it, which are two sides of one body and end
+/// at the same silhouette, the parts that they cover lie upon one another, while unrelated surfaces
+/// cover independent parts (12).
 PixelResult resolve_pixel(TileABuffer& tile, int pixel);
 
 }  // namespace surfel

@@ -107,14 +107,14 @@ struct Query {
 struct SurfacePoint {
   std::uint32_t face = kNoFace;
   Vec3d barycentric{0, 0, 0};
-  double distance = kInfinity;
+  double distance2 = kInfinity;
   double cost2 = kInfinity;  ///< Square of the distance, or of what it counts as.
   bool turned_away = false;
 };
 
 /// Bounding volume hierarchy over a mesh's faces: a complete 4-ary tree of boxes, split at medians,
-/// whose leaves hold equal shares of the faces. The node after `node` times four are its children,
-/// so that there are no links.
+/// whose leaves hold equal shares of the faces. Node i has the children 4 i + 1 to 4 i + 4, so that
+/// there are no links.
 class FaceTree {
  public:
   explicit FaceTree(const TriangleMesh& mesh) : mesh_(mesh) {
@@ -191,7 +191,6 @@ class FaceTree {
         open[place] = {4 * at.node + 1 + static_cast<std::size_t>(k), distance2[k]};
       }
     }
-    best.distance = std::sqrt(best.distance);
     return best;
   }
 
@@ -295,7 +294,7 @@ class FaceTree {
     }
   }
 
-  /// Whichever is better: `best`, whose distance is squared as yet, or this face.
+  /// Makes this face `best` if it is better.
   void try_face(const Query& query, std::uint32_t face, SurfacePoint& best) const {
     const Corners corner = corners(mesh_, face);
     const Vec3d barycentric = closest_in_triangle(query.position, corner);
@@ -375,8 +374,9 @@ class Lookup {
     guess = found.face;
     ++report.located;
     report.turned_away += found.turned_away;
-    report.mean_distance += found.distance;
-    report.largest_distance = std::max(report.largest_distance, found.distance);
+    const double distance = std::sqrt(found.distance2);
+    report.mean_distance += distance;
+    report.largest_distance = std::max(report.largest_distance, distance);
 
     Vec2d uv = Vec2d::Zero();
     for (int k = 0; k < 3; ++k) {

@@ -13,8 +13,8 @@
 namespace surfel {
 
 struct SURFEL_API SurfaceLookupOptions {
-  /// How far from the mesh a surfel may lie, in its own (larger) standard deviations, >= 0;
-  /// infinity: anywhere.
+  /// How far from the mesh a surfel may lie beyond the coordinates' rounding, in its own (larger)
+  /// standard deviations, >= 0; infinity: anywhere.
   double max_deviations = 3;
   /// The same in scene units, for all surfels; wins, and is needed where they have no variance.
   std::optional<double> max_distance;
@@ -46,8 +46,8 @@ struct SurfaceLookupReport {
 /// `name` is the mesh's file, to start messages with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no uv, or the limit is in
 /// standard deviations and the surfels have no variance. The cloud is unchanged then. The same for
-/// any number of threads. Cost: 1.5 microseconds of one core a surfel near the mesh and 0.4 a face;
-/// 50 bytes a face and a surfel.
+/// any number of threads. Cost: 1.5 microseconds of one core a surfel near the mesh and 0.3 a face;
+/// 50 bytes for each of both.
 SURFEL_API SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
                                               const SurfaceLookupOptions& options = {},
                                               const std::string& name = {});
