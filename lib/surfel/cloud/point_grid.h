@@ -20,8 +20,8 @@ class SURFEL_API PointGrid {
 
   float cell() const { return cell_; }
 
-  /// Calls body(i, d) for every point i with |d| <= radius, d = points[i] - center; in an order that
-  /// depends on the points, the cell and the centre alone.
+  /// Calls body(i, d) for every point i with |d| <= radius, d = points[i] - center; in an order
+  /// that depends on the points, the cell and the centre alone.
   template <class Body>
   void within(const Vec3f& center, float radius, Body&& body) const {
     const float radius2 = radius * radius;

@@ -12,8 +12,8 @@ constexpr std::size_t batch_entry(std::size_t i, std::size_t j) {
   return (i * (i + 1) / 2 + j) * kCholeskyBatch;
 }
 
-/// For a batch of symmetric matrices A = L L^T of unit diagonal: the last row of L^-1, whose entry i
-/// of the first matrix is row[i * kCholeskyBatch]. Overwrites the matrices. Where one is not
+/// For a batch of symmetric matrices A = L L^T of unit diagonal: the last row of L^-1, whose entry
+/// i of the first matrix is row[i * kCholeskyBatch]. Overwrites the matrices. Where one is not
 /// positive definite up to rounding, the offending pivot is taken as 1: the row stays finite, and
 /// its last entry positive.
 void last_inverse_rows(std::size_t n, double* matrices, double* row);

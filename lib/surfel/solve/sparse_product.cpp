@@ -32,8 +32,7 @@ HWY_INLINE void multiply_row(const T* value, const std::uint32_t* column, std::s
     const T* from = x + kChannels * column[entry];
     const auto factor = hn::Set(d, value[entry]);
     for (std::size_t part = 0; part < kParts; ++part) {
-      sum[slot][part] =
-          hn::MulAdd(factor, hn::LoadU(d, from + part * kLanes), sum[slot][part]);
+      sum[slot][part] = hn::MulAdd(factor, hn::LoadU(d, from + part * kLanes), sum[slot][part]);
     }
   };
   std::size_t entry = 0;

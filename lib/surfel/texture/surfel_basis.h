@@ -10,8 +10,8 @@
 namespace surfel {
 
 /// The surfels of a cloud as functions on the surface, whose weighted sum is the texture function
-/// [SS01 (1)]: r_k = a_k G_{V_k}(u - u_k), u in the tangent plane of surfel k. In double, and in the
-/// order of a space-filling curve, so that neighbours lie together.
+/// [SS01 (1)]: r_k = a_k G_{V_k}(u - u_k), u in the tangent plane of surfel k. In double, and in
+/// the order of a space-filling curve, so that neighbours lie together.
 struct SurfelBasis {
   /// Scene units, relative to the cloud's origin. The frame is right-handed and orthonormal; V_k is
   /// diag(variance_u, variance_v) in (tangent, bitangent).
@@ -23,7 +23,7 @@ struct SurfelBasis {
   };
   Array<Function> function;
   Array<std::uint32_t> surfel;  ///< Of every function, its index in the cloud.
-  std::size_t unusable = 0;     ///< Surfels left out: no finite position, normal, positive variance.
+  std::size_t unusable = 0;  ///< Surfels left out: no finite position, normal, positive variance.
 
   std::size_t size() const { return function.size(); }
 };
