@@ -30,7 +30,8 @@ float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
 }
 
-bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & 1U) != 0; }
+bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
+bool is_filtered(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0; }
 
 /// Sum of rho, at another pixel, of the fragment that continues this one: of the same side, nearest
 /// in depth.
@@ -53,32 +54,45 @@ float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel)
   return weight;
 }
 
-/// The sum of rho from which on an unmerged fragment covers its pixel.
-float covering_weight(TileABuffer& tile, const Fragment& fragment, int pixel) {
+/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1.
+float edge_of(TileABuffer& tile, const Fragment& fragment, int pixel) {
+  constexpr int kReach = 2;  ///< Pixels; looked at along columns and rows.
+  // The sums beyond an edge, by tau: 1 where they are less than the first, 0 where they are more
+  // than the second. Inside a surface they are above it, where its discs just close, too.
+  constexpr float kOutside = 1.0F / 6;
+  constexpr float kInside = 0.5F;
+  // Where both sides have more than this many times the sum, there is a gap, not an edge.
+  constexpr float kGap = 1.2F;
   const float weight = fragment.channel[kWeight];
-  if (weight >= tile.mean_weight) return tile.full_weight;  // Covers it either way.
+  if (weight >= tile.mean_weight || !is_filtered(fragment.channel[kTag])) return 0;
   const int x = tile_pixel_x(pixel);
   const int y = tile_pixel_y(pixel);
-  const auto at = [&](int column, int row) {
-    const bool inside = column >= 0 && column < tile.width && row >= 0 && row < tile.height;
-    return inside ? weight_of_neighbor(tile, fragment, tile_pixel(column, row)) : -1.0F;
-  };
   float least = weight;
-  const auto look = [&](float near, float opposite) {
-    // What lies in another tile is taken to go on as it comes from the opposite side.
-    if (near < 0) near = weight * std::min(1.0F, opposite > 0 ? weight / opposite : 1.0F);
-    least = std::min(least, near);
+  bool gap = false;
+  const auto look = [&](int dx, int dy) {
+    float at[2 * kReach + 1];
+    for (int step = -kReach; step <= kReach; ++step) {
+      const int column = x + step * dx;
+      const int row = y + step * dy;
+      const bool inside = column >= 0 && column < tile.width && row >= 0 && row < tile.height;
+      at[kReach + step] = step == 0 ? weight
+                          : inside  ? weight_of_neighbor(tile, fragment, tile_pixel(column, row))
+                                    : -1.0F;
+    }
+    const auto [left2, left, middle, right, right2] = at;
+    gap = gap || std::min(std::max(left, left2), std::max(right, right2)) > kGap * weight;
+    // What lies in another tile is taken to go on as it came.
+    const auto end = [&](float far, float near, float before, float before2) {
+      if (far >= 0) return far;
+      if (near >= 0) return before > near ? near * near / before : near;
+      return before2 > weight ? weight * weight / before2 : weight;
+    };
+    least = std::min({least, end(left2, left, right, right2), end(right2, right, left, left2)});
   };
-  const float left = at(x - 1, y);
-  const float right = at(x + 1, y);
-  const float above = at(x, y - 1);
-  const float below = at(x, y + 1);
-  look(left, right);
-  look(right, left);
-  look(above, below);
-  look(below, above);
-  const float edge = std::max(0.0F, 1.0F - least / tile.full_weight);
-  return tile.full_weight + (tile.mean_weight - tile.full_weight) * edge;
+  look(1, 0);
+  look(0, 1);
+  if (gap) return 0;
+  return std::clamp((kInside - least / tile.full_weight) / (kInside - kOutside), 0.0F, 1.0F);
 }
 
 /// Composites the fragments of a pixel front to back.
@@ -89,14 +103,15 @@ class FrontToBack {
         x_(static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F),
         y_(static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F) {}
 
-  /// \param full_weight  of unmerged fragments, see covering_weight().
-  void add(const Fragment& fragment, float full_weight) {
+  /// \param edge  see edge_of().
+  void add(const Fragment& fragment, float edge) {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
       color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
       front_coverage_ = 0;
       return;
     }
+    const float full_weight = tile_.full_weight + (tile_.mean_weight - tile_.full_weight) * edge;
     Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
     const bool front = shows_front(c[kTag]);
     const float coverage = std::min(1.0F, c[kWeight] / full_weight);
@@ -106,12 +121,13 @@ class FrontToBack {
       const float left = std::min(coverage, front_coverage_) * (1 - front_opacity_) +
                          std::max(0.0F, coverage - front_coverage_);
       const float independent = coverage * (1 - front_coverage_ * front_opacity_);
-      const float scale = independent > 0 ? left / independent : 1.0F;
+      const float scale = independent > 0 ? 1 + front_edge_ * (left / independent - 1) : 1.0F;
       color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
     }
     color_.composite(color);
     front_coverage_ = front ? coverage : 0;
     front_opacity_ = c[kAlpha] / c[kWeight];
+    front_edge_ = edge;
   }
   const Rgba& color() const { return color_; }
 
@@ -121,13 +137,14 @@ class FrontToBack {
   Rgba color_;
   float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
   float front_opacity_ = 0;
+  float front_edge_ = 0;
 };
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
   FrontToBack pair(tile, pixel);
-  pair.add(front, tile.full_weight);
-  pair.add(back, tile.full_weight);
+  pair.add(front, 0);
+  pair.add(back, 0);
   const Rgba& color = pair.color();
   Fragment out{};
   out.channel[kWeight] = kMergedWeight;
@@ -218,7 +235,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
   FrontToBack composite(tile, pixel);
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
-    composite.add(fragment, is_merged(fragment) ? 0 : covering_weight(tile, fragment, pixel));
+    composite.add(fragment, is_merged(fragment) ? 0 : edge_of(tile, fragment, pixel));
     const float z = tile.shader->z(front_depth(fragment));
     if (i == 0) {
       result.depth_first = z;

@@ -116,11 +116,11 @@ struct PixelResult {
 ///
 /// Coverage is the sum of rho over a weight that is tau inside a surface, below the least sum
 /// there. At its edge, where the sum falls with the surface's share of the pixel, tau would make it
-/// too large (two thirds of a pixel at c = 1): there the weight is the mean sum. An edge is where
-/// the sum at a neighbouring pixel is less than tau, which never happens inside. Of a pixel's
-/// front-facing fragment and the back-facing one behind it, which are two sides of one body and end
-/// at the same silhouette, the parts that they cover lie upon one another, while unrelated surfaces
-/// cover independent parts (12).
+/// too large (0.4 to 0.7 pixels): there the weight is the mean sum. An edge is where the sums fall
+/// to nothing within two pixels on one side; that tells nothing where splats are larger than the
+/// pixel filter, so that it is looked for only where they are not (kFilteredTag). A front-facing
+/// fragment at an edge and the back-facing one behind it are two sides of one body: what they cover
+/// lies upon one another, while unrelated surfaces cover independent parts (12).
 PixelResult resolve_pixel(TileABuffer& tile, int pixel);
 
 }  // namespace surfel

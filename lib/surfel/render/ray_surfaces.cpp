@@ -79,7 +79,8 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
     c[kGreen] = static_cast<float>(surface.color.y() * inv_weight);
     c[kBlue] = static_cast<float>(surface.color.z() * inv_weight);
     c[kAlpha] = static_cast<float>(surface.alpha * inv_weight);
-    c[kTag] = std::bit_cast<float>((surface.front ? 1U : 0U) | surface.material << 1);
+    c[kTag] =
+        std::bit_cast<float>((surface.front ? kFrontTag : 0U) | surface.material << kMaterialShift);
     c[kNormalX] = static_cast<float>(surface.normal.x() * inv_weight);
     c[kNormalY] = static_cast<float>(surface.normal.y() * inv_weight);
     c[kNormalZ] = static_cast<float>(surface.normal.z() * inv_weight);

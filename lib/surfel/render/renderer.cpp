@@ -354,7 +354,7 @@ void Renderer::Impl::add_splat(const Band& band, std::size_t surfel, const Splat
   out.green = cloud.green[surfel] * alpha;
   out.blue = cloud.blue[surfel] * alpha;
   out.alpha = alpha;
-  out.tag = splat.tag | material << 1;
+  out.tag = splat.tag | material << kMaterialShift;
   if (layout.normals) {
     normals[at] = {cloud.normal_x[surfel], cloud.normal_y[surfel], cloud.normal_z[surfel]};
   }
@@ -371,6 +371,8 @@ std::size_t Renderer::Impl::set_up(const Camera& camera, const Band& band,
                                    const VisibleCluster* clusters, std::size_t count,
                                    std::size_t per_segment) {
   const std::size_t tiles = band.tiles();
+  // Of half the box of a kernel with twice the pixel filter's variance: half of it is the filter's.
+  const float filtered_diagonal2 = 2 * band.view.cutoff * 4 * band.view.lowpass2;
   const ExactKernelView exact_view{.cutoff = options.cutoff,
                                    .lowpass = lowpass_of(options),
                                    .x1 = static_cast<double>(camera.width),
@@ -398,6 +400,10 @@ std::size_t Renderer::Impl::set_up(const Camera& camera, const Band& band,
       std::size_t at = c * RenderCloud::kClusterSize;
       for (int v = 0; v < columns.visible_count; ++v) {
         const int k = columns.visible[v];
+        const float diagonal2 =
+            columns.half_x[k] * columns.half_x[k] + columns.half_y[k] * columns.half_y[k];
+        const std::uint32_t tag = (columns.front[k] != 0 ? kFrontTag : 0U) |
+                                  (diagonal2 < filtered_diagonal2 ? kFilteredTag : 0U);
         const Splat splat{columns.x[k],
                           columns.y[k],
                           columns.m[k],
@@ -413,7 +419,7 @@ std::size_t Renderer::Impl::set_up(const Camera& camera, const Band& band,
                           0,
                           0,
                           0,
-                          columns.front[k] != 0 ? 1U : 0U};
+                          tag};
         const TileRange range{static_cast<std::uint16_t>(columns.tile_x0[k]),
                               static_cast<std::uint16_t>(columns.tile_y0[k]),
                               static_cast<std::uint16_t>(columns.tile_x1[k]),

@@ -38,8 +38,8 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
   }
   if (!(c[kAlpha] > 0)) return {};
   const Vec3f color = Vec3f(c[kRed], c[kGreen], c[kBlue]) / c[kAlpha];
-  const std::size_t material = std::min<std::size_t>(std::bit_cast<std::uint32_t>(c[kTag]) >> 1,
-                                                     scene_->materials.size() - 1);
+  const std::size_t material = std::min<std::size_t>(
+      std::bit_cast<std::uint32_t>(c[kTag]) >> kMaterialShift, scene_->materials.size() - 1);
   const Vec3f lit = lit_color(color, Vec3f(c[kNormalX], c[kNormalY], c[kNormalZ]),
                               scene_->materials[material], x, y, c[kDepth] * inv_weight);
   const float opacity = alpha * coverage;

@@ -40,9 +40,14 @@ struct alignas(64) Splat {
   float half_x, half_y;      ///< Half the sides of the box that bounds beta < c, pixels.
   float red, green, blue;    ///< Times alpha.
   float alpha;
-  std::uint32_t tag;  ///< Bit 0: the surfel's front faces the eye; from bit 1 on: material.
+  std::uint32_t tag;  ///< kFrontTag, kFilteredTag; from kMaterialShift on: material.
 };
 static_assert(sizeof(Splat) == 64);
+
+/// Bits of Splat::tag.
+inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.
+inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
+inline constexpr int kMaterialShift = 2;
 
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;

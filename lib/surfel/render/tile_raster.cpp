@@ -283,7 +283,7 @@ class Rasterizer {
                       std::size_t pixel, M open, V rho, V depth) {
     const D d;
     const hn::RebindToUnsigned<D> du;
-    const auto side = hn::Set(du, 1u);
+    const auto side = hn::Set(du, kFrontTag);
     float* fragment = s.data + pixel;
     for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
       const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
