@@ -128,6 +128,7 @@ class SURFEL_API GaussianPyramid {
   Box reach(const TexelKernel& kernel) const;
 
   const PyramidLevel& image() const { return levels_.front(); }
+  const PyramidLevel& level(int l) const { return levels_[static_cast<std::size_t>(l)]; }
   int level_count() const { return static_cast<int>(levels_.size()); }
   WrapMode wrap() const { return wrap_; }
 
