@@ -306,6 +306,13 @@ class PluginReader final : public ImageReader {
         spec_(image_.input->spec()),
         channel_(color_channels(spec_.channelnames, spec_.alpha_channel)),
         associated_(has_associated_alpha(*image_.input, channel_)) {
+    // Not every reader of OpenImageIO keeps to its limit.
+    const double megabytes = static_cast<double>(spec_.width) * spec_.height *
+                             static_cast<double>(spec_.pixel_bytes(true)) / kMegabyte;
+    if (megabytes > kMostStreamedMegabytes) {
+      throw_input(image_.file.name(), fmt::format("{} x {} pixels of {} channels are too many",
+                                                  spec_.width, spec_.height, spec_.nchannels));
+    }
     const int alpha = channel_.alpha < 0 ? channel_.red : channel_.alpha;
     const auto [first, last] = std::minmax({channel_.red, channel_.green, channel_.blue, alpha});
     first_channel_ = first;
