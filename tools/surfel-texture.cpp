@@ -101,6 +101,7 @@ int main(int argc, char** argv) {
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
     settings.source.charts = !settings.no_charts;
+    settings.source.whole = false;
     surfel::TextureSet textures =
         surfel::load_textures(settings.source, mesh ? &*mesh : nullptr, settings.mesh);
     tool.report()["load_ms"] = timer.milliseconds();

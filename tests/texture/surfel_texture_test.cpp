@@ -117,5 +117,56 @@ TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {
   }
 }
 
+TEST_F(SurfelTexture, NeedsLittleMemoryForALargeImage) {
+  // 256 MB as floats.
+  const std::string large = folder_ / "large.png";
+  {
+    Image image;
+    image.width = image.height = 4096;
+    image.channels = {"R", "G", "B", "A"};
+    image.data.assign(std::size_t{4096} * 4096 * 4, 1.0F);
+    write_image(image, large);
+  }
+  const auto peak = [&](const std::string& image) {
+    const std::string stats = folder_ / "stats.json";
+    const RunResult result = texture({surfels_, "--image", image, "-o", output_, "--stats", stats});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return nlohmann::json::parse(read_text(stats))["peak_memory_bytes"].get<double>();
+  };
+  const double base = peak(image_);
+  EXPECT_LT(peak(large) - base, 64e6);
+}
+
+TEST_F(SurfelTexture, RefusesImagesThatAreCutOrTooLarge) {
+  const std::string cut = folder_ / "cut.png";
+  write_image(noise_image(200, 200, 1), image_);
+  const std::string bytes = read_text(image_);
+  write_text(cut, bytes.substr(0, bytes.size() / 2));
+  // 10^6 x 10^6 pixels of four channels, without any.
+  const std::string huge = folder_ / "huge.tif";
+  std::string tiff("II*\0\x08\0\0\0", 8);
+  const auto number = [&](unsigned value, int size) {
+    for (int i = 0; i < size; ++i) tiff += static_cast<char>(value >> 8 * i & 0xff);
+  };
+  const std::vector<std::pair<unsigned, unsigned>> tags{
+      {256, 1000000}, {257, 1000000}, {258, 8},       {259, 1},   {262, 1},
+      {273, 8},       {277, 1},       {278, 1000000}, {279, 1000}};
+  number(static_cast<unsigned>(tags.size()), 2);
+  for (const auto& [tag, value] : tags) {
+    number(tag, 2);
+    number(4, 2);
+    number(1, 4);
+    number(value, 4);
+  }
+  number(0, 4);
+  write_text(huge, tiff);
+  for (const std::string& image : {cut, huge}) {
+    const RunResult result = texture({surfels_, "--image", image, "-o", output_});
+    EXPECT_EQ(result.exit_code, 1) << image;
+    EXPECT_TRUE(contains(result.errors, image)) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
+}
+
 }  // namespace
 }  // namespace surfel::test

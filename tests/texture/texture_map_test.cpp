@@ -1,9 +1,11 @@
 #include <numbers>
+#include <set>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/texture/texture_map.h>
 
+#include "support/test_data.h"
 #include "texture_support.h"
 
 namespace surfel {
@@ -208,6 +210,139 @@ TEST(TextureMap, RefusesAnImageWithoutPixelsOrColours) {
   Image grey = noise_image(2, 2, 1);
   grey.channels = {"Y"};
   EXPECT_THROW(TextureMap(grey, WrapMode::kRepeat), Error);
+}
+
+/// An image in memory as a file that counts what is read of it.
+class CountingReader final : public ImageReader {
+ public:
+  explicit CountingReader(Image image) : image_(std::move(image)) {
+    layout_ = {"image", image_.width, image_.height, false, false, 16};
+  }
+  const Layout& layout() const override { return layout_; }
+  void read(const Box& box, void* rgba) override {
+    pixels_read += box.pixels();
+    auto* out = static_cast<float*>(rgba);
+    for (int y = box.y_begin; y < box.y_end; ++y, out += box.width() * 4) {
+      std::copy_n(image_.pixel(box.x_begin, y), box.width() * 4, out);
+    }
+  }
+  std::size_t pixels_read = 0;
+
+ private:
+  Image image_;
+  Layout layout_;
+};
+
+TEST(TextureMap, FileGivesWhatTheImageInMemoryDoes) {
+  const test::TemporaryFolder folder;
+  const Image noise = noise_image(301, 203, 11, true);
+  for (const std::string name : {"image.png", "image.tif", "image.exr"}) {
+    write_image(noise, folder / name);
+    for (const WrapMode wrap : kWraps) {
+      TextureMap whole(read_image(folder / name), wrap);
+      TextureMap file(open_image(folder / name), wrap);
+      std::vector<TexelKernel> kernels;
+      for (const double sigma : {0.7, 1.5, 6.0, 30.0}) {
+        for (const Vec2d& center : {Vec2d(150, 99), Vec2d(2, 200), Vec2d(-900, 1e6)}) {
+          kernels.push_back(turned_kernel(center, 2 * sigma, sigma, 0.4 + sigma));
+        }
+      }
+      for (const TexelKernel& kernel : kernels) {
+        whole.request(kernel);
+        file.request(kernel);
+      }
+      whole.load();
+      file.load();
+      EXPECT_TRUE(file.has_alpha());
+      for (const TexelKernel& kernel : kernels) {
+        EXPECT_LT(difference(whole.sample(kernel), file.sample(kernel)), 1e-6) << name;
+      }
+      EXPECT_LT(difference(whole.mean(), file.mean()), 1e-6);
+    }
+  }
+}
+
+TEST(TextureMap, KeepsOnlyTheLevelsOfTheKernels) {
+  const auto reader = std::make_shared<CountingReader>(noise_image(640, 640, 3));
+  TextureMap map(reader, WrapMode::kRepeat);
+  map.request(turned_kernel({100, 100}, 11, 10, 0));
+  map.load();
+  EXPECT_EQ(reader->pixels_read, 640U * 640U);
+  EXPECT_EQ(map.pyramid().level_count(), 4);
+  std::size_t floats = 0;
+  for (int l = 0; l < map.pyramid().level_count(); ++l) {
+    floats += map.pyramid().level(l).texels.size();
+  }
+  EXPECT_EQ(floats, 80U * 80U * 4U);
+  for (int tile = 0; tile < 100; ++tile) {
+    EXPECT_FALSE(map.pyramid().image().tiles->is_stored(tile % 10, tile / 10));
+  }
+}
+
+TEST(TextureMap, LoadsOnlyTheTilesThatKernelsReach) {
+  const Image image = noise_image(700, 690, 4);
+  const auto reader = std::make_shared<CountingReader>(image);
+  TextureMap map(reader, WrapMode::kRepeat);
+  const TexelKernel inside = turned_kernel({160, 352}, 1.5, 1, 0.3);
+  const TexelKernel at_border = turned_kernel({700, 352}, 1.5, 1, 0.3);
+  map.request(inside);
+  map.load();
+  EXPECT_LE(reader->pixels_read, 2U * 64U * 690U);
+  std::set<std::pair<int, int>> stored;
+  const auto find_stored = [&] {
+    for (int row = 0; row < 11; ++row) {
+      for (int column = 0; column < 11; ++column) {
+        if (map.pyramid().image().tiles->is_stored(column, row)) stored.insert({column, row});
+      }
+    }
+  };
+  find_stored();
+  EXPECT_EQ(stored, (std::set<std::pair<int, int>>{{2, 5}}));
+  EXPECT_LT(difference(map.sample(inside), brute_force(image, WrapMode::kRepeat, inside)), 1e-4);
+  map.request(at_border);
+  map.load();
+  find_stored();
+  EXPECT_EQ(stored, (std::set<std::pair<int, int>>{{0, 5}, {2, 5}, {10, 5}}));
+  for (const TexelKernel& kernel : {inside, at_border}) {
+    EXPECT_LT(difference(map.sample(kernel), brute_force(image, WrapMode::kRepeat, kernel)), 1e-4);
+  }
+}
+
+TEST(TextureMap, OneTexelOfAFileIsEverywhere) {
+  const auto reader = std::make_shared<CountingReader>(
+      make_image(1, 1, [](int, int) { return Eigen::Vector4f(0.25F, 0.5F, 1, 1); }));
+  TextureMap map(reader, WrapMode::kRepeat);
+  const TexelKernel kernel = turned_kernel({1e7, -3}, 80, 40, 1);
+  map.request(kernel);
+  map.load();
+  EXPECT_EQ(map.sample(kernel).color, Vec3f(0.25F, 0.5F, 1));
+}
+
+/// A chart of the two triangles of a square.
+std::vector<UvCharts::Triangle> square_chart(float low, float high) {
+  const std::array<Vec2f, 4> c{Vec2f(low, low), Vec2f(high, low), Vec2f(high, high),
+                               Vec2f(low, high)};
+  return {{c[0], c[1], c[2]}, {c[0], c[2], c[3]}};
+}
+
+TEST(ChartTexture, LevelsMadeInBandsAgreeWithThoseOfTheWholeChart) {
+  // Beyond the image, and large enough for more than one band.
+  const auto chart = square_chart(-0.1F, 1.4F);
+  for (const bool alpha : {false, true}) {
+    TextureMap map(noise_image(1024, 1024, 5, alpha), WrapMode::kMirror);
+    const CoverageRaster box = *coverage_box(chart, 1024, 1024, 1e9);
+    const ChartTexture whole(map, chart, box, {0, 3});
+    const ChartTexture bands(map, chart, box, {2, 3});
+    for (const double sigma : {5.0, 12.0}) {
+      for (const Vec2d& center : {Vec2d(500, 300), Vec2d(-100, -400), Vec2d(3, 1120)}) {
+        const TexelKernel kernel = turned_kernel(center, 1.5 * sigma, sigma, 0.5);
+        const auto expected = whole.sample(kernel);
+        const auto found = bands.sample(kernel);
+        ASSERT_TRUE(expected && found);
+        EXPECT_LT(difference(*expected, *found), 1e-6);
+      }
+    }
+  }
 }
 
 }  // namespace

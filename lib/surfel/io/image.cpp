@@ -25,6 +25,11 @@ Image read_premultiplied_image(const std::string& path) {
   return read_image(path, ImageForm::kPremultiplied);
 }
 
+std::shared_ptr<ImageReader> open_image(const std::string& path) {
+  const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
+  return open(path);
+}
+
 void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {
   const std::size_t values = static_cast<std::size_t>(std::max(0, image.width)) *
                              static_cast<std::size_t>(std::max(0, image.height)) *

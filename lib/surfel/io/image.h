@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,6 +39,37 @@ SURFEL_API Image read_image(const std::string& path, bool raw = false);
 /// The same R G B A premultiplied, as write_image() takes it: what a premultiplied float file (EXR)
 /// stores comes unchanged, even light where alpha is 0.
 SURFEL_API Image read_premultiplied_image(const std::string& path);
+
+/// An image that is read piece by piece, so that it need not fit into memory.
+class SURFEL_API ImageReader {
+ public:
+  struct Layout {
+    std::string name;  ///< For messages.
+    int width = 0;
+    int height = 0;
+    bool alpha = false;    ///< The file has an alpha channel.
+    bool coded = false;    ///< Pieces come in 8 bits.
+    int piece_height = 1;  ///< Pieces that start at multiples of it are decoded once.
+  };
+  /// Columns [x_begin, x_end) of rows [y_begin, y_end).
+  struct Box {
+    int x_begin, x_end, y_begin, y_end;
+    std::size_t width() const { return static_cast<std::size_t>(x_end - x_begin); }
+    std::size_t height() const { return static_cast<std::size_t>(y_end - y_begin); }
+    std::size_t pixels() const { return width() * height(); }
+  };
+
+  virtual ~ImageReader() = default;
+  virtual const Layout& layout() const = 0;
+  /// Pixels of a box that is not empty, as read_image() gives them: straight R G B A, four floats
+  /// each, or, where the layout is `coded`, four bytes, R G B still encoded as sRGB. Formats
+  /// without tiles are fast from top to bottom only. Throws Error(kInput) naming file and cause.
+  virtual void read(const Box& box, void* rgba) = 0;
+};
+
+/// Opens any format that read_image() reads; the pixels may take more room than the machine has,
+/// but not more than 256 GiB in the file's own format. Throws as read_image() does.
+SURFEL_API std::shared_ptr<ImageReader> open_image(const std::string& path);
 
 struct ImageWriteOptions {
   bool no_clobber = false;

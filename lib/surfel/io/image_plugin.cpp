@@ -25,12 +25,17 @@ namespace {
 
 constexpr std::size_t kRowsPerRange = 16;
 constexpr int kMostChannels = 256;
+constexpr std::uint64_t kMegabyte = 1 << 20;
+constexpr std::uint64_t kMostStreamedMegabytes = 1 << 18;
+
+/// Of the pixels of an image that is read as a whole.
+std::uint64_t most_megabytes() {
+  return std::min<std::uint64_t>(available_memory_bytes() / kMegabyte, 32768);
+}
 
 /// OpenImageIO's own limits and thread pools; they are global to the process, so they are set
 /// before each use.
-void configure_openimageio() {
-  constexpr std::uint64_t kMegabyte = 1 << 20;
-  const std::uint64_t limit = std::min<std::uint64_t>(available_memory_bytes() / kMegabyte, 32768);
+void configure_openimageio(std::uint64_t limit) {
   OIIO::attribute("threads", thread_count());
   OIIO::attribute("exr_threads", thread_count());
   OIIO::attribute("limits:channels", kMostChannels);
@@ -115,17 +120,17 @@ float straight(T value, T alpha) {
   return linear(alpha > T{} ? divided(value, alpha) : value);
 }
 
+/// Rows of `width` pixels to R G B A.
 template <class T>
 void convert_to_rgba(const T* in, std::size_t stride, const ColorChannels& c, bool associated,
-                     bool premultiply, Image& image) {
-  const auto width = static_cast<std::size_t>(image.width);
+                     bool premultiply, std::size_t width, std::size_t height, float* rgba) {
   // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
   // and the light where alpha is zero.
   const bool as_stored = premultiply && associated && std::is_floating_point_v<T>;
   const bool divide = associated && !as_stored;
   const bool multiply = premultiply && !as_stored;
-  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    float* out = image.data.data() + begin * width * 4;
+  parallel_for(height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    float* out = rgba + begin * width * 4;
     for (const T* p = in + begin * width * stride; p != in + end * width * stride;
          p += stride, out += 4) {
       const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
@@ -148,9 +153,26 @@ void convert_raw(const T* in, std::size_t channels, int alpha, Image& image) {
   });
 }
 
+/// The same for 8 bits, R G B still encoded and straight.
+void convert_to_coded(const std::uint8_t* in, std::size_t stride, const ColorChannels& c,
+                      bool associated, std::size_t width, std::size_t height, std::uint8_t* rgba) {
+  parallel_for(height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    std::uint8_t* out = rgba + begin * width * 4;
+    for (const std::uint8_t* p = in + begin * width * stride; p != in + end * width * stride;
+         p += stride, out += 4) {
+      const std::array<std::uint8_t, 3> rgb{p[c.red], p[c.green], p[c.blue]};
+      out[3] = c.alpha >= 0 ? p[c.alpha] : std::numeric_limits<std::uint8_t>::max();
+      for (std::size_t i = 0; i < 3; ++i) {
+        out[i] = associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
+      }
+    }
+  });
+}
+
 /// Whether the reader hands out colours multiplied by alpha although it was asked not to: OpenEXR's
 /// convention, and TIFF files that are stored so.
-bool has_associated_alpha(const OIIO::ImageInput& input) {
+bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c) {
+  if (c.alpha < 0 || c.alpha == c.red) return false;
   const std::string format = input.format_name();
   return (format == "openexr" || format == "tiff") &&
          input.spec().get_int_attribute("oiio:UnassociatedAlpha") == 0;
@@ -174,9 +196,9 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm for
   } else {
     image.channels = {"R", "G", "B", "A"};
     image.data.resize(pixel_count * 4);
-    const bool associated = c.alpha >= 0 && c.alpha != c.red && has_associated_alpha(input);
-    const bool premultiply = form == ImageForm::kPremultiplied;
-    convert_to_rgba(pixels.data(), channels, c, associated, premultiply, image);
+    convert_to_rgba(pixels.data(), channels, c, has_associated_alpha(input, c),
+                    form == ImageForm::kPremultiplied, static_cast<std::size_t>(spec.width),
+                    static_cast<std::size_t>(spec.height), image.data.data());
   }
 }
 
@@ -239,12 +261,15 @@ std::unique_ptr<OIIO::ImageInput> open_file(const std::string& path, const OIIO:
   return input;
 }
 
-void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
+void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
   if (spec.width <= 0 || spec.height <= 0 || spec.nchannels <= 0 || spec.depth > 1) {
     throw_input(path, fmt::format("has {} x {} x {} pixels of {} channels; only flat pictures are "
                                   "read",
                                   spec.width, spec.height, spec.depth, spec.nchannels));
   }
+}
+
+void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
   const double bytes = static_cast<double>(spec.width) * spec.height * std::max(4, spec.nchannels) *
                        2 * sizeof(float);
   if (bytes > static_cast<double>(available_memory_bytes())) {
@@ -252,6 +277,122 @@ void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
                                   spec.width, spec.height, spec.nchannels));
   }
 }
+
+/// A file that has been found to be a flat picture.
+struct OpenedImage {
+  OpenedImage(const std::string& path, std::uint64_t most_megabytes)
+      : file(path), memory(file.bytes().data(), file.bytes().size()) {
+    configure_openimageio(most_megabytes);
+    OIIO::ImageSpec hints;
+    hints.attribute("oiio:UnassociatedAlpha", 1);
+    // A pipe, which has been read, cannot be opened a second time.
+    const bool named = path != "-" && std::filesystem::is_regular_file(path);
+    input = named ? open_file(path, hints) : open_piped(file, hints, memory);
+    if (std::string(input->format_name()) == "jpeg" && !jpeg_is_whole(file.bytes())) {
+      throw_input(file.name(), "damaged image: the JPEG data ends too early");
+    }
+    check_flat(input->spec(), file.name());
+  }
+
+  InputFile file;
+  OIIO::Filesystem::IOMemReader memory;
+  std::unique_ptr<OIIO::ImageInput> input;
+};
+
+class PluginReader final : public ImageReader {
+ public:
+  explicit PluginReader(const std::string& path)
+      : image_(path, kMostStreamedMegabytes),
+        spec_(image_.input->spec()),
+        channel_(color_channels(spec_.channelnames, spec_.alpha_channel)),
+        associated_(has_associated_alpha(*image_.input, channel_)) {
+    // Not every reader of OpenImageIO keeps to its limit.
+    const double megabytes = static_cast<double>(spec_.width) * spec_.height *
+                             static_cast<double>(spec_.pixel_bytes(true)) / kMegabyte;
+    if (megabytes > kMostStreamedMegabytes) {
+      throw_input(image_.file.name(), fmt::format("{} x {} pixels of {} channels are too many",
+                                                  spec_.width, spec_.height, spec_.nchannels));
+    }
+    const int alpha = channel_.alpha < 0 ? channel_.red : channel_.alpha;
+    const auto [first, last] = std::minmax({channel_.red, channel_.green, channel_.blue, alpha});
+    first_channel_ = first;
+    channel_count_ = last + 1 - first;
+    for (int* c : {&channel_.red, &channel_.green, &channel_.blue}) *c -= first;
+    if (channel_.alpha >= 0) channel_.alpha -= first;
+    layout_ = {.name = image_.file.name(),
+               .width = spec_.width,
+               .height = spec_.height,
+               .alpha = channel_.alpha >= 0,
+               .coded = !spec_.format.is_floating_point() && spec_.format.size() == 1,
+               .piece_height = std::max(1, spec_.tile_width > 0 ? spec_.tile_height : 1)};
+  }
+
+  const Layout& layout() const override { return layout_; }
+
+  void read(const Box& box, void* rgba) override {
+    if (layout_.coded) {
+      const Array<std::uint8_t> pixels = stored<std::uint8_t>(box);
+      convert_to_coded(pixels.data(), static_cast<std::size_t>(channel_count_), channel_,
+                       associated_, box.width(), box.height(), static_cast<std::uint8_t*>(rgba));
+    } else if (spec_.format.is_floating_point()) {
+      read_floats<float>(box, static_cast<float*>(rgba));
+    } else {
+      read_floats<std::uint16_t>(box, static_cast<float*>(rgba));
+    }
+  }
+
+ private:
+  template <class T>
+  void read_floats(const Box& box, float* rgba) {
+    convert_to_rgba(stored<T>(box).data(), static_cast<std::size_t>(channel_count_), channel_,
+                    associated_, false, box.width(), box.height(), rgba);
+  }
+
+  /// The box's channels from first_channel_ on. Tiles are read whole, and cut.
+  template <class T>
+  Array<T> stored(const Box& box) {
+    const bool tiled = spec_.tile_width > 0;
+    const int tile_width = tiled ? spec_.tile_width : spec_.width;
+    const int tile_height = tiled ? spec_.tile_height : 1;
+    const auto up = [](int i, int step, int most) {
+      return static_cast<int>(
+          std::min<std::int64_t>((i + std::int64_t{step} - 1) / step * step, most));
+    };
+    const Box whole{box.x_begin / tile_width * tile_width, up(box.x_end, tile_width, spec_.width),
+                    box.y_begin / tile_height * tile_height,
+                    up(box.y_end, tile_height, spec_.height)};
+    const auto channels = static_cast<std::size_t>(channel_count_);
+    Array<T> pixels(whole.pixels() * channels);
+    const int y_begin = spec_.y + whole.y_begin;
+    const int y_end = spec_.y + whole.y_end;
+    const int channel_end = first_channel_ + channel_count_;
+    constexpr OIIO::TypeDesc kType = OIIO::BaseTypeFromC<T>::value;
+    OIIO::ImageInput& input = *image_.input;
+    const bool good = tiled ? input.read_tiles(0, 0, spec_.x + whole.x_begin, spec_.x + whole.x_end,
+                                               y_begin, y_end, spec_.z, spec_.z + 1, first_channel_,
+                                               channel_end, kType, pixels.data())
+                            : input.read_scanlines(0, 0, y_begin, y_end, spec_.z, first_channel_,
+                                                   channel_end, kType, pixels.data());
+    if (!good) throw_input(layout_.name, "damaged image: " + cause(input.geterror()));
+    const std::size_t row = box.width() * channels;
+    const std::size_t whole_row = whole.width() * channels;
+    if (row == whole_row && box.y_begin == whole.y_begin) return pixels;
+    T* from = pixels.data() + static_cast<std::size_t>(box.y_begin - whole.y_begin) * whole_row +
+              static_cast<std::size_t>(box.x_begin - whole.x_begin) * channels;
+    for (std::size_t y = 0; y < box.height(); ++y) {
+      std::copy_n(from + y * whole_row, row, pixels.data() + y * row);
+    }
+    return pixels;
+  }
+
+  OpenedImage image_;
+  const OIIO::ImageSpec spec_;
+  ColorChannels channel_;  ///< Counted from first_channel_.
+  bool associated_;
+  int first_channel_ = 0;
+  int channel_count_ = 0;
+  Layout layout_;
+};
 
 // ---------------------------------------------------------------------------------------------
 // Writing
@@ -425,34 +566,30 @@ extern "C" {
 SURFEL_API void surfel_image_plugin_read(const std::string& path, surfel::ImageForm form,
                                          surfel::Image& image) {
   using namespace surfel;
-  const InputFile file(path);
-  configure_openimageio();
-  OIIO::Filesystem::IOMemReader memory(file.bytes().data(), file.bytes().size());
-  OIIO::ImageSpec hints;
-  hints.attribute("oiio:UnassociatedAlpha", 1);
-  // A pipe, which has been read, cannot be opened a second time.
-  const bool named = path != "-" && std::filesystem::is_regular_file(path);
-  const auto input = named ? open_file(path, hints) : open_piped(file, hints, memory);
-  if (std::string(input->format_name()) == "jpeg" && !jpeg_is_whole(file.bytes())) {
-    throw_input(file.name(), "damaged image: the JPEG data ends too early");
-  }
-  const OIIO::ImageSpec& spec = input->spec();
-  check_size(spec, file.name());
+  const OpenedImage opened(path, most_megabytes());
+  OIIO::ImageInput& input = *opened.input;
+  const std::string& name = opened.file.name();
+  const OIIO::ImageSpec& spec = input.spec();
+  check_size(spec, name);
   image.width = spec.width;
   image.height = spec.height;
   if (spec.format.is_floating_point()) {
-    read_pixels<float>(*input, file.name(), form, image);
+    read_pixels<float>(input, name, form, image);
   } else if (spec.format.size() == 1) {
-    read_pixels<std::uint8_t>(*input, file.name(), form, image);
+    read_pixels<std::uint8_t>(input, name, form, image);
   } else {
-    read_pixels<std::uint16_t>(*input, file.name(), form, image);
+    read_pixels<std::uint16_t>(input, name, form, image);
   }
+}
+
+SURFEL_API std::shared_ptr<surfel::ImageReader> surfel_image_plugin_open(const std::string& path) {
+  return std::make_shared<surfel::PluginReader>(path);
 }
 
 SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std::string& path,
                                           const surfel::ImageWriteOptions& options) {
   using namespace surfel;
-  configure_openimageio();
+  configure_openimageio(most_megabytes());
   const auto output = make_output(path);
   // Before the work is done, so that a target that cannot be written is found at once.
   OutputFile file(path, options.no_clobber);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <string>
 
 #include <surfel/io/image.h>
@@ -21,16 +22,18 @@ struct ChannelDifference {
 };
 
 /// What libsurfel_image.so offers to the library: the functions that need OpenImageIO, whose own
-/// load time the tools that see no image must not pay. Same contract as read_image() and
-/// write_image(); the third compares the channels [first, last) of two pictures of the same size
-/// and channels, all of whose values are finite.
+/// load time the tools that see no image must not pay. Same contract as read_image(),
+/// open_image() and write_image(); the last compares the channels [first, last) of two pictures of
+/// the same size and channels, all of whose values are finite.
 using ReadImageFunction = void(const std::string& path, ImageForm form, Image& image);
+using OpenImageFunction = std::shared_ptr<ImageReader>(const std::string& path);
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
 using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
                                    float threshold, ChannelDifference& difference);
 
 inline constexpr char kReadImageSymbol[] = "surfel_image_plugin_read";
+inline constexpr char kOpenImageSymbol[] = "surfel_image_plugin_open";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";
 inline constexpr char kCompareImagesSymbol[] = "surfel_image_plugin_compare";
 

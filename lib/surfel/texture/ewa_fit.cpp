@@ -44,20 +44,19 @@ class EwaFit {
 
   void run() {
     Timer timer;
-    const bool alpha = std::any_of(textures_.maps.begin(), textures_.maps.end(),
-                                   [](const TextureMap& map) { return map.has_alpha(); });
-    report_.alpha = alpha;
     survey();
     const std::vector<ChartTask> tasks = plan_charts();
     report_.times.add("charts", timer.milliseconds());
 
     timer.restart();
-    build_maps();
+    load_maps(tasks);
+    report_.alpha = std::any_of(textures_.maps.begin(), textures_.maps.end(),
+                                [](const TextureMap& map) { return map.has_alpha(); });
     report_.times.add("pyramid", timer.milliseconds());
 
     timer.restart();
     cloud_.coefficient.resize(cloud_.size());
-    if (alpha) cloud_.alpha.resize(cloud_.size());
+    if (report_.alpha) cloud_.alpha.resize(cloud_.size());
     fit_unmasked();
     fit_charts(tasks);
     cloud_.basis_cutoff.reset();
@@ -177,13 +176,23 @@ class EwaFit {
 
   bool unmasked(std::size_t k) const { return chart_.empty() || chart_[k] == kNoChart; }
 
-  void build_maps() {
-    std::vector<int> level(textures_.maps.size(), 0);
-    for (std::size_t k = 0; k < cloud_.size(); ++k) {
-      report_.levels = std::max(report_.levels, level_[k] + 1);
-      if (unmasked(k)) level[map_index(k)] = std::max<int>(level[map_index(k)], level_[k]);
+  void load_maps(const std::vector<ChartTask>& tasks) {
+    if (!level_.empty()) report_.levels = *std::max_element(level_.begin(), level_.end()) + 1;
+    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t k = begin; k < end; ++k) {
+        if (!cloud_.uv[k].allFinite()) continue;
+        TexelKernel kernel = footprint(k).kernel;
+        // That of a surfel whose own kernel does not reach its chart.
+        if (!unmasked(k)) kernel.variance = reconstruction();
+        textures_.maps[map_index(k)].request(kernel, max_level());
+      }
+    });
+    for (const ChartTask& task : tasks) {
+      const CoverageRaster& box = task.raster;
+      textures_.maps[map_index(order_[task.begin])].request(
+          {box.first_x, box.first_x + box.width, box.first_y, box.first_y + box.height});
     }
-    for (std::size_t m = 0; m < level.size(); ++m) textures_.maps[m].build(level[m]);
+    for (TextureMap& map : textures_.maps) map.load();
   }
 
   void store(std::size_t k, const TextureSample& sample) {
@@ -221,14 +230,12 @@ class EwaFit {
 
   void fit_chart(const ChartTask& task) {
     const TextureMap& map = map_of(order_[task.begin]);
-    CoverageRaster raster = task.raster;
-    rasterize_coverage(textures_.charts->triangles(task.chart), map.width(), map.height(), raster);
-    ChartTexture texture(map, raster);
-    int level = 0;
+    LevelRange levels{GaussianPyramid::kMaxLevel, 0};
     for (std::size_t i = task.begin; i < task.end; ++i) {
-      level = std::max<int>(level, level_[order_[i]]);
+      levels.finest = std::min<int>(levels.finest, level_[order_[i]]);
+      levels.coarsest = std::max<int>(levels.coarsest, level_[order_[i]]);
     }
-    texture.build(level);
+    const ChartTexture texture(map, textures_.charts->triangles(task.chart), task.raster, levels);
     parallel_for(task.end - task.begin, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = task.begin + begin; i < task.begin + end; ++i) {
         const std::size_t k = order_[i];
@@ -236,7 +243,7 @@ class EwaFit {
         std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
           ++unreached_;
-          sample = map.sample({kernel.center, reconstruction()});
+          sample = map.sample({kernel.center, reconstruction()}, max_level());
         }
         store(k, *sample);
       }

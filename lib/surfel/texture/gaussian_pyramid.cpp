@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <utility>
 
 #include <surfel/base/parallel.h>
 #include <surfel/texture/gaussian_pyramid.h>
@@ -14,7 +16,9 @@ namespace {
 
 /// Reach of the filter from one level to the next, in its standard deviations: exp(-8) is left out.
 constexpr double kStepReach = 4;
-constexpr std::size_t kRowGrain = 16;
+constexpr std::size_t kRowGrain = 4;
+/// Rows that go together from one level in memory to the next.
+constexpr int kBandRows = 64;
 
 /// Remainder in [0, period).
 int wrapped(int i, int period) {
@@ -87,36 +91,6 @@ std::vector<std::vector<Tap>> taps_between(const TexelAxis& fine, const TexelAxi
     }
   }
   return taps;
-}
-
-PyramidLevel coarser_level(const PyramidLevel& fine, WrapMode wrap, bool from_image) {
-  PyramidLevel coarse;
-  coarse.x = coarser(fine.x, wrap, from_image);
-  coarse.y = coarser(fine.y, wrap, from_image);
-  coarse.texels.resize(static_cast<std::size_t>(coarse.x.count) * coarse.y.count * 4);
-  const auto x_taps = taps_between(fine.x, coarse.x, wrap, from_image);
-  const auto y_taps = taps_between(fine.y, coarse.y, wrap, from_image);
-  using Row = Eigen::Map<Eigen::ArrayXf>;
-  using ConstRow = Eigen::Map<const Eigen::ArrayXf>;
-  const Eigen::Index fine_floats = static_cast<Eigen::Index>(fine.x.count) * 4;
-
-  parallel_for(coarse.y.count, kRowGrain, [&](std::size_t begin, std::size_t end, int) {
-    Eigen::ArrayXf column_sums(fine_floats);
-    for (std::size_t y = begin; y < end; ++y) {
-      column_sums.setZero();
-      for (const Tap& tap : y_taps[y]) {
-        column_sums += tap.weight * ConstRow(fine.row(tap.offset), fine_floats);
-      }
-      float* out = coarse.texels.data() + y * coarse.x.count * 4;
-      for (const std::vector<Tap>& taps : x_taps) {
-        Eigen::Array4f sum = Eigen::Array4f::Zero();
-        for (const Tap& tap : taps) sum += tap.weight * column_sums.segment<4>(tap.offset * 4);
-        Row(out, 4) = sum;
-        out += 4;
-      }
-    }
-  });
-  return coarse;
 }
 
 /// A coordinate, in texels of the level, to where indices are small: periods are taken off, and
@@ -195,8 +169,169 @@ int stored_offset(int i, const TexelAxis& axis, WrapMode wrap) {
   return offset >= 0 && offset < axis.count ? offset : -1;
 }
 
+/// Filters one level into the next.
+class PyramidStream::Step {
+ public:
+  Step(const TexelAxis& x, const TexelAxis& y, WrapMode wrap, bool from_image, bool keep)
+      : keep_(keep) {
+    coarse_.x = coarser(x, wrap, from_image);
+    coarse_.y = coarser(y, wrap, from_image);
+    x_taps_ = taps_between(x, coarse_.x, wrap, from_image);
+    const auto y_taps = taps_between(y, coarse_.y, wrap, from_image);
+    parts_.resize(static_cast<std::size_t>(y.count));
+    missing_.resize(y_taps.size());
+    rows_.resize(y_taps.size());
+    for (int j = 0; j < coarse_.y.count; ++j) {
+      for (const Tap& tap : y_taps[j]) parts_[tap.offset].push_back({j, tap.weight});
+      missing_[j] = y_taps[j].size();
+      if (missing_[j] == 0) empty_.push_back(j);
+    }
+  }
+
+  const PyramidLevel& level() const { return coarse_; }
+  bool is_kept() const { return keep_; }
+  void keep() { keep_ = true; }
+
+  /// Adds rows of the finer level. \return those of this level that are complete by that, to stay
+  /// where they are until release().
+  std::vector<TexelRow> add(std::span<const TexelRow> fine) {
+    start();
+    filter_rows(fine);
+    // What the rows give, by the row that gets it; each gets it in the order of `fine`.
+    std::vector<Part> parts;
+    for (std::size_t i = 0; i < fine.size(); ++i) {
+      for (const Tap& tap : parts_[fine[i].offset]) parts.push_back({tap.offset, i, tap.weight});
+    }
+    std::stable_sort(parts.begin(), parts.end(),
+                     [](const Part& a, const Part& b) { return a.coarse < b.coarse; });
+    std::vector<std::size_t> begin;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      if (i == 0 || parts[i].coarse != parts[i - 1].coarse) begin.push_back(i);
+    }
+    begin.push_back(parts.size());
+    parallel_for(begin.size() - 1, kRowGrain, [&](std::size_t first, std::size_t last, int) {
+      for (std::size_t i = begin[first]; i < begin[last]; ++i) {
+        Eigen::Map<Eigen::ArrayXf>(row(parts[i].coarse), floats()) +=
+            parts[i].weight * filtered_.col(static_cast<Eigen::Index>(parts[i].fine));
+      }
+    });
+    std::vector<TexelRow> complete;
+    for (const int j : std::exchange(empty_, {})) complete.push_back({j, row(j)});
+    for (const Part& part : parts) {
+      if (--missing_[part.coarse] == 0) complete.push_back({part.coarse, row(part.coarse)});
+    }
+    return complete;
+  }
+
+  void release(std::span<const TexelRow> complete) {
+    if (keep_) return;
+    for (const TexelRow& row : complete) rows_[row.offset] = Array<float>();
+  }
+
+  PyramidLevel take() { return std::move(coarse_); }
+
+ private:
+  /// `weight` times a row of the finer level, part of a row of this one.
+  struct Part {
+    int coarse;
+    std::size_t fine;
+    float weight;
+  };
+
+  Eigen::Index floats() const { return static_cast<Eigen::Index>(coarse_.x.count) * 4; }
+
+  void start() {
+    if (!keep_ || !coarse_.texels.empty()) return;
+    coarse_.texels.assign(static_cast<std::size_t>(floats()) * coarse_.y.count, 0.0F);
+  }
+
+  /// A row of this level as far as it is added up.
+  float* row(int j) {
+    if (keep_) return coarse_.texels.data() + static_cast<std::size_t>(j) * floats();
+    if (rows_[j].empty()) rows_[j].assign(static_cast<std::size_t>(floats()), 0.0F);
+    return rows_[j].data();
+  }
+
+  /// Along the rows.
+  void filter_rows(std::span<const TexelRow> fine) {
+    if (filtered_.cols() < static_cast<Eigen::Index>(fine.size())) {
+      filtered_.resize(floats(), static_cast<Eigen::Index>(fine.size()));
+    }
+    parallel_for(fine.size(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+      using Texel = Eigen::Map<const Eigen::Array4f>;
+      for (std::size_t i = begin; i < end; ++i) {
+        float* out = filtered_.col(static_cast<Eigen::Index>(i)).data();
+        for (const std::vector<Tap>& taps : x_taps_) {
+          Eigen::Array4f sum = Eigen::Array4f::Zero();
+          for (const Tap& tap : taps) {
+            sum += tap.weight * Texel(fine[i].texels + static_cast<std::ptrdiff_t>(tap.offset) * 4);
+          }
+          std::copy_n(sum.data(), 4, out);
+          out += 4;
+        }
+      }
+    });
+  }
+
+  bool keep_;
+  PyramidLevel coarse_;
+  std::vector<std::vector<Tap>> x_taps_;  ///< On the finer level, of each texel of a row.
+  std::vector<std::vector<Tap>> parts_;   ///< On this level, of each row of the finer one.
+  std::vector<std::size_t> missing_;      ///< Taps that each row still waits for.
+  std::vector<int> empty_;                ///< Rows that nothing reaches.
+  std::vector<Array<float>> rows_;        ///< Of a level that is not kept.
+  Eigen::ArrayXXf filtered_;
+};
+
+PyramidStream::PyramidStream(const TexelAxis& x, const TexelAxis& y, WrapMode wrap,
+                             const LevelRange& wanted) {
+  TexelAxis fine_x = x;
+  TexelAxis fine_y = y;
+  for (int l = 1; l <= std::min(wanted.coarsest, GaussianPyramid::kMaxLevel); ++l) {
+    if (fine_x.count == 1 && fine_y.count == 1 && wrap != WrapMode::kNothing) break;
+    steps_.push_back(std::make_unique<Step>(fine_x, fine_y, wrap, l == 1, l >= wanted.finest));
+    fine_x = steps_.back()->level().x;
+    fine_y = steps_.back()->level().y;
+  }
+  if (!steps_.empty()) steps_.back()->keep();  // All that is coarser is that one texel.
+}
+
+PyramidStream::~PyramidStream() = default;
+PyramidStream::PyramidStream(PyramidStream&&) noexcept = default;
+
+double PyramidStream::bytes() const {
+  double bytes = 0;
+  for (const auto& step : steps_) {
+    const PyramidLevel& level = step->level();
+    if (step->is_kept()) bytes += 4.0 * sizeof(float) * level.x.count * level.y.count;
+  }
+  return bytes;
+}
+
+void PyramidStream::add(std::span<const TexelRow> rows) {
+  std::vector<TexelRow> complete;
+  for (std::size_t i = 0; i < steps_.size(); ++i) {
+    std::vector<TexelRow> next = steps_[i]->add(i == 0 ? rows : complete);
+    if (i > 0) steps_[i - 1]->release(complete);
+    complete = std::move(next);
+  }
+  if (!steps_.empty()) steps_.back()->release(complete);
+}
+
+std::vector<PyramidLevel> PyramidStream::take() {
+  std::vector<PyramidLevel> levels;
+  for (const auto& step : steps_) levels.push_back(step->take());
+  return levels;
+}
+
 GaussianPyramid::GaussianPyramid(PyramidLevel image, WrapMode wrap) : wrap_(wrap) {
   levels_.push_back(std::move(image));
+}
+
+GaussianPyramid::GaussianPyramid(PyramidLevel image, std::vector<PyramidLevel> levels,
+                                 WrapMode wrap)
+    : GaussianPyramid(std::move(image), wrap) {
+  std::move(levels.begin(), levels.end(), std::back_inserter(levels_));
 }
 
 int GaussianPyramid::level_for(double minor) {
@@ -207,12 +342,31 @@ int GaussianPyramid::level_for(double minor) {
 }
 
 void GaussianPyramid::build(int level) {
-  level = std::min(level, kMaxLevel);
-  while (level_count() <= level) {
-    const PyramidLevel& top = levels_.back();
-    if (top.x.count == 1 && top.y.count == 1 && wrap_ != WrapMode::kNothing) break;
-    levels_.push_back(coarser_level(top, wrap_, level_count() == 1));
+  if (level < level_count()) return;
+  const PyramidLevel& image = levels_.front();
+  PyramidStream stream(image.x, image.y, wrap_, {1, level});
+  std::vector<TexelRow> rows;
+  for (int begin = 0; begin < image.y.count; begin += kBandRows) {
+    rows.clear();
+    for (int y = begin; y < std::min(begin + kBandRows, image.y.count); ++y) {
+      rows.push_back({y, image.row(y)});
+    }
+    stream.add(rows);
   }
+  levels_.resize(1);
+  for (PyramidLevel& made : stream.take()) levels_.push_back(std::move(made));
+}
+
+GaussianPyramid::Box GaussianPyramid::reach(const TexelKernel& kernel) const {
+  const auto range = [&](double center, double variance, const TexelAxis& axis) {
+    const double reach = std::sqrt(2 * kExponentCutoff * variance);
+    center = reduced(center, reach, axis, wrap_);
+    // A texel more on each side, for rounding.
+    return std::pair(floor_to_int(center - reach) - 1, ceil_to_int(center + reach) + 1);
+  };
+  const auto [x_begin, x_end] = range(kernel.center.x(), kernel.variance(0, 0), image().x);
+  const auto [y_begin, y_end] = range(kernel.center.y(), kernel.variance(1, 1), image().y);
+  return {x_begin, x_end, y_begin, y_end};
 }
 
 GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_level) const {
@@ -221,7 +375,7 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
   const PyramidLevel& level = levels_[static_cast<std::size_t>(l)];
   Sum total;
   if (level.x.count == 1 && level.y.count == 1 && wrap_ != WrapMode::kNothing) {
-    total.texels = Eigen::Map<const Eigen::Array4f>(level.row(0)).cast<double>();
+    total.texels = level.texel(0, 0).cast<double>();
     total.kernel = 1;
     return total;
   }
@@ -248,6 +402,7 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     y_begin = std::max(y_begin, level.y.first);
     y_end = std::min(y_end, level.y.first + level.y.count);
   }
+  Eigen::Array<float, 4, Eigen::Dynamic> fetched;  // The row's texels out of their tiles.
   for (int y = y_begin; y < y_end; ++y) {
     const double dy = y + 0.5 - center_y;
     const double exponent = dy * dy * marginal_decay;
@@ -263,7 +418,17 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     if (begin >= end) continue;
 
     const RowKernel row(begin + 0.5 - row_center, decay, step, exponent);
-    const float* texels = level.row(stored_offset(y, level.y, wrap_));
+    const int stored_y = stored_offset(y, level.y, wrap_);
+    if (level.tiles) {
+      fetched.resize(4, std::max<Eigen::Index>(fetched.cols(), end - begin));
+      for (int x = begin; x < end; ++x) {
+        fetched.col(x - begin) = level.texel(stored_offset(x, level.x, wrap_), stored_y);
+      }
+      const auto texel_at = [&](int x) { return fetched.col(x - begin).data(); };
+      add_row(begin, end, row, texel_at, total);
+      continue;
+    }
+    const float* texels = level.row(stored_y);
     if (begin >= level.x.first && end <= level.x.first + level.x.count) {
       const auto texel_at = [&](int x) {
         return texels + static_cast<std::ptrdiff_t>(x - level.x.first) * 4;

@@ -1,10 +1,13 @@
 #pragma once
 
+#include <memory>
+#include <span>
 #include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/texture/texel_kernel.h>
+#include <surfel/texture/texel_tiles.h>
 
 namespace surfel {
 
@@ -27,15 +30,56 @@ struct TexelAxis {
 /// Where texel i is stored, counted from `first`; -1 if there is none.
 int stored_offset(int i, const TexelAxis& axis, WrapMode wrap);
 
-/// Four floats a texel (R, G, B, weight, all premultiplied by the weight), row by row.
+/// Four floats a texel (R, G, B, weight, all premultiplied by the weight), row by row. A level that
+/// no kernel needs has no texels.
 struct PyramidLevel {
   TexelAxis x;
   TexelAxis y;
-  Array<float> texels;
+  Array<float> texels{};
+  std::shared_ptr<const TexelTiles> tiles{};  ///< Instead of `texels`, of an image.
 
   const float* row(int offset) const {
     return texels.data() + static_cast<std::size_t>(offset) * x.count * 4;
   }
+  Eigen::Array4f texel(int x_offset, int y_offset) const {
+    if (tiles) return tiles->texel(x_offset, y_offset);
+    return Eigen::Map<const Eigen::Array4f>(row(y_offset) +
+                                            static_cast<std::ptrdiff_t>(x_offset) * 4);
+  }
+};
+
+/// A level's row, by its offset.
+struct TexelRow {
+  int offset;
+  const float* texels;
+};
+
+/// The pyramid levels that a set of kernels belongs on.
+struct LevelRange {
+  int finest = 0;
+  int coarsest = 0;
+};
+
+/// Makes a pyramid's levels from an image whose rows come in pieces. Of levels that are not wanted,
+/// and of the image, only the rows that still have a part in other levels' rows are kept.
+class SURFEL_API PyramidStream {
+ public:
+  /// \param wanted  levels from 1 on; fewer are made where they come down to a single texel.
+  PyramidStream(const TexelAxis& x, const TexelAxis& y, WrapMode wrap, const LevelRange& wanted);
+  ~PyramidStream();
+  PyramidStream(PyramidStream&&) noexcept;
+  PyramidStream& operator=(PyramidStream&&) = delete;
+
+  /// What the levels that are wanted take, roughly.
+  double bytes() const;
+  /// Each row of the image once. The order and the pieces matter for rounding alone. In parallel.
+  void add(std::span<const TexelRow> rows);
+  /// Levels 1 ... coarsest, once all rows have been added.
+  std::vector<PyramidLevel> take();
+
+ private:
+  class Step;
+  std::vector<std::unique_ptr<Step>> steps_;
 };
 
 /// Sums of texels under a Gaussian kernel, at a cost that does not grow with the kernel.
@@ -59,6 +103,9 @@ class SURFEL_API GaussianPyramid {
 
   /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
   GaussianPyramid(PyramidLevel image, WrapMode wrap);
+  /// With the levels from 1 on as PyramidStream made them; kernels must belong on those that have
+  /// texels.
+  GaussianPyramid(PyramidLevel image, std::vector<PyramidLevel> levels, WrapMode wrap);
 
   /// The level that a kernel whose smaller principal variance is `minor` texel^2 belongs on.
   static int level_for(double minor);
@@ -74,7 +121,14 @@ class SURFEL_API GaussianPyramid {
   /// A level that was not built is replaced by the coarsest there is.
   Sum filter(const TexelKernel& kernel, int max_level = kMaxLevel) const;
 
+  /// Box around the image's texels that the kernel reaches on level 0, beyond its borders too.
+  struct Box {
+    int x_begin, x_end, y_begin, y_end;
+  };
+  Box reach(const TexelKernel& kernel) const;
+
   const PyramidLevel& image() const { return levels_.front(); }
+  const PyramidLevel& level(int l) const { return levels_[static_cast<std::size_t>(l)]; }
   int level_count() const { return static_cast<int>(levels_.size()); }
   WrapMode wrap() const { return wrap_; }
 

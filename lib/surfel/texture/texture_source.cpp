@@ -30,8 +30,19 @@ Image procedural_image(const std::string& name, const std::string& frequency) {
                    kProceduralSamples);
 }
 
+bool is_procedural(const std::string& name) {
+  const std::vector<std::string>& known = procedural_texture_names();
+  return std::find(known.begin(), known.end(), name.substr(0, name.find(':'))) != known.end();
+}
+
+TextureMap file_map(const std::string& path, const TextureSourceOptions& options) {
+  if (options.whole) return {read_image(path), options.wrap};
+  return {open_image(path), options.wrap};
+}
+
 /// One map per image that the materials name, however many share it.
-void add_material_maps(TextureSet& textures, const TriangleMesh& mesh, WrapMode wrap) {
+void add_material_maps(TextureSet& textures, const TriangleMesh& mesh,
+                       const TextureSourceOptions& options) {
   std::map<std::string, std::size_t> map_of_image;
   for (const MeshMaterial& material : mesh.material) {
     if (material.texture.empty()) {
@@ -40,7 +51,7 @@ void add_material_maps(TextureSet& textures, const TriangleMesh& mesh, WrapMode 
       continue;
     }
     const auto [place, is_new] = map_of_image.try_emplace(material.texture, textures.maps.size());
-    if (is_new) textures.maps.emplace_back(read_image(material.texture), wrap);
+    if (is_new) textures.maps.push_back(file_map(material.texture, options));
     textures.map_of_material.push_back(place->second);
   }
 }
@@ -48,10 +59,9 @@ void add_material_maps(TextureSet& textures, const TriangleMesh& mesh, WrapMode 
 }  // namespace
 
 Image load_texture_image(const std::string& name) {
+  if (!is_procedural(name)) return read_image(name);
   const std::size_t colon = name.find(':');
   const std::string stem = name.substr(0, colon);
-  const std::vector<std::string>& known = procedural_texture_names();
-  if (std::find(known.begin(), known.end(), stem) == known.end()) return read_image(name);
   if (colon == std::string::npos) return procedural_image(stem, "");
   if (colon + 1 == name.size()) {
     throw_usage(fmt::format("image is {}; a frequency must follow the colon", name));
@@ -66,13 +76,15 @@ TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh
     throw_input(mesh_name, "the mesh has no texture coordinates, so no image can be put on it");
   }
   if (!options.image.empty()) {
-    textures.maps.emplace_back(load_texture_image(options.image), options.wrap);
+    textures.maps.push_back(is_procedural(options.image)
+                                ? TextureMap(load_texture_image(options.image), options.wrap)
+                                : file_map(options.image, options));
   } else if (!mesh) {
     throw_usage("there is neither an image nor a mesh whose materials name some");
   } else if (mesh->material.empty()) {
     throw_input(mesh_name, "the mesh has no materials to take images from; give an image");
   } else {
-    add_material_maps(textures, *mesh, options.wrap);
+    add_material_maps(textures, *mesh, options);
   }
   if (mesh && options.charts) textures.charts.emplace(*mesh);
   return textures;

@@ -18,6 +18,7 @@ struct TextureSourceOptions {
   std::string image{};                ///< For all surfels; empty = those of the mesh's materials.
   WrapMode wrap = WrapMode::kRepeat;  ///< As OBJ and MTL have it where they do not say "-clamp on".
   bool charts = true;                 ///< Keep kernels within the mesh's charts.
+  bool whole = true;  ///< Image files in memory; else opened, for TextureMap::load().
 };
 
 /// Textures of surfels that were sampled from `mesh`, or, without one, of any surfels. Materials

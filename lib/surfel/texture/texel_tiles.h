@@ -1,0 +1,90 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include <surfel/base/color.h>
+
+namespace surfel {
+
+/// Texel in straight R G B A of 8 bits, R G B encoded as sRGB: linear and premultiplied.
+inline Eigen::Array4f decoded_texel(const std::uint8_t* rgba) {
+  const float alpha = static_cast<float>(rgba[3]) / 255.0F;
+  return {srgb8_to_linear(rgba[0]) * alpha, srgb8_to_linear(rgba[1]) * alpha,
+          srgb8_to_linear(rgba[2]) * alpha, alpha};
+}
+
+/// The texels of an image that are wanted, by square tiles: premultiplied floats, or as their file
+/// codes them in 8 bits, which are decoded at each use.
+class TexelTiles {
+ public:
+  static constexpr int kSize = 64;
+
+  TexelTiles(int width, int height, bool coded)
+      : coded_(coded),
+        columns_((width + kSize - 1) / kSize),
+        rows_((height + kSize - 1) / kSize),
+        wanted_(static_cast<std::size_t>(columns_) * rows_, std::uint8_t{0}),
+        tile_(wanted_.size()) {}
+
+  /// Tiles along each axis.
+  int columns() const { return columns_; }
+  int rows() const { return rows_; }
+
+  /// May be called from several threads.
+  void want(int column, int row) {
+    std::atomic_ref(wanted_[index(column, row)]).store(1, std::memory_order_relaxed);
+  }
+  bool is_wanted(int column, int row) const { return wanted_[index(column, row)] != 0; }
+  bool is_stored(int column, int row) const { return tile_[index(column, row)] != nullptr; }
+  std::size_t wanted_bytes() const {
+    const auto count = std::count(wanted_.begin(), wanted_.end(), std::uint8_t{1});
+    return static_cast<std::size_t>(count) * tile_bytes();
+  }
+
+  /// Keeps what is wanted of texels x_begin ... x_end - 1 of row y. \param texels  from x_begin on.
+  void store(int y, int x_begin, int x_end, const std::byte* texels) {
+    for (int x = x_begin; x < x_end;) {
+      const int next = std::min(x_end, (x / kSize + 1) * kSize);
+      if (is_wanted(x / kSize, y / kSize)) {
+        std::unique_ptr<std::byte[]>& tile = tile_[index(x / kSize, y / kSize)];
+        if (!tile) tile.reset(new std::byte[tile_bytes()]);
+        std::memcpy(tile.get() + place(x, y), texels + (x - x_begin) * texel_bytes(),
+                    (next - x) * texel_bytes());
+      }
+      x = next;
+    }
+  }
+  std::size_t texel_bytes() const { return coded_ ? 4 : 4 * sizeof(float); }
+
+  /// Premultiplied. The tile must have been stored.
+  Eigen::Array4f texel(int x, int y) const {
+    const std::byte* texel = tile_[index(x / kSize, y / kSize)].get() + place(x, y);
+    if (coded_) return decoded_texel(reinterpret_cast<const std::uint8_t*>(texel));
+    return Eigen::Map<const Eigen::Array4f>(reinterpret_cast<const float*>(texel));
+  }
+
+ private:
+  std::size_t index(int column, int row) const {
+    return static_cast<std::size_t>(row) * columns_ + column;
+  }
+  std::size_t tile_bytes() const { return kSize * kSize * texel_bytes(); }
+  std::size_t place(int x, int y) const {
+    return static_cast<std::size_t>(y % kSize * kSize + x % kSize) * texel_bytes();
+  }
+
+  bool coded_;
+  int columns_;
+  int rows_;
+  std::vector<std::uint8_t> wanted_;
+  std::vector<std::unique_ptr<std::byte[]>> tile_;
+};
+
+}  // namespace surfel
