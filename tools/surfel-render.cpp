@@ -297,12 +297,17 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
 }
 
 /// Reads and prepares surfels, and tells what of them cannot be used.
-surfel::RenderCloud load_surfels(const surfel::tool::Tool& tool, const std::string& input) {
+surfel::RenderCloud load_surfels(const surfel::tool::Tool& tool, const std::string& input,
+                                 double cutoff) {
   const std::string name = input == "-" ? "standard input" : input;
   const surfel::SurfelCloud cloud = surfel::read_cloud(input);
   if (cloud.empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
   if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) {
     surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
+  }
+  if (cloud.basis_cutoff && *cloud.basis_cutoff != cutoff) {
+    tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
+                          *cloud.basis_cutoff, cutoff));
   }
   surfel::RenderCloud surfels(cloud);
   if (const auto& d = surfels.dropped(); d.total() > 0) {
@@ -331,7 +336,7 @@ int main(int argc, char** argv) {
     nlohmann::json& report = tool.report();
     const surfel::Timer load;
     std::optional<surfel::RenderCloud> surfels;
-    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input));
+    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input, s.render.cutoff));
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) mesh.emplace(s, scene);
     const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();

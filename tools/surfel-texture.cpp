@@ -6,6 +6,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/mesh.h>
+#include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
@@ -14,6 +15,8 @@
 
 namespace {
 
+enum class From { kTexture, kColors };
+
 struct Settings {
   std::string input;
   std::string output;
@@ -21,6 +24,8 @@ struct Settings {
   surfel::TextureSourceOptions source;
   surfel::TextureFitOptions fit;
   bool no_charts = false;
+  From from = From::kTexture;
+  std::optional<Eigen::Vector2d> bounds;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -38,8 +43,15 @@ void declare_options(CLI::App& app, Settings& s) {
       app, "--wrap", s.source.wrap,
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
       "What lies beyond the image's borders; OBJ files mean repeat");
-  tool::add_choice(app, "--fit", s.fit.kind, {{"ewa", TextureFitKind::kEwa}},
-                   "How coefficients are found: ewa = view-independent EWA");
+  tool::add_choice(app, "--from", s.from, {{"texture", From::kTexture}, {"colors", From::kColors}},
+                   "What the coefficients are fitted to: an image, or the surfels' own colours");
+  tool::add_choice(app, "--fit", s.fit.kind,
+                   {{"ewa", TextureFitKind::kEwa},
+                    {"gram", TextureFitKind::kGram},
+                    {"render", TextureFitKind::kRender}},
+                   "How coefficients are found: ewa = view-independent EWA; gram = least squares "
+                   "for the sum of all kernels; render = least squares for what surfel-render "
+                   "makes of them: the sharpest under magnification");
   app.add_option("--reconstruction", s.fit.reconstruction,
                  "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16")
       ->capture_default_str();
@@ -48,14 +60,71 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
   app.add_flag("--exact", s.fit.exact,
                "Sum over the image's own texels whatever it takes, instead of a pyramid's");
+
+  app.option_defaults()->group("Systems of equations (--fit gram, render)");
+  tool::add_choice(app, "--solver", s.fit.solver,
+                   {{"cg", FitSolver::kConjugateGradients}, {"ldlt", FitSolver::kLdlt}},
+                   "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
+                   "for small systems");
+  app.add_option("--tolerance", s.fit.tolerance, "Of cg: relative residual, 1e-14..0.1")
+      ->capture_default_str();
+  tool::add_text(app, "--lambda", "X", "auto",
+                 "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
+                 "0..1e6, or auto: render 1e-3 (from colors 0.5), gram what keeps the condition "
+                 "below 1e6",
+                 [&s](const std::string& text) {
+                   if (text == "auto") {
+                     s.fit.lambda.reset();
+                   } else {
+                     s.fit.lambda = tool::parse_numbers("--lambda", text, 1).front();
+                   }
+                 });
+  tool::add_vector(app, "--bounds", s.bounds,
+                   "Of cg: keep coefficients within these two, such as 0,1");
+  app.add_option("--cutoff", s.fit.cutoff,
+                 "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16")
+      ->capture_default_str();
+  app.add_option("--points", s.fit.points,
+                 "Of --fit render: points of the surface a surfel that are fitted, 1..256")
+      ->capture_default_str();
+  app.option_defaults()->group("Options");
 }
 
-void check(const Settings& s) {
+void check(const CLI::App& app, const Settings& s) {
   std::vector<std::string> problems = s.fit.problems();
-  if (s.source.image.empty() && s.mesh.empty()) {
+  if (s.from == From::kColors) {
+    for (const char* option : {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
+                               "--max-aspect", "--exact", "--points"}) {
+      if (app.get_option(option)->count() == 0) continue;
+      problems.push_back(fmt::format("{} has no effect with --from colors; leave it out", option));
+    }
+    if (s.fit.kind == surfel::TextureFitKind::kEwa) {
+      problems.emplace_back(
+          "--from colors is for --fit gram and render: ewa leaves them as they are");
+    }
+  } else if (s.source.image.empty() && s.mesh.empty()) {
     problems.emplace_back("there is neither --image nor --mesh; give one");
   }
   surfel::tool::require_valid(problems);
+}
+
+/// Finds the place on the mesh of surfels that come without uv.
+void locate(surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh, const Settings& s,
+            const surfel::tool::Tool& tool, nlohmann::json& json) {
+  const surfel::SurfaceLookupReport found = surfel::locate_on_mesh(cloud, mesh, {}, s.mesh);
+  json["located"] = found.located;
+  json["too_far"] = found.too_far;
+  json["turned_away"] = found.turned_away;
+  json["mean_distance"] = found.mean_distance;
+  tool.note(fmt::format("{}: u, v found on {} for {} of {} surfels, {:.3g} away on average",
+                        s.input, s.mesh, found.located, cloud.size(), found.mean_distance));
+  if (found.too_far > 0) {
+    tool.note(fmt::format("{}: {} surfels are more than 3 standard deviations from the mesh",
+                          s.input, found.too_far));
+  }
+  if (found.turned_away > cloud.size() / 2) {
+    tool.note(fmt::format("{}: most normals look the other way than {}'s faces", s.input, s.mesh));
+  }
 }
 
 nlohmann::json to_json(const surfel::Vec3f& v) { return {v.x(), v.y(), v.z()}; }
@@ -73,6 +142,16 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
   json["coefficient_min"] = to_json(fit.coefficient_min);
   json["coefficient_max"] = to_json(fit.coefficient_max);
   for (const auto& [stage, ms] : fit.times.stages()) json["stages"][stage] = ms;
+  if (!fit.system) return;
+  const surfel::SystemReport& system = *fit.system;
+  json["system"] = {{"functions", system.functions},   {"entries", system.entries},
+                    {"lambda", system.lambda},         {"eigen_min", system.eigen_min},
+                    {"eigen_max", system.eigen_max},   {"condition", system.condition()},
+                    {"iterations", system.iterations}, {"residual", system.residual},
+                    {"converged", system.converged},   {"points", system.points},
+                    {"uncovered", system.uncovered},   {"error_ewa", system.error_ewa},
+                    {"error", system.error},           {"min_reach", system.min_reach},
+                    {"max_reach", system.max_reach}};
 }
 
 void warn(const surfel::tool::Tool& tool, const std::string& input,
@@ -85,6 +164,24 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
   count(fit.without_uv, "have no finite u, v: given the image's mean colour");
   count(fit.without_kernel, "have no usable derivatives or variance: given the colour at a point");
   count(fit.outside_charts, "lie on no chart of the mesh: filtered without one");
+  if (!fit.system) return;
+  count(fit.surfels - fit.system->functions, "are unusable: they keep the coefficients of ewa");
+  if (!fit.system->converged) {
+    tool.note(
+        fmt::format("{}: the solver ended after {} iterations with a relative residual of "
+                    "{:.2g}; a larger --lambda helps",
+                    input, fit.system->iterations, fit.system->residual));
+  }
+}
+
+surfel::TextureFitReport make_fit(surfel::SurfelCloud& cloud, const surfel::TriangleMesh* mesh,
+                                  Settings& s, const surfel::tool::Tool& tool) {
+  s.fit.progress = [&tool](double share) { tool.progress("fitting", share); };
+  if (s.from == From::kColors) return surfel::fit_colors(cloud, s.fit, s.input);
+  s.source.charts = !s.no_charts;
+  s.source.whole = false;
+  surfel::TextureSet textures = surfel::load_textures(s.source, mesh, s.mesh);
+  return surfel::fit_texture(cloud, textures, s.fit, s.input);
 }
 
 }  // namespace
@@ -95,19 +192,16 @@ int main(int argc, char** argv) {
   Settings settings;
   declare_options(tool.app(), settings);
   return tool.run(argc, argv, [&] {
-    check(settings);
+    check(tool.app(), settings);
+    if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
     surfel::Timer timer;
     surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
-    settings.source.charts = !settings.no_charts;
-    settings.source.whole = false;
-    surfel::TextureSet textures =
-        surfel::load_textures(settings.source, mesh ? &*mesh : nullptr, settings.mesh);
+    if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());
     tool.report()["load_ms"] = timer.milliseconds();
 
-    const surfel::TextureFitReport fit =
-        surfel::fit_texture(cloud, textures, settings.fit, settings.input);
+    const surfel::TextureFitReport fit = make_fit(cloud, mesh ? &*mesh : nullptr, settings, tool);
     report(tool.report(), fit);
     warn(tool, settings.input, fit);
 

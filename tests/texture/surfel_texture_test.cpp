@@ -21,6 +21,7 @@ class SurfelTexture : public testing::Test {
     SurfelCloud cloud;
     cloud.position = {Vec3f(0.25F, 0.25F, 0), Vec3f(0.75F, 0.75F, 0)};
     cloud.uv = {Vec2f(0.25F, 0.25F), Vec2f(0.75F, 0.75F)};
+    cloud.normal.assign(2, Vec3f(0, 0, 1));
     cloud.dpdu.assign(2, Vec3f(1, 0, 0));
     cloud.dpdv.assign(2, Vec3f(0, 1, 0));
     cloud.variance.assign(2, 1e-4F);
@@ -81,7 +82,11 @@ TEST_F(SurfelTexture, TakesTheImagesOfTheMeshsMaterials) {
 }
 
 TEST_F(SurfelTexture, RefusesWrongUsage) {
-  const std::vector<std::vector<std::string>> wrong{{"--image", image_, "--fit", "gram"},
+  const std::vector<std::vector<std::string>> wrong{{"--image", image_, "--fit", "best"},
+                                                    {"--image", image_, "--lambda", "much"},
+                                                    {"--image", image_, "--bounds", "1,0"},
+                                                    {"--from", "colors"},
+                                                    {"--from", "colors", "--image", image_},
                                                     {"--image", image_, "--wrap", "around"},
                                                     {"--image", image_, "--max-aspect", "x"},
                                                     {"--image", image_, "--reconstruction", "0"},
@@ -94,6 +99,26 @@ TEST_F(SurfelTexture, RefusesWrongUsage) {
     EXPECT_FALSE(result.errors.empty());
     EXPECT_FALSE(std::filesystem::exists(output_));
   }
+}
+
+TEST_F(SurfelTexture, FitsForARenderersCutoff) {
+  const std::string stats = folder_ / "stats.json";
+  const RunResult result = texture({surfels_, "-o", output_, "--image", image_, "--fit", "render",
+                                    "--cutoff", "2", "--bounds", "0,1", "--stats", stats});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const SurfelCloud cloud = read_cloud(output_);
+  EXPECT_EQ(cloud.basis_cutoff, 2);
+  for (const Vec3f& w : cloud.coefficient) {
+    ASSERT_GE(w.minCoeff(), 0);
+    ASSERT_LE(w.maxCoeff(), 1);
+  }
+  const nlohmann::json report = nlohmann::json::parse(read_text(stats));
+  EXPECT_EQ(report["system"]["functions"], cloud.size());
+  EXPECT_NEAR(report["system"]["condition"].get<double>(), 1, 1e-6);
+  EXPECT_TRUE(report["system"]["converged"].get<bool>());
+  const RunResult again = texture({output_, "-o", folder_ / "ldlt.ply", "--image", image_, "--fit",
+                                   "gram", "--solver", "ldlt"});
+  EXPECT_EQ(again.exit_code, 0) << again.errors;
 }
 
 TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {

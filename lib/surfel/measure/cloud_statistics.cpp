@@ -7,8 +7,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+#include <surfel/cloud/voronoi_cell.h>
 #include <surfel/estimate/neighbor_search.h>
-#include <surfel/estimate/voronoi_cell.h>
 #include <surfel/measure/cloud_statistics.h>
 
 namespace surfel {

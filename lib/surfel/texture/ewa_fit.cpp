@@ -14,6 +14,7 @@ namespace surfel {
 namespace {
 
 constexpr std::uint32_t kNoChart = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kNoFunction = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kGrain = 1 << 12;
 
 /// A chart whose box has more texels than this many images, or than kMaxBox, is not masked: where
@@ -39,8 +40,16 @@ struct ChartTask {
 class EwaFit {
  public:
   EwaFit(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
-         TextureFitReport& report)
-      : cloud_(cloud), textures_(textures), options_(options), report_(report) {}
+         TextureFitReport& report, PointColors* points)
+      : cloud_(cloud), textures_(textures), options_(options), report_(report), points_(points) {
+    if (!points) return;
+    function_.assign(cloud.size(), kNoFunction);
+    for (std::size_t i = 0; i < points->basis.size(); ++i) {
+      function_[points->basis.surfel[i]] = static_cast<std::uint32_t>(i);
+    }
+    points->color.resize(points->quadrature.size());
+    points->known.assign(points->quadrature.size(), 1);
+  }
 
   void run() {
     Timer timer;
@@ -94,6 +103,50 @@ class EwaFit {
       result.point = true;
     }
     return result;
+  }
+
+  /// Kernel of a surfel's points, all of one shape, and where their centres are.
+  struct PointKernels {
+    Eigen::Matrix2d variance;
+    Vec2d center;                       ///< Of the surfel.
+    Eigen::Matrix<double, 2, 2> along;  ///< Texels a unit along tangent and bitangent.
+    std::size_t begin = 0, end = 0;     ///< Of its points.
+    const Quadrature* quadrature = nullptr;
+
+    TexelKernel kernel(std::size_t q) const {
+      return {center + along * quadrature->offset[q].cast<double>(), variance};
+    }
+  };
+
+  /// Empty where the surfel has no points. Without derivatives they have the surfel's own place.
+  PointKernels point_kernels(std::size_t k) const {
+    PointKernels result;
+    if (!points_ || function_[k] == kNoFunction) return result;
+    const TextureMap& map = map_of(k);
+    const std::uint32_t i = function_[k];
+    result.quadrature = &points_->quadrature;
+    result.begin = points_->quadrature.begin[i];
+    result.end = points_->quadrature.begin[i + 1];
+    result.center = map.texel(cloud_.uv[k]);
+    result.variance = reconstruction();
+    result.along.setZero();
+    if (const auto L = texels_per_unit(cloud_, k, map.width(), map.height())) {
+      const SurfelBasis::Function& f = points_->basis.function[i];
+      result.along << *L * f.tangent, *L * f.bitangent;
+      result.variance +=
+          static_cast<double>(points_->quadrature.variance[i]) * (*L * L->transpose());
+      limit_kernel(result.variance, {.max_aspect = options_.max_aspect});
+    }
+    return result;
+  }
+
+  void store_point(std::size_t q, const std::optional<TextureSample>& sample) {
+    if (!sample) {
+      points_->known[q] = 0;
+      points_->color[q].setZero();
+      return;
+    }
+    points_->color[q] << sample->color.cast<double>().array(), sample->alpha;
   }
 
   /// Finds the chart and the pyramid level of every surfel, and counts what is unusual.
@@ -185,6 +238,11 @@ class EwaFit {
         // That of a surfel whose own kernel does not reach its chart.
         if (!unmasked(k)) kernel.variance = reconstruction();
         textures_.maps[map_index(k)].request(kernel, max_level());
+        if (!unmasked(k)) continue;
+        const PointKernels points = point_kernels(k);
+        for (std::size_t q = points.begin; q < points.end; ++q) {
+          textures_.maps[map_index(k)].request(points.kernel(q), max_level());
+        }
       }
     });
     for (const ChartTask& task : tasks) {
@@ -208,8 +266,21 @@ class EwaFit {
     parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
-        const bool placed = cloud_.uv[k].allFinite();
-        store(k, placed ? map_of(k).sample(footprint(k).kernel, max_level()) : means[map_index(k)]);
+        if (!cloud_.uv[k].allFinite()) {
+          store(k, means[map_index(k)]);
+          if (!points_ || function_[k] == kNoFunction) continue;
+          const std::uint32_t i = function_[k];
+          for (std::size_t q = points_->quadrature.begin[i]; q < points_->quadrature.begin[i + 1];
+               ++q) {
+            store_point(q, means[map_index(k)]);
+          }
+          continue;
+        }
+        store(k, map_of(k).sample(footprint(k).kernel, max_level()));
+        const PointKernels points = point_kernels(k);
+        for (std::size_t q = points.begin; q < points.end; ++q) {
+          store_point(q, map_of(k).sample(points.kernel(q), max_level()));
+        }
       }
     });
   }
@@ -234,6 +305,12 @@ class EwaFit {
     for (std::size_t i = task.begin; i < task.end; ++i) {
       levels.finest = std::min<int>(levels.finest, level_[order_[i]]);
       levels.coarsest = std::max<int>(levels.coarsest, level_[order_[i]]);
+      if (!points_ || options_.exact) continue;
+      const PointKernels points = point_kernels(order_[i]);
+      if (points.begin == points.end) continue;
+      const int level = level_for({points.center, points.variance});
+      levels.finest = std::min(levels.finest, level);
+      levels.coarsest = std::max(levels.coarsest, level);
     }
     const ChartTexture texture(map, textures_.charts->triangles(task.chart), task.raster, levels);
     parallel_for(task.end - task.begin, kGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -246,6 +323,10 @@ class EwaFit {
           sample = map.sample({kernel.center, reconstruction()}, max_level());
         }
         store(k, *sample);
+        const PointKernels points = point_kernels(k);
+        for (std::size_t q = points.begin; q < points.end; ++q) {
+          store_point(q, texture.sample(points.kernel(q), max_level()));
+        }
       }
     });
   }
@@ -254,17 +335,19 @@ class EwaFit {
   TextureSet& textures_;
   const TextureFitOptions& options_;
   TextureFitReport& report_;
-  Array<std::uint8_t> level_;   ///< Pyramid level per surfel.
-  Array<std::uint32_t> chart_;  ///< Chart per surfel, or empty.
-  Array<std::uint32_t> order_;  ///< Surfels that have a chart, by chart.
+  PointColors* points_;
+  Array<std::uint32_t> function_;  ///< Of the points' basis, by surfel; empty without points.
+  Array<std::uint8_t> level_;      ///< Pyramid level per surfel.
+  Array<std::uint32_t> chart_;     ///< Chart per surfel, or empty.
+  Array<std::uint32_t> order_;     ///< Surfels that have a chart, by chart.
   std::atomic<std::size_t> unreached_{0};
 };
 
 }  // namespace
 
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
-             TextureFitReport& report) {
-  EwaFit(cloud, textures, options, report).run();
+             TextureFitReport& report, PointColors* points) {
+  EwaFit(cloud, textures, options, report, points).run();
 }
 
 }  // namespace surfel

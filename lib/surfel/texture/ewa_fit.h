@@ -1,16 +1,27 @@
 #pragma once
 
 #include <surfel/cloud/cloud.h>
+#include <surfel/texture/render_system.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {
+
+/// The texture at points of the surface: at a surfel's uv, moved by the point's offset along the
+/// surfel's derivatives.
+struct PointColors {
+  const SurfelBasis& basis;
+  const Quadrature& quadrature;  ///< Of the basis.
+  Array<Channels> color{};       ///< Out: R, G, B, alpha.
+  Array<std::uint8_t> known{};   ///< Out: 0 where the point lies off its surfel's chart.
+};
 
 /// View-independent EWA [SS01 section 5]: w_k = sum_i c_i g_i / sum_i g_i over the texels i, with
 /// g = G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image, n being the reconstruction
 /// kernel's standard deviation. It is what (11) gives where the basis is taken as orthonormal. The
 /// columns are those that fit_texture() has checked. Builds the maps' pyramids as far as needed.
 /// The same for any number of threads.
+/// \param points  if not null, sampled at the same time, as the textures are then at hand.
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
-             TextureFitReport& report);
+             TextureFitReport& report, PointColors* points = nullptr);
 
 }  // namespace surfel

@@ -60,6 +60,24 @@ std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud, 
   return variance;
 }
 
+std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
+                                                           std::size_t surfel, int width,
+                                                           int height) {
+  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
+  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
+  const Vec3d cross = dpdx.cross(dpdy);
+  const double area2 = cross.squaredNorm();
+  if (!(std::sqrt(area2) > kSingular * std::max(dpdx.squaredNorm(), dpdy.squaredNorm()))) {
+    return std::nullopt;
+  }
+  // The dual basis: rows that are 1 along one derivative and 0 along the other.
+  Eigen::Matrix<double, 2, 3> L;
+  L.row(0) = dpdy.cross(cross).transpose() / area2;
+  L.row(1) = cross.cross(dpdx).transpose() / area2;
+  if (!L.allFinite()) return std::nullopt;
+  return L;
+}
+
 bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits) {
   PrincipalVariances axes = principal_variances(variance);
   const double max_variance = limits.max_sigma * limits.max_sigma;

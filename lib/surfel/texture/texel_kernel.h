@@ -42,6 +42,13 @@ SURFEL_API std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelClo
                                                                  std::size_t surfel, int width,
                                                                  int height);
 
+/// T^-1 as a map from scene units to texels: a step d along the surface at the surfel moves
+/// texel_position() by the product with it, and an isotropic Gaussian of variance 1 there is one of
+/// L L^T in the image. Nullopt where there is none, as above.
+SURFEL_API std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
+                                                                      std::size_t surfel, int width,
+                                                                      int height);
+
 /// Bounds of a kernel's shape, which bound what it costs to evaluate.
 struct KernelLimits {
   /// Longest axis over shortest, >= 1; a kernel that is more elongated is widened, which blurs but

@@ -4,29 +4,36 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {
 namespace {
 
+/// What every fit but kEwa of colours needs.
+void check_kernels_present(const SurfelCloud& cloud, const std::string& name) {
+  if (cloud.empty()) return;
+  const bool frame = !cloud.variance_u.empty() && !cloud.variance_v.empty();
+  if (cloud.anisotropic() ? !frame : cloud.variance.empty()) {
+    throw_input(name,
+                "the surfels have no variance; surfel-from-mesh and surfel-estimate write one");
+  }
+}
+
 void check_columns_present(const SurfelCloud& cloud, const std::string& name) {
   if (cloud.empty()) return;
   if (cloud.uv.empty()) {
     throw_input(name,
                 "the surfels have no texture coordinates (u, v); sample them with surfel-from-mesh "
-                "from a mesh that has some");
+                "from a mesh that has some, or name the mesh that they lie on");
   }
   if (cloud.dpdu.empty() || cloud.dpdv.empty()) {
     throw_input(name,
                 "the surfels have no surface derivatives (dpdu_x ... dpdv_z); sample them with "
                 "surfel-from-mesh or surfel-generate");
   }
-  const bool frame = !cloud.variance_u.empty() && !cloud.variance_v.empty();
-  if (cloud.anisotropic() ? !frame : cloud.variance.empty()) {
-    throw_input(name,
-                "the surfels have no variance; surfel-from-mesh and surfel-estimate write one");
-  }
+  check_kernels_present(cloud, name);
 }
 
 void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
@@ -48,6 +55,20 @@ void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
   }
 }
 
+/// The range of the coefficients.
+void measure(const SurfelCloud& cloud, TextureFitReport& report) {
+  if (cloud.empty()) return;
+  report.coefficient_min = report.coefficient_max = cloud.coefficient.front();
+  for (const Vec3f& w : cloud.coefficient) {
+    report.coefficient_min = report.coefficient_min.cwiseMin(w);
+    report.coefficient_max = report.coefficient_max.cwiseMax(w);
+  }
+}
+
+void require_usable(const TextureFitOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+}
+
 }  // namespace
 
 std::vector<std::string> TextureFitOptions::problems() const {
@@ -59,29 +80,88 @@ std::vector<std::string> TextureFitOptions::problems() const {
   if (!(max_aspect >= 1 && max_aspect <= 10000)) {
     found.push_back(fmt::format("max-aspect is {}; it must be 1 to 10000", max_aspect));
   }
+  const auto check = [&](bool ok, const std::string& message) {
+    if (!ok) found.push_back(message);
+  };
+  check(tolerance >= 1e-14 && tolerance <= 0.1,
+        fmt::format("tolerance is {}; it must be 1e-14 to 0.1", tolerance));
+  check(!lambda || (*lambda >= 0 && *lambda <= 1e6),
+        fmt::format("lambda is {}; it must be 0 to 1e6", lambda.value_or(0)));
+  check(kind != TextureFitKind::kRender || lambda != 0.0,
+        "lambda is 0; the render fit needs more, as points may not reach every surfel");
+  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be 0.1 to 16", cutoff));
+  check(points >= 1 && points <= 256, fmt::format("points is {}; it must be 1 to 256", points));
+  check(!bounds || (std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
+                    bounds->lower < bounds->upper),
+        "bounds must be two numbers, the lower first");
+  check(!bounds || solver == FitSolver::kConjugateGradients,
+        "bounds need the solver cg; ldlt knows none");
   return found;
 }
 
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                              const TextureFitOptions& options, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   check_columns_present(cloud, name);
   check_materials(cloud, textures, name);
 
   TextureFitReport report;
   report.surfels = cloud.size();
-  switch (options.kind) {
-    case TextureFitKind::kEwa:
+  if (options.kind == TextureFitKind::kEwa) {
+    fit_ewa(cloud, textures, options, report);
+  } else {
+    const SurfelBasis basis = make_basis(cloud);
+    if (options.kind == TextureFitKind::kGram) {
       fit_ewa(cloud, textures, options, report);
-      break;
-  }
-  if (!cloud.empty()) {
-    report.coefficient_min = report.coefficient_max = cloud.coefficient.front();
-    for (const Vec3f& w : cloud.coefficient) {
-      report.coefficient_min = report.coefficient_min.cwiseMin(w);
-      report.coefficient_max = report.coefficient_max.cwiseMax(w);
+      fit_gram(cloud, basis, report.alpha, options, report);
+    } else {
+      Timer timer;
+      const Quadrature quadrature = cover_surface(basis, options.points);
+      report.times.add("points", timer.milliseconds());
+      PointColors colors{.basis = basis, .quadrature = quadrature};
+      fit_ewa(cloud, textures, options, report, &colors);
+      fit_render(cloud, std::move(colors),
+                 options.lambda.value_or(RenderSystemOptions{}.regularization), report.alpha,
+                 options, report);
     }
   }
+  measure(cloud, report);
+  return report;
+}
+
+TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
+                            const std::string& name) {
+  require_usable(options);
+  check_kernels_present(cloud, name);
+  if (!cloud.empty() && cloud.color.empty()) {
+    throw_input(name, "the surfels have no colours (red, green, blue) to fit");
+  }
+  for (std::size_t k = 0; k < cloud.color.size(); ++k) {
+    if (cloud.color[k].allFinite()) continue;
+    throw_input(name, fmt::format("the colour of surfel {} is not finite", k));
+  }
+  TextureFitReport report;
+  report.surfels = cloud.size();
+  cloud.coefficient = cloud.color;
+  cloud.basis_cutoff.reset();
+  if (options.kind != TextureFitKind::kEwa) {
+    const SurfelBasis basis = make_basis(cloud);
+    if (options.kind == TextureFitKind::kGram) {
+      fit_gram(cloud, basis, false, options, report);
+    } else {
+      const Quadrature quadrature = at_functions(basis);
+      PointColors colors{.basis = basis, .quadrature = quadrature};
+      for (const std::uint32_t k : basis.surfel) {
+        Channels color;
+        color << cloud.color[k].cast<double>().array(), 0;
+        colors.color.push_back(color);
+      }
+      colors.known.assign(basis.size(), 1);
+      fit_render(cloud, std::move(colors), options.lambda.value_or(kColorRegularization), false,
+                 options, report);
+    }
+  }
+  measure(cloud, report);
   return report;
 }
 

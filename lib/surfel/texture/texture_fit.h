@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,6 +10,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
 #include <surfel/cloud/cloud.h>
+#include <surfel/solve/solve_report.h>
 #include <surfel/texture/texture_map.h>
 #include <surfel/texture/uv_charts.h>
 
@@ -16,7 +18,14 @@ namespace surfel {
 
 /// Ways to choose the coefficients w_k of the texture function sum_k w_k r_k [SS01 (1)].
 enum class TextureFitKind {
-  kEwa,  ///< View-independent EWA (ewa_fit.h).
+  kEwa,     ///< View-independent EWA (ewa_fit.h).
+  kGram,    ///< R w = c [SS01 (11)]: least squares for sum_k w_k r_k (gram_system.h).
+  kRender,  ///< Least squares for what the renderer makes of the w_k (render_system.h).
+};
+
+enum class FitSolver {
+  kConjugateGradients,  ///< conjugate_gradients.h: fast, in parallel, to the tolerance.
+  kLdlt,                ///< direct_solve.h: exact, for small systems.
 };
 
 struct SURFEL_API TextureFitOptions {
@@ -28,7 +37,40 @@ struct SURFEL_API TextureFitOptions {
   /// Sum every kernel over the image's own texels: slow where kernels are large, and the truth that
   /// the pyramid is measured against.
   bool exact = false;
+
+  // Of kGram and kRender:
+  FitSolver solver = FitSolver::kConjugateGradients;
+  double tolerance = 1e-5;  ///< Of conjugate gradients, relative residual, 1e-14 to 0.1.
+  /// Weight of |w - w_ewa|^2 by the mean of the system's diagonal, 0 (kGram only) to 1e6. Unset:
+  /// render 1e-3; gram as much as brings the condition down to 1e6, 0 if it is less.
+  std::optional<double> lambda{};
+  std::optional<CoefficientBounds>
+      bounds{};       ///< Coefficients stay within; kConjugateGradients only.
+  double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
+  int points = 12;    ///< kRender: quadrature points a surfel, 1 to 256.
+  /// Called with the share of assembly and solution that is done; may be empty.
+  std::function<void(double)> progress{};
   std::vector<std::string> problems() const;  ///< Empty if usable.
+};
+
+/// Of a fit that solved a system of equations.
+struct SystemReport {
+  std::size_t functions = 0;  ///< Unknowns: the usable surfels; the others keep w_ewa.
+  std::size_t entries = 0;    ///< Of the matrix, both triangles.
+  double lambda = 0;          ///< By the mean of the diagonal.
+  double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
+  double eigen_max = 0;
+  int iterations = 0;   ///< 0 for kLdlt.
+  double residual = 0;  ///< Relative, of the worst channel.
+  bool converged = true;
+  std::size_t points = 0;     ///< kRender: quadrature points ...
+  std::size_t uncovered = 0;  ///< ... that no kernel reaches, left out.
+  double error_ewa = 0;       ///< kRender: root mean square error at the points, all channels, of
+  double error = 0;           ///< w_ewa and of the fit.
+  double min_reach = 0;       ///< kGram: how far entries go, standard deviations.
+  double max_reach = 0;
+
+  double condition() const { return eigen_min > 0 ? eigen_max / eigen_min : 0; }
 };
 
 /// What the surfels are textured with.
@@ -55,7 +97,8 @@ struct TextureFitReport {
   std::size_t outside_charts = 0;    ///< Surfels whose uv is on no chart: filtered without one.
   int levels = 0;                    ///< Largest number of pyramid levels used.
   bool alpha = false;                ///< The alpha column was written.
-  Vec3f coefficient_min{0, 0, 0};    ///< Of all surfels, per channel.
+  std::optional<SystemReport> system{};  ///< Of kGram and kRender.
+  Vec3f coefficient_min{0, 0, 0};        ///< Of all surfels, per channel.
   Vec3f coefficient_max{0, 0, 0};
   StageTimes times;
 };
@@ -66,5 +109,12 @@ struct TextureFitReport {
 SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                                         const TextureFitOptions& options,
                                         const std::string& name = "surfels");
+
+/// The same fits to the surfels' own colour samples instead of a texture: coefficients such that
+/// the rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k =
+/// c_k. With kRender, lambda is 0.5 if unset, as noise must not be fitted (render_system.h). Of the
+/// columns, position, normal, variance and colour are needed.
+SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
+                                       const std::string& name = "surfels");
 
 }  // namespace surfel

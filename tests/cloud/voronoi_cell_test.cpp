@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/random.h>
-#include <surfel/estimate/voronoi_cell.h>
+#include <surfel/cloud/voronoi_cell.h>
 
 namespace surfel {
 namespace {

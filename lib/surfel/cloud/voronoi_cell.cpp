@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <surfel/estimate/voronoi_cell.h>
+#include <surfel/cloud/voronoi_cell.h>
 
 namespace surfel {
 namespace {

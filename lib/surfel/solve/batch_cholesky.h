@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstddef>
+
+#include <surfel/base/export.h>
+
+namespace surfel {
+
+/// Matrices that are factorised side by side, one a lane of the SIMD vectors.
+constexpr std::size_t kCholeskyBatch = 8;
+
+/// Where the entry (i, j), j <= i, of a batch's first matrix is stored; those of the others follow.
+constexpr std::size_t batch_entry(std::size_t i, std::size_t j) {
+  return (i * (i + 1) / 2 + j) * kCholeskyBatch;
+}
+
+/// For a batch of symmetric matrices A = L L^T: the last row of L^-1, whose entry i of the first
+/// matrix is row[i * kCholeskyBatch]. Overwrites the matrices. Where one is not positive definite,
+/// the row's last entry is not finite.
+SURFEL_API void last_inverse_rows(std::size_t n, double* matrices, double* row);
+
+}  // namespace surfel

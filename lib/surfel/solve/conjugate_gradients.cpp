@@ -1,0 +1,221 @@
+// Hestenes, Stiefel 1952, "Methods of conjugate gradients for solving linear systems".
+// Saad 2003, "Iterative methods for sparse linear systems", 6.7.3 (the eigenvalues that the
+// coefficients tell).
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <surfel/base/parallel.h>
+#include <surfel/solve/bounded_gradients.h>
+#include <surfel/solve/conjugate_gradients.h>
+#include <surfel/solve/range_sums.h>
+
+namespace surfel {
+namespace {
+
+using Mask = Eigen::Array<bool, 4, 1>;
+
+/// A step of every channel; zero where a channel rested.
+struct Step {
+  Channels alpha, beta;
+};
+
+class Solver {
+ public:
+  Solver(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
+         Array<Channels>& x, const SolveOptions& options)
+      : matrix_(matrix), b_(b), factor_(factor), x_(x), options_(options), count_(b.size()) {}
+
+  SolveReport run() {
+    // The residual that is updated drifts from the true one: once it is small, iterations start
+    // anew from the true one as long as that gains something.
+    constexpr double kLeastGain = 0.5;
+    allocate();
+    Channels before = Channels::Constant(std::numeric_limits<double>::infinity());
+    Channels residual = set_residual();
+    while (!report_.indefinite && report_.iterations < options_.max_iterations) {
+      const Mask active = residual > options_.tolerance && residual < kLeastGain * before;
+      if (!active.any()) break;
+      before = residual;
+      iterate(active, residual);
+      residual = set_residual();
+    }
+    report_.residual = residual.maxCoeff();
+    report_.converged = report_.residual <= options_.tolerance;
+    return report_;
+  }
+
+ private:
+  void allocate() {
+    residual_.resize(count_);
+    residual_f_.resize(count_);
+    half_.resize(count_);
+    direction_.resize(count_);
+    product_.resize(count_);
+    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
+      Channels sum = Channels::Zero();
+      for (std::size_t i = begin; i < end; ++i) {
+        sum += b_[i].square();
+        direction_[i].setZero();
+      }
+      return std::array{sum};
+    });
+    const Channels norm2 = squares;  // A binding cannot be captured.
+    unit_ = (norm2 == 0).select(Channels::Ones(), norm2.sqrt());
+    // Where b is zero so is the solution, and there is nothing that a residual is relative to.
+    parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        x_[i] = (norm2 == 0).select(Channels::Zero(), x_[i]);
+      }
+    });
+  }
+
+  /// The true residual, in units of |b|. Returns its norm.
+  Channels set_residual() {
+    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
+      multiply_rows(matrix_, begin, end, x_.data(), product_.data() + begin);
+      Channels sum = Channels::Zero();
+      for (std::size_t i = begin; i < end; ++i) {
+        residual_[i] = (b_[i] - product_[i]) / unit_;
+        residual_f_[i] = residual_[i].cast<float>();
+        sum += residual_[i].square();
+      }
+      return std::array{sum};
+    });
+    return squares.sqrt();
+  }
+
+  /// Until the channels of `active` have converged by the residual that is updated.
+  void iterate(Mask active, const Channels& residual) {
+    std::vector<Step> steps;
+    const double first = residual.maxCoeff();
+    Channels rho_before = Channels::Ones();
+    while (active.any() && report_.iterations < options_.max_iterations) {
+      const Channels rho = precondition();
+      Channels beta = active.select(rho / rho_before, 0);
+      if (steps.empty()) beta.setZero();
+      rho_before = (rho > 0).select(rho, 1);
+      turn(beta);
+      const Channels curvature = multiply();
+      active = active && rho > 0;
+      if ((active && !(curvature > 0)).any()) {
+        report_.indefinite = true;
+        break;
+      }
+      const Channels alpha = active.select(rho / curvature, 0);
+      const Channels norm = advance(alpha);
+      ++report_.iterations;
+      steps.push_back({alpha, beta});
+      active = active && norm > options_.tolerance;
+      if (options_.progress) {
+        const double share =
+            std::log(norm.maxCoeff() / first) / std::log(options_.tolerance / first);
+        options_.progress(std::clamp(share, 0.0, 1.0));
+      }
+    }
+    if (report_.eigen_max == 0) estimate_eigenvalues(steps);
+  }
+
+  /// y = G r. Returns y^T y = r^T G^T G r.
+  Channels precondition() {
+    return sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
+      factor_.multiply(begin, end, residual_f_.data(), half_.data() + begin);
+      Channels sum = Channels::Zero();
+      for (std::size_t i = begin; i < end; ++i) sum += half_[i].cast<double>().square();
+      return std::array{sum};
+    })[0];
+  }
+
+  /// p = G^T y + beta p.
+  void turn(const Channels& beta) {
+    parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
+      std::array<ChannelsF, kUnknownGrain> gradient;
+      factor_.multiply_transposed(begin, end, half_.data(), gradient.data());
+      for (std::size_t i = begin; i < end; ++i) {
+        direction_[i] = gradient[i - begin].cast<double>() + beta * direction_[i];
+      }
+    });
+  }
+
+  /// q = A p. Returns p^T q.
+  Channels multiply() {
+    return sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
+      multiply_rows(matrix_, begin, end, direction_.data(), product_.data() + begin);
+      Channels sum = Channels::Zero();
+      for (std::size_t i = begin; i < end; ++i) sum += direction_[i] * product_[i];
+      return std::array{sum};
+    })[0];
+  }
+
+  /// x += alpha p, r -= alpha q. Returns the norm of r.
+  Channels advance(const Channels& alpha) {
+    const Channels scaled = alpha * unit_;
+    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
+      Channels sum = Channels::Zero();
+      for (std::size_t i = begin; i < end; ++i) {
+        x_[i] += scaled * direction_[i];
+        residual_[i] -= alpha * product_[i];
+        residual_f_[i] = residual_[i].cast<float>();
+        sum += residual_[i].square();
+      }
+      return std::array{sum};
+    });
+    return squares.sqrt();
+  }
+
+  /// Of the tridiagonal matrix of Lanczos that the channel with the most steps amounts to.
+  void estimate_eigenvalues(const std::vector<Step>& steps) {
+    int channel = 0;
+    Eigen::Index size = 0;
+    for (int c = 0; c < 4; ++c) {
+      const Eigen::Index own =
+          std::count_if(steps.begin(), steps.end(), [&](const Step& s) { return s.alpha[c] > 0; });
+      if (own > size) {
+        size = own;
+        channel = c;
+      }
+    }
+    if (size == 0) return;
+    Eigen::VectorXd diagonal(size);
+    Eigen::VectorXd beside(size - 1);
+    for (Eigen::Index k = 0; k < size; ++k) {
+      const Step& step = steps[static_cast<std::size_t>(k)];
+      const double alpha = step.alpha[channel];
+      diagonal[k] = 1 / alpha;
+      if (k == 0) continue;
+      const double alpha_before = steps[static_cast<std::size_t>(k - 1)].alpha[channel];
+      diagonal[k] += step.beta[channel] / alpha_before;
+      beside[k - 1] = std::sqrt(step.beta[channel]) / alpha_before;
+    }
+    Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver;
+    solver.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
+    report_.eigen_min = solver.eigenvalues().minCoeff();
+    report_.eigen_max = solver.eigenvalues().maxCoeff();
+  }
+
+  const SparseMatrix& matrix_;
+  const Array<Channels>& b_;
+  const InverseFactor& factor_;
+  Array<Channels>& x_;
+  const SolveOptions& options_;
+  const std::size_t count_;
+  SolveReport report_;
+  Channels unit_;  ///< |b|, or 1 where that is zero.
+  Array<Channels> residual_, direction_, product_;
+  Array<ChannelsF> residual_f_, half_;  ///< r, and y = G r.
+};
+
+}  // namespace
+
+SolveReport conjugate_gradients(const SparseMatrix& matrix, const Array<Channels>& b,
+                                const InverseFactor& factor, Array<Channels>& x,
+                                const SolveOptions& options) {
+  if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);
+  return Solver(matrix, b, factor, x, options).run();
+}
+
+}  // namespace surfel

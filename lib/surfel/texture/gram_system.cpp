@@ -1,0 +1,413 @@
+// Zwicker, Pfister, van Baar, Gross 2001, "Surface Splatting", section 5 and appendix A.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/texture/gram_system.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kLanes = 8;      ///< Functions in a block.
+constexpr std::size_t kBranching = 4;  ///< Boxes in the box above.
+constexpr std::size_t kGrain = 64;     ///< Blocks.
+constexpr std::size_t kRowGrain = 1 << 14;
+constexpr double kMinReach = 3;
+constexpr double kMaxReach = 8.5;   ///< exp(-8.5^2 / 2) is the rounding error of the diagonal.
+constexpr double kNowhere = 1e100;  ///< Far from everything; its square is finite.
+
+/// kLanes functions that follow each other in the basis, a column each, as the pair metric wants
+/// them. Lanes without a function lie nowhere.
+struct Block {
+  double x[kLanes], y[kLanes], z[kLanes];
+  double nx[kLanes], ny[kLanes], nz[kLanes];
+  /// Covariance in space, V_k thickened by its minor variance along the normal.
+  double xx[kLanes], xy[kLanes], xz[kLanes], yy[kLanes], yz[kLanes], zz[kLanes];
+  double minor[kLanes];   ///< Smaller principal variance.
+  double reach2[kLanes];  ///< Largest exponent d^T (V_k + V_j)^-1 d that the function asks for.
+  double area[kLanes];
+};
+
+/// Box around functions.
+struct Box {
+  Eigen::Array3d min = Eigen::Array3d::Constant(kNowhere);
+  Eigen::Array3d max = Eigen::Array3d::Constant(-kNowhere);
+  double major = 0;   ///< Largest principal variance.
+  double reach2 = 0;  ///< Largest.
+
+  void add(const Box& other) {
+    min = min.min(other.min);
+    max = max.max(other.max);
+    major = std::max(major, other.major);
+    reach2 = std::max(reach2, other.reach2);
+  }
+  double distance2(const Box& other) const {
+    return (min - other.max).max(other.min - max).max(0.0).matrix().squaredNorm();
+  }
+};
+
+/// The functions that a row couples with, and what their entries are made of. Room for a block more
+/// than there are: values are computed by blocks.
+struct Couplings {
+  Array<std::uint32_t> column;
+  Array<double> exponent;  ///< d^T (V_k + V_j)^-1 d
+  Array<double> det;       ///< |V_k + V_j|
+  Array<double> area;      ///< a_j
+  std::size_t count = 0;
+
+  void reserve(std::size_t more) {
+    const std::size_t need = count + more + kLanes;
+    if (column.size() >= need) return;
+    column.resize(2 * need);
+    exponent.resize(2 * need);
+    det.resize(2 * need);
+    area.resize(2 * need);
+  }
+};
+
+/// Finds the coupled pairs, row by row. The basis lies along a space-filling curve, so that runs of
+/// it are compact: a hierarchy of boxes over runs finds the neighbours of kernels of any size, in
+/// ascending order.
+class PairSearch {
+ public:
+  PairSearch(const SurfelBasis& basis, const GramOptions& options)
+      : count_(basis.size()),
+        min_sum2_(2 * (1 + options.min_cosine)),
+        thickness2_(options.thickness * options.thickness) {
+    isotropic_ = std::all_of(basis.function.begin(), basis.function.end(),
+                             [](const auto& f) { return f.variance_u == f.variance_v; });
+    blocks_.resize((count_ + kLanes - 1) / kLanes);
+    levels_.emplace_back(blocks_.size());
+    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t b = begin; b < end; ++b) fill_block(basis, b);
+    });
+    while (levels_.back().size() > 1) {
+      levels_.emplace_back((levels_.back().size() + kBranching - 1) / kBranching);
+    }
+  }
+
+  /// \param reach2  of every function, the largest exponent it asks for.
+  void set_reach(const Array<double>& reach2) {
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+      levels_[0][b].reach2 = 0;
+      for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+        blocks_[b].reach2[lane] = reach2[b * kLanes + lane];
+        levels_[0][b].reach2 = std::max(levels_[0][b].reach2, blocks_[b].reach2[lane]);
+      }
+    }
+    for (std::size_t l = 1; l < levels_.size(); ++l) {
+      std::fill(levels_[l].begin(), levels_[l].end(), Box());
+      for (std::size_t i = 0; i < levels_[l - 1].size(); ++i) {
+        levels_[l][i / kBranching].add(levels_[l - 1][i]);
+      }
+    }
+  }
+
+  /// Calls body(k, couplings) for every row k, rows in parallel.
+  template <class Body>
+  void for_each_row(const Body& body) const {
+    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      Couplings couplings;
+      std::vector<std::uint32_t> near;
+      for (std::size_t b = begin; b < end; ++b) {
+        near.clear();
+        collect(levels_[0][b], levels_.size() - 1, 0, near);
+        for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+          const Box row = box_of(b, lane);
+          couplings.count = 0;
+          for (const std::uint32_t other : near) {
+            if (!may_couple(row, levels_[0][other])) continue;
+            if (isotropic_) {
+              couple<true>(b, lane, other, couplings);
+            } else {
+              couple<false>(b, lane, other, couplings);
+            }
+          }
+          body(b * kLanes + lane, couplings);
+        }
+      }
+    });
+  }
+
+ private:
+  std::size_t lanes(std::size_t block) const { return std::min(kLanes, count_ - block * kLanes); }
+
+  void fill_block(const SurfelBasis& basis, std::size_t b) {
+    Block& block = blocks_[b];
+    std::fill_n(reinterpret_cast<double*>(&block), sizeof(Block) / sizeof(double), 0.0);
+    std::fill_n(block.x, kLanes, kNowhere);
+    for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+      const SurfelBasis::Function& f = basis.function[b * kLanes + lane];
+      const double minor = std::min(f.variance_u, f.variance_v);
+      const Eigen::Matrix3d covariance =
+          minor * Eigen::Matrix3d::Identity() +
+          (f.variance_u - minor) * f.tangent * f.tangent.transpose() +
+          (f.variance_v - minor) * f.bitangent * f.bitangent.transpose();
+      block.x[lane] = f.position.x();
+      block.y[lane] = f.position.y();
+      block.z[lane] = f.position.z();
+      block.nx[lane] = f.normal.x();
+      block.ny[lane] = f.normal.y();
+      block.nz[lane] = f.normal.z();
+      block.xx[lane] = covariance(0, 0);
+      block.xy[lane] = covariance(0, 1);
+      block.xz[lane] = covariance(0, 2);
+      block.yy[lane] = covariance(1, 1);
+      block.yz[lane] = covariance(1, 2);
+      block.zz[lane] = covariance(2, 2);
+      block.minor[lane] = minor;
+      block.area[lane] = f.area;
+      Box box = box_of(b, lane);
+      box.major = std::max(f.variance_u, f.variance_v);
+      levels_[0][b].add(box);
+    }
+  }
+
+  /// A function as a box; as wide as any of its block.
+  Box box_of(std::size_t b, std::size_t lane) const {
+    const Block& block = blocks_[b];
+    Box box;
+    box.min = box.max = {block.x[lane], block.y[lane], block.z[lane]};
+    box.major = levels_[0][b].major;
+    box.reach2 = block.reach2[lane];
+    return box;
+  }
+
+  /// d^2 is at most reach^2 times the largest variance in the mean plane, plus the thickness^2.
+  bool may_couple(const Box& p, const Box& q) const {
+    return p.distance2(q) <=
+           (std::max(p.reach2, q.reach2) + thickness2_ / 2) * (p.major + q.major) * (1 + 1e-12);
+  }
+
+  /// Blocks below box i of a level that may couple with those in `rows`, ascending.
+  void collect(const Box& rows, std::size_t level, std::size_t i,
+               std::vector<std::uint32_t>& blocks) const {
+    if (!may_couple(rows, levels_[level][i])) return;
+    if (level == 0) {
+      blocks.push_back(static_cast<std::uint32_t>(i));
+      return;
+    }
+    const std::size_t end = std::min((i + 1) * kBranching, levels_[level - 1].size());
+    for (std::size_t child = i * kBranching; child < end; ++child) {
+      collect(rows, level - 1, child, blocks);
+    }
+  }
+
+  /// Adds those of a block that function `lane` of block b couples with. What is computed depends
+  /// on sums of the two functions' values, and on squares and products of two of their differences:
+  /// exchanged, they give the same bits.
+  template <bool kIsotropic>
+  void couple(std::size_t b, std::size_t lane, std::size_t other, Couplings& out) const {
+    const Block& p = blocks_[b];
+    const Block& q = blocks_[other];
+    double exponent[kLanes];
+    double det[kLanes];
+    double excess[kLanes];  // Of the strictest of the three rules.
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const double dx = q.x[i] - p.x[lane];
+      const double dy = q.y[i] - p.y[lane];
+      const double dz = q.z[i] - p.z[lane];
+      const double sx = q.nx[i] + p.nx[lane];
+      const double sy = q.ny[i] + p.ny[lane];
+      const double sz = q.nz[i] + p.nz[lane];
+      const double sum2 = sx * sx + sy * sy + sz * sz;
+      const double along = sx * dx + sy * dy + sz * dz;
+      const double tx = sy * dz - sz * dy;
+      const double ty = sz * dx - sx * dz;
+      const double tz = sx * dy - sy * dx;
+      if constexpr (kIsotropic) {
+        const double variance = q.minor[i] + p.minor[lane];
+        exponent[i] = (tx * tx + ty * ty + tz * tz) / (variance * sum2);
+        det[i] = variance * variance;
+      } else {
+        const double xx = q.xx[i] + p.xx[lane];
+        const double xy = q.xy[i] + p.xy[lane];
+        const double xz = q.xz[i] + p.xz[lane];
+        const double yy = q.yy[i] + p.yy[lane];
+        const double yz = q.yz[i] + p.yz[lane];
+        const double zz = q.zz[i] + p.zz[lane];
+        // M, the sum of the covariances in the plane normal to s, has the determinant
+        // s^T adj(C) s / s^2, and d^T M^-1 d is the form of C at d turned by a right angle about s,
+        // over that determinant and s^2.
+        const double cofactors =
+            sx * sx * (yy * zz - yz * yz) + sy * sy * (xx * zz - xz * xz) +
+            sz * sz * (xx * yy - xy * xy) +
+            2 * (sx * sy * (xz * yz - xy * zz) + sx * sz * (xy * yz - xz * yy) +
+                 sy * sz * (xy * xz - xx * yz));
+        const double form = tx * tx * xx + ty * ty * yy + tz * tz * zz +
+                            2 * (tx * ty * xy + tx * tz * xz + ty * tz * yz);
+        exponent[i] = form / cofactors;
+        det[i] = cofactors / sum2;
+      }
+      const double reach2 = q.reach2[i] > p.reach2[lane] ? q.reach2[i] : p.reach2[lane];
+      const double too_far = exponent[i] - reach2;
+      const double too_high = 2 * along * along - thickness2_ * (q.minor[i] + p.minor[lane]) * sum2;
+      const double too_steep = min_sum2_ - sum2;
+      const double worse = too_far > too_high ? too_far : too_high;
+      excess[i] = worse > too_steep ? worse : too_steep;
+    }
+    out.reserve(kLanes);
+    std::size_t n = out.count;
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      out.column[n] = static_cast<std::uint32_t>(other * kLanes + i);
+      out.exponent[n] = exponent[i];
+      out.det[n] = det[i];
+      out.area[n] = q.area[i];
+      n += excess[i] <= 0 ? 1 : 0;
+    }
+    out.count = n;
+  }
+
+  std::size_t count_;
+  bool isotropic_;   ///< All functions.
+  double min_sum2_;  ///< Of |n_k + n_j|^2.
+  double thickness2_;
+  Array<Block> blocks_;
+  std::vector<std::vector<Box>> levels_;  ///< levels_[0] has a box for every block.
+};
+
+/// kappa^2 = (sigma / h)^2 of a function that couples with `count` others and itself within a
+/// reach: in the metric of both, pi reach^2 2 sigma^2 holds so many of density 1 / h^2. At the
+/// border of a surface it is less, but a pair takes the larger reach of the two.
+double overlap(std::size_t count, double reach2) {
+  return static_cast<double>(count) / (2 * std::numbers::pi * reach2);
+}
+
+/// Squared reach that keeps the coefficients to `accuracy`. On jittered grids, kappa 0.5 to 1.5,
+/// cond(R) is measured to be about exp(0.9 + 15 kappa^2), and the error of the coefficients, over
+/// their largest, cond(R) exp(-reach^2 / 2) / 5. Beyond cond(R) = 1e6 there is no such accuracy.
+double overlap_reach2(double overlap, double accuracy) {
+  const double log_condition = std::min(0.9 + 15 * overlap, std::log(1e6));
+  return std::clamp(2 * (log_condition - std::log(5 * accuracy)), kMinReach * kMinReach,
+                    kMaxReach * kMaxReach);
+}
+
+/// Squared reach of every function.
+Array<double> choose_reach(PairSearch& search, std::size_t count, const GramOptions& options) {
+  Array<double> reach2;
+  reach2.assign(count, options.reach ? *options.reach * *options.reach : kMinReach * kMinReach);
+  if (options.reach) return reach2;
+  search.set_reach(reach2);
+  search.for_each_row([&](std::size_t k, const Couplings& near) {
+    reach2[k] = overlap_reach2(overlap(near.count, reach2[k]), options.accuracy);
+  });
+  return reach2;
+}
+
+/// Entries of a row. By whole blocks: Eigen's exponential is not the same function, to the last
+/// bit, for a vector register and for what is left over.
+void write_entries(double area, const Couplings& couplings, double* value) {
+  using Lanes = Eigen::Array<double, kLanes, 1>;
+  for (std::size_t i = 0; i < couplings.count; i += kLanes) {
+    const Eigen::Map<const Lanes> exponent(couplings.exponent.data() + i);
+    const Eigen::Map<const Lanes> det(couplings.det.data() + i);
+    const Eigen::Map<const Lanes> other_area(couplings.area.data() + i);
+    const Lanes entry =
+        (-exponent / 2).exp() * (area * other_area) / (2 * std::numbers::pi * det.sqrt());
+    std::copy_n(entry.data(), std::min(kLanes, couplings.count - i), value + i);
+  }
+}
+
+/// Where the diagonal entry of a row is.
+std::size_t diagonal_place(const SparseMatrix& matrix, std::size_t row) {
+  const auto begin = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[row]);
+  const auto end = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[row + 1]);
+  return static_cast<std::size_t>(std::lower_bound(begin, end, static_cast<std::uint32_t>(row)) -
+                                  matrix.column.begin());
+}
+
+}  // namespace
+
+std::vector<std::string> GramOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](const char* option, double value, double min, double max) {
+    if (value >= min && value <= max) return;
+    found.push_back(fmt::format("{} is {}; it must be {} to {}", option, value, min, max));
+  };
+  if (reach) check("reach", *reach, kMinReach, kMaxReach);
+  check("accuracy", accuracy, 1e-9, 1e-1);
+  check("min_cosine", min_cosine, 0.1, 0.99);
+  check("thickness", thickness, 0.01, 100);
+  return found;
+}
+
+GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options) {
+  if (const auto found = options.problems(); !found.empty()) throw_usage(found.front());
+  PairSearch search(basis, options);
+  GramSystem system;
+  const Array<double> reach2 = choose_reach(search, basis.size(), options);
+  search.set_reach(reach2);
+
+  SparseMatrix& matrix = system.matrix;
+  matrix.columns = basis.size();
+  matrix.row_begin.resize(basis.size() + 1);
+  matrix.row_begin[0] = 0;
+  search.for_each_row([&](std::size_t k, const Couplings& couplings) {
+    matrix.row_begin[k + 1] = couplings.count;
+  });
+  for (std::size_t k = 0; k < basis.size(); ++k) {
+    const double reach = std::sqrt(reach2[k]);
+    system.min_reach = k == 0 ? reach : std::min(system.min_reach, reach);
+    system.max_reach = std::max(system.max_reach, reach);
+    // Of a constant, the integral of the Gaussian beyond the reach.
+    const double beyond = 4 * std::numbers::pi * overlap(matrix.row_begin[k + 1], reach2[k]) *
+                          std::exp(-reach2[k] / 2);
+    system.left_out = std::max(system.left_out, beyond);
+  }
+  std::partial_sum(matrix.row_begin.begin(), matrix.row_begin.end(), matrix.row_begin.begin());
+  matrix.column.resize(matrix.row_begin.back());
+  matrix.value.resize(matrix.row_begin.back());
+  search.for_each_row([&](std::size_t k, const Couplings& couplings) {
+    const std::uint64_t begin = matrix.row_begin[k];
+    std::copy_n(couplings.column.begin(), couplings.count,
+                matrix.column.begin() + static_cast<std::ptrdiff_t>(begin));
+    write_entries(basis.function[k].area, couplings, matrix.value.data() + begin);
+  });
+  return system;
+}
+
+Array<double> row_sums(const SparseMatrix& matrix) {
+  Array<double> sums(matrix.rows());
+  parallel_for(matrix.rows(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t row = begin; row < end; ++row) {
+      sums[row] = std::accumulate(matrix.value.data() + matrix.row_begin[row],
+                                  matrix.value.data() + matrix.row_begin[row + 1], 0.0);
+    }
+  });
+  return sums;
+}
+
+void add_to_diagonal(SparseMatrix& matrix, double lambda) {
+  double sum = 0;
+  for (std::size_t row = 0; row < matrix.rows(); ++row) {
+    sum += matrix.value[diagonal_place(matrix, row)];
+  }
+  const double added = lambda * sum / static_cast<double>(matrix.rows());
+  for (std::size_t row = 0; row < matrix.rows(); ++row) {
+    matrix.value[diagonal_place(matrix, row)] += added;
+  }
+}
+
+Array<double> scale_to_unit_diagonal(SparseMatrix& matrix) {
+  Array<double> scale(matrix.rows());
+  for (std::size_t row = 0; row < matrix.rows(); ++row) {
+    scale[row] = 1 / std::sqrt(matrix.value[diagonal_place(matrix, row)]);
+  }
+  parallel_for(matrix.rows(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t row = begin; row < end; ++row) {
+      for (std::uint64_t i = matrix.row_begin[row]; i < matrix.row_begin[row + 1]; ++i) {
+        // The product of the two scales first: the same for both entries of a pair.
+        matrix.value[i] *= scale[row] * scale[matrix.column[i]];
+      }
+    }
+  });
+  return scale;
+}
+
+}  // namespace surfel

@@ -1,0 +1,515 @@
+// Zwicker, Pfister, van Baar, Gross 2001, "Surface Splatting", equation (9) and section 5.
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/cloud/voronoi_cell.h>
+#include <surfel/texture/render_system.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 11;
+/// Where a cell without neighbours ends, in spacings: as in estimate/splat_size.cpp.
+constexpr double kBorderReach = 0.95;
+/// Least cosine between the normals of a point and of a function that takes part there.
+constexpr double kMinCosine = 0.5;
+/// Functions closer than this, by the furthest that a cell may extend, share their cell.
+constexpr double kCoincident = 1e-6;
+/// A function takes part at most this many times its reach, squared, from the points' disc: as far
+/// from its own centre as along the line of sight.
+constexpr double kPlanarReach2 = 2;
+/// Variance that points are filtered with, by the area that each stands for.
+constexpr double kPointVariance = 0.25;
+
+double reach_of(const SurfelBasis::Function& f, double cutoff) {
+  return std::sqrt(2 * cutoff * std::max(f.variance_u, f.variance_v));
+}
+
+/// Hierarchy of boxes over functions in the order of a space-filling curve, each with the furthest
+/// reach in it: the functions that reach a place are found at a cost that follows their number,
+/// however much their sizes differ.
+class ReachTree {
+ public:
+  /// \param cutoff  of the kernels; 0: only the positions count.
+  ReachTree(const SurfelBasis& basis, double cutoff) : basis_(basis), cutoff_(cutoff) {
+    std::size_t count = (basis.size() + kLeaf - 1) / kLeaf;
+    levels_.emplace_back(count);
+    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t n = begin; n < end; ++n) {
+        Node& node = levels_[0][n];
+        const std::size_t last = std::min(basis.size(), (n + 1) * kLeaf);
+        for (std::size_t k = n * kLeaf; k < last; ++k) {
+          const SurfelBasis::Function& f = basis.function[k];
+          node.add({f.position, f.position, reach_of(f, cutoff)});
+        }
+      }
+    });
+    while (count > 1) {
+      const std::vector<Node>& below = levels_.back();
+      count = (below.size() + kFan - 1) / kFan;
+      std::vector<Node> level(count);
+      for (std::size_t n = 0; n < below.size(); ++n) level[n / kFan].add(below[n]);
+      levels_.push_back(std::move(level));
+    }
+  }
+
+  /// Calls body(k) in ascending order for every function whose reach meets the ball.
+  template <class Body>
+  void meeting(const Vec3d& center, double radius, const Body& body) const {
+    if (!levels_[0].empty()) descend(levels_.size() - 1, 0, center, radius, body);
+  }
+
+ private:
+  static constexpr std::size_t kLeaf = 4;
+  static constexpr std::size_t kFan = 4;
+
+  struct Node {
+    Vec3d min = Vec3d::Constant(HUGE_VAL);
+    Vec3d max = Vec3d::Constant(-HUGE_VAL);
+    double reach = 0;
+
+    void add(const Node& other) {
+      min = min.cwiseMin(other.min);
+      max = max.cwiseMax(other.max);
+      reach = std::max(reach, other.reach);
+    }
+    bool meets(const Vec3d& center, double radius) const {
+      const double limit = radius + reach;
+      const Vec3d nearest = center.cwiseMax(min).cwiseMin(max);
+      return (nearest - center).squaredNorm() <= limit * limit;
+    }
+  };
+
+  template <class Body>
+  void descend(std::size_t level, std::size_t n, const Vec3d& center, double radius,
+               const Body& body) const {
+    if (!levels_[level][n].meets(center, radius)) return;
+    if (level > 0) {
+      const std::size_t end = std::min(levels_[level - 1].size(), (n + 1) * kFan);
+      for (std::size_t i = n * kFan; i < end; ++i) descend(level - 1, i, center, radius, body);
+      return;
+    }
+    const std::size_t end = std::min(basis_.size(), (n + 1) * kLeaf);
+    for (std::size_t k = n * kLeaf; k < end; ++k) {
+      const SurfelBasis::Function& f = basis_.function[k];
+      const double limit = radius + reach_of(f, cutoff_);
+      if ((f.position - center).squaredNorm() <= limit * limit) body(k);
+    }
+  }
+
+  const SurfelBasis& basis_;
+  double cutoff_;
+  std::vector<std::vector<Node>> levels_;  ///< Leaves first.
+};
+
+/// The cell of a function that has no neighbours: an octagon, drawn out as V is.
+/// \return the distance of its furthest corner.
+double reset_cell(const SurfelBasis::Function& f, VoronoiCell& cell) {
+  const double half = kBorderReach * std::sqrt(f.area);
+  const double stretch = std::pow(f.variance_u / f.variance_v, 0.25);
+  const Vec2d half_axes(half * stretch, half / stretch);
+  cell.reset(half_axes.maxCoeff());
+  cell.cut({2 * half_axes.x(), 0});
+  cell.cut({-2 * half_axes.x(), 0});
+  cell.cut({0, 2 * half_axes.y()});
+  cell.cut({0, -2 * half_axes.y()});
+  // Tangents to the ellipse half-way between its axes.
+  const Vec2d normal = Vec2d(1 / half_axes.x(), 1 / half_axes.y()).normalized();
+  const double distance = half_axes.cwiseProduct(normal).norm();
+  for (const Vec2d& sign : {Vec2d(1, 1), Vec2d(-1, 1), Vec2d(-1, -1), Vec2d(1, -1)}) {
+    cell.cut(2 * distance * normal.cwiseProduct(sign));
+  }
+  return cell.radius();
+}
+
+/// Cuts the function's cell out of its tangent plane.
+void cut_cell(const SurfelBasis& basis, const ReachTree& tree, std::size_t i, VoronoiCell& cell) {
+  const SurfelBasis::Function& f = basis.function[i];
+  const double radius = reset_cell(f, cell);
+  const double least2 = kCoincident * kCoincident * radius * radius;
+  tree.meeting(f.position, 2 * radius, [&](std::size_t k) {
+    const SurfelBasis::Function& other = basis.function[k];
+    const Vec3d d = other.position - f.position;
+    const Vec2d flat(d.dot(f.tangent), d.dot(f.bitangent));
+    const double height = d.dot(f.normal);
+    const double flat2 = flat.squaredNorm();
+    if (f.normal.dot(other.normal) < 0 || height * height > flat2) return;
+    if (flat2 > least2 && flat2 <= 4 * cell.radius2()) cell.cut(flat);
+  });
+}
+
+/// A function as the points of one owner see it: what it takes to evaluate it is affine in their
+/// offsets (x, y), value = c . (1, x, y).
+struct SeenFunction {
+  std::uint32_t index;
+  Vec3d u, v;   ///< In the function's plane, by its standard deviations.
+  Vec3d depth;  ///< Of that place, along the owner's normal.
+  double max_depth;
+  double peak;  ///< r_k at its centre.
+};
+
+/// \return whether the two lie on one sheet, for what normals can tell.
+bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, double cutoff,
+         SeenFunction& seen) {
+  const double cosine = owner.normal.dot(f.normal);
+  if (cosine < kMinCosine) return false;
+  // The line (position + x tangent + y bitangent) + depth normal meets the function's plane.
+  const Vec3d d = owner.position - f.position;
+  seen.depth =
+      -Vec3d(d.dot(f.normal), owner.tangent.dot(f.normal), owner.bitangent.dot(f.normal)) / cosine;
+  const auto along = [&](const Vec3d& axis, double variance) {
+    const Vec3d on_plane(d.dot(axis), owner.tangent.dot(axis), owner.bitangent.dot(axis));
+    return Vec3d((on_plane + seen.depth * owner.normal.dot(axis)) / std::sqrt(variance));
+  };
+  seen.u = along(f.tangent, f.variance_u);
+  seen.v = along(f.bitangent, f.variance_v);
+  seen.max_depth = reach_of(f, cutoff);
+  seen.peak = f.area / (2 * std::numbers::pi * std::sqrt(f.variance_u * f.variance_v));
+  return true;
+}
+
+/// Rows that one range of a loop has made, one after the other.
+struct RowChunk {
+  Array<std::uint64_t> row_end;  ///< Counted from the chunk's first entry.
+  Array<std::uint32_t> column;
+  Array<double> value;
+
+  void add(std::uint32_t c, double v) {
+    column.push_back(c);
+    value.push_back(v);
+  }
+  void end_row() { row_end.push_back(column.size()); }
+  /// What was added so far, no larger than it must be; the memory is kept for what comes next.
+  RowChunk take() {
+    RowChunk taken = *this;
+    row_end.clear();
+    column.clear();
+    value.clear();
+    return taken;
+  }
+};
+
+/// Puts chunks together, and frees them on the way.
+SparseMatrix join(std::vector<RowChunk> chunks, std::size_t columns) {
+  std::vector<std::uint64_t> first_row{0};
+  std::vector<std::uint64_t> first_entry{0};
+  for (const RowChunk& chunk : chunks) {
+    first_row.push_back(first_row.back() + chunk.row_end.size());
+    first_entry.push_back(first_entry.back() + chunk.column.size());
+  }
+  SparseMatrix matrix;
+  matrix.columns = columns;
+  matrix.row_begin.resize(first_row.back() + 1);
+  matrix.row_begin[0] = 0;
+  matrix.column.resize(first_entry.back());
+  matrix.value.resize(first_entry.back());
+  parallel_for(chunks.size(), 1, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const RowChunk chunk = std::move(chunks[c]);
+      for (std::size_t row = 0; row < chunk.row_end.size(); ++row) {
+        matrix.row_begin[first_row[c] + row + 1] = first_entry[c] + chunk.row_end[row];
+      }
+      std::copy(chunk.column.begin(), chunk.column.end(), matrix.column.begin() + first_entry[c]);
+      std::copy(chunk.value.begin(), chunk.value.end(), matrix.value.begin() + first_entry[c]);
+    }
+  });
+  return matrix;
+}
+
+std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrain; }
+
+/// Fills A, and the owners by function.
+class Assembler {
+ public:
+  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff)
+      : basis_(basis),
+        quadrature_(quadrature),
+        cutoff_(cutoff),
+        tree_(basis, kPlanarReach2 * cutoff) {}
+
+  void run(RenderSystem& system) {
+    const std::size_t count = basis_.size();
+    std::vector<RowChunk> rows(chunk_count(count));
+    std::vector<RowChunk> reaching(rows.size());
+    std::vector<std::size_t> uncovered(rows.size());
+    std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+      Worker& worker = workers[static_cast<std::size_t>(w)];
+      const std::size_t chunk = begin / kGrain;
+      for (std::size_t i = begin; i < end; ++i) uncovered[chunk] += add_rows(i, worker);
+      rows[chunk] = worker.rows.take();
+      reaching[chunk] = worker.reaching.take();
+    });
+    for (const std::size_t n : uncovered) system.uncovered += n;
+    system.A = join(std::move(rows), count);
+    transpose(reaching, system);
+  }
+
+ private:
+  struct Worker {
+    std::vector<SeenFunction> seen;
+    std::vector<char> reaches;
+    RowChunk rows;
+    RowChunk reaching;
+  };
+
+  /// Adds the rows of one owner's points, and a row of the functions that reach any of them.
+  /// \return the number of uncovered points.
+  std::size_t add_rows(std::size_t i, Worker& worker) const {
+    auto& [seen, reaches, rows, reaching] = worker;
+    const SurfelBasis::Function& owner = basis_.function[i];
+    const std::size_t begin = quadrature_.begin[i];
+    const std::size_t end = quadrature_.begin[i + 1];
+    double radius2 = 0;
+    for (std::size_t q = begin; q < end; ++q) {
+      radius2 = std::max(radius2, quadrature_.offset[q].cast<double>().squaredNorm());
+    }
+    find_seen(owner, std::sqrt(radius2), worker);
+    std::size_t uncovered = 0;
+    for (std::size_t q = begin; q < end; ++q) {
+      const Vec3d at(1, quadrature_.offset[q].x(), quadrature_.offset[q].y());
+      const std::size_t first = rows.value.size();
+      double sum = 0;
+      for (std::size_t s = 0; s < seen.size(); ++s) {
+        const SeenFunction& f = seen[s];
+        const double u = f.u.dot(at);
+        const double v = f.v.dot(at);
+        const double beta = 0.5 * (u * u + v * v);
+        if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
+        const double r = f.peak * std::exp(-beta);
+        rows.add(f.index, r);
+        reaches[s] = 1;
+        sum += r;
+      }
+      for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      if (rows.value.size() == first) ++uncovered;
+      rows.end_row();
+    }
+    for (std::size_t s = 0; s < seen.size(); ++s) {
+      if (reaches[s]) reaching.column.push_back(seen[s].index);
+    }
+    reaching.end_row();
+    return uncovered;
+  }
+
+  /// The functions that may reach a point within `radius` of the owner.
+  void find_seen(const SurfelBasis::Function& owner, double radius, Worker& worker) const {
+    worker.seen.clear();
+    tree_.meeting(owner.position, radius, [&](std::size_t k) {
+      SeenFunction seen;
+      if (!see(owner, basis_.function[k], cutoff_, seen)) return;
+      // By how much at most (u, v) changes from the owner's position to a point.
+      const double change =
+          radius * std::sqrt(seen.u.tail<2>().squaredNorm() + seen.v.tail<2>().squaredNorm());
+      const double nearest = std::sqrt(seen.u[0] * seen.u[0] + seen.v[0] * seen.v[0]) - change;
+      if (nearest > 0 && nearest * nearest > 2 * cutoff_) return;
+      seen.index = static_cast<std::uint32_t>(k);
+      worker.seen.push_back(seen);
+    });
+    worker.reaches.assign(worker.seen.size(), 0);
+  }
+
+  void transpose(const std::vector<RowChunk>& reaching, RenderSystem& system) const {
+    const auto for_each = [&](const auto& body) {
+      std::uint32_t i = 0;
+      for (const RowChunk& chunk : reaching) {
+        std::size_t e = 0;
+        for (const std::uint64_t end : chunk.row_end) {
+          for (; e < end; ++e) body(i, chunk.column[e]);
+          ++i;
+        }
+      }
+    };
+    system.owner_begin.assign(basis_.size() + 1, 0);
+    for_each([&](std::uint32_t, std::uint32_t k) { ++system.owner_begin[k + 1]; });
+    for (std::size_t k = 0; k < basis_.size(); ++k) {
+      system.owner_begin[k + 1] += system.owner_begin[k];
+    }
+    system.owner.resize(system.owner_begin.back());
+    Array<std::uint64_t> next = system.owner_begin;
+    for_each([&](std::uint32_t i, std::uint32_t k) { system.owner[next[k]++] = i; });
+  }
+
+  const SurfelBasis& basis_;
+  const Quadrature& quadrature_;
+  double cutoff_;
+  ReachTree tree_;
+};
+
+/// Calls body(q, e) for every entry e of A in column k, q being its row, in ascending order.
+template <class Body>
+void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
+  const SparseMatrix& A = system.A;
+  for (std::size_t o = system.owner_begin[k]; o < system.owner_begin[k + 1]; ++o) {
+    const std::size_t i = system.owner[o];
+    for (std::size_t q = system.point_begin[i]; q < system.point_begin[i + 1]; ++q) {
+      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+        if (A.column[e] < k) continue;
+        if (A.column[e] == k) body(q, e);
+        break;
+      }
+    }
+  }
+}
+
+/// A^T A. Both halves are summed in the order of the points, hence symmetric to the bit.
+SparseMatrix normal_product(const RenderSystem& system) {
+  const SparseMatrix& A = system.A;
+  constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
+  struct Entry {
+    std::uint32_t column;
+    double value;
+  };
+  struct Worker {
+    Array<std::uint32_t> place;  ///< Of a column in `row`.
+    std::vector<Entry> row;
+    RowChunk rows;
+  };
+  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  std::vector<RowChunk> chunks(chunk_count(A.columns));
+  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+    Worker& worker = workers[static_cast<std::size_t>(w)];
+    Array<std::uint32_t>& place = worker.place;
+    std::vector<Entry>& row = worker.row;
+    RowChunk& rows = worker.rows;
+    if (place.empty()) place.assign(A.columns, kFree);
+    for (std::size_t k = begin; k < end; ++k) {
+      // The diagonal is there even where it is zero: lambda is added to it.
+      row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
+      place[k] = 0;
+      for_column(system, k, [&](std::size_t q, std::size_t entry) {
+        for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+          std::uint32_t& at = place[A.column[e]];
+          if (at == kFree) {
+            at = static_cast<std::uint32_t>(row.size());
+            row.push_back({A.column[e], 0.0});
+          }
+          row[at].value += A.value[entry] * A.value[e];
+        }
+      });
+      for (const Entry& e : row) place[e.column] = kFree;
+      std::sort(row.begin(), row.end(),
+                [](const Entry& a, const Entry& b) { return a.column < b.column; });
+      for (const Entry& e : row) rows.add(e.column, e.value);
+      rows.end_row();
+    }
+    chunks[begin / kGrain] = rows.take();
+  });
+  return join(std::move(chunks), A.columns);
+}
+
+/// Calls body(value) for every diagonal entry.
+template <class Body>
+void for_diagonal(SparseMatrix& matrix, const Body& body) {
+  for (std::size_t k = 0; k < matrix.rows(); ++k) {
+    const auto begin = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[k]);
+    const auto end = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[k + 1]);
+    body(matrix.value[static_cast<std::size_t>(std::lower_bound(begin, end, k) -
+                                               matrix.column.begin())]);
+  }
+}
+
+}  // namespace
+
+Quadrature cover_surface(const SurfelBasis& basis, int points) {
+  if (points < 1 || points > 256) {
+    throw_usage(fmt::format("points is {}; it must be in 1..256", points));
+  }
+  const auto m = static_cast<std::size_t>(points);
+  Quadrature quadrature;
+  quadrature.begin.resize(basis.size() + 1);
+  quadrature.offset.resize(basis.size() * m);
+  quadrature.variance.resize(basis.size());
+  for (std::size_t i = 0; i <= basis.size(); ++i) quadrature.begin[i] = i * m;
+
+  const ReachTree tree(basis, 0);
+  std::vector<VoronoiCell> cells(static_cast<std::size_t>(thread_count()));
+  parallel_for(basis.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
+    for (std::size_t i = begin; i < end; ++i) {
+      cut_cell(basis, tree, i, cell);
+      quadrature.variance[i] = static_cast<float>(kPointVariance * cell.area() / points);
+      // Kronecker sequence of the golden ratio.
+      for (std::size_t q = 0; q < m; ++q) {
+        const auto n = static_cast<double>(q);
+        const double s = (n + 0.5) / points;
+        const double t = std::fmod(0.5 + n / std::numbers::phi, 1.0);
+        quadrature.offset[i * m + q] = cell.point(s, t).cast<float>();
+      }
+    }
+  });
+  return quadrature;
+}
+
+Quadrature at_functions(const SurfelBasis& basis) {
+  Quadrature quadrature;
+  quadrature.begin.resize(basis.size() + 1);
+  for (std::size_t i = 0; i <= basis.size(); ++i) quadrature.begin[i] = i;
+  quadrature.offset.assign(basis.size(), Vec2f::Zero());
+  quadrature.variance.assign(basis.size(), 0.0F);
+  return quadrature;
+}
+
+std::vector<std::string> RenderSystemOptions::problems() const {
+  std::vector<std::string> found;
+  if (!(cutoff >= 0.1 && cutoff <= 16)) {
+    found.push_back(fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+  }
+  if (!(regularization > 0 && regularization <= 1e6)) {
+    found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
+  }
+  return found;
+}
+
+RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
+                                    const RenderSystemOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  RenderSystem system;
+  system.point_begin = quadrature.begin;
+  Assembler(basis, quadrature, options.cutoff).run(system);
+  system.normal_matrix = normal_product(system);
+  double trace = 0;
+  for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
+  const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
+  system.lambda = options.regularization * (mean > 0 ? mean : 1);
+  for_diagonal(system.normal_matrix, [&](double& d) { d += system.lambda; });
+  return system;
+}
+
+Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
+                                         const Array<Channels>& w_0) const {
+  Array<Channels> b(A.columns);
+  parallel_for(b.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t k = begin; k < end; ++k) {
+      Channels sum = Channels::Zero();
+      for_column(*this, k, [&](std::size_t q, std::size_t e) { sum += A.value[e] * f[q]; });
+      b[k] = sum + lambda * w_0[k];
+    }
+  });
+  return b;
+}
+
+Channels RenderSystem::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
+  std::vector<Channels> sums(chunk_count(A.rows()), Channels::Zero());
+  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) {
+      if (A.row_begin[q] == A.row_begin[q + 1]) continue;
+      Channels r = -f[q];
+      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+        r += A.value[e] * w[A.column[e]];
+      }
+      sums[begin / kGrain] += r.square();
+    }
+  });
+  Channels total = Channels::Zero();
+  for (const Channels& sum : sums) total += sum;
+  return total;
+}
+
+}  // namespace surfel

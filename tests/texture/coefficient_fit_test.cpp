@@ -1,0 +1,258 @@
+// The fits that solve systems, end to end: fit_texture() and fit_colors().
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/texture/render_system.h>
+#include <surfel/texture/texture_fit.h>
+
+#include "texture_support.h"
+
+namespace surfel {
+namespace {
+
+using test::noise_image;
+
+/// Jittered grid of n x n surfels over a unit square that carries the image once; sigma by the
+/// spacing.
+SurfelCloud grid(int n, double kappa) {
+  SurfelCloud cloud;
+  const float h = 1.0F / static_cast<float>(n);
+  for (int j = 0; j < n; ++j) {
+    for (int i = 0; i < n; ++i) {
+      const auto k = static_cast<std::uint64_t>(j) * n + i;
+      const auto jitter = [&](int axis) {
+        return 0.6F * static_cast<float>(random_uniform(7, k, axis) - 0.5);
+      };
+      const Vec2f p((static_cast<float>(i) + 0.5F + jitter(0)) * h,
+                    (static_cast<float>(j) + 0.5F + jitter(1)) * h);
+      cloud.position.emplace_back(p.x(), p.y(), 0.0F);
+      cloud.uv.push_back(p);
+    }
+  }
+  cloud.normal.assign(cloud.size(), Vec3f(0, 0, 1));
+  cloud.dpdu.assign(cloud.size(), Vec3f(1, 0, 0));
+  cloud.dpdv.assign(cloud.size(), Vec3f(0, 1, 0));
+  cloud.variance.assign(cloud.size(), static_cast<float>(kappa * kappa) * h * h);
+  cloud.area.assign(cloud.size(), h * h);
+  return cloud;
+}
+
+TextureSet one_map(Image image) {
+  TextureSet textures;
+  textures.maps.emplace_back(std::move(image), WrapMode::kRepeat);
+  return textures;
+}
+
+TextureFitOptions fit_of(TextureFitKind kind) {
+  TextureFitOptions options;
+  options.kind = kind;
+  return options;
+}
+
+float largest_difference(const SurfelCloud& a, const SurfelCloud& b) {
+  float most = 0;
+  for (std::size_t k = 0; k < a.size(); ++k) {
+    most = std::max(most, (a.coefficient[k] - b.coefficient[k]).cwiseAbs().maxCoeff());
+  }
+  return most;
+}
+
+TEST(CoefficientFit, ConstantTexturesGiveConstantCoefficients) {
+  const Vec3f color(0.2F, 0.5F, 0.9F);
+  TextureSet textures;
+  textures.maps.push_back(TextureMap::constant(color));
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    for (const double kappa : {0.5, 0.8, 1.0}) {
+      SurfelCloud cloud = grid(24, kappa);
+      fit_texture(cloud, textures, fit_of(kind));
+      for (const Vec3f& w : cloud.coefficient) ASSERT_LT((w - color).norm(), 1e-5F) << kappa;
+    }
+  }
+}
+
+TEST(CoefficientFit, GramIsTheDenseSolution) {
+  SurfelCloud cloud = grid(50, 0.7);
+  TextureSet textures = one_map(noise_image(64, 64, 5));
+  SurfelCloud ewa = cloud;
+  fit_texture(ewa, textures, {});
+  TextureFitOptions options = fit_of(TextureFitKind::kGram);
+  options.tolerance = 1e-12;
+  const TextureFitReport report = fit_texture(cloud, textures, options);
+  ASSERT_TRUE(report.system);
+  EXPECT_EQ(report.system->lambda, 0);
+
+  // (11) in double, written out: every pair, the whole matrix.
+  const std::size_t n = cloud.size();
+  Eigen::MatrixXd R(n, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t j = 0; j < n; ++j) {
+      const double v = static_cast<double>(cloud.variance[i]) + cloud.variance[j];
+      const double d2 =
+          (cloud.position[i].cast<double>() - cloud.position[j].cast<double>()).squaredNorm();
+      R(i, j) = static_cast<double>(cloud.area[i]) * cloud.area[j] * std::exp(-d2 / (2 * v)) /
+                (2 * M_PI * v);
+    }
+  }
+  Eigen::MatrixXd c(n, 3);
+  for (std::size_t i = 0; i < n; ++i) {
+    c.row(i) = R.row(i).sum() * ewa.coefficient[i].cast<double>().transpose();
+  }
+  const Eigen::MatrixXd w = R.ldlt().solve(c);
+  const double largest = w.cwiseAbs().maxCoeff();
+  for (std::size_t i = 0; i < n; ++i) {
+    // Single precision of the colours that both start from, times the condition's root.
+    ASSERT_LT((cloud.coefficient[i].cast<double>().transpose() - w.row(i)).cwiseAbs().maxCoeff(),
+              1e-6 * largest);
+  }
+  const Eigen::VectorXd eigenvalues = R.selfadjointView<Eigen::Lower>().eigenvalues();
+  const double condition = eigenvalues.maxCoeff() / eigenvalues.minCoeff();
+  EXPECT_NEAR(report.system->condition() / condition, 1, 0.3);
+}
+
+TEST(CoefficientFit, SolversAgree) {
+  TextureSet textures = one_map(noise_image(64, 64, 5));
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    TextureFitOptions options = fit_of(kind);
+    options.tolerance = 1e-10;
+    SurfelCloud a = grid(20, 0.7);
+    SurfelCloud b = a;
+    fit_texture(a, textures, options);
+    options.solver = FitSolver::kLdlt;
+    fit_texture(b, textures, options);
+    EXPECT_LT(largest_difference(a, b), 1e-5F);
+  }
+}
+
+TEST(CoefficientFit, RenderIsNoWorseAtThePointsAndNotesItsCutoff) {
+  TextureSet textures = one_map(noise_image(16, 16, 5));
+  for (const double cutoff : {1.0, 4.0}) {
+    SurfelCloud cloud = grid(40, 0.8);
+    TextureFitOptions options = fit_of(TextureFitKind::kRender);
+    options.cutoff = cutoff;
+    const TextureFitReport report = fit_texture(cloud, textures, options);
+    ASSERT_TRUE(report.system);
+    EXPECT_LT(report.system->error, 0.7 * report.system->error_ewa);
+    EXPECT_TRUE(report.system->converged);
+    EXPECT_EQ(cloud.basis_cutoff, cutoff);
+  }
+}
+
+TEST(CoefficientFit, BoundsHold) {
+  TextureSet textures = one_map(noise_image(64, 64, 5));
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    SurfelCloud cloud = grid(30, 0.8);
+    TextureFitOptions options = fit_of(kind);
+    options.bounds = {0, 1};
+    const TextureFitReport report = fit_texture(cloud, textures, options);
+    EXPECT_GE(report.coefficient_min.minCoeff(), 0);
+    EXPECT_LE(report.coefficient_max.maxCoeff(), 1);
+    EXPECT_TRUE(report.system->converged);
+  }
+}
+
+TEST(CoefficientFit, OddCloudsStayFiniteAndBounded) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  TextureSet textures = one_map(noise_image(32, 32, 5));
+  SurfelCloud odd = grid(16, 0.7);
+  odd.uv[3] = Vec2f(kNan, 0);
+  odd.uv[4] = Vec2f(7.25F, -3.5F);
+  odd.normal[5].setZero();
+  odd.dpdu[6].setZero();
+  odd.variance[7] = 1e-12F;
+  odd.position[9] = odd.position[8];  // Duplicates.
+  odd.uv[9] = odd.uv[8];
+  SurfelCloud one = odd.gathered(Array<std::uint32_t>(1, 40));
+  SurfelCloud none;
+  SurfelCloud sheets = grid(16, 0.7);
+  const SurfelCloud other = sheets;
+  for (std::size_t k = 0; k < other.size(); ++k) {
+    sheets.position.push_back(other.position[k] + Vec3f(0, 0, 0.01F / 16));
+    sheets.normal.push_back(-other.normal[k]);
+    sheets.uv.push_back(other.uv[k]);
+    sheets.dpdu.push_back(other.dpdu[k]);
+    sheets.dpdv.push_back(other.dpdv[k]);
+    sheets.variance.push_back(other.variance[k]);
+    sheets.area.push_back(other.area[k]);
+  }
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    for (SurfelCloud cloud : {odd, one, none, sheets}) {
+      fit_texture(cloud, textures, fit_of(kind));
+      for (const Vec3f& w : cloud.coefficient) {
+        ASSERT_TRUE(w.allFinite());
+        ASSERT_LT(w.cwiseAbs().maxCoeff(), 1000);
+      }
+    }
+  }
+  // The two sheets do not mix: each is as if alone.
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    TextureFitOptions options = fit_of(kind);
+    options.tolerance = 1e-10;
+    SurfelCloud alone = other;
+    fit_texture(alone, textures, options);
+    fit_texture(sheets, textures, options);
+    for (std::size_t k = 0; k < alone.size(); ++k) {
+      ASSERT_LT((alone.coefficient[k] - sheets.coefficient[k]).norm(), 1e-3F);
+    }
+  }
+}
+
+TEST(CoefficientFit, SameForAnyNumberOfThreads) {
+  TextureSet textures = one_map(noise_image(32, 32, 5));
+  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
+    SurfelCloud first;
+    for (const int threads : {1, 2, 5}) {
+      set_thread_count(threads);
+      SurfelCloud cloud = grid(60, 0.7);
+      fit_texture(cloud, textures, fit_of(kind));
+      if (threads == 1) first = cloud;
+      ASSERT_EQ(largest_difference(first, cloud), 0);
+    }
+    set_thread_count(0);
+  }
+}
+
+TEST(CoefficientFit, ColorsAreTakenAtThePoints) {
+  SurfelCloud cloud = grid(40, 0.7);
+  for (const Vec2f& p : cloud.uv) {
+    cloud.color.push_back(
+        Vec3f::Constant(0.5F + 0.4F * std::sin(60 * p.x()) * std::cos(50 * p.y())));
+  }
+  TextureFitOptions options = fit_of(TextureFitKind::kRender);
+  const TextureFitReport report = fit_colors(cloud, options);
+  ASSERT_TRUE(report.system);
+  EXPECT_EQ(report.system->lambda, kColorRegularization);
+  EXPECT_LT(report.system->error, 0.8 * report.system->error_ewa);
+  cloud.color[5].x() = std::numeric_limits<float>::infinity();
+  EXPECT_THROW(fit_colors(cloud, options), Error);
+  cloud.color.clear();
+  EXPECT_THROW(fit_colors(cloud, options), Error);
+}
+
+TEST(CoefficientFit, UnusableOptionsAreNamed) {
+  const auto refused = [](auto change) {
+    TextureFitOptions options = fit_of(TextureFitKind::kRender);
+    change(options);
+    return options.problems().size();
+  };
+  EXPECT_EQ(refused([](TextureFitOptions&) {}), 0U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.tolerance = 0; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.lambda = 0; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.lambda = -1; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.cutoff = 0; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.points = 0; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.bounds = {1, 0}; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) {
+              o.bounds = {0, 1};
+              o.solver = FitSolver::kLdlt;
+            }),
+            1U);
+}
+
+}  // namespace
+}  // namespace surfel
