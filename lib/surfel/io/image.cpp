@@ -27,7 +27,9 @@ Image read_premultiplied_image(const std::string& path) {
 
 std::shared_ptr<ImageReader> open_image(const std::string& path) {
   const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
-  return open(path);
+  std::shared_ptr<ImageReader> reader;
+  open(path, reader);
+  return reader;
 }
 
 void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {

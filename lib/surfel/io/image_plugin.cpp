@@ -582,8 +582,9 @@ SURFEL_API void surfel_image_plugin_read(const std::string& path, surfel::ImageF
   }
 }
 
-SURFEL_API std::shared_ptr<surfel::ImageReader> surfel_image_plugin_open(const std::string& path) {
-  return std::make_shared<surfel::PluginReader>(path);
+SURFEL_API void surfel_image_plugin_open(const std::string& path,
+                                         std::shared_ptr<surfel::ImageReader>& reader) {
+  reader = std::make_shared<surfel::PluginReader>(path);
 }
 
 SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std::string& path,

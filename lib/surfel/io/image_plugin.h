@@ -26,7 +26,7 @@ struct ChannelDifference {
 /// open_image() and write_image(); the last compares the channels [first, last) of two pictures of
 /// the same size and channels, all of whose values are finite.
 using ReadImageFunction = void(const std::string& path, ImageForm form, Image& image);
-using OpenImageFunction = std::shared_ptr<ImageReader>(const std::string& path);
+using OpenImageFunction = void(const std::string& path, std::shared_ptr<ImageReader>& reader);
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
 using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
