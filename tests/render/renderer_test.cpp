@@ -265,7 +265,7 @@ double covered_area(const Image& image) {
 
 TEST(Renderer, SilhouettesAreWhereTheSurfaceEnds) {
   // Of a sphere and of a square, both with samples half a pixel apart: their radius and half side,
-  // from the area that is covered, are measured 0.19 to 0.35 pixels too large, where q / tau alone
+  // from the area that is covered, are measured 0.2 to 0.36 pixels too large, where q / tau alone
   // (section 7) makes them 0.37 to 0.73 too large.
   const Camera camera = camera_at(3, 200);
   const double radius = camera.focal_x * std::tan(std::asin(1 / 3.0));
@@ -278,9 +278,28 @@ TEST(Renderer, SilhouettesAreWhereTheSurfaceEnds) {
     const double r = std::sqrt(covered_area(render_unlit(sphere, camera, options)) / M_PI);
     const double s = std::sqrt(covered_area(render_unlit(square, camera, options))) / 2;
     EXPECT_NEAR(r, radius, 0.4) << cutoff;
-    EXPECT_NEAR(s, half_side, 0.3) << cutoff;
+    EXPECT_NEAR(s, half_side, 0.4) << cutoff;
     options.coverage_threshold = coverage_threshold(cutoff);
-    EXPECT_GT(std::sqrt(covered_area(render_unlit(sphere, camera, options)) / M_PI), r + 0.15);
+    EXPECT_GT(std::sqrt(covered_area(render_unlit(sphere, camera, options)) / M_PI), r + 0.1);
+  }
+}
+
+TEST(Renderer, NothingShowsThroughWhereOneSurfaceEndsInFrontOfAnother) {
+  // What an edge leaves of a pixel is filled by what lies behind it.
+  SurfelCloud cloud = jittered_plane(400, 3, 0.35);
+  for (Vec3f& p : cloud.position) p.z() -= 2;
+  const SurfelCloud sphere = fibonacci_sphere(60000, 0.7);
+  for (std::size_t i = 0; i < sphere.size(); ++i) {
+    add_surfel(cloud, sphere.position[i], sphere.normal[i], sphere.variance[i], sphere.area[i],
+               sphere.coefficient[i]);
+  }
+  for (const double cutoff : {1.0, 2.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    const Image image = render_unlit(cloud, camera_at(3, 200), options);
+    for (int y = 10; y < 190; ++y) {
+      for (int x = 10; x < 190; ++x) ASSERT_GT(image.pixel(x, y)[3], 0.98F) << x << ' ' << y;
+    }
   }
 }
 

@@ -64,7 +64,7 @@ float edge_of(TileABuffer& tile, const Fragment& fragment, int pixel) {
   // Where both sides have more than this many times the sum, there is a gap, not an edge.
   constexpr float kGap = 1.2F;
   const float weight = fragment.channel[kWeight];
-  if (weight >= tile.mean_weight || !is_filtered(fragment.channel[kTag])) return 0;
+  if (weight >= tile.edge_weight || !is_filtered(fragment.channel[kTag])) return 0;
   const int x = tile_pixel_x(pixel);
   const int y = tile_pixel_y(pixel);
   float least = weight;
@@ -111,7 +111,7 @@ class FrontToBack {
       front_coverage_ = 0;
       return;
     }
-    const float full_weight = tile_.full_weight + (tile_.mean_weight - tile_.full_weight) * edge;
+    const float full_weight = tile_.full_weight + (tile_.edge_weight - tile_.full_weight) * edge;
     Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
     const bool front = shows_front(c[kTag]);
     const float coverage = std::min(1.0F, c[kWeight] / full_weight);

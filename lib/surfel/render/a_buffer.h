@@ -86,7 +86,8 @@ struct TileABuffer {
   int width = kTileSize;  ///< Pixels of the tile inside the picture.
   int height = kTileSize;
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
-  float mean_weight = 1;  ///< What they sum up to on average inside a surface, >= tau.
+  float edge_weight =
+      1;  ///< The same at its edge, >= tau. A surface hides what is behind from it on.
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -116,11 +117,12 @@ struct PixelResult {
 ///
 /// Coverage is the sum of rho over a weight that is tau inside a surface, below the least sum
 /// there. At its edge, where the sum falls with the surface's share of the pixel, tau would make it
-/// too large (0.4 to 0.7 pixels): there the weight is the mean sum. An edge is where the sums fall
-/// to nothing within two pixels on one side; that tells nothing where splats are larger than the
-/// pixel filter, so that it is looked for only where they are not (kFilteredTag). A front-facing
-/// fragment at an edge and the back-facing one behind it are two sides of one body: what they cover
-/// lies upon one another, while unrelated surfaces cover independent parts (12).
+/// too large (0.4 to 0.7 pixels): there the weight is edge_weight, close to the mean sum. An edge
+/// is where the sums fall to nothing within two pixels on one side; that tells nothing where splats
+/// are larger than the pixel filter, so that it is looked for only where they are not
+/// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
+/// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
+/// independent parts (12).
 PixelResult resolve_pixel(TileABuffer& tile, int pixel);
 
 }  // namespace surfel

@@ -179,7 +179,7 @@ struct Renderer::Impl {
   const RenderCloud& cloud;
   const Scene& scene;
   RenderOptions options;
-  float full_weight, mean_weight;  ///< See TileABuffer.
+  float full_weight, edge_weight;  ///< See TileABuffer.
   bool opaque;
   ABufferLayout layout;
 
@@ -200,9 +200,10 @@ struct Renderer::Impl {
     for (const std::string& problem : options.problems()) throw_usage(problem);
     full_weight =
         static_cast<float>(options.coverage_threshold.value_or(coverage_threshold(options.cutoff)));
-    // Kernels have the volume a_k, of which the part within beta < c is 1 - exp(-c).
-    mean_weight = options.coverage_threshold ? full_weight
-                                             : static_cast<float>(1 - std::exp(-options.cutoff));
+    // Kernels have the volume a_k, of which the part within beta < c is 1 - exp(-c): the mean sum.
+    // Where the pixel filter evens the sums out, all but few are above this.
+    const auto mean = static_cast<float>(1 - std::exp(-options.cutoff));
+    edge_weight = options.coverage_threshold ? full_weight : mean - (mean - full_weight) / 4;
     opaque = !cloud.transparent();
     if (!cloud.material.empty()) {
       for (const Material& m : scene.materials) opaque = opaque && m.opacity >= 1;
@@ -528,7 +529,7 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Sha
     tile.width = std::min(kTileSize, camera.width - tile.x0);
     tile.height = std::min(kTileSize, band.y1 - tile.y0);
     tile.full_weight = full_weight;
-    tile.mean_weight = mean_weight;
+    tile.edge_weight = edge_weight;
     tile.shader = &shader;
     if (count > 0) {
       sort_front_to_back(references.data() + begin, count, worker);

@@ -54,7 +54,7 @@ template <bool kNormals, bool kOpaqueSplats>
 class Rasterizer {
  public:
   Rasterizer(const TileJob& job, TileABuffer& tile)
-      : job_(job), tile_(tile), full_(hn::Set(D(), tile.full_weight)) {
+      : job_(job), tile_(tile), full_(hn::Set(D(), tile.edge_weight)) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     while (job.cutoff * scale_ > 1) {
       scale_ /= 2;
