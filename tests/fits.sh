@@ -36,7 +36,7 @@ table() {
   done
 }
 
-# A checker of 5 spacings a square, magnified.
+# A magnified checker.
 "$tools/surfel-generate" plane --count 40000 -o "$work/plane.ply" --quiet
 for fit in "${fits[@]}"; do
   "$tools/surfel-texture" "$work/plane.ply" --image checker:20 --fit "$fit" -o "$work/$fit.ply" --quiet
@@ -52,7 +52,7 @@ oiiotool "$work"/{ewa,gram,render}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/
 Made by `tests/fits.sh`. PSNR of sRGB values inside the silhouette, 400 x 400 pixels, of the rendered surfels against the ray-traced
 textured mesh (`surfel-render --mesh`); whole time of `surfel-texture` with 2 threads. Surfels of `surfel-from-mesh`, sigma = spacing.
 
-![A checker of five spacings: ewa, gram, render](fits.png)
+![A magnified checker: ewa, gram, render](fits.png)
 
 | mesh | surfels | c | ewa | gram | render |
 |---|---|---|---|---|---|
