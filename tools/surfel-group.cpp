@@ -99,8 +99,9 @@ void report(nlohmann::json& json, const surfel::GroupingReport& r) {
   json["group_sizes"] = r.sizes;
   for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
   if (!r.overlap) return;
-  json["least_overlap"] = {{"placed_overlap", r.overlap->placed_overlap},
-                           {"overlap", r.overlap->overlap},
+  json["least_overlap"] = {{"disc_area", r.overlap->disc_area},
+                           {"placed_overlap_area", r.overlap->placed_overlap_area},
+                           {"overlap_area", r.overlap->overlap_area},
                            {"overlapping_pairs", r.overlap->overlapping_pairs},
                            {"sweeps", r.overlap->sweeps},
                            {"moved_last", r.overlap->moved_last}};
@@ -157,5 +158,10 @@ int main(int argc, char** argv) {
     tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
                           settings.output, grouping.splats, grouping.groups, grouping.mean_degree,
                           grouping.max_degree));
+    if (grouping.overlap) {
+      tool.note(fmt::format("{}: within their groups, {:.3g} % of the splats' area overlaps",
+                            settings.output,
+                            100 * grouping.overlap->overlap_area / grouping.overlap->disc_area));
+    }
   });
 }

@@ -1,0 +1,113 @@
+#!/usr/bin/env bash
+# Makes docs/groups.md: the groups of surfel-group beside those of SP06. Needs the real data. Takes minutes.
+# Usage: tests/groups.sh [folder of the tools] [output]
+set -euo pipefail
+root=$(cd "$(dirname "$0")/.." && pwd)
+tools=${1:-$root/build/release/bin}
+out=${2:-$root/docs/groups.md}
+data=${SURFEL_TEST_DATA:-$root/../shared/data}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+# Mean degree = 25.1 cutoff - 1 for sigma = spacing: near SP06's 17 at c = 1.
+cutoff=(--cutoff 0.72)
+
+# number KEY < JSON: the first of that name.
+number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
+
+# seconds KEY FILE...: the least of a time in milliseconds over several runs.
+seconds() {
+  local key=$1
+  shift
+  for file in "$@"; do number "$key" < "$file"; done | sort -g | head -1 | awk '{printf "%.2f", $1 / 1000}'
+}
+
+# surfels NAME MESH COUNT
+surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
+
+# rows NAME: one for each order.
+rows() {
+  for order in largest-first smallest-last dsatur; do
+    for run in 1 2 3; do
+      "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order $order --print-table --stats "$work/$run.json" --quiet \
+        > "$work/table.txt"
+    done
+    # | name | points | four columns |
+    tail -1 "$work/table.txt" | awk -F'|' -v order=$order '{printf "|%s|%s| %s |%s|%s|%s|%s|", $2, $3, order, $4, $5, $6, $7}'
+    printf ' %s | %s |\n' "$(seconds search "$work"/{1,2,3}.json)" "$(seconds color "$work"/{1,2,3}.json)"
+  done
+}
+
+# relaxed NAME TEXT OPTION...: the groups that relaxations save.
+relaxed() {
+  local name=$1 text=$2
+  shift 2
+  "$tools/surfel-group" "$work/$name.ply" "${cutoff[@]}" --order dsatur --print-table --quiet "$@" > "$work/table.txt"
+  tail -1 "$work/table.txt" | awk -F'|' -v text="$text" '{printf "|%s| %s |%s|%s|%s|%s|\n", $2, text, $4, $5, $6, $7}'
+}
+
+# fixed NAME K
+fixed() {
+  local row="| $1 | $2 |"
+  for order in largest-first smallest-last dsatur; do
+    "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order $order --groups "$2" -o "$work/out.ply" \
+      --stats "$work/s.json" --quiet
+    row+=$(awk -v o="$(number overlap_area < "$work/s.json")" -v d="$(number disc_area < "$work/s.json")" \
+      -v t="$(number color < "$work/s.json")" 'BEGIN {printf " %.1f %%, %.1f s |", 100 * o / d, t / 1000}')
+  done
+  echo "$row"
+}
+
+surfels head mri_head_surface.ply 2000000
+surfels dragon dragon_vrip_res2.ply 1100000
+surfels armadillo armadillo.ply 303000
+surfels bunny stanford_bunny.obj 137000
+{
+  cat <<'TEXT'
+# Groups: measured
+
+Made by `tests/groups.sh`. Surfels of `surfel-from-mesh --count N` (sigma = spacing), grouped at `--cutoff 0.72`, where the mean degree is
+near SP06's 17. An entry is K / largest degree / mean degree.
+
+## Minimal groups: table 1 of SP06
+
+| SP06 | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
+| David head | 2000K | largest-first | 18 / 37 / 17.2 | 14 / 31 / 11.6 | 11 / 24 / 9.4 | 7 / 8 / 3.9 |
+| Dragon | 1100K | largest-first | 14 / 34 / 8.8 | 12 / 29 / 6.3 | 8 / 15 / 3.0 | 5 / 7 / 0.8 |
+| Female | 303K | largest-first | 19 / 49 / 18.9 | 15 / 32 / 13.2 | 10 / 18 / 6.9 | 8 / 9 / 2.3 |
+| BallJoint | 137K | largest-first | 17 / 31 / 18.6 | 12 / 23 / 13.6 | 9 / 14 / 7.1 | 5 / 7 / 2.3 |
+
+Ours, with the least wall time of three runs for c = 1.0: search for the pairs, and order with colouring, in seconds.
+
+| surfels | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 | pairs | colouring |
+|---|---|---|---|---|---|---|---|---|
+TEXT
+  for name in head dragon armadillo bunny; do rows $name; done
+  cat <<'TEXT'
+
+The largest degree, and with it K, comes from where sheets lie close together: `--relax-opposite` lets them share groups.
+DSATUR:
+
+| surfels | relaxations | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|
+TEXT
+  for name in dragon bunny; do
+    relaxed $name none
+    relaxed $name opposite --relax-opposite
+    relaxed $name coplanar --relax-coplanar
+    relaxed $name both --relax-opposite --relax-coplanar
+  done
+  cat <<'TEXT'
+
+## A fixed number of groups
+
+Overlap within groups as a share of the area of all discs, and time of ordering and placement.
+
+| surfels | K | largest-first | smallest-last | dsatur |
+|---|---|---|---|---|
+TEXT
+  for k in 4 8; do
+    fixed dragon $k
+    fixed bunny $k
+  done
+} > "$out"
