@@ -29,7 +29,7 @@ struct CoverageOptions {
   double target = 0.999;
   /// kDuplicate adds a splat if it newly covers more than this share of its disc, in (0, 1).
   /// Smaller: fewer holes, more points.
-  double least_gain = 0.1;
+  double least_gain = 0.02;
   /// Iterations of the paper's fixed point (9), run beside kEnlarge for comparison; 0: it is not.
   int fixed_point_iterations = 0;
   SURFEL_API std::vector<std::string> problems() const;

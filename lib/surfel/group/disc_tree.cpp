@@ -114,11 +114,12 @@ DiscTree::DiscTree(const Discs& discs) : size_(discs.size()) {
   const std::size_t leaves = levels() > 0 ? level_size(0) : 0;
   parallel_for(leaves, kGrain / kLeafSize, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t leaf = begin; leaf < end; ++leaf) {
-      Node node{discs.center[leaf * kLeafSize], discs.center[leaf * kLeafSize], 0};
+      Node node{Eigen::Vector4f::Constant(std::numeric_limits<float>::max()),
+                Eigen::Vector4f::Constant(-std::numeric_limits<float>::max())};
       const auto add = [&](std::size_t i) {
-        node.low = node.low.cwiseMin(discs.center[i]);
-        node.high = node.high.cwiseMax(discs.center[i]);
-        node.radius = std::max(node.radius, discs.radius[i]);
+        const Vec3f& p = discs.center[i];
+        node.low = node.low.cwiseMin(Eigen::Vector4f(p.x(), p.y(), p.z(), 0));
+        node.high = node.high.cwiseMax(Eigen::Vector4f(p.x(), p.y(), p.z(), discs.radius[i]));
       };
       visit_leaf(leaf, add);
       nodes_[leaf] = node;
@@ -132,7 +133,6 @@ DiscTree::DiscTree(const Discs& discs) : size_(discs.size()) {
         const Node& other = nodes_[child + 1];
         node.low = node.low.cwiseMin(other.low);
         node.high = node.high.cwiseMax(other.high);
-        node.radius = std::max(node.radius, other.radius);
       }
       nodes_[level_begin_[level] + place] = node;
     }

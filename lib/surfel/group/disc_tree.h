@@ -1,9 +1,12 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -58,24 +61,27 @@ class SURFEL_API TangentPlane {
   Vec3d a_, b_;  ///< Unit, with the normal a right-handed frame.
 };
 
-/// Hierarchy of boxes over discs that are in the order of a space-filling curve: eight to a leaf,
-/// two children to a node, whatever their density. Made in a pass, 7 bytes a disc.
+/// Hierarchy of boxes over discs that are in the order of a space-filling curve: four to a leaf,
+/// two children to a node, whatever their density. Made in a pass, 16 bytes a disc.
 class SURFEL_API DiscTree {
  public:
-  static constexpr std::size_t kLeafSize = 8;
+  static constexpr std::size_t kLeafSize = 4;
 
   struct Node {
-    Vec3f low, high;   ///< Of the centres.
-    float radius = 0;  ///< Largest.
+    /// Box of the centres; the fourth components are 0 and the largest radius, so that distances
+    /// are taken four values at a time.
+    Eigen::Vector4f low, high;
 
-    float distance2(const Vec3f& p) const {
-      return (low - p).cwiseMax(p - high).cwiseMax(0.0F).squaredNorm();
+    float radius() const { return high[3]; }
+    /// Squared distance of a place (x, y, z, 0) from the box.
+    float distance2(const Eigen::Vector4f& p) const {
+      return (low - p).cwiseMax(p - high).cwiseMax(Eigen::Vector4f::Zero()).squaredNorm();
     }
   };
 
   explicit DiscTree(const Discs& discs);
 
-  /// Nodes are numbered level by level, leaves first: leaf l holds the discs 8 l to 8 l + 7.
+  /// Nodes are numbered level by level, leaves first: leaf l holds the discs 4 l to 4 l + 3.
   std::size_t node_count() const { return nodes_.size(); }
   /// Calls body(node) for the leaf that holds a disc, its parent, and so on up to the root.
   template <class Body>
@@ -86,8 +92,9 @@ class SURFEL_API DiscTree {
     }
   }
 
-  /// Calls visit(disc) for all discs of the nodes for which enter(node, number) holds, all the way
-  /// from the root, nearest boxes first; enter() may refuse more as the search goes on.
+  /// Calls visit(disc) for all discs of the nodes for which enter(node, number, distance2) holds,
+  /// all the way from the root, nearest boxes first; enter() may refuse more as the search goes on.
+  /// `distance2` is that of the box from `from`, squared.
   template <class Enter, class Visit>
   void search(const Vec3f& from, Enter enter, Visit visit) const {
     if (!nodes_.empty()) descend(levels() - 1, 0, from, enter, visit);
@@ -106,6 +113,7 @@ class SURFEL_API DiscTree {
  private:
   struct Entry {
     std::size_t level, place;
+    float distance2;
   };
   std::size_t levels() const { return level_begin_.size() - 1; }
   std::size_t level_size(std::size_t level) const {
@@ -119,34 +127,34 @@ class SURFEL_API DiscTree {
   template <class Enter, class Visit>
   void descend(std::size_t level, std::size_t place, const Vec3f& from, Enter& enter,
                Visit& visit) const {
-    // A path leaves one sibling a level: 2^32 discs have 29 levels.
+    // A path leaves one sibling a level: 2^32 discs have 30 levels.
     std::array<Entry, 64> stack;
     std::size_t depth = 0;
-    stack[depth++] = {level, place};
+    const Eigen::Vector4f place4(from.x(), from.y(), from.z(), 0);
+    const auto entry = [&](std::size_t l, std::size_t p) {
+      return Entry{l, p, nodes_[level_begin_[l] + p].distance2(place4)};
+    };
+    stack[depth++] = entry(level, place);
     while (depth > 0) {
       const Entry at = stack[--depth];
       const std::size_t number = level_begin_[at.level] + at.place;
-      if (!enter(nodes_[number], number)) continue;
+      if (!enter(nodes_[number], number, at.distance2)) continue;
       if (at.level == 0) {
         visit_leaf(at.place, visit);
         continue;
       }
-      const std::size_t below = at.level - 1;
-      Entry near{below, 2 * at.place};
-      if (2 * at.place + 1 == level_size(below)) {
-        stack[depth++] = near;
-        continue;
+      Entry near = entry(at.level - 1, 2 * at.place);
+      if (2 * at.place + 1 < level_size(at.level - 1)) {
+        Entry far = entry(at.level - 1, 2 * at.place + 1);
+        if (far.distance2 < near.distance2) std::swap(near, far);
+        stack[depth++] = far;
       }
-      Entry far{below, 2 * at.place + 1};
-      const std::size_t first = level_begin_[below] + near.place;
-      if (nodes_[first + 1].distance2(from) < nodes_[first].distance2(from)) std::swap(near, far);
-      stack[depth++] = far;
       stack[depth++] = near;
     }
   }
 
   std::size_t size_;
-  std::vector<Node> nodes_;
+  Array<Node> nodes_;
   std::vector<std::size_t> level_begin_;  ///< Of every level, leaves first, and the end.
 };
 

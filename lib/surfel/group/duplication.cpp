@@ -34,10 +34,10 @@ class GrowingGroup {
     const auto radius = static_cast<double>(discs_.radius[disc]);
     overlapping_.clear();
     bool covered = false;
-    const auto enter = [&](const DiscTree::Node& node, std::size_t number) {
-      const double reach = radius + static_cast<double>(node.radius);
+    const auto enter = [&](const DiscTree::Node& node, std::size_t number, float distance2) {
+      const double reach = radius + static_cast<double>(node.radius());
       return !covered && has_members_[number] &&
-             static_cast<double>(node.distance2(center)) <= kRounding * reach * reach;
+             static_cast<double>(distance2) <= kRounding * reach * reach;
     };
     const auto visit = [&](std::size_t j) {
       Vec2d place;
@@ -50,7 +50,7 @@ class GrowingGroup {
       covered = other >= radius && distance2 <= (other - radius) * (other - radius);
       overlapping_.push_back({place, other});
     };
-    tree_.search(center, enter, visit);
+    tree_.search_around(disc, center, enter, visit);
     if (covered) return 0;
     return uncovered_({Vec2d(0, 0), radius}, overlapping_);
   }

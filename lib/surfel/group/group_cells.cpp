@@ -20,6 +20,8 @@ constexpr std::size_t kDirections = 16;
 /// The square in which a disc of the whole cloud looks for its neighbours, in radii: it must hold
 /// the disc, and nothing outside of the disc matters.
 constexpr double kOwnSquare = 1.01;
+/// Discs along the curve that are looked at first, either way.
+constexpr std::size_t kAlongCurve = 6;
 /// Boxes are tested in single precision.
 constexpr double kRounding = 1 + 1e-5;
 
@@ -41,18 +43,28 @@ void cut_cell(const Discs& discs, const DiscTree& tree, std::size_t disc, const 
               double half_side, double enough, VoronoiCell& cell) {
   cell.reset(half_side);
   const double enough2 = enough * enough;
-  const auto enter = [&](const DiscTree::Node& node, std::size_t) {
-    const double furthest2 = cell.radius2();
-    return furthest2 > enough2 &&
-           static_cast<double>(node.distance2(discs.center[disc])) <= 4 * kRounding * furthest2;
+  // Bisectors beyond the cell's furthest corner cut nothing.
+  const Vec3f& center = discs.center[disc];
+  const auto limit2 = [&] { return static_cast<float>(4 * kRounding * cell.radius2()); };
+  float reach2 = limit2();
+  const auto enter = [&](const DiscTree::Node&, std::size_t, float distance2) {
+    return distance2 <= reach2 && cell.radius2() > enough2;
   };
-  const auto visit = [&](std::size_t j) {
+  const auto cut_by = [&](std::size_t j) {
+    if ((discs.center[j] - center).squaredNorm() > reach2) return;
     Vec2d place;
-    if (j == disc || !plane.unfold(discs.center[j], discs.normal[j], place)) return;
-    // Bisectors beyond the cell's furthest corner cut nothing.
-    if (place.squaredNorm() < 4 * cell.radius2()) cell.cut(place);
+    if (plane.unfold(discs.center[j], discs.normal[j], place) && cell.cut(place)) reach2 = limit2();
   };
-  tree.search_around(disc, discs.center[disc], enter, visit);
+  // The next ones along the curve first: they close most cells, so that few boxes are opened.
+  const std::size_t first = disc - std::min(disc, kAlongCurve);
+  const std::size_t last = std::min(discs.size() - 1, disc + kAlongCurve);
+  for (std::size_t step = 1; step <= kAlongCurve; ++step) {
+    if (disc >= first + step) cut_by(disc - step);
+    if (disc + step <= last) cut_by(disc + step);
+  }
+  tree.search_around(disc, center, enter, [&](std::size_t j) {
+    if (j < first || j > last) cut_by(j);
+  });
 }
 
 /// May the disc meet the cell? True for some that only come near a corner.
@@ -73,9 +85,9 @@ void for_each_touching(const Discs& discs, const DiscTree& tree, const TangentPl
                        const Vec3f& center, const VoronoiCell& cell, Visit visit) {
   const double cell_radius = cell.radius();
   bool more = true;
-  const auto enter = [&](const DiscTree::Node& node, std::size_t) {
-    const double reach = cell_radius + static_cast<double>(node.radius);
-    return more && static_cast<double>(node.distance2(center)) <= kRounding * reach * reach;
+  const auto enter = [&](const DiscTree::Node& node, std::size_t, float distance2) {
+    const double reach = cell_radius + static_cast<double>(node.radius());
+    return more && static_cast<double>(distance2) <= kRounding * reach * reach;
   };
   const auto try_visit = [&](std::size_t j) {
     Vec2d place;
@@ -173,12 +185,12 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
   parallel_for(count_, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
     VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
     Chunk& chunk = chunks_[begin / kGrain];
-    // A square that most cells fit into: the neighbours in a leaf are spread over nearly three
-    // spacings. Others are made anew in a larger one.
+    // A square that most cells fit into: eight neighbours along the curve are spread over nearly
+    // three spacings. Cells that do not fit are made anew in a larger one.
     const auto first_guess = [&](std::size_t i) {
       double furthest2 = 0;
-      const std::size_t leaf = i - i % DiscTree::kLeafSize;
-      for (std::size_t j = leaf; j < std::min(count_, leaf + DiscTree::kLeafSize); ++j) {
+      const std::size_t first = i - i % 8;
+      for (std::size_t j = first; j < std::min(count_, first + 8); ++j) {
         const Vec3d offset = (discs.center[j] - discs.center[i]).cast<double>();
         furthest2 = std::max(furthest2, offset.squaredNorm());
       }
