@@ -10,6 +10,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 # Mean degree = 25.1 cutoff - 1 for sigma = spacing: near SP06's 17 at c = 1.
 cutoff=(--cutoff 0.72)
+orders=(largest-first smallest-last dsatur)
 
 # number KEY < JSON: the first of that name.
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
@@ -24,32 +25,32 @@ seconds() {
 # surfels NAME MESH COUNT
 surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
 
-# rows NAME: one for each order.
-rows() {
-  for order in largest-first smallest-last dsatur; do
-    for run in 1 2 3; do
-      "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order $order --print-table --stats "$work/$run.json" --quiet \
-        > "$work/table.txt"
-    done
-    # | name | points | four columns |
-    tail -1 "$work/table.txt" | awk -F'|' -v order=$order '{printf "|%s|%s| %s |%s|%s|%s|%s|", $2, $3, order, $4, $5, $6, $7}'
-    printf ' %s | %s |\n' "$(seconds search "$work"/{1,2,3}.json)" "$(seconds color "$work"/{1,2,3}.json)"
-  done
-}
-
-# relaxed NAME TEXT OPTION...: the groups that relaxations save.
-relaxed() {
+# row NAME TEXT OPTION...: of the table, with a text in the third column.
+row() {
   local name=$1 text=$2
   shift 2
-  "$tools/surfel-group" "$work/$name.ply" "${cutoff[@]}" --order dsatur --print-table --quiet "$@" > "$work/table.txt"
-  tail -1 "$work/table.txt" | awk -F'|' -v text="$text" '{printf "|%s| %s |%s|%s|%s|%s|\n", $2, text, $4, $5, $6, $7}'
+  "$tools/surfel-group" "$work/$name.ply" "${cutoff[@]}" --print-table --quiet "$@" |
+    tail -1 | awk -F'|' -v text="$text" '{printf "|%s|%s| %s |%s|%s|%s|%s|\n", $2, $3, text, $4, $5, $6, $7}'
+}
+
+# times NAME: at c = 1, for every order, the least of three runs.
+times() {
+  local line="| $1 |"
+  for order in "${orders[@]}"; do
+    for run in 1 2 3; do
+      "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" -o "$work/out.ply" --stats "$work/$run.json" --quiet
+    done
+    line+=" $(seconds sort "$work"/{1,2,3}.json) + $(seconds hierarchy "$work"/{1,2,3}.json) + "
+    line+="$(seconds search "$work"/{1,2,3}.json) + $(seconds color "$work"/{1,2,3}.json) |"
+  done
+  echo "$line $(number peak_memory_bytes < "$work/3.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
 }
 
 # fixed NAME K
 fixed() {
   local row="| $1 | $2 |"
-  for order in largest-first smallest-last dsatur; do
-    "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order $order --groups "$2" -o "$work/out.ply" \
+  for order in "${orders[@]}"; do
+    "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" --groups "$2" -o "$work/out.ply" \
       --stats "$work/s.json" --quiet
     row+=$(awk -v o="$(number overlap_area < "$work/s.json")" -v d="$(number disc_area < "$work/s.json")" \
       -v t="$(number color < "$work/s.json")" 'BEGIN {printf " %.1f %%, %.1f s |", 100 * o / d, t / 1000}')
@@ -77,26 +78,37 @@ near SP06's 17. An entry is K / largest degree / mean degree.
 | Female | 303K | largest-first | 19 / 49 / 18.9 | 15 / 32 / 13.2 | 10 / 18 / 6.9 | 8 / 9 / 2.3 |
 | BallJoint | 137K | largest-first | 17 / 31 / 18.6 | 12 / 23 / 13.6 | 9 / 14 / 7.1 | 5 / 7 / 2.3 |
 
-Ours, with the least wall time of three runs for c = 1.0: search for the pairs, and order with colouring, in seconds.
+Ours:
 
-| surfels | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 | pairs | colouring |
-|---|---|---|---|---|---|---|---|---|
+| surfels | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
 TEXT
-  for name in head dragon armadillo bunny; do rows $name; done
+  for name in head dragon armadillo bunny; do
+    for order in "${orders[@]}"; do row $name "$order" --order "$order"; done
+  done
   cat <<'TEXT'
 
 The largest degree, and with it K, comes from where sheets lie close together: `--relax-opposite` lets them share groups.
 DSATUR:
 
-| surfels | relaxations | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
-|---|---|---|---|---|---|
+| surfels | points | relaxations | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
 TEXT
   for name in dragon bunny; do
-    relaxed $name none
-    relaxed $name opposite --relax-opposite
-    relaxed $name coplanar --relax-coplanar
-    relaxed $name both --relax-opposite --relax-coplanar
+    row $name none --order dsatur
+    row $name opposite --order dsatur --relax-opposite
+    row $name coplanar --order dsatur --relax-coplanar
+    row $name both --order dsatur --relax-opposite --relax-coplanar
   done
+  cat <<'TEXT'
+
+Wall time at c = 1.0, the least of three runs with 2 threads, seconds: sorting along the curve + hierarchy of boxes + search for the pairs +
+order and colouring. Memory of the whole run, the file's columns included.
+
+| surfels | largest-first | smallest-last | dsatur | peak memory |
+|---|---|---|---|---|
+TEXT
+  for name in dragon bunny; do times $name; done
   cat <<'TEXT'
 
 ## A fixed number of groups

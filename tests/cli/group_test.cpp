@@ -84,6 +84,35 @@ TEST_F(SurfelGroup, RelaxesOppositeSheets) {
   EXPECT_EQ(stats({"--relax-opposite"})["groups"], 1);
 }
 
+TEST_F(SurfelGroup, CoversTheSurfaceAndReportsIt) {
+  const auto none = stats({"--groups", "4", "--cover", "none"})["coverage"];
+  EXPECT_TRUE(read_cloud(folder_ / "grouped.ply").group_radius.empty());
+  EXPECT_EQ(none["groups"].size(), 4U);
+  EXPECT_EQ(none["growth_max"], 1);
+  for (const char* method : {"enlarge", "enlarge-each"}) {
+    const auto enlarged = stats({"--groups", "4", "--cover", method})["coverage"];
+    EXPECT_EQ(read_cloud(folder_ / "grouped.ply").group_radius.size(), 3000U);
+    EXPECT_GT(enlarged["covered_area"], none["covered_area"]) << method;
+    EXPECT_GT(enlarged["growth_max"].get<double>(), 1) << method;
+    EXPECT_EQ(enlarged["points_added"], 0);
+  }
+  const auto duplicated = stats({"--groups", "4", "--cover", "duplicate"})["coverage"];
+  const SurfelCloud cloud = read_cloud(folder_ / "grouped.ply");
+  EXPECT_GT(cloud.size(), 3000U);
+  EXPECT_EQ(duplicated["points_added"].get<std::size_t>(), cloud.size() - 3000);
+  EXPECT_EQ(cloud.source.size(), cloud.size());
+  EXPECT_GT(duplicated["covered_area"], none["covered_area"]);
+
+  const auto less = stats({"--groups", "4", "--cover", "duplicate", "--least-gain", "0.5"});
+  EXPECT_LT(less["coverage"]["points_added"], duplicated["points_added"]);
+  const auto half = stats(
+      {"--cover", "enlarge", "--cover-target", "0.95", "--fixed-point", "9"});
+  EXPECT_NEAR(half["coverage"]["groups"][0]["covered_area"].get<double>(),
+              0.95 * half["coverage"]["groups"][0]["cell_area"].get<double>(), 0.01);
+  EXPECT_TRUE(half["coverage"]["groups"][0].contains("fixed_point"));
+  EXPECT_FALSE(stats({}).contains("coverage"));
+}
+
 TEST_F(SurfelGroup, PrintsARowOfTheTable) {
   const RunResult result = group({"--print-table", "--quiet"});
   ASSERT_EQ(result.exit_code, 0) << result.errors;
@@ -101,6 +130,7 @@ TEST_F(SurfelGroup, RefusesWhatMakesNoSense) {
   EXPECT_EQ(group({}).exit_code, 2);
   EXPECT_EQ(group({"--print-table"}, "-").exit_code, 2);
   EXPECT_EQ(group({"--print-table", "--groups", "4"}).exit_code, 2);
+  EXPECT_EQ(group({"--print-table", "--cover", "enlarge"}).exit_code, 2);
   const std::string output = folder_ / "none.ply";
   for (const Words& options : {Words{"--groups", "-1"},
                                {"--groups", "65536"},
@@ -109,12 +139,18 @@ TEST_F(SurfelGroup, RefusesWhatMakesNoSense) {
                                {"--order", "none"},
                                {"--coplanar-angle", "5"},
                                {"--max-memory", "-1"},
-                               {"--relax-coplanar", "--coplanar-color", "-1"}}) {
+                               {"--relax-coplanar", "--coplanar-color", "-1"},
+                               {"--cover", "most"},
+                               {"--least-gain", "0.5"},
+                               {"--cover", "enlarge-each", "--cover-target", "0.5"},
+                               {"--cover", "duplicate", "--fixed-point", "9"},
+                               {"--cover", "enlarge", "--cover-target", "2"},
+                               {"--cover", "duplicate", "--least-gain", "0"}}) {
     EXPECT_EQ(group(options, output).exit_code, 2) << options[0] << ' ' << options.back();
   }
   const RunResult memory = group({"--max-memory", "1e-6"}, output);
   EXPECT_EQ(memory.exit_code, 1);
-  EXPECT_TRUE(contains(memory.errors, "sphere.ply: more than 125 pairs")) << memory.errors;
+  EXPECT_TRUE(contains(memory.errors, "sphere.ply: more than 62 pairs")) << memory.errors;
   EXPECT_FALSE(std::filesystem::exists(output));
 }
 

@@ -121,8 +121,8 @@ class OverlapSearch {
         if (!relaxed) continue;
         Look& look = look_[v];
         look.normal = cloud.normal.empty() ? Vec3d(0, 0, 0) : unit_or_zero(cloud.normal[k]);
-        look.color << (color ? (*color)[k] : Vec3f(0, 0, 0)),
-            (cloud.alpha.empty() ? 1.0F : cloud.alpha[k]);
+        const Vec3f c = color ? (*color)[k] : Vec3f(0, 0, 0);
+        look.color = {c.x(), c.y(), c.z(), cloud.alpha.empty() ? 1.0F : cloud.alpha[k]};
         look.material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[k];
       }
     });
