@@ -263,7 +263,7 @@ TEST(Coverage, FixedPointStaysBelowTheRootAndDivergesBeyondTheArea) {
   const Discs discs = make_discs(source, 1);
   SurfelCloud wide = source;
   for (float& variance : wide.variance) variance *= 9;
-  const DiscSurface surface(make_discs(wide, 1));
+  const DiscSurface surface(make_discs(wide, 1), false);
   const GroupCells cells(discs, surface);
   const double reachable = 0.95 * cells.area();
   const Enlargement root = enlarge_by_bracketing(cells, discs.radius, reachable);

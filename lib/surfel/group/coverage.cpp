@@ -71,10 +71,10 @@ class GroupCoverer {
     report_.points_before = cloud_.size();
     report_.without_disc = cloud_.size() - discs_.size();
     lists_.emplace(discs_, cloud_.group);
-    surface_.emplace(discs_);
-    report_.border_splats = surface_->border_count();
     const double area = surface_area(cloud_);
     report_.area_from_column = area > 0;
+    surface_.emplace(discs_, !report_.area_from_column);
+    report_.border_splats = surface_->border_count();
     report_.area = report_.area_from_column ? area : surface_->area();
     report_.times.add("surface", timer.milliseconds());
 

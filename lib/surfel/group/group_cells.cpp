@@ -22,6 +22,9 @@ constexpr std::size_t kDirections = 16;
 constexpr double kOwnSquare = 1.01;
 /// Discs along the curve that are looked at first, either way.
 constexpr std::size_t kAlongCurve = 6;
+/// Cells whose corner is that much further away than those of a disc of their area, squared, are
+/// looked at closely; a regular hexagon has 1.2.
+constexpr double kSlender = 2.5;
 /// Boxes are tested in single precision.
 constexpr double kRounding = 1 + 1e-5;
 
@@ -78,7 +81,7 @@ bool touches(const VoronoiCell& cell, const Vec2d& center, double radius) {
   return true;
 }
 
-/// Calls visit(center, radius) for the discs on a plane's sheet that touch the cell, until it
+/// Calls visit(disc, place) for the discs on a plane's sheet that touch the cell, until it
 /// returns false.
 template <class Visit>
 void for_each_touching(const Discs& discs, const DiscTree& tree, const TangentPlane& plane,
@@ -94,11 +97,35 @@ void for_each_touching(const Discs& discs, const DiscTree& tree, const TangentPl
     const auto radius = static_cast<double>(discs.radius[j]);
     if (more && plane.unfold(discs.center[j], discs.normal[j], place) &&
         touches(cell, place, radius)) {
-      more = visit(place, radius);
+      more = visit(j, place);
     }
   };
   tree.search(center, enter, try_visit);
 }
+
+/// Is disc j of the cloud not wholly nearer to another one of a group's discs, on its sheet, than
+/// to disc i?
+bool owns(const Discs& group, const DiscTree& tree, std::size_t i, const Discs& all,
+          std::size_t j) {
+  const Vec3f& center = all.center[j];
+  const float closer = (group.center[i] - center).norm() - 2 * all.radius[j];
+  if (closer <= 0) return true;
+  const TangentPlane plane(all, j);
+  bool found = false;
+  const auto enter = [&](const DiscTree::Node&, std::size_t, float distance2) {
+    return !found && distance2 < closer * closer;
+  };
+  tree.search(center, enter, [&](std::size_t m) {
+    Vec2d place;
+    found = found || (m != i && (group.center[m] - center).squaredNorm() < closer * closer &&
+                      plane.unfold(group.center[m], group.normal[m], place));
+  });
+  return !found;
+}
+
+/// At a crease cells have spikes: the plane goes on where the surface turns away, and the
+/// neighbours behind the crease bound it badly.
+bool slender(const VoronoiCell& cell) { return kPi * cell.radius2() > kSlender * cell.area(); }
 
 /// Distance of the nearest side; 0 for a cell without area.
 double inner_radius(const VoronoiCell& cell) {
@@ -116,12 +143,12 @@ double inner_radius(const VoronoiCell& cell) {
 
 }  // namespace
 
-DiscSurface::DiscSurface(const Discs& discs)
+DiscSurface::DiscSurface(const Discs& discs, bool with_area)
     : discs_(discs.gathered(distinct_discs(discs))), tree_(discs_) {
-  find_border();
+  find_border(with_area);
 }
 
-void DiscSurface::find_border() {
+void DiscSurface::find_border(bool with_area) {
   constexpr std::size_t kGrain = 256;
   struct Part {
     double area = 0;
@@ -135,8 +162,9 @@ void DiscSurface::find_border() {
     for (std::size_t i = begin; i < end; ++i) {
       const TangentPlane plane(discs_, i);
       const auto radius = static_cast<double>(discs_.radius[i]);
-      cut_cell(discs_, tree_, i, plane, kOwnSquare * radius, 0, cell);
-      part.area += disc_area_in_polygon(radius, cell.corners());
+      // A disc that covers its cell is not at a border, whatever else would be cut.
+      cut_cell(discs_, tree_, i, plane, kOwnSquare * radius, with_area ? 0 : radius, cell);
+      if (with_area) part.area += disc_area_in_polygon(radius, cell.corners());
       if (cell.radius() > radius) part.border.push_back(static_cast<std::uint32_t>(i));
     }
   });
@@ -152,7 +180,7 @@ void DiscSurface::find_border() {
 bool DiscSurface::may_end_in(const TangentPlane& plane, const Vec3f& center,
                              const VoronoiCell& cell) const {
   bool found = false;
-  for_each_touching(border_, *border_tree_, plane, center, cell, [&](const Vec2d&, double) {
+  for_each_touching(border_, *border_tree_, plane, center, cell, [&](std::size_t, const Vec2d&) {
     found = true;
     return false;
   });
@@ -160,14 +188,33 @@ bool DiscSurface::may_end_in(const TangentPlane& plane, const Vec3f& center,
 }
 
 DiscSurface::Restriction DiscSurface::restrict_cell(const TangentPlane& plane, const Vec3f& center,
-                                                    VoronoiCell& cell) const {
-  std::array<double, kDirections> reach{};
-  for_each_touching(discs_, tree_, plane, center, cell, [&](const Vec2d& place, double radius) {
-    for (std::size_t k = 0; k < kDirections; ++k) {
-      reach[k] = std::max(reach[k], place.dot(directions()[k]) + radius);
-    }
+                                                    Owns owns, VoronoiCell& cell) const {
+  struct Touching {
+    double furthest;
+    std::size_t disc;
+    Vec2d place;
+  };
+  std::vector<Touching> touching;
+  for_each_touching(discs_, tree_, plane, center, cell, [&](std::size_t j, const Vec2d& place) {
+    touching.push_back({place.norm() + static_cast<double>(discs_.radius[j]), j, place});
     return true;
   });
+  // The furthest first: few of the others reach further in any direction and have to be asked
+  // about.
+  std::sort(touching.begin(), touching.end(), [](const Touching& a, const Touching& b) {
+    return a.furthest != b.furthest ? a.furthest > b.furthest : a.disc < b.disc;
+  });
+  std::array<double, kDirections> reach{};
+  for (const Touching& disc : touching) {
+    std::array<double, kDirections> extended{};
+    bool extends = false;
+    for (std::size_t k = 0; k < kDirections; ++k) {
+      extended[k] = std::max(reach[k], disc.place.dot(directions()[k]) +
+                                           static_cast<double>(discs_.radius[disc.disc]));
+      extends = extends || extended[k] > reach[k];
+    }
+    if (extends && owns(discs_, disc.disc)) reach = extended;
+  }
   Restriction out;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (cell.cut(2 * reach[k] * directions()[k])) out.cut = true;
@@ -194,7 +241,7 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
         const Vec3d offset = (discs.center[j] - discs.center[i]).cast<double>();
         furthest2 = std::max(furthest2, offset.squaredNorm());
       }
-      return static_cast<double>(discs.radius[i]) + 1.5 * std::sqrt(furthest2);
+      return static_cast<double>(discs.radius[i]) + std::sqrt(furthest2);
     };
     for (std::size_t i = begin; i < end; ++i) {
       const TangentPlane plane(discs, i);
@@ -203,8 +250,10 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
         cut_cell(discs, tree, i, plane, half_side, 0, cell);
         // Neighbours further away than twice the square could cut what reaches beyond it.
         const bool open = cell.radius() > half_side;
-        if (!open && !surface.may_end_in(plane, discs.center[i], cell)) break;
-        const auto restriction = surface.restrict_cell(plane, discs.center[i], cell);
+        if (!open && !slender(cell) && !surface.may_end_in(plane, discs.center[i], cell)) break;
+        const auto restriction = surface.restrict_cell(
+            plane, discs.center[i],
+            [&](const Discs& all, std::size_t j) { return owns(discs, tree, i, all, j); }, cell);
         restricted = restriction.cut;
         if (!open || restriction.reach <= half_side) break;
         half_side = std::max(2 * half_side, kRounding * restriction.reach);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/cloud/voronoi_cell.h>
 #include <surfel/group/disc_tree.h>
 
@@ -14,29 +15,30 @@ namespace surfel {
 /// The surface that a cloud's discs stand for: their union, sheet by sheet.
 class SURFEL_API DiscSurface {
  public:
-  /// `discs` may hold several at one place; O(n log n) in practice.
-  explicit DiscSurface(const Discs& discs);
+  /// `discs` may hold several at one place; O(n log n) in practice, twice as long with the area.
+  DiscSurface(const Discs& discs, bool with_area);
 
-  /// Area of the union of the discs, unit^2: SP06 (7) over all points.
+  /// Area of the union of the discs, unit^2: SP06 (7) over all points. 0 if it was not asked for.
   double area() const { return area_; }
   /// Discs that do not cover their own Voronoi cell: the surface ends at them, or has a hole.
   std::size_t border_count() const { return border_.size(); }
 
-  /// Cuts from a cell, given in the tangent plane of a disc at `center`, what lies beyond the
-  /// surface: of every disc on the same sheet that touches the cell the reach in 16 directions is
-  /// taken, and the cell ends at the largest. Was there anything to cut, or a disc that reaches out
-  /// of the square |x|, |y| <= half_side in which the cell was made?
   struct Restriction {
-    bool cut = false;
+    bool cut = false;  ///< Was there anything to cut?
     double reach = 0;  ///< Largest of the 16, scene units.
   };
-  Restriction restrict_cell(const TangentPlane& plane, const Vec3f& center,
+  /// Is a disc of this surface one that the cell is to cover?
+  using Owns = FunctionRef<bool(const Discs& discs, std::size_t disc)>;
+  /// Cuts from a cell, given in the tangent plane of a disc at `center`, what lies beyond the
+  /// surface: of the discs on the same sheet that touch the cell and that it owns the reach in 16
+  /// directions is taken, and the cell ends there.
+  Restriction restrict_cell(const TangentPlane& plane, const Vec3f& center, Owns owns,
                             VoronoiCell& cell) const;
   /// May the surface end within the cell?
   bool may_end_in(const TangentPlane& plane, const Vec3f& center, const VoronoiCell& cell) const;
 
  private:
-  void find_border();
+  void find_border(bool with_area);
 
   Discs discs_;
   DiscTree tree_;
@@ -47,11 +49,13 @@ class SURFEL_API DiscSurface {
 
 /// Voronoi cells of a group's discs in their tangent planes, restricted to the surface. Cells whose
 /// neighbours lie on other sheets are not cut by them; where the group has no neighbour left, at a
-/// border, a cell ends where the discs of the whole cloud end (DiscSurface), so that its size is
-/// bounded by that of the surface. A disc covers its part of the surface if it covers its cell: the
-/// part of disc i outside of its cell is what SP06 (7) has to subtract (`Clipped` as worded there
-/// would subtract the lens of two discs twice), and for discs of one size the parts inside add up
-/// to the area of the union. Where sizes differ the sum is a lower bound.
+/// border, a cell ends where the discs of the whole cloud end (DiscSurface), those left out that
+/// are wholly nearer to another splat of the group on their own sheet: a splat that is askew to the
+/// surface would see far parts of it in its plane. So a cell's size is bounded by that of the
+/// surface. A disc covers its part of the surface if it covers its cell: the part of disc i outside
+/// of its cell is what SP06 (7) has to subtract (`Clipped` as worded there would subtract the lens
+/// of two discs twice), and for discs of one size the parts inside add up to the area of the union.
+/// Where sizes differ the sum is a lower bound.
 class SURFEL_API GroupCells {
  public:
   /// `discs`: of one group, no two at one place on one sheet (distinct_discs()).
