@@ -56,12 +56,13 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Groups");
-  tool::add_choice(app, "--order", s.grouping.order,
-                   {{"largest-first", ColoringOrder::kLargestFirst},
-                    {"smallest-last", ColoringOrder::kSmallestLast},
-                    {"dsatur", ColoringOrder::kDsatur}},
-                   "Order in which splats choose their group: dsatur makes the fewest groups and "
-                   "takes longest");
+  tool::add_choice(
+      app, "--order", s.grouping.order,
+      {{"largest-first", ColoringOrder::kLargestFirst},
+       {"smallest-last", ColoringOrder::kSmallestLast},
+       {"dsatur", ColoringOrder::kDsatur}},
+      "Order in which splats choose their group: smallest-last and dsatur make fewer groups "
+      "and take longer");
   app.add_option("--groups", s.grouping.groups,
                  "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
                  "no two splats of a group to overlap")
