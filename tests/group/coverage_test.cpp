@@ -351,20 +351,27 @@ TEST(Coverage, OtherSheetsDoNotCut) {
   }
 }
 
-TEST(Coverage, SharpEdgeEndsCellsOfBothFaces) {
-  // Two grids at a right angle: no disc grows by what lies around the edge.
-  SurfelCloud cloud = grid(16, 0.8F);
-  const std::size_t face = cloud.size();
-  for (std::size_t i = 0; i < face; ++i) {
-    const Vec3f p = cloud.position[i];
-    cloud.position.emplace_back(-0.5F, p.y(), -0.5F - p.x());
-    cloud.normal.emplace_back(-1.0F, 0.0F, 0.0F);
+TEST(Coverage, CreasesMakeNoSpikes) {
+  // Two jittered squares, folded along the y axis by more and more: no disc grows by what its plane
+  // meets beyond the fold.
+  for (const double fold : {30.0, 60.0, 85.0, 95.0, 150.0}) {
+    const double angle = fold * kPi / 180;
+    SurfelCloud cloud = grouped_scene("plane", 1600, 3, true);
+    double unfolded = 0;
+    for (const float r : covered_by(cloud, CoverMethod::kEnlargeEach).group_radius) {
+      unfolded = std::max(unfolded, static_cast<double>(r));
+    }
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      const Vec3f p = cloud.position[i];
+      if (p.x() < 0) continue;
+      const auto sine = static_cast<float>(std::sin(angle));
+      const auto cosine = static_cast<float>(std::cos(angle));
+      cloud.position[i] = Vec3f(p.x() * cosine, p.y(), -p.x() * sine);
+      cloud.normal[i] = Vec3f(sine, 0, cosine);
+    }
+    cloud = covered_by(std::move(cloud), CoverMethod::kEnlargeEach);
+    for (const float r : cloud.group_radius) EXPECT_LT(r, 1.3 * unfolded) << fold;
   }
-  cloud.variance.assign(cloud.size(), cloud.variance[0]);
-  cloud.group.assign(cloud.size(), 0);
-  CoverageReport report;
-  covered_by(cloud, CoverMethod::kEnlargeEach, &report);
-  EXPECT_LT(report.growth_max, std::numbers::sqrt2 + 1e-3);
 }
 
 TEST(Coverage, OneSplatAndEmptyClouds) {

@@ -92,7 +92,8 @@ struct CoverageReport {
 /// the group's cells: A itself, which is not measured in the same tangent planes, may be more than
 /// they hold, and (8) then has no solution.
 ///
-/// O(n log n) in practice; memory some 100 bytes a splat, and 150 a splat of the largest group.
+/// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
+/// Memory some 100 bytes a splat, and 150 a splat of the largest group.
 /// The same for any number of threads. Throws Error(kUsage) for bad options, Error(kInput) if
 /// group, normals or variances are missing.
 SURFEL_API CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options = {});
