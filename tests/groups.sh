@@ -15,13 +15,6 @@ orders=(largest-first smallest-last dsatur)
 # number KEY < JSON: the first of that name.
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
 
-# seconds KEY FILE...: the least of a time in milliseconds over several runs.
-seconds() {
-  local key=$1
-  shift
-  for file in "$@"; do number "$key" < "$file"; done | sort -g | head -1 | awk '{printf "%.2f", $1 / 1000}'
-}
-
 # surfels NAME MESH COUNT
 surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
 
@@ -33,17 +26,15 @@ row() {
     tail -1 | awk -F'|' -v text="$text" '{printf "|%s|%s| %s |%s|%s|%s|%s|\n", $2, $3, text, $4, $5, $6, $7}'
 }
 
-# times NAME: at c = 1, for every order, the least of three runs.
+# times NAME: at c = 1, for every order.
 times() {
-  local line="| $1 |"
+  local line="| $1 |" order TIMEFORMAT='%U %S'
   for order in "${orders[@]}"; do
-    for run in 1 2 3; do
-      "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" -o "$work/out.ply" --stats "$work/$run.json" --quiet
-    done
-    line+=" $(seconds sort "$work"/{1,2,3}.json) + $(seconds hierarchy "$work"/{1,2,3}.json) + "
-    line+="$(seconds search "$work"/{1,2,3}.json) + $(seconds color "$work"/{1,2,3}.json) |"
+    { time "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" -o "$work/out.ply" --stats "$work/s.json" \
+      --quiet; } 2> "$work/time.txt"
+    line+=$(awk '{printf " %.2f s |", $1 + $2}' "$work/time.txt")
   done
-  echo "$line $(number peak_memory_bytes < "$work/3.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
+  echo "$line $(number peak_memory_bytes < "$work/s.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
 }
 
 # fixed NAME K
@@ -53,7 +44,7 @@ fixed() {
     "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" --groups "$2" -o "$work/out.ply" \
       --stats "$work/s.json" --quiet
     row+=$(awk -v o="$(number overlap_area < "$work/s.json")" -v d="$(number disc_area < "$work/s.json")" \
-      -v t="$(number color < "$work/s.json")" 'BEGIN {printf " %.1f %%, %.1f s |", 100 * o / d, t / 1000}')
+      'BEGIN {printf " %.1f %% |", 100 * o / d}')
   done
   echo "$row"
 }
@@ -102,8 +93,8 @@ TEXT
   done
   cat <<'TEXT'
 
-Wall time at c = 1.0, the least of three runs with 2 threads, seconds: sorting along the curve + hierarchy of boxes + search for the pairs +
-order and colouring. Memory of the whole run, the file's columns included.
+Processor time of the whole run at c = 1.0, reading and writing included, over all threads (on two free cores the search for pairs,
+about half of it, runs on both), and its memory.
 
 | surfels | largest-first | smallest-last | dsatur | peak memory |
 |---|---|---|---|---|
@@ -113,7 +104,7 @@ TEXT
 
 ## A fixed number of groups
 
-Overlap within groups as a share of the area of all discs, and time of ordering and placement.
+Overlap within groups as a share of the area of all discs.
 
 | surfels | K | largest-first | smallest-last | dsatur |
 |---|---|---|---|---|

@@ -197,7 +197,9 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
                   "{:.1f} %; radii grew by {:.2f}, at most {:.2f}; {} splats added",
                   s.input, percent(r.covered_area), percent(r.uncovered_area),
                   percent(r.overlap_area), r.growth_mean, r.growth_max, r.points_added));
-  if (r.capped > 0) {
+  const bool grew =
+      s.cover == surfel::CoverMethod::kEnlarge || s.cover == surfel::CoverMethod::kEnlargeEach;
+  if (grew && r.capped > 0) {
     tool.note(
         fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
   }
@@ -259,7 +261,7 @@ int main(int argc, char** argv) {
     cloud.provenance.push_back(tool.provenance());
     surfel::write_cloud(cloud, settings.output, {.no_clobber = tool.common().no_clobber});
     tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
-                          settings.output, grouping.splats, grouping.groups, grouping.mean_degree,
+                          settings.output, cloud.size(), grouping.groups, grouping.mean_degree,
                           grouping.max_degree));
     if (grouping.overlap) {
       tool.note(fmt::format("{}: within their groups, {:.3g} % of the splats' area overlaps",
