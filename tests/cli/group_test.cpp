@@ -105,8 +105,7 @@ TEST_F(SurfelGroup, CoversTheSurfaceAndReportsIt) {
 
   const auto less = stats({"--groups", "4", "--cover", "duplicate", "--least-gain", "0.5"});
   EXPECT_LT(less["coverage"]["points_added"], duplicated["points_added"]);
-  const auto half = stats(
-      {"--cover", "enlarge", "--cover-target", "0.95", "--fixed-point", "9"});
+  const auto half = stats({"--cover", "enlarge", "--cover-target", "0.95", "--fixed-point", "9"});
   EXPECT_NEAR(half["coverage"]["groups"][0]["covered_area"].get<double>(),
               0.95 * half["coverage"]["groups"][0]["cell_area"].get<double>(), 0.01);
   EXPECT_TRUE(half["coverage"]["groups"][0].contains("fixed_point"));
