@@ -1,0 +1,272 @@
+#include <filesystem>
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/group/coverage.h>
+#include <surfel/group/grouping.h>
+#include <surfel/io/cloud_io.h>
+
+#include "tools/support/options.h"
+#include "tools/support/tool.h"
+
+namespace {
+
+struct Settings {
+  std::string input;
+  std::string output;
+  bool print_table = false;
+  double max_memory_gb = 0;
+  surfel::GroupingOptions grouping;
+  std::optional<surfel::CoverMethod> cover;
+  surfel::CoverageOptions coverage;
+};
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace surfel;
+  OverlapOptions& overlap = s.grouping.overlap;
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD; - = standard input)")->required();
+  app.add_option("-o,--output", s.output,
+                 "Surfels to write, with their group (- = standard output)");
+  app.add_flag("--print-table", s.print_table,
+               "Print groups, largest and mean degree for overlaps of 1.0, 0.8, 0.6 and 0.4, a row "
+               "of the table in SP06, to standard output");
+
+  app.option_defaults()->group("Overlap");
+  app.add_option("--cutoff", overlap.cutoff,
+                 "c that a splat ends at: its radius is sqrt(2 c variance), 0.01..16")
+      ->capture_default_str();
+  app.add_option("--overlap", overlap.overlap,
+                 "Splats of a group are no closer than this times the sum of their radii, 0..4")
+      ->capture_default_str();
+  app.add_flag("--relax-opposite", overlap.relax_opposite,
+               "Let splats overlap whose normals point into opposite directions");
+  app.add_flag("--relax-coplanar", overlap.relax_coplanar,
+               "Let splats overlap that lie in one plane and look the same");
+  app.add_option("--coplanar-angle", overlap.coplanar_angle,
+                 "Of --relax-coplanar: how far planes may differ, degrees, 0..45")
+      ->capture_default_str();
+  app.add_option("--coplanar-color", overlap.coplanar_color,
+                 "Of --relax-coplanar: how far linear colours and alpha may differ")
+      ->capture_default_str();
+  app.add_option("--max-memory", s.max_memory_gb,
+                 "Most that the overlapping pairs may take, GB; 0 = half of what is free")
+      ->capture_default_str();
+
+  app.option_defaults()->group("Groups");
+  tool::add_choice(
+      app, "--order", s.grouping.order,
+      {{"largest-first", ColoringOrder::kLargestFirst},
+       {"smallest-last", ColoringOrder::kSmallestLast},
+       {"dsatur", ColoringOrder::kDsatur}},
+      "Order in which splats choose their group: smallest-last and dsatur make fewer groups "
+      "and take longer");
+  app.add_option("--groups", s.grouping.groups,
+                 "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
+                 "no two splats of a group to overlap")
+      ->capture_default_str();
+
+  app.option_defaults()->group("Coverage of the surface by every group, for transparent rendering");
+  tool::add_choice(app, "--cover", s.cover,
+                   {{"none", CoverMethod::kNone},
+                    {"enlarge", CoverMethod::kEnlarge},
+                    {"enlarge-each", CoverMethod::kEnlargeEach},
+                    {"duplicate", CoverMethod::kDuplicate}},
+                   "none = measure it; enlarge = one factor for a group's radii; enlarge-each = a "
+                   "radius for every splat, the least overlap; duplicate = add splats of other "
+                   "groups; default: leave out");
+  app.add_option("--cover-target", s.coverage.target,
+                 "Of --cover enlarge: share of the surface that a group shall cover, up to 1")
+      ->capture_default_str();
+  app.add_option("--least-gain", s.coverage.least_gain,
+                 "Of --cover duplicate: a splat is added if it newly covers more than this share "
+                 "of its disc, between 0 and 1")
+      ->capture_default_str();
+  app.add_option("--fixed-point", s.coverage.fixed_point_iterations,
+                 "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
+                 "solution for comparison; 0 = none")
+      ->capture_default_str();
+  app.option_defaults()->group("Options");
+}
+
+/// Options that the others given leave without effect.
+void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
+  using surfel::CoverMethod;
+  const auto needs = [&](const char* option, bool in_force, const char* other) {
+    if (in_force || app.get_option(option)->count() == 0) return;
+    problems.push_back(fmt::format("{} has no effect without {}", option, other));
+  };
+  needs("--coplanar-angle", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
+  needs("--coplanar-color", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
+  needs("--cover-target", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--fixed-point", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
+  needs("--cover", !s.output.empty(), "--output");
+}
+
+void check(const CLI::App& app, Settings& s) {
+  std::vector<std::string> problems = s.grouping.problems();
+  if (s.output.empty() && !s.print_table) {
+    problems.emplace_back("there is neither --output nor --print-table; give one");
+  }
+  if (s.output == "-" && s.print_table) {
+    problems.emplace_back("--print-table and -o - both want standard output; give a file");
+  }
+  if (s.print_table && s.grouping.groups > 0) {
+    problems.emplace_back("--print-table counts the groups that it takes; leave out --groups");
+  }
+  check_effects(app, s, problems);
+  if (!(s.max_memory_gb >= 0 && s.max_memory_gb <= 1e6)) {
+    problems.push_back(
+        fmt::format("--max-memory is {}; it must be 0 to 1000000 GB", s.max_memory_gb));
+  }
+  if (s.cover) {
+    s.coverage.method = *s.cover;
+    s.coverage.cutoff = s.grouping.overlap.cutoff;
+    for (std::string& problem : s.coverage.problems()) problems.push_back(std::move(problem));
+  }
+  surfel::tool::require_valid(problems);
+  s.grouping.overlap.max_memory = static_cast<std::uint64_t>(s.max_memory_gb * 1e9);
+}
+
+void report(nlohmann::json& json, const surfel::GroupingReport& r) {
+  json["splats"] = r.splats;
+  json["unusable"] = r.unusable;
+  json["groups"] = r.groups;
+  json["max_degree"] = r.max_degree;
+  json["mean_degree"] = r.mean_degree;
+  json["edges"] = r.edges;
+  json["graph_bytes"] = r.graph_bytes;
+  json["group_sizes"] = r.sizes;
+  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  if (!r.overlap) return;
+  json["least_overlap"] = {{"disc_area", r.overlap->disc_area},
+                           {"placed_overlap_area", r.overlap->placed_overlap_area},
+                           {"overlap_area", r.overlap->overlap_area},
+                           {"overlapping_pairs", r.overlap->overlapping_pairs},
+                           {"sweeps", r.overlap->sweeps},
+                           {"moved_last", r.overlap->moved_last}};
+}
+
+nlohmann::json to_json(const surfel::Enlargement& e) {
+  return {{"factor", e.factor}, {"iterations", e.iterations}, {"converged", e.converged}};
+}
+
+void report(nlohmann::json& json, const surfel::CoverageReport& r) {
+  json["area"] = r.area;
+  json["area_from_column"] = r.area_from_column;
+  json["covered_area"] = r.covered_area;
+  json["uncovered_area"] = r.uncovered_area;
+  json["overlap_area"] = r.overlap_area;
+  json["growth_mean"] = r.growth_mean;
+  json["growth_max"] = r.growth_max;
+  json["points_before"] = r.points_before;
+  json["points_added"] = r.points_added;
+  json["capped"] = r.capped;
+  json["hidden"] = r.hidden;
+  json["without_disc"] = r.without_disc;
+  json["border_splats"] = r.border_splats;
+  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  for (const surfel::GroupCoverage& g : r.groups) {
+    nlohmann::json group = {{"splats", g.splats},
+                            {"added", g.added},
+                            {"capped", g.capped},
+                            {"cell_area", g.cell_area},
+                            {"covered_area", g.covered_area},
+                            {"uncovered_area", g.uncovered_area},
+                            {"overlap_area", g.overlap_area},
+                            {"unreachable_area", g.unreachable_area},
+                            {"growth_mean", g.growth_mean},
+                            {"growth_max", g.growth_max}};
+    if (g.enlargement) group["enlargement"] = to_json(*g.enlargement);
+    if (g.fixed_point) group["fixed_point"] = to_json(*g.fixed_point);
+    json["groups"].push_back(std::move(group));
+  }
+}
+
+/// Covers the surface as --cover says, and tells what came of it.
+void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
+           nlohmann::json& json) {
+  const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage);
+  report(json, r);
+  const auto percent = [&](double area) { return 100 * area / r.area; };
+  tool.note(
+      fmt::format("{}: a group covers {:.1f} % of the surface and leaves {:.2g} %, overlap "
+                  "{:.1f} %; radii grew by {:.2f}, at most {:.2f}; {} splats added",
+                  s.input, percent(r.covered_area), percent(r.uncovered_area),
+                  percent(r.overlap_area), r.growth_mean, r.growth_max, r.points_added));
+  const bool grew =
+      s.cover == surfel::CoverMethod::kEnlarge || s.cover == surfel::CoverMethod::kEnlargeEach;
+  if (grew && r.capped > 0) {
+    tool.note(
+        fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
+  }
+  if (r.without_disc > 0) {
+    tool.note(
+        fmt::format("{}: {} splats have no disc, for want of a normal or a size: they cover "
+                    "nothing",
+                    s.input, r.without_disc));
+  }
+}
+
+/// SP06 table 1: a row for the cloud.
+void print_table(const surfel::SurfelCloud& cloud, const Settings& s, nlohmann::json& json) {
+  std::string head = "| surfels | points |";
+  std::string row =
+      fmt::format("| {} | {} |", std::filesystem::path(s.input).stem().string(), cloud.size());
+  std::string rule = "|---|---|";
+  for (const double overlap : {1.0, 0.8, 0.6, 0.4}) {
+    surfel::GroupingOptions options = s.grouping;
+    options.overlap.overlap = overlap;
+    surfel::GroupingReport r;
+    surfel::make_groups(cloud, options, &r, s.input);
+    head += fmt::format(" c = {:.1f} |", overlap);
+    rule += "---|";
+    row += fmt::format(" {} / {} / {:.1f} |", r.groups, r.max_degree, r.mean_degree);
+    nlohmann::json entry = {{"overlap", overlap}};
+    report(entry, r);
+    json["table"].push_back(std::move(entry));
+  }
+  surfel::tool::print(head + "\n" + rule + "\n" + row + "\n");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  surfel::tool::Tool tool("surfel-group",
+                          "Divides surfels into groups in which no two overlap (SP06).");
+  Settings settings;
+  declare_options(tool.app(), settings);
+  return tool.run(argc, argv, [&] {
+    check(tool.app(), settings);
+    const surfel::Timer timer;
+    surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    tool.report()["load_ms"] = timer.milliseconds();
+    if (settings.print_table) print_table(cloud, settings, tool.report());
+    if (settings.output.empty()) return;
+
+    surfel::GroupingReport grouping;
+    surfel::group_splats(cloud, settings.grouping, &grouping, settings.input);
+    report(tool.report(), grouping);
+    if (grouping.unusable > 0) {
+      tool.note(
+          fmt::format("{}: {} of {} splats have no finite position or no positive variance: "
+                      "they are in group 0 and will not be drawn",
+                      settings.input, grouping.unusable, grouping.splats));
+    }
+
+    if (settings.cover) cover(cloud, settings, tool, tool.report()["coverage"]);
+    cloud.provenance.push_back(tool.provenance());
+    surfel::write_cloud(cloud, settings.output, {.no_clobber = tool.common().no_clobber});
+    tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
+                          settings.output, cloud.size(), grouping.groups, grouping.mean_degree,
+                          grouping.max_degree));
+    if (grouping.overlap) {
+      tool.note(fmt::format("{}: within their groups, {:.3g} % of the splats' area overlaps",
+                            settings.output,
+                            100 * grouping.overlap->overlap_area / grouping.overlap->disc_area));
+    }
+  });
+}
