@@ -108,6 +108,7 @@ class FrontToBack {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
       color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
+      count(-c[kWeight], 1, c[kAlpha]);
       front_coverage_ = 0;
       return;
     }
@@ -115,6 +116,9 @@ class FrontToBack {
     Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
     const bool front = shows_front(c[kTag]);
     const float coverage = std::min(1.0F, c[kWeight] / full_weight);
+    // With what it reflects, where there is something to reflect.
+    const float opacity =
+        tile_.shader->has_environment() ? color.alpha / coverage : c[kAlpha] / c[kWeight];
     if (!front && front_coverage_ > 0) {
       // What the front leaves of it, where it lies behind the front and where it looks out; over
       // what (12) is going to leave of it.
@@ -125,19 +129,35 @@ class FrontToBack {
       color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
     }
     color_.composite(color);
+    count(1, coverage, color.alpha);
     front_coverage_ = front ? coverage : 0;
-    front_opacity_ = c[kAlpha] / c[kWeight];
+    front_opacity_ = opacity;
     front_edge_ = edge;
   }
+  /// Composites what has been added over the environment; `nearest` null: nothing has been.
+  void add_environment(const Fragment* nearest) {
+    tile_.shader->add_environment(color_, nearest, uncovered_, layers_, x_, y_);
+  }
   const Rgba& color() const { return color_; }
+  /// How many surfaces, each by its coverage, up to the first opaque one.
+  float layers() const { return layers_; }
 
  private:
+  void count(float surfaces, float coverage, float opacity) {
+    if (!opaque_) layers_ += surfaces * coverage;
+    opaque_ = opaque_ || opacity >= kOpaqueAlpha;
+    uncovered_ = std::min(uncovered_, 1 - coverage);
+  }
+
   const TileABuffer& tile_;
   float x_, y_;
   Rgba color_;
   float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
   float front_opacity_ = 0;
   float front_edge_ = 0;
+  float layers_ = 0;
+  float uncovered_ = 1;  ///< Share of the pixel that no surface covers.
+  bool opaque_ = false;  ///< Nothing is seen behind the last fragment.
 };
 
 /// SS01 (12).
@@ -147,12 +167,17 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   pair.add(back, 0);
   const Rgba& color = pair.color();
   Fragment out{};
-  out.channel[kWeight] = kMergedWeight;
+  // Negative, as in SS01, whatever the pair covers.
+  out.channel[kWeight] = -std::max(pair.layers(), std::numeric_limits<float>::min());
   out.channel[kDepth] = front_depth(front);
   out.channel[kRed] = color.red;
   out.channel[kGreen] = color.green;
   out.channel[kBlue] = color.blue;
   out.channel[kAlpha] = color.alpha;
+  // The nearest surface is what the environment behind all is seen through.
+  out.channel[kTag] = front.channel[kTag];
+  const float weight = is_merged(front) ? 1 : front.channel[kWeight];
+  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = front.channel[c] / weight;
   out.channel[kBack] = back_depth(back);
   return out;
 }
@@ -251,6 +276,9 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
     }
     if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
+  }
+  if (tile.shader->has_environment()) {
+    composite.add_environment(sorted.count > 0 ? &sorted[0] : nullptr);
   }
   result.color = composite.color();
   return result;
