@@ -158,7 +158,9 @@ TEST(Shader, WhatKeepsAllLightVanishesInAFurnace) {
         for (const float coverage : {1.0F, 0.3F}) {
           const Fragment f = fragment(tilted(degrees), material.opacity);
           Rgba color = shader.shade(f, 20, 40, 1 / coverage);
-          shader.add_environment(color, &f, 1 - coverage, 2, 20, 40);
+          SeenThrough surfaces;
+          surfaces.add(f, 2, coverage, color.alpha);
+          shader.add_environment(color, surfaces, 20, 40);
           EXPECT_LT((Vec3f(color.red, color.green, color.blue) - light).norm(), 1e-5F);
           EXPECT_NEAR(color.alpha, 1, 1e-6F);
         }
@@ -301,12 +303,34 @@ TEST(Shader, InvisibleEnvironmentsShowByReflectionAndRefractionOnly) {
     const Shader shader(&scene, orthographic(64), 1);
     const Fragment f = fragment({0, 0, 1}, 0);
     Rgba color = shader.shade(f, 32, 32, 1);
-    shader.add_environment(color, &f, 0, 1, 32, 32);
+    SeenThrough surfaces;
+    surfaces.add(f, 1, 1, color.alpha);
+    shader.add_environment(color, surfaces, 32, 32);
     EXPECT_NEAR(color.alpha, alpha, 1e-6F);
     Rgba nothing;
-    shader.add_environment(nothing, nullptr, 1, 0, 32, 32);
+    shader.add_environment(nothing, SeenThrough{}, 32, 32);
     EXPECT_EQ(nothing.alpha, 0);
   }
+}
+
+TEST(SeenThrough, SharesThePixelAmongItsFrontSurfaces) {
+  SeenThrough surfaces;
+  EXPECT_EQ(surfaces.uncovered(), 1);
+  surfaces.add(fragment(tilted(10)), 1, 0.25F, 0.1F);
+  surfaces.add(fragment(tilted(20)), 1, 0.125F, 0.1F);
+  surfaces.add(fragment(tilted(30)), 2, 0.75F, 1);
+  surfaces.add(fragment(tilted(40)), 1, 1, 1);
+  ASSERT_EQ(surfaces.count(), 2);
+  EXPECT_EQ(surfaces.share(0), 0.25F);
+  EXPECT_EQ(surfaces.share(1), 0.5F);
+  EXPECT_EQ(surfaces.surface(1).channel[kNormalX], tilted(30).x());
+  EXPECT_EQ(surfaces.uncovered(), 0.25F);
+  EXPECT_EQ(surfaces.layers(), 0.25F + 0.125F + 1.5F);
+  SeenThrough many;
+  for (int i = 1; i <= 16; ++i) many.add(fragment(tilted(i)), 1, static_cast<float>(i) / 16, 0);
+  float sum = 0;
+  for (int i = 0; i < many.count(); ++i) sum += many.share(i);
+  EXPECT_EQ(sum, 1);
 }
 
 /// A glass pane behind another counts, also where the A-buffer has merged them.

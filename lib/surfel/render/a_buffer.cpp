@@ -108,7 +108,7 @@ class FrontToBack {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
       color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
-      count(-c[kWeight], 1, c[kAlpha]);
+      see_through(fragment, -c[kWeight], 1, c[kAlpha]);
       front_coverage_ = 0;
       return;
     }
@@ -129,24 +129,20 @@ class FrontToBack {
       color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
     }
     color_.composite(color);
-    count(1, coverage, color.alpha);
+    see_through(fragment, 1, coverage, color.alpha);
     front_coverage_ = front ? coverage : 0;
     front_opacity_ = opacity;
     front_edge_ = edge;
   }
-  /// Composites what has been added over the environment; `nearest` null: nothing has been.
-  void add_environment(const Fragment* nearest) {
-    tile_.shader->add_environment(color_, nearest, uncovered_, layers_, x_, y_);
-  }
+  /// Composites what has been added over the environment.
+  void add_environment() { tile_.shader->add_environment(color_, surfaces_, x_, y_); }
   const Rgba& color() const { return color_; }
-  /// How many surfaces, each by its coverage, up to the first opaque one.
-  float layers() const { return layers_; }
+  /// How many surfaces there are, where there is an environment behind them.
+  float layers() const { return surfaces_.layers(); }
 
  private:
-  void count(float surfaces, float coverage, float opacity) {
-    if (!opaque_) layers_ += surfaces * coverage;
-    opaque_ = opaque_ || opacity >= kOpaqueAlpha;
-    uncovered_ = std::min(uncovered_, 1 - coverage);
+  void see_through(const Fragment& fragment, float surfaces, float coverage, float opacity) {
+    if (tile_.shader->has_environment()) surfaces_.add(fragment, surfaces, coverage, opacity);
   }
 
   const TileABuffer& tile_;
@@ -155,9 +151,7 @@ class FrontToBack {
   float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
   float front_opacity_ = 0;
   float front_edge_ = 0;
-  float layers_ = 0;
-  float uncovered_ = 1;  ///< Share of the pixel that no surface covers.
-  bool opaque_ = false;  ///< Nothing is seen behind the last fragment.
+  SeenThrough surfaces_;
 };
 
 /// SS01 (12).
@@ -167,8 +161,8 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   pair.add(back, 0);
   const Rgba& color = pair.color();
   Fragment out{};
-  // Negative, as in SS01, whatever the pair covers.
-  out.channel[kWeight] = -std::max(pair.layers(), std::numeric_limits<float>::min());
+  // Negative, as in SS01. The number matters where there is an environment to be seen behind.
+  out.channel[kWeight] = pair.layers() > 0 ? -pair.layers() : -1;
   out.channel[kDepth] = front_depth(front);
   out.channel[kRed] = color.red;
   out.channel[kGreen] = color.green;
@@ -277,9 +271,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
     if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
   }
-  if (tile.shader->has_environment()) {
-    composite.add_environment(sorted.count > 0 ? &sorted[0] : nullptr);
-  }
+  if (tile.shader->has_environment()) composite.add_environment();
   result.color = composite.color();
   return result;
 }

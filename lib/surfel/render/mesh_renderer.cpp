@@ -203,8 +203,7 @@ Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
   const auto at_x = static_cast<float>(x);
   const auto at_y = static_cast<float>(y);
   Rgba seen;
-  Fragment nearest{};
-  int layers = 0;
+  SeenThrough surfaces;
   const ViewRay ray = view_ray(view.camera, x, y);
   const std::optional<Span> span =
       tracer ? inside(bounds, view.eye + ray.origin, ray.direction) : std::nullopt;
@@ -220,13 +219,13 @@ Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
       const std::optional<MeshHit> hit = tracer->nearest(rest);
       if (!hit) break;
       const Fragment at = surface(view, *hit, start + static_cast<double>(hit->t));
-      seen.composite(view.shader.shade(at, at_x, at_y, 1));
-      if (layers++ == 0) nearest = at;
+      const Rgba shaded = view.shader.shade(at, at_x, at_y, 1);
+      seen.composite(shaded);
+      surfaces.add(at, 1, 1, shaded.alpha);
       rest.from = hit->t + static_cast<float>(2 * bounds.radius * kGap);
     }
   }
-  view.shader.add_environment(seen, layers > 0 ? &nearest : nullptr, layers > 0 ? 0.0F : 1.0F,
-                              static_cast<float>(layers), at_x, at_y);
+  view.shader.add_environment(seen, surfaces, at_x, at_y);
   return seen;
 }
 

@@ -67,10 +67,7 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
             [](const Surface& a, const Surface& b) { return a.mean_z() < b.mean_z(); });
 
   Rgba color;
-  Fragment nearest{};
-  float layers = 0;
-  float uncovered = 1;
-  bool opaque = false;
+  SeenThrough seen_through;
   for (const Surface& surface : surfaces_) {
     // Normalised by the sum of rho here, in double, since that may be beyond single precision.
     Fragment fragment{};
@@ -92,13 +89,9 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
                                      static_cast<float>(full_weight * inv_weight));
     color.composite(shaded);
     const auto coverage = static_cast<float>(std::min(1.0, surface.weight / full_weight));
-    if (&surface == surfaces_.data()) nearest = fragment;
-    if (!opaque) layers += coverage;
-    opaque = opaque || shaded.alpha >= kOpaqueAlpha;
-    uncovered = std::min(uncovered, 1 - coverage);
+    seen_through.add(fragment, 1, coverage, shaded.alpha);
   }
-  shader.add_environment(color, surfaces_.empty() ? nullptr : &nearest, uncovered, layers,
-                         static_cast<float>(x), static_cast<float>(y));
+  shader.add_environment(color, seen_through, static_cast<float>(x), static_cast<float>(y));
   return color;
 }
 

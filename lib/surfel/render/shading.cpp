@@ -53,6 +53,21 @@ RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float 
           by_direction};
 }
 
+void SeenThrough::add(const Fragment& surface, float surfaces, float coverage, float opacity) {
+  if (opaque_) return;
+  layers_ += surfaces * coverage;
+  opaque_ = opacity >= kOpaqueAlpha;
+  const float share = uncovered_ - (1 - coverage);
+  if (!(share > 0)) return;
+  uncovered_ = 1 - coverage;
+  if (count_ < kMost) {
+    surface_[static_cast<std::size_t>(count_)] = surface;
+    share_[static_cast<std::size_t>(count_++)] = share;
+  } else {
+    share_.back() += share;
+  }
+}
+
 Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
     : scene_(scene),
       world_from_camera_(camera.camera_from_world.transpose().cast<float>()),
@@ -167,21 +182,23 @@ Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) co
   return color;
 }
 
-void Shader::add_environment(Rgba& color, const Fragment* nearest, float uncovered, float layers,
-                             float x, float y) const {
+void Shader::add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const {
   if (!environment_) return;
+  const float left = 1 - color.alpha;
+  if (!(left > 0)) return;
   const auto add = [&](const Vec3f& radiance, float share) {
     color.red += share * radiance.x();
     color.green += share * radiance.y();
     color.blue += share * radiance.z();
     color.alpha += share;
   };
-  const float left = 1 - color.alpha;
-  if (!(left > 0)) return;
-  const float straight = nearest ? std::min(left, uncovered) : left;
-  if (nearest && straight < left) {
-    if (environment_->visible || surface(*nearest, x, y).material.ior) {
-      add(behind(*nearest, x, y, layers), left - straight);
+  const float straight = std::min(left, surfaces.uncovered());
+  const float covered = 1 - surfaces.uncovered();
+  for (int i = 0; i < surfaces.count(); ++i) {
+    const Fragment& surface = surfaces.surface(i);
+    if (environment_->visible || this->surface(surface, x, y).material.ior) {
+      add(behind(surface, x, y, surfaces.layers()),
+          (left - straight) * surfaces.share(i) / covered);
     }
   }
   if (straight > 0 && environment_->visible) add(radiance(ray(x, y), ray_variance_), straight);

@@ -3,6 +3,7 @@
 // Deferred shading, SS01 section 4: each fragment once, with its filtered normal. Environments:
 // SP06 section 5.2.3.
 
+#include <array>
 #include <optional>
 #include <vector>
 
@@ -31,6 +32,37 @@ struct RefractedRay {
 /// sin(theta_T) = eta^layers sin(theta_I), where eta = 1 / ior. `normal` and `to_eye` are unit, on
 /// the same side.
 SURFEL_API RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers);
+
+/// The surfaces through which a pixel sees what is behind all of them. A surface that covers a part
+/// of the pixel alone, be it that another one begins there or that it is the tail of a kernel, has
+/// no more than its share in how the light is refracted.
+class SURFEL_API SeenThrough {
+ public:
+  /// The next surface, front to back.
+  /// \param surfaces  How many it stands for: 1, of merged fragments more.
+  /// \param coverage  Of the pixel, 0..1.
+  /// \param opacity   As shaded: nothing that lies behind an opaque one counts.
+  void add(const Fragment& surface, float surfaces, float coverage, float opacity);
+
+  /// How many there are that something is seen through first.
+  int count() const { return count_; }
+  const Fragment& surface(int i) const { return surface_[static_cast<std::size_t>(i)]; }
+  /// Share of the pixel that surface i covers, and none before it.
+  float share(int i) const { return share_[static_cast<std::size_t>(i)]; }
+  /// Share that no surface covers. Surfaces are taken to lie upon one another.
+  float uncovered() const { return uncovered_; }
+  /// SP06's l, as there a real number: each surface up to the first opaque one by its coverage.
+  float layers() const { return layers_; }
+
+ private:
+  static constexpr int kMost = 4;  ///< The last one stands for all that follow.
+  std::array<Fragment, kMost> surface_;
+  std::array<float, kMost> share_;
+  int count_ = 0;
+  float uncovered_ = 1;
+  float layers_ = 0;
+  bool opaque_ = false;
+};
 
 /// Turns fragments into colours: unlit (the filtered texture itself) or lit by a scene's lights
 /// with the reflection model of Blinn and Phong, and by its environment. Normals are seen from both
@@ -81,11 +113,8 @@ class SURFEL_API Shader {
   /// environment itself where there are none and in so far as it is visible. What does not refract
   /// is seen straight through, and shows no invisible environment. Where it shows, the pixel
   /// becomes opaque. Nothing happens without an environment.
-  /// \param color      the surfaces' composite, premultiplied.
-  /// \param nearest    null: no surface is there.
-  /// \param uncovered  share of the pixel, 0..1, that no surface covers.
-  void add_environment(Rgba& color, const Fragment* nearest, float uncovered, float layers, float x,
-                       float y) const;
+  /// \param color  the surfaces' composite, premultiplied.
+  void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
   /// z of a depth as splats hold it, and back.
   float z(float depth) const { return orthographic_ ? -depth : 1.0F / depth; }
