@@ -1,3 +1,4 @@
+#include <Eigen/Geometry>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -56,7 +57,7 @@ TEST(EnvironmentMap, TexelsAreSeenWhereTheyLie) {
 }
 
 TEST(EnvironmentMap, EveryLevelHasTheMeanOfThePicture) {
-  const EnvironmentMap map(random_environment(33), "map");
+  const EnvironmentMap map(random_environment(129), "map");
   ASSERT_GT(map.levels(), 4);
   for (int level = 1; level < map.levels(); ++level) {
     EXPECT_LT((map.mean(level) - map.mean(0)).norm(), 1e-5) << level;
@@ -82,9 +83,7 @@ TEST(EnvironmentMap, LinearFunctionsFadeByTheMeanCosine) {
     for (std::uint64_t i = 0; i < 200; ++i) {
       const Vec3f d = random_direction(i);
       const Vec3f expected = 0.5F * (std::exp(-v) * d + Vec3f::Ones());
-      // What bilinear interpolation costs is largest on the coarsest grids.
-      const float tolerance = level < 4 ? 0.01F : 0.03F;
-      EXPECT_LT((map.radiance(d, v) - expected).norm(), tolerance) << level << ' ' << v;
+      EXPECT_LT((map.radiance(d, v) - expected).norm(), 0.01F) << level << ' ' << v;
     }
   }
 }
@@ -120,7 +119,7 @@ TEST(EnvironmentMap, FiltersTheSameEverywhereOnTheSphere) {
         const float expected = at_equator.radiance(near(equator, angle, 0.4), variance).x();
         for (int i = 0; i < 8; ++i) {
           EXPECT_NEAR(map.radiance(near(c, angle, i * M_PI / 4), variance).x(), expected,
-                      0.04F * peak)
+                      0.07F * peak)
               << c.transpose() << ", " << variance << ", " << angle;
         }
       }

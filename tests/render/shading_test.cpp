@@ -109,7 +109,9 @@ TEST(Refract, FollowsSnellOncePerLayer) {
         EXPECT_LT(normal.dot(ray.direction), 0);
         EXPECT_NEAR(ray.direction.y(), 0, 1e-7);  // Stays in the plane of incidence.
         // A denser body turns the ray against the normal, -normal.x() being the side of it.
-        if (degrees > 0) EXPECT_EQ(ray.direction.x() < 0, ior > 1);
+        if (degrees > 0) {
+          EXPECT_EQ(ray.direction.x() < 0, ior > 1);
+        }
       }
     }
   }

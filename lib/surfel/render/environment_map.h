@@ -17,11 +17,11 @@ namespace surfel {
 /// Widths are variances of directions along one axis, radians^2: that of Brownian motion on the
 /// sphere, whose mean cosine is exp(-variance), so that variances of filters that follow one
 /// another add up however wide they are. Level 0 is the picture. Each further level has half as
-/// many rows and a standard deviation of 3/4 of its rows' distance, made from the level before it
-/// with the von Mises-Fisher lobe that has the missing mean cosine. Rows have texels in proportion
-/// to their circumference, and the poles are texels of their own: nothing is singular there, and
-/// there is no seam at the picture's border. Sums are weighted by solid angle, and every level has
-/// the mean of the picture over the sphere.
+/// many rows, down to 32, and at least the standard deviation of 3/2 of their distance, made from
+/// the level before it with the von Mises-Fisher lobe that has the missing mean cosine. Rows have
+/// texels in proportion to their circumference, and the poles are texels of their own: nothing is
+/// singular there, and there is no seam at the picture's border. Sums are weighted by solid angle,
+/// and every level has the mean of the picture over the sphere.
 ///
 /// Axes are those of io/lat_long.h. Memory: 14.6 bytes for each pixel of the picture (1024 x 512:
 /// 7.6 MB), while it is made also the picture's own 16.
