@@ -224,8 +224,9 @@ EnvironmentMap::EnvironmentMap(const Image& image, const std::string& name) {
   while (levels_.back().variance < kWidest) {
     const Level& last = levels_.back();
     const int rows = std::max(kFewestRows, (last.rows + 1) / 2);
-    const double deviation =
-        std::max(kDeviationPerRow * kPi / rows, 2 * std::sqrt(static_cast<double>(last.variance)));
+    // A picture of fewer rows than the level is not to be seen between.
+    const double deviation = std::max(kDeviationPerRow * kPi / std::min(rows, last.rows),
+                                      2 * std::sqrt(static_cast<double>(last.variance)));
     const auto variance = static_cast<float>(deviation * deviation);
     levels_.push_back(levels_.size() == 1 ? filtered(thinned(last), rows, variance)
                                           : filtered(last, rows, variance));
