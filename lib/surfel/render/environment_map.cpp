@@ -259,7 +259,7 @@ Vec3f EnvironmentMap::radiance(const Vec3f& direction, float variance) const {
   std::size_t above = 1;  // The first level that is filtered more.
   while (above < levels_.size() && levels_[above].variance <= variance) ++above;
   const Level& fine = levels_[above - 1];
-  const Vec3f color = sample(fine, place);
+  Vec3f color = sample(fine, place);
   if (above == levels_.size() || !(variance > fine.variance)) return color;
   const Level& coarse = levels_[above];
   const float part = (variance - fine.variance) / (coarse.variance - fine.variance);
