@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <filesystem>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -8,8 +9,10 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
 #include <surfel/io/mesh.h>
+#include <surfel/io/scene.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_image.h>
+#include <surfel/sample/procedural_sky.h>
 #include <tools/support/options.h>
 #include <tools/support/tool.h>
 
@@ -24,6 +27,7 @@ struct Request {
   GenerateOptions surfels;
   int width = 512;
   int height = 512;
+  bool size_given = false;
   std::string mesh;
   int resolution = 256;
   std::string texture;
@@ -37,10 +41,10 @@ bool is_texture(const std::string& kind) {
 
 void declare(tool::Tool& tool, Request& r) {
   CLI::App& app = tool.app();
-  app.add_option(
-         "kind", r.kind,
-         fmt::format("Surface ({}) or image ({})", fmt::join(procedural_scene_names(), ", "),
-                     fmt::join(procedural_texture_names(), ", ")))
+  app.add_option("kind", r.kind,
+                 fmt::format("Surface ({}), image ({}) or lat-long environment map (sky)",
+                             fmt::join(procedural_scene_names(), ", "),
+                             fmt::join(procedural_texture_names(), ", ")))
       ->required();
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD; - = standard output); the picture for an image kind");
@@ -60,7 +64,8 @@ void declare(tool::Tool& tool, Request& r) {
   app.add_option("--image", r.image,
                  "Write the surface's texture, or the picture of an image kind, to this file")
       ->expected(0, 1);
-  tool::add_size(app, "--size", r.width, r.height, "Size of the image in pixels");
+  tool::add_size(app, "--size", r.width, r.height,
+                 "Size of the image in pixels; of the sky 1024x512 unless given");
   app.add_option("--texture", r.texture,
                  fmt::format("Texture for the surface instead of its own: {}",
                              fmt::join(procedural_texture_names(), ", ")));
@@ -76,13 +81,28 @@ void write_picture(const tool::Tool& tool, const Image& image, const std::string
   tool.note(fmt::format("{}: {}x{} pixels", path, image.width, image.height));
 }
 
-void generate_picture(const tool::Tool& tool, const Request& r) {
+const std::string& picture_path(const Request& r) {
   const std::string& path = r.image.empty() ? r.output : r.image;
   if (path.empty()) throw_usage("nothing to write; name the picture with --image");
+  return path;
+}
+
+void generate_sky(const tool::Tool& tool, const Request& r) {
+  const std::string& path = picture_path(r);
+  const std::string extension = std::filesystem::path(path).extension();
+  if (extension != ".exr" && extension != ".hdr") {
+    throw_usage(path + ": only EXR and HDR hold a sky's range; name the picture .exr or .hdr");
+  }
+  write_picture(tool, r.size_given ? procedural_sky(r.width, r.height) : procedural_sky(1024, 512),
+                path);
+}
+
+void generate_picture(const tool::Tool& tool, const Request& r) {
   ProceduralTextureOptions options;
   options.frequency = r.frequency;
   options.seed = r.surfels.seed;
-  write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height), path);
+  write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height),
+                picture_path(r));
 }
 
 void generate_surface(tool::Tool& tool, const Request& r) {
@@ -119,7 +139,10 @@ int main(int argc, char** argv) {
   declare(tool, request);
   return tool.run(argc, argv, [&] {
     tool::require_valid(request.surfels.problems());
-    if (is_texture(request.kind)) {
+    request.size_given = tool.app().get_option("--size")->count() > 0;
+    if (request.kind == kSkyName) {
+      generate_sky(tool, request);
+    } else if (is_texture(request.kind)) {
       generate_picture(tool, request);
     } else {
       generate_surface(tool, request);

@@ -13,6 +13,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
 #include <surfel/io/scene.h>
+#include <surfel/render/environment_map.h>
 #include <surfel/render/mesh_renderer.h>
 #include <surfel/render/reference.h>
 #include <surfel/render/renderer.h>
@@ -26,6 +27,7 @@ namespace {
 
 enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
+enum class Refractions { kScene, kSingle, kMulti };
 enum class Filter { kEwa, kEwaSource, kCircular, kNone };
 
 struct Settings {
@@ -33,6 +35,7 @@ struct Settings {
   std::string output;
   std::string camera_file;
   std::string scene_file;
+  Refractions refraction = Refractions::kScene;
   surfel::CameraOptions camera;
   surfel::RenderOptions render;
   int turntable = 0;
@@ -138,7 +141,13 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Shading");
   add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
              "none shows the filtered texture itself");
-  app.add_option("--scene", s.scene_file, "Lights and materials (TOML)");
+  app.add_option("--scene", s.scene_file, "Lights, materials, environment (TOML)");
+  add_choice(app, "--refraction", s.refraction,
+             {{"scene", Refractions::kScene},
+              {"single", Refractions::kSingle},
+              {"multi", Refractions::kMulti}},
+             "Of --scene: rays are refracted by the nearest surface alone, or once by each; scene "
+             "= as the file says");
   add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
   app.option_defaults()->group("Options");
 }
@@ -176,6 +185,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
+  if (s.scene_file.empty()) refuse("the default scene", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
 }
 
@@ -187,6 +197,16 @@ void check(const Settings& s) {
     problems.push_back(fmt::format("turntable is {}; it must be in 0..100000", s.turntable));
   }
   surfel::tool::require_valid(problems);
+}
+
+/// The scene with its environment, which pictures without shading do without.
+surfel::Scene load_scene(const Settings& s) {
+  if (s.scene_file.empty()) return {};
+  surfel::Scene scene = surfel::read_scene(s.scene_file);
+  if (s.refraction == Refractions::kSingle) scene.refraction = surfel::Refraction::kSingle;
+  if (s.refraction == Refractions::kMulti) scene.refraction = surfel::Refraction::kMulti;
+  if (s.render.lit) surfel::load_environment(scene);
+  return scene;
 }
 
 /// Makes a picture. `progress` is called with the share of it that is done, where it takes long.
@@ -330,8 +350,7 @@ int main(int argc, char** argv) {
     finish(s);
     require_effect(tool.app(), s);
     check(s);
-    const surfel::Scene scene =
-        s.scene_file.empty() ? surfel::Scene{} : surfel::read_scene(s.scene_file);
+    const surfel::Scene scene = load_scene(s);
 
     nlohmann::json& report = tool.report();
     const surfel::Timer load;

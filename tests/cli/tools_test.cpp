@@ -261,17 +261,20 @@ TEST(Tools, ShippedConfigurationsWork) {
   const TemporaryFolder folder;
   int loaded = 0;
   for (const auto& entry : fs::directory_iterator(fs::path(SURFEL_SOURCE_DIR) / "configs")) {
-    // configs/TOOL-WHAT.toml is for surfel-TOOL.
+    // configs/TOOL-WHAT.toml is for surfel-TOOL --config, scene-WHAT.toml for surfel-render
+    // --scene.
     const std::string name = entry.path().filename().string();
-    ASSERT_TRUE(name.starts_with("render-")) << name << ": say here how its tool is called";
+    const bool scene = name.starts_with("scene-");
+    ASSERT_TRUE(scene || name.starts_with("render-")) << name << ": say here how it is used";
     const std::string picture = folder / (name + ".png");
-    const RunResult result = run({tool("surfel-render"), Inputs::get().surfels, "--config",
-                                  entry.path().string(), "--size", "32x32", "-o", picture});
+    const RunResult result =
+        run({tool("surfel-render"), Inputs::get().surfels, scene ? "--scene" : "--config",
+             entry.path().string(), "--size", "32x32", "-o", picture});
     EXPECT_EQ(result.exit_code, 0) << name << ": " << result.errors;
     EXPECT_TRUE(fs::exists(picture)) << name;
     ++loaded;
   }
-  EXPECT_GE(loaded, 2);
+  EXPECT_GE(loaded, 6);
 }
 
 TEST(Tools, ReadAndWritePipes) {

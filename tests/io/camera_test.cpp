@@ -229,6 +229,38 @@ TEST(SceneFile, ReadsLightsAndMaterials) {
   EXPECT_EQ(defaults.materials.size(), 1U);
 }
 
+TEST(SceneFile, ReadsEnvironmentsAndWhatReflectsThem) {
+  const TemporaryFolder folder;
+  const Scene scene =
+      read_scene(written(folder,
+                         "refraction = \"single\"\n"
+                         "[environment]\nimage = \"maps/day.exr\"\nintensity = 2\nrotation = -90\n"
+                         "visible = false\n"
+                         "[[material]]\nior = 1.5\ndispersion = 0.1\nabsorption = [0.1, 0.2, 0.3]\n"
+                         "[[material]]\nreflectivity = [1, 0.7, 0.3]\nroughness = 0.25\n"
+                         "[[material]]\nior = 2\nreflectivity = [0, 0, 0]\n"));
+  EXPECT_EQ(scene.refraction, Refraction::kSingle);
+  ASSERT_TRUE(scene.environment);
+  EXPECT_EQ(scene.environment->image, folder / "maps/day.exr");
+  EXPECT_EQ(scene.environment->intensity, 2.0F);
+  EXPECT_EQ(scene.environment->rotation, -90.0F);
+  EXPECT_FALSE(scene.environment->visible);
+  EXPECT_EQ(scene.materials[0].ior, 1.5F);
+  EXPECT_EQ(scene.materials[0].dispersion, 0.1F);
+  EXPECT_EQ(scene.materials[0].absorption, Vec3f(0.1F, 0.2F, 0.3F));
+  EXPECT_NEAR(scene.materials[0].reflectivity.y(), 0.04F, 1e-6F);
+  EXPECT_FALSE(scene.materials[1].ior);
+  EXPECT_EQ(scene.materials[1].reflectivity, Vec3f(1, 0.7F, 0.3F));
+  EXPECT_EQ(scene.materials[1].roughness, 0.25F);
+  EXPECT_TRUE(scene.materials[2].reflectivity.isZero());
+  EXPECT_EQ(read_scene(written(folder, "[environment]\nimage = \"sky\"\n")).environment->image,
+            "sky");
+  const Scene defaults = read_scene(written(folder, "[[material]]\n"));
+  EXPECT_FALSE(defaults.environment);
+  EXPECT_EQ(defaults.refraction, Refraction::kMulti);
+  EXPECT_TRUE(defaults.materials[0].reflectivity.isZero());
+}
+
 TEST(SceneFile, RefusesWhatItDoesNotKnow) {
   const TemporaryFolder folder;
   const auto error = [&](const std::string& text) {
@@ -240,6 +272,32 @@ TEST(SceneFile, RefusesWhatItDoesNotKnow) {
   EXPECT_NE(error("[[light]]\ntype = \"directional\"\ndirection = [0, 0, 0]\n").find("direction"),
             std::string::npos);
   EXPECT_NE(error("ambient = [nan, 0, 0]\n").find("finite"), std::string::npos);
+  EXPECT_NE(error("[environment]\nrotation = 3\n").find("names no image"), std::string::npos);
+  EXPECT_NE(error("[[environment]]\nimage = \"a\"\n").find("one table"), std::string::npos);
+  for (const auto& [line, problem] : {std::pair{"ior = 9", "ior is 9"},
+                                      {"ior = 0", "ior is 0"},
+                                      {"dispersion = 0.1", "no ior"},
+                                      {"roughness = -1", "roughness is -1"},
+                                      {"roughness = nan", "roughness is nan"},
+                                      {"reflectivity = [0, 2, 0]", "reflectivity holds 2"},
+                                      {"reflectivity = 1", "array of 3 numbers"},
+                                      {"absorption = [0, 0, -0.1]", "absorption holds -0.1"},
+                                      {"eta = 1", "unknown key eta"}}) {
+    const std::string message = error(std::string("[[material]]\n") + line + "\n");
+    EXPECT_NE(message.find("file.toml: line 2"), std::string::npos) << message;
+    EXPECT_NE(message.find(problem), std::string::npos) << message;
+  }
+  for (const auto& [line, problem] : {std::pair{"intensity = -1", "intensity is -1"},
+                                      {"rotation = inf", "rotation is inf"},
+                                      {"visible = 1", "true or false"},
+                                      {"blur = 1", "unknown key blur"}}) {
+    const std::string message =
+        error(std::string("[environment]\nimage = \"a.exr\"\n") + line + "\n");
+    EXPECT_NE(message.find("file.toml: line 3"), std::string::npos) << message;
+    EXPECT_NE(message.find(problem), std::string::npos) << message;
+  }
+  const std::string message = error("refraction = \"double\"\n");
+  EXPECT_NE(message.find("line 1: refraction \"double\""), std::string::npos) << message;
 }
 
 }  // namespace

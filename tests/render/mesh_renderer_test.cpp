@@ -9,6 +9,7 @@
 #include <surfel/render/mesh_renderer.h>
 #include <surfel/sample/generate.h>
 
+#include "render/environments.h"
 #include "render/scenes.h"
 
 namespace surfel {
@@ -490,6 +491,49 @@ TEST(MeshRenderer, ExtentHoldsTheFacesAlone) {
   options.width = options.height = 64;
   const Image seen = render(mesh, nullptr, make_camera(options, extent));
   EXPECT_NEAR(covered_pixels(seen) / (64 * 64 * std::numbers::pi / 4), 0.95 * 0.95, 0.05);
+}
+
+TEST(MeshRenderer, ShadesEachFaceWithItsOwnMaterial) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 4; ++i) add_square(mesh, 0, static_cast<std::uint16_t>(i), 1, 0.25F);
+  for (std::size_t v = 0; v < mesh.position.size(); ++v) {
+    mesh.position[v].x() += static_cast<float>(v / 4) * 0.5F - 0.75F;
+  }
+  Scene scene;
+  scene.lights.clear();
+  scene.ambient = {1, 1, 1};
+  scene.materials.clear();
+  for (int i = 0; i < 4; ++i) {
+    scene.materials.emplace_back().ambient = Vec3f::Constant(0.25F * static_cast<float>(i));
+  }
+  const TextureSet white = uniform_textures({4, {1, 1, 1, 1}});
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  const Image image = render(mesh, &white, square_camera(8), options, scene);
+  for (int i = 0; i < 4; ++i) {
+    const float shade = 0.25F * static_cast<float>(i);
+    expect_pixel(image, 2 * i, 4, {shade, shade, shade, 1});
+  }
+}
+
+/// A glass pane in front of a mirror, both of which keep all light.
+TEST(MeshRenderer, SeesTheEnvironment) {
+  TriangleMesh mesh;
+  add_square(mesh, 0.5F, 0, 1, 0.5F);
+  add_square(mesh, 0, 1, 1, 0.75F);
+  mesh.material.resize(2);
+  Scene scene;
+  scene.materials.resize(2);
+  scene.materials[0].opacity = 0;
+  scene.materials[0].ior = 1.5F;
+  scene.materials[1].reflectivity = {1, 1, 1};
+  scene.environment = test::uniform_environment({0.5F, 1, 2});
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  const Image image = render(mesh, nullptr, square_perspective(16), options, scene);
+  for (int i = 0; i < 16; ++i) expect_pixel(image, i, 8, {0.5F, 1, 2, 1}, 1e-5F);
+  const Image empty = render({}, nullptr, square_perspective(4), options, scene);
+  expect_pixel(empty, 1, 1, {0.5F, 1, 2, 1}, 1e-5F);
 }
 
 }  // namespace

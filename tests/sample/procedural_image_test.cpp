@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/sample/procedural_image.h>
+#include <surfel/sample/procedural_sky.h>
 
 namespace surfel {
 namespace {
@@ -69,6 +70,23 @@ TEST(Rasterize, TopRowIsVOneAndPixelsAreMeans) {
   EXPECT_NEAR(image.pixel(3, 0)[2], 0.7708f, 1e-3f);  // Mean of u^2 over [3/4, 1].
   EXPECT_EQ(image.pixel(2, 1)[3], 1);
   EXPECT_THROW(rasterize(ramp, 0, 2), Error);
+}
+
+TEST(ProceduralSky, IsBrightAboveAndCheckeredBelow) {
+  const Image sky = procedural_sky(64, 32);
+  ASSERT_EQ(sky.data.size(), 64U * 32 * 4);
+  float brightest = 0;
+  for (const float value : sky.data) {
+    ASSERT_TRUE(std::isfinite(value));
+    EXPECT_GE(value, 0);
+    brightest = std::max(brightest, value);
+  }
+  EXPECT_GT(brightest, 5);  // The sun, seen as a lat-long map's row is: +y on top.
+  const Vec3f up = procedural_sky_radiance({0, 1, 0});
+  EXPECT_LT((Eigen::Map<const Vec3f>(sky.pixel(9, 0)) - up).norm(), 0.2F);
+  EXPECT_NE(procedural_sky_radiance({0.25, -1, 0.25}), procedural_sky_radiance({0.75, -1, 0.25}));
+  EXPECT_EQ(procedural_sky_radiance({0.25, -1, 0.25}), procedural_sky_radiance({0.5, -2, 0.5}));
+  EXPECT_THROW(procedural_sky(64, 64), Error);
 }
 
 }  // namespace

@@ -1,14 +1,14 @@
 #include <cmath>
+#include <filesystem>
 
 #include <fmt/format.h>
-#include <surfel/base/error.h>
 #include <surfel/io/scene.h>
 #include <surfel/io/toml_reader.h>
 
 namespace surfel {
 namespace {
 
-Light read_light(const TomlTable& table, const std::string& path) {
+Light read_light(const TomlTable& table) {
   Light light;
   std::string type = "headlight";
   table.read("type", type);
@@ -19,42 +19,60 @@ Light read_light(const TomlTable& table, const std::string& path) {
   } else if (type == "directional" || type == "headlight") {
     light.type = type == "headlight" ? Light::Type::kHeadlight : Light::Type::kDirectional;
     table.read("direction", light.vector);
-    if (!(light.vector.norm() > 0)) throw_input(path, "a light's direction must not be zero");
+    if (!(light.vector.norm() > 0)) {
+      table.fail("direction", "a light's direction must not be zero");
+    }
   } else {
-    throw_input(path, fmt::format("light type \"{}\" is unknown; known are directional, headlight "
-                                  "and point",
-                                  type));
+    table.fail("type", fmt::format("light type \"{}\" is unknown; known are directional, "
+                                   "headlight and point",
+                                   type));
   }
   if (!light.vector.allFinite() || !light.color.allFinite()) {
-    throw_input(path, "a light's direction, position and color must be finite");
+    table.fail("color", "a light's direction, position and color must be finite");
   }
   table.reject_unread();
   return light;
 }
 
-Material read_material(const TomlTable& table, const std::string& path) {
+Material read_material(const TomlTable& table) {
+  constexpr double kLargest = 1e6;
   Material material;
-  double shininess = material.shininess;
-  double opacity = material.opacity;
   table.read("name", material.name);
-  table.read("ambient", material.ambient);
-  table.read("diffuse", material.diffuse);
-  table.read("specular", material.specular);
-  table.read("shininess", shininess);
-  table.read("opacity", opacity);
+  table.read("ambient", material.ambient, -kLargest, kLargest);
+  table.read("diffuse", material.diffuse, -kLargest, kLargest);
+  table.read("specular", material.specular, -kLargest, kLargest);
+  table.read("shininess", material.shininess, 0, 1e6);
+  table.read("opacity", material.opacity, 0, 1);
+  if (table.has("ior")) {
+    float ior = 1;
+    table.read("ior", ior, 0.25, 4);
+    material.ior = ior;
+    material.reflectivity = Vec3f::Constant(std::pow((ior - 1) / (ior + 1), 2.0F));
+  }
+  table.read("reflectivity", material.reflectivity, 0, 1);
+  table.read("dispersion", material.dispersion, 0, 0.5);
+  if (material.dispersion > 0 && !material.ior) {
+    table.fail("dispersion", "dispersion is there but no ior; nothing is refracted without one");
+  }
+  table.read("roughness", material.roughness, 0, 1);
+  table.read("absorption", material.absorption, 0, 1);
   table.reject_unread();
-  if (!(shininess >= 0 && shininess <= 1e6)) {
-    throw_input(path, fmt::format("shininess is {}; it must be in 0..1e6", shininess));
-  }
-  if (!(opacity >= 0 && opacity <= 1)) {
-    throw_input(path, fmt::format("opacity is {}; it must be in 0..1", opacity));
-  }
-  for (const Vec3f& color : {material.ambient, material.diffuse, material.specular}) {
-    if (!color.allFinite()) throw_input(path, "a material's colours must be finite");
-  }
-  material.shininess = static_cast<float>(shininess);
-  material.opacity = static_cast<float>(opacity);
   return material;
+}
+
+Environment read_environment(const TomlTable& table, const std::string& path) {
+  Environment environment;
+  table.read("image", environment.image);
+  if (environment.image.empty()) table.fail("image", "the environment names no image");
+  if (environment.image != kSkyName) {
+    environment.image =
+        (std::filesystem::path(path).parent_path() / environment.image).lexically_normal();
+  }
+  table.read("intensity", environment.intensity, 0, 1e6);
+  table.read("rotation", environment.rotation, -3600, 3600);
+  table.read("visible", environment.visible);
+  table.reject_unread();
+  return environment;
 }
 
 }  // namespace
@@ -63,13 +81,24 @@ Scene read_scene(const std::string& path) {
   const TomlReader file = TomlReader::open(path);
   Scene scene;
   file.root().read("ambient", scene.ambient);
-  if (!scene.ambient.allFinite()) throw_input(path, "ambient must be finite");
+  if (!scene.ambient.allFinite()) file.root().fail("ambient", "ambient must be finite");
+  std::string refraction = "multi";
+  file.root().read("refraction", refraction);
+  if (refraction != "single" && refraction != "multi") {
+    file.root().fail("refraction", fmt::format("refraction \"{}\" is unknown; known are single "
+                                               "and multi",
+                                               refraction));
+  }
+  scene.refraction = refraction == "single" ? Refraction::kSingle : Refraction::kMulti;
+  if (const auto table = file.table("environment")) {
+    scene.environment = read_environment(*table, path);
+  }
   const std::vector<TomlTable> lights = file.tables("light");
   if (!lights.empty()) scene.lights.clear();
-  for (const TomlTable& table : lights) scene.lights.push_back(read_light(table, path));
+  for (const TomlTable& table : lights) scene.lights.push_back(read_light(table));
   const std::vector<TomlTable> materials = file.tables("material");
   if (!materials.empty()) scene.materials.clear();
-  for (const TomlTable& table : materials) scene.materials.push_back(read_material(table, path));
+  for (const TomlTable& table : materials) scene.materials.push_back(read_material(table));
   file.root().reject_unread();
   return scene;
 }

@@ -83,6 +83,34 @@ void TomlTable::read(const char* key, Vec3f& value) const {
   value = vector.cast<float>();
 }
 
+void TomlTable::read(const char* key, float& value, double least, double most) const {
+  double number = static_cast<double>(value);
+  read(key, number);
+  if (!(number >= least && number <= most)) {
+    fail(key, fmt::format("{} is {}; it must be in {}..{}", key, number, least, most));
+  }
+  value = static_cast<float>(number);
+}
+
+void TomlTable::read(const char* key, Vec3f& value, double least, double most) const {
+  Vec3d vector = value.cast<double>();
+  read(key, vector);
+  for (const double number : vector) {
+    if (!(number >= least && number <= most)) {
+      fail(key,
+           fmt::format("{} holds {}; its numbers must be in {}..{}", key, number, least, most));
+    }
+  }
+  value = vector.cast<float>();
+}
+
+bool TomlTable::has(const char* key) const { return node_->table->contains(key); }
+
+void TomlTable::fail(const char* key, const std::string& message) const {
+  const toml::node* node = node_->table->get(key);
+  node_->fail(node ? *node : *node_->table, message);
+}
+
 void TomlTable::read(const char* key, int& first, int& second) const {
   const toml::node* node = node_->find(key);
   if (!node) return;
@@ -121,6 +149,23 @@ TomlReader TomlReader::open(const std::string& path) {
   return reader;
 }
 
+TomlTable TomlTable::child(const void* table) const {
+  auto node = std::make_shared<Node>();
+  node->file = node_->file;
+  node->path = node_->path;
+  node->table = static_cast<const toml::table*>(table);
+  TomlTable child;
+  child.node_ = node;
+  return child;
+}
+
+std::optional<TomlTable> TomlReader::table(const char* name) const {
+  const toml::node* node = root_.node_->find(name);
+  if (!node) return std::nullopt;
+  if (!node->is_table()) root_.fail(name, fmt::format("write [{}], one table", name));
+  return root_.child(node->as_table());
+}
+
 std::vector<TomlTable> TomlReader::tables(const char* name) const {
   std::vector<TomlTable> found;
   const TomlTable::Node& root = *root_.node_;
@@ -130,13 +175,7 @@ std::vector<TomlTable> TomlReader::tables(const char* name) const {
   if (!array) root.fail(*node, fmt::format("write [[{}]], an array of tables", name));
   for (const toml::node& item : *array) {
     if (!item.is_table()) root.fail(item, fmt::format("{} must hold tables", name));
-    auto table = std::make_shared<TomlTable::Node>();
-    table->file = root.file;
-    table->path = root.path;
-    table->table = item.as_table();
-    TomlTable entry;
-    entry.node_ = table;
-    found.push_back(entry);
+    found.push_back(root_.child(item.as_table()));
   }
   return found;
 }

@@ -24,12 +24,21 @@ class TomlTable {
   void read(const char* key, Vec3f& value) const;
   /// An array of two integers.
   void read(const char* key, int& first, int& second) const;
+  /// A number in [least, most]; else Error(kInput) as well.
+  void read(const char* key, float& value, double least, double most) const;
+  /// Three numbers in [least, most].
+  void read(const char* key, Vec3f& value, double least, double most) const;
+  bool has(const char* key) const;
+  /// Throws Error(kInput) naming file and the line of the key, or of the table where it has none.
+  [[noreturn]] void fail(const char* key, const std::string& message) const;
   /// Throws Error(kInput) for the first key that was not read.
   void reject_unread() const;
 
  private:
   friend class TomlReader;
   struct Node;
+  /// A table of the same file; toml++'s type stays in the source.
+  TomlTable child(const void* table) const;
   std::shared_ptr<const Node> node_;
 };
 
@@ -41,6 +50,8 @@ class TomlReader {
   const TomlTable& root() const { return root_; }
   /// The tables [[name]], in their order; none if there is no such array.
   std::vector<TomlTable> tables(const char* name) const;
+  /// The table [name], if there is one.
+  std::optional<TomlTable> table(const char* name) const;
 
  private:
   TomlTable root_;

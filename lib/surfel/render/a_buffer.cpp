@@ -108,6 +108,7 @@ class FrontToBack {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
       color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
+      see_through(fragment, -c[kWeight], 1, c[kAlpha]);
       front_coverage_ = 0;
       return;
     }
@@ -115,6 +116,9 @@ class FrontToBack {
     Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
     const bool front = shows_front(c[kTag]);
     const float coverage = std::min(1.0F, c[kWeight] / full_weight);
+    // With what it reflects, where there is something to reflect.
+    const float opacity =
+        tile_.shader->has_environment() ? color.alpha / coverage : c[kAlpha] / c[kWeight];
     if (!front && front_coverage_ > 0) {
       // What the front leaves of it, where it lies behind the front and where it looks out; over
       // what (12) is going to leave of it.
@@ -125,19 +129,29 @@ class FrontToBack {
       color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
     }
     color_.composite(color);
+    see_through(fragment, 1, coverage, color.alpha);
     front_coverage_ = front ? coverage : 0;
-    front_opacity_ = c[kAlpha] / c[kWeight];
+    front_opacity_ = opacity;
     front_edge_ = edge;
   }
+  /// Composites what has been added over the environment.
+  void add_environment() { tile_.shader->add_environment(color_, surfaces_, x_, y_); }
   const Rgba& color() const { return color_; }
+  /// How many surfaces there are, where there is an environment behind them.
+  float layers() const { return surfaces_.layers(); }
 
  private:
+  void see_through(const Fragment& fragment, float surfaces, float coverage, float opacity) {
+    if (tile_.shader->has_environment()) surfaces_.add(fragment, surfaces, coverage, opacity);
+  }
+
   const TileABuffer& tile_;
   float x_, y_;
   Rgba color_;
   float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
   float front_opacity_ = 0;
   float front_edge_ = 0;
+  SeenThrough surfaces_;
 };
 
 /// SS01 (12).
@@ -147,12 +161,17 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   pair.add(back, 0);
   const Rgba& color = pair.color();
   Fragment out{};
-  out.channel[kWeight] = kMergedWeight;
+  // Negative, as in SS01. The number matters where there is an environment to be seen behind.
+  out.channel[kWeight] = pair.layers() > 0 ? -pair.layers() : -1;
   out.channel[kDepth] = front_depth(front);
   out.channel[kRed] = color.red;
   out.channel[kGreen] = color.green;
   out.channel[kBlue] = color.blue;
   out.channel[kAlpha] = color.alpha;
+  // The nearest surface is what the environment behind all is seen through.
+  out.channel[kTag] = front.channel[kTag];
+  const float weight = is_merged(front) ? 1 : front.channel[kWeight];
+  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = front.channel[c] / weight;
   out.channel[kBack] = back_depth(back);
   return out;
 }
@@ -252,6 +271,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
     if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
   }
+  if (tile.shader->has_environment()) composite.add_environment();
   result.color = composite.color();
   return result;
 }

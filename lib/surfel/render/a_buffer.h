@@ -12,21 +12,18 @@ namespace surfel {
 /// What a fragment keeps of a surface in a pixel (SS01 table 1): sums over the contributions of one
 /// surface, each weighted by its resampling kernel rho. One plane of kTilePixels floats each.
 enum FragmentChannel : int {
-  kWeight,  ///< Sum of rho; 0 = free; kMergedWeight = shaded and merged.
+  kWeight,  ///< Sum of rho; 0 = free; shaded and merged: how many surfaces it holds, negative.
   kDepth,   ///< Sum of rho * depth; merged: the nearest fragment's depth.
   kRed,     ///< Sum of rho * alpha * colour; merged: composite, premultiplied.
   kGreen,
   kBlue,
   kAlpha,    ///< Sum of rho * alpha (not kept where all splats are opaque); merged: opacity.
-  kTag,      ///< Splat::tag of the first contribution, as bits.
+  kTag,      ///< Splat::tag of the first contribution, as bits; merged: the nearest fragment's.
   kBack,     ///< Merged only: the farthest fragment's depth.
-  kNormalX,  ///< Sum of rho * normal; only in shaded pictures.
+  kNormalX,  ///< Sum of rho * normal, only in shaded pictures; merged: the nearest one's mean.
   kNormalY,
   kNormalZ,
 };
-
-/// SS01 marks shaded fragments by a negative weight; so do we.
-inline constexpr float kMergedWeight = -1.0F;
 
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;

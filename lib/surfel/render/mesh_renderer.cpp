@@ -88,7 +88,7 @@ Fragment fragment(const Eigen::Array4f& color, const Vec3f& normal, float depth,
   f.channel[kWeight] = 1;
   f.channel[kDepth] = depth;
   for (int k = 0; k < 4; ++k) f.channel[kRed + k] = color[k];
-  f.channel[kTag] = std::bit_cast<float>(material << 1 | (front ? 1U : 0U));
+  f.channel[kTag] = std::bit_cast<float>(material << kMaterialShift | (front ? kFrontTag : 0U));
   for (int k = 0; k < 3; ++k) f.channel[kNormalX + k] = normal[k];
   return f;
 }
@@ -137,7 +137,7 @@ struct MeshRenderer::Impl {
   void check_textures() const;
   Eigen::Array4f color(std::uint32_t face, const Barycentric& b) const;
   Vec3f normal(std::uint32_t face, const Barycentric& b) const;
-  Rgba shade(const View& view, const MeshHit& hit, double x, double y, double z) const;
+  Fragment surface(const View& view, const MeshHit& hit, double z) const;
   Rgba trace(const View& view, double x, double y) const;
 };
 
@@ -188,38 +188,44 @@ Vec3f MeshRenderer::Impl::normal(std::uint32_t face, const Barycentric& b) const
   return across.normalized().cast<float>();
 }
 
-Rgba MeshRenderer::Impl::shade(const View& view, const MeshHit& hit, double x, double y,
-                               double z) const {
+Fragment MeshRenderer::Impl::surface(const View& view, const MeshHit& hit, double z) const {
   const Barycentric b(1 - hit.u - hit.v, hit.u, hit.v);
   const std::uint32_t number = material(hit.face);
   const float opacity =
       scene.materials[std::min<std::size_t>(number, scene.materials.size() - 1)].opacity;
-  const Fragment surface = fragment(opacity * color(hit.face, b),
-                                    view.shader.lit() ? normal(hit.face, b) : Vec3f(0, 0, 0),
-                                    view.shader.depth(static_cast<float>(z)), number, hit.front);
-  return view.shader.shade(surface, static_cast<float>(x), static_cast<float>(y), 1);
+  return fragment(opacity * color(hit.face, b),
+                  view.shader.lit() ? normal(hit.face, b) : Vec3f(0, 0, 0),
+                  view.shader.depth(static_cast<float>(z)), number, hit.front);
 }
 
 /// Premultiplied colour at picture coordinates.
 Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
+  const auto at_x = static_cast<float>(x);
+  const auto at_y = static_cast<float>(y);
   Rgba seen;
-  if (!tracer) return seen;
+  SeenThrough surfaces;
   const ViewRay ray = view_ray(view.camera, x, y);
-  const std::optional<Span> span = inside(bounds, view.eye + ray.origin, ray.direction);
-  if (!span || span->last < view.camera.near) return seen;
-  const double start = std::max(span->first, view.camera.near);
-  const Vec3f origin = (view.eye + ray.origin + start * ray.direction).cast<float>();
-  const Vec3f direction = ray.direction.cast<float>();
-  MeshRay rest{{origin.x(), origin.y(), origin.z()},
-               {direction.x(), direction.y(), direction.z()},
-               0,
-               options.cull_back};
-  while (seen.alpha < 1) {
-    const std::optional<MeshHit> hit = tracer->nearest(rest);
-    if (!hit) break;
-    seen.composite(shade(view, *hit, x, y, start + static_cast<double>(hit->t)));
-    rest.from = hit->t + static_cast<float>(2 * bounds.radius * kGap);
+  const std::optional<Span> span =
+      tracer ? inside(bounds, view.eye + ray.origin, ray.direction) : std::nullopt;
+  if (span && span->last >= view.camera.near) {
+    const double start = std::max(span->first, view.camera.near);
+    const Vec3f origin = (view.eye + ray.origin + start * ray.direction).cast<float>();
+    const Vec3f direction = ray.direction.cast<float>();
+    MeshRay rest{{origin.x(), origin.y(), origin.z()},
+                 {direction.x(), direction.y(), direction.z()},
+                 0,
+                 options.cull_back};
+    while (seen.alpha < 1) {
+      const std::optional<MeshHit> hit = tracer->nearest(rest);
+      if (!hit) break;
+      const Fragment at = surface(view, *hit, start + static_cast<double>(hit->t));
+      const Rgba shaded = view.shader.shade(at, at_x, at_y, 1);
+      seen.composite(shaded);
+      surfaces.add(at, 1, 1, shaded.alpha);
+      rest.from = hit->t + static_cast<float>(2 * bounds.radius * kGap);
+    }
   }
+  view.shader.add_environment(seen, surfaces, at_x, at_y);
   return seen;
 }
 

@@ -67,6 +67,7 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
             [](const Surface& a, const Surface& b) { return a.mean_z() < b.mean_z(); });
 
   Rgba color;
+  SeenThrough seen_through;
   for (const Surface& surface : surfaces_) {
     // Normalised by the sum of rho here, in double, since that may be beyond single precision.
     Fragment fragment{};
@@ -84,9 +85,13 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
     c[kNormalX] = static_cast<float>(surface.normal.x() * inv_weight);
     c[kNormalY] = static_cast<float>(surface.normal.y() * inv_weight);
     c[kNormalZ] = static_cast<float>(surface.normal.z() * inv_weight);
-    color.composite(shader.shade(fragment, static_cast<float>(x), static_cast<float>(y),
-                                 static_cast<float>(full_weight * inv_weight)));
+    const Rgba shaded = shader.shade(fragment, static_cast<float>(x), static_cast<float>(y),
+                                     static_cast<float>(full_weight * inv_weight));
+    color.composite(shaded);
+    const auto coverage = static_cast<float>(std::min(1.0, surface.weight / full_weight));
+    seen_through.add(fragment, 1, coverage, shaded.alpha);
   }
+  shader.add_environment(color, seen_through, static_cast<float>(x), static_cast<float>(y));
   return color;
 }
 

@@ -51,7 +51,7 @@ class RaySurfaces {
   /// surfaces: a hit joins the nearest surface of the same side whose mean depth is within its
   /// epsilon, or else opens one. Each surface is normalised by its sum of rho (9), shaded at the
   /// picture coordinates (x, y) and weighed by its coverage (SS01 section 7); they are composited
-  /// front to back (12), however many there are. `full_weight` is tau.
+  /// front to back (12), however many there are, over the environment. `full_weight` is tau.
   /// \return premultiplied.
   Rgba color(std::vector<RayHit>& hits, const RenderCloud& cloud, const Scene& scene,
              const Shader& shader, double x, double y, double full_weight);

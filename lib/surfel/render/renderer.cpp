@@ -577,7 +577,7 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   Impl& r = *impl_;
   FrameStatistics stats;
   const Timer whole;
-  const Shader shader(r.options.lit ? &r.scene : nullptr, camera);
+  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, lowpass_of(r.options));
   r.workers.resize(std::max<std::size_t>(r.workers.size(), thread_count()));
   for (Worker& worker : r.workers) {
     worker.merges = {};

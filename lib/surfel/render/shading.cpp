@@ -1,20 +1,92 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numbers>
 
+#include <surfel/base/error.h>
+#include <surfel/render/environment_map.h>
 #include <surfel/render/shading.h>
 
 namespace surfel {
+namespace {
 
-Shader::Shader(const Scene* scene, const Camera& camera)
+/// Mean of both polarisations' reflectances; 1 at total reflection.
+float dielectric_reflectance(float ior, float cosine) {
+  const float eta = 1 / ior;
+  const float transmitted2 = 1 - eta * eta * (1 - cosine * cosine);
+  if (transmitted2 <= 0) return 1;
+  const float transmitted = std::sqrt(transmitted2);
+  const float perpendicular = (eta * cosine - transmitted) / (eta * cosine + transmitted);
+  const float parallel = (cosine - eta * transmitted) / (cosine + eta * transmitted);
+  return 0.5F * (perpendicular * perpendicular + parallel * parallel);
+}
+
+}  // namespace
+
+Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> ior, float cosine) {
+  float rise = 0;  // From normal incidence, 0, to grazing, 1.
+  if (ior) {
+    const float normal = dielectric_reflectance(*ior, 1);
+    rise = (dielectric_reflectance(*ior, cosine) - normal) / (1 - normal);
+  } else {
+    rise = std::pow(1 - cosine, 5.0F);
+  }
+  Vec3f reflectance(0, 0, 0);
+  for (int c = 0; c < 3; ++c) {
+    const float r = normal_reflectance[c];
+    if (r > 0) reflectance[c] = r + (1 - r) * rise;
+  }
+  return reflectance;
+}
+
+RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers) {
+  const float eta = std::pow(1 / ior, layers);
+  const float cosine = std::min(1.0F, normal.dot(to_eye));
+  const Vec3f across = cosine * normal - to_eye;  // Of length sin(theta_I).
+  const float transmitted2 = 1 - eta * eta * across.squaredNorm();
+  if (transmitted2 <= 0) return {(2 * cosine * normal - to_eye).normalized(), 2, 1};
+  const float transmitted = std::sqrt(transmitted2);
+  // d theta_T / d theta_I = eta cos(theta_I) / cos(theta_T); without a bound at total reflection.
+  const float by_direction = std::min(2.0F, eta * cosine / transmitted);
+  return {(eta * across - transmitted * normal).normalized(), std::abs(1 - by_direction),
+          by_direction};
+}
+
+void SeenThrough::add(const Fragment& surface, float surfaces, float coverage, float opacity) {
+  if (opaque_) return;
+  layers_ += surfaces * coverage;
+  opaque_ = opacity >= kOpaqueAlpha;
+  const float share = uncovered_ - (1 - coverage);
+  if (!(share > 0)) return;
+  uncovered_ = 1 - coverage;
+  if (count_ < kMost) {
+    surface_[static_cast<std::size_t>(count_)] = surface;
+    share_[static_cast<std::size_t>(count_++)] = share;
+  } else {
+    share_.back() += share;
+  }
+}
+
+Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
     : scene_(scene),
       world_from_camera_(camera.camera_from_world.transpose().cast<float>()),
+      map_from_world_(Eigen::Matrix3f::Identity()),
+      ray_variance_(0),
       inv_focal_x_(static_cast<float>(1 / camera.focal_x)),
       inv_focal_y_(static_cast<float>(1 / camera.focal_y)),
       center_x_(static_cast<float>(camera.center_x)),
       center_y_(static_cast<float>(camera.center_y)),
       orthographic_(camera.orthographic) {
   if (!scene) return;
+  if (scene->environment) {
+    environment_ = &*scene->environment;
+    if (!environment_->map) throw_usage("the environment has not been loaded: load_environment()");
+    const float angle = environment_->rotation * std::numbers::pi_v<float> / 180;
+    map_from_world_ = Eigen::AngleAxisf(-angle, Vec3f::UnitY()).toRotationMatrix();
+    // Rays of orthographic cameras have all the same direction.
+    if (!orthographic_) ray_variance_ = static_cast<float>(std::pow(lowpass / camera.focal_y, 2));
+  }
   for (const Light& light : scene->lights) {
     if (light.type == Light::Type::kPoint) {
       lights_.push_back({(light.vector - camera.eye).cast<float>(), light.color, true});
@@ -36,34 +108,117 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
     const float scale = inv_weight * coverage;
     return {c[kRed] * scale, c[kGreen] * scale, c[kBlue] * scale, alpha * coverage};
   }
-  if (!(c[kAlpha] > 0)) return {};
-  const Vec3f color = Vec3f(c[kRed], c[kGreen], c[kBlue]) / c[kAlpha];
-  const std::size_t material = std::min<std::size_t>(
-      std::bit_cast<std::uint32_t>(c[kTag]) >> kMaterialShift, scene_->materials.size() - 1);
-  const Vec3f lit = lit_color(color, Vec3f(c[kNormalX], c[kNormalY], c[kNormalZ]),
-                              scene_->materials[material], x, y, c[kDepth] * inv_weight);
+  const Surface at = surface(fragment, x, y);
+  const bool reflects = environment_ && !at.material.reflectivity.isZero();
+  if (!(c[kAlpha] > 0) && !reflects) return {};
   const float opacity = alpha * coverage;
-  return {lit.x() * opacity, lit.y() * opacity, lit.z() * opacity, opacity};
+  Vec3f out(0, 0, 0);
+  if (c[kAlpha] > 0) {
+    const Vec3f color = Vec3f(c[kRed], c[kGreen], c[kBlue]) / c[kAlpha];
+    out = opacity * lit_color(color, at, x, y, c[kDepth] * inv_weight);
+  }
+  if (!reflects) return {out.x(), out.y(), out.z(), opacity};
+
+  const float cosine = at.normal.dot(at.to_eye);
+  const Vec3f reflectance = fresnel_reflectance(at.material.reflectivity, at.material.ior, cosine);
+  const Vec3f mirrored = 2 * cosine * at.normal - at.to_eye;
+  const Vec3f seen = radiance(mirrored, 4 * at.normal_variance + ray_variance_);
+  out = out.cwiseProduct(Vec3f::Ones() - reflectance) + coverage * reflectance.cwiseProduct(seen);
+  const float reflected = reflectance.mean();
+  return {out.x(), out.y(), out.z(), coverage * reflected + (1 - reflected) * opacity};
 }
 
-Vec3f Shader::lit_color(const Vec3f& color, Vec3f normal, const Material& material, float x,
-                        float y, float depth) const {
-  // From the eye through (x, y), in world axes.
-  const float px = (x - center_x_) * inv_focal_x_;
-  const float py = (y - center_y_) * inv_focal_y_;
-  const Vec3f ray = world_from_camera_ * (orthographic_ ? Vec3f(0, 0, 1) : Vec3f(px, py, 1));
-  const Vec3f to_eye = -ray.normalized();
-  const float length = normal.norm();
-  normal = length > 0 ? Vec3f(normal / length) : to_eye;
-  if (normal.dot(to_eye) < 0) normal = -normal;
+Vec3f Shader::ray(float x, float y) const {
+  if (orthographic_) return world_from_camera_.col(2);
+  return world_from_camera_ *
+         Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 1);
+}
 
+Shader::Surface Shader::surface(const Fragment& fragment, float x, float y) const {
+  const float* c = fragment.channel;
+  const std::size_t material = std::min<std::size_t>(
+      std::bit_cast<std::uint32_t>(c[kTag]) >> kMaterialShift, scene_->materials.size() - 1);
+  Surface at{scene_->materials[material], -ray(x, y).normalized(), {}, 0};
+  at.normal = Vec3f(c[kNormalX], c[kNormalY], c[kNormalZ]);
+  const float length = at.normal.norm();
+  at.normal = length > 0 ? Vec3f(at.normal / length) : at.to_eye;
+  if (at.normal.dot(at.to_eye) < 0) at.normal = -at.normal;
+  if (environment_) {
+    const float alpha = at.material.roughness * at.material.roughness;
+    at.normal_variance = 0.5F * alpha * alpha;
+    const float weight = c[kWeight] > 0 ? c[kWeight] : 1;  // Merged: mean normals.
+    if (length > 0) at.normal_variance -= std::log(std::min(1.0F, length / weight));
+  }
+  return at;
+}
+
+Vec3f Shader::radiance(const Vec3f& direction, float variance) const {
+  return environment_->intensity *
+         environment_->map->radiance(map_from_world_ * direction, variance);
+}
+
+Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) const {
+  if (!environment_) return {0, 0, 0};
+  const Surface at = surface(nearest, x, y);
+  const Material& material = at.material;
+  const float count = scene_->refraction == Refraction::kSingle ? 1.0F : layers;
+  const auto refracted = [&](float ior) {
+    const RefractedRay ray = refract(at.to_eye, at.normal, ior, count);
+    return radiance(ray.direction, ray.by_normal * ray.by_normal * at.normal_variance +
+                                       ray.by_direction * ray.by_direction * ray_variance_);
+  };
+  Vec3f color;
+  if (!material.ior) {
+    color = radiance(-at.to_eye, ray_variance_);
+  } else if (material.dispersion == 0) {
+    color = refracted(*material.ior);
+  } else {
+    for (int c = 0; c < 3; ++c) {
+      const float part = static_cast<float>(c - 1) / 2;
+      color[c] = refracted(*material.ior * (1 + part * material.dispersion))[c];
+    }
+  }
+  for (int c = 0; c < 3; ++c) color[c] *= std::pow(1 - material.absorption[c], count);  // (11)
+  return color;
+}
+
+void Shader::add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const {
+  if (!environment_) return;
+  const float left = 1 - color.alpha;
+  if (!(left > 0)) return;
+  const auto add = [&](const Vec3f& radiance, float share) {
+    color.red += share * radiance.x();
+    color.green += share * radiance.y();
+    color.blue += share * radiance.z();
+    color.alpha += share;
+  };
+  const float straight = std::min(left, surfaces.uncovered());
+  const float covered = 1 - surfaces.uncovered();
+  for (int i = 0; i < surfaces.count(); ++i) {
+    const Fragment& surface = surfaces.surface(i);
+    if (environment_->visible || this->surface(surface, x, y).material.ior) {
+      add(behind(surface, x, y, surfaces.layers()),
+          (left - straight) * surfaces.share(i) / covered);
+    }
+  }
+  if (straight > 0 && environment_->visible) add(radiance(ray(x, y), ray_variance_), straight);
+}
+
+Vec3f Shader::lit_color(const Vec3f& color, const Surface& surface, float x, float y,
+                        float depth) const {
+  const Material& material = surface.material;
+  const Vec3f& normal = surface.normal;
+  const Vec3f& to_eye = surface.to_eye;
   Vec3f diffuse = material.ambient.cwiseProduct(scene_->ambient);
   Vec3f specular(0, 0, 0);
   for (const LightInWorld& light : lights_) {
     Vec3f to_light = light.vector;
     if (light.point) {
-      const Vec3f place = orthographic_ ? Vec3f(world_from_camera_ * Vec3f(px, py, z(depth)))
-                                        : Vec3f(ray * z(depth));
+      Vec3f place = ray(x, y) * z(depth);
+      if (orthographic_) {
+        place += world_from_camera_ *
+                 Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 0);
+      }
       to_light = (light.vector - place).normalized();
     }
     const float cosine = normal.dot(to_light);

@@ -1,36 +1,139 @@
 #pragma once
 
-// Deferred shading, SS01 section 4: each fragment once, with its filtered normal.
+// Deferred shading, SS01 section 4: each fragment once, with its filtered normal. Environments:
+// SP06 section 5.2.3.
 
+#include <array>
+#include <optional>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/io/camera.h>
 #include <surfel/io/scene.h>
 #include <surfel/render/a_buffer.h>
 
 namespace surfel {
 
-/// Turns fragments into colours: unlit (the filtered texture itself) or lit by a scene's lights
-/// with the reflection model of Blinn and Phong. Normals are seen from both sides. For one camera.
-class Shader {
+/// Reflectance of an interface at an angle of incidence of this cosine, for unpolarised light: with
+/// an index of refraction (inside by outside) Fresnel's equations for dielectrics, scaled to be
+/// `normal_reflectance` at normal incidence and 1 at total reflection; without one Schlick's
+/// approximation ("An inexpensive BRDF model for physically-based rendering", 1994, (15)). 0 where
+/// `normal_reflectance` is 0.
+SURFEL_API Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> ior,
+                                     float cosine);
+
+/// A ray after refraction, SP06 (12).
+struct RefractedRay {
+  Vec3f direction;     ///< Unit; total reflection: that of the mirrored ray.
+  float by_normal;     ///< Turn of the direction by turn of the normal, in the plane of incidence;
+  float by_direction;  ///< ... and by turn of the incident ray.
+};
+
+/// sin(theta_T) = eta^layers sin(theta_I), where eta = 1 / ior. `normal` and `to_eye` are unit, on
+/// the same side.
+SURFEL_API RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers);
+
+/// The surfaces through which a pixel sees what is behind all of them. A surface that covers a part
+/// of the pixel alone, be it that another one begins there or that it is the tail of a kernel, has
+/// no more than its share in how the light is refracted.
+class SURFEL_API SeenThrough {
  public:
-  /// `scene` null: unlit.
-  Shader(const Scene* scene, const Camera& camera);
+  /// The next surface, front to back.
+  /// \param surfaces  How many it stands for: 1, of merged fragments more.
+  /// \param coverage  Of the pixel, 0..1.
+  /// \param opacity   As shaded: nothing that lies behind an opaque one counts.
+  void add(const Fragment& surface, float surfaces, float coverage, float opacity);
+
+  /// How many there are that something is seen through first.
+  int count() const { return count_; }
+  const Fragment& surface(int i) const { return surface_[static_cast<std::size_t>(i)]; }
+  /// Share of the pixel that surface i covers, and none before it.
+  float share(int i) const { return share_[static_cast<std::size_t>(i)]; }
+  /// Share that no surface covers. Surfaces are taken to lie upon one another.
+  float uncovered() const { return uncovered_; }
+  /// SP06's l, as there a real number: each surface up to the first opaque one by its coverage.
+  float layers() const { return layers_; }
+
+ private:
+  static constexpr int kMost = 4;  ///< The last one stands for all that follow.
+  std::array<Fragment, kMost> surface_;
+  std::array<float, kMost> share_;
+  int count_ = 0;
+  float uncovered_ = 1;
+  float layers_ = 0;
+  bool opaque_ = false;
+};
+
+/// Turns fragments into colours: unlit (the filtered texture itself) or lit by a scene's lights
+/// with the reflection model of Blinn and Phong, and by its environment. Normals are seen from both
+/// sides. For one camera.
+///
+/// Environment. Every fragment reflects it, as if there were nothing else around; a back face as
+/// much as a front face at the same angle, since a ray that Snell has turned at the front of a body
+/// meets the back at the angle inside, where Fresnel's equations give the same. What passes through
+/// all surfaces of a pixel sees it behind them: refracted at the nearest surface (12), less what
+/// the layers absorb (11). Opacity needs no equation (11): to composite l layers of opacity alpha
+/// leaves (1 - alpha)^l.
+///
+/// Filtering. Curved surfaces minify what they mirror. How much normals vary in a fragment shows in
+/// the length of their mean (Toksvig, "Mipmapping normal maps", 2005), -ln |mean| being their
+/// variance along an axis; reflection turns a ray by twice a normal's turn, refraction by
+/// RefractedRay::by_normal. Microfacets of width alpha are such a variance as well, alpha^2 / 2
+/// (Wang et al., "All-frequency rendering of dynamic, spatially-varying reflectance", 2009), and
+/// the pixel filter one of the ray's direction. The lookup has the sum of all.
+class SURFEL_API Shader {
+ public:
+  /// `scene` null: unlit. Refers to the scene.
+  /// \param lowpass  Standard deviation of the pixel filter, pixels, where the fragments are
+  ///                 filtered with it; 0 where several rays a pixel are going to be.
+  /// Throws Error(kUsage) if the scene's environment has not been loaded.
+  Shader(const Scene* scene, const Camera& camera, double lowpass = 0);
 
   bool lit() const { return scene_ != nullptr; }
+  bool has_environment() const { return environment_ != nullptr; }
 
   /// Colour of an unmerged fragment seen at picture coordinates (x, y), pixels, pixel centres at
   /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
-  /// min(1, sum of rho / full_weight).
+  /// min(1, sum of rho / full_weight). What it reflects is neither multiplied by its opacity nor
+  /// seen through: the opacity is that of both.
   Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const;
+
+  /// The environment's radiance behind all surfaces of a pixel, seen through the nearest one:
+  /// refracted `layers` times (once where the scene says so), in each of R, G and B by its own
+  /// index, straight ahead where the surface does not refract. Black without an environment. To be
+  /// multiplied by the transmittance that the surfaces leave. \param layers  SP06's l, as there a
+  /// real number: surfaces up to the first opaque one, each
+  ///                counted by its coverage.
+  Vec3f behind(const Fragment& nearest, float x, float y, float layers) const;
+  Vec3f behind(const Fragment& nearest, float x, float y, int layers) const {
+    return behind(nearest, x, y, static_cast<float>(layers));
+  }
+
+  /// Composites a pixel's surfaces over the environment: behind() where there are surfaces, the
+  /// environment itself where there are none and in so far as it is visible. What does not refract
+  /// is seen straight through, and shows no invisible environment. Where it shows, the pixel
+  /// becomes opaque. Nothing happens without an environment.
+  /// \param color  the surfaces' composite, premultiplied.
+  void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
   /// z of a depth as splats hold it, and back.
   float z(float depth) const { return orthographic_ ? -depth : 1.0F / depth; }
   float depth(float z) const { return orthographic_ ? -z : 1.0F / z; }
 
  private:
-  Vec3f lit_color(const Vec3f& color, Vec3f normal, const Material& material, float x, float y,
-                  float depth) const;
+  /// What lighting needs to know of a fragment.
+  struct Surface {
+    const Material& material;
+    Vec3f to_eye;           ///< Unit.
+    Vec3f normal;           ///< Unit, on the eye's side.
+    float normal_variance;  ///< Of the normals along an axis, microfacets included, radians^2.
+  };
+  Surface surface(const Fragment& fragment, float x, float y) const;
+  /// From the eye through (x, y), world axes; of perspective cameras with z = 1 along the view.
+  Vec3f ray(float x, float y) const;
+  Vec3f lit_color(const Vec3f& color, const Surface& surface, float x, float y, float depth) const;
+  /// Of the environment, from a direction in the world.
+  Vec3f radiance(const Vec3f& direction, float variance) const;
 
   struct LightInWorld {
     Vec3f vector;  ///< Towards the light, unit; of point lights the place relative to the eye.
@@ -38,8 +141,11 @@ class Shader {
     bool point;
   };
   const Scene* scene_;
+  const Environment* environment_ = nullptr;
   std::vector<LightInWorld> lights_;
   Eigen::Matrix3f world_from_camera_;
+  Eigen::Matrix3f map_from_world_;  ///< The environment's rotation, undone.
+  float ray_variance_;  ///< Of a ray's direction in its pixel, along an axis, radians^2.
   float inv_focal_x_, inv_focal_y_, center_x_, center_y_;
   bool orthographic_;
 };

@@ -125,7 +125,7 @@ SourceEwaRenderer::SourceEwaRenderer(const RenderCloud& cloud, const Scene& scen
 
 Image SourceEwaRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
-  const Shader shader(options_.lit ? &scene_ : nullptr, camera);
+  const Shader shader(options_.lit ? &scene_ : nullptr, camera, options_.lowpass);
   const SourceKernels kernels(options_, camera);
   const double full_weight =
       options_.coverage_threshold.value_or(coverage_threshold(options_.cutoff));

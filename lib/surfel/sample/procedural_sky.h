@@ -1,0 +1,19 @@
+#pragma once
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/io/image.h>
+
+namespace surfel {
+
+/// Radiance of a made-up surrounding from a direction (any length but zero), linear R G B: a sky
+/// that is bright at the horizon, a sun with a glow, a checkered floor below, and four rectangular
+/// lights of different colours, as studios hang them around glass and metal. +y is up. Callable
+/// from any thread.
+SURFEL_API Vec3f procedural_sky_radiance(const Vec3d& direction);
+
+/// The same as a lat-long environment map (io/lat_long.h), channels R G B A (opaque), each pixel
+/// the mean of 4 x 4 points. Throws Error(kUsage) unless it is twice as wide as high.
+SURFEL_API Image procedural_sky(int width, int height);
+
+}  // namespace surfel
