@@ -226,6 +226,12 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
+NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
+  const Sorted sorted(tile, pixel);
+  if (sorted.count == 0 || is_merged(sorted[0])) return {};
+  return {front_depth(sorted[0]), shows_front(sorted[0].channel[kTag])};
+}
+
 PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   PixelResult result;
@@ -241,6 +247,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
       result.depth_first = z;
       if (!is_merged(fragment)) {
         result.weight = fragment.channel[kWeight];
+        result.nearest = fragment;
         if (tile.layout.normals) {
           const Vec3f n = Vec3f(fragment.channel[kNormalX], fragment.channel[kNormalY],
                                 fragment.channel[kNormalZ])
@@ -253,6 +260,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
   }
   result.color = composite.color();
+  result.layers = static_cast<float>(sorted.count);
   return result;
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include <surfel/render/splat.h>
 
@@ -104,6 +105,14 @@ struct TileABuffer {
 void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
                        const SplatNormal* normal);
 
+/// Nearest surface of a pixel.
+struct NearestLayer {
+  float depth = -std::numeric_limits<float>::infinity();  ///< Nearness, as in Splat; of none: that.
+  bool front = false;                                     ///< The side that is seen.
+};
+/// The nearest fragment of a pixel's A-buffer, if it is unmerged.
+NearestLayer nearest_layer(TileABuffer& tile, int pixel);
+
 /// Per-pixel result of a tile.
 struct PixelResult {
   Rgba color;
@@ -111,6 +120,8 @@ struct PixelResult {
   float depth_first = 0;        ///< z of the nearest fragment; infinity if there is none.
   float normal[3] = {0, 0, 0};  ///< Of the nearest unmerged fragment, unit; zero if none.
   float weight = 0;             ///< Sum of rho of the nearest fragment.
+  Fragment nearest{};           ///< Where it is unmerged.
+  float layers = 0;             ///< Surfaces composited, a merged pair counted as one.
 };
 
 /// Shades, weighs by coverage (SS01 section 7) and composites a pixel's fragments front to back.
