@@ -104,16 +104,17 @@ void declare_options(CLI::App& app, Settings& s) {
 
   app.option_defaults()->group("Visibility and coverage");
   using surfel::Method;
-  add_choice(app, "--method", s.render.method,
-             {{"abuffer", Method::kABuffer},
-              {"deferred", Method::kDeferred},
-              {"transparent", Method::kTransparent},
-              {"transparent-high", Method::kTransparentHigh},
-              {"depth-peel", Method::kDepthPeel}},
-             "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
-             "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
-             "with all layers blended alike or the nearest interpolated; or one layer after "
-             "another, slowly, as a reference");
+  add_choice(
+      app, "--method", s.render.method,
+      {{"abuffer", Method::kABuffer},
+       {"deferred", Method::kDeferred},
+       {"transparent", Method::kTransparent},
+       {"transparent-high", Method::kTransparentHigh},
+       {"depth-peel", Method::kDepthPeel}},
+      "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
+      "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
+      "with all layers blended alike or the nearest interpolated; or one layer after "
+      "another, slowly, as a reference");
   using surfel::Voronoi;
   add_choice(app, "--voronoi", s.render.voronoi,
              {{"off", Voronoi::kOff},
@@ -218,9 +219,9 @@ void require_effect(const CLI::App& app, const Settings& s) {
       break;
   }
   if (!s.mesh.empty()) {
-    refuse("--mesh", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff",
-                      "--depth-epsilon", "--coverage-threshold", "--method", "--voronoi",
-                      "--peel"});
+    refuse("--mesh",
+           {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff", "--depth-epsilon",
+            "--coverage-threshold", "--method", "--voronoi", "--peel"});
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
@@ -338,12 +339,18 @@ std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent
 nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
   nlohmann::json stages = nlohmann::json::object();
   for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
-  return {{"ms", frame.milliseconds},         {"stages", stages},
-          {"encode_ms", encode_ms},           {"clusters", frame.clusters},
-          {"splats", frame.splats},           {"exact_splats", frame.exact_splats},
-          {"merged_fragments", frame.merged}, {"dropped_weight_share", frame.dropped_weight_share},
-          {"groups", frame.groups},           {"culled_fragments", frame.culled},
-          {"peeled_layers", frame.peeled_layers}, {"unpeeled_pixels", frame.unpeeled_pixels}};
+  return {{"ms", frame.milliseconds},
+          {"stages", stages},
+          {"encode_ms", encode_ms},
+          {"clusters", frame.clusters},
+          {"splats", frame.splats},
+          {"exact_splats", frame.exact_splats},
+          {"merged_fragments", frame.merged},
+          {"dropped_weight_share", frame.dropped_weight_share},
+          {"groups", frame.groups},
+          {"culled_fragments", frame.culled},
+          {"peeled_layers", frame.peeled_layers},
+          {"unpeeled_pixels", frame.unpeeled_pixels}};
 }
 
 /// Reads and prepares surfels, and tells what of them cannot be used.
@@ -409,9 +416,10 @@ int main(int argc, char** argv) {
       };
       const surfel::Image image = paint(views[i], frame, progress);
       if (frame.unpeeled_pixels > 0) {
-        tool.note(fmt::format("picture {}: {} pixels have more than --peel {} layers; what is "
-                              "behind is left out",
-                              i, frame.unpeeled_pixels, s.render.peel));
+        tool.note(
+            fmt::format("picture {}: {} pixels have more than --peel {} layers; what is "
+                        "behind is left out",
+                        i, frame.unpeeled_pixels, s.render.peel));
       }
       const surfel::Timer encode;
       surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,

@@ -10,7 +10,6 @@
 #define HWY_TARGET_INCLUDE "surfel/render/depth_peel.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-
 #include <surfel/render/kernel_raster-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -22,7 +21,8 @@ namespace {
 enum Plane : int {
   kPeeled = 0,  ///< Depth of the side's last layer; fragments that do not reach it are left.
   kNext = 2,    ///< Depth of the nearest fragment left.
-  kPlanes = 4,
+  kMean = 4,    ///< Mean depth of the fragments that reach that.
+  kPlanes = 6,
 };
 
 template <bool kNormals, bool kOpaqueSplats>
@@ -74,8 +74,8 @@ class Peeler {
       const float* peeled = plane(kPeeled, side);
       raster_.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon,
                               const auto& amplitude) HWY_ATTR {
-        const M left = hn::And(hn::Lt(beta, cutoff), hn::Lt(hn::Add(depth, epsilon),
-                                                            hn::LoadU(d, peeled + pixel)));
+        const M left = hn::And(hn::Lt(beta, cutoff),
+                               hn::Lt(hn::Add(depth, epsilon), hn::LoadU(d, peeled + pixel)));
         if (hn::AllFalse(d, left)) return;
         body(index, side, pixel, left, beta, depth, epsilon, amplitude);
       });
@@ -87,8 +87,8 @@ class Peeler {
   std::size_t find_next() {
     const D d;
     std::fill_n(plane(kNext, 0), 2 * kTilePixels, none());
-    for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left, V,
-                          V depth, V, const auto&) HWY_ATTR {
+    for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left, V, V depth,
+                          V, const auto&) HWY_ATTR {
       float* next = plane(kNext, side) + pixel;
       const V old = hn::LoadU(d, next);
       hn::StoreU(hn::IfThenElse(left, hn::Max(old, depth), old), d, next);
@@ -107,15 +107,19 @@ class Peeler {
     return found;
   }
 
-  void add_layer(int layer) {
+  /// Adds the fragments left that reach the plane `anchor`, but those that have been added as they
+  /// reach the plane `added`, if that is another.
+  void add_reaching(float* fragments, Plane anchor, Plane added) {
     const D d;
     const hn::RebindToUnsigned<D> du;
-    float* fragments = tile_.data + tile_.layout.layer_stride() * static_cast<std::size_t>(layer);
     for_each_fragment([&](std::uint32_t index, std::uint32_t side, std::size_t pixel, M left,
                           V beta, V depth, V epsilon, const auto& amplitude) HWY_ATTR {
-      const V next = hn::LoadU(d, plane(kNext, side) + pixel);
-      const M joins = hn::And(left, hn::And(hn::Ge(hn::Add(depth, epsilon), next),
-                                            hn::Gt(next, hn::Set(d, none()))));
+      const V reach = hn::Add(depth, epsilon);
+      const V nearest = hn::LoadU(d, plane(anchor, side) + pixel);
+      M joins = hn::And(left, hn::And(hn::Ge(reach, nearest), hn::Gt(nearest, hn::Set(d, none()))));
+      if (added != anchor) {
+        joins = hn::AndNot(hn::Ge(reach, hn::LoadU(d, plane(added, side) + pixel)), joins);
+      }
       if (hn::AllFalse(d, joins)) return;
       const V rho = hn::IfThenElseZero(joins, hn::Mul(amplitude(), raster_.decay(joins, beta)));
       const Splat& splat = job_.splats[index];
@@ -124,11 +128,27 @@ class Peeler {
       float* tags = fragment + kTag * kTilePixels;
       const M fresh = hn::And(hn::Eq(weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
       hn::BlendedStore(hn::BitCast(d, hn::Set(du, splat.tag)), fresh, d, tags);
-      accumulate<kNormals, kOpaqueSplats>(fragment, splat,
-                                          kNormals ? job_.normals[index] : SplatNormal{}, rho,
-                                          depth, weight,
-                                          hn::LoadU(d, fragment + kDepth * kTilePixels));
+      accumulate<kNormals, kOpaqueSplats>(
+          fragment, splat, kNormals ? job_.normals[index] : SplatNormal{}, rho, depth, weight,
+          hn::LoadU(d, fragment + kDepth * kTilePixels));
     });
+  }
+
+  void add_layer(int layer) {
+    const D d;
+    float* fragments = tile_.data + tile_.layout.layer_stride() * static_cast<std::size_t>(layer);
+    add_reaching(fragments, kNext, kNext);
+    // The nearest fragment alone would let the far ones of a surface that is steep or noisy fall
+    // off as another layer: what reaches the mean depth of those that joined belongs to them.
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+      const V mean = hn::Div(hn::Load(d, fragments + kDepth * kTilePixels + pixel),
+                             hn::Load(d, fragments + kWeight * kTilePixels + pixel));
+      for (std::uint32_t side = 0; side < 2; ++side) {
+        const M reached = hn::Gt(hn::Load(d, plane(kNext, side) + pixel), hn::Set(d, none()));
+        hn::Store(hn::IfThenElse(reached, mean, hn::Set(d, none())), d, plane(kMean, side) + pixel);
+      }
+    }
+    add_reaching(fragments, kMean, kNext);
     // What has been peeled; behind an opaque surface that covers its pixel all has.
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       const V weight = hn::Load(d, fragments + kWeight * kTilePixels + pixel);
@@ -139,9 +159,9 @@ class Peeler {
       }
       for (std::uint32_t side = 0; side < 2; ++side) {
         float* peeled = plane(kPeeled, side) + pixel;
-        const V next = hn::Load(d, plane(kNext, side) + pixel);
-        const M reached = hn::Gt(next, hn::Set(d, none()));
-        const V now = hn::IfThenElse(reached, next, hn::Load(d, peeled));
+        const V mean = hn::Load(d, plane(kMean, side) + pixel);
+        const M reached = hn::Gt(mean, hn::Set(d, none()));
+        const V now = hn::IfThenElse(reached, mean, hn::Load(d, peeled));
         hn::Store(hn::IfThenElse(closed, hn::Set(d, none()), now), d, peeled);
       }
     }

@@ -16,7 +16,7 @@ struct PeelScratch {
 
 /// What peeling found, summed over a frame.
 struct PeelStatistics {
-  int layers = 0;                    ///< Most layers that a pixel has, as far as peeled.
+  int layers = 0;                     ///< Most layers that a pixel has, as far as peeled.
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that.
 
   void add(const PeelStatistics& other) {

@@ -22,12 +22,15 @@ struct LayerRule {
 };
 
 /// The images I_k of a tile, one for each group: of every pixel the one fragment that won (SP06
-/// (4)). As nothing is summed, a fragment names its splat instead of keeping its attributes.
+/// (4)). As nothing is interpolated, a fragment names its splat instead of keeping its attributes.
+/// SP06 keeps the nearest layer; with more than one, each group keeps what it saw behind it, which
+/// shows at the edges of what is in front.
 class GroupImages {
  public:
   /// Planes of kTilePixels floats.
   enum Channel : int {
-    kRho,    ///< Weight w_i; 0: no fragment.
+    kSum,    ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
+    kRho,    ///< Weight w_i.
     kDepth,  ///< c_d: nearness, as in Splat.
     kReach,  ///< kDepth plus epsilon: a surface as near as this is the same.
     kKey,    ///< What Voronoi rasterisation compares.
@@ -35,15 +38,19 @@ class GroupImages {
     kChannels
   };
 
-  /// Makes `groups` empty images. Keeps its memory.
-  void reset(int groups);
+  /// Makes empty images of `layers` layers for each of `groups` groups. Keeps its memory.
+  void reset(int groups, int layers);
   int groups() const { return groups_; }
-  float* plane(int group, int channel) {
-    return data_.data() + (static_cast<std::size_t>(group) * kChannels + channel) * kTilePixels;
+  int layers() const { return layers_; }
+  /// Number of a group's image; the nearest layers of all groups come first.
+  int image(int group, int layer) const { return layer * groups_ + group; }
+  float* plane(int image, int channel) {
+    return data_.data() + (static_cast<std::size_t>(image) * kChannels + channel) * kTilePixels;
   }
 
  private:
   int groups_ = 0;
+  int layers_ = 0;
   Array<float> data_;
 };
 
@@ -56,17 +63,18 @@ class GroupImages {
 ///     cutoff). It cuts a surface wherever it crosses a step of the depth.
 ///   kWindowed: layers are told apart by |difference of depth| < epsilon and the side seen.
 ///   kOff: the nearest.
+/// The kernels of fragments that lose to one of their surface still count for its coverage (SS01
+/// section 7), which SP06 has not: a sum is kept for it.
 /// Splats behind a surface that already covers the tile are skipped, where nothing of them would be
-/// seen: in opaque pictures, and if `nearest_only`.
+/// seen: in opaque pictures, and where a single layer is kept.
 /// \param weights  a tile's weights that cover a pixel, see TileABuffer.
-void rasterize_groups(const TileJob& job, const LayerRule& rule, bool nearest_only,
-                      const TileABuffer& weights, GroupImages& images);
+void rasterize_groups(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
+                      GroupImages& images);
 
 /// Compositing pass, SP06 figure 5: of every pixel the fragments of all images within epsilon of
-/// the nearest one, and of its side, are summed up to the surface's fragment in the A-buffer, which
-/// must be empty. Where that does not cover its pixel, at its edge, the same is done with the
-/// fragments left over, up to the A-buffer's number of layers. The groups that the front has won
-/// cannot tell of the surface behind; the sums of the others are scaled up for them.
+/// the nearest one, and of its side, are averaged by their weights to the surface's fragment in the
+/// A-buffer, which must be empty. Where that does not cover its pixel, at its edge, the same is
+/// done with the fragments left over, up to the A-buffer's number of layers. Uses up the images.
 void composite_groups(const TileJob& job, GroupImages& images, TileABuffer& tile);
 
 }  // namespace surfel

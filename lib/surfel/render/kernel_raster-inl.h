@@ -10,7 +10,6 @@
 
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
-
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
 
@@ -192,10 +191,10 @@ class KernelRaster {
       const V beta = hn::Mul(hn::Mul(scale, inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
       const V depth =
           hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
-      const V epsilon = hn::Mul(hn::Mul(hn::Set(d, job_.depth_epsilon), depth),
-                                hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2),
-                                                    hn::Mul(depth, depth),
-                                                    hn::Set(d, exact.pixel2))));
+      const V epsilon =
+          hn::Mul(hn::Mul(hn::Set(d, job_.depth_epsilon), depth),
+                  hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(depth, depth),
+                                      hn::Set(d, exact.pixel2))));
       const M met =
           hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
       visit(pixel, hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff())), depth, epsilon,

@@ -12,7 +12,6 @@
 #define HWY_TARGET_INCLUDE "surfel/render/layer_blend.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-
 #include <surfel/base/function_ref.h>
 #include <surfel/render/kernel_raster-inl.h>
 

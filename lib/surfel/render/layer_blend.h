@@ -15,9 +15,9 @@ namespace surfel {
 
 /// What the layers of a pixel come to: the mean of the groups' images.
 struct BlendedPixel {
-  Rgba color;              ///< Premultiplied.
-  float layers = 0;        ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3.
-  Fragment nearest{};      ///< Sums over the groups' nearest fragments, each of weight 1.
+  Rgba color;          ///< Premultiplied.
+  float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3.
+  Fragment nearest{};  ///< Sums over the groups' nearest fragments, each of weight 1.
 };
 
 /// Memory of one worker, kept from tile to tile.
@@ -38,8 +38,8 @@ class LayerScratch {
     Rgba color;
     int layers = 0;
   };
-  std::vector<State> states;           ///< Groups x kTilePixels.
-  std::vector<BlendedPixel> pixels;    ///< kTilePixels.
+  std::vector<State> states;         ///< Groups x kTilePixels.
+  std::vector<BlendedPixel> pixels;  ///< kTilePixels.
 };
 
 /// SP06's Algorithm 2: blends splats, whose discs have the enlarged radii, back to front into an

@@ -202,8 +202,8 @@ void RenderCloud::make_clusters() {
   Vec3f lo = Vec3f::Constant(std::numeric_limits<float>::infinity());
   Vec3f hi = -lo;
   for (std::size_t i = 0; i < size(); ++i) {
-    mean_deviation_ +=
-        std::max(deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F) / static_cast<double>(size());
+    mean_deviation_ += std::max(deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F) /
+                       static_cast<double>(size());
     const Vec3f reach = Vec3f::Constant(deviation_u[i]);
     lo = lo.cwiseMin(Vec3f(x[i], y[i], z[i]) - reach);
     hi = hi.cwiseMax(Vec3f(x[i], y[i], z[i]) + reach);

@@ -14,8 +14,8 @@ namespace surfel {
 struct Cluster {
   std::uint32_t begin = 0;
   std::uint32_t end = 0;
-  Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
-  float radius = 0;          ///< Of that sphere.
+  Vec3f center{0, 0, 0};       ///< Of a sphere around the surfels' positions.
+  float radius = 0;            ///< Of that sphere.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
   Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...

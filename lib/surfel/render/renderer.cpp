@@ -173,8 +173,10 @@ struct Renderer::Impl {
   static int layers_of(const RenderOptions& options) {
     switch (options.method) {
       case Method::kABuffer:
-      case Method::kDeferred:
         break;
+      case Method::kDeferred:
+        // The layers of different groups can be more surfaces than each has, at rims above all.
+        return options.layers == 1 ? 1 : std::min(64, 2 * options.layers);
       case Method::kDepthPeel:
         return options.peel;
       case Method::kTransparent:
@@ -227,8 +229,8 @@ LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
   double nearest = std::numeric_limits<double>::infinity();
   double farthest = -nearest;
   for (const Cluster& cluster : cloud.clusters()) {
-    const Vec3d p = camera.camera_from_world *
-                    (cloud.origin() - camera.eye + cluster.center.cast<double>());
+    const Vec3d p =
+        camera.camera_from_world * (cloud.origin() - camera.eye + cluster.center.cast<double>());
     nearest = std::min(nearest, p.z() - cluster.radius - cluster.max_deviation);
     farthest = std::max(farthest, p.z() + cluster.radius + cluster.max_deviation);
   }
@@ -247,9 +249,9 @@ LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
 /// Rasterises a tile's splats by the method, all of them but in the A-buffer.
 void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule& rule,
                           Worker& worker, int w) {
-  const auto front = [&](const TileJob& job, bool nearest_only) {
-    worker.images.reset(cloud.groups());
-    rasterize_groups(job, rule, nearest_only, tile, worker.images);
+  const auto composite = [&](const TileJob& job) {
+    worker.images.reset(cloud.groups(), options.method == Method::kDeferred ? options.layers : 1);
+    rasterize_groups(job, rule, tile, worker.images);
     composite_groups(job, worker.images, tile);
   };
   const auto blend = [&](const NearestLayer* masked) {
@@ -264,13 +266,13 @@ void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule&
       worker.peeled.add(peel_tile(surfaces->job(index, w), worker.peel, tile));
       break;
     case Method::kDeferred:
-      front(surfaces->job(index, w), options.layers == 1);
+      composite(surfaces->job(index, w));
       break;
     case Method::kTransparent:
       blend(nullptr);
       break;
     case Method::kTransparentHigh:
-      front(surfaces->job(index, w), true);
+      composite(surfaces->job(index, w));
       worker.nearest.resize(kTilePixels);
       for (int pixel = 0; pixel < kTilePixels; ++pixel) {
         worker.nearest[pixel] = nearest_layer(tile, pixel);
@@ -386,7 +388,8 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     if (r.whole_tiles()) {
       const auto make = [&](std::optional<SplatLists>& lists,
                             const std::vector<VisibleCluster>& seen) {
-        if (lists) stats.splats += lists->make(camera, band, seen.data(), seen.size(), stats.stages);
+        if (lists)
+          stats.splats += lists->make(camera, band, seen.data(), seen.size(), stats.stages);
       };
       make(r.surfaces, clusters);
       make(r.blended, blended);
@@ -396,8 +399,8 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     std::size_t begin = 0;
     do {
       const std::size_t end = r.surfaces->end_of_batch(clusters, begin);
-      stats.splats += r.surfaces->make(camera, band, clusters.data() + begin, end - begin,
-                                       stats.stages);
+      stats.splats +=
+          r.surfaces->make(camera, band, clusters.data() + begin, end - begin, stats.stages);
       draw(begin == 0, end == clusters.size());
       begin = end;
     } while (begin < clusters.size());

@@ -1,7 +1,7 @@
 #pragma once
 
-// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), and Zhang, Pajarola,
-// "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), and Zhang,
+// Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
 
 #include <array>
 #include <cstdint>
@@ -42,8 +42,8 @@ enum class Filter : std::uint8_t {
 
 /// What becomes of the splats of a pixel.
 enum class Method : std::uint8_t {
-  kABuffer,   ///< SS01 section 6: surfaces separated and interpolated as splats arrive.
-  kDeferred,  ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
+  kABuffer,      ///< SS01 section 6: surfaces separated and interpolated as splats arrive.
+  kDeferred,     ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
   kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
   kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
   kDepthPeel,  ///< One surface after another: the reference that SP06 compares with, and slow.
@@ -88,28 +88,28 @@ SURFEL_API RenderColumns columns_of(Method method);
 /// What one frame cost and did.
 struct FrameStatistics {
   double milliseconds = 0;
-  StageTimes stages;                ///< cull, setup, bin, raster.
-  std::size_t clusters = 0;         ///< Drawn, of all.
-  std::size_t splats = 0;           ///< Set up and inside the picture ...
-  std::size_t exact_splats = 0;     ///< ... of these with perspective-exact kernels.
-  std::uint64_t merged = 0;         ///< Pairs of fragments merged because all layers were taken.
-  double dropped_weight_share = 0;  ///< Share of the sum of rho that came too late for its merged
-                                    ///< surface: a bound of the error that merging made.
-  int groups = 0;                   ///< SP06's K; 0 without groups.
-  std::uint64_t culled = 0;         ///< Fragments culled by SP06 (6): the layer had one already.
-  int peeled_layers = 0;            ///< Most layers that a tile has, of `peel` at most.
+  StageTimes stages;                  ///< cull, setup, bin, raster.
+  std::size_t clusters = 0;           ///< Drawn, of all.
+  std::size_t splats = 0;             ///< Set up and inside the picture ...
+  std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
+  std::uint64_t merged = 0;           ///< Pairs of fragments merged because all layers were taken.
+  double dropped_weight_share = 0;    ///< Share of the sum of rho that came too late for its merged
+                                      ///< surface: a bound of the error that merging made.
+  int groups = 0;                     ///< SP06's K; 0 without groups.
+  std::uint64_t culled = 0;           ///< Fragments culled by SP06 (6): the layer had one already.
+  int peeled_layers = 0;              ///< Most layers that a tile has, of `peel` at most.
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that, which are left out.
 };
 
 /// Renders a cloud by screen space EWA splatting: clusters are culled and taken front to back,
-/// their splats set up, binned to tiles, and each tile is rasterised and resolved by one thread. The
-/// picture does not depend on the number of threads, nor on the order of the surfels.
+/// their splats set up, binned to tiles, and each tile is rasterised and resolved by one thread.
+/// The picture does not depend on the number of threads, nor on the order of the surfels.
 ///
 /// Memory of kABuffer: 96 bytes for each of at most 2 million splats in flight, 12 bytes for each
 /// tile they touch, and the A-buffer where more splats than that are seen. The other methods need
 /// all splats of a tile at once; where more than a batch are seen, they draw the picture in
 /// horizontal bands, of one row of tiles at least. In addition each thread keeps the images of its
-/// tile: 5 KB for each group of Algorithm 1, 24 KB for each of Algorithm 2.
+/// tile: 6 KB for each group and layer of Algorithm 1, 24 KB for each group of Algorithm 2.
 class SURFEL_API Renderer {
  public:
   /// Keeps references to the cloud and the scene. Throws Error(kUsage) for options that are not

@@ -62,8 +62,7 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   view_ = view(camera, band);
   const std::vector<Cluster>& clusters = cloud_.clusters();
   const Eigen::Matrix3f rotation = camera.camera_from_world.cast<float>();
-  const Vec3f translation(view_.translation[0], view_.translation[1],
-                          view_.translation[2]);
+  const Vec3f translation(view_.translation[0], view_.translation[1], view_.translation[2]);
   const auto width = static_cast<float>(camera.width);
   const float reach = std::sqrt(2 * view_.cutoff);
   const float filter = reach * static_cast<float>(lists_.lowpass);
@@ -78,11 +77,10 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
     const float offset = sign * (pixel - center) + filter;
     return Edge{focal, offset, sign, axis, camera.orthographic ? focal : std::hypot(focal, offset)};
   };
-  const Edge edges[] = {
-      edge(0, view_.focal_x, view_.center_x, 0, -1),
-      edge(0, view_.focal_x, view_.center_x, width, 1),
-      edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y0), -1),
-      edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y1), 1)};
+  const Edge edges[] = {edge(0, view_.focal_x, view_.center_x, 0, -1),
+                        edge(0, view_.focal_x, view_.center_x, width, 1),
+                        edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y0), -1),
+                        edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y1), 1)};
   const auto visible = [&](const Cluster& cluster, const Vec3f& p) {
     const float radius = cluster.radius + disc_radius(cluster);
     if (p.z() + radius <= view_.near) return false;
@@ -116,13 +114,10 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
       const float nearest = p.z() - clusters[i].radius;
       // Estimate of a splat's side in tiles, for the size of batches only.
       const float z = camera.orthographic ? 1.0F : std::max(nearest, 1e-6F);
-      const double side =
-          std::min<double>(std::max(band.tiles_x, band.tiles_y),
-                           1 + 2 *
-                                   (disc_radius(clusters[i]) *
-                                        std::max(view_.focal_x, view_.focal_y) / z +
-                                    filter) /
-                                   kTileSize);
+      const double side = std::min<double>(
+          std::max(band.tiles_x, band.tiles_y),
+          1 + 2 * (disc_radius(clusters[i]) * std::max(view_.focal_x, view_.focal_y) / z + filter) /
+                  kTileSize);
       out.push_back({nearest, static_cast<std::uint32_t>(i),
                      (clusters[i].end - clusters[i].begin) * side * side});
     }
@@ -185,8 +180,8 @@ SurfelInCamera SplatLists::in_camera(const Camera& camera, std::size_t surfel) c
   s.tangent = s.normal.unitOrthogonal();
   if (cloud_.anisotropic()) {
     s.variance_v = std::pow(scale * cloud_.deviation_v[surfel], 2);
-    const Vec3d t =
-        rotation * Vec3d(cloud_.tangent_x[surfel], cloud_.tangent_y[surfel], cloud_.tangent_z[surfel]);
+    const Vec3d t = rotation * Vec3d(cloud_.tangent_x[surfel], cloud_.tangent_y[surfel],
+                                     cloud_.tangent_z[surfel]);
     s.tangent = (t - s.normal * s.normal.dot(t)).normalized();
   }
   s.area = cloud_.area[surfel];
@@ -195,8 +190,8 @@ SurfelInCamera SplatLists::in_camera(const Camera& camera, std::size_t surfel) c
 
 /// Stores a splat, `splat` without its colour, and counts the tiles that it touches.
 void SplatLists::add_splat(const Band& band, std::size_t surfel, const Splat& splat,
-                               const TileRange& range, std::size_t at,
-                               std::vector<std::uint32_t>& seen, std::uint32_t* tile_counts) {
+                           const TileRange& range, std::size_t at, std::vector<std::uint32_t>& seen,
+                           std::uint32_t* tile_counts) {
   const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
   float alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
   if (!lists_.opaque) {
@@ -223,8 +218,8 @@ void SplatLists::add_splat(const Band& band, std::size_t surfel, const Splat& sp
 /// Sets up a batch's clusters, `per_segment` of them at a time, and counts the tiles that each
 /// segment's splats touch. Returns how many splats are seen.
 std::size_t SplatLists::set_up(const Camera& camera, const Band& band,
-                                   const VisibleCluster* clusters, std::size_t count,
-                                   std::size_t per_segment) {
+                               const VisibleCluster* clusters, std::size_t count,
+                               std::size_t per_segment) {
   const std::size_t tiles = band.tiles();
   // Of half the box of a kernel with twice the pixel filter's variance: half of it is the filter's.
   const float filtered_diagonal2 = 2 * view_.cutoff * 4 * view_.lowpass2;
@@ -243,7 +238,8 @@ std::size_t SplatLists::set_up(const Camera& camera, const Band& band,
     for (std::size_t c = begin; c < end; ++c) {
       const Cluster& cluster = cloud_.clusters()[clusters[c].index];
       const std::uint32_t i = cluster.begin;
-      set_up_splats(view_, columns_of(cluster, workers_[worker]), static_cast<int>(cluster.end - i), columns);
+      set_up_splats(view_, columns_of(cluster, workers_[worker]), static_cast<int>(cluster.end - i),
+                    columns);
       std::size_t at = c * RenderCloud::kClusterSize;
       for (int v = 0; v < columns.visible_count; ++v) {
         const int k = columns.visible[v];
@@ -369,13 +365,11 @@ void SplatLists::sort_front_to_back(const Reference* list, std::size_t count, Wo
   }
 }
 
-
 std::size_t SplatLists::end_of_batch(const std::vector<VisibleCluster>& clusters,
                                      std::size_t begin) const {
   std::size_t end = begin;
   double expected = 0;
-  while (end < clusters.size() &&
-         (end - begin + 1) * RenderCloud::kClusterSize <= options_.batch &&
+  while (end < clusters.size() && (end - begin + 1) * RenderCloud::kClusterSize <= options_.batch &&
          (end == begin || expected + clusters[end].references <= kBatchReferences)) {
     expected += clusters[end++].references;
   }
@@ -392,9 +386,10 @@ std::size_t SplatLists::make(const Camera& camera, const Band& band, const Visib
   const std::size_t segments = (count + per_segment - 1) / per_segment;
   const std::size_t capacity = count * RenderCloud::kClusterSize;
   if (lists_.groups && capacity > kMostSplats) {
-    throw Error(ErrorKind::kNumeric,
-                "more than 134 million surfels are seen at once, more than methods with groups take; "
-                "use --method abuffer");
+    throw Error(
+        ErrorKind::kNumeric,
+        "more than 134 million surfels are seen at once, more than methods with groups take; "
+        "use --method abuffer");
   }
   workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
   splats_.resize(std::max(splats_.size(), capacity));

@@ -47,7 +47,8 @@ struct SplatListOptions {
   bool opaque = true;    ///< No surfel, nor material, has an opacity below 1.
   /// Discs have the enlarged radius of their group (SP06 section 4.2.2) instead of their own.
   bool enlarged = false;
-  double lowpass = 1;  ///< Standard deviation of the pixel filter; that of the RenderOptions or not.
+  double lowpass =
+      1;  ///< Standard deviation of the pixel filter; that of the RenderOptions or not.
 };
 
 /// Sets up the splats of a frame and lists them by tile, a batch of clusters at a time. Keeps its

@@ -10,7 +10,6 @@
 #define HWY_TARGET_INCLUDE "surfel/render/tile_raster.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-
 #include <surfel/render/kernel_raster-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -112,15 +111,15 @@ class Rasterizer {
     s.data = tile_.data;
     s.stride = tile_.layout.layer_stride();
     s.layers = tile_.layout.layers;
-    raster_.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon,
-                            const auto& amplitude) HWY_ATTR {
-      // What lies within epsilon of the hiding surface may belong to it.
-      const M seen = hn::Ge(hn::Add(depth, epsilon), hn::LoadU(d, hidden_ + pixel));
-      const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
-      if (hn::AllFalse(d, inside)) return;
-      const V rho = hn::Mul(amplitude(), raster_.decay(inside, beta));
-      add(splat, normal, s, pixel, inside, rho, depth, epsilon);
-    });
+    raster_.draw(
+        index, [&](std::size_t pixel, V beta, V depth, V epsilon, const auto& amplitude) HWY_ATTR {
+          // What lies within epsilon of the hiding surface may belong to it.
+          const M seen = hn::Ge(hn::Add(depth, epsilon), hn::LoadU(d, hidden_ + pixel));
+          const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
+          if (hn::AllFalse(d, inside)) return;
+          const V rho = hn::Mul(amplitude(), raster_.decay(inside, beta));
+          add(splat, normal, s, pixel, inside, rho, depth, epsilon);
+        });
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
@@ -184,9 +183,9 @@ class Rasterizer {
       const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
       const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
       open = hn::AndNot(hn::And(covers_merged(fragment, weight), hn::Lt(depth, front)), open);
-      const M within = hn::And(hn::And(open, hn::Lt(weight, hn::Zero(d))),
-                               hn::And(hn::Lt(hn::Sub(depth, epsilon), front),
-                                       hn::Gt(hn::Add(depth, epsilon), back)));
+      const M within = hn::And(
+          hn::And(open, hn::Lt(weight, hn::Zero(d))),
+          hn::And(hn::Lt(hn::Sub(depth, epsilon), front), hn::Gt(hn::Add(depth, epsilon), back)));
       tile_.merges.dropped += hn::CountTrue(d, within);
       dropped_weight_ = hn::Add(dropped_weight_, hn::IfThenElseZero(within, rho));
       open = hn::AndNot(within, open);
