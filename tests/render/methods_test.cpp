@@ -185,7 +185,9 @@ double share_not_voronoi(Voronoi voronoi, Method method) {
   SurfelCloud plane = jittered_plane(12, 1, 0.2);
   for (std::size_t i = 0; i < plane.size(); ++i) {
     const Vec3f p = plane.position[i];
-    plane.position[i] = Vec3f(p.x(), 0.5F * p.y(), 0.86F * p.y());  // Slanted: many depths.
+    // Slanted, for many depths, and rough, as in one plane splats that meet have the same.
+    const auto rough = static_cast<float>(0.03 * random_uniform(8, i));
+    plane.position[i] = Vec3f(p.x(), 0.5F * p.y(), 0.86F * p.y() + rough);
     plane.normal[i] = Vec3f(0, -0.86F, 0.5F).normalized();
   }
   plane.group.assign(plane.size(), 0);

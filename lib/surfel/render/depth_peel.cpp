@@ -144,8 +144,10 @@ class Peeler {
       const V mean = hn::Div(hn::Load(d, fragments + kDepth * kTilePixels + pixel),
                              hn::Load(d, fragments + kWeight * kTilePixels + pixel));
       for (std::uint32_t side = 0; side < 2; ++side) {
-        const M reached = hn::Gt(hn::Load(d, plane(kNext, side) + pixel), hn::Set(d, none()));
-        hn::Store(hn::IfThenElse(reached, mean, hn::Set(d, none())), d, plane(kMean, side) + pixel);
+        // Rounding must not move the mean in front of what it is the mean of.
+        const V next = hn::Load(d, plane(kNext, side) + pixel);
+        hn::Store(hn::IfThenElse(hn::Gt(next, hn::Set(d, none())), hn::Min(mean, next), next), d,
+                  plane(kMean, side) + pixel);
       }
     }
     add_reaching(fragments, kMean, kNext);

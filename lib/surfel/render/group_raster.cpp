@@ -221,7 +221,7 @@ void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
         near_weight = hn::Add(near_weight, w);
         near_depth = hn::MulAdd(w, hn::IfThenElseZero(joins, depth), near_depth);
       }
-      const V anchor = hn::Div(near_depth, near_weight);
+      const V anchor = hn::Min(nearest, hn::Div(near_depth, near_weight));
       V sum[kNormalZ + 1];
       for (V& s : sum) s = hn::Zero(d);
       V all = hn::Zero(d);
