@@ -240,8 +240,11 @@ void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
         const V w = hn::IfThenElseZero(joins, rho);
         const auto splat = hn::IfThenElseZero(hn::RebindMask(di, joins), splat_at(entry));
         const auto place = hn::Mul(splat, hn::Set(di, kSplatFloats));
-        const auto add = [&](int channel, V value)
-                             HWY_ATTR { sum[channel] = hn::MulAdd(w, value, sum[channel]); };
+        const auto add = [&](int channel,
+                             V value) HWY_ATTR {  // Masked as well: what does not join may be
+                                                  // anything, and 0 times it not a number.
+          sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), sum[channel]);
+        };
         sum[kWeight] = hn::Add(sum[kWeight], w);
         add(kDepth, depth);
         for (int c = 0; c < (kOpaqueSplats ? 3 : 4); ++c) {
