@@ -1,9 +1,11 @@
 #include <filesystem>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
+#include <surfel/group/coverage.h>
 #include <surfel/group/grouping.h>
 #include <surfel/io/cloud_io.h>
 
@@ -18,6 +20,8 @@ struct Settings {
   bool print_table = false;
   double max_memory_gb = 0;
   surfel::GroupingOptions grouping;
+  std::optional<surfel::CoverMethod> cover;
+  surfel::CoverageOptions coverage;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -52,17 +56,54 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Groups");
-  tool::add_choice(app, "--order", s.grouping.order,
-                   {{"largest-first", ColoringOrder::kLargestFirst},
-                    {"smallest-last", ColoringOrder::kSmallestLast},
-                    {"dsatur", ColoringOrder::kDsatur}},
-                   "Order in which splats choose their group: dsatur makes the fewest groups and "
-                   "takes longest");
+  tool::add_choice(
+      app, "--order", s.grouping.order,
+      {{"largest-first", ColoringOrder::kLargestFirst},
+       {"smallest-last", ColoringOrder::kSmallestLast},
+       {"dsatur", ColoringOrder::kDsatur}},
+      "Order in which splats choose their group: smallest-last and dsatur make fewer groups "
+      "and take longer");
   app.add_option("--groups", s.grouping.groups,
                  "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
                  "no two splats of a group to overlap")
       ->capture_default_str();
+
+  app.option_defaults()->group("Coverage of the surface by every group, for transparent rendering");
+  tool::add_choice(app, "--cover", s.cover,
+                   {{"none", CoverMethod::kNone},
+                    {"enlarge", CoverMethod::kEnlarge},
+                    {"enlarge-each", CoverMethod::kEnlargeEach},
+                    {"duplicate", CoverMethod::kDuplicate}},
+                   "none = measure it; enlarge = one factor for a group's radii; enlarge-each = a "
+                   "radius for every splat, the least overlap; duplicate = add splats of other "
+                   "groups; default: leave out");
+  app.add_option("--cover-target", s.coverage.target,
+                 "Of --cover enlarge: share of the surface that a group shall cover, up to 1")
+      ->capture_default_str();
+  app.add_option("--least-gain", s.coverage.least_gain,
+                 "Of --cover duplicate: a splat is added if it newly covers more than this share "
+                 "of its disc, between 0 and 1")
+      ->capture_default_str();
+  app.add_option("--fixed-point", s.coverage.fixed_point_iterations,
+                 "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
+                 "solution for comparison; 0 = none")
+      ->capture_default_str();
   app.option_defaults()->group("Options");
+}
+
+/// Options that the others given leave without effect.
+void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
+  using surfel::CoverMethod;
+  const auto needs = [&](const char* option, bool in_force, const char* other) {
+    if (in_force || app.get_option(option)->count() == 0) return;
+    problems.push_back(fmt::format("{} has no effect without {}", option, other));
+  };
+  needs("--coplanar-angle", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
+  needs("--coplanar-color", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
+  needs("--cover-target", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--fixed-point", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
+  needs("--cover", !s.output.empty(), "--output");
 }
 
 void check(const CLI::App& app, Settings& s) {
@@ -76,13 +117,15 @@ void check(const CLI::App& app, Settings& s) {
   if (s.print_table && s.grouping.groups > 0) {
     problems.emplace_back("--print-table counts the groups that it takes; leave out --groups");
   }
-  for (const char* option : {"--coplanar-angle", "--coplanar-color"}) {
-    if (s.grouping.overlap.relax_coplanar || app.get_option(option)->count() == 0) continue;
-    problems.push_back(fmt::format("{} has no effect without --relax-coplanar", option));
-  }
+  check_effects(app, s, problems);
   if (!(s.max_memory_gb >= 0 && s.max_memory_gb <= 1e6)) {
     problems.push_back(
         fmt::format("--max-memory is {}; it must be 0 to 1000000 GB", s.max_memory_gb));
+  }
+  if (s.cover) {
+    s.coverage.method = *s.cover;
+    s.coverage.cutoff = s.grouping.overlap.cutoff;
+    for (std::string& problem : s.coverage.problems()) problems.push_back(std::move(problem));
   }
   surfel::tool::require_valid(problems);
   s.grouping.overlap.max_memory = static_cast<std::uint64_t>(s.max_memory_gb * 1e9);
@@ -99,11 +142,73 @@ void report(nlohmann::json& json, const surfel::GroupingReport& r) {
   json["group_sizes"] = r.sizes;
   for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
   if (!r.overlap) return;
-  json["least_overlap"] = {{"placed_overlap", r.overlap->placed_overlap},
-                           {"overlap", r.overlap->overlap},
+  json["least_overlap"] = {{"disc_area", r.overlap->disc_area},
+                           {"placed_overlap_area", r.overlap->placed_overlap_area},
+                           {"overlap_area", r.overlap->overlap_area},
                            {"overlapping_pairs", r.overlap->overlapping_pairs},
                            {"sweeps", r.overlap->sweeps},
                            {"moved_last", r.overlap->moved_last}};
+}
+
+nlohmann::json to_json(const surfel::Enlargement& e) {
+  return {{"factor", e.factor}, {"iterations", e.iterations}, {"converged", e.converged}};
+}
+
+void report(nlohmann::json& json, const surfel::CoverageReport& r) {
+  json["area"] = r.area;
+  json["area_from_column"] = r.area_from_column;
+  json["covered_area"] = r.covered_area;
+  json["uncovered_area"] = r.uncovered_area;
+  json["overlap_area"] = r.overlap_area;
+  json["growth_mean"] = r.growth_mean;
+  json["growth_max"] = r.growth_max;
+  json["points_before"] = r.points_before;
+  json["points_added"] = r.points_added;
+  json["capped"] = r.capped;
+  json["hidden"] = r.hidden;
+  json["without_disc"] = r.without_disc;
+  json["border_splats"] = r.border_splats;
+  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  for (const surfel::GroupCoverage& g : r.groups) {
+    nlohmann::json group = {{"splats", g.splats},
+                            {"added", g.added},
+                            {"capped", g.capped},
+                            {"cell_area", g.cell_area},
+                            {"covered_area", g.covered_area},
+                            {"uncovered_area", g.uncovered_area},
+                            {"overlap_area", g.overlap_area},
+                            {"unreachable_area", g.unreachable_area},
+                            {"growth_mean", g.growth_mean},
+                            {"growth_max", g.growth_max}};
+    if (g.enlargement) group["enlargement"] = to_json(*g.enlargement);
+    if (g.fixed_point) group["fixed_point"] = to_json(*g.fixed_point);
+    json["groups"].push_back(std::move(group));
+  }
+}
+
+/// Covers the surface as --cover says, and tells what came of it.
+void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
+           nlohmann::json& json) {
+  const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage);
+  report(json, r);
+  const auto percent = [&](double area) { return 100 * area / r.area; };
+  tool.note(
+      fmt::format("{}: a group covers {:.1f} % of the surface and leaves {:.2g} %, overlap "
+                  "{:.1f} %; radii grew by {:.2f}, at most {:.2f}; {} splats added",
+                  s.input, percent(r.covered_area), percent(r.uncovered_area),
+                  percent(r.overlap_area), r.growth_mean, r.growth_max, r.points_added));
+  const bool grew =
+      s.cover == surfel::CoverMethod::kEnlarge || s.cover == surfel::CoverMethod::kEnlargeEach;
+  if (grew && r.capped > 0) {
+    tool.note(
+        fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
+  }
+  if (r.without_disc > 0) {
+    tool.note(
+        fmt::format("{}: {} splats have no disc, for want of a normal or a size: they cover "
+                    "nothing",
+                    s.input, r.without_disc));
+  }
 }
 
 /// SP06 table 1: a row for the cloud.
@@ -152,10 +257,16 @@ int main(int argc, char** argv) {
                       settings.input, grouping.unusable, grouping.splats));
     }
 
+    if (settings.cover) cover(cloud, settings, tool, tool.report()["coverage"]);
     cloud.provenance.push_back(tool.provenance());
     surfel::write_cloud(cloud, settings.output, {.no_clobber = tool.common().no_clobber});
     tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
-                          settings.output, grouping.splats, grouping.groups, grouping.mean_degree,
+                          settings.output, cloud.size(), grouping.groups, grouping.mean_degree,
                           grouping.max_degree));
+    if (grouping.overlap) {
+      tool.note(fmt::format("{}: within their groups, {:.3g} % of the splats' area overlaps",
+                            settings.output,
+                            100 * grouping.overlap->overlap_area / grouping.overlap->disc_area));
+    }
   });
 }

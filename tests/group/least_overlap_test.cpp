@@ -73,8 +73,11 @@ TEST(LeastOverlap, NoSplatWouldOverlapLessElsewhere) {
     }
     total += here / 2;
   }
-  EXPECT_NEAR(groups.report.overlap, total, 1e-4 * total);
-  EXPECT_LT(groups.report.overlap, groups.report.placed_overlap);
+  EXPECT_NEAR(groups.report.overlap_area, total, 1e-4 * total);
+  double discs = 0;
+  for (const float variance : groups.cloud.variance) discs += 2 * std::numbers::pi * variance;
+  EXPECT_NEAR(groups.report.disc_area, discs, 1e-5 * discs);
+  EXPECT_LT(groups.report.overlap_area, groups.report.placed_overlap_area);
   EXPECT_EQ(groups.report.moved_last, 0U);
   EXPECT_GT(groups.report.overlapping_pairs, 0U);
 }
@@ -83,8 +86,8 @@ TEST(LeastOverlap, MoreGroupsOverlapLessAndEnoughNotAtAll) {
   double before = std::numeric_limits<double>::infinity();
   for (const std::uint32_t count : {1U, 2U, 4U, 8U, 40U}) {
     const Groups groups(test::sphere_cloud(1000, 12), count);
-    EXPECT_LT(groups.report.overlap, before) << count;
-    before = groups.report.overlap;
+    EXPECT_LT(groups.report.overlap_area, before) << count;
+    before = groups.report.overlap_area;
   }
   EXPECT_EQ(before, 0);
 }

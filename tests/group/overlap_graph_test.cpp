@@ -33,11 +33,11 @@ TEST(SplatRadius, IsWhereBetaReachesTheCutoff) {
   add_splat(cloud, {0, 0, 0}, {0, 0, 1}, 3);
   EXPECT_FLOAT_EQ(splat_radius(cloud, 0, 1), 3.0F);
   EXPECT_FLOAT_EQ(splat_radius(cloud, 0, 4), 6.0F);
-  cloud.tangent = {Vec3f(1, 0, 0)};
-  cloud.variance_u = {0.5F};
-  cloud.variance_v = {2.0F};
+  cloud.tangent.assign(1, Vec3f(1, 0, 0));
+  cloud.variance_u.assign(1, 0.5F);
+  cloud.variance_v.assign(1, 2.0F);
   EXPECT_FLOAT_EQ(splat_radius(cloud, 0, 1), 2.0F);
-  cloud.variance_u = {-1.0F};
+  cloud.variance_u[0] = -1;
   EXPECT_EQ(splat_radius(cloud, 0, 1), 0.0F);
 }
 
@@ -136,6 +136,18 @@ TEST(OverlapGraph, RefusesMoreEdgesThanMemoryHolds) {
     EXPECT_NE(std::string(error.what()).find("one_place.ply: "), std::string::npos);
     EXPECT_NE(std::string(error.what()).find("--max-memory"), std::string::npos);
   }
+}
+
+TEST(OverlapGraph, RefusesHopelessInputBeforeMemoryIsFull) {
+  // A sample tells; making these edges would take gigabytes and a minute.
+  EXPECT_THROW(make_overlap_graph(test::coincident_cloud(200000), {.max_memory = 1 << 30}), Error);
+}
+
+TEST(OverlapGraph, OneSplatOverAllOthersIsNotHopeless) {
+  SurfelCloud cloud = test::plane_cloud(4000, 5);
+  add_splat(cloud, {0.5, 0.5, 0}, {0, 0, 1}, 10);
+  const OverlapGraph graph = make_overlap_graph(cloud, {.max_memory = 1 << 20});
+  EXPECT_EQ(graph.max_degree(), 4000U);
 }
 
 TEST(OverlapGraph, OppositeNormalsAreRelaxed) {

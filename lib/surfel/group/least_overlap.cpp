@@ -159,14 +159,18 @@ Coloring least_overlap_groups(const SurfelCloud& cloud, const OverlapGraph& grap
   LeastOverlapReport own;
   LeastOverlapReport& r = report ? *report : own;
   r = {};
-  placement.measure(r.placed_overlap, r.overlapping_pairs);
+  for (const std::uint32_t splat : graph.splat) {
+    const double radius = splat_radius(cloud, splat, cutoff);
+    r.disc_area += std::numbers::pi * radius * radius;
+  }
+  placement.measure(r.placed_overlap_area, r.overlapping_pairs);
   do {
     if (interrupt_requested()) throw Error(ErrorKind::kInterrupted, "interrupted");
     ++r.sweeps;
     r.moved_last = 0;
     for (const std::uint32_t v : order) r.moved_last += placement.improve(v) ? 1 : 0;
   } while (r.moved_last > 0 && r.sweeps < kMaxSweeps);
-  placement.measure(r.overlap, r.overlapping_pairs);
+  placement.measure(r.overlap_area, r.overlapping_pairs);
 
   Coloring coloring;
   coloring.colors = groups;

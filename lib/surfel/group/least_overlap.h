@@ -15,8 +15,10 @@ namespace surfel {
 SURFEL_API double lens_area(double radius_a, double radius_b, double distance);
 
 struct LeastOverlapReport {
-  double placed_overlap = 0;  ///< Sum of lens areas within groups after the first placement, unit^2
-  double overlap = 0;         ///< ... and in the end.
+  double disc_area = 0;  ///< Of all discs together, unit^2.
+  /// Sum of the lens areas within groups, unit^2, after the first placement ...
+  double placed_overlap_area = 0;
+  double overlap_area = 0;              ///< ... and in the end.
   std::uint64_t overlapping_pairs = 0;  ///< Edges whose two splats share a group in the end.
   int sweeps = 0;                       ///< Over all splats, the last of which moved none, or
   std::size_t moved_last = 0;           ///< this many, where kMaxSweeps ended it.

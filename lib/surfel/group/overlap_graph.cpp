@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -120,8 +121,8 @@ class OverlapSearch {
         if (!relaxed) continue;
         Look& look = look_[v];
         look.normal = cloud.normal.empty() ? Vec3d(0, 0, 0) : unit_or_zero(cloud.normal[k]);
-        look.color << (color ? (*color)[k] : Vec3f(0, 0, 0)),
-            (cloud.alpha.empty() ? 1.0F : cloud.alpha[k]);
+        const Vec3f c = color ? (*color)[k] : Vec3f(0, 0, 0);
+        look.color = {c.x(), c.y(), c.z(), cloud.alpha.empty() ? 1.0F : cloud.alpha[k]};
         look.material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[k];
       }
     });
@@ -259,10 +260,33 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
 [[noreturn]] void throw_too_many(const OverlapGraph& graph, std::uint64_t most,
                                  const std::string& name) {
   throw_input(
-      name, fmt::format("more than {} pairs of the {} splats overlap, which is all that memory is "
-                        "given for; lower --overlap or --cutoff, remove splats that lie in one "
+      name, fmt::format("more than {} pairs of the {} splats overlap, the most that memory is set "
+                        "aside for; lower --overlap or --cutoff, remove splats that lie in one "
                         "place, or raise --max-memory",
                         most / 2, graph.size()));
+}
+
+/// Length of all rows together, less what a sample of them tells: not above it but by chance, since
+/// the longest of the sample (a few splats may overlap all others) are left out.
+std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
+  constexpr std::size_t kSample = 256;
+  constexpr std::size_t kLeftOut = 16;
+  if (splats < 4 * kSample) return 0;
+  std::vector<std::size_t> length(kSample);
+  parallel_for(kSample, 4, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<std::uint32_t> near;
+    std::vector<std::uint32_t> neighbors;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t v = i * splats / kSample;
+      neighbors.clear();
+      search.collect(v / kLanes, near);
+      search.append_neighbors(v / kLanes, v % kLanes, near, neighbors);
+      length[i] = neighbors.size();
+    }
+  });
+  std::sort(length.begin(), length.end());
+  return std::accumulate(length.begin(), length.end() - kLeftOut, std::uint64_t{0}) * splats /
+         kSample;
 }
 
 /// Fills in the rows.
@@ -271,6 +295,7 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
   if (max_memory == 0) max_memory = available_memory_bytes() / 2;
   // Once in the ranges' buffers, once in the graph.
   const std::uint64_t most = max_memory / (2 * sizeof(std::uint32_t));
+  if (least_entries(search, graph.size()) > most) throw_too_many(graph, most, name);
   std::atomic<std::uint64_t> total{0};
   std::vector<Array<std::uint32_t>> found((search.blocks() + kGrain - 1) / kGrain);
   graph.row_begin.resize(graph.size() + 1);
@@ -370,11 +395,11 @@ OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& 
     throw_input(name, fmt::format("none of {} splats has a finite position and a positive variance",
                                   cloud.size()));
   }
-  lap("order");
+  lap("sort");
   const OverlapSearch search(cloud, graph.splat, options);
-  lap("boxes");
+  lap("hierarchy");
   find_edges(search, options.max_memory, name, graph);
-  lap("edges");
+  lap("search");
   return graph;
 }
 

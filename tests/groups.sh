@@ -1,0 +1,116 @@
+#!/usr/bin/env bash
+# Makes docs/groups.md: the groups of surfel-group beside those of SP06. Needs the real data. Takes minutes.
+# Usage: tests/groups.sh [folder of the tools] [output]
+set -euo pipefail
+root=$(cd "$(dirname "$0")/.." && pwd)
+tools=${1:-$root/build/release/bin}
+out=${2:-$root/docs/groups.md}
+data=${SURFEL_TEST_DATA:-$root/../shared/data}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+# Mean degree = 25.1 cutoff - 1 for sigma = spacing: near SP06's 17 at c = 1.
+cutoff=(--cutoff 0.72)
+orders=(largest-first smallest-last dsatur)
+
+# number KEY < JSON: the first of that name.
+number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
+
+# surfels NAME MESH COUNT
+surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
+
+# row NAME TEXT OPTION...: of the table, with a text in the third column.
+row() {
+  local name=$1 text=$2
+  shift 2
+  "$tools/surfel-group" "$work/$name.ply" "${cutoff[@]}" --print-table --quiet "$@" |
+    tail -1 | awk -F'|' -v text="$text" '{printf "|%s|%s| %s |%s|%s|%s|%s|\n", $2, $3, text, $4, $5, $6, $7}'
+}
+
+# times NAME: at c = 1, for every order.
+times() {
+  local line="| $1 |" order TIMEFORMAT='%U %S'
+  for order in "${orders[@]}"; do
+    { time "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" -o "$work/out.ply" --stats "$work/s.json" \
+      --quiet; } 2> "$work/time.txt"
+    line+=$(awk '{printf " %.2f s |", $1 + $2}' "$work/time.txt")
+  done
+  echo "$line $(number peak_memory_bytes < "$work/s.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
+}
+
+# fixed NAME K
+fixed() {
+  local row="| $1 | $2 |"
+  for order in "${orders[@]}"; do
+    "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" --groups "$2" -o "$work/out.ply" \
+      --stats "$work/s.json" --quiet
+    row+=$(awk -v o="$(number overlap_area < "$work/s.json")" -v d="$(number disc_area < "$work/s.json")" \
+      'BEGIN {printf " %.1f %% |", 100 * o / d}')
+  done
+  echo "$row"
+}
+
+surfels head mri_head_surface.ply 2000000
+surfels dragon dragon_vrip_res2.ply 1100000
+surfels armadillo armadillo.ply 303000
+surfels bunny stanford_bunny.obj 137000
+{
+  cat <<'TEXT'
+# Groups: measured
+
+Made by `tests/groups.sh`. Surfels of `surfel-from-mesh --count N` (sigma = spacing), grouped at `--cutoff 0.72`, where the mean degree is
+near SP06's 17. An entry is K / largest degree / mean degree.
+
+## Minimal groups: table 1 of SP06
+
+| SP06 | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
+| David head | 2000K | largest-first | 18 / 37 / 17.2 | 14 / 31 / 11.6 | 11 / 24 / 9.4 | 7 / 8 / 3.9 |
+| Dragon | 1100K | largest-first | 14 / 34 / 8.8 | 12 / 29 / 6.3 | 8 / 15 / 3.0 | 5 / 7 / 0.8 |
+| Female | 303K | largest-first | 19 / 49 / 18.9 | 15 / 32 / 13.2 | 10 / 18 / 6.9 | 8 / 9 / 2.3 |
+| BallJoint | 137K | largest-first | 17 / 31 / 18.6 | 12 / 23 / 13.6 | 9 / 14 / 7.1 | 5 / 7 / 2.3 |
+
+Ours:
+
+| surfels | points | order | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
+TEXT
+  for name in head dragon armadillo bunny; do
+    for order in "${orders[@]}"; do row $name "$order" --order "$order"; done
+  done
+  cat <<'TEXT'
+
+The largest degree, and with it K, comes from where sheets lie close together: `--relax-opposite` lets them share groups.
+DSATUR:
+
+| surfels | points | relaxations | c = 1.0 | c = 0.8 | c = 0.6 | c = 0.4 |
+|---|---|---|---|---|---|---|
+TEXT
+  for name in dragon bunny; do
+    row $name none --order dsatur
+    row $name opposite --order dsatur --relax-opposite
+    row $name coplanar --order dsatur --relax-coplanar
+    row $name both --order dsatur --relax-opposite --relax-coplanar
+  done
+  cat <<'TEXT'
+
+Processor time of the whole run at c = 1.0, reading and writing included, over all threads (on two free cores the search for pairs,
+about half of it, runs on both), and its memory.
+
+| surfels | largest-first | smallest-last | dsatur | peak memory |
+|---|---|---|---|---|
+TEXT
+  for name in dragon bunny; do times $name; done
+  cat <<'TEXT'
+
+## A fixed number of groups
+
+Overlap within groups as a share of the area of all discs.
+
+| surfels | K | largest-first | smallest-last | dsatur |
+|---|---|---|---|---|
+TEXT
+  for k in 4 8; do
+    fixed dragon $k
+    fixed bunny $k
+  done
+} > "$out"
