@@ -16,7 +16,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
-namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<float, kTileSize>;
@@ -36,11 +35,11 @@ HWY_INLINE V exp_minus(V x) {
 }
 
 /// A vector holds this many columns and rows of a strip of the tile.
-constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
-constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
+inline constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
+inline constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
 
-HWY_ALIGN constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
-HWY_ALIGN constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+HWY_ALIGN inline constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
+HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
 /// Evaluates the splats of one tile at its pixels, a vector at a time.
 class KernelRaster {
@@ -231,7 +230,6 @@ HWY_INLINE void accumulate(float* fragment, const Splat& splat, const SplatNorma
   }
 }
 
-}  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel
 HWY_AFTER_NAMESPACE();
