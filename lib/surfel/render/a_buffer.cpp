@@ -226,10 +226,15 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
-NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
+Fragment nearest_fragment(TileABuffer& tile, int pixel) {
   const Sorted sorted(tile, pixel);
-  if (sorted.count == 0 || is_merged(sorted[0])) return {};
-  return {front_depth(sorted[0]), shows_front(sorted[0].channel[kTag])};
+  return sorted.count == 0 || is_merged(sorted[0]) ? Fragment{} : sorted[0];
+}
+
+NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
+  const Fragment fragment = nearest_fragment(tile, pixel);
+  if (fragment.channel[kWeight] == 0) return {};
+  return {front_depth(fragment), shows_front(fragment.channel[kTag])};
 }
 
 PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
@@ -247,7 +252,6 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
       result.depth_first = z;
       if (!is_merged(fragment)) {
         result.weight = fragment.channel[kWeight];
-        result.nearest = fragment;
         if (tile.layout.normals) {
           const Vec3f n = Vec3f(fragment.channel[kNormalX], fragment.channel[kNormalY],
                                 fragment.channel[kNormalZ])

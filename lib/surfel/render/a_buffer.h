@@ -110,7 +110,9 @@ struct NearestLayer {
   float depth = -std::numeric_limits<float>::infinity();  ///< Nearness, as in Splat; of none: that.
   bool front = false;                                     ///< The side that is seen.
 };
-/// The nearest fragment of a pixel's A-buffer, if it is unmerged.
+/// The nearest fragment of a pixel's A-buffer if it is unmerged, else one of weight 0.
+Fragment nearest_fragment(TileABuffer& tile, int pixel);
+/// Where that fragment is.
 NearestLayer nearest_layer(TileABuffer& tile, int pixel);
 
 /// Per-pixel result of a tile.
@@ -120,7 +122,6 @@ struct PixelResult {
   float depth_first = 0;        ///< z of the nearest fragment; infinity if there is none.
   float normal[3] = {0, 0, 0};  ///< Of the nearest unmerged fragment, unit; zero if none.
   float weight = 0;             ///< Sum of rho of the nearest fragment.
-  Fragment nearest{};           ///< Where it is unmerged.
   float layers = 0;             ///< Surfaces composited, a merged pair counted as one.
 };
 

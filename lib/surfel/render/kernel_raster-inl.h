@@ -78,8 +78,7 @@ class KernelRaster {
   template <class Visit>
   HWY_INLINE void draw(std::uint32_t index, const Visit& visit) const {
     const D d;
-    // In a local, as the compiler must assume that a visitor's stores change any member.
-    const Splat splat = job_.splats[index];
+    const Splat& splat = job_.splats[index];
     const float cx = splat.x - x0_ - 0.5F;  // of pixel centres
     const float cy = splat.y - y0_ - 0.5F;
     // First column and row, last column and row, whose centres lie within the bounding box: clamped
@@ -117,12 +116,13 @@ class KernelRaster {
     const V depth_dx = hn::Set(d, splat.depth_dx);
     const V depth_dy = hn::Set(d, splat.depth_dy);
     const V depth = hn::Set(d, splat.depth);
+    const float peak = splat.amplitude;  // The visitor's stores might change the splat's.
     for_each_vector(pixels, [&](std::size_t pixel, V dx, V dy) HWY_ATTR {
       const V e = hn::NegMulAdd(m, dy, dx);
       const V plane = hn::MulAdd(depth_dx, dx, hn::MulAdd(depth_dy, dy, depth));
       const V beta = hn::MulAdd(hn::Mul(k, e), e, hn::Mul(hn::Mul(q, dy), dy));
       visit(pixel, beta, hn::Min(hn::Max(plane, depth_lo), depth_hi), epsilon,
-            [&]() HWY_ATTR { return hn::Set(D(), splat.amplitude); });
+            [&]() HWY_ATTR { return hn::Set(D(), peak); });
     });
   }
 

@@ -293,10 +293,10 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
       if (behind) {
         const BlendedPixel& other = (*behind)[pixel];
         result.color.composite(other.color);  // SP06: I = alpha C_F + (1 - alpha) C_O
-        if (result.layers == 0) result.nearest = other.nearest;
         result.layers += other.layers;
       }
-      // Here the number of layers, l of SP06 (11) and (12), and the nearest fragment are known.
+      // Here the number of layers, l of SP06 (11) and (12), is known; the nearest fragment is
+      // nearest_fragment() of the tile, or of BlendedPixel where the tile has none.
       result.color.composite(background);
       float* out = image.pixel(tile.x0 + x, tile.y0 + y);
       out[0] = result.color.red;
@@ -317,7 +317,7 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Sha
                                bool first, bool last, Image& image) {
   const bool keep = !(first && last);
   if (first && keep) a_buffer.resize(layout.size() * band.tiles());
-  const LayerRule rule = layer_rule(camera);
+  const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
   parallel_for(band.tiles(), 1, [&](std::size_t t, std::size_t, int w) {
     Worker& worker = workers[w];
     if (keep && !first && !last && surfaces->count(t) == 0) return;
