@@ -106,7 +106,31 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Visibility and coverage");
-  app.add_option("--layers", s.render.layers, "Fragments per pixel, 1..64")->capture_default_str();
+  using surfel::Method;
+  add_choice(
+      app, "--method", s.render.method,
+      {{"abuffer", Method::kABuffer},
+       {"deferred", Method::kDeferred},
+       {"transparent", Method::kTransparent},
+       {"transparent-high", Method::kTransparentHigh},
+       {"depth-peel", Method::kDepthPeel}},
+      "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
+      "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
+      "with all layers blended alike or the nearest interpolated; or one layer after "
+      "another, slowly, as a reference");
+  using surfel::Voronoi;
+  add_choice(app, "--voronoi", s.render.voronoi,
+             {{"off", Voronoi::kOff},
+              {"quantised", Voronoi::kQuantised},
+              {"windowed", Voronoi::kWindowed}},
+             "Of methods with groups: how fragments of one layer are told, of which the nearest to "
+             "its splat's centre stays: not at all, by steps of depth (with seams between them), "
+             "or by --depth-epsilon");
+  app.add_option("--peel", s.render.peel, "Of --method depth-peel: most layers, 1..64")
+      ->capture_default_str();
+  app.add_option("--layers", s.render.layers,
+                 "Fragments per pixel of --method abuffer and deferred, 1..64")
+      ->capture_default_str();
   app.add_option("--depth-epsilon", s.render.depth_epsilon,
                  "Surfaces within this many footprints in depth are one, > 0")
       ->capture_default_str();
@@ -152,13 +176,18 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Options");
 }
 
+bool blends_layers(const Settings& s) {
+  return s.render.method == surfel::Method::kTransparent ||
+         s.render.method == surfel::Method::kTransparentHigh;
+}
+
 /// Fills in what the library's options hold in other types.
 void finish(Settings& s) {
   s.render.lit = s.shading == Shading::kPhong;
   s.texture.charts = false;
   s.render.cull_back = s.cull == Cull::kBack;
   for (int i = 0; i < 4; ++i) s.render.background[i] = static_cast<float>(s.background[i]);
-  s.render.aovs = std::filesystem::path(s.output).extension() == ".exr";
+  s.render.aovs = std::filesystem::path(s.output).extension() == ".exr" && !blends_layers(s);
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
@@ -174,14 +203,34 @@ void require_effect(const CLI::App& app, const Settings& s) {
     }
   };
   if (s.reference) {
-    refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter"});
+    refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--method",
+                           "--voronoi", "--peel"});
   }
   if (s.filter == Filter::kEwaSource) {
-    refuse("--filter ewa-source", {"--kernel", "--kernel-tolerance", "--layers"});
+    refuse("--filter ewa-source",
+           {"--kernel", "--kernel-tolerance", "--layers", "--method", "--voronoi", "--peel"});
+  }
+  switch (s.render.method) {
+    case surfel::Method::kABuffer:
+      refuse("--method abuffer", {"--voronoi", "--peel"});
+      break;
+    case surfel::Method::kDeferred:
+      refuse("--method deferred", {"--peel"});
+      break;
+    case surfel::Method::kTransparent:
+      refuse("--method transparent", {"--peel", "--layers", "--lowpass", "--coverage-threshold"});
+      break;
+    case surfel::Method::kTransparentHigh:
+      refuse("--method transparent-high", {"--peel", "--layers"});
+      break;
+    case surfel::Method::kDepthPeel:
+      refuse("--method depth-peel", {"--voronoi", "--layers"});
+      break;
   }
   if (!s.mesh.empty()) {
-    refuse("--mesh", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff",
-                      "--depth-epsilon", "--coverage-threshold"});
+    refuse("--mesh",
+           {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff", "--depth-epsilon",
+            "--coverage-threshold", "--method", "--voronoi", "--peel"});
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
@@ -310,26 +359,38 @@ std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent
 nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
   nlohmann::json stages = nlohmann::json::object();
   for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
-  return {{"ms", frame.milliseconds},         {"stages", stages},
-          {"encode_ms", encode_ms},           {"clusters", frame.clusters},
-          {"splats", frame.splats},           {"exact_splats", frame.exact_splats},
-          {"merged_fragments", frame.merged}, {"dropped_weight_share", frame.dropped_weight_share}};
+  return {{"ms", frame.milliseconds},
+          {"stages", stages},
+          {"encode_ms", encode_ms},
+          {"clusters", frame.clusters},
+          {"splats", frame.splats},
+          {"exact_splats", frame.exact_splats},
+          {"merged_fragments", frame.merged},
+          {"dropped_weight_share", frame.dropped_weight_share},
+          {"groups", frame.groups},
+          {"culled_fragments", frame.culled},
+          {"peeled_layers", frame.peeled_layers},
+          {"unpeeled_pixels", frame.unpeeled_pixels}};
 }
 
 /// Reads and prepares surfels, and tells what of them cannot be used.
 surfel::RenderCloud load_surfels(const surfel::tool::Tool& tool, const std::string& input,
-                                 double cutoff) {
+                                 const surfel::RenderOptions& options) {
   const std::string name = input == "-" ? "standard input" : input;
   const surfel::SurfelCloud cloud = surfel::read_cloud(input);
   if (cloud.empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
   if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) {
     surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
   }
-  if (cloud.basis_cutoff && *cloud.basis_cutoff != cutoff) {
-    tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
-                          *cloud.basis_cutoff, cutoff));
+  const surfel::RenderColumns needed = surfel::columns_of(options.method);
+  if (needed.groups && !cloud.empty() && cloud.group.empty()) {
+    surfel::throw_input(name, "has no groups; run surfel-group on it");
   }
-  surfel::RenderCloud surfels(cloud);
+  if (cloud.basis_cutoff && *cloud.basis_cutoff != options.cutoff) {
+    tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
+                          *cloud.basis_cutoff, options.cutoff));
+  }
+  surfel::RenderCloud surfels(cloud, needed);
   if (const auto& d = surfels.dropped(); d.total() > 0) {
     tool.note(
         fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
@@ -355,7 +416,7 @@ int main(int argc, char** argv) {
     nlohmann::json& report = tool.report();
     const surfel::Timer load;
     std::optional<surfel::RenderCloud> surfels;
-    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input, s.render.cutoff));
+    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input, s.render));
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) mesh.emplace(s, scene);
     const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
@@ -373,6 +434,12 @@ int main(int argc, char** argv) {
                       (static_cast<double>(i) + share) / static_cast<double>(views.size()));
       };
       const surfel::Image image = paint(views[i], frame, progress);
+      if (frame.unpeeled_pixels > 0) {
+        tool.note(
+            fmt::format("picture {}: {} pixels have more than --peel {} layers; what is "
+                        "behind is left out",
+                        i, frame.unpeeled_pixels, s.render.peel));
+      }
       const surfel::Timer encode;
       surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,
                           {.no_clobber = tool.common().no_clobber,

@@ -62,15 +62,37 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--reference", "--kernel", "affine"},
         Words{s.surfels, "--filter", "ewa-source", "--kernel", "auto"},
         Words{s.surfels, "--filter", "circular", "--kernel", "perspective"},
-        Words{s.surfels, "--samples", "4"}, Words{s.surfels, "--image", "checker"},
-        Words{s.surfels, "--mesh", s.mesh, "--reference"}, Words{"--mesh", s.mesh, "--cutoff", "2"},
-        Words{}}) {
+        Words{s.surfels, "--reference", "--method", "abuffer"}, Words{s.surfels, "--peel", "4"},
+        Words{s.surfels, "--voronoi", "off"},
+        Words{s.surfels, "--method", "depth-peel", "--voronoi", "off"},
+        Words{s.surfels, "--method", "depth-peel", "--layers", "2"},
+        Words{s.surfels, "--method", "deferred", "--peel", "2"},
+        Words{s.surfels, "--method", "transparent", "--lowpass", "2"},
+        Words{s.surfels, "--method", "transparent-high", "--layers", "2"},
+        Words{s.surfels, "--filter", "ewa-source", "--method", "deferred"},
+        Words{"--mesh", s.mesh, "--method", "depth-peel"}, Words{s.surfels, "--samples", "4"},
+        Words{s.surfels, "--image", "checker"}, Words{s.surfels, "--mesh", s.mesh, "--reference"},
+        Words{"--mesh", s.mesh, "--cutoff", "2"}, Words{}}) {
     Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
     command.insert(command.end(), options.begin(), options.end());
     const RunResult result = run(command);
     EXPECT_EQ(result.exit_code, 2) << result.errors;
     EXPECT_FALSE(std::filesystem::exists(s.folder / "refused.png"));
   }
+}
+
+TEST(Render, EveryMethodSeesTheSamePicture) {
+  const Square& s = Square::get();
+  const std::string groups = s.folder / "groups.ply";
+  ASSERT_EQ(run({tool("surfel-group"), s.surfels, "-o", groups, "--quiet"}).exit_code, 0);
+  const Image expected = s.picture({groups});
+  for (const std::string method : {"deferred", "depth-peel"}) {
+    EXPECT_GT(image_error(s.picture({groups, "--method", method}), expected).psnr, 30) << method;
+  }
+  const RunResult result =
+      run({tool("surfel-render"), s.surfels, "--method", "deferred", "-o", s.folder / "none.png"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.errors.find("surfel-group"), std::string::npos) << result.errors;
 }
 
 }  // namespace

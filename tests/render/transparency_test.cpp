@@ -1,5 +1,4 @@
 #include <gtest/gtest.h>
-#include <surfel/render/a_buffer.h>
 
 #include "render/scenes.h"
 
@@ -7,42 +6,6 @@ namespace surfel::test {
 namespace {
 
 constexpr double kOneInByte = 1 / 255.0;
-
-struct Stack {
-  SurfelCloud cloud;
-  Rgba expected;  ///< Exact composite over nothing.
-};
-
-/// k planes behind one another, each of one colour and alpha.
-Stack stacked_planes(int k) {
-  Stack stack;
-  for (int i = 0; i < k; ++i) {
-    const auto alpha = static_cast<float>(0.2 + 0.5 * random_uniform(5, i));
-    const Vec3f color =
-        Vec3d(random_uniform(6, i, 0), random_uniform(6, i, 1), random_uniform(6, i, 2))
-            .cast<float>();
-    SurfelCloud plane = jittered_plane(48, 1.5, 0.25, 10 + i, -0.4 * i);
-    for (std::size_t s = 0; s < plane.size(); ++s) {
-      add_surfel(stack.cloud, plane.position[s], plane.normal[s], plane.variance[s], plane.area[s],
-                 color);
-      stack.cloud.alpha.push_back(alpha);
-    }
-    stack.expected.composite({color.x() * alpha, color.y() * alpha, color.z() * alpha, alpha});
-  }
-  return stack;
-}
-
-double worst_error(const Image& image, const Rgba& expected) {
-  double worst = 0;
-  for (int y = 16; y < image.height - 16; ++y) {
-    for (int x = 16; x < image.width - 16; ++x) {
-      const float* p = image.pixel(x, y);
-      const float e[] = {expected.red, expected.green, expected.blue, expected.alpha};
-      for (int c = 0; c < 4; ++c) worst = std::max<double>(worst, std::abs(p[c] - e[c]));
-    }
-  }
-  return worst;
-}
 
 TEST(Transparency, StackedPlanesMatchTheExactComposite) {
   for (const int layers : {1, 2, 3, 5, 8}) {

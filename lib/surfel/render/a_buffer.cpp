@@ -245,7 +245,13 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
-PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
+NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
+  const Sorted sorted(tile, pixel);
+  if (sorted.count == 0 || is_merged(sorted[0])) return {};
+  return {front_depth(sorted[0]), shows_front(sorted[0].channel[kTag])};
+}
+
+PixelResult resolve_pixel(TileABuffer& tile, int pixel, const Fragment* rest) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   PixelResult result;
   result.depth = kInfinity;
@@ -271,6 +277,7 @@ PixelResult resolve_pixel(TileABuffer& tile, int pixel) {
     if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
   }
+  if (rest && is_merged(*rest)) composite.add(*rest, 0);
   if (tile.shader->has_environment()) composite.add_environment();
   result.color = composite.color();
   return result;

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include <surfel/render/splat.h>
 
@@ -101,6 +102,14 @@ struct TileABuffer {
 void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
                        const SplatNormal* normal);
 
+/// Nearest surface of a pixel.
+struct NearestLayer {
+  float depth = -std::numeric_limits<float>::infinity();  ///< Nearness, as in Splat; of none: that.
+  bool front = false;                                     ///< The side that is seen.
+};
+/// That of a pixel's A-buffer, if it is unmerged.
+NearestLayer nearest_layer(TileABuffer& tile, int pixel);
+
 /// Per-pixel result of a tile.
 struct PixelResult {
   Rgba color;
@@ -120,6 +129,7 @@ struct PixelResult {
 /// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
 /// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
 /// independent parts (12).
-PixelResult resolve_pixel(TileABuffer& tile, int pixel);
+/// \param rest  a merged fragment that lies behind all others; of weight 0 or null: none.
+PixelResult resolve_pixel(TileABuffer& tile, int pixel, const Fragment* rest = nullptr);
 
 }  // namespace surfel

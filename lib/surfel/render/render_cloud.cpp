@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/cloud/morton.h>
@@ -21,12 +22,15 @@ enum class Verdict : std::uint8_t { kUsable, kPosition, kVariance, kColor };
 
 bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
 
-Verdict judge(const SurfelCloud& cloud, const Array<Vec3f>* color, std::size_t i) {
+Verdict judge(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
+              std::size_t i) {
   if (!cloud.position[i].allFinite()) return Verdict::kPosition;
   const bool variance_ok = cloud.anisotropic() ? usable_variance(cloud.variance_u[i]) &&
                                                      usable_variance(cloud.variance_v[i])
                                                : usable_variance(cloud.variance[i]);
-  if (!variance_ok) return Verdict::kVariance;
+  if (!variance_ok || (group_radius && !usable_variance(cloud.group_radius[i]))) {
+    return Verdict::kVariance;
+  }
   if (color && !(*color)[i].allFinite()) return Verdict::kColor;
   if (!cloud.alpha.empty() && !std::isfinite(cloud.alpha[i])) return Verdict::kColor;
   if (!cloud.area.empty() && !std::isfinite(cloud.area[i])) return Verdict::kColor;
@@ -40,20 +44,25 @@ Vec3f normalized_or_zero(const Vec3f& v) {
 
 }  // namespace
 
-RenderCloud::RenderCloud(const SurfelCloud& cloud) : origin_(cloud.origin) {
+RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
+    : origin_(cloud.origin) {
   cloud.check_columns("");
   if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) {
     throw_input("",
                 "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");
   }
+  if (needed.groups && !cloud.empty() && cloud.group.empty()) {
+    throw_input("", "the surfels have no groups; run surfel-group on them");
+  }
+  const bool has_radius = needed.group_radius && !cloud.group_radius.empty();
   const Array<Vec3f>* color = cloud.render_color();
   Array<std::uint32_t> order = morton_order(cloud.position);
 
   // Keep the usable ones, in order.
   std::size_t kept = 0;
   for (const std::uint32_t i : order) {
-    switch (judge(cloud, color, i)) {
+    switch (judge(cloud, color, has_radius, i)) {
       case Verdict::kUsable:
         order[kept++] = i;
         break;
@@ -83,6 +92,7 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud) : origin_(cloud.origin) {
   if (cloud.anisotropic()) allocate({&deviation_v, &tangent_x, &tangent_y, &tangent_z});
   if (has_alpha) allocate({&alpha});
   if (!cloud.material.empty()) material.resize(kept);
+  if (has_radius) allocate({&group_radius});
 
   parallel_for(kept, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -117,9 +127,29 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud) : origin_(cloud.origin) {
       blue[i] = c.z();
       if (has_alpha) alpha[i] = std::clamp(cloud.alpha[k], 0.0F, 1.0F);
       if (!material.empty()) material[i] = cloud.material[k];
+      if (has_radius) group_radius[i] = cloud.group_radius[k];
     }
   });
+  if (needed.groups && !cloud.empty()) number_groups(cloud, order);
   make_clusters();
+}
+
+/// Numbers the groups in use from 0 on: a file may leave out any.
+void RenderCloud::number_groups(const SurfelCloud& cloud, const Array<std::uint32_t>& order) {
+  std::vector<int> number(std::size_t{1} << 16, -1);
+  for (const std::uint32_t i : order) number[cloud.group[i]] = 0;
+  for (int& n : number) {
+    if (n == 0) n = groups_++;
+  }
+  if (groups_ > kMostGroups) {
+    throw_input("", fmt::format("the surfels are in {} groups, at most {} can be drawn; run "
+                                "surfel-group on them with a smaller --overlap",
+                                groups_, kMostGroups));
+  }
+  group.resize(order.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    group[i] = static_cast<std::uint16_t>(number[cloud.group[order[i]]]);
+  }
 }
 
 void RenderCloud::make_clusters() {
@@ -144,6 +174,9 @@ void RenderCloud::make_clusters() {
         all_oriented = all_oriented && !n.isZero();
         cluster.max_deviation = std::max(
             {cluster.max_deviation, deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F});
+        if (!group_radius.empty()) {
+          cluster.max_group_radius = std::max(cluster.max_group_radius, group_radius[i]);
+        }
       }
       cluster.center = lo + (hi - lo) / 2;
       const Vec3f axis = normalized_or_zero(sum);
@@ -169,6 +202,8 @@ void RenderCloud::make_clusters() {
   Vec3f lo = Vec3f::Constant(std::numeric_limits<float>::infinity());
   Vec3f hi = -lo;
   for (std::size_t i = 0; i < size(); ++i) {
+    mean_deviation_ += std::max(deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F) /
+                       static_cast<double>(size());
     const Vec3f reach = Vec3f::Constant(deviation_u[i]);
     lo = lo.cwiseMin(Vec3f(x[i], y[i], z[i]) - reach);
     hi = hi.cwiseMax(Vec3f(x[i], y[i], z[i]) + reach);
@@ -183,10 +218,10 @@ std::uint64_t RenderCloud::memory_bytes() const {
   std::uint64_t floats = 0;
   for (const Array<float>* column :
        {&x, &y, &z, &normal_x, &normal_y, &normal_z, &deviation_u, &deviation_v, &tangent_x,
-        &tangent_y, &tangent_z, &area, &red, &green, &blue, &alpha}) {
+        &tangent_y, &tangent_z, &area, &red, &green, &blue, &alpha, &group_radius}) {
     floats += column->size();
   }
-  return floats * sizeof(float) + material.size() * sizeof(std::uint16_t) +
+  return floats * sizeof(float) + (material.size() + group.size()) * sizeof(std::uint16_t) +
          clusters_.size() * sizeof(Cluster);
 }
 

@@ -14,12 +14,19 @@ namespace surfel {
 struct Cluster {
   std::uint32_t begin = 0;
   std::uint32_t end = 0;
-  Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
-  float radius = 0;          ///< Of that sphere.
+  Vec3f center{0, 0, 0};       ///< Of a sphere around the surfels' positions.
+  float radius = 0;            ///< Of that sphere.
+  float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
   Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
   float cone_cosine =
       -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
+};
+
+/// Optional columns of a RenderCloud: most pictures do without.
+struct RenderColumns {
+  bool groups = false;        ///< `group`.
+  bool group_radius = false;  ///< `group_radius`, where the cloud has it.
 };
 
 /// A cloud made ready for rendering: unusable surfels dropped, the rest sorted along a Morton
@@ -38,14 +45,18 @@ class SURFEL_API RenderCloud {
   /// What was left out, and why.
   struct Dropped {
     std::size_t position = 0;  ///< Not finite.
-    std::size_t variance = 0;  ///< Not finite, or not positive.
+    std::size_t variance = 0;  ///< Variance or enlarged radius not finite, or not positive.
     std::size_t color = 0;     ///< Colour, alpha or area not finite.
     std::size_t total() const { return position + variance + color; }
   };
 
-  /// Throws Error(kInput) if the cloud has no variance. Colourless clouds are light grey. A surfel
-  /// whose normal is zero always faces the eye.
-  explicit RenderCloud(const SurfelCloud& cloud);
+  /// Most groups: a tile keeps an image of each.
+  static constexpr int kMostGroups = 1024;
+
+  /// Throws Error(kInput) if the cloud has no variance, or not the groups that are needed, or more
+  /// than kMostGroups of them. Colourless clouds are light grey. A surfel whose normal is zero
+  /// always faces the eye.
+  explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {});
 
   std::size_t size() const { return size_; }
   const std::vector<Cluster>& clusters() const { return clusters_; }
@@ -56,6 +67,10 @@ class SURFEL_API RenderCloud {
   bool transparent() const { return !alpha.empty(); }
   /// World bounds: a box, and a sphere around each cluster's discs at standard deviation 1.
   const SceneExtent& extent() const { return extent_; }
+  /// Groups in use, SP06's K; 0 if groups were not asked for.
+  int groups() const { return groups_; }
+  /// Mean over the surfels of the larger standard deviation of each; 0 if there are none.
+  double mean_deviation() const { return mean_deviation_; }
   std::uint64_t memory_bytes() const;
 
   // Columns, in Morton order; the optional ones are empty where the scene does not need them.
@@ -68,11 +83,16 @@ class SURFEL_API RenderCloud {
   Array<float> red, green, blue;
   Array<float> alpha;             ///< Only if transparent().
   Array<std::uint16_t> material;  ///< Only if the cloud has it.
+  Array<std::uint16_t> group;     ///< 0..groups() - 1, in the order of the cloud's numbers.
+  Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
 
  private:
+  void number_groups(const SurfelCloud& cloud, const Array<std::uint32_t>& order);
   void make_clusters();
 
   std::size_t size_ = 0;
+  int groups_ = 0;
+  double mean_deviation_ = 0;
   Vec3d origin_;
   std::vector<Cluster> clusters_;
   Dropped dropped_;

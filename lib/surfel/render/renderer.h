@@ -1,6 +1,7 @@
 #pragma once
 
-// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01).
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), and Zhang,
+// Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
 
 #include <array>
 #include <cstdint>
@@ -39,13 +40,33 @@ enum class Filter : std::uint8_t {
   kNone,      ///< The footprint alone: aliases where it is smaller than a pixel.
 };
 
+/// What becomes of the splats of a pixel.
+enum class Method : std::uint8_t {
+  kABuffer,      ///< SS01 section 6: surfaces separated and interpolated as splats arrive.
+  kDeferred,     ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
+  kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
+  kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
+  kDepthPeel,  ///< One surface after another: the reference that SP06 compares with, and slow.
+};
+
+/// Of the groups of SP06, which fragments of a group are of one layer, and which of them stays: see
+/// group_raster.h and layer_blend.h.
+enum class Voronoi : std::uint8_t {
+  kOff,        ///< None are; Algorithm 1 keeps the nearest, Algorithm 2 blends all.
+  kQuantised,  ///< Those in one step of the depth, SP06 (6) and (10), with seams between steps.
+  kWindowed,   ///< Those nearer than epsilon. The one nearest to its splat's centre stays.
+};
+
 struct RenderOptions {
+  Method method = Method::kABuffer;
+  Voronoi voronoi = Voronoi::kWindowed;  ///< Of the methods with groups.
+  int peel = 8;                          ///< Of kDepthPeel: most layers, 1..64.
   Kernel kernel = Kernel::kAuto;
   double kernel_tolerance = 0.5;  ///< Of Kernel::kAuto, pixels, > 0.
   Filter filter = Filter::kEwa;   ///< kCircular is affine: it needs another kernel than the exact.
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
-  int layers = 3;      ///< l: fragments per pixel, 1..64.
+  int layers = 3;      ///< l: fragments per pixel of kABuffer and kDeferred, 1..64.
   double depth_epsilon =
       1;  ///< Contributions join a surface within this many footprints of it, > 0.
   std::optional<double> coverage_threshold;  ///< tau, > 0; unset: coverage_threshold(cutoff).
@@ -54,33 +75,46 @@ struct RenderOptions {
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
   std::size_t batch = std::size_t{1} << 20;     ///< Splats in flight at once, 256..2^28: more needs
                                                 ///< more memory, fewer more time.
-  bool aovs = false;                            ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight.
+  bool aovs = false;  ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight; not where layers are
+                      ///< blended.
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
 };
 
+/// The columns that a method needs of a RenderCloud.
+SURFEL_API RenderColumns columns_of(Method method);
+
 /// What one frame cost and did.
 struct FrameStatistics {
   double milliseconds = 0;
-  StageTimes stages;                ///< cull, setup, bin, raster.
-  std::size_t clusters = 0;         ///< Drawn, of all.
-  std::size_t splats = 0;           ///< Set up and inside the picture ...
-  std::size_t exact_splats = 0;     ///< ... of these with perspective-exact kernels.
-  std::uint64_t merged = 0;         ///< Pairs of fragments merged because all layers were taken.
-  double dropped_weight_share = 0;  ///< Share of the sum of rho that came too late for its merged
-                                    ///< surface: a bound of the error that merging made.
+  StageTimes stages;                  ///< cull, setup, bin, raster.
+  std::size_t clusters = 0;           ///< Drawn, of all.
+  std::size_t splats = 0;             ///< Set up and inside the picture ...
+  std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
+  std::uint64_t merged = 0;           ///< Pairs of fragments merged because all layers were taken.
+  double dropped_weight_share = 0;    ///< Share of the sum of rho that came too late for its merged
+                                      ///< surface: a bound of the error that merging made.
+  int groups = 0;                     ///< SP06's K; 0 without groups.
+  std::uint64_t culled = 0;           ///< Fragments culled by SP06 (6): the layer had one already.
+  int peeled_layers = 0;              ///< Most layers that a tile has, of `peel` at most.
+  std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that, which are left out.
 };
 
-/// Renders a cloud by screen space EWA splatting with an A-buffer: clusters are culled and taken
-/// front to back, their splats set up, binned to tiles, and each tile is rasterised and resolved by
-/// one thread. The picture does not depend on the number of threads, nor on the order of the
-/// surfels. Memory: 96 bytes for each of at most 2 million splats in flight, 12 bytes for each tile
-/// they touch, and the A-buffer where more splats than that are seen.
+/// Renders a cloud by screen space EWA splatting: clusters are culled and taken front to back,
+/// their splats set up, binned to tiles, and each tile is rasterised and resolved by one thread.
+/// The picture does not depend on the number of threads, nor on the order of the surfels.
+///
+/// Memory of kABuffer: 96 bytes for each of at most 2 million splats in flight, 12 bytes for each
+/// tile they touch, and the A-buffer where more splats than that are seen. The other methods need
+/// all splats of a tile at once; where more than a batch are seen, they draw the picture in
+/// horizontal bands, of one row of tiles at least. In addition each thread keeps the images of its
+/// tile: 6 KB for each group and layer of Algorithm 1, 24 KB for each group of Algorithm 2.
 class SURFEL_API Renderer {
  public:
   /// Keeps references to the cloud and the scene. Throws Error(kUsage) for options that are not
-  /// usable.
+  /// usable, and for kDeferred of what is transparent; Error(kInput) if the cloud was made without
+  /// columns_of(method).
   Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options);
   ~Renderer();
   Renderer(const Renderer&) = delete;

@@ -11,9 +11,10 @@ namespace surfel {
 /// Splats of one tile, in the order in which they are to be drawn: nearest first.
 struct TileJob {
   const Splat* splats = nullptr;
-  const SplatNormal* normals = nullptr;  ///< Parallel to `splats`; null in unshaded pictures.
-  const ExactSplat* exact = nullptr;     ///< Parallel to `splats`; read where k is kExactKernel.
-  const std::uint32_t* order = nullptr;  ///< Indices into them.
+  const SplatNormal* normals = nullptr;   ///< Parallel to `splats`; null in unshaded pictures.
+  const ExactSplat* exact = nullptr;      ///< Parallel to `splats`; read where k is kExactKernel.
+  const std::uint16_t* groups = nullptr;  ///< Parallel to `splats`; null where they do not matter.
+  const std::uint32_t* order = nullptr;   ///< Indices into them.
   std::size_t count = 0;
   float cutoff = 1;
   float lowpass2 = 1;       ///< Variance of the low-pass filter, pixels^2.

@@ -1,0 +1,36 @@
+#pragma once
+
+// Depth peeling of splats: what Zhang, Pajarola, "Single-Pass Point Rendering and Transparent
+// Shading", 2006 (SP06), compare their transparency with (section 2; Everitt 2001).
+
+#include <surfel/base/types.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/tile_raster.h>
+
+namespace surfel {
+
+/// What peeling needs of memory, kept from tile to tile.
+struct PeelScratch {
+  Array<float> planes;
+};
+
+/// What peeling found, summed over a frame.
+struct PeelStatistics {
+  int layers = 0;                     ///< Most layers that a pixel has, as far as peeled.
+  std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that.
+
+  void add(const PeelStatistics& other) {
+    layers = other.layers > layers ? other.layers : layers;
+    unpeeled_pixels += other.unpeeled_pixels;
+  }
+};
+
+/// Fills a tile's A-buffer, which must be empty, with the nearest, the second, ... surface of every
+/// pixel. A layer takes two passes over the splats: one finds the nearest fragment that no layer
+/// has, one sums up those within epsilon behind it that show the same side. (A fragment has been
+/// peeled if the last layer of its side reaches it; epsilon is the fragment's own.) A layer is
+/// complete before the next begins, so that nothing depends on the order of the splats but
+/// rounding. Ends when no fragment is left, or behind opaque surfaces that cover their pixel.
+PeelStatistics peel_tile(const TileJob& job, PeelScratch& scratch, TileABuffer& tile);
+
+}  // namespace surfel

@@ -1,0 +1,80 @@
+#pragma once
+
+// Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06): sections 3.2
+// and 5.1, a tile at a time.
+
+#include <cstddef>
+
+#include <surfel/base/types.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/renderer.h>
+#include <surfel/render/splat.h>
+#include <surfel/render/tile_raster.h>
+
+namespace surfel {
+
+/// Which fragments of a group lie in the same layer, for one frame.
+struct LayerRule {
+  Voronoi voronoi = Voronoi::kWindowed;
+  bool orthographic = false;
+  float nearest = 0;         ///< d_min of SP06 (6): least z of the scene.
+  float steps_per_unit = 1;  ///< n / (d_max - d_min) there.
+};
+
+/// The images I_k of a tile, one for each group: of every pixel the one fragment that won (SP06
+/// (4)). As nothing is interpolated, a fragment names its splat instead of keeping its attributes.
+/// SP06 keeps the nearest layer; with more than one, each group keeps what it saw behind it, which
+/// shows at the edges of what is in front.
+class GroupImages {
+ public:
+  /// Planes of kTilePixels floats.
+  enum Channel : int {
+    kSum,    ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
+    kRho,    ///< Weight w_i.
+    kDepth,  ///< c_d: nearness, as in Splat.
+    kReach,  ///< kDepth plus epsilon: a surface as near as this is the same.
+    kKey,    ///< What Voronoi rasterisation compares.
+    kEntry,  ///< Index of the splat, times 2, plus 1 if its front is seen; bits.
+    kChannels
+  };
+
+  /// Makes empty images of `layers` layers for each of `groups` groups. Keeps its memory.
+  void reset(int groups, int layers);
+  int groups() const { return groups_; }
+  int layers() const { return layers_; }
+  /// Number of a group's image; the nearest layers of all groups come first.
+  int image(int group, int layer) const { return layer * groups_ + group; }
+  float* plane(int image, int channel) {
+    return data_.data() + (static_cast<std::size_t>(image) * kChannels + channel) * kTilePixels;
+  }
+
+ private:
+  int groups_ = 0;
+  int layers_ = 0;
+  Array<float> data_;
+};
+
+/// Geometry pass of SP06's Algorithm 1: rasterises splats into the images of their groups, where
+/// the nearest fragment of a pixel wins. Among those of one layer (`rule`) the one that lies nearer
+/// to its splat's centre does, in units of the splat's size, sqrt(beta / cutoff): the splats of a
+/// group that overlap are cut where they meet instead of lapping over one another (Voronoi
+/// rasterisation).
+///   kQuantised: SP06 (10), the least of floor((z - d_min) / (d_max - d_min) n) + sqrt(beta /
+///     cutoff). It cuts a surface wherever it crosses a step of the depth.
+///   kWindowed: layers are told apart by |difference of depth| < epsilon and the side seen.
+///   kOff: the nearest.
+/// The kernels of fragments that lose to one of their surface still count for its coverage (SS01
+/// section 7), which SP06 has not: a sum is kept for it.
+/// Splats behind a surface that already covers the tile are skipped, where nothing of them would be
+/// seen: in opaque pictures, and where a single layer is kept.
+/// \param weights  a tile's weights that cover a pixel, see TileABuffer.
+void rasterize_groups(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
+                      GroupImages& images);
+
+/// Compositing pass, SP06 figure 5: of every pixel the fragments of all images within epsilon of
+/// the nearest one, and of its side, are averaged by their weights to the surface's fragment in the
+/// A-buffer, which must be empty. Where that does not cover its pixel, at its edge, the same is
+/// done with the fragments left over, up to the A-buffer's number of layers. Uses up the images.
+void composite_groups(const TileJob& job, GroupImages& images, TileABuffer& tile);
+
+}  // namespace surfel

@@ -1,0 +1,263 @@
+// Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006: Algorithm 2.
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <utility>
+
+#include <surfel/render/layer_blend.h>
+#include <surfel/render/shading.h>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "surfel/render/layer_blend.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+#include <surfel/base/function_ref.h>
+#include <surfel/render/kernel_raster-inl.h>
+
+#ifndef SURFEL_RENDER_LAYER_BLEND_ONCE
+#define SURFEL_RENDER_LAYER_BLEND_ONCE
+namespace surfel {
+namespace {
+
+/// A fragment of a group's image.
+struct LayerFragment {
+  int pixel;
+  float depth;
+  float epsilon;
+  float key;  ///< sqrt(beta / cutoff).
+};
+
+}  // namespace
+}  // namespace surfel
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace surfel {
+namespace HWY_NAMESPACE {
+
+/// Calls take(splat's index, its fragment) back to front.
+void for_each_fragment_simd(
+    const TileJob& job, int x0, int y0,
+    FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
+  const D d;
+  const KernelRaster raster(job, x0, y0);
+  const V cutoff = hn::Set(d, raster.cutoff());
+  const V inv_cutoff = hn::Set(d, 1 / raster.cutoff());
+  HWY_ALIGN float depths[kTileSize];
+  HWY_ALIGN float epsilons[kTileSize];
+  HWY_ALIGN float keys[kTileSize];
+  for (std::size_t i = job.count; i-- > 0;) {
+    const std::uint32_t index = job.order[i];
+    raster.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon, const auto&) HWY_ATTR {
+      const M inside = hn::Lt(beta, cutoff);
+      if (hn::AllFalse(d, inside)) return;
+      hn::Store(depth, d, depths);
+      hn::Store(epsilon, d, epsilons);
+      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
+                keys);
+      for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+        if (keys[lane] < 0) continue;
+        take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
+      }
+    });
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace surfel
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace surfel {
+namespace {
+
+HWY_EXPORT(for_each_fragment_simd);
+
+using Pending = LayerScratch::Pending;
+using State = LayerScratch::State;
+
+class Blender {
+ public:
+  Blender(const TileJob& job, const LayerRule& rule, const NearestLayer* masked,
+          const TileABuffer& tile, LayerScratch& scratch)
+      : job_(job), rule_(rule), masked_(masked), tile_(tile), scratch_(scratch) {}
+
+  std::uint64_t run(int groups) {
+    scratch_.states.assign(static_cast<std::size_t>(groups) * kTilePixels, State{});
+    scratch_.pixels.assign(kTilePixels, BlendedPixel{});
+    HWY_DYNAMIC_DISPATCH(for_each_fragment_simd)
+    (job_, tile_.x0, tile_.y0,
+     [&](std::uint32_t index, const LayerFragment& fragment) { take(index, fragment); });
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      for (int group = 0; group < groups; ++group) finish(state(group, pixel), groups, pixel);
+    }
+    return culled_;
+  }
+
+ private:
+  State& state(int group, int pixel) {
+    return scratch_.states[static_cast<std::size_t>(group) * kTilePixels + pixel];
+  }
+
+  bool in_nearest_layer(const LayerFragment& f, bool front) const {
+    if (!masked_) return false;
+    const NearestLayer& nearest = masked_[f.pixel];
+    return f.depth >= nearest.depth ||
+           (front == nearest.front && f.depth + f.epsilon >= nearest.depth);
+  }
+
+  float step(float depth) const {
+    const float z = rule_.orthographic ? -depth : 1.0F / depth;
+    return std::floor((z - rule_.nearest) * rule_.steps_per_unit);  // (6)
+  }
+
+  bool same_layer(float depth, float other, float epsilon) const {
+    switch (rule_.voronoi) {
+      case Voronoi::kOff:
+        return false;
+      case Voronoi::kQuantised:
+        return step(depth) == step(other);
+      case Voronoi::kWindowed:
+        break;
+    }
+    return std::abs(depth - other) < epsilon;
+  }
+
+  void take(std::uint32_t index, const LayerFragment& f) {
+    if (tile_pixel_x(f.pixel) >= tile_.width || tile_pixel_y(f.pixel) >= tile_.height) return;
+    const std::uint32_t side = job_.splats[index].tag & kFrontTag;
+    if (in_nearest_layer(f, side != 0)) return;
+    State& s = state(job_.groups[index], f.pixel);
+    Pending& pending = s.side[side];
+    if (pending.splat >= 0) {
+      if (same_layer(f.depth, pending.depth, f.epsilon)) {
+        ++culled_;
+        if (f.key < pending.key) put(pending, index, f);
+        return;
+      }
+      if (f.depth < pending.depth) {
+        // Its splat's centre lies in front of what is behind, this fragment does not.
+        if (pending.any_blended && same_layer(f.depth, pending.blended, f.epsilon)) {
+          ++culled_;
+          return;
+        }
+        const Rgba color = shaded(index, f.pixel, f.depth);
+        if (f.depth >= pending.blended) {
+          over(s, color);
+          pending.blended = f.depth;
+          pending.any_blended = true;
+        } else {
+          s.color.composite(color);
+        }
+        ++s.layers;
+        return;
+      }
+      // The layer is over, and what the other side has of layers behind it is, too.
+      Pending& other = s.side[1 - side];
+      if (other.splat >= 0 && other.depth < pending.depth) flush(s, other, f.pixel);
+      flush(s, pending, f.pixel);
+    }
+    put(pending, index, f);
+  }
+
+  static void put(Pending& pending, std::uint32_t index, const LayerFragment& f) {
+    pending.depth = f.depth;
+    pending.key = f.key;
+    pending.splat = index;
+  }
+
+  static void over(State& s, Rgba front) {
+    front.composite(s.color);
+    s.color = front;
+  }
+
+  void flush(State& s, Pending& pending, int pixel) {
+    over(s, shaded(static_cast<std::uint32_t>(pending.splat), pixel, pending.depth));
+    ++s.layers;
+    pending.blended = pending.depth;
+    pending.any_blended = true;
+    pending.splat = -1;
+  }
+
+  Fragment fragment(std::uint32_t index, float depth) const {
+    const Splat& splat = job_.splats[index];
+    Fragment out{};
+    float* c = out.channel;
+    c[kWeight] = 1;
+    c[kDepth] = depth;
+    c[kRed] = splat.red;
+    c[kGreen] = splat.green;
+    c[kBlue] = splat.blue;
+    c[kAlpha] = splat.alpha;
+    c[kTag] = std::bit_cast<float>(splat.tag);
+    if (job_.normals) {
+      c[kNormalX] = job_.normals[index].x;
+      c[kNormalY] = job_.normals[index].y;
+      c[kNormalZ] = job_.normals[index].z;
+    }
+    return out;
+  }
+
+  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
+    return tile_.shader->shade(fragment(index, depth),
+                               static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
+                               static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
+  }
+
+  /// Blends what is pending, and adds a group's share to the mean.
+  void finish(State& s, int groups, int pixel) {
+    Pending* far = &s.side[0];
+    Pending* near = &s.side[1];
+    if (far->splat >= 0 && near->splat >= 0 && far->depth > near->depth) std::swap(far, near);
+    if (near->splat < 0) std::swap(far, near);
+    if (near->splat < 0) return;
+    BlendedPixel& out = scratch_.pixels[pixel];
+    add(out.nearest, fragment(static_cast<std::uint32_t>(near->splat), near->depth));
+    if (far->splat >= 0) flush(s, *far, pixel);
+    flush(s, *near, pixel);
+    const float share = 1.0F / static_cast<float>(groups);
+    out.color.red += s.color.red * share;
+    out.color.green += s.color.green * share;
+    out.color.blue += s.color.blue * share;
+    out.color.alpha += s.color.alpha * share;
+    out.layers += static_cast<float>(s.layers) * share;
+  }
+
+  static void add(Fragment& sum, const Fragment& f) {
+    const bool first = sum.channel[kWeight] == 0;
+    const float tag = first ? f.channel[kTag] : sum.channel[kTag];
+    for (int c = 0; c <= kNormalZ; ++c) sum.channel[c] += f.channel[c];
+    sum.channel[kTag] = tag;
+  }
+
+  const TileJob& job_;
+  const LayerRule& rule_;
+  const NearestLayer* masked_;
+  const TileABuffer& tile_;
+  LayerScratch& scratch_;
+  std::uint64_t culled_ = 0;
+};
+
+}  // namespace
+
+Fragment BlendedPixel::merged() const {
+  if (!(layers > 0)) return {};
+  Fragment out = nearest;
+  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] /= nearest.channel[kWeight];
+  out.channel[kWeight] = -layers;
+  out.channel[kRed] = color.red;
+  out.channel[kGreen] = color.green;
+  out.channel[kBlue] = color.blue;
+  out.channel[kAlpha] = color.alpha;
+  return out;
+}
+
+std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, int groups,
+                           const NearestLayer* masked, const TileABuffer& weights,
+                           LayerScratch& scratch) {
+  return Blender(job, rule, masked, weights, scratch).run(groups);
+}
+
+}  // namespace surfel
+#endif
