@@ -62,7 +62,7 @@ struct RenderOptions {
   Voronoi voronoi = Voronoi::kWindowed;  ///< Of the methods with groups.
   int peel = 8;                          ///< Of kDepthPeel: most layers, 1..64.
   Kernel kernel = Kernel::kAuto;
-  double kernel_tolerance = 0.5;  ///< Of Kernel::kAuto, pixels, > 0.
+  double kernel_tolerance = 0.1;  ///< Of Kernel::kAuto, pixels, > 0.
   Filter filter = Filter::kEwa;   ///< kCircular is affine: it needs another kernel than the exact.
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
