@@ -74,6 +74,19 @@ void declare(tool::Tool& tool, Request& r) {
       "Squares, pairs of spokes or noise cells per unit of uv, for --texture and images");
 }
 
+/// Options that do nothing for the kind asked for must not be given.
+void refuse(tool::Tool& tool, const std::string& kind, const std::vector<std::string>& options) {
+  for (const std::string& option : options) {
+    if (tool.app().get_option(option)->count() > 0) {
+      throw_usage(fmt::format("{} has no effect on {}; leave it out", option, kind));
+    }
+  }
+}
+
+/// Of surfels and meshes alone.
+const std::vector<std::string> kSurfaceOptions{"--count", "--jitter",  "--variance-scale",
+                                               "--mesh",  "--texture", "--resolution"};
+
 void write_picture(const tool::Tool& tool, const Image& image, const std::string& path) {
   ImageWriteOptions options;
   options.no_clobber = tool.common().no_clobber;
@@ -87,7 +100,9 @@ const std::string& picture_path(const Request& r) {
   return path;
 }
 
-void generate_sky(const tool::Tool& tool, const Request& r) {
+void generate_sky(tool::Tool& tool, const Request& r) {
+  refuse(tool, r.kind, kSurfaceOptions);
+  refuse(tool, r.kind, {"--seed", "--frequency"});
   const std::string& path = picture_path(r);
   const std::string extension = std::filesystem::path(path).extension();
   if (extension != ".exr" && extension != ".hdr") {
@@ -97,7 +112,8 @@ void generate_sky(const tool::Tool& tool, const Request& r) {
                 path);
 }
 
-void generate_picture(const tool::Tool& tool, const Request& r) {
+void generate_picture(tool::Tool& tool, const Request& r) {
+  refuse(tool, r.kind, kSurfaceOptions);
   ProceduralTextureOptions options;
   options.frequency = r.frequency;
   options.seed = r.surfels.seed;
