@@ -70,7 +70,7 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
   tool::add_text(app, "--lambda", "X", "auto",
                  "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
-                 "0..1e6, or auto: render 1e-3 (from colors 0.5), gram what keeps the condition "
+                 "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
                  "below 1e6",
                  [&s](const std::string& text) {
                    if (text == "auto") {

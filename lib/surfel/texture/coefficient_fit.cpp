@@ -146,22 +146,21 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
   report.times.add("solve", timer.milliseconds());
 }
 
-void fit_render(SurfelCloud& cloud, PointColors colors, double lambda, bool alpha,
-                const TextureFitOptions& options, TextureFitReport& report) {
+void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOptions& render_options,
+                bool alpha, const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   Timer timer;
   const SurfelBasis& basis = colors.basis;
   Quadrature quadrature = colors.quadrature;
   leave_out_unknown(quadrature, colors.color, colors.known);
-  const RenderSystem render = assemble_render_system(
-      basis, quadrature, {.cutoff = options.cutoff, .regularization = lambda});
+  const RenderSystem render = assemble_render_system(basis, quadrature, render_options);
   const Array<Channels> w_ewa = coefficients_of(cloud, basis, alpha);
   const Array<Channels> b = render.right_side(colors.color, w_ewa);
   system.functions = basis.size();
   system.entries = render.normal_matrix.entries();
   system.points = quadrature.size();
-  system.uncovered = render.uncovered;
-  system.lambda = lambda;
+  system.uncovered = render.near.uncovered;
+  system.lambda = render_options.regularization;
   report.times.add("assembly", timer.milliseconds());
   tell(options, 0.5);
 
@@ -186,7 +185,7 @@ void fit_render(SurfelCloud& cloud, PointColors colors, double lambda, bool alph
     system.error = error(w);
   }
   store(w, basis, alpha, cloud);
-  cloud.basis_cutoff = options.cutoff;
+  cloud.basis_cutoff = render_options.cutoff;
 }
 
 }  // namespace surfel

@@ -24,7 +24,10 @@ constexpr double kCoincident = 1e-6;
 /// A function takes part at most this many times its reach, squared, from the points' disc: as far
 /// from its own centre as along the line of sight.
 constexpr double kPlanarReach2 = 2;
-/// Variance that points are filtered with, by the area that each stands for.
+/// Variance that points are filtered with, by the area of their cell: less lets in detail that
+/// functions cannot hold, more costs sharpness.
+constexpr double kCellVariance = 0.0625;
+/// The least, by the area that each point stands for: no detail may fall between them.
 constexpr double kPointVariance = 0.25;
 
 double reach_of(const SurfelBasis::Function& f, double cutoff) {
@@ -224,7 +227,7 @@ SparseMatrix join(std::vector<RowChunk> chunks, std::size_t columns) {
 
 std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrain; }
 
-/// Fills A, and the owners by function.
+/// Evaluates a basis at points.
 class Assembler {
  public:
   Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff)
@@ -233,7 +236,9 @@ class Assembler {
         cutoff_(cutoff),
         tree_(basis, kPlanarReach2 * cutoff) {}
 
-  void run(RenderSystem& system) {
+  EvaluatedBasis run() {
+    EvaluatedBasis result;
+    result.point_begin = quadrature_.begin;
     const std::size_t count = basis_.size();
     std::vector<RowChunk> rows(chunk_count(count));
     std::vector<RowChunk> reaching(rows.size());
@@ -246,9 +251,10 @@ class Assembler {
       rows[chunk] = worker.rows.take();
       reaching[chunk] = worker.reaching.take();
     });
-    for (const std::size_t n : uncovered) system.uncovered += n;
-    system.A = join(std::move(rows), count);
-    transpose(reaching, system);
+    for (const std::size_t n : uncovered) result.uncovered += n;
+    result.A = join(std::move(rows), count);
+    transpose(reaching, result);
+    return result;
   }
 
  private:
@@ -315,7 +321,7 @@ class Assembler {
     worker.reaches.assign(worker.seen.size(), 0);
   }
 
-  void transpose(const std::vector<RowChunk>& reaching, RenderSystem& system) const {
+  void transpose(const std::vector<RowChunk>& reaching, EvaluatedBasis& result) const {
     const auto for_each = [&](const auto& body) {
       std::uint32_t i = 0;
       for (const RowChunk& chunk : reaching) {
@@ -326,14 +332,14 @@ class Assembler {
         }
       }
     };
-    system.owner_begin.assign(basis_.size() + 1, 0);
-    for_each([&](std::uint32_t, std::uint32_t k) { ++system.owner_begin[k + 1]; });
+    result.owner_begin.assign(basis_.size() + 1, 0);
+    for_each([&](std::uint32_t, std::uint32_t k) { ++result.owner_begin[k + 1]; });
     for (std::size_t k = 0; k < basis_.size(); ++k) {
-      system.owner_begin[k + 1] += system.owner_begin[k];
+      result.owner_begin[k + 1] += result.owner_begin[k];
     }
-    system.owner.resize(system.owner_begin.back());
-    Array<std::uint64_t> next = system.owner_begin;
-    for_each([&](std::uint32_t i, std::uint32_t k) { system.owner[next[k]++] = i; });
+    result.owner.resize(result.owner_begin.back());
+    Array<std::uint64_t> next = result.owner_begin;
+    for_each([&](std::uint32_t i, std::uint32_t k) { result.owner[next[k]++] = i; });
   }
 
   const SurfelBasis& basis_;
@@ -344,11 +350,11 @@ class Assembler {
 
 /// Calls body(q, e) for every entry e of A in column k, q being its row, in ascending order.
 template <class Body>
-void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
-  const SparseMatrix& A = system.A;
-  for (std::size_t o = system.owner_begin[k]; o < system.owner_begin[k + 1]; ++o) {
-    const std::size_t i = system.owner[o];
-    for (std::size_t q = system.point_begin[i]; q < system.point_begin[i + 1]; ++q) {
+void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
+  const SparseMatrix& A = basis.A;
+  for (std::size_t o = basis.owner_begin[k]; o < basis.owner_begin[k + 1]; ++o) {
+    const std::size_t i = basis.owner[o];
+    for (std::size_t q = basis.point_begin[i]; q < basis.point_begin[i + 1]; ++q) {
       for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
         if (A.column[e] < k) continue;
         if (A.column[e] == k) body(q, e);
@@ -358,9 +364,9 @@ void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
   }
 }
 
-/// A^T A. Both halves are summed in the order of the points, hence symmetric to the bit.
+/// A^T A + mu B^T B. Both halves are summed in the order of the points, hence symmetric to the bit.
 SparseMatrix normal_product(const RenderSystem& system) {
-  const SparseMatrix& A = system.A;
+  const std::size_t columns = system.near.A.columns;
   constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
   struct Entry {
     std::uint32_t column;
@@ -372,27 +378,32 @@ SparseMatrix normal_product(const RenderSystem& system) {
     RowChunk rows;
   };
   std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
-  std::vector<RowChunk> chunks(chunk_count(A.columns));
-  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+  std::vector<RowChunk> chunks(chunk_count(columns));
+  parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
     Worker& worker = workers[static_cast<std::size_t>(w)];
     Array<std::uint32_t>& place = worker.place;
     std::vector<Entry>& row = worker.row;
     RowChunk& rows = worker.rows;
-    if (place.empty()) place.assign(A.columns, kFree);
+    if (place.empty()) place.assign(columns, kFree);
     for (std::size_t k = begin; k < end; ++k) {
       // The diagonal is there even where it is zero: lambda is added to it.
       row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
       place[k] = 0;
-      for_column(system, k, [&](std::size_t q, std::size_t entry) {
-        for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-          std::uint32_t& at = place[A.column[e]];
-          if (at == kFree) {
-            at = static_cast<std::uint32_t>(row.size());
-            row.push_back({A.column[e], 0.0});
+      const auto add = [&](const EvaluatedBasis& basis, double weight) {
+        const SparseMatrix& A = basis.A;
+        for_column(basis, k, [&](std::size_t q, std::size_t entry) {
+          for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+            std::uint32_t& at = place[A.column[e]];
+            if (at == kFree) {
+              at = static_cast<std::uint32_t>(row.size());
+              row.push_back({A.column[e], 0.0});
+            }
+            row[at].value += weight * (A.value[entry] * A.value[e]);
           }
-          row[at].value += A.value[entry] * A.value[e];
-        }
-      });
+        });
+      };
+      add(system.near, 1);
+      if (system.mu > 0) add(system.far, system.mu);
       for (const Entry& e : row) place[e.column] = kFree;
       std::sort(row.begin(), row.end(),
                 [](const Entry& a, const Entry& b) { return a.column < b.column; });
@@ -401,7 +412,7 @@ SparseMatrix normal_product(const RenderSystem& system) {
     }
     chunks[begin / kGrain] = rows.take();
   });
-  return join(std::move(chunks), A.columns);
+  return join(std::move(chunks), columns);
 }
 
 /// Calls body(value) for every diagonal entry.
@@ -413,6 +424,21 @@ void for_diagonal(SparseMatrix& matrix, const Body& body) {
     body(matrix.value[static_cast<std::size_t>(std::lower_bound(begin, end, k) -
                                                matrix.column.begin())]);
   }
+}
+
+/// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
+double kept_variance(double cutoff) { return 1 - cutoff / std::expm1(cutoff); }
+
+/// The functions on screen where the pixel filter, truncated, is as wide as they.
+SurfelBasis minified(const SurfelBasis& basis, double cutoff) {
+  const double widening = 1 + 1 / kept_variance(cutoff);
+  SurfelBasis wide;
+  wide.function = basis.function;
+  for (SurfelBasis::Function& f : wide.function) {
+    f.variance_u *= widening;
+    f.variance_v *= widening;
+  }
+  return wide;
 }
 
 }  // namespace
@@ -434,7 +460,8 @@ Quadrature cover_surface(const SurfelBasis& basis, int points) {
     VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
     for (std::size_t i = begin; i < end; ++i) {
       cut_cell(basis, tree, i, cell);
-      quadrature.variance[i] = static_cast<float>(kPointVariance * cell.area() / points);
+      quadrature.variance[i] =
+          static_cast<float>(std::max(kCellVariance, kPointVariance / points) * cell.area());
       // Kronecker sequence of the golden ratio.
       for (std::size_t q = 0; q < m; ++q) {
         const auto n = static_cast<double>(q);
@@ -461,6 +488,9 @@ std::vector<std::string> RenderSystemOptions::problems() const {
   if (!(cutoff >= 0.1 && cutoff <= 16)) {
     found.push_back(fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
   }
+  if (!(minified >= 0 && minified <= 1e6)) {
+    found.push_back(fmt::format("minified is {}; it must be in 0..1e6", minified));
+  }
   if (!(regularization > 0 && regularization <= 1e6)) {
     found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
   }
@@ -471,8 +501,14 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
                                     const RenderSystemOptions& options) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   RenderSystem system;
-  system.point_begin = quadrature.begin;
-  Assembler(basis, quadrature, options.cutoff).run(system);
+  system.near = Assembler(basis, quadrature, options.cutoff).run();
+  if (options.minified > 0 && basis.size() > 0) {
+    system.mu = options.minified * static_cast<double>(quadrature.size()) /
+                static_cast<double>(basis.size());
+    const SurfelBasis wide = minified(basis, options.cutoff);
+    const Quadrature centers = at_functions(wide);
+    system.far = Assembler(wide, centers, options.cutoff).run();
+  }
   system.normal_matrix = normal_product(system);
   double trace = 0;
   for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
@@ -484,11 +520,15 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
 
 Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
                                          const Array<Channels>& w_0) const {
-  Array<Channels> b(A.columns);
+  Array<Channels> b(near.A.columns);
   parallel_for(b.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t k = begin; k < end; ++k) {
       Channels sum = Channels::Zero();
-      for_column(*this, k, [&](std::size_t q, std::size_t e) { sum += A.value[e] * f[q]; });
+      for_column(near, k, [&](std::size_t q, std::size_t e) { sum += near.A.value[e] * f[q]; });
+      if (mu > 0) {
+        for_column(far, k,
+                   [&](std::size_t q, std::size_t e) { sum += mu * far.A.value[e] * w_0[q]; });
+      }
       b[k] = sum + lambda * w_0[k];
     }
   });
@@ -496,6 +536,7 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
 }
 
 Channels RenderSystem::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
+  const SparseMatrix& A = near.A;
   std::vector<Channels> sums(chunk_count(A.rows()), Channels::Zero());
   parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t q = begin; q < end; ++q) {

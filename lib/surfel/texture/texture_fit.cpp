@@ -120,9 +120,10 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       report.times.add("points", timer.milliseconds());
       PointColors colors{.basis = basis, .quadrature = quadrature};
       fit_ewa(cloud, textures, options, report, &colors);
-      fit_render(cloud, std::move(colors),
-                 options.lambda.value_or(RenderSystemOptions{}.regularization), report.alpha,
-                 options, report);
+      RenderSystemOptions render;
+      render.cutoff = options.cutoff;
+      render.regularization = options.lambda.value_or(render.regularization);
+      fit_render(cloud, std::move(colors), render, report.alpha, options, report);
     }
   }
   measure(cloud, report);
@@ -157,8 +158,12 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
         colors.color.push_back(color);
       }
       colors.known.assign(basis.size(), 1);
-      fit_render(cloud, std::move(colors), options.lambda.value_or(kColorRegularization), false,
-                 options, report);
+      // The samples are not filtered: there is nothing to minify to.
+      const RenderSystemOptions render{
+          .cutoff = options.cutoff,
+          .minified = 0,
+          .regularization = options.lambda.value_or(kColorRegularization)};
+      fit_render(cloud, std::move(colors), render, false, options, report);
     }
   }
   measure(cloud, report);

@@ -42,7 +42,7 @@ struct SURFEL_API TextureFitOptions {
   FitSolver solver = FitSolver::kConjugateGradients;
   double tolerance = 1e-5;  ///< Of conjugate gradients, relative residual, 1e-14 to 0.1.
   /// Weight of |w - w_ewa|^2 by the mean of the system's diagonal, 0 (kGram only) to 1e6. Unset:
-  /// render 1e-3; gram as much as brings the condition down to 1e6, 0 if it is less.
+  /// render 0.03; gram as much as brings the condition down to 1e6, 0 if it is less.
   std::optional<double> lambda{};
   std::optional<CoefficientBounds>
       bounds{};       ///< Coefficients stay within; kConjugateGradients only.
