@@ -174,11 +174,15 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   return true;
 }
 
+/// What the assembler writes of a kernel at a point.
+enum class Entry { kNormalised, kExponent };
+
 /// Rows that one range of a loop has made, one after the other.
 struct RowChunk {
   Array<std::uint64_t> row_end;  ///< Counted from the chunk's first entry.
   Array<std::uint32_t> column;
   Array<double> value;
+  Array<float> coverage;  ///< Of every row, if it was asked for.
 
   void add(std::uint32_t c, double v) {
     column.push_back(c);
@@ -191,6 +195,7 @@ struct RowChunk {
     row_end.clear();
     column.clear();
     value.clear();
+    coverage.clear();
     return taken;
   }
 };
@@ -224,13 +229,15 @@ SparseMatrix join(std::vector<RowChunk> chunks, std::size_t columns) {
 
 std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrain; }
 
-/// Fills A, and the owners by function.
+/// Fills A (or the exponents), and the owners by function.
 class Assembler {
  public:
-  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff)
+  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff,
+            Entry entry = Entry::kNormalised)
       : basis_(basis),
         quadrature_(quadrature),
         cutoff_(cutoff),
+        entry_(entry),
         tree_(basis, kPlanarReach2 * cutoff) {}
 
   void run(RenderSystem& system) {
@@ -247,6 +254,10 @@ class Assembler {
       reaching[chunk] = worker.reaching.take();
     });
     for (const std::size_t n : uncovered) system.uncovered += n;
+    system.coverage.reserve(quadrature_.size());
+    for (const RowChunk& chunk : rows) {
+      system.coverage.insert(system.coverage.end(), chunk.coverage.begin(), chunk.coverage.end());
+    }
     system.A = join(std::move(rows), count);
     transpose(reaching, system);
   }
@@ -283,11 +294,14 @@ class Assembler {
         const double beta = 0.5 * (u * u + v * v);
         if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
         const double r = f.peak * std::exp(-beta);
-        rows.add(f.index, r);
+        rows.add(f.index, entry_ == Entry::kNormalised ? r : beta);
         reaches[s] = 1;
         sum += r;
       }
-      for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      if (entry_ == Entry::kNormalised) {
+        for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      }
+      rows.coverage.push_back(static_cast<float>(sum));
       if (rows.value.size() == first) ++uncovered;
       rows.end_row();
     }
@@ -339,6 +353,7 @@ class Assembler {
   const SurfelBasis& basis_;
   const Quadrature& quadrature_;
   double cutoff_;
+  Entry entry_;
   ReachTree tree_;
 };
 
@@ -358,17 +373,18 @@ void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
   }
 }
 
-/// A^T A. Both halves are summed in the order of the points, hence symmetric to the bit.
-SparseMatrix normal_product(const RenderSystem& system) {
+/// A^T A, or A^T D A with the diagonal D of `weight` if that is not null. Both halves are summed in
+/// the order of the points, hence symmetric to the bit.
+SparseMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
   const SparseMatrix& A = system.A;
   constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  struct Entry {
+  struct Sum {
     std::uint32_t column;
     double value;
   };
   struct Worker {
     Array<std::uint32_t> place;  ///< Of a column in `row`.
-    std::vector<Entry> row;
+    std::vector<Sum> row;
     RowChunk rows;
   };
   std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
@@ -376,7 +392,7 @@ SparseMatrix normal_product(const RenderSystem& system) {
   parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
     Worker& worker = workers[static_cast<std::size_t>(w)];
     Array<std::uint32_t>& place = worker.place;
-    std::vector<Entry>& row = worker.row;
+    std::vector<Sum>& row = worker.row;
     RowChunk& rows = worker.rows;
     if (place.empty()) place.assign(A.columns, kFree);
     for (std::size_t k = begin; k < end; ++k) {
@@ -384,24 +400,36 @@ SparseMatrix normal_product(const RenderSystem& system) {
       row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
       place[k] = 0;
       for_column(system, k, [&](std::size_t q, std::size_t entry) {
+        const double d = weight ? (*weight)[q] : 1;
         for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
           std::uint32_t& at = place[A.column[e]];
           if (at == kFree) {
             at = static_cast<std::uint32_t>(row.size());
             row.push_back({A.column[e], 0.0});
           }
-          row[at].value += A.value[entry] * A.value[e];
+          row[at].value += d * (A.value[entry] * A.value[e]);
         }
       });
-      for (const Entry& e : row) place[e.column] = kFree;
+      for (const Sum& e : row) place[e.column] = kFree;
       std::sort(row.begin(), row.end(),
-                [](const Entry& a, const Entry& b) { return a.column < b.column; });
-      for (const Entry& e : row) rows.add(e.column, e.value);
+                [](const Sum& a, const Sum& b) { return a.column < b.column; });
+      for (const Sum& e : row) rows.add(e.column, e.value);
       rows.end_row();
     }
     chunks[begin / kGrain] = rows.take();
   });
   return join(std::move(chunks), A.columns);
+}
+
+/// (A w - f)_q, zero at uncovered points.
+Channels residual_at(const SparseMatrix& A, std::size_t q, const Array<Channels>& w,
+                     const Array<Channels>& f) {
+  if (A.row_begin[q] == A.row_begin[q + 1]) return Channels::Zero();
+  Channels r = -f[q];
+  for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+    r += A.value[e] * w[A.column[e]];
+  }
+  return r;
 }
 
 /// Calls body(value) for every diagonal entry.
@@ -464,6 +492,9 @@ std::vector<std::string> RenderSystemOptions::problems() const {
   if (!(regularization > 0 && regularization <= 1e6)) {
     found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
   }
+  if (lambda && !(*lambda > 0 && std::isfinite(*lambda))) {
+    found.push_back(fmt::format("lambda is {}; it must be positive", *lambda));
+  }
   return found;
 }
 
@@ -477,7 +508,7 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
   double trace = 0;
   for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
   const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
-  system.lambda = options.regularization * (mean > 0 ? mean : 1);
+  system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for_diagonal(system.normal_matrix, [&](double& d) { d += system.lambda; });
   return system;
 }
@@ -495,21 +526,39 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
   return b;
 }
 
+Array<Channels> RenderSystem::residuals(const Array<Channels>& w, const Array<Channels>& f) const {
+  Array<Channels> residual(A.rows());
+  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) residual[q] = residual_at(A, q, w, f);
+  });
+  return residual;
+}
+
 Channels RenderSystem::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
   std::vector<Channels> sums(chunk_count(A.rows()), Channels::Zero());
   parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t q = begin; q < end; ++q) {
-      if (A.row_begin[q] == A.row_begin[q + 1]) continue;
-      Channels r = -f[q];
-      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-        r += A.value[e] * w[A.column[e]];
-      }
-      sums[begin / kGrain] += r.square();
+      sums[begin / kGrain] += residual_at(A, q, w, f).square();
     }
   });
   Channels total = Channels::Zero();
   for (const Channels& sum : sums) total += sum;
   return total;
+}
+
+SparseMatrix RenderSystem::weighted_normal_matrix(const Array<double>& point,
+                                                  const Array<double>& pull) const {
+  SparseMatrix matrix = normal_product(*this, &point);
+  std::size_t k = 0;
+  for_diagonal(matrix, [&](double& d) { d += lambda * pull[k++]; });
+  return matrix;
+}
+
+SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                              double cutoff) {
+  RenderSystem system;
+  Assembler(basis, quadrature, cutoff, Entry::kExponent).run(system);
+  return std::move(system.A);
 }
 
 }  // namespace surfel

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,6 +48,7 @@ struct SURFEL_API RenderSystemOptions {
   /// noise, 1e-4 gains up to 1 dB where kernels overlap much (sigma = h, c = 4) and doubles the
   /// solver's steps; nothing changes where they do not.
   double regularization = 1e-3;
+  std::optional<double> lambda{};  ///< > 0; where set, lambda itself instead.
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
@@ -72,16 +74,26 @@ struct SURFEL_API RenderSystem {
   Array<std::uint64_t> owner_begin;
   Array<std::uint32_t> owner;
   Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
+  Array<float> coverage;  ///< Of every point sum_j r_j(u_q), what the renderer compares with tau.
 
   /// A^T f + lambda w_0. \param f  per point; ignored at uncovered ones. \param w_0  per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
   /// |A w - f|^2 over the covered points.
   Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// A w - f, zero at uncovered points.
+  Array<Channels> residuals(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// A^T D A + lambda P with the diagonal matrices D and P: the normal matrix where points and
+  /// pulls count by weights. \param point  per point. \param pull  per function.
+  SparseMatrix weighted_normal_matrix(const Array<double>& point, const Array<double>& pull) const;
 };
 
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.
 SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,
                                                const Quadrature& quadrature,
                                                const RenderSystemOptions& options = {});
+
+/// The same rows with beta in the place of A_qk, and kernels that end at `cutoff`.
+SURFEL_API SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                                         double cutoff);
 
 }  // namespace surfel

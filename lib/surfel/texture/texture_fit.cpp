@@ -95,7 +95,20 @@ std::vector<std::string> TextureFitOptions::problems() const {
                     bounds->lower < bounds->upper),
         "bounds must be two numbers, the lower first");
   check(!bounds || solver == FitSolver::kConjugateGradients,
-        "bounds need the solver cg; ldlt knows none");
+        "bounds need the solver cg; ldlt and ceres know none");
+  const auto needs_render = [&](bool used, const char* option) {
+    check(!used || kind == TextureFitKind::kRender,
+          fmt::format("{} has no effect without the render fit; leave it out", option));
+    check(!used || !bounds, fmt::format("{} and bounds do not go together", option));
+  };
+  needs_render(robust, "robust");
+  check(!robust || solver != FitSolver::kLdlt, "robust needs the solver cg or ceres");
+  check(!robust_scale || (*robust_scale > 0 && std::isfinite(*robust_scale)),
+        fmt::format("robust scale is {}; it must be positive", robust_scale.value_or(0)));
+  needs_render(refine_variance, "refine-variance");
+  check(!robust || !refine_variance, "robust and refine-variance do not go together");
+  check(coverage >= 0 && coverage <= 1e6,
+        fmt::format("coverage is {}; it must be 0 to 1e6", coverage));
   return found;
 }
 
@@ -132,6 +145,9 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
 TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                             const std::string& name) {
   require_usable(options);
+  if (options.refine_variance) {
+    throw_usage("refine-variance needs a texture: one colour a surfel does not tell its variance");
+  }
   check_kernels_present(cloud, name);
   if (!cloud.empty() && cloud.color.empty()) {
     throw_input(name, "the surfels have no colours (red, green, blue) to fit");
