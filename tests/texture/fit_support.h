@@ -8,8 +8,10 @@
 
 namespace surfel::test {
 
-/// Jittered grid of spacing 1 on the plane z = 0, side x side round functions.
+/// Jittered grid of spacing 1 on the plane z = 0, side x side round functions, with variances as
+/// files hold them.
 inline SurfelBasis flat_basis(int side, double sigma) {
+  const double variance = static_cast<double>(static_cast<float>(sigma * sigma));
   SurfelBasis basis;
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
@@ -19,8 +21,8 @@ inline SurfelBasis flat_basis(int side, double sigma) {
                                 {1, 0, 0},
                                 {0, 1, 0},
                                 {0, 0, 1},
-                                sigma * sigma,
-                                sigma * sigma,
+                                variance,
+                                variance,
                                 1});
       basis.surfel.push_back(static_cast<std::uint32_t>(k));
     }

@@ -58,7 +58,7 @@ TEST(CeresSolver, LeastSquaresAreTheFactorisations) {
 }
 
 TEST(CeresSolver, SystemsOfEquationsAreTheFactorisations) {
-  const SurfelBasis basis = flat_basis(12, 0.8);
+  const SurfelBasis basis = flat_basis(9, 0.8);
   GramSystem gram = make_gram_system(basis);
   add_to_diagonal(gram.matrix, 1e-5);
   Array<Channels> b(basis.size());

@@ -67,8 +67,8 @@ TEST(VarianceFit, LowersTheObjectiveWithinItsBounds) {
     EXPECT_LT(r.report.objective, 0.9 * r.report.objective_start);
     // What is reported is what the basis that comes out gives.
     EXPECT_NEAR(r.objective(r.before), r.report.objective_start, 1e-9);
-    const RenderSystem again = assemble_render_system(
-        r.basis, r.points, {.cutoff = cutoff, .lambda = r.before.lambda});
+    const RenderSystem again =
+        assemble_render_system(r.basis, r.points, {.cutoff = cutoff, .lambda = r.before.lambda});
     EXPECT_NEAR(r.objective(again), r.report.objective, 1e-9);
     EXPECT_LT(r.report.sigma_min, 1);
     EXPECT_GT(r.report.sigma_max, 1);
@@ -129,13 +129,14 @@ TEST(VarianceFit, OddBasesAreSurvived) {
 TEST(VarianceFit, DoesNotDependOnTheThreads) {
   const auto run = [](int threads) {
     set_thread_count(threads);
-    Result r = refine(flat_basis(40, 0.9), 1);
+    Result r = refine(flat_basis(28, 0.9), 1);
     set_thread_count(0);
     return r;
   };
   const Result one = run(1);
   const Result three = run(3);
-  ASSERT_GT(one.points.size(), std::size_t{8192});  // More than one of the ranges that are added up.
+  ASSERT_GT(one.points.size(),
+            std::size_t{4096});  // More than one of the ranges that are added up.
   EXPECT_EQ(test::largest_difference(one.w, three.w), 0);
   for (std::size_t k = 0; k < one.basis.size(); ++k) {
     ASSERT_EQ(one.basis.function[k].variance_u, three.basis.function[k].variance_u);

@@ -126,8 +126,7 @@ void solve(const CeresLeastSquares& p, int first, int channels, CeresReport& rep
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   require_usable(summary.IsSolutionUsable(), summary.message);
-  report.iterations =
-      std::max(report.iterations, static_cast<int>(summary.iterations.size()) - 1);
+  report.iterations = std::max(report.iterations, static_cast<int>(summary.iterations.size()) - 1);
   report.cost += 2 * summary.final_cost;
   report.converged = report.converged && summary.termination_type == ceres::CONVERGENCE;
 }
@@ -179,9 +178,9 @@ extern "C" void surfel_ceres_minimize(const surfel::CeresMinimization& problem,
   ceres::GradientProblemSolver::Summary summary;
   ceres::Solve(options, function, problem.x, &summary);
   // A line search that gains nothing more has arrived at what rounding allows.
-  surfel::require_usable(std::isfinite(summary.final_cost) &&
-                             summary.termination_type != ceres::USER_FAILURE,
-                         summary.message);
+  surfel::require_usable(
+      std::isfinite(summary.final_cost) && summary.termination_type != ceres::USER_FAILURE,
+      summary.message);
   report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   report.cost = summary.final_cost;
   report.converged = summary.termination_type == ceres::CONVERGENCE;

@@ -44,8 +44,9 @@ CeresReport ceres_minimize(
   CeresReport report;
   if (x.empty()) return report;
   if (x.size() > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
-    throw Error(ErrorKind::kNumeric,
-                fmt::format("{} unknowns are more than Ceres can count; take fewer surfels", x.size()));
+    throw Error(
+        ErrorKind::kNumeric,
+        fmt::format("{} unknowns are more than Ceres can count; take fewer surfels", x.size()));
   }
   static const auto minimize =
       reinterpret_cast<CeresMinimize*>(plugin_symbol("ceres", kCeresMinimizeSymbol));

@@ -153,12 +153,9 @@ struct RenderFit {
                     report);
       return;
     }
-    note(ceres_least_squares({.A = system.A,
-                              .f = f,
-                              .w_0 = w_0,
-                              .lambda = system.lambda,
-                              .channels = channels},
-                             options.tolerance, w),
+    note(ceres_least_squares(
+             {.A = system.A, .f = f, .w_0 = w_0, .lambda = system.lambda, .channels = channels},
+             options.tolerance, w),
          report);
     report.residual = relative_residual(system.normal_matrix, b, w);
   }
@@ -186,8 +183,7 @@ struct RenderFit {
   double error(const RenderSystem& system, const Array<Channels>& w) const {
     const std::size_t points = f.size() - system.uncovered;
     if (points == 0) return 0;
-    return std::sqrt(system.residual2(w, f).sum() /
-                     (static_cast<double>(points) * channels));
+    return std::sqrt(system.residual2(w, f).sum() / (static_cast<double>(points) * channels));
   }
 };
 

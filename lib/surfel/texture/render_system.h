@@ -48,7 +48,7 @@ struct SURFEL_API RenderSystemOptions {
   /// noise, 1e-4 gains up to 1 dB where kernels overlap much (sigma = h, c = 4) and doubles the
   /// solver's steps; nothing changes where they do not.
   double regularization = 1e-3;
-  std::optional<double> lambda{};  ///< > 0; where set, lambda itself instead.
+  std::optional<double> lambda{};             ///< > 0; where set, lambda itself instead.
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 

@@ -20,9 +20,7 @@ constexpr int kScaleRounds = 2;
 
 double length(const Channels& r) { return std::sqrt(r.square().sum()); }
 
-double huber(double r, double scale) {
-  return r <= scale ? r * r : 2 * scale * r - scale * scale;
-}
+double huber(double r, double scale) { return r <= scale ? r * r : 2 * scale * r - scale * scale; }
 
 Array<double> lengths(const Array<Channels>& r) {
   Array<double> result(r.size());

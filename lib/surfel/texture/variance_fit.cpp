@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 11;
 /// Points that are worked on at once, and add to the gradient in one place.
-constexpr std::size_t kChunkPoints = 1 << 13;
+constexpr std::size_t kChunkPoints = 1 << 12;
 constexpr int kMostRounds = 6;
 /// Range of the log-variances in the first round, and from which on no further one is made.
 constexpr double kFirstRange = 0.4;
@@ -315,16 +315,15 @@ class Model {
   bool evaluate(const double* x, double& cost, double* gradient) {
     unpack(x);
     visit_points([&](Chunk& chunk, Worker& worker, const Point& point) {
-      chunk.cost += point.residual.square().sum() +
-                    coverage_weight_ * point.missing * point.missing;
+      chunk.cost +=
+          point.residual.square().sum() + coverage_weight_ * point.missing * point.missing;
       const Channels twice = 2 / point.sum * point.residual;
       const double push = -2 * coverage_weight_ * point.missing;
       for (std::size_t i = 0; i < worker.values.size(); ++i) {
         const auto [r, slope] = worker.values[i];
         const std::size_t l = exponent_.column[point.first + i];
         chunk.w_gradient[l] += r * twice;
-        chunk.t_gradient[l] +=
-            slope * ((twice * (worker.kernels[l].w - point.p)).sum() + push);
+        chunk.t_gradient[l] += slope * ((twice * (worker.kernels[l].w - point.p)).sum() + push);
       }
     });
     cost = 0;
@@ -332,8 +331,7 @@ class Model {
     const std::size_t count = state_.basis.size();
     for (std::size_t k = 0; k < count; ++k) {
       const double t = state_.t[k] + change_[k];
-      cost += state_.system.lambda * (w_[k] - w_0_[k]).square().sum() +
-              pull_ * t * t;
+      cost += state_.system.lambda * (w_[k] - w_0_[k]).square().sum() + pull_ * t * t;
     }
     if (gradient) set_gradient(x, gradient);
     return std::isfinite(cost);
@@ -361,8 +359,7 @@ class Model {
     const double* z = x + count * channels;
     for (std::size_t k = 0; k < count; ++k) {
       for (std::size_t c = 0; c < channels; ++c) {
-        gradient[k * channels + c] =
-            static_cast<double>(product_[k][static_cast<Eigen::Index>(c)]);
+        gradient[k * channels + c] = static_cast<double>(product_[k][static_cast<Eigen::Index>(c)]);
       }
       const double tanh = range_[k] > 0 ? std::tanh(scale_[k] * z[k] / range_[k]) : 1;
       gradient[count * channels + k] = t_gradient_[k] * scale_[k] * (1 - tanh * tanh);

@@ -20,18 +20,19 @@ struct SURFEL_API VarianceFitOptions {
 inline constexpr double kMostSigmaChange = 2;
 
 struct VarianceFitReport {
-  int rounds = 0;             ///< Joint minimisations, those that were turned down included.
-  int accepted = 0;           ///< Rounds that lowered the objective.
-  int iterations = 0;         ///< Of L-BFGS, all rounds.
-  double objective_start = 0; ///< |A w - f|^2 + lambda |w - w_0|^2 with the variances given ...
-  double objective = 0;       ///< ... and with those found.
-  double sigma_min = 1;       ///< Least and largest change of a standard deviation, a factor.
+  int rounds = 0;              ///< Joint minimisations, those that were turned down included.
+  int accepted = 0;            ///< Rounds that lowered the objective.
+  int iterations = 0;          ///< Of L-BFGS, all rounds.
+  double objective_start = 0;  ///< |A w - f|^2 + lambda |w - w_0|^2 with the variances given ...
+  double objective = 0;        ///< ... and with those found.
+  double sigma_min = 1;        ///< Least and largest change of a standard deviation, a factor.
   double sigma_max = 1;
   std::size_t held = 0;  ///< Functions whose change was cut back for the sake of coverage.
 };
 
 /// Minimises |A w - f|^2 + lambda |w - w_0|^2 over the coefficients and one factor for the variance
-/// of every function (an ellipse keeps its shape), together. Amplitudes a_k, points and lambda stay.
+/// of every function (an ellipse keeps its shape), together. Amplitudes a_k, points and lambda
+/// stay.
 ///
 /// Kernels that end at beta = c make A jump as variances change. So every round minimises a smooth
 /// model, by Ceres' L-BFGS, in which kernels fade out over a range of beta about c that is as wide
