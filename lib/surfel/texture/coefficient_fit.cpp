@@ -160,12 +160,7 @@ struct RenderFit {
     report.residual = relative_residual(system.normal_matrix, b, w);
   }
 
-  /// From the fit without a loss on.
-  void solve_robust(const RenderSystem& system, const InverseFactor& factor, Array<Channels>& w,
-                    SystemReport& report) const {
-    SolveOptions plain;
-    plain.tolerance = options.tolerance;
-    conjugate_gradients(system.normal_matrix, system.right_side(f, w_0), factor, w, plain);
+  void solve_robust(const RenderSystem& system, Array<Channels>& w, SystemReport& report) const {
     RobustOptions robust;
     robust.scale = options.robust_scale;
     robust.tolerance = options.tolerance;
@@ -268,7 +263,7 @@ void fit_render(SurfelCloud& cloud, PointColors colors, double lambda, bool alph
   timer.restart();
   Array<Channels> w = fit.w_0;
   if (options.robust) {
-    fit.solve_robust(render, factor, w, system);
+    fit.solve_robust(render, w, system);
     report.times.add("robust", timer.milliseconds());
   } else {
     fit.solve(render, factor, w, system);

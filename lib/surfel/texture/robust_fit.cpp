@@ -17,6 +17,9 @@ namespace {
 constexpr double kScaleByMedian = 2;
 /// ... which outliers have bent less after each round: the scale stands from this one on.
 constexpr int kScaleRounds = 2;
+/// Reach of the medians about colour samples, whatever the renderer's cutoff: some ten neighbours.
+constexpr double kMedianCutoff = 4;
+constexpr std::size_t kGrain = 1 << 11;
 
 double length(const Channels& r) { return std::sqrt(r.square().sum()); }
 
@@ -45,16 +48,25 @@ bool covered(const RenderSystem& system, std::size_t q) {
   return system.A.row_begin[q] < system.A.row_begin[q + 1];
 }
 
+/// Of any values but none; moves them.
+double median(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double scale_of(std::vector<double> found) {
+  if (found.empty()) return kLeastRobustScale;
+  return std::max(kLeastRobustScale, kScaleByMedian * median(found));
+}
+
 double estimate_scale(const RenderSystem& system, const Array<double>& residual) {
   std::vector<double> found;
   found.reserve(residual.size());
   for (std::size_t q = 0; q < residual.size(); ++q) {
     if (covered(system, q)) found.push_back(residual[q]);
   }
-  if (found.empty()) return kLeastRobustScale;
-  const auto median = found.begin() + static_cast<std::ptrdiff_t>(found.size() / 2);
-  std::nth_element(found.begin(), median, found.end());
-  return std::max(kLeastRobustScale, kScaleByMedian * *median);
+  return scale_of(std::move(found));
 }
 
 /// Rounds of iteratively reweighted least squares on one system.
@@ -189,6 +201,32 @@ RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>&
   report.converged = solved.converged;
   rounds.finish(w, report);
   return report;
+}
+
+Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
+                           std::optional<double> scale) {
+  const SparseMatrix neighbors = kernel_exponents(basis, at_functions(basis), kMedianCutoff);
+  Array<Channels> medians(sample.size());
+  parallel_for(sample.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<double> values;
+    for (std::size_t k = begin; k < end; ++k) {
+      for (Eigen::Index c = 0; c < 4; ++c) {
+        values.clear();
+        for (std::size_t e = neighbors.row_begin[k]; e < neighbors.row_begin[k + 1]; ++e) {
+          values.push_back(sample[neighbors.column[e]][c]);
+        }
+        medians[k][c] = values.empty() ? sample[k][c] : median(values);
+      }
+    }
+  });
+  const Array<double> distance = pull_lengths(sample, medians);
+  const double most = scale.value_or(scale_of({distance.begin(), distance.end()}));
+  const Array<double> kept = weights(distance, most);
+  Array<Channels> result(sample.size());
+  for (std::size_t k = 0; k < sample.size(); ++k) {
+    result[k] = medians[k] + kept[k] * (sample[k] - medians[k]);
+  }
+  return result;
 }
 
 }  // namespace surfel

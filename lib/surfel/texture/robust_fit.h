@@ -46,7 +46,8 @@ SURFEL_API double robust_cost(const RenderSystem& system, const Array<Channels>&
 /// Minimises that by iteratively reweighted least squares [Holland, Welsch 1977]: weights
 /// min(1, scale / |r|) of the last round, conjugate gradients on A^T D A + lambda P. No round
 /// raises the cost. The result does not depend on the number of threads.
-/// \param w  in: where to start, best the fit without a loss; out: the minimum.
+/// \param w  in: where to start, best w_0, as what a fit without a loss makes of outliers makes the
+/// estimated scale larger; out: the minimum.
 SURFEL_API RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
                                    const Array<Channels>& w_0, Array<Channels>& w,
                                    const RobustOptions& options = {});
@@ -56,5 +57,12 @@ SURFEL_API RobustReport robust_fit(const RenderSystem& system, const Array<Chann
 SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>& f,
                                          const Array<Channels>& w_0, Array<Channels>& w,
                                          const RobustOptions& options = {});
+
+/// Winsorised colour samples, what robust fits to samples are pulled towards: a sample further than
+/// `scale` from the median about it, channel by channel, over the functions that reach its place at
+/// beta < 4, is moved to that distance. Unset: twice the median of all those distances, at least
+/// kLeastRobustScale.
+SURFEL_API Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
+                                      std::optional<double> scale = {});
 
 }  // namespace surfel

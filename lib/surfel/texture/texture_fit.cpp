@@ -173,6 +173,12 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
         colors.color.push_back(color);
       }
       colors.known.assign(basis.size(), 1);
+      if (options.robust) {
+        const Array<Channels> target = winsorized(basis, colors.color, options.robust_scale);
+        for (std::size_t i = 0; i < basis.size(); ++i) {
+          cloud.coefficient[basis.surfel[i]] = target[i].head<3>().matrix().cast<float>();
+        }
+      }
       fit_render(cloud, std::move(colors), options.lambda.value_or(kColorRegularization), false,
                  options, report);
     }

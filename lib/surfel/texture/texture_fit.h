@@ -128,9 +128,11 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 
 /// The same fits to the surfels' own colour samples instead of a texture: coefficients such that
 /// the rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k =
-/// c_k. With kRender, lambda is 0.5 if unset, as noise must not be fitted (render_system.h). Of the
-/// columns, position, normal, variance and colour are needed. Throws Error(kUsage) for
-/// refine_variance: one point a surfel does not tell its variance.
+/// c_k. With robust, coefficients are pulled towards the
+/// winsorised samples (robust_fit.h), as outliers would hold their own. With kRender, lambda is 0.5
+/// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
+/// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
+/// does not tell its variance.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
 
