@@ -177,11 +177,15 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   return true;
 }
 
+/// What the assembler writes of a kernel at a point.
+enum class Entry { kNormalised, kExponent };
+
 /// Rows that one range of a loop has made, one after the other.
 struct RowChunk {
   Array<std::uint64_t> row_end;  ///< Counted from the chunk's first entry.
   Array<std::uint32_t> column;
   Array<double> value;
+  Array<float> coverage;  ///< Of every row, if it was asked for.
 
   void add(std::uint32_t c, double v) {
     column.push_back(c);
@@ -194,6 +198,7 @@ struct RowChunk {
     row_end.clear();
     column.clear();
     value.clear();
+    coverage.clear();
     return taken;
   }
 };
@@ -230,10 +235,12 @@ std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrai
 /// Evaluates a basis at points.
 class Assembler {
  public:
-  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff)
+  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff,
+            Entry entry = Entry::kNormalised)
       : basis_(basis),
         quadrature_(quadrature),
         cutoff_(cutoff),
+        entry_(entry),
         tree_(basis, kPlanarReach2 * cutoff) {}
 
   EvaluatedBasis run() {
@@ -252,6 +259,10 @@ class Assembler {
       reaching[chunk] = worker.reaching.take();
     });
     for (const std::size_t n : uncovered) result.uncovered += n;
+    result.coverage.reserve(quadrature_.size());
+    for (const RowChunk& chunk : rows) {
+      result.coverage.insert(result.coverage.end(), chunk.coverage.begin(), chunk.coverage.end());
+    }
     result.A = join(std::move(rows), count);
     transpose(reaching, result);
     return result;
@@ -289,11 +300,14 @@ class Assembler {
         const double beta = 0.5 * (u * u + v * v);
         if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
         const double r = f.peak * std::exp(-beta);
-        rows.add(f.index, r);
+        rows.add(f.index, entry_ == Entry::kNormalised ? r : beta);
         reaches[s] = 1;
         sum += r;
       }
-      for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      if (entry_ == Entry::kNormalised) {
+        for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      }
+      rows.coverage.push_back(static_cast<float>(sum));
       if (rows.value.size() == first) ++uncovered;
       rows.end_row();
     }
@@ -345,6 +359,7 @@ class Assembler {
   const SurfelBasis& basis_;
   const Quadrature& quadrature_;
   double cutoff_;
+  Entry entry_;
   ReachTree tree_;
 };
 
@@ -364,17 +379,18 @@ void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
   }
 }
 
-/// A^T A + mu B^T B. Both halves are summed in the order of the points, hence symmetric to the bit.
-SparseMatrix normal_product(const RenderSystem& system) {
+/// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B. Both halves
+/// are summed in the order of the points, hence symmetric to the bit.
+SparseMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
   const std::size_t columns = system.near.A.columns;
   constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  struct Entry {
+  struct Sum {
     std::uint32_t column;
     double value;
   };
   struct Worker {
     Array<std::uint32_t> place;  ///< Of a column in `row`.
-    std::vector<Entry> row;
+    std::vector<Sum> row;
     RowChunk rows;
   };
   std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
@@ -382,37 +398,61 @@ SparseMatrix normal_product(const RenderSystem& system) {
   parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
     Worker& worker = workers[static_cast<std::size_t>(w)];
     Array<std::uint32_t>& place = worker.place;
-    std::vector<Entry>& row = worker.row;
+    std::vector<Sum>& row = worker.row;
     RowChunk& rows = worker.rows;
     if (place.empty()) place.assign(columns, kFree);
     for (std::size_t k = begin; k < end; ++k) {
       // The diagonal is there even where it is zero: lambda is added to it.
       row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
       place[k] = 0;
-      const auto add = [&](const EvaluatedBasis& basis, double weight) {
+      const auto add = [&](const EvaluatedBasis& basis, const auto& weight_of) {
         const SparseMatrix& A = basis.A;
         for_column(basis, k, [&](std::size_t q, std::size_t entry) {
+          const double d = weight_of(q);
           for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
             std::uint32_t& at = place[A.column[e]];
             if (at == kFree) {
               at = static_cast<std::uint32_t>(row.size());
               row.push_back({A.column[e], 0.0});
             }
-            row[at].value += weight * (A.value[entry] * A.value[e]);
+            row[at].value += d * (A.value[entry] * A.value[e]);
           }
         });
       };
-      add(system.near, 1);
-      if (system.mu > 0) add(system.far, system.mu);
-      for (const Entry& e : row) place[e.column] = kFree;
+      add(system.near, [&](std::size_t q) { return weight ? (*weight)[q] : 1; });
+      if (system.mu > 0) add(system.far, [&](std::size_t) { return system.mu; });
+      for (const Sum& e : row) place[e.column] = kFree;
       std::sort(row.begin(), row.end(),
-                [](const Entry& a, const Entry& b) { return a.column < b.column; });
-      for (const Entry& e : row) rows.add(e.column, e.value);
+                [](const Sum& a, const Sum& b) { return a.column < b.column; });
+      for (const Sum& e : row) rows.add(e.column, e.value);
       rows.end_row();
     }
     chunks[begin / kGrain] = rows.take();
   });
   return join(std::move(chunks), columns);
+}
+
+/// (A w - f)_q, zero at uncovered points.
+Channels residual_at(const SparseMatrix& A, std::size_t q, const Array<Channels>& w,
+                     const Array<Channels>& f) {
+  if (A.row_begin[q] == A.row_begin[q + 1]) return Channels::Zero();
+  Channels r = -f[q];
+  for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+    r += A.value[e] * w[A.column[e]];
+  }
+  return r;
+}
+
+/// Sum of value(i) over i < count, the same for any number of threads.
+template <class Value>
+Channels sum_over(std::size_t count, const Value& value) {
+  std::vector<Channels> sums(chunk_count(count), Channels::Zero());
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) sums[begin / kGrain] += value(i);
+  });
+  Channels total = Channels::Zero();
+  for (const Channels& sum : sums) total += sum;
+  return total;
 }
 
 /// Calls body(value) for every diagonal entry.
@@ -494,6 +534,9 @@ std::vector<std::string> RenderSystemOptions::problems() const {
   if (!(regularization > 0 && regularization <= 1e6)) {
     found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
   }
+  if (lambda && !(*lambda > 0 && std::isfinite(*lambda))) {
+    found.push_back(fmt::format("lambda is {}; it must be positive", *lambda));
+  }
   return found;
 }
 
@@ -513,44 +556,62 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
   double trace = 0;
   for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
   const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
-  system.lambda = options.regularization * (mean > 0 ? mean : 1);
+  system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for_diagonal(system.normal_matrix, [&](double& d) { d += system.lambda; });
   return system;
 }
 
-Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
-                                         const Array<Channels>& w_0) const {
-  Array<Channels> b(near.A.columns);
-  parallel_for(b.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
+                                          const Array<Channels>& f) const {
+  Array<Channels> residual(A.rows());
+  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) residual[q] = residual_at(A, q, w, f);
+  });
+  return residual;
+}
+
+Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
+  return sum_over(A.rows(),
+                  [&](std::size_t q) -> Channels { return residual_at(A, q, w, f).square(); });
+}
+
+Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
+  Array<Channels> product(A.columns);
+  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t k = begin; k < end; ++k) {
       Channels sum = Channels::Zero();
-      for_column(near, k, [&](std::size_t q, std::size_t e) { sum += near.A.value[e] * f[q]; });
-      if (mu > 0) {
-        for_column(far, k,
-                   [&](std::size_t q, std::size_t e) { sum += mu * far.A.value[e] * w_0[q]; });
-      }
-      b[k] = sum + lambda * w_0[k];
+      for_column(*this, k, [&](std::size_t q, std::size_t e) { sum += A.value[e] * f[q]; });
+      product[k] = sum;
     }
   });
+  return product;
+}
+
+Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
+                                         const Array<Channels>& w_0) const {
+  Array<Channels> b = near.multiply_transposed(f);
+  for (std::size_t k = 0; k < b.size(); ++k) b[k] += lambda * w_0[k];
+  if (mu == 0) return b;
+  const Array<Channels> minified = far.multiply_transposed(w_0);
+  for (std::size_t k = 0; k < b.size(); ++k) b[k] += mu * minified[k];
   return b;
 }
 
-Channels RenderSystem::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
-  const SparseMatrix& A = near.A;
-  std::vector<Channels> sums(chunk_count(A.rows()), Channels::Zero());
-  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t q = begin; q < end; ++q) {
-      if (A.row_begin[q] == A.row_begin[q + 1]) continue;
-      Channels r = -f[q];
-      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-        r += A.value[e] * w[A.column[e]];
-      }
-      sums[begin / kGrain] += r.square();
-    }
-  });
-  Channels total = Channels::Zero();
-  for (const Channels& sum : sums) total += sum;
-  return total;
+Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
+  return mu * far.residual2(w, w_0) + lambda * sum_over(w.size(), [&](std::size_t k) -> Channels {
+                                        return (w[k] - w_0[k]).square();
+                                      });
+}
+
+SparseMatrix RenderSystem::weighted_normal_matrix(const Array<double>& weight) const {
+  SparseMatrix matrix = normal_product(*this, &weight);
+  for_diagonal(matrix, [&](double& d) { d += lambda; });
+  return matrix;
+}
+
+SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                              double cutoff) {
+  return Assembler(basis, quadrature, cutoff, Entry::kExponent).run().A;
 }
 
 }  // namespace surfel

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -49,17 +50,26 @@ struct SURFEL_API RenderSystemOptions {
   double minified = 8;
   /// lambda by the mean of the diagonal of A^T A + mu B^T B, (0, 1e6].
   double regularization = 0.03;
+  std::optional<double> lambda{};             ///< > 0; where set, lambda itself instead.
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// A basis at points, as the renderer evaluates it.
-struct EvaluatedBasis {
+struct SURFEL_API EvaluatedBasis {
   SparseMatrix A;  ///< Rows sum to 1; those of points that no function reaches are empty.
   std::size_t uncovered = 0;  ///< Points that no function reaches.
   /// Of every function, the owners of the points it reaches: what leads from columns to rows of A.
   Array<std::uint64_t> owner_begin;
   Array<std::uint32_t> owner;
   Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
+  Array<float> coverage;  ///< Of every point sum_j r_j(u_q), what the renderer compares with tau.
+
+  /// A w - f, zero at uncovered points.
+  Array<Channels> residuals(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// |A w - f|^2 over the covered points.
+  Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// A^T f. \param f  per point; ignored at uncovered ones.
+  Array<Channels> multiply_transposed(const Array<Channels>& f) const;
 };
 
 /// Least squares in the basis that the renderer evaluates [SS01 (9)], magnified and minified at
@@ -93,13 +103,20 @@ struct SURFEL_API RenderSystem {
   /// A^T f + mu B^T w_0 + lambda w_0. \param f  per point; ignored at uncovered ones. \param w_0
   /// per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
-  /// |A w - f|^2 over the covered points.
-  Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// What holds w back, mu |B w - w_0|^2 + lambda |w - w_0|^2.
+  Channels pull2(const Array<Channels>& w, const Array<Channels>& w_0) const;
+  /// A^T D A + mu B^T B + lambda I with the diagonal matrix D: the normal matrix where points count
+  /// by weights. \param weight  per point.
+  SparseMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.
 SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,
                                                const Quadrature& quadrature,
                                                const RenderSystemOptions& options = {});
+
+/// The same rows with beta in the place of A_qk, and kernels that end at `cutoff`.
+SURFEL_API SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                                         double cutoff);
 
 }  // namespace surfel
