@@ -33,7 +33,7 @@ figure() {
       -o "$work/$fit.ply" --quiet
   done
   local tiles=()
-  for view in "--eye 0,-1.6,0.5 --target 0,-0.25,-0.05 --up 0,0,1 --fov 40" \
+  for view in "--eye 0,-1.25,0.5 --target 0,-0.3,-0.02 --up 0,0,1 --fov 42" \
     "--eye 0.115,0.055,3 --target 0.115,0.055,0 --ortho 0.23" \
     "--eye 0.1,0.1,3 --target 0.1,0.1,0 --ortho 0.065"; do
     # shellcheck disable=SC2086 # Words of options.
@@ -45,7 +45,8 @@ figure() {
         --background 1,1,1,1 --quiet
     done
   done
-  oiiotool "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B -o "$root/docs/figure6.png"
+  oiiotool "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B --attrib png:compressionLevel 9 \
+    -o "$root/docs/figure6.png"
   cat <<'TEXT'
 ## SS01 figure 6
 

@@ -144,12 +144,12 @@ TEST(CoefficientFit, RobustFitsKeepOutliersFromBleeding) {
   }
   TextureSet textures = one_map(clean);
   TextureSet outliers = one_map(image);
-  const SurfelCloud start = grid(64, 0.7);
+  const SurfelCloud start = grid(28, 0.7);
   const auto error = [&](bool robust) {
     TextureFitOptions options = fit_of(TextureFitKind::kRender);
+    options.robust = robust;
     SurfelCloud expected = start;
     fit_texture(expected, textures, options);
-    options.robust = robust;
     SurfelCloud cloud = start;
     const TextureFitReport report = fit_texture(cloud, outliers, options);
     EXPECT_EQ(report.system->robust.has_value(), robust);
@@ -160,7 +160,7 @@ TEST(CoefficientFit, RobustFitsKeepOutliersFromBleeding) {
     return sum;
   };
   EXPECT_GT(error(false), 0);
-  EXPECT_LT(error(true), error(false));
+  EXPECT_LT(error(true), 0.9 * error(false));
 }
 
 TEST(CoefficientFit, OutliersAmongColorsAreFoundAndDoNotBleed) {

@@ -136,7 +136,8 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       RenderSystemOptions render;
       render.cutoff = options.cutoff;
       render.regularization = options.lambda.value_or(render.regularization);
-      if (options.refine_variance) render.minified = 0;
+      // w_0 carries the outliers; refine_variance() says why it has no such term.
+      if (options.robust || options.refine_variance) render.minified = 0;
       fit_render(cloud, std::move(colors), render, report.alpha, options, report);
     }
   }
