@@ -1,22 +1,68 @@
 #!/usr/bin/env bash
-# Makes docs/texture.md and docs/fits.png: the fits of surfel-texture beside each other, against the
-# ray-traced textured mesh. Needs the real data. Takes minutes.
-# Usage: tests/fits.sh [folder of the tools] [output]
+# Makes docs/texture.md and docs/figure6.png: the fits of surfel-texture beside each other. Needs a
+# build with -DSURFEL_BUILD_BENCH=ON and, for `meshes`, the real data.
+# Usage: tests/fits.sh [section...], the folder of the tools in SURFEL_BIN. Sections:
+#   figure     SS01 figure 6, seconds           quality    checkers on a plane, minutes
+#   stability  where fits may fail, seconds     meshes     real textured meshes, minutes
+#   timing     1 and 4 million surfels, some 10 minutes and 16 GB: on an idle machine
+# All of them if none is named; what is not made again stays as it stands in docs/texture.md.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
-tools=${1:-$root/build/release/bin}
-out=${2:-$root/docs/texture.md}
+tools=${SURFEL_BIN:-$root/build/release/bin}
 data=${SURFEL_TEST_DATA:-$root/../shared/data}
+page=$root/docs/texture.md
+all=(figure quality stability meshes timing)
+fits=(ewa gram render)
 command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install openimageio-tools" >&2; exit 1; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-fits=(ewa gram render)
 
 # number KEY < JSON
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
+seconds() { number total_ms < "$1" | awk '{printf "%.1f", $1 / 1000}'; }
 
-# table NAME MESH IMAGE FROM: rows of PSNR and seconds for several numbers of surfels and cutoffs.
-table() {
+# SS01 figure 6: rows are magnifications, columns the fits and the texture itself.
+figure() {
+  local cutoff=4
+  "$tools/surfel-generate" plane --count 40000 --variance-scale 0.7 -o "$work/plane.ply" \
+    --mesh "$work/plane.obj" --resolution 4 --quiet
+  "$tools/surfel-generate" checker --frequency 40 --size 2560x2560 -o "$work/black.png" --quiet
+  oiiotool "$work/black.png" --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o "$work/checker.png"
+  for fit in "${fits[@]}"; do
+    "$tools/surfel-texture" "$work/plane.ply" --image "$work/checker.png" --fit "$fit" --cutoff "$cutoff" \
+      -o "$work/$fit.ply" --quiet
+  done
+  local tiles=()
+  for view in "--eye 0,-1.25,0.5 --target 0,-0.3,-0.02 --up 0,0,1 --fov 42" \
+    "--eye 0.115,0.055,3 --target 0.115,0.055,0 --ortho 0.23" \
+    "--eye 0.1,0.1,3 --target 0.1,0.1,0 --ortho 0.065"; do
+    # shellcheck disable=SC2086 # Words of options.
+    for picture in "${fits[@]}" texture; do
+      local source=("$work/$picture.ply" --cutoff "$cutoff")
+      [ "$picture" != texture ] || source=("$work/plane.ply" --mesh "$work/plane.obj" --image "$work/checker.png")
+      tiles+=("$work/tile${#tiles[@]}.png")
+      "$tools/surfel-render" "${source[@]}" -o "${tiles[-1]}" $view --shading none --size 196x196 \
+        --background 1,1,1,1 --quiet
+    done
+  done
+  oiiotool "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B --attrib png:compressionLevel 9 \
+    -o "$root/docs/figure6.png"
+  cat <<'TEXT'
+## SS01 figure 6
+
+![Checker: ewa, gram, render, the texture; minified, magnified, extremely magnified](figure6.png)
+
+Columns: ewa, gram, render, the texture itself; rows: in perspective, magnified, extremely magnified. 40,000 surfels on a jittered
+grid, squares of 5 spacings, sigma = 0.7 spacings, c = 4. What can be seen inside squares is the fits' own: overshoot beside edges
+that are sharper than the surfels can show.
+TEXT
+}
+
+quality() { "$tools/fit_table" quality; }
+stability() { "$tools/fit_table" stability; }
+
+# mesh_rows NAME MESH IMAGE FROM: rows of PSNR and seconds for several numbers of surfels and cutoffs.
+mesh_rows() {
   local view=(--from "$4" --size 400x400 --shading none --quiet)
   for count in 5000 20000 100000; do
     "$tools/surfel-from-mesh" "$2" --count "$count" -o "$work/s.ply" --quiet
@@ -27,36 +73,73 @@ table() {
         "$tools/surfel-texture" "$work/s.ply" --mesh "$2" --image "$3" --fit "$fit" --cutoff "$cutoff" \
           -o "$work/t.ply" --stats "$work/t.json" --quiet
         "$tools/surfel-render" "$work/t.ply" -o "$work/t.exr" --cutoff "$cutoff" "${view[@]}"
-        row+=$(printf ' %.1f dB, %.1f s |' \
+        row+=$(printf ' %.1f dB, %s s |' \
           "$("$tools/surfel-compare" "$work/t.exr" "$work/truth.exr" --inside --json | number psnr)" \
-          "$(number total_ms < "$work/t.json" | awk '{print $1 / 1000}')")
+          "$(seconds "$work/t.json")")
       done
       echo "$row"
     done
   done
 }
 
-# A magnified checker.
-"$tools/surfel-generate" plane --count 40000 -o "$work/plane.ply" --quiet
-for fit in "${fits[@]}"; do
-  "$tools/surfel-texture" "$work/plane.ply" --image checker:20 --fit "$fit" -o "$work/$fit.ply" --quiet
-  "$tools/surfel-render" "$work/$fit.ply" -o "$work/$fit.png" --shading none --eye 0.1,0.1,0.5 --target 0.1,0.1,0 \
-    --size 300x300 --quiet
-done
-oiiotool "$work"/{ewa,gram,render}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/fits.png"
-
-{
+meshes() {
   cat <<'TEXT'
-# Texture fits: measured
+## Real textured meshes
 
-Made by `tests/fits.sh`. PSNR of sRGB values inside the silhouette, 400 x 400 pixels, of the rendered surfels against the ray-traced
-textured mesh (`surfel-render --mesh`); whole time of `surfel-texture` with 2 threads. Surfels of `surfel-from-mesh`, sigma = spacing.
-
-![A magnified checker: ewa, gram, render](fits.png)
+PSNR of sRGB values inside the silhouette, 400 x 400 pixels, of the rendered surfels against the ray-traced textured mesh
+(`surfel-render --mesh`); whole time of `surfel-texture`, reading and writing included, with 2 threads. Surfels of
+`surfel-from-mesh`, sigma = spacing.
 
 | mesh | surfels | c | ewa | gram | render |
 |---|---|---|---|---|---|
 TEXT
-  table spot "$data/textured/spot/spot_triangulated.obj" "$data/textured/spot/spot_texture.png" 0.6,0.3,-1
+  mesh_rows spot "$data/textured/spot/spot_triangulated.obj" "$data/textured/spot/spot_texture.png" 0.6,0.3,-1
+}
+
+timing() {
+  cat <<'TEXT'
+## Time and memory
+
+A plane with an image of 2048 x 2048 texels (fractal noise), sigma = spacing, c = 1, default tolerance, 2 threads. Whole time of
+`surfel-texture` with reading and writing of the file, the fit's alone, and peak memory.
+
+| surfels | fit | whole | fit alone | memory | iterations |
+|---|---|---|---|---|---|
+TEXT
+  "$tools/surfel-generate" noise --size 2048x2048 -o "$work/noise.png" --quiet
+  for count in ${SURFEL_TIMING_COUNTS:-1000000 4000000}; do
+    "$tools/surfel-generate" plane --count "$count" -o "$work/s.ply" --quiet
+    for fit in "${fits[@]}"; do
+      "$tools/surfel-texture" "$work/s.ply" --image "$work/noise.png" --fit "$fit" -o "$work/t.ply" \
+        --threads 2 --stats "$work/t.json" --quiet
+      printf '| %s | %s | %s s | %s s | %s GB | %s |\n' "$count" "$fit" "$(seconds "$work/t.json")" \
+        "$(sed -n '/"stages"/,/}/p' "$work/t.json" | grep -o ': [0-9.e+]*' |
+          awk '{sum += $2} END {printf "%.1f", sum / 1000}')" \
+        "$(number peak_memory_bytes < "$work/t.json" | awk '{printf "%.2f", $1 / 1e9}')" \
+        "$(number iterations < "$work/t.json")"
+    done
+  done
+}
+
+# old SECTION: as it stands in the page.
+old() { [ ! -f "$page" ] || sed -n "/^<!-- $1 -->\$/,/^<!-- end of $1 -->\$/{/^<!--/!p}" "$page"; }
+
+wanted=("$@")
+[ $# -gt 0 ] || wanted=("${all[@]}")
+for section in "${wanted[@]}"; do
+  [[ " ${all[*]} " == *" $section "* ]] || { echo "$section is none of: ${all[*]}" >&2; exit 2; }
+done
+{
+  echo "# Texture fits: measured"
+  echo
+  echo "Made by \`tests/fits.sh\`, section by section."
+  for section in "${all[@]}"; do
+    echo
+    echo "<!-- $section -->"
+    if [[ " ${wanted[*]} " == *" $section "* ]]; then "$section"; else old "$section"; fi
+    echo "<!-- end of $section -->"
+  done
+  echo
   cat "$root/tests/fits_notes.md"
-} > "$out"
+} > "$work/page.md"
+mv "$work/page.md" "$page"

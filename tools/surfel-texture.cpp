@@ -6,6 +6,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/mesh.h>
+#include <surfel/render/renderer.h>
 #include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
@@ -63,14 +64,19 @@ void declare_options(CLI::App& app, Settings& s) {
 
   app.option_defaults()->group("Systems of equations (--fit gram, render)");
   tool::add_choice(app, "--solver", s.fit.solver,
-                   {{"cg", FitSolver::kConjugateGradients}, {"ldlt", FitSolver::kLdlt}},
+                   {{"cg", FitSolver::kConjugateGradients},
+                    {"ldlt", FitSolver::kLdlt},
+                    {"ceres", FitSolver::kCeres}},
                    "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
-                   "for small systems");
-  app.add_option("--tolerance", s.fit.tolerance, "Of cg: relative residual, 1e-14..0.1")
+                   "for small systems; ceres = least squares by Ceres, to compare with, for small "
+                   "systems");
+  app.add_option("--tolerance", s.fit.tolerance,
+                 "Of cg: relative residual; of ceres and --robust: relative change of the "
+                 "coefficients in the last step; 1e-14..0.1")
       ->capture_default_str();
   tool::add_text(app, "--lambda", "X", "auto",
                  "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
-                 "0..1e6, or auto: render 1e-3 (from colors 0.5), gram what keeps the condition "
+                 "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
                  "below 1e6",
                  [&s](const std::string& text) {
                    if (text == "auto") {
@@ -87,14 +93,35 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--points", s.fit.points,
                  "Of --fit render: points of the surface a surfel that are fitted, 1..256")
       ->capture_default_str();
+  tool::add_text(app, "--robust", "X", "",
+                 "Of --fit render: residuals longer than this, linear R G B, are outliers and "
+                 "count by their length instead of its square (Huber's loss), > 0, or auto: twice "
+                 "the median residual",
+                 [&s](const std::string& text) {
+                   s.fit.robust = true;
+                   if (text == "auto") {
+                     s.fit.robust_scale.reset();
+                   } else {
+                     s.fit.robust_scale = tool::parse_numbers("--robust", text, 1).front();
+                   }
+                 });
+  app.add_flag("--refine-variance", s.fit.refine_variance,
+               "Of --fit render: fit the surfels' variances together with the coefficients, "
+               "standard deviations within 1/2..2 of what they were");
   app.option_defaults()->group("Options");
 }
 
 void check(const CLI::App& app, const Settings& s) {
   std::vector<std::string> problems = s.fit.problems();
+  if (s.fit.kind == surfel::TextureFitKind::kEwa) {
+    for (const char* option : {"--solver", "--tolerance", "--lambda", "--bounds"}) {
+      if (app.get_option(option)->count() == 0) continue;
+      problems.push_back(fmt::format("{} has no effect with --fit ewa; leave it out", option));
+    }
+  }
   if (s.from == From::kColors) {
     for (const char* option : {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
-                               "--max-aspect", "--exact", "--points"}) {
+                               "--max-aspect", "--exact", "--points", "--refine-variance"}) {
       if (app.get_option(option)->count() == 0) continue;
       problems.push_back(fmt::format("{} has no effect with --from colors; leave it out", option));
     }
@@ -152,6 +179,25 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
                     {"uncovered", system.uncovered},   {"error_ewa", system.error_ewa},
                     {"error", system.error},           {"min_reach", system.min_reach},
                     {"max_reach", system.max_reach}};
+  if (system.robust) {
+    const surfel::RobustReport& robust = *system.robust;
+    json["system"]["robust"] = {{"scale", robust.scale},
+                                {"rounds", robust.rounds},
+                                {"down_weighted", robust.down_weighted},
+                                {"cost", robust.cost}};
+  }
+  if (system.variance) {
+    const surfel::VarianceFitReport& variance = *system.variance;
+    json["system"]["variance"] = {{"rounds", variance.rounds},
+                                  {"accepted", variance.accepted},
+                                  {"iterations", variance.iterations},
+                                  {"objective_start", variance.objective_start},
+                                  {"objective", variance.objective},
+                                  {"error_before", system.error_before},
+                                  {"sigma_min", variance.sigma_min},
+                                  {"sigma_max", variance.sigma_max},
+                                  {"held", variance.held}};
+  }
 }
 
 void warn(const surfel::tool::Tool& tool, const std::string& input,
@@ -192,8 +238,9 @@ int main(int argc, char** argv) {
   Settings settings;
   declare_options(tool.app(), settings);
   return tool.run(argc, argv, [&] {
-    check(tool.app(), settings);
     if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
+    check(tool.app(), settings);
+    settings.fit.coverage = surfel::coverage_threshold(settings.fit.cutoff);
     surfel::Timer timer;
     surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
     std::optional<surfel::TriangleMesh> mesh;

@@ -1,6 +1,7 @@
 // What holds for every tool: usage, bad input, bad output, interruption, number of threads.
 
 #include <algorithm>
+#include <sstream>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -123,9 +124,15 @@ TEST_P(EveryTool, StartsWithoutHeavyLibraries) {
   // What the dynamic linker would load at the start; plug-ins come later, if they are needed.
   const RunResult loaded =
       run({"env", "LD_TRACE_LOADED_OBJECTS=1", tool(GetParam().name), "--version"});
-  EXPECT_TRUE(contains(loaded.output, "libsurfel"));
+  // "\tlibceres.so.3 => /folder/libceres.so.3 (0x...)", of which folders do not matter.
+  std::string names;
+  std::istringstream lines(loaded.output);
+  for (std::string line; std::getline(lines, line);) {
+    names += fs::path(line.substr(0, line.find(" =>"))).filename().string() + "\n";
+  }
+  EXPECT_TRUE(contains(names, "libsurfel"));
   for (const char* heavy : {"OpenImageIO", "pcl", "vtk", "OpenMesh", "ceres", "opencv"}) {
-    EXPECT_FALSE(contains(loaded.output, heavy)) << heavy;
+    EXPECT_FALSE(contains(names, heavy)) << heavy;
   }
 }
 

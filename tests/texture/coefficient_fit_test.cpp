@@ -120,13 +120,99 @@ TEST(CoefficientFit, SolversAgree) {
   for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
     TextureFitOptions options = fit_of(kind);
     options.tolerance = 1e-10;
-    SurfelCloud a = grid(20, 0.7);
-    SurfelCloud b = a;
-    fit_texture(a, textures, options);
+    SurfelCloud expected = grid(12, 0.7);
+    const SurfelCloud start = expected;
     options.solver = FitSolver::kLdlt;
-    fit_texture(b, textures, options);
-    EXPECT_LT(largest_difference(a, b), 1e-5F);
+    fit_texture(expected, textures, options);
+    for (const FitSolver solver : {FitSolver::kConjugateGradients, FitSolver::kCeres}) {
+      SurfelCloud cloud = start;
+      options.solver = solver;
+      const TextureFitReport report = fit_texture(cloud, textures, options);
+      EXPECT_TRUE(report.system->converged);
+      EXPECT_LT(report.system->residual, 1e-9);
+      EXPECT_LT(largest_difference(expected, cloud), 1e-5F);
+    }
   }
+}
+
+TEST(CoefficientFit, RobustFitsKeepOutliersFromBleeding) {
+  // A twentieth of the texels is painted over.
+  Image clean = noise_image(16, 16, 5);
+  Image image = clean;
+  for (int i = 0; i < 16 * 16; i += 20) {
+    for (int c = 0; c < 3; ++c) image.pixel(i % 16, i / 16)[c] = 8;
+  }
+  TextureSet textures = one_map(clean);
+  TextureSet outliers = one_map(image);
+  const SurfelCloud start = grid(28, 0.7);
+  const auto error = [&](bool robust) {
+    TextureFitOptions options = fit_of(TextureFitKind::kRender);
+    options.robust = robust;
+    SurfelCloud expected = start;
+    fit_texture(expected, textures, options);
+    SurfelCloud cloud = start;
+    const TextureFitReport report = fit_texture(cloud, outliers, options);
+    EXPECT_EQ(report.system->robust.has_value(), robust);
+    double sum = 0;
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      sum += static_cast<double>((cloud.coefficient[k] - expected.coefficient[k]).norm());
+    }
+    return sum;
+  };
+  EXPECT_GT(error(false), 0);
+  EXPECT_LT(error(true), 0.9 * error(false));
+}
+
+TEST(CoefficientFit, OutliersAmongColorsAreFoundAndDoNotBleed) {
+  SurfelCloud cloud = grid(30, 0.9);
+  for (const Vec2f& p : cloud.uv) {
+    cloud.color.push_back(Vec3f::Constant(0.3F + 0.1F * std::sin(9 * p.x())));
+  }
+  const SurfelCloud clean = cloud;
+  const auto outlier = [](std::size_t k) { return random_uniform(3, k, 0) < 0.05; };
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    if (outlier(k)) cloud.color[k] = Vec3f(3, 0, 3);
+  }
+  const auto difference = [&](bool robust) {
+    TextureFitOptions options = fit_of(TextureFitKind::kRender);
+    SurfelCloud expected = clean;
+    fit_colors(expected, options);
+    options.robust = robust;
+    SurfelCloud fitted = cloud;
+    const TextureFitReport report = fit_colors(fitted, options);
+    EXPECT_TRUE(!robust || report.system->robust->down_weighted >= cloud.size() / 40);
+    // What the outliers themselves become is not what they do to others.
+    double sum = 0;
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      if (outlier(k)) continue;
+      sum += static_cast<double>((fitted.coefficient[k] - expected.coefficient[k]).squaredNorm());
+    }
+    return std::sqrt(sum / static_cast<double>(cloud.size()));
+  };
+  const double plain = difference(false);
+  EXPECT_GT(plain, 0.1);
+  EXPECT_LT(difference(true), 0.3 * plain);
+}
+
+TEST(CoefficientFit, RefinedVariancesAreWritten) {
+  TextureSet textures = one_map(noise_image(6, 6, 5));
+  SurfelCloud start = grid(20, 0.9);
+  start.area.clear();
+  SurfelCloud cloud = start;
+  TextureFitOptions options = fit_of(TextureFitKind::kRender);
+  options.refine_variance = true;
+  options.coverage = 0.31;
+  const TextureFitReport report = fit_texture(cloud, textures, options);
+  ASSERT_TRUE(report.system && report.system->variance);
+  EXPECT_LT(report.system->error, 0.95 * report.system->error_before);
+  float most = 1;
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    most = std::max(most, cloud.variance[k] / start.variance[k]);
+    ASSERT_EQ(cloud.area[k], start.variance[k]);  // The amplitude that it had.
+  }
+  EXPECT_NEAR(std::sqrt(most), report.system->variance->sigma_max, 1e-5);
+  cloud.color.assign(cloud.size(), Vec3f::Zero());
+  EXPECT_THROW(fit_colors(cloud, options), Error);
 }
 
 TEST(CoefficientFit, RenderIsNoWorseAtThePointsAndNotesItsCutoff) {
@@ -247,6 +333,29 @@ TEST(CoefficientFit, UnusableOptionsAreNamed) {
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.cutoff = 0; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.points = 0; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.bounds = {1, 0}; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.robust_scale = 0; }), 1U);
+  const auto refused_together = [&](bool robust, bool refine, auto change) {
+    return refused([&](TextureFitOptions& o) {
+      o.robust = robust;
+      o.refine_variance = refine;
+      change(o);
+    });
+  };
+  EXPECT_EQ(refused_together(true, false, [](TextureFitOptions&) {}), 0U);
+  EXPECT_EQ(refused_together(false, true, [](TextureFitOptions&) {}), 0U);
+  EXPECT_EQ(refused_together(true, true, [](TextureFitOptions&) {}), 1U);
+  for (const bool robust : {false, true}) {
+    EXPECT_EQ(refused_together(robust, !robust,
+                               [](TextureFitOptions& o) { o.kind = TextureFitKind::kGram; }),
+              1U);
+    EXPECT_EQ(refused_together(robust, !robust,
+                               [](TextureFitOptions& o) {
+                                 o.bounds = {0, 1};
+                               }),
+              1U);
+  }
+  EXPECT_EQ(
+      refused_together(true, false, [](TextureFitOptions& o) { o.solver = FitSolver::kLdlt; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) {
               o.bounds = {0, 1};
               o.solver = FitSolver::kLdlt;

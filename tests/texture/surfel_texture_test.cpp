@@ -87,12 +87,32 @@ TEST_F(SurfelTexture, RefusesWrongUsage) {
                                                     {"--image", image_, "--bounds", "1,0"},
                                                     {"--from", "colors"},
                                                     {"--from", "colors", "--image", image_},
+                                                    {"--image", image_, "--solver", "ceres"},
+                                                    {"--image", image_, "--robust", "auto"},
+                                                    {"--image", image_, "--refine-variance"},
                                                     {"--image", image_, "--wrap", "around"},
                                                     {"--image", image_, "--max-aspect", "x"},
                                                     {"--image", image_, "--reconstruction", "0"},
                                                     {"--image", "checker:none"},
                                                     {}};
-  for (std::vector<std::string> arguments : wrong) {
+  std::vector<std::vector<std::string>> all = wrong;
+  for (const std::vector<std::string>& more :
+       std::vector<std::vector<std::string>>{{"--robust", "0"},
+                                             {"--robust", "much"},
+                                             {"--robust", "auto", "--solver", "ldlt"},
+                                             {"--robust", "auto", "--bounds", "0,1"},
+                                             {"--robust", "auto", "--refine-variance"},
+                                             {"--bounds", "0,1", "--refine-variance"},
+                                             {"--bounds", "0,1", "--solver", "ceres"},
+                                             {"--solver", "magic"},
+                                             {"--fit", "gram", "--robust", "auto"},
+                                             {"--from", "colors", "--refine-variance"}}) {
+    all.push_back({"--fit", "render"});
+    if (more[0] == "--fit") all.back().clear();
+    if (more[0] != "--from") all.back().insert(all.back().end(), {"--image", image_});
+    all.back().insert(all.back().end(), more.begin(), more.end());
+  }
+  for (std::vector<std::string> arguments : all) {
     arguments.insert(arguments.begin(), {surfels_, "-o", output_});
     const RunResult result = texture(arguments);
     EXPECT_EQ(result.exit_code, 2) << result.errors;
@@ -119,6 +139,27 @@ TEST_F(SurfelTexture, FitsForARenderersCutoff) {
   const RunResult again = texture({output_, "-o", folder_ / "ldlt.ply", "--image", image_, "--fit",
                                    "gram", "--solver", "ldlt"});
   EXPECT_EQ(again.exit_code, 0) << again.errors;
+}
+
+TEST_F(SurfelTexture, ReportsRobustFitsAndRefinedVariances) {
+  const std::string stats = folder_ / "stats.json";
+  const auto system = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{surfels_, "-o",     output_,   "--image", image_,
+                                       "--fit",  "render", "--stats", stats};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return nlohmann::json::parse(read_text(stats))["system"];
+  };
+  for (const char* solver : {"cg", "ceres"}) {
+    const nlohmann::json robust = system({"--robust", "0.25", "--solver", solver})["robust"];
+    EXPECT_EQ(robust["scale"], 0.25);
+    EXPECT_EQ(robust["down_weighted"], 0);
+  }
+  const nlohmann::json refined = system({"--refine-variance"})["variance"];
+  EXPECT_LE(refined["objective"], refined["objective_start"]);
+  EXPECT_LE(refined["sigma_min"], refined["sigma_max"]);
+  EXPECT_FALSE(system({"--solver", "ceres"}).contains("robust"));
 }
 
 TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {

@@ -90,5 +90,18 @@ void multiply_rows(const SparseMatrixF& matrix, std::size_t begin, std::size_t e
   HWY_DYNAMIC_DISPATCH(multiply_float)(matrix, begin, end, x->data(), y->data());
 }
 
+double relative_residual(const SparseMatrix& matrix, const Array<Channels>& b,
+                         const Array<Channels>& x) {
+  Array<Channels> product(b.size());
+  multiply_rows(matrix, 0, b.size(), x.data(), product.data());
+  Channels error2 = Channels::Zero();
+  Channels norm2 = Channels::Zero();
+  for (std::size_t i = 0; i < b.size(); ++i) {
+    error2 += (b[i] - product[i]).square();
+    norm2 += b[i].square();
+  }
+  return (norm2 > 0).select(error2 / norm2, 0).sqrt().maxCoeff();
+}
+
 }  // namespace surfel
 #endif

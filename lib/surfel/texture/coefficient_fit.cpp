@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <surfel/base/timing.h>
+#include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
 #include <surfel/solve/direct_solve.h>
 #include <surfel/solve/spectrum.h>
@@ -36,28 +37,43 @@ void store(const Array<Channels>& w, const SurfelBasis& basis, bool alpha, Surfe
   }
 }
 
-/// Solves matrix x = b, from x on. `share` of the work is done when it starts.
+void tell(const TextureFitOptions& options, double done) {
+  if (options.progress) options.progress(done);
+}
+
+/// Progress of a stage by that of the whole.
+std::function<void(double)> stage(const TextureFitOptions& options, double begin, double end) {
+  if (!options.progress) return {};
+  return [&options, begin, end](double done) { options.progress(begin + (end - begin) * done); };
+}
+
+void note(const CeresReport& solved, SystemReport& report) {
+  report.iterations = solved.iterations;
+  report.converged = solved.converged;
+}
+
+/// Solves matrix x = b, from x on, in the first `channels`.
 void solve(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
            const TextureFitOptions& options, const std::optional<CoefficientBounds>& bounds,
-           double share, Array<Channels>& x, SystemReport& report) {
+           int channels, const std::function<void(double)>& progress, Array<Channels>& x,
+           SystemReport& report) {
   if (options.solver == FitSolver::kLdlt) {
     x = direct_solve(matrix, b);
+    return;
+  }
+  if (options.solver == FitSolver::kCeres) {
+    note(ceres_solve(matrix, b, channels, options.tolerance, x), report);
+    report.residual = relative_residual(matrix, b, x);
     return;
   }
   SolveOptions solve_options;
   solve_options.tolerance = options.tolerance;
   solve_options.bounds = bounds;
-  if (options.progress) {
-    solve_options.progress = [&](double done) { options.progress(share + (1 - share) * done); };
-  }
+  solve_options.progress = progress;
   const SolveReport solved = conjugate_gradients(matrix, b, factor, x, solve_options);
   report.iterations = solved.iterations;
   report.residual = solved.residual;
   report.converged = solved.converged && !solved.indefinite;
-}
-
-void tell(const TextureFitOptions& options, double done) {
-  if (options.progress) options.progress(done);
 }
 
 /// Replaces R by S R S with S = mean(diag(R))^-1/2 I, whose diagonal it returns.
@@ -90,6 +106,68 @@ void leave_out_unknown(Quadrature& quadrature, Array<Channels>& color,
   quadrature.offset.resize(kept);
   color.resize(kept);
 }
+
+/// Writes the variances of a refined basis. What was the amplitude stays so.
+void store_variances(const SurfelBasis& basis, SurfelCloud& cloud) {
+  if (cloud.area.empty()) {
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      cloud.area.push_back(cloud.anisotropic()
+                               ? std::sqrt(cloud.variance_u[k] * cloud.variance_v[k])
+                               : cloud.variance[k]);
+    }
+  }
+  for (std::size_t i = 0; i < basis.size(); ++i) {
+    const std::uint32_t k = basis.surfel[i];
+    const SurfelBasis::Function& f = basis.function[i];
+    if (cloud.anisotropic()) {
+      cloud.variance_u[k] = static_cast<float>(f.variance_u);
+      cloud.variance_v[k] = static_cast<float>(f.variance_v);
+    } else {
+      cloud.variance[k] = static_cast<float>(f.variance_u);
+    }
+  }
+}
+
+/// The least squares of fit_render(), whatever the system's variances.
+struct RenderFit {
+  const TextureFitOptions& options;
+  Array<Channels> f;
+  Array<Channels> w_0{};
+  int channels;
+
+  void solve(const RenderSystem& system, const InverseFactor& factor, Array<Channels>& w,
+             SystemReport& report, const std::function<void(double)>& progress = {}) const {
+    const Array<Channels> b = system.right_side(f, w_0);
+    if (options.solver != FitSolver::kCeres) {
+      surfel::solve(system.normal_matrix, b, factor, options, options.bounds, channels, progress, w,
+                    report);
+      return;
+    }
+    note(ceres_fit(system, f, w_0, 0, channels, options.tolerance, w), report);
+    report.residual = relative_residual(system.normal_matrix, b, w);
+  }
+
+  void solve_robust(const RenderSystem& system, Array<Channels>& w, SystemReport& report) const {
+    RobustOptions robust;
+    robust.scale = options.robust_scale;
+    robust.tolerance = options.tolerance;
+    robust.channels = channels;
+    robust.progress = stage(options, 0.5, 1);
+    report.robust = options.solver == FitSolver::kCeres
+                        ? robust_fit_ceres(system, f, w_0, w, robust)
+                        : robust_fit(system, f, w_0, w, robust);
+    report.iterations = report.robust->iterations;
+    report.residual = report.robust->residual;
+    report.converged = report.robust->converged;
+  }
+
+  /// Root mean square over the covered points.
+  double error(const RenderSystem& system, const Array<Channels>& w) const {
+    const std::size_t points = f.size() - system.near.uncovered;
+    if (points == 0) return 0;
+    return std::sqrt(system.near.residual2(w, f).sum() / (static_cast<double>(points) * channels));
+  }
+};
 
 }  // namespace
 
@@ -140,53 +218,73 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
     x[i] = w_ewa[i] / scale[i];
     b[i] = (scale[i] * sums[i]) * w_ewa[i] + system.lambda * x[i];
   }
-  solve(gram.matrix, b, factor, options, bounds, 0.5, x, system);
+  solve(gram.matrix, b, factor, options, bounds, alpha ? 4 : 3, stage(options, 0.5, 1), x, system);
   for (std::size_t i = 0; i < basis.size(); ++i) x[i] *= scale[i];
   store(x, basis, alpha, cloud);
   report.times.add("solve", timer.milliseconds());
 }
 
-void fit_render(SurfelCloud& cloud, PointColors colors, double lambda, bool alpha,
-                const TextureFitOptions& options, TextureFitReport& report) {
+void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOptions& render_options,
+                bool alpha, const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   Timer timer;
-  const SurfelBasis& basis = colors.basis;
   Quadrature quadrature = colors.quadrature;
   leave_out_unknown(quadrature, colors.color, colors.known);
-  const RenderSystem render = assemble_render_system(
-      basis, quadrature, {.cutoff = options.cutoff, .regularization = lambda});
-  const Array<Channels> w_ewa = coefficients_of(cloud, basis, alpha);
-  const Array<Channels> b = render.right_side(colors.color, w_ewa);
-  system.functions = basis.size();
-  system.entries = render.normal_matrix.entries();
+  RenderFit fit{.options = options, .f = std::move(colors.color), .channels = alpha ? 4 : 3};
+  if (!alpha) {
+    for (Channels& color : fit.f) color[3] = 0;
+  }
+  fit.w_0 = coefficients_of(cloud, colors.basis, alpha);
+  RenderSystem render = assemble_render_system(colors.basis, quadrature, render_options);
+  system.functions = colors.basis.size();
   system.points = quadrature.size();
-  system.uncovered = render.uncovered;
-  system.lambda = lambda;
+  system.lambda = render_options.regularization;
   report.times.add("assembly", timer.milliseconds());
   tell(options, 0.5);
 
   timer.restart();
-  const InverseFactor factor(render.normal_matrix, Preconditioner::kSparseInverse);
+  InverseFactor factor(render.normal_matrix, Preconditioner::kSparseInverse);
+  report.times.add("condition", timer.milliseconds());
+
+  timer.restart();
+  const double solved = options.refine_variance ? 0.55 : 1;
+  Array<Channels> w = fit.w_0;
+  if (options.robust) {
+    fit.solve_robust(render, w, system);
+    report.times.add("robust", timer.milliseconds());
+  } else {
+    fit.solve(render, factor, w, system, stage(options, 0.5, solved));
+    report.times.add("solve", timer.milliseconds());
+  }
+  if (options.refine_variance) {
+    timer.restart();
+    system.error_before = fit.error(render, w);
+    SurfelBasis basis = colors.basis;
+    system.variance = refine_variance(
+        basis, quadrature, fit.f, fit.w_0, render, w,
+        [&](const RenderSystem& of, Array<Channels>& x) {
+          fit.solve(of, InverseFactor(of.normal_matrix, Preconditioner::kSparseInverse), x, system);
+        },
+        {.cutoff = render_options.cutoff,
+         .coverage = options.coverage,
+         .channels = fit.channels,
+         .progress = stage(options, solved, 1)});
+    store_variances(basis, cloud);
+    factor = InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
+    report.times.add("variance", timer.milliseconds());
+  }
+
+  timer.restart();
   const Spectrum spectrum = estimate_spectrum(render.normal_matrix, factor);
   system.eigen_min = spectrum.min;
   system.eigen_max = spectrum.max;
   report.times.add("condition", timer.milliseconds());
-
-  timer.restart();
-  Array<Channels> w = w_ewa;
-  solve(render.normal_matrix, b, factor, options, options.bounds, 0.6, w, system);
-  report.times.add("solve", timer.milliseconds());
-  if (system.points > system.uncovered) {
-    const auto count = static_cast<double>(system.points - system.uncovered) * (alpha ? 4 : 3);
-    const auto error = [&](const Array<Channels>& of) {
-      const Channels squares = render.residual2(of, colors.color);
-      return std::sqrt((alpha ? squares.sum() : squares.head<3>().sum()) / count);
-    };
-    system.error_ewa = error(w_ewa);
-    system.error = error(w);
-  }
-  store(w, basis, alpha, cloud);
-  cloud.basis_cutoff = options.cutoff;
+  system.entries = render.normal_matrix.entries();
+  system.uncovered = render.near.uncovered;
+  system.error_ewa = fit.error(render, fit.w_0);
+  system.error = fit.error(render, w);
+  store(w, colors.basis, alpha, cloud);
+  cloud.basis_cutoff = render_options.cutoff;
 }
 
 }  // namespace surfel

@@ -19,8 +19,7 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
 
 /// Replaces the cloud's coefficients w_ewa (and alpha, where `alpha`) by the least squares fit to
 /// `colors` in the renderer's basis (render_system.h), and notes its cutoff in the cloud.
-/// \param lambda  by the mean of the diagonal, > 0.
-void fit_render(SurfelCloud& cloud, PointColors colors, double lambda, bool alpha,
-                const TextureFitOptions& options, TextureFitReport& report);
+void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOptions& render_options,
+                bool alpha, const TextureFitOptions& options, TextureFitReport& report);
 
 }  // namespace surfel

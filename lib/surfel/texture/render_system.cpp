@@ -24,7 +24,10 @@ constexpr double kCoincident = 1e-6;
 /// A function takes part at most this many times its reach, squared, from the points' disc: as far
 /// from its own centre as along the line of sight.
 constexpr double kPlanarReach2 = 2;
-/// Variance that points are filtered with, by the area that each stands for.
+/// Variance that points are filtered with, by the area of their cell: less lets in detail that
+/// functions cannot hold, more costs sharpness.
+constexpr double kCellVariance = 0.0625;
+/// The least, by the area that each point stands for: no detail may fall between them.
 constexpr double kPointVariance = 0.25;
 
 double reach_of(const SurfelBasis::Function& f, double cutoff) {
@@ -174,11 +177,15 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   return true;
 }
 
+/// What the assembler writes of a kernel at a point.
+enum class Entry { kNormalised, kExponent };
+
 /// Rows that one range of a loop has made, one after the other.
 struct RowChunk {
   Array<std::uint64_t> row_end;  ///< Counted from the chunk's first entry.
   Array<std::uint32_t> column;
   Array<double> value;
+  Array<float> coverage;  ///< Of every row, if it was asked for.
 
   void add(std::uint32_t c, double v) {
     column.push_back(c);
@@ -191,6 +198,7 @@ struct RowChunk {
     row_end.clear();
     column.clear();
     value.clear();
+    coverage.clear();
     return taken;
   }
 };
@@ -224,16 +232,20 @@ SparseMatrix join(std::vector<RowChunk> chunks, std::size_t columns) {
 
 std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrain; }
 
-/// Fills A, and the owners by function.
+/// Evaluates a basis at points.
 class Assembler {
  public:
-  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff)
+  Assembler(const SurfelBasis& basis, const Quadrature& quadrature, double cutoff,
+            Entry entry = Entry::kNormalised)
       : basis_(basis),
         quadrature_(quadrature),
         cutoff_(cutoff),
+        entry_(entry),
         tree_(basis, kPlanarReach2 * cutoff) {}
 
-  void run(RenderSystem& system) {
+  EvaluatedBasis run() {
+    EvaluatedBasis result;
+    result.point_begin = quadrature_.begin;
     const std::size_t count = basis_.size();
     std::vector<RowChunk> rows(chunk_count(count));
     std::vector<RowChunk> reaching(rows.size());
@@ -246,9 +258,14 @@ class Assembler {
       rows[chunk] = worker.rows.take();
       reaching[chunk] = worker.reaching.take();
     });
-    for (const std::size_t n : uncovered) system.uncovered += n;
-    system.A = join(std::move(rows), count);
-    transpose(reaching, system);
+    for (const std::size_t n : uncovered) result.uncovered += n;
+    result.coverage.reserve(quadrature_.size());
+    for (const RowChunk& chunk : rows) {
+      result.coverage.insert(result.coverage.end(), chunk.coverage.begin(), chunk.coverage.end());
+    }
+    result.A = join(std::move(rows), count);
+    transpose(reaching, result);
+    return result;
   }
 
  private:
@@ -283,11 +300,14 @@ class Assembler {
         const double beta = 0.5 * (u * u + v * v);
         if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
         const double r = f.peak * std::exp(-beta);
-        rows.add(f.index, r);
+        rows.add(f.index, entry_ == Entry::kNormalised ? r : beta);
         reaches[s] = 1;
         sum += r;
       }
-      for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      if (entry_ == Entry::kNormalised) {
+        for (std::size_t e = first; e < rows.value.size(); ++e) rows.value[e] /= sum;
+      }
+      rows.coverage.push_back(static_cast<float>(sum));
       if (rows.value.size() == first) ++uncovered;
       rows.end_row();
     }
@@ -315,7 +335,7 @@ class Assembler {
     worker.reaches.assign(worker.seen.size(), 0);
   }
 
-  void transpose(const std::vector<RowChunk>& reaching, RenderSystem& system) const {
+  void transpose(const std::vector<RowChunk>& reaching, EvaluatedBasis& result) const {
     const auto for_each = [&](const auto& body) {
       std::uint32_t i = 0;
       for (const RowChunk& chunk : reaching) {
@@ -326,29 +346,30 @@ class Assembler {
         }
       }
     };
-    system.owner_begin.assign(basis_.size() + 1, 0);
-    for_each([&](std::uint32_t, std::uint32_t k) { ++system.owner_begin[k + 1]; });
+    result.owner_begin.assign(basis_.size() + 1, 0);
+    for_each([&](std::uint32_t, std::uint32_t k) { ++result.owner_begin[k + 1]; });
     for (std::size_t k = 0; k < basis_.size(); ++k) {
-      system.owner_begin[k + 1] += system.owner_begin[k];
+      result.owner_begin[k + 1] += result.owner_begin[k];
     }
-    system.owner.resize(system.owner_begin.back());
-    Array<std::uint64_t> next = system.owner_begin;
-    for_each([&](std::uint32_t i, std::uint32_t k) { system.owner[next[k]++] = i; });
+    result.owner.resize(result.owner_begin.back());
+    Array<std::uint64_t> next = result.owner_begin;
+    for_each([&](std::uint32_t i, std::uint32_t k) { result.owner[next[k]++] = i; });
   }
 
   const SurfelBasis& basis_;
   const Quadrature& quadrature_;
   double cutoff_;
+  Entry entry_;
   ReachTree tree_;
 };
 
 /// Calls body(q, e) for every entry e of A in column k, q being its row, in ascending order.
 template <class Body>
-void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
-  const SparseMatrix& A = system.A;
-  for (std::size_t o = system.owner_begin[k]; o < system.owner_begin[k + 1]; ++o) {
-    const std::size_t i = system.owner[o];
-    for (std::size_t q = system.point_begin[i]; q < system.point_begin[i + 1]; ++q) {
+void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
+  const SparseMatrix& A = basis.A;
+  for (std::size_t o = basis.owner_begin[k]; o < basis.owner_begin[k + 1]; ++o) {
+    const std::size_t i = basis.owner[o];
+    for (std::size_t q = basis.point_begin[i]; q < basis.point_begin[i + 1]; ++q) {
       for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
         if (A.column[e] < k) continue;
         if (A.column[e] == k) body(q, e);
@@ -358,50 +379,80 @@ void for_column(const RenderSystem& system, std::size_t k, const Body& body) {
   }
 }
 
-/// A^T A. Both halves are summed in the order of the points, hence symmetric to the bit.
-SparseMatrix normal_product(const RenderSystem& system) {
-  const SparseMatrix& A = system.A;
+/// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B. Both halves
+/// are summed in the order of the points, hence symmetric to the bit.
+SparseMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
+  const std::size_t columns = system.near.A.columns;
   constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  struct Entry {
+  struct Sum {
     std::uint32_t column;
     double value;
   };
   struct Worker {
     Array<std::uint32_t> place;  ///< Of a column in `row`.
-    std::vector<Entry> row;
+    std::vector<Sum> row;
     RowChunk rows;
   };
   std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
-  std::vector<RowChunk> chunks(chunk_count(A.columns));
-  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+  std::vector<RowChunk> chunks(chunk_count(columns));
+  parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
     Worker& worker = workers[static_cast<std::size_t>(w)];
     Array<std::uint32_t>& place = worker.place;
-    std::vector<Entry>& row = worker.row;
+    std::vector<Sum>& row = worker.row;
     RowChunk& rows = worker.rows;
-    if (place.empty()) place.assign(A.columns, kFree);
+    if (place.empty()) place.assign(columns, kFree);
     for (std::size_t k = begin; k < end; ++k) {
       // The diagonal is there even where it is zero: lambda is added to it.
       row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
       place[k] = 0;
-      for_column(system, k, [&](std::size_t q, std::size_t entry) {
-        for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-          std::uint32_t& at = place[A.column[e]];
-          if (at == kFree) {
-            at = static_cast<std::uint32_t>(row.size());
-            row.push_back({A.column[e], 0.0});
+      const auto add = [&](const EvaluatedBasis& basis, const auto& weight_of) {
+        const SparseMatrix& A = basis.A;
+        for_column(basis, k, [&](std::size_t q, std::size_t entry) {
+          const double d = weight_of(q);
+          for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+            std::uint32_t& at = place[A.column[e]];
+            if (at == kFree) {
+              at = static_cast<std::uint32_t>(row.size());
+              row.push_back({A.column[e], 0.0});
+            }
+            row[at].value += d * (A.value[entry] * A.value[e]);
           }
-          row[at].value += A.value[entry] * A.value[e];
-        }
-      });
-      for (const Entry& e : row) place[e.column] = kFree;
+        });
+      };
+      add(system.near, [&](std::size_t q) { return weight ? (*weight)[q] : 1; });
+      if (system.mu > 0) add(system.far, [&](std::size_t) { return system.mu; });
+      for (const Sum& e : row) place[e.column] = kFree;
       std::sort(row.begin(), row.end(),
-                [](const Entry& a, const Entry& b) { return a.column < b.column; });
-      for (const Entry& e : row) rows.add(e.column, e.value);
+                [](const Sum& a, const Sum& b) { return a.column < b.column; });
+      for (const Sum& e : row) rows.add(e.column, e.value);
       rows.end_row();
     }
     chunks[begin / kGrain] = rows.take();
   });
-  return join(std::move(chunks), A.columns);
+  return join(std::move(chunks), columns);
+}
+
+/// (A w - f)_q, zero at uncovered points.
+Channels residual_at(const SparseMatrix& A, std::size_t q, const Array<Channels>& w,
+                     const Array<Channels>& f) {
+  if (A.row_begin[q] == A.row_begin[q + 1]) return Channels::Zero();
+  Channels r = -f[q];
+  for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+    r += A.value[e] * w[A.column[e]];
+  }
+  return r;
+}
+
+/// Sum of value(i) over i < count, the same for any number of threads.
+template <class Value>
+Channels sum_over(std::size_t count, const Value& value) {
+  std::vector<Channels> sums(chunk_count(count), Channels::Zero());
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) sums[begin / kGrain] += value(i);
+  });
+  Channels total = Channels::Zero();
+  for (const Channels& sum : sums) total += sum;
+  return total;
 }
 
 /// Calls body(value) for every diagonal entry.
@@ -413,6 +464,21 @@ void for_diagonal(SparseMatrix& matrix, const Body& body) {
     body(matrix.value[static_cast<std::size_t>(std::lower_bound(begin, end, k) -
                                                matrix.column.begin())]);
   }
+}
+
+/// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
+double kept_variance(double cutoff) { return 1 - cutoff / std::expm1(cutoff); }
+
+/// The functions on screen where the pixel filter, truncated, is as wide as they.
+SurfelBasis minified(const SurfelBasis& basis, double cutoff) {
+  const double widening = 1 + 1 / kept_variance(cutoff);
+  SurfelBasis wide;
+  wide.function = basis.function;
+  for (SurfelBasis::Function& f : wide.function) {
+    f.variance_u *= widening;
+    f.variance_v *= widening;
+  }
+  return wide;
 }
 
 }  // namespace
@@ -434,7 +500,8 @@ Quadrature cover_surface(const SurfelBasis& basis, int points) {
     VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
     for (std::size_t i = begin; i < end; ++i) {
       cut_cell(basis, tree, i, cell);
-      quadrature.variance[i] = static_cast<float>(kPointVariance * cell.area() / points);
+      quadrature.variance[i] =
+          static_cast<float>(std::max(kCellVariance, kPointVariance / points) * cell.area());
       // Kronecker sequence of the golden ratio.
       for (std::size_t q = 0; q < m; ++q) {
         const auto n = static_cast<double>(q);
@@ -461,8 +528,14 @@ std::vector<std::string> RenderSystemOptions::problems() const {
   if (!(cutoff >= 0.1 && cutoff <= 16)) {
     found.push_back(fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
   }
+  if (!(minified >= 0 && minified <= 1e6)) {
+    found.push_back(fmt::format("minified is {}; it must be in 0..1e6", minified));
+  }
   if (!(regularization > 0 && regularization <= 1e6)) {
     found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
+  }
+  if (lambda && !(*lambda > 0 && std::isfinite(*lambda))) {
+    found.push_back(fmt::format("lambda is {}; it must be positive", *lambda));
   }
   return found;
 }
@@ -471,45 +544,74 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
                                     const RenderSystemOptions& options) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   RenderSystem system;
-  system.point_begin = quadrature.begin;
-  Assembler(basis, quadrature, options.cutoff).run(system);
+  system.near = Assembler(basis, quadrature, options.cutoff).run();
+  if (options.minified > 0 && basis.size() > 0) {
+    system.mu = options.minified * static_cast<double>(quadrature.size()) /
+                static_cast<double>(basis.size());
+    const SurfelBasis wide = minified(basis, options.cutoff);
+    const Quadrature centers = at_functions(wide);
+    system.far = Assembler(wide, centers, options.cutoff).run();
+  }
   system.normal_matrix = normal_product(system);
   double trace = 0;
   for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
   const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
-  system.lambda = options.regularization * (mean > 0 ? mean : 1);
+  system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for_diagonal(system.normal_matrix, [&](double& d) { d += system.lambda; });
   return system;
 }
 
-Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
-                                         const Array<Channels>& w_0) const {
-  Array<Channels> b(A.columns);
-  parallel_for(b.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
+                                          const Array<Channels>& f) const {
+  Array<Channels> residual(A.rows());
+  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t q = begin; q < end; ++q) residual[q] = residual_at(A, q, w, f);
+  });
+  return residual;
+}
+
+Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
+  return sum_over(A.rows(),
+                  [&](std::size_t q) -> Channels { return residual_at(A, q, w, f).square(); });
+}
+
+Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
+  Array<Channels> product(A.columns);
+  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t k = begin; k < end; ++k) {
       Channels sum = Channels::Zero();
       for_column(*this, k, [&](std::size_t q, std::size_t e) { sum += A.value[e] * f[q]; });
-      b[k] = sum + lambda * w_0[k];
+      product[k] = sum;
     }
   });
+  return product;
+}
+
+Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
+                                         const Array<Channels>& w_0) const {
+  Array<Channels> b = near.multiply_transposed(f);
+  for (std::size_t k = 0; k < b.size(); ++k) b[k] += lambda * w_0[k];
+  if (mu == 0) return b;
+  const Array<Channels> minified = far.multiply_transposed(w_0);
+  for (std::size_t k = 0; k < b.size(); ++k) b[k] += mu * minified[k];
   return b;
 }
 
-Channels RenderSystem::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
-  std::vector<Channels> sums(chunk_count(A.rows()), Channels::Zero());
-  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t q = begin; q < end; ++q) {
-      if (A.row_begin[q] == A.row_begin[q + 1]) continue;
-      Channels r = -f[q];
-      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-        r += A.value[e] * w[A.column[e]];
-      }
-      sums[begin / kGrain] += r.square();
-    }
-  });
-  Channels total = Channels::Zero();
-  for (const Channels& sum : sums) total += sum;
-  return total;
+Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
+  return mu * far.residual2(w, w_0) + lambda * sum_over(w.size(), [&](std::size_t k) -> Channels {
+                                        return (w[k] - w_0[k]).square();
+                                      });
+}
+
+SparseMatrix RenderSystem::weighted_normal_matrix(const Array<double>& weight) const {
+  SparseMatrix matrix = normal_product(*this, &weight);
+  for_diagonal(matrix, [&](double& d) { d += lambda; });
+  return matrix;
+}
+
+SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                              double cutoff) {
+  return Assembler(basis, quadrature, cutoff, Entry::kExponent).run().A;
 }
 
 }  // namespace surfel

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,9 +27,11 @@ struct Quadrature {
 };
 
 /// As many points for every function, spread evenly over its Voronoi cell among the functions of
-/// the same sheet. The cell ends at 0.95 spacings (the square root of the area; drawn out as V is)
-/// where there are no neighbours. What faces the other way, or lies further from the tangent plane
-/// than along it, is another sheet. Duplicates share their cell, and each has points in it.
+/// the same sheet. The texture is filtered for the functions' spacing, not for the points': what
+/// the functions cannot hold they must not be fitted to, as it comes back as noise where the
+/// surface is minified. The cell ends at 0.95 spacings (the square root of the area; drawn out as V
+/// is) where there are no neighbours. What faces the other way, or lies further from the tangent
+/// plane than along it, is another sheet. Duplicates share their cell, and each has points in it.
 /// \param points  per function, 1..256. The picture loses 0.15 dB against 64 points with 12, 0.3 dB
 ///                with 8, 0.8 dB with 4; time and memory grow with them.
 SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 12);
@@ -43,15 +46,42 @@ inline constexpr double kColorRegularization = 0.5;
 
 struct SURFEL_API RenderSystemOptions {
   double cutoff = 1;  ///< c of the renderer: kernels end where beta >= c; 0.1..16.
-  /// lambda by the mean of the diagonal of A^T A, (0, 1e6]. Measured on jittered grids without
-  /// noise, 1e-4 gains up to 1 dB where kernels overlap much (sigma = h, c = 4) and doubles the
-  /// solver's steps; nothing changes where they do not.
-  double regularization = 1e-3;
+  /// mu by the number of points a function, 0..1e6. 0: w_0 is not the filtered texture.
+  double minified = 8;
+  /// lambda by the mean of the diagonal of A^T A + mu B^T B, (0, 1e6].
+  double regularization = 0.03;
+  std::optional<double> lambda{};             ///< > 0; where set, lambda itself instead.
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// Least squares in the basis that the renderer evaluates [SS01 (9)]: the w that minimise
-/// |A w - f|^2 + lambda |w - w_0|^2, with A_qk = r_k(u_q) / sum_j r_j(u_q), the r_k truncated at c.
+/// A basis at points, as the renderer evaluates it.
+struct SURFEL_API EvaluatedBasis {
+  SparseMatrix A;  ///< Rows sum to 1; those of points that no function reaches are empty.
+  std::size_t uncovered = 0;  ///< Points that no function reaches.
+  /// Of every function, the owners of the points it reaches: what leads from columns to rows of A.
+  Array<std::uint64_t> owner_begin;
+  Array<std::uint32_t> owner;
+  Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
+  Array<float> coverage;  ///< Of every point sum_j r_j(u_q), what the renderer compares with tau.
+
+  /// A w - f, zero at uncovered points.
+  Array<Channels> residuals(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// |A w - f|^2 over the covered points.
+  Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// A^T f. \param f  per point; ignored at uncovered ones.
+  Array<Channels> multiply_transposed(const Array<Channels>& f) const;
+};
+
+/// Least squares in the basis that the renderer evaluates [SS01 (9)], magnified and minified at
+/// once: the w that minimise
+///   |A w - f|^2 + mu |B w - w_0|^2 + lambda |w - w_0|^2,
+/// with A_qk = r_k(u_q) / sum_j r_j(u_q), the r_k truncated at c. B is the same at the functions'
+/// own positions, the r_k as wide as they are on screen where the pixel filter is about as wide as
+/// they: of variance V (1 + 1 / t), t being the share of its variance that truncation leaves a
+/// Gaussian. There the picture ought to be the texture under a Gaussian of variance V, which is
+/// what w_0, the coefficients of view-independent EWA, are. Without that term, coefficients that
+/// are right from near sum to noise from afar, where the renderer weighs them by their areas, and
+/// not by what truncation and normalisation make of these at each place.
 ///
 /// A point is seen along its owner's normal, as by a viewer straight above. A function takes part
 /// where the line of sight meets its plane within the truncated kernel, if the place is no further
@@ -61,27 +91,32 @@ struct SURFEL_API RenderSystemOptions {
 /// back never mix, however thin; sheets that face the same way do where the renderer mixes them.
 ///
 /// The normal matrix is symmetric positive definite whatever the surfels, and |w - w_0|^2 is at
-/// most |A w_0 - f|^2 / lambda. Duplicates get equal coefficients if their w_0 are; functions that
-/// reach no point keep w_0.
+/// most (|A w_0 - f|^2 + mu |B w_0 - w_0|^2) / lambda. Duplicates get equal coefficients if their
+/// w_0 are; functions that reach no point keep w_0.
 struct SURFEL_API RenderSystem {
-  SparseMatrix A;  ///< Rows sum to 1; those of points that no function reaches are empty.
-  SparseMatrix normal_matrix;  ///< A^T A + lambda I.
+  EvaluatedBasis near;         ///< A.
+  EvaluatedBasis far;          ///< B; empty where mu is 0.
+  SparseMatrix normal_matrix;  ///< A^T A + mu B^T B + lambda I.
+  double mu = 0;
   double lambda = 0;
-  std::size_t uncovered = 0;  ///< Points that no function reaches.
-  /// Of every function, the owners of the points it reaches: what leads from columns to rows of A.
-  Array<std::uint64_t> owner_begin;
-  Array<std::uint32_t> owner;
-  Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
 
-  /// A^T f + lambda w_0. \param f  per point; ignored at uncovered ones. \param w_0  per function.
+  /// A^T f + mu B^T w_0 + lambda w_0. \param f  per point; ignored at uncovered ones. \param w_0
+  /// per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
-  /// |A w - f|^2 over the covered points.
-  Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
+  /// What holds w back, mu |B w - w_0|^2 + lambda |w - w_0|^2.
+  Channels pull2(const Array<Channels>& w, const Array<Channels>& w_0) const;
+  /// A^T D A + mu B^T B + lambda I with the diagonal matrix D: the normal matrix where points count
+  /// by weights. \param weight  per point.
+  SparseMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.
 SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,
                                                const Quadrature& quadrature,
                                                const RenderSystemOptions& options = {});
+
+/// The same rows with beta in the place of A_qk, and kernels that end at `cutoff`.
+SURFEL_API SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
+                                         double cutoff);
 
 }  // namespace surfel

@@ -95,7 +95,20 @@ std::vector<std::string> TextureFitOptions::problems() const {
                     bounds->lower < bounds->upper),
         "bounds must be two numbers, the lower first");
   check(!bounds || solver == FitSolver::kConjugateGradients,
-        "bounds need the solver cg; ldlt knows none");
+        "bounds need the solver cg; ldlt and ceres know none");
+  const auto needs_render = [&](bool used, const char* option) {
+    check(!used || kind == TextureFitKind::kRender,
+          fmt::format("{} has no effect without the render fit; leave it out", option));
+    check(!used || !bounds, fmt::format("{} and bounds do not go together", option));
+  };
+  needs_render(robust, "robust");
+  check(!robust || solver != FitSolver::kLdlt, "robust needs the solver cg or ceres");
+  check(!robust_scale || (*robust_scale > 0 && std::isfinite(*robust_scale)),
+        fmt::format("robust scale is {}; it must be positive", robust_scale.value_or(0)));
+  needs_render(refine_variance, "refine-variance");
+  check(!robust || !refine_variance, "robust and refine-variance do not go together");
+  check(coverage >= 0 && coverage <= 1e6,
+        fmt::format("coverage is {}; it must be 0 to 1e6", coverage));
   return found;
 }
 
@@ -120,9 +133,12 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       report.times.add("points", timer.milliseconds());
       PointColors colors{.basis = basis, .quadrature = quadrature};
       fit_ewa(cloud, textures, options, report, &colors);
-      fit_render(cloud, std::move(colors),
-                 options.lambda.value_or(RenderSystemOptions{}.regularization), report.alpha,
-                 options, report);
+      RenderSystemOptions render;
+      render.cutoff = options.cutoff;
+      render.regularization = options.lambda.value_or(render.regularization);
+      // w_0 carries the outliers; refine_variance() says why it has no such term.
+      if (options.robust || options.refine_variance) render.minified = 0;
+      fit_render(cloud, std::move(colors), render, report.alpha, options, report);
     }
   }
   measure(cloud, report);
@@ -132,6 +148,9 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
 TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                             const std::string& name) {
   require_usable(options);
+  if (options.refine_variance) {
+    throw_usage("refine-variance needs a texture: one colour a surfel does not tell its variance");
+  }
   check_kernels_present(cloud, name);
   if (!cloud.empty() && cloud.color.empty()) {
     throw_input(name, "the surfels have no colours (red, green, blue) to fit");
@@ -157,8 +176,18 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
         colors.color.push_back(color);
       }
       colors.known.assign(basis.size(), 1);
-      fit_render(cloud, std::move(colors), options.lambda.value_or(kColorRegularization), false,
-                 options, report);
+      if (options.robust) {
+        const Array<Channels> target = winsorized(basis, colors.color, options.robust_scale);
+        for (std::size_t i = 0; i < basis.size(); ++i) {
+          cloud.coefficient[basis.surfel[i]] = target[i].head<3>().matrix().cast<float>();
+        }
+      }
+      // The samples are not filtered: there is nothing to minify to.
+      const RenderSystemOptions render{
+          .cutoff = options.cutoff,
+          .minified = 0,
+          .regularization = options.lambda.value_or(kColorRegularization)};
+      fit_render(cloud, std::move(colors), render, false, options, report);
     }
   }
   measure(cloud, report);

@@ -11,8 +11,10 @@
 #include <surfel/base/timing.h>
 #include <surfel/cloud/cloud.h>
 #include <surfel/solve/solve_report.h>
+#include <surfel/texture/robust_fit.h>
 #include <surfel/texture/texture_map.h>
 #include <surfel/texture/uv_charts.h>
+#include <surfel/texture/variance_fit.h>
 
 namespace surfel {
 
@@ -26,6 +28,7 @@ enum class TextureFitKind {
 enum class FitSolver {
   kConjugateGradients,  ///< conjugate_gradients.h: fast, in parallel, to the tolerance.
   kLdlt,                ///< direct_solve.h: exact, for small systems.
+  kCeres,               ///< ceres_solver.h: least squares by Ceres, for small systems.
 };
 
 struct SURFEL_API TextureFitOptions {
@@ -40,14 +43,24 @@ struct SURFEL_API TextureFitOptions {
 
   // Of kGram and kRender:
   FitSolver solver = FitSolver::kConjugateGradients;
-  double tolerance = 1e-5;  ///< Of conjugate gradients, relative residual, 1e-14 to 0.1.
+  /// Of conjugate gradients: relative residual; of Ceres and of robust fits: relative change of the
+  /// coefficients in the last step. 1e-14 to 0.1.
+  double tolerance = 1e-5;
   /// Weight of |w - w_ewa|^2 by the mean of the system's diagonal, 0 (kGram only) to 1e6. Unset:
-  /// render 1e-3; gram as much as brings the condition down to 1e6, 0 if it is less.
+  /// render 0.03; gram as much as brings the condition down to 1e6, 0 if it is less.
   std::optional<double> lambda{};
   std::optional<CoefficientBounds>
       bounds{};       ///< Coefficients stay within; kConjugateGradients only.
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
   int points = 12;    ///< kRender: quadrature points a surfel, 1 to 256.
+  /// kRender: outliers count by their distance instead of its square (robust_fit.h); needs
+  /// kConjugateGradients, which are reweighted, or kCeres, which is the reference; no bounds.
+  bool robust = false;
+  std::optional<double> robust_scale{};  ///< RobustOptions::scale, > 0.
+  /// kRender of a texture: the surfels' variances are fitted as well (variance_fit.h, which needs
+  /// Ceres whatever the solver), and written; neither robust nor bounds.
+  bool refine_variance = false;
+  double coverage = 0;  ///< VarianceFitOptions::coverage, 0 to 1e6.
   /// Called with the share of assembly and solution that is done; may be empty.
   std::function<void(double)> progress{};
   std::vector<std::string> problems() const;  ///< Empty if usable.
@@ -60,7 +73,7 @@ struct SystemReport {
   double lambda = 0;          ///< By the mean of the diagonal.
   double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
   double eigen_max = 0;
-  int iterations = 0;   ///< 0 for kLdlt.
+  int iterations = 0;   ///< Of conjugate gradients, or steps of Ceres; 0 for kLdlt.
   double residual = 0;  ///< Relative, of the worst channel.
   bool converged = true;
   std::size_t points = 0;     ///< kRender: quadrature points ...
@@ -69,6 +82,9 @@ struct SystemReport {
   double error = 0;           ///< w_ewa and of the fit.
   double min_reach = 0;       ///< kGram: how far entries go, standard deviations.
   double max_reach = 0;
+  std::optional<RobustReport> robust{};
+  std::optional<VarianceFitReport> variance{};
+  double error_before = 0;  ///< With `variance`: `error` as it was with the variances given.
 
   double condition() const { return eigen_min > 0 ? eigen_max / eigen_min : 0; }
 };
@@ -112,8 +128,11 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 
 /// The same fits to the surfels' own colour samples instead of a texture: coefficients such that
 /// the rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k =
-/// c_k. With kRender, lambda is 0.5 if unset, as noise must not be fitted (render_system.h). Of the
-/// columns, position, normal, variance and colour are needed.
+/// c_k. With robust, coefficients are pulled towards the
+/// winsorised samples (robust_fit.h), as outliers would hold their own. With kRender, lambda is 0.5
+/// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
+/// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
+/// does not tell its variance.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
 

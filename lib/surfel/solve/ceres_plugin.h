@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace surfel {
+
+/// What the library and the plug-in libsurfel_ceres.so hand to one another: raw numbers only.
+
+/// weight sum_q rho(|A_q w - f_q|^2) over rows q of A that have entries; rho is Huber's function,
+/// or the identity.
+struct CeresTerm {
+  std::size_t rows = 0;
+  const std::uint64_t* row_begin = nullptr;
+  const std::uint32_t* column = nullptr;
+  const double* value = nullptr;
+  const double* f = nullptr;
+  double weight = 1;
+  double huber = 0;  ///< Where rho goes over from a parabola to a line; 0: rho is the identity.
+};
+
+/// Minimise the sum of terms. Numbers of unknowns and rows are `stride` apart, of which the first
+/// `channels` count.
+struct CeresLeastSquares {
+  const CeresTerm* term = nullptr;
+  std::size_t terms = 0;
+  std::size_t columns = 0;
+  int channels = 1;
+  int stride = 1;
+  double tolerance = 1e-6;  ///< Ends where steps are smaller, relative to |w|.
+  int max_iterations = 0;
+  double* w = nullptr;  ///< In: where to start, out: the minimum.
+};
+
+/// Minimise a smooth function by limited-memory BFGS.
+struct CeresMinimization {
+  std::size_t size = 0;
+  double* x = nullptr;  ///< In: where to start, out: the best found.
+  /// \return false where the function has no finite value at x. `gradient` may be null.
+  bool (*evaluate)(void* self, const double* x, double* cost, double* gradient) = nullptr;
+  void* self = nullptr;
+  double tolerance = 1e-6;  ///< Ends where a step gains less of the cost.
+  int max_iterations = 50;
+};
+
+struct CeresReport {
+  int iterations = 0;
+  double cost = 0;
+  bool converged = true;
+};
+
+/// Both throw Error: kNumeric where Ceres fails, kInterrupted if asked to stop.
+using CeresSolveLeastSquares = void(const CeresLeastSquares& problem, CeresReport& report);
+inline constexpr char kCeresSolveLeastSquaresSymbol[] = "surfel_ceres_least_squares";
+using CeresMinimize = void(const CeresMinimization& problem, CeresReport& report);
+inline constexpr char kCeresMinimizeSymbol[] = "surfel_ceres_minimize";
+
+}  // namespace surfel

@@ -1,0 +1,230 @@
+// Huber 1964, "Robust estimation of a location parameter".
+// Holland, Welsch 1977, "Robust regression using iteratively reweighted least-squares".
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include <surfel/base/parallel.h>
+#include <surfel/solve/ceres_solver.h>
+#include <surfel/solve/conjugate_gradients.h>
+#include <surfel/solve/sparse_product.h>
+#include <surfel/texture/robust_fit.h>
+
+namespace surfel {
+namespace {
+
+/// Of an unset scale, by the median length of the residuals ...
+constexpr double kScaleByMedian = 2;
+/// ... which outliers have bent less after each round: the scale stands from this one on.
+constexpr int kScaleRounds = 2;
+/// Reach of the medians about colour samples, whatever the renderer's cutoff: some ten neighbours.
+constexpr double kMedianCutoff = 4;
+constexpr std::size_t kGrain = 1 << 11;
+
+double length(const Channels& r) { return std::sqrt(r.square().sum()); }
+
+double huber(double r, double scale) { return r <= scale ? r * r : 2 * scale * r - scale * scale; }
+
+Array<double> lengths(const Array<Channels>& r) {
+  Array<double> result(r.size());
+  for (std::size_t i = 0; i < r.size(); ++i) result[i] = length(r[i]);
+  return result;
+}
+
+Array<double> weights(const Array<double>& length, double scale) {
+  Array<double> result(length.size());
+  std::transform(length.begin(), length.end(), result.begin(),
+                 [&](double r) { return r <= scale ? 1 : scale / r; });
+  return result;
+}
+
+SparseMatrix identity_matrix(std::size_t size) {
+  SparseMatrix matrix;
+  matrix.columns = size;
+  matrix.row_begin.resize(size + 1);
+  std::iota(matrix.row_begin.begin(), matrix.row_begin.end(), std::uint64_t{0});
+  matrix.column.resize(size);
+  std::iota(matrix.column.begin(), matrix.column.end(), 0U);
+  matrix.value.assign(size, 1.0);
+  return matrix;
+}
+
+bool covered(const RenderSystem& system, std::size_t q) {
+  return system.near.A.row_begin[q] < system.near.A.row_begin[q + 1];
+}
+
+/// Of any values but none; moves them.
+double median(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double scale_of(std::vector<double> found) {
+  if (found.empty()) return kLeastRobustScale;
+  return std::max(kLeastRobustScale, kScaleByMedian * median(found));
+}
+
+double estimate_scale(const RenderSystem& system, const Array<double>& residual) {
+  std::vector<double> found;
+  found.reserve(residual.size());
+  for (std::size_t q = 0; q < residual.size(); ++q) {
+    if (covered(system, q)) found.push_back(residual[q]);
+  }
+  return scale_of(std::move(found));
+}
+
+/// Rounds of iteratively reweighted least squares on one system.
+class Rounds {
+ public:
+  Rounds(const RenderSystem& system, const Array<Channels>& f, const Array<Channels>& w_0,
+         const RobustOptions& options)
+      : system_(system), f_(f), w_0_(w_0), options_(options) {}
+
+  Array<double> residual_lengths(const Array<Channels>& w) const {
+    return lengths(system_.near.residuals(w, f_));
+  }
+
+  /// Solves the system with the weights of `w`. \return the change of w, relative to it.
+  double run(double scale, const Array<double>& residual, Array<Channels>& w,
+             RobustReport& report) const {
+    const Array<double> weight = weights(residual, scale);
+    const SparseMatrix matrix = system_.weighted_normal_matrix(weight);
+    const InverseFactor factor(matrix, Preconditioner::kSparseInverse);
+    const Array<Channels> before = w;
+    SolveOptions solve;
+    solve.tolerance = options_.tolerance;
+    const SolveReport solved = conjugate_gradients(matrix, right_side(weight), factor, w, solve);
+    ++report.rounds;
+    report.iterations += solved.iterations;
+    report.converged = solved.converged && !solved.indefinite;
+    double change2 = 0;
+    double norm2 = 0;
+    for (std::size_t k = 0; k < w.size(); ++k) {
+      change2 += (w[k] - before[k]).square().sum();
+      norm2 += w[k].square().sum();
+    }
+    return norm2 > 0 ? std::sqrt(change2 / norm2) : 0;
+  }
+
+  /// Estimates the scale from rounds on from w, unless it is set.
+  double scale(Array<Channels>& w, RobustReport& report) const {
+    if (options_.scale) return *options_.scale;
+    for (int round = 0;; ++round) {
+      const Array<double> residual = residual_lengths(w);
+      const double scale = estimate_scale(system_, residual);
+      if (round == kScaleRounds) return scale;
+      run(scale, residual, w, report);
+    }
+  }
+
+  void finish(const Array<Channels>& w, RobustReport& report) const {
+    const Array<double> residual = residual_lengths(w);
+    report.down_weighted = static_cast<std::size_t>(std::count_if(
+        residual.begin(), residual.end(), [&](double r) { return r > report.scale; }));
+    report.cost = robust_cost(system_, f_, w_0_, w, report.scale);
+    // The gradient of the cost, by the right side of the system that it belongs to.
+    const Array<double> weight = weights(residual, report.scale);
+    report.residual =
+        relative_residual(system_.weighted_normal_matrix(weight), right_side(weight), w);
+  }
+
+ private:
+  /// Of the system with these weights.
+  Array<Channels> right_side(const Array<double>& weight) const {
+    Array<Channels> weighted(weight.size());
+    for (std::size_t q = 0; q < weight.size(); ++q) weighted[q] = weight[q] * f_[q];
+    return system_.right_side(weighted, w_0_);
+  }
+
+  const RenderSystem& system_;
+  const Array<Channels>& f_;
+  const Array<Channels>& w_0_;
+  const RobustOptions& options_;
+};
+
+}  // namespace
+
+double robust_cost(const RenderSystem& system, const Array<Channels>& f, const Array<Channels>& w_0,
+                   const Array<Channels>& w, double scale) {
+  double points = 0;
+  for (const Channels& r : system.near.residuals(w, f)) points += huber(length(r), scale);
+  return points + system.pull2(w, w_0).sum();
+}
+
+RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
+                        const Array<Channels>& w_0, Array<Channels>& w,
+                        const RobustOptions& options) {
+  RobustReport report;
+  const Rounds rounds(system, f, w_0, options);
+  report.scale = rounds.scale(w, report);
+  double first = 0;
+  double change = 0;
+  do {
+    change = rounds.run(report.scale, rounds.residual_lengths(w), w, report);
+    if (first == 0) first = change;
+    if (options.progress && change > 0 && first > options.tolerance) {
+      options.progress(
+          std::clamp(std::log(change / first) / std::log(options.tolerance / first), 0.0, 1.0));
+    }
+  } while (change > options.tolerance && report.rounds < options.max_rounds);
+  report.converged = report.converged && change <= options.tolerance;
+  rounds.finish(w, report);
+  return report;
+}
+
+RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>& f,
+                              const Array<Channels>& w_0, Array<Channels>& w,
+                              const RobustOptions& options) {
+  RobustReport report;
+  const Rounds rounds(system, f, w_0, options);
+  report.scale = rounds.scale(w, report);
+  const CeresReport solved =
+      ceres_fit(system, f, w_0, report.scale, options.channels, options.tolerance, w);
+  report.rounds += solved.iterations;
+  report.iterations = solved.iterations;
+  report.converged = solved.converged;
+  rounds.finish(w, report);
+  return report;
+}
+
+CeresReport ceres_fit(const RenderSystem& system, const Array<Channels>& f,
+                      const Array<Channels>& w_0, double scale, int channels, double tolerance,
+                      Array<Channels>& w) {
+  const SparseMatrix identity = identity_matrix(w.size());
+  return ceres_least_squares({{.A = system.near.A, .f = f, .huber = scale},
+                              {.A = system.far.A, .f = w_0, .weight = system.mu},
+                              {.A = identity, .f = w_0, .weight = system.lambda}},
+                             channels, tolerance, w);
+}
+
+Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
+                           std::optional<double> scale) {
+  const SparseMatrix neighbors = kernel_exponents(basis, at_functions(basis), kMedianCutoff);
+  Array<Channels> medians(sample.size());
+  parallel_for(sample.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<double> values;
+    for (std::size_t k = begin; k < end; ++k) {
+      for (Eigen::Index c = 0; c < 4; ++c) {
+        values.clear();
+        for (std::size_t e = neighbors.row_begin[k]; e < neighbors.row_begin[k + 1]; ++e) {
+          values.push_back(sample[neighbors.column[e]][c]);
+        }
+        medians[k][c] = values.empty() ? sample[k][c] : median(values);
+      }
+    }
+  });
+  Array<double> distance(sample.size());
+  for (std::size_t k = 0; k < sample.size(); ++k) distance[k] = length(sample[k] - medians[k]);
+  const double most = scale.value_or(scale_of({distance.begin(), distance.end()}));
+  const Array<double> kept = weights(distance, most);
+  Array<Channels> result(sample.size());
+  for (std::size_t k = 0; k < sample.size(); ++k) {
+    result[k] = medians[k] + kept[k] * (sample[k] - medians[k]);
+  }
+  return result;
+}
+
+}  // namespace surfel

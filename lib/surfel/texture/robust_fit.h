@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <optional>
+
+#include <surfel/base/export.h>
+#include <surfel/solve/ceres_plugin.h>
+#include <surfel/texture/render_system.h>
+
+namespace surfel {
+
+struct SURFEL_API RobustOptions {
+  /// Length of a residual over its channels, linear colour, from which on it counts as an outlier,
+  /// > 0. Unset: twice the median length, which is re-estimated after the first two rounds and at
+  /// least kLeastRobustScale. (Gaussian noise in three channels: 2 % of the points are beyond.)
+  std::optional<double> scale{};
+  /// Rounds end where they change w by less, relative to |w|.
+  double tolerance = 1e-5;
+  int max_rounds = 100;
+  int channels = 4;  ///< Of Ceres: those that count, the first 1..4; the others must be 0.
+  std::function<void(double)> progress{};  ///< Called with the share that is done; may be empty.
+};
+
+/// A quarter of a step of 8-bit colours: what is rounding is no outlier.
+inline constexpr double kLeastRobustScale = 1e-3;
+
+struct RobustReport {
+  double scale = 0;
+  int rounds = 0;                 ///< Weighted systems solved, or steps of Ceres.
+  std::size_t down_weighted = 0;  ///< Points with residuals beyond the scale.
+  double cost = 0;                ///< Of w, by robust_cost().
+  int iterations = 0;             ///< Of conjugate gradients, all rounds; or steps of Ceres.
+  double residual = 0;            ///< The cost's gradient, by the weighted system's right side.
+  bool converged = true;
+};
+
+/// Huber's function of a residual's squared length: squares up to `scale`, then lines,
+/// 2 scale |r| - scale^2. It is convex: there is one minimum, wherever one starts, where those of
+/// losses that level out (Cauchy's) depend on it. [Huber 1964]
+///
+/// What is minimised is sum_q rho(|A_q w - f_q|^2) + mu |B w - w_0|^2 + lambda |w - w_0|^2, a
+/// point's channels together. Only the points are under the loss: w_0 is filtered, and what
+/// outliers do to it is no outlier.
+SURFEL_API double robust_cost(const RenderSystem& system, const Array<Channels>& f,
+                              const Array<Channels>& w_0, const Array<Channels>& w, double scale);
+
+/// Minimises that by iteratively reweighted least squares [Holland, Welsch 1977]: weights
+/// min(1, scale / |r|) of the last round, conjugate gradients on A^T D A + mu B^T B + lambda I. No
+/// round raises the cost. The result does not depend on the number of threads.
+/// \param w  in: where to start, best w_0, as what a fit without a loss makes of outliers makes the
+/// estimated scale larger; out: the minimum.
+SURFEL_API RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
+                                   const Array<Channels>& w_0, Array<Channels>& w,
+                                   const RobustOptions& options = {});
+
+/// The same by Ceres (ceres_solver.h), with the scale that robust_fit() would estimate: the
+/// reference, for small systems.
+SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>& f,
+                                         const Array<Channels>& w_0, Array<Channels>& w,
+                                         const RobustOptions& options = {});
+
+/// The plain objective of the system by Ceres, or robust_cost() of a scale > 0, from w on.
+SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const Array<Channels>& f,
+                                 const Array<Channels>& w_0, double scale, int channels,
+                                 double tolerance, Array<Channels>& w);
+
+/// Winsorised colour samples, what robust fits to samples are pulled towards: a sample further than
+/// `scale` from the median about it, channel by channel, over the functions that reach its place at
+/// beta < 4, is moved to that distance. Unset: twice the median of all those distances, at least
+/// kLeastRobustScale.
+SURFEL_API Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
+                                      std::optional<double> scale = {});
+
+}  // namespace surfel
