@@ -191,14 +191,15 @@ TEST(OutputFile, WritesToDevicesWithoutReplacingThem) {
 
 TEST(OutputFile, TemporaryKeepsTheExtensionOfLongNamesToo) {
   const TemporaryFolder folder;
-  const std::string longest = std::string(251, 'n') + ".png";
+  std::string longest(255, 'n');
+  longest.replace(251, 4, ".png");
   for (const std::string& name : {std::string("a.png"), longest}) {
     OutputFile file(folder / name);
     EXPECT_TRUE(file.temporary().ends_with(".png"));
     file.commit();
     EXPECT_TRUE(fs::exists(folder / name));
   }
-  OutputFile(folder / ("a." + std::string(253, 'e'))).commit();
+  OutputFile(folder / std::string(255, 'e').replace(0, 2, "a.")).commit();
   OutputFile(folder / ".hidden").commit();
   EXPECT_EQ(entries(folder), 4U);
 }

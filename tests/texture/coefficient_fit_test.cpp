@@ -136,15 +136,18 @@ TEST(CoefficientFit, SolversAgree) {
 }
 
 TEST(CoefficientFit, RobustFitsKeepOutliersFromBleeding) {
-  // A twentieth of the texels is painted over.
-  Image clean = noise_image(16, 16, 5);
+  // Specks much smaller than the surfels.
+  const Image clean = test::make_image(64, 64, [](int x, int y) {
+    const float wave = 0.5F + 0.4F * std::sin(0.1F * static_cast<float>(x + y));
+    return Eigen::Vector4f(wave, 0.5F, 1 - wave, 1);
+  });
   Image image = clean;
-  for (int i = 0; i < 16 * 16; i += 20) {
-    for (int c = 0; c < 3; ++c) image.pixel(i % 16, i / 16)[c] = 8;
+  for (int i = 0; i < 64 * 64; i += 211) {
+    for (int c = 0; c < 3; ++c) image.pixel(i % 64, i / 64)[c] = 8;
   }
   TextureSet textures = one_map(clean);
   TextureSet outliers = one_map(image);
-  const SurfelCloud start = grid(28, 0.7);
+  const SurfelCloud start = grid(12, 0.8);
   const auto error = [&](bool robust) {
     TextureFitOptions options = fit_of(TextureFitKind::kRender);
     options.robust = robust;

@@ -53,12 +53,14 @@ struct SURFEL_API TextureFitOptions {
       bounds{};       ///< Coefficients stay within; kConjugateGradients only.
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
   int points = 12;    ///< kRender: quadrature points a surfel, 1 to 256.
-  /// kRender: outliers count by their distance instead of its square (robust_fit.h); needs
-  /// kConjugateGradients, which are reweighted, or kCeres, which is the reference; no bounds.
+  /// kRender: outliers count by their distance instead of its square (robust_fit.h), and there is
+  /// no minified term (render_system.h), which would hold the fit to coefficients with outliers;
+  /// needs kConjugateGradients, which are reweighted, or kCeres, which is the reference; no bounds.
   bool robust = false;
   std::optional<double> robust_scale{};  ///< RobustOptions::scale, > 0.
   /// kRender of a texture: the surfels' variances are fitted as well (variance_fit.h, which needs
-  /// Ceres whatever the solver), and written; neither robust nor bounds.
+  /// Ceres whatever the solver, and knows no minified term), and written; neither robust nor
+  /// bounds. Takes about 0.5 ms of one core a surfel.
   bool refine_variance = false;
   double coverage = 0;  ///< VarianceFitOptions::coverage, 0 to 1e6.
   /// Called with the share of assembly and solution that is done; may be empty.
