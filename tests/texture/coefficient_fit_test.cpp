@@ -77,7 +77,7 @@ TEST(CoefficientFit, ConstantTexturesGiveConstantCoefficients) {
 }
 
 TEST(CoefficientFit, GramIsTheDenseSolution) {
-  SurfelCloud cloud = grid(50, 0.7);
+  SurfelCloud cloud = grid(30, 0.7);
   TextureSet textures = one_map(noise_image(64, 64, 5));
   SurfelCloud ewa = cloud;
   fit_texture(ewa, textures, {});

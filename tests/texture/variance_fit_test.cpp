@@ -2,6 +2,7 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/direct_solve.h>
 #include <surfel/texture/variance_fit.h>
@@ -122,6 +123,17 @@ TEST(VarianceFit, OddBasesAreSurvived) {
     twins.surfel.push_back(static_cast<std::uint32_t>(once + k));
   }
   for (const Channels& w : refine(twins, 1).w) EXPECT_LT(w.abs().maxCoeff(), 100);
+}
+
+TEST(VarianceFit, RefusesAMinifiedTerm) {
+  SurfelBasis basis = flat_basis(3, 0.8);
+  const Quadrature points = cover_surface(basis, 2);
+  RenderSystem system = assemble_render_system(basis, points);
+  const Array<Channels> f(points.size(), Channels::Zero());
+  Array<Channels> w(basis.size(), Channels::Zero());
+  const Array<Channels> w_0 = w;
+  const auto solve = [](const RenderSystem&, Array<Channels>&) {};
+  EXPECT_THROW(refine_variance(basis, points, f, w_0, system, w, solve), Error);
 }
 
 TEST(VarianceFit, DoesNotDependOnTheThreads) {
