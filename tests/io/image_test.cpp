@@ -19,8 +19,9 @@
 
 #include "support/test_data.h"
 
-// Where libpng jumps out of an error, OpenImageIO forgets the message: tests/support/lsan.supp knows
-// that leak by its whole stack, which the address sanitizer keeps only if told to, as it is slow.
+// Where libpng jumps out of an error, OpenImageIO forgets the message: tests/support/lsan.supp
+// knows that leak by its whole stack, which the address sanitizer keeps only if told to, as it is
+// slow.
 extern "C" const char* __asan_default_options() { return "fast_unwind_on_malloc=0"; }
 
 namespace surfel {
