@@ -204,7 +204,7 @@ InverseFactor InverseFactor::jacobi(const SparseMatrix& matrix) {
 
 std::size_t InverseFactor::default_row_entries(const SparseMatrix& matrix) {
   const std::size_t mean = matrix.entries() / std::max<std::size_t>(1, matrix.rows());
-  return std::clamp<std::size_t>((mean + 3) / 4, 8, 64);
+  return std::clamp<std::size_t>((mean + 3) / 4, 8, 40);
 }
 
 InverseFactor InverseFactor::sparse_inverse(const SparseMatrix& matrix, std::size_t row_entries) {

@@ -26,7 +26,7 @@ class SURFEL_API InverseFactor {
   /// row_entries  of the pattern, at most 255; 0: default_row_entries().
   static InverseFactor sparse_inverse(const SparseMatrix& matrix, std::size_t row_entries = 0);
 
-  /// A quarter of the matrix' mean, at least 8 and at most 64: the least total time on Gram
+  /// A quarter of the matrix' mean, at least 8 and at most 40: the least total time on Gram
   /// matrices of Gaussians, whose rows grow with their condition number (56 to 220 entries, 1e2 to
   /// 1e7).
   static std::size_t default_row_entries(const SparseMatrix& matrix);

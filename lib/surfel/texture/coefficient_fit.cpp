@@ -18,6 +18,8 @@ namespace {
 /// Gram matrices are regularised down to this condition: beyond it, coefficients are some thousand
 /// times as large as the colours, and single precision does not hold them.
 constexpr double kMostCondition = 1e6;
+/// What the condition is needed for does not need it closely.
+constexpr int kSpectrumSteps = 20;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
   Array<Channels> w(basis.size());
@@ -74,6 +76,10 @@ void solve(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFa
   report.iterations = solved.iterations;
   report.residual = solved.residual;
   report.converged = solved.converged && !solved.indefinite;
+}
+
+double largest(const Array<double>& values) {
+  return values.empty() ? 0 : *std::max_element(values.begin(), values.end());
 }
 
 /// Replaces R by S R S with S = mean(diag(R))^-1/2 I, whose diagonal it returns.
@@ -196,16 +202,19 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
   tell(options, 0.3);
 
   timer.restart();
-  InverseFactor factor(gram.matrix, Preconditioner::kSparseInverse);
-  Spectrum spectrum = estimate_spectrum(gram.matrix, factor);
+  // Lifted by about as much as lambda may come to, the matrix has a good factor, which serves
+  // whatever lambda is.
+  const double lift = options.lambda.value_or(largest(row_sums(gram.matrix)) / kMostCondition);
+  add_to_diagonal(gram.matrix, lift);
+  const InverseFactor factor(gram.matrix, Preconditioner::kSparseInverse);
+  Spectrum spectrum = estimate_spectrum(gram.matrix, factor, kSpectrumSteps);
+  spectrum.min -= lift;
+  spectrum.max -= lift;
   system.lambda = options.lambda.value_or(
       spectrum.condition() <= kMostCondition
           ? 0
           : std::max(0.0, spectrum.max / kMostCondition - spectrum.min) + gram.left_out);
-  if (system.lambda > 0) {
-    add_to_diagonal(gram.matrix, system.lambda);
-    factor = InverseFactor(gram.matrix, Preconditioner::kSparseInverse);
-  }
+  add_to_diagonal(gram.matrix, (system.lambda - lift) / (1 + lift));  // The mean is 1 + lift.
   system.eigen_min = spectrum.min + system.lambda;
   system.eigen_max = spectrum.max + system.lambda;
   report.times.add("condition", timer.milliseconds());
