@@ -22,7 +22,9 @@
 // Where libpng jumps out of an error, OpenImageIO forgets the message: tests/support/lsan.supp
 // knows that leak by its whole stack, which the address sanitizer keeps only if told to, as it is
 // slow.
-extern "C" const char* __asan_default_options() { return "fast_unwind_on_malloc=0"; }
+extern "C" __attribute__((visibility("default"))) const char* __asan_default_options() {
+  return "fast_unwind_on_malloc=0";
+}
 
 namespace surfel {
 namespace {
