@@ -21,6 +21,9 @@ trap 'rm -rf "$work"' EXIT
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
 seconds() { number total_ms < "$1" | awk '{printf "%.1f", $1 / 1000}'; }
 
+# fit_options FIT CUTOFF: the options of surfel-texture; only render has a cutoff to fit for.
+fit_options() { if [ "$1" = render ]; then echo "--fit render --cutoff $2"; else echo "--fit $1"; fi; }
+
 # SS01 figure 6: rows are magnifications, columns the fits and the texture itself.
 figure() {
   local cutoff=4
@@ -29,7 +32,8 @@ figure() {
   "$tools/surfel-generate" checker --frequency 40 --size 2560x2560 -o "$work/black.png" --quiet
   oiiotool "$work/black.png" --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o "$work/checker.png"
   for fit in "${fits[@]}"; do
-    "$tools/surfel-texture" "$work/plane.ply" --image "$work/checker.png" --fit "$fit" --cutoff "$cutoff" \
+    # shellcheck disable=SC2046 # Words of options.
+    "$tools/surfel-texture" "$work/plane.ply" --image "$work/checker.png" $(fit_options "$fit" "$cutoff") \
       -o "$work/$fit.ply" --quiet
   done
   local tiles=()
@@ -70,7 +74,8 @@ mesh_rows() {
     for cutoff in 1 2; do
       local row="| $1 | $count | $cutoff |"
       for fit in "${fits[@]}"; do
-        "$tools/surfel-texture" "$work/s.ply" --mesh "$2" --image "$3" --fit "$fit" --cutoff "$cutoff" \
+        # shellcheck disable=SC2046 # Words of options.
+        "$tools/surfel-texture" "$work/s.ply" --mesh "$2" --image "$3" $(fit_options "$fit" "$cutoff") \
           -o "$work/t.ply" --stats "$work/t.json" --quiet
         "$tools/surfel-render" "$work/t.ply" -o "$work/t.exr" --cutoff "$cutoff" "${view[@]}"
         row+=$(printf ' %.1f dB, %s s |' \

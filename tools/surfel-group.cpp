@@ -104,6 +104,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--fixed-point", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
   needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
   needs("--cover", !s.output.empty(), "--output");
+  needs("--overlap", !s.output.empty(), "--output");
 }
 
 void check(const CLI::App& app, Settings& s) {
@@ -189,7 +190,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
 /// Covers the surface as --cover says, and tells what came of it.
 void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
            nlohmann::json& json) {
-  const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage);
+  const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage, s.input);
   report(json, r);
   const auto percent = [&](double area) { return 100 * area / r.area; };
   tool.note(

@@ -235,6 +235,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
   if (s.scene_file.empty()) refuse("the default scene", {"--refraction"});
+  if (!s.render.lit) refuse("--shading none", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
 }
 

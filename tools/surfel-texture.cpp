@@ -121,6 +121,13 @@ void check(const CLI::App& app, const Settings& s) {
       problems.push_back(fmt::format("{} has no effect with --fit ewa; leave it out", option));
     }
   }
+  if (s.fit.kind != surfel::TextureFitKind::kRender) {
+    for (const char* option : {"--cutoff", "--points"}) {
+      if (app.get_option(option)->count() == 0) continue;
+      problems.push_back(
+          fmt::format("{} has no effect without --fit render; leave it out", option));
+    }
+  }
   if (s.from == From::kColors) {
     for (const char* option : {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
                                "--max-aspect", "--exact", "--points", "--refine-variance"}) {

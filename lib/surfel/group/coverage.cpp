@@ -62,12 +62,12 @@ double discs_area(std::span<const float> radius) {
 
 class GroupCoverer {
  public:
-  GroupCoverer(SurfelCloud& cloud, const CoverageOptions& options)
-      : cloud_(cloud), options_(options) {}
+  GroupCoverer(SurfelCloud& cloud, const CoverageOptions& options, const std::string& name)
+      : cloud_(cloud), options_(options), name_(name) {}
 
   CoverageReport run() {
     Timer timer;
-    discs_ = make_discs(cloud_, options_.cutoff);
+    discs_ = make_discs(cloud_, options_.cutoff, name_);
     report_.points_before = cloud_.size();
     report_.without_disc = cloud_.size() - discs_.size();
     lists_.emplace(discs_, cloud_.group);
@@ -215,9 +215,9 @@ class GroupCoverer {
       group.resize(order.size(), static_cast<std::uint16_t>(k));
     }
     if (order.size() > std::numeric_limits<std::uint32_t>::max()) {
-      throw_input("", fmt::format("with the copies there are {} surfels, more than 2^32 - 1; "
-                                  "use fewer groups or a larger least gain",
-                                  order.size()));
+      throw_input(name_, fmt::format("with the copies there are {} surfels, more than 2^32 - 1; "
+                                     "use fewer groups or a larger least gain",
+                                     order.size()));
     }
     cloud_ = cloud_.gathered(order);
     cloud_.group = std::move(group);
@@ -243,6 +243,7 @@ class GroupCoverer {
 
   SurfelCloud& cloud_;
   const CoverageOptions& options_;
+  const std::string& name_;  ///< The cloud's, for messages.
   CoverageReport report_;
   Discs discs_;
   std::optional<GroupLists> lists_;
@@ -267,14 +268,15 @@ std::vector<std::string> CoverageOptions::problems() const {
   return found;
 }
 
-CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options) {
+CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options,
+                            const std::string& name) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
-  cloud.check_columns("");
+  cloud.check_columns(name);
   if (cloud.empty()) return {};
   if (cloud.group.empty()) {
-    throw_input("", "the surfels have no groups; assign them first (surfel-group)");
+    throw_input(name, "has no groups; assign them first (surfel-group)");
   }
-  return GroupCoverer(cloud, options).run();
+  return GroupCoverer(cloud, options, name).run();
 }
 
 }  // namespace surfel

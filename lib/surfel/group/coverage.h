@@ -95,7 +95,8 @@ struct CoverageReport {
 /// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
 /// Memory some 100 bytes a splat, and 150 a splat of the largest group.
 /// The same for any number of threads. Throws Error(kUsage) for bad options, Error(kInput) if
-/// group, normals or variances are missing.
-SURFEL_API CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options = {});
+/// group, normals or variances are missing, with a message that starts with `name`, the cloud's.
+SURFEL_API CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options = {},
+                                       const std::string& name = "surfels");
 
 }  // namespace surfel

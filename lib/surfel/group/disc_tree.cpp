@@ -47,12 +47,12 @@ Discs Discs::gathered(std::span<const std::uint32_t> which) const {
   return out;
 }
 
-Discs make_discs(const SurfelCloud& cloud, double cutoff) {
+Discs make_discs(const SurfelCloud& cloud, double cutoff, const std::string& name) {
   if (cloud.normal.empty()) {
-    throw_input("", "the surfels have no normals; run surfel-estimate on them first");
+    throw_input(name, "has no normals; run surfel-estimate on it first");
   }
   if (cloud.variance.empty() && !cloud.anisotropic()) {
-    throw_input("", "the surfels have no variances; run surfel-estimate on them first");
+    throw_input(name, "has no variances; run surfel-estimate on it first");
   }
   const Array<std::uint32_t> curve = morton_order(cloud.position);
   Discs all;

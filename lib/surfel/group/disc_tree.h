@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -29,8 +30,9 @@ struct SURFEL_API Discs {
 };
 
 /// The splats that have a disc: finite position, known normal, finite variance above zero. Throws
-/// Error(kInput) if the cloud has no normals or no variances.
-SURFEL_API Discs make_discs(const SurfelCloud& cloud, double cutoff);
+/// Error(kInput) if the cloud, `name`, has no normals or no variances.
+SURFEL_API Discs make_discs(const SurfelCloud& cloud, double cutoff,
+                            const std::string& name = "surfels");
 
 /// Indices of the discs that do not lie at the same place and on the same sheet as an earlier one,
 /// which is as large at least and covers them.
