@@ -130,6 +130,7 @@ TEST_F(SurfelGroup, RefusesWhatMakesNoSense) {
   EXPECT_EQ(group({"--print-table"}, "-").exit_code, 2);
   EXPECT_EQ(group({"--print-table", "--groups", "4"}).exit_code, 2);
   EXPECT_EQ(group({"--print-table", "--cover", "enlarge"}).exit_code, 2);
+  EXPECT_EQ(group({"--print-table", "--overlap", "0.5"}).exit_code, 2);
   const std::string output = folder_ / "none.ply";
   for (const Words& options : {Words{"--groups", "-1"},
                                {"--groups", "65536"},
