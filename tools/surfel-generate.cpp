@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
+#include <surfel/cloud/morton.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
 #include <surfel/io/mesh.h>
@@ -130,6 +131,8 @@ void generate_surface(tool::Tool& tool, const Request& r) {
   if (!r.output.empty()) {
     const Timer timer;
     SurfelCloud cloud = generate_surfels(scene, r.surfels);
+    // Readers then need not sort it, and large files can be streamed.
+    cloud = cloud.gathered(morton_order(cloud.position));
     tool.report()["generate_ms"] = timer.milliseconds();
     tool.report()["surfels"] = cloud.size();
     cloud.provenance.push_back(tool.provenance());

@@ -10,9 +10,11 @@
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/camera.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/io/image.h>
+#include <surfel/io/image_queue.h>
 #include <surfel/io/scene.h>
+#include <surfel/render/cloud_loader.h>
+#include <surfel/render/cloud_stream.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/mesh_renderer.h>
 #include <surfel/render/reference.h>
@@ -24,6 +26,9 @@
 #include "tools/support/tool.h"
 
 namespace {
+
+/// Pictures of a turntable that wait to be encoded, at most.
+constexpr std::size_t kPicturesInFlight = 2;
 
 enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
@@ -44,6 +49,7 @@ struct Settings {
   Filter filter = Filter::kEwa;
   bool reference = false;
   surfel::ReferenceOptions rays;
+  std::optional<std::uint64_t> memory;
   std::string mesh;
   surfel::TextureSourceOptions texture;
   Eigen::Vector4d background{0, 0, 0, 0};
@@ -174,6 +180,14 @@ void declare_options(CLI::App& app, Settings& s) {
              "= as the file says");
   add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
   app.option_defaults()->group("Options");
+  add_text(app, "--memory", "BYTES", "auto",
+           "Memory for surfels and what a picture makes of them, such as 512M or 2G; binary PLY "
+           "files in space-filling order (as surfel-generate writes them) that need more are read "
+           "piece by piece, for each picture anew; auto = three quarters of what is free",
+           [&s](const std::string& text) {
+             s.memory.reset();
+             if (text != "auto") s.memory = parse_bytes("--memory", text);
+           });
 }
 
 bool blends_layers(const Settings& s) {
@@ -277,8 +291,9 @@ Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
 }
 
 /// The renderer of surfels that was asked for.
-Paint surfel_painter(const Settings& s, const surfel::RenderCloud& surfels,
+Paint surfel_painter(const Settings& s, const surfel::LoadedCloud& loaded,
                      const surfel::Scene& scene) {
+  const surfel::RenderCloud& surfels = loaded.surfels();
   if (s.reference) {
     return paint_slowly(
         std::make_shared<surfel::ReferenceRenderer>(surfels, scene, s.render, s.rays));
@@ -286,7 +301,11 @@ Paint surfel_painter(const Settings& s, const surfel::RenderCloud& surfels,
   if (s.filter == Filter::kEwaSource) {
     return paint_slowly(std::make_shared<surfel::SourceEwaRenderer>(surfels, scene, s.render));
   }
-  const auto renderer = std::make_shared<surfel::Renderer>(surfels, scene, s.render);
+  surfel::RenderOptions options = s.render;
+  if (loaded.stream()) options.batch = loaded.batch();
+  const auto renderer = loaded.stream()
+                            ? std::make_shared<surfel::Renderer>(*loaded.stream(), scene, options)
+                            : std::make_shared<surfel::Renderer>(surfels, scene, options);
   return [renderer](const surfel::Camera& camera, surfel::FrameStatistics& statistics,
                     const std::function<void(double)>&) {
     return renderer->render(camera, &statistics);
@@ -357,12 +376,11 @@ std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent
   return all;
 }
 
-nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
+nlohmann::json to_json(const surfel::FrameStatistics& frame) {
   nlohmann::json stages = nlohmann::json::object();
   for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
   return {{"ms", frame.milliseconds},
           {"stages", stages},
-          {"encode_ms", encode_ms},
           {"clusters", frame.clusters},
           {"splats", frame.splats},
           {"exact_splats", frame.exact_splats},
@@ -375,30 +393,41 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame, double encode_ms) {
 }
 
 /// Reads and prepares surfels, and tells what of them cannot be used.
-surfel::RenderCloud load_surfels(const surfel::tool::Tool& tool, const std::string& input,
-                                 const surfel::RenderOptions& options) {
-  const std::string name = input == "-" ? "standard input" : input;
-  const surfel::SurfelCloud cloud = surfel::read_cloud(input);
-  if (cloud.empty()) tool.note(fmt::format("{}: holds no surfel; the picture is empty", name));
-  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) {
-    surfel::throw_input(name, "has no variance (nor radius); make it with surfel-from-mesh");
-  }
-  const surfel::RenderColumns needed = surfel::columns_of(options.method);
-  if (needed.groups && !cloud.empty() && cloud.group.empty()) {
-    surfel::throw_input(name, "has no groups; run surfel-group on it");
-  }
-  if (cloud.basis_cutoff && *cloud.basis_cutoff != options.cutoff) {
+std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool,
+                                                  const Settings& s) {
+  const std::string name = s.input == "-" ? "standard input" : s.input;
+  auto loaded = std::make_unique<surfel::LoadedCloud>(
+      s.input,
+      surfel::CloudLoadOptions{.columns = surfel::columns_of(s.render.method),
+                               .memory = s.memory,
+                               .may_stream = s.render.method == surfel::Method::kABuffer &&
+                                             !s.reference && s.filter != Filter::kEwaSource,
+                               .batch = s.render.batch});
+  if (loaded->basis_cutoff() && *loaded->basis_cutoff() != s.render.cutoff) {
     tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
-                          *cloud.basis_cutoff, options.cutoff));
+                          *loaded->basis_cutoff(), s.render.cutoff));
   }
-  surfel::RenderCloud surfels(cloud, needed);
-  if (const auto& d = surfels.dropped(); d.total() > 0) {
+  if (const auto& d = loaded->surfels().dropped(); d.total() > 0) {
     tool.note(
         fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
                     "colours that are not usable numbers)",
                     name, d.total(), d.position, d.variance, d.color));
   }
-  return surfels;
+  if (loaded->stream()) {
+    tool.note(fmt::format("{}: more than fits into --memory; read piece by piece for each picture",
+                          name));
+  }
+  return loaded;
+}
+
+/// Tells of a picture that is incomplete.
+void warn(const surfel::tool::Tool& tool, const Settings& s, std::size_t picture,
+          const surfel::FrameStatistics& frame) {
+  if (frame.unpeeled_pixels == 0) return;
+  tool.note(
+      fmt::format("picture {}: {} pixels have more than --peel {} layers; what is behind is "
+                  "left out",
+                  picture, frame.unpeeled_pixels, s.render.peel));
 }
 
 }  // namespace
@@ -416,38 +445,41 @@ int main(int argc, char** argv) {
 
     nlohmann::json& report = tool.report();
     const surfel::Timer load;
-    std::optional<surfel::RenderCloud> surfels;
-    if (!s.input.empty()) surfels.emplace(load_surfels(tool, s.input, s.render));
+    std::unique_ptr<surfel::LoadedCloud> loaded;
+    if (!s.input.empty()) loaded = load_surfels(tool, s);
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) mesh.emplace(s, scene);
-    const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
-    const Paint paint = mesh ? paint_slowly(mesh->renderer) : surfel_painter(s, *surfels, scene);
+    const surfel::SceneExtent extent =
+        loaded ? loaded->surfels().extent() : mesh->renderer->extent();
+    const Paint paint = mesh ? paint_slowly(mesh->renderer) : surfel_painter(s, *loaded, scene);
     report["load_ms"] = load.milliseconds();
-    report["surfels"] = surfels ? surfels->size() : 0;
-    report["dropped"] = surfels ? surfels->dropped().total() : 0;
+    report["surfels"] = loaded ? loaded->surfels().size() : 0;
+    report["dropped"] = loaded ? loaded->surfels().dropped().total() : 0;
+    report["streamed"] = loaded && loaded->stream();
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
-    report["frames"] = nlohmann::json::array();
     const std::vector<surfel::Camera> views = cameras(s, extent);
+    // Kept apart from the report until all are written: the writer adds to them.
+    std::vector<nlohmann::json> frames(views.size());
+    surfel::ImageQueue queue(views.size() > 1 ? kPicturesInFlight : 0);
     for (std::size_t i = 0; i < views.size(); ++i) {
       surfel::FrameStatistics frame;
       const auto progress = [&](double share) {
         tool.progress("rendering",
                       (static_cast<double>(i) + share) / static_cast<double>(views.size()));
       };
-      const surfel::Image image = paint(views[i], frame, progress);
-      if (frame.unpeeled_pixels > 0) {
-        tool.note(
-            fmt::format("picture {}: {} pixels have more than --peel {} layers; what is "
-                        "behind is left out",
-                        i, frame.unpeeled_pixels, s.render.peel));
-      }
-      const surfel::Timer encode;
-      surfel::write_image(image, is_pattern(s.output) ? picture_name(s.output, i) : s.output,
-                          {.no_clobber = tool.common().no_clobber,
-                           .metadata = {{"Software", "surfel-render"}},
-                           .world_to_camera = surfel::world_to_camera_matrix(views[i])});
-      report["frames"].push_back(to_json(frame, encode.milliseconds()));
+      surfel::Image image = paint(views[i], frame, progress);
+      warn(tool, s, i, frame);
+      frames[i] = to_json(frame);
+      queue.write(std::move(image), is_pattern(s.output) ? picture_name(s.output, i) : s.output,
+                  {.no_clobber = tool.common().no_clobber,
+                   .metadata = {{"Software", "surfel-render"}},
+                   .world_to_camera = surfel::world_to_camera_matrix(views[i])});
       progress(1);
     }
+    queue.finish();
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      frames[i]["encode_ms"] = queue.milliseconds()[i];
+    }
+    report["frames"] = std::move(frames);
   });
 }

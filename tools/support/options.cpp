@@ -1,5 +1,6 @@
 #include "tools/support/options.h"
 
+#include <cctype>
 #include <charconv>
 #include <cmath>
 
@@ -56,6 +57,22 @@ std::pair<int, int> parse_size(const std::string& option, const std::string& tex
     }
   }
   throw_conversion(option, text, fmt::format("a size WxH in pixels, 1x1 to {0}x{0}", kLargest));
+}
+
+std::uint64_t parse_bytes(const std::string& option, const std::string& text) {
+  static const std::string kUnits = "KMGT";
+  const std::size_t unit =
+      text.empty() ? std::string::npos : kUnits.find(static_cast<char>(std::toupper(text.back())));
+  const std::size_t digits = text.size() - (unit == std::string::npos ? 0 : 1);
+  const auto number = parse_number<double>(text.data(), text.data() + digits);
+  const double bytes =
+      number.value_or(-1) *
+      (unit == std::string::npos ? 1 : std::exp2(10 * static_cast<double>(unit + 1)));
+  constexpr double kMost = 0x1p60;
+  if (!(bytes >= 1 && bytes <= kMost)) {
+    throw_conversion(option, text, "a number of bytes such as 512M or 2G");
+  }
+  return static_cast<std::uint64_t>(bytes);
 }
 
 CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,6 +18,9 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
 
 /// "WxH", both 1..65536. Throws CLI::ConversionError.
 std::pair<int, int> parse_size(const std::string& option, const std::string& text);
+
+/// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
+std::uint64_t parse_bytes(const std::string& option, const std::string& text);
 
 /// Declares an option whose value is one text, handed to `assign`; `value` is the default, for the
 /// help.

@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -113,6 +114,9 @@ void run_workers(Loop& loop, int workers) {
 #endif
 
 }  // namespace
+
+SerialLoops::SerialLoops() noexcept : before_(std::exchange(t_inside_loop, true)) {}
+SerialLoops::~SerialLoops() { t_inside_loop = before_; }
 
 int thread_count() noexcept {
   const int set = g_thread_count.load(std::memory_order_relaxed);

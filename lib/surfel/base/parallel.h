@@ -29,4 +29,17 @@ SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);
 
+/// While it lives, parallel loops on this thread run on it alone: for work beside a loop that has
+/// the cores. Results are the same.
+class SURFEL_API SerialLoops {
+ public:
+  SerialLoops() noexcept;
+  ~SerialLoops();
+  SerialLoops(const SerialLoops&) = delete;
+  SerialLoops& operator=(const SerialLoops&) = delete;
+
+ private:
+  bool before_;
+};
+
 }  // namespace surfel

@@ -8,20 +8,24 @@
 #include <surfel/cloud/morton.h>
 
 namespace surfel {
+namespace {
 
-Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
-  constexpr std::size_t kGrain = 1 << 16;
-  const std::size_t n = position.size();
+constexpr std::size_t kGrain = 1 << 16;
+constexpr float kInf = std::numeric_limits<float>::infinity();
+
+/// The order of n points, at(i) each.
+template <class At>
+Array<std::uint32_t> order_of(std::size_t n, const At& at) {
   const std::size_t blocks = (n + kGrain - 1) / kGrain;
   std::vector<std::pair<Vec3f, Vec3f>> partial(blocks);
-  constexpr float kInf = std::numeric_limits<float>::infinity();
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     Vec3f lo = Vec3f::Constant(kInf);
     Vec3f hi = -lo;
     for (std::size_t i = begin; i < end; ++i) {
-      if (!position[i].allFinite()) continue;
-      lo = lo.cwiseMin(position[i]);
-      hi = hi.cwiseMax(position[i]);
+      const Vec3f p = at(i);
+      if (!p.allFinite()) continue;
+      lo = lo.cwiseMin(p);
+      hi = hi.cwiseMax(p);
     }
     partial[begin / kGrain] = {lo, hi};
   });
@@ -31,41 +35,99 @@ Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
     lo = lo.cwiseMin(l);
     hi = hi.cwiseMax(h);
   }
-  // Double, as the extent of finite floats may exceed the largest float.
-  const Vec3d low = lo.cast<double>();
-  const double extent = n == 0 ? 0 : (hi.cast<double>() - low).maxCoeff();
-  const double scale = extent > 0 ? 0x1fffff / extent : 0;
-
+  const MortonGrid grid(lo, hi);
   Array<std::uint64_t> keys(n);
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      if (!position[i].allFinite()) {
-        keys[i] = std::numeric_limits<std::uint64_t>::max();
-        continue;
-      }
-      const Vec3d cell = (position[i].cast<double>() - low) * scale;
-      keys[i] =
-          morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
-                      static_cast<std::uint32_t>(cell.z()));
+      const Vec3f p = at(i);
+      keys[i] = p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max();
     }
   });
   Array<std::uint32_t> order = sorted_order(keys);
 
   const auto before = [&](std::uint32_t a, std::uint32_t b) {
-    const Vec3f& p = position[a];
-    const Vec3f& q = position[b];
+    const Vec3f p = at(a);
+    const Vec3f q = at(b);
     return std::make_tuple(p.x(), p.y(), p.z(), a) < std::make_tuple(q.x(), q.y(), q.z(), b);
   };
   for (std::size_t begin = 0; begin < n;) {
     std::size_t end = begin + 1;
     while (end < n && keys[order[end]] == keys[order[begin]]) ++end;
-    if (end - begin > 1 && position[order[begin]].allFinite()) {
+    if (end - begin > 1 && at(order[begin]).allFinite()) {
       std::sort(order.begin() + static_cast<std::ptrdiff_t>(begin),
                 order.begin() + static_cast<std::ptrdiff_t>(end), before);
     }
     begin = end;
   }
   return order;
+}
+
+}  // namespace
+
+Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
+  return order_of(position.size(), [&](std::size_t i) { return position[i]; });
+}
+
+Array<std::uint32_t> morton_order(const PointColumns& points) {
+  return order_of(points.count,
+                  [&](std::size_t i) { return Vec3f(points.x[i], points.y[i], points.z[i]); });
+}
+
+MortonGrid::MortonGrid(const Vec3f& min, const Vec3f& max) : low_(min.cast<double>()) {
+  // Double, as the extent of finite floats may exceed the largest float.
+  const double extent = (max.cast<double>() - low_).maxCoeff();
+  if (extent > 0) scale_ = 0x1fffff / extent;
+}
+
+bool MortonGrid::in_order(const PointColumns& points) const {
+  if (points.count < 2) return true;
+  constexpr std::size_t kPiece = 1024;  // Cells of a piece stay in the first-level cache.
+  const float* const column[] = {points.x, points.y, points.z};
+  const std::size_t pairs = points.count - 1;
+  std::vector<std::uint8_t> sorted((pairs + kGrain - 1) / kGrain);
+  parallel_for(pairs, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::int32_t cells[3][kPiece + 1];
+    int wrong = 0;
+    for (std::size_t first = begin; first < end && wrong == 0; first += kPiece) {
+      const std::size_t n = std::min(kPiece, end - first);
+      for (int axis = 0; axis < 3; ++axis) {
+        const float* from = column[axis] + first;
+        for (std::size_t i = 0; i <= n; ++i) {
+          cells[axis][i] =
+              static_cast<std::int32_t>((static_cast<double>(from[i]) - low_[axis]) * scale_);
+        }
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        // The codes compare as the coordinates do whose highest differing bit is highest, z's
+        // before y's before x's; a < b and a < (a ^ b): b has the higher highest bit.
+        const std::int32_t x = cells[0][i] ^ cells[0][i + 1];
+        const std::int32_t y = cells[1][i] ^ cells[1][i + 1];
+        const std::int32_t z = cells[2][i] ^ cells[2][i + 1];
+        const bool y_first = !((y < x) & (y < (y ^ x)));
+        const std::int32_t xy = y_first ? y : x;
+        const std::int32_t rise_xy =
+            y_first ? cells[1][i + 1] - cells[1][i] : cells[0][i + 1] - cells[0][i];
+        const bool z_first = !((z < xy) & (z < (z ^ xy)));
+        const std::int32_t rise = z_first ? cells[2][i + 1] - cells[2][i] : rise_xy;
+        wrong |= static_cast<int>(rise < 0);
+        wrong |= static_cast<int>((x | y | z) == 0) << 1;
+      }
+      if (wrong != 2) continue;
+      wrong = 0;  // Some share a cell: they must stand by position.
+      for (std::size_t i = 0; i < n; ++i) {
+        if (cells[0][i] != cells[0][i + 1] || cells[1][i] != cells[1][i + 1] ||
+            cells[2][i] != cells[2][i + 1]) {
+          continue;
+        }
+        const auto at = [&](std::size_t k) {
+          return std::make_tuple(points.x[k], points.y[k], points.z[k]);
+        };
+        if (at(first + i + 1) < at(first + i)) wrong = 1;
+      }
+    }
+    sorted[begin / kGrain] = wrong == 0;
+  });
+  return std::all_of(sorted.begin(), sorted.end(), [](std::uint8_t s) { return s != 0; });
 }
 
 }  // namespace surfel

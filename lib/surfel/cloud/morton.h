@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include <surfel/base/export.h>
@@ -27,5 +28,36 @@ constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint3
 /// side). Points that are not finite come last, by index. Points in one cell are ordered by
 /// position, then index, so that a shuffled cloud gives the same sequence of points.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
+
+/// Points as three columns; `count` of them, each column possibly longer.
+struct PointColumns {
+  const float* x = nullptr;
+  const float* y = nullptr;
+  const float* z = nullptr;
+  std::size_t count = 0;
+};
+
+/// The same for points in columns.
+SURFEL_API Array<std::uint32_t> morton_order(const PointColumns& points);
+
+/// Cells of the Morton curve through the cube around points of these bounds.
+class SURFEL_API MortonGrid {
+ public:
+  /// Finite bounds, or empty ones (min > max) for no points.
+  MortonGrid(const Vec3f& min, const Vec3f& max);
+  /// Of a finite point inside the bounds.
+  std::uint64_t code(const Vec3f& point) const {
+    const Vec3d cell = (point.cast<double>() - low_) * scale_;
+    return morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
+                       static_cast<std::uint32_t>(cell.z()));
+  }
+  /// Would morton_order() leave these points, all finite, as they are? Compares neighbours without
+  /// making their codes: a fraction of the cost of an order.
+  bool in_order(const PointColumns& points) const;
+
+ private:
+  Vec3d low_;
+  double scale_ = 0;
+};
 
 }  // namespace surfel

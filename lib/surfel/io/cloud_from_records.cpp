@@ -18,41 +18,12 @@ namespace {
 /// Records that one thread takes at a time: they and what is made of them fit into its cache.
 constexpr std::size_t kBlock = 4096;
 
-bool same_name(std::string_view a, std::string_view b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](unsigned char c, unsigned char d) {
-    return std::tolower(c) == std::tolower(d);
-  });
-}
-
-/// Linear light of every 16-bit sRGB value.
-const std::vector<float>& srgb16_table() {
-  static const std::vector<float> table = [] {
-    std::vector<float> t(65536);
-    for (std::size_t i = 0; i < t.size(); ++i)
-      t[i] = srgb16_to_linear(static_cast<std::uint16_t>(i));
-    return t;
-  }();
+/// Linear light of every value of T, an sRGB code.
+template <class T, class Decode>
+std::vector<float> decoded_codes(const Decode& decode) {
+  std::vector<float> table(std::size_t{std::numeric_limits<T>::max()} + 1);
+  for (std::size_t i = 0; i < table.size(); ++i) table[i] = decode(static_cast<T>(i));
   return table;
-}
-
-const std::vector<float>& srgb8_table() {
-  static const std::vector<float> table = [] {
-    std::vector<float> t(256);
-    for (std::size_t i = 0; i < t.size(); ++i) t[i] = srgb8_to_linear(static_cast<std::uint8_t>(i));
-    return t;
-  }();
-  return table;
-}
-
-/// Unit length, bit for bit what it was where it is unit already; zero where it has no direction.
-Vec3f unit_or_zero(const Vec3f& n) {
-  const float squared = n.squaredNorm();
-  constexpr float kUnit = 1e-6f;
-  if (std::abs(squared - 1) <= kUnit) return n;
-  const Vec3d wide = n.cast<double>();  // Neither overflows nor vanishes when squared.
-  const double length = wide.norm();
-  if (!(length > 0) || !std::isfinite(length)) return Vec3f::Zero();
-  return (wide / length).cast<float>();
 }
 
 /// A coordinate this many extents away from zero loses two bits or more of the extent's in float.
@@ -62,7 +33,7 @@ constexpr double kFar = 4;
 /// unless the range lies far away. It is a multiple of a power of two of about the extent, so that
 /// float coordinates minus it are exact: they are multiples of their spacing, which is finer than
 /// the origin's, and the difference is smaller than they are.
-double choose_origin(double min, double max, double extent) {
+double origin_on_axis(double min, double max, double extent) {
   const double center = min / 2 + max / 2;
   if (!(std::abs(center) > kFar * extent)) return 0;
   if (extent == 0) {  // All in one place: only what float cannot hold is left to the offset.
@@ -299,16 +270,13 @@ void Reader::recenter() {
       box.max[axis] = std::max(box.max[axis], range.max);
     }
   }
-  const double extent = (box.max - box.min).cwiseMax(0).norm();
-  for (int axis = 0; axis < 3; ++axis) {
-    cloud_.origin[axis] = choose_origin(box.min[axis], box.max[axis], extent);
-  }
+  cloud_.origin = choose_origin(box);
   if (cloud_.origin != Vec3d::Zero()) run(position_copies_);
 }
 
 void Reader::make_unit(Array<Vec3f>& column) {
   copies_.push_back([to = column.data()](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) to[i] = unit_or_zero(to[i]);
+    for (std::size_t i = begin; i < end; ++i) to[i] = stored_unit(to[i]);
   });
 }
 
@@ -347,10 +315,10 @@ void Reader::read_colors() {
       cloud_.color_encoding = ColorEncoding::kFloatLinear;
     } else if (columns[0]->type != ScalarType::kUint16 && fit<std::uint8_t>(columns)) {
       cloud_.color_encoding = ColorEncoding::kUint8Srgb;
-      table = srgb8_table().data();
+      table = srgb8_table();
     } else if (fit<std::uint16_t>(columns)) {
       cloud_.color_encoding = ColorEncoding::kUint16Srgb;
-      table = srgb16_table().data();
+      table = srgb16_table();
     } else {
       continue;
     }
@@ -429,6 +397,35 @@ SurfelCloud Reader::read() {
 }
 
 }  // namespace
+
+Vec3f stored_unit(const Vec3f& n) {
+  const float squared = n.squaredNorm();
+  constexpr float kUnit = 1e-6f;
+  if (std::abs(squared - 1) <= kUnit) return n;
+  const Vec3d wide = n.cast<double>();  // Neither overflows nor vanishes when squared.
+  const double length = wide.norm();
+  if (!(length > 0) || !std::isfinite(length)) return Vec3f::Zero();
+  return (wide / length).cast<float>();
+}
+
+const float* srgb8_table() {
+  static const std::vector<float> table = decoded_codes<std::uint8_t>(srgb8_to_linear);
+  return table.data();
+}
+
+const float* srgb16_table() {
+  static const std::vector<float> table = decoded_codes<std::uint16_t>(srgb16_to_linear);
+  return table.data();
+}
+
+Vec3d choose_origin(const Bounds& bounds) {
+  const double extent = (bounds.max - bounds.min).cwiseMax(0).norm();
+  Vec3d origin;
+  for (int axis = 0; axis < 3; ++axis) {
+    origin[axis] = origin_on_axis(bounds.min[axis], bounds.max[axis], extent);
+  }
+  return origin;
+}
 
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
                                bool double_positions) {

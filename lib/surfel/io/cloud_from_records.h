@@ -18,4 +18,15 @@ namespace surfel {
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
                                bool double_positions);
 
+/// Unit length, bit for bit what it was where it is unit already; zero where it has no direction.
+Vec3f stored_unit(const Vec3f& n);
+
+/// Linear light of every 8-bit and 16-bit sRGB value.
+const float* srgb8_table();
+const float* srgb16_table();
+
+/// Where to put the origin of points of these bounds: on each axis zero, unless the points lie so
+/// far away that float coordinates would lose precision.
+Vec3d choose_origin(const Bounds& bounds);
+
 }  // namespace surfel

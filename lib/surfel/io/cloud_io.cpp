@@ -39,31 +39,6 @@ bool parse_numbers(std::string_view text, std::span<double> values) {
   return !words.next();
 }
 
-/// Sorts the header's comments: what applies to the whole cloud, and the others.
-void read_comments(const std::vector<std::string>& comments, const std::string& file,
-                   SurfelCloud& cloud) {
-  for (const std::string& comment : comments) {
-    const std::string_view text = comment;
-    if (text.starts_with(kProvenanceComment)) {
-      cloud.provenance.emplace_back(text.substr(kProvenanceComment.size()));
-    } else if (text.starts_with(kBasisComment)) {
-      double cutoff = 0;
-      if (!parse_numbers(text.substr(kBasisComment.size()), {&cutoff, 1}) || !(cutoff > 0)) {
-        throw_input(file, "the header comment " + quoted_excerpt(text) + " has no cutoff > 0");
-      }
-      cloud.basis_cutoff = cutoff;
-    } else if (text.starts_with(kViewpointComment)) {
-      double view[7];
-      if (!parse_numbers(text.substr(kViewpointComment.size()), view)) {
-        throw_input(file, "the header comment " + quoted_excerpt(text) + " has not seven numbers");
-      }
-      cloud.viewpoint = Viewpoint{Vec3d(view), Eigen::Vector4d(view + 3)};
-    } else if (!text.starts_with(kVersionComment)) {
-      cloud.comments.push_back(comment);
-    }
-  }
-}
-
 std::string one_line(std::string text) {
   std::replace_if(
       text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
@@ -85,18 +60,6 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool with_view
   }
   for (const std::string& line : cloud.comments) lines.push_back(one_line(line));
   return lines;
-}
-
-SurfelCloud read_ply(InputFile input) {
-  PlyFile ply(std::move(input));
-  const PlyElement* vertex = ply.header().find("vertex");
-  if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
-  const PlyProperty* x = vertex->find("x");
-  const bool double_positions = x && x->type == ScalarType::kFloat64;
-  SurfelCloud cloud =
-      cloud_from_records(ply.scalars("vertex", {"x", "y", "z"}), ply.name(), double_positions);
-  read_comments(ply.header().comments, ply.name(), cloud);
-  return cloud;
 }
 
 SurfelCloud read_pcd(InputFile input) {
@@ -167,19 +130,58 @@ void write_records(const CloudRecords& records, std::size_t count, bool ascii, O
 
 }  // namespace
 
-SurfelCloud read_cloud(const std::string& path) {
-  InputFile input(path);
-  if (input.bytes().empty()) throw_input(input.name(), "is empty");
-  if (PlyFile::matches(input.bytes())) return read_ply(std::move(input));
-  if (PcdFile::matches(input.bytes())) return read_pcd(std::move(input));
-  if (has_extension(path, ".ply"))
-    throw_input(path, "is not a PLY file: it does not start with 'ply'");
-  if (has_extension(path, ".pcd")) throw_input(path, "is not a PCD file: it has no PCD header");
-  if (is_xyz_name(path)) return read_xyz(input);
-  throw_input(
-      input.name(),
-      "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
+void read_comments(const std::vector<std::string>& comments, const std::string& file,
+                   SurfelCloud& cloud) {
+  for (const std::string& comment : comments) {
+    const std::string_view text = comment;
+    if (text.starts_with(kProvenanceComment)) {
+      cloud.provenance.emplace_back(text.substr(kProvenanceComment.size()));
+    } else if (text.starts_with(kBasisComment)) {
+      double cutoff = 0;
+      if (!parse_numbers(text.substr(kBasisComment.size()), {&cutoff, 1}) || !(cutoff > 0)) {
+        throw_input(file, "the header comment " + quoted_excerpt(text) + " has no cutoff > 0");
+      }
+      cloud.basis_cutoff = cutoff;
+    } else if (text.starts_with(kViewpointComment)) {
+      double view[7];
+      if (!parse_numbers(text.substr(kViewpointComment.size()), view)) {
+        throw_input(file, "the header comment " + quoted_excerpt(text) + " has not seven numbers");
+      }
+      cloud.viewpoint = Viewpoint{Vec3d(view), Eigen::Vector4d(view + 3)};
+    } else if (!text.starts_with(kVersionComment)) {
+      cloud.comments.push_back(comment);
+    }
+  }
 }
+
+SurfelCloud read_cloud(PlyFile& ply) {
+  const PlyElement* vertex = ply.header().find("vertex");
+  if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
+  const PlyProperty* x = vertex->find("x");
+  const bool double_positions = x && x->type == ScalarType::kFloat64;
+  SurfelCloud cloud =
+      cloud_from_records(ply.scalars("vertex", {"x", "y", "z"}), ply.name(), double_positions);
+  read_comments(ply.header().comments, ply.name(), cloud);
+  return cloud;
+}
+
+SurfelCloud read_cloud(InputFile input) {
+  const std::string name = input.name();
+  if (input.bytes().empty()) throw_input(name, "is empty");
+  if (PlyFile::matches(input.bytes())) {
+    PlyFile ply(std::move(input));
+    return read_cloud(ply);
+  }
+  if (PcdFile::matches(input.bytes())) return read_pcd(std::move(input));
+  if (has_extension(name, ".ply"))
+    throw_input(name, "is not a PLY file: it does not start with 'ply'");
+  if (has_extension(name, ".pcd")) throw_input(name, "is not a PCD file: it has no PCD header");
+  if (is_xyz_name(name)) return read_xyz(input);
+  throw_input(
+      name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
+}
+
+SurfelCloud read_cloud(const std::string& path) { return read_cloud(InputFile(path)); }
 
 void write_cloud(const SurfelCloud& cloud, const std::string& path,
                  const CloudWriteOptions& options) {

@@ -1,9 +1,12 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/cloud/cloud.h>
+#include <surfel/io/input_file.h>
+#include <surfel/io/ply.h>
 
 namespace surfel {
 
@@ -16,6 +19,15 @@ namespace surfel {
 /// origin that float offsets would lose precision. Throws Error (kIo, kInput) naming the file and
 /// the line or element.
 SURFEL_API SurfelCloud read_cloud(const std::string& path);
+
+/// The same of a file that is open.
+SURFEL_API SurfelCloud read_cloud(InputFile input);
+SURFEL_API SurfelCloud read_cloud(PlyFile& ply);
+
+/// Sorts a header's comments into the cloud's fields: what applies to the whole cloud, and the
+/// others. `file` names it in messages.
+SURFEL_API void read_comments(const std::vector<std::string>& comments, const std::string& file,
+                              SurfelCloud& cloud);
 
 struct CloudWriteOptions {
   bool no_clobber = false;

@@ -44,6 +44,8 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
   }
   const auto size = static_cast<std::size_t>(status.st_size);
   if (size == 0) return;
+  descriptor_ = dup(file.value);
+  if (descriptor_ < 0) throw_io(name_, "cannot be read: " + cause());
   void* data = mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.value, 0);
   if (data == MAP_FAILED) throw_io(name_, "cannot be read: " + cause());
   mapped_ = true;
@@ -52,13 +54,36 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
 
 InputFile::~InputFile() {
   if (mapped_) munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
+  if (descriptor_ >= 0) close(descriptor_);
 }
 
 InputFile::InputFile(InputFile&& other) noexcept
     : name_(std::move(other.name_)),
       bytes_(std::exchange(other.bytes_, {})),
       mapped_(std::exchange(other.mapped_, false)),
+      descriptor_(std::exchange(other.descriptor_, -1)),
       buffer_(std::move(other.buffer_)) {}
+
+const std::byte* InputFile::read_at(std::size_t offset, std::size_t size,
+                                    Array<std::byte>& scratch) const {
+  if (!mapped_) return bytes_.data() + offset;
+  if (scratch.size() < size) scratch.resize(size);
+  for (std::size_t done = 0; done < size;) {
+    const ssize_t got =
+        pread(descriptor_, scratch.data() + done, size - done, static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) throw_io(name_, "cannot be read: " + cause());
+    if (got == 0) throw_io(name_, "became shorter while it was read");
+    done += static_cast<std::size_t>(got);
+  }
+  return scratch.data();
+}
+
+void InputFile::expect(std::size_t offset, std::size_t size) const noexcept {
+  if (!mapped_) return;
+  posix_fadvise(descriptor_, static_cast<off_t>(offset), static_cast<off_t>(size),
+                POSIX_FADV_WILLNEED);
+}
 
 void InputFile::read_all(int descriptor) {
   constexpr std::size_t kFirst = std::size_t{1} << 20;

@@ -471,6 +471,7 @@ bool PlyFile::matches(std::span<const std::byte> bytes) {
 
 const PlyHeader& PlyFile::header() const { return impl_->header; }
 const std::string& PlyFile::name() const { return impl_->file.name(); }
+const InputFile& PlyFile::file() const { return impl_->file; }
 
 const RecordTable& PlyFile::scalars(std::string_view element,
                                     std::initializer_list<std::string_view> wide) {

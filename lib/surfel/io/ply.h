@@ -68,6 +68,7 @@ class SURFEL_API PlyFile {
 
   const PlyHeader& header() const;
   const std::string& name() const;  ///< Of the file, for messages.
+  const InputFile& file() const;
 
   /// The scalar properties of an element as records: a view into the file where it is binary and
   /// the element has no lists, otherwise into memory of this object. In text files the float

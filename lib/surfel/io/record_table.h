@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <bit>
+#include <cctype>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -14,6 +16,13 @@
 #include <surfel/cloud/cloud.h>
 
 namespace surfel {
+
+/// Are the names of columns equal but for case?
+inline bool same_name(std::string_view a, std::string_view b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](unsigned char c, unsigned char d) {
+    return std::tolower(c) == std::tolower(d);
+  });
+}
 
 /// A named scalar in every record of a table.
 struct RecordColumn {

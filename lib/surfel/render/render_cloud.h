@@ -1,12 +1,14 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/cloud/cloud.h>
 #include <surfel/io/camera.h>
+#include <surfel/render/surfel_source.h>
 
 namespace surfel {
 
@@ -21,6 +23,15 @@ struct Cluster {
   Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
   float cone_cosine =
       -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
+};
+
+/// Of a cluster, what the whole cloud's figures are made of.
+struct ClusterTotals {
+  Vec3f min, max;              ///< Of the positions.
+  Vec3f reach_min, reach_max;  ///< The same with each surfel's deviation.
+  double deviations = 0;       ///< Sum of the larger ones.
+  bool usable = true;          ///< Every surfel can be drawn.
+  bool transparent = false;    ///< Some alpha is below 1.
 };
 
 /// Optional columns of a RenderCloud: most pictures do without.
@@ -38,6 +49,8 @@ class SURFEL_API RenderCloud {
   static constexpr std::uint32_t kClusterSize = 256;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
   static constexpr std::size_t kPadding = 16;
+  /// Surfels that are decoded at a time: they stay in a core's cache.
+  static constexpr std::size_t kBlock = 8 * std::size_t{kClusterSize};
   /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
   /// into saturation.
   static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
@@ -48,15 +61,23 @@ class SURFEL_API RenderCloud {
     std::size_t variance = 0;  ///< Variance or enlarged radius not finite, or not positive.
     std::size_t color = 0;     ///< Colour, alpha or area not finite.
     std::size_t total() const { return position + variance + color; }
+    void add(const Dropped& other) {
+      position += other.position;
+      variance += other.variance;
+      color += other.color;
+    }
   };
 
   /// Most groups: a tile keeps an image of each.
   static constexpr int kMostGroups = 1024;
 
+  RenderCloud() = default;
   /// Throws Error(kInput) if the cloud has no variance, or not the groups that are needed, or more
   /// than kMostGroups of them. Colourless clouds are light grey. A surfel whose normal is zero
   /// always faces the eye.
   explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {});
+  /// The same of any source; `name` starts messages.
+  RenderCloud(SurfelSource& source, const RenderColumns& needed, const std::string& name);
 
   std::size_t size() const { return size_; }
   const std::vector<Cluster>& clusters() const { return clusters_; }
@@ -87,13 +108,21 @@ class SURFEL_API RenderCloud {
   Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
 
  private:
-  void number_groups(const SurfelCloud& cloud, const Array<std::uint32_t>& order);
-  void make_clusters();
+  friend class CloudStream;  // Fills the columns with a part of a file at a time.
+
+  void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed);
+  std::vector<Array<float>*> float_columns();
+  ClusterTotals make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const;
+  bool usable(std::size_t row, Dropped& dropped) const;
+  Array<std::uint32_t> usable_order();
+  void gather(const Array<std::uint32_t>& order);
+  void number_groups(const std::string& name);
+  bool make_extent(const std::vector<ClusterTotals>& totals);
 
   std::size_t size_ = 0;
   int groups_ = 0;
   double mean_deviation_ = 0;
-  Vec3d origin_;
+  Vec3d origin_{0, 0, 0};
   std::vector<Cluster> clusters_;
   Dropped dropped_;
   SceneExtent extent_;

@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/cloud_stream.h>
 #include <surfel/render/depth_peel.h>
 #include <surfel/render/group_raster.h>
 #include <surfel/render/layer_blend.h>
@@ -114,6 +115,7 @@ std::vector<std::string> RenderOptions::problems() const {
 
 struct Renderer::Impl {
   const RenderCloud& cloud;
+  CloudStream* stream = nullptr;  ///< Where the cloud's columns come from, or null.
   const Scene& scene;
   RenderOptions options;
   float full_weight, edge_weight;  ///< See TileABuffer.
@@ -200,6 +202,15 @@ struct Renderer::Impl {
 
 Renderer::Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options)
     : impl_(std::make_unique<Impl>(cloud, scene, options)) {}
+Renderer::Renderer(CloudStream& stream, const Scene& scene, const RenderOptions& options)
+    : impl_(std::make_unique<Impl>(stream.cloud(), scene, options)) {
+  if (impl_->whole_tiles()) {
+    throw_usage(
+        "only --method abuffer draws surfels that do not fit into --memory; the other methods need "
+        "all of a tile at once");
+  }
+  impl_->stream = &stream;
+}
 Renderer::~Renderer() = default;
 
 /// Rows of a frame to draw together, `rows` at most, and the clusters seen in them. Methods that
@@ -394,6 +405,12 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     std::size_t begin = 0;
     do {
       const std::size_t end = r.surfaces->end_of_batch(clusters, begin);
+      if (r.stream) {
+        timer.restart();
+        r.stream->fetch(clusters.data() + begin, end - begin);
+        r.stream->expect(clusters.data() + end, r.surfaces->end_of_batch(clusters, end) - end);
+        stats.stages.add("read", timer.milliseconds());
+      }
       stats.splats +=
           r.surfaces->make(camera, band, clusters.data() + begin, end - begin, stats.stages);
       draw(begin == 0, end == clusters.size());

@@ -19,6 +19,8 @@
 
 namespace surfel {
 
+class CloudStream;
+
 /// Coverage threshold tau(cutoff) of SS01 section 7: the sum of the truncated kernels from which on
 /// a pixel counts as covered. It is the least sum measured inside jittered grids with V = h^2 I, so
 /// that no interior turns translucent, interpolated between cutoffs: 0.31 at 1, 0.61 at 2, 0.775
@@ -88,7 +90,7 @@ SURFEL_API RenderColumns columns_of(Method method);
 /// What one frame cost and did.
 struct FrameStatistics {
   double milliseconds = 0;
-  StageTimes stages;                  ///< cull, setup, bin, raster.
+  StageTimes stages;                  ///< cull, read (of a CloudStream), setup, bin, raster.
   std::size_t clusters = 0;           ///< Drawn, of all.
   std::size_t splats = 0;             ///< Set up and inside the picture ...
   std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
@@ -116,6 +118,9 @@ class SURFEL_API Renderer {
   /// usable, and for kDeferred of what is transparent; Error(kInput) if the cloud was made without
   /// columns_of(method).
   Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options);
+  /// Of a cloud that stays in its file, read anew for each picture; the same bytes as in memory.
+  /// Keeps a reference. kABuffer alone draws in batches: Error(kUsage) for other methods.
+  Renderer(CloudStream& stream, const Scene& scene, const RenderOptions& options);
   ~Renderer();
   Renderer(const Renderer&) = delete;
   Renderer& operator=(const Renderer&) = delete;

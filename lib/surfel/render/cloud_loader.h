@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <surfel/base/export.h>
+#include <surfel/render/render_cloud.h>
+
+namespace surfel {
+
+class CloudStream;
+
+struct CloudLoadOptions {
+  RenderColumns columns;  ///< Of the method; no groups where the cloud may stay in its file.
+  /// Bytes that the surfels and what is made of them for a picture may take; more surfels stay in
+  /// their file and are streamed from it. Unset: three quarters of what the machine has left.
+  std::optional<std::uint64_t> memory;
+  bool may_stream = true;                    ///< False: the picture needs all surfels in memory.
+  std::size_t batch = std::size_t{1} << 20;  ///< Most surfels streamed at once.
+};
+
+/// Surfels of a file, ready to be rendered: in memory, or streamed from it.
+class SURFEL_API LoadedCloud {
+ public:
+  /// Reads any file that read_cloud() reads and makes the same of it as RenderCloud does of that
+  /// cloud; binary PLY without a SurfelCloud in between, several times as fast, faster still where
+  /// the surfels stand in the file as morton_order() has them. Throws as both do; messages name the
+  /// file. Throws Error(kInput) if the surfels do not fit into the memory given and cannot be
+  /// streamed: they can if they stand in that order in a binary PLY file of its usual types.
+  LoadedCloud(const std::string& path, const CloudLoadOptions& options);
+  ~LoadedCloud();
+  LoadedCloud(const LoadedCloud&) = delete;
+  LoadedCloud& operator=(const LoadedCloud&) = delete;
+
+  const RenderCloud& surfels() const;
+  /// Null if all surfels are in memory.
+  CloudStream* stream() const;
+  /// SurfelCloud::basis_cutoff.
+  std::optional<double> basis_cutoff() const;
+  /// Surfels streamed at once, at most.
+  std::size_t batch() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace surfel
