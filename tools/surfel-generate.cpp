@@ -21,6 +21,9 @@ namespace {
 
 using namespace surfel;
 
+/// Surfels that are in memory at once, about: 500 MB with what makes them.
+constexpr std::size_t kPiece = std::size_t{2} << 20;
+
 struct Request {
   std::string kind;
   std::string output;
@@ -55,6 +58,8 @@ void declare(tool::Tool& tool, Request& r) {
                  "Offset from the cell's centre, +- this part of the spacing, 0 to 0.5");
   app.add_option("--variance-scale", r.surfels.variance_scale,
                  "Standard deviation of the kernels in units of the spacing");
+  app.add_flag("!--no-uv", r.surfels.uv,
+               "Surfels without u, v, dpdu, dpdv: 39 bytes each instead of 71");
   app.add_option(
       "--mesh", r.mesh,
       "Write the surface as triangles with uv to this file (OBJ, PLY); with --image, its "
@@ -85,8 +90,8 @@ void refuse(tool::Tool& tool, const std::string& kind, const std::vector<std::st
 }
 
 /// Of surfels and meshes alone.
-const std::vector<std::string> kSurfaceOptions{"--count", "--jitter",  "--variance-scale",
-                                               "--mesh",  "--texture", "--resolution"};
+const std::vector<std::string> kSurfaceOptions{
+    "--count", "--jitter", "--variance-scale", "--no-uv", "--mesh", "--texture", "--resolution"};
 
 void write_picture(const tool::Tool& tool, const Image& image, const std::string& path) {
   ImageWriteOptions options;
@@ -122,6 +127,30 @@ void generate_picture(tool::Tool& tool, const Request& r) {
                 picture_path(r));
 }
 
+/// Surfels are written in space-filling order: readers then need not sort them, and files of any
+/// size can be streamed.
+void write_surfels(tool::Tool& tool, const ProceduralScene& scene, const Request& r) {
+  const Timer timer;
+  CloudWriter writer(r.output, r.surfels.count, {.no_clobber = tool.common().no_clobber});
+  std::size_t done = 0;
+  const auto append = [&](SurfelCloud&& piece) {
+    piece.provenance.push_back(tool.provenance());
+    writer.append(piece);
+    done += piece.size();
+    tool.progress("generating", static_cast<double>(done) / static_cast<double>(r.surfels.count));
+  };
+  if (r.surfels.count <= kPiece) {
+    const SurfelCloud cloud = generate_surfels(scene, r.surfels);
+    append(cloud.gathered(morton_order(cloud.position)));
+  } else {
+    generate_surfels_in_order(scene, r.surfels, kPiece, append);
+  }
+  writer.commit();
+  tool.report()["generate_ms"] = timer.milliseconds();
+  tool.report()["surfels"] = done;
+  tool.note(fmt::format("{}: {} surfels", r.output, done));
+}
+
 void generate_surface(tool::Tool& tool, const Request& r) {
   const bool no_clobber = tool.common().no_clobber;
   if (r.output.empty() && r.image.empty() && r.mesh.empty()) {
@@ -129,15 +158,7 @@ void generate_surface(tool::Tool& tool, const Request& r) {
   }
   const ProceduralScene scene = procedural_scene(r.kind, r.surfels.seed, r.texture, r.frequency);
   if (!r.output.empty()) {
-    const Timer timer;
-    SurfelCloud cloud = generate_surfels(scene, r.surfels);
-    // Readers then need not sort it, and large files can be streamed.
-    cloud = cloud.gathered(morton_order(cloud.position));
-    tool.report()["generate_ms"] = timer.milliseconds();
-    tool.report()["surfels"] = cloud.size();
-    cloud.provenance.push_back(tool.provenance());
-    write_cloud(cloud, r.output, {.no_clobber = no_clobber});
-    tool.note(fmt::format("{}: {} surfels", r.output, cloud.size()));
+    write_surfels(tool, scene, r);
   }
   if (!r.mesh.empty()) {
     const TriangleMesh mesh = generate_mesh(scene, r.resolution, r.image);

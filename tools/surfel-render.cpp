@@ -181,9 +181,9 @@ void declare_options(CLI::App& app, Settings& s) {
   add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
   app.option_defaults()->group("Options");
   add_text(app, "--memory", "BYTES", "auto",
-           "Memory for surfels and what a picture makes of them, such as 512M or 2G; binary PLY "
-           "files in space-filling order (as surfel-generate writes them) that need more are read "
-           "piece by piece, for each picture anew; auto = three quarters of what is free",
+           "Memory for surfels and what a picture makes of them, such as 512M or 2G; a binary PLY "
+           "file that needs more, in space-filling order or nearly, is read piece by piece, for "
+           "each picture anew; auto = three quarters of what is free",
            [&s](const std::string& text) {
              s.memory.reset();
              if (text != "auto") s.memory = parse_bytes("--memory", text);
@@ -248,6 +248,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
+  if (s.input.empty()) refuse("--mesh without surfels", {"--memory"});
   if (s.scene_file.empty()) refuse("the default scene", {"--refraction"});
   if (!s.render.lit) refuse("--shading none", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});

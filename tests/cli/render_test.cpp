@@ -95,5 +95,49 @@ TEST(Render, EveryMethodSeesTheSamePicture) {
   EXPECT_NE(result.errors.find("surfel-group"), std::string::npos) << result.errors;
 }
 
+TEST(Render, StreamsWhatDoesNotFitIntoMemory) {
+  const TemporaryFolder folder;
+  const std::string surfels = folder / "head.ply";
+  ASSERT_EQ(run({tool("surfel-generate"), "head", "--count", "200000", "--no-uv", "-o", surfels,
+                 "--quiet"})
+                .exit_code,
+            0);
+  const auto render = [&](const std::string& picture, const Words& options) {
+    Words command{tool("surfel-render"), surfels, "--size", "100x100", "-o", folder / picture};
+    command.insert(command.end(), options.begin(), options.end());
+    return run(command);
+  };
+  const std::string stats = folder / "stats.json";
+  EXPECT_EQ(render("whole.exr", {}).exit_code, 0);
+  EXPECT_EQ(render("streamed.exr", {"--memory", "10M", "--stats", stats}).exit_code, 0);
+  EXPECT_NE(read_text(stats).find("\"streamed\": true"), std::string::npos);
+  // Smaller batches: fragments merge at other times.
+  EXPECT_GT(image_error(read_image(folder / "whole.exr"), read_image(folder / "streamed.exr")).psnr,
+            40);
+  for (const Words& options : {Words{"--memory", "1M"}, Words{"--memory", "10M", "--reference"}}) {
+    const RunResult result = render("none.png", options);
+    EXPECT_EQ(result.exit_code, 1);
+    EXPECT_NE(result.errors.find("--memory"), std::string::npos) << result.errors;
+  }
+  for (const std::string wrong : {"", "2Q", "-1", "0", "1e99", "nan"}) {
+    EXPECT_EQ(render("none.png", {"--memory", wrong}).exit_code, 2) << wrong;
+  }
+}
+
+/// Encoding beside rendering changes nothing.
+TEST(Render, TurntablePicturesAreThoseOfOneThread) {
+  const Square& s = Square::get();
+  for (const std::string threads : {"1", "3"}) {
+    const RunResult result =
+        run({tool("surfel-render"), s.surfels, "--turntable", "5", "--size", "40x40", "--threads",
+             threads, "-o", s.folder / ("turn" + threads + "_%d.png")});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+  }
+  for (const std::string i : {"0", "1", "2", "3", "4"}) {
+    EXPECT_TRUE(read_text(s.folder / ("turn1_" + i + ".png")) ==
+                read_text(s.folder / ("turn3_" + i + ".png")));
+  }
+}
+
 }  // namespace
 }  // namespace surfel::test

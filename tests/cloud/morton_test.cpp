@@ -124,5 +124,33 @@ TEST(MortonOrder, TakesAnyExtent) {
   EXPECT_EQ(morton_order({Vec3f(kLeast, 0, 0), Vec3f::Zero()})[0], 1U);
 }
 
+/// in_order() says what morton_order() would do.
+TEST(MortonGrid, KnowsWhetherPointsAreInOrder) {
+  Array<Vec3f> points = random_points(70000);
+  for (int i = 0; i < 500; ++i)
+    points[i] = Vec3f::Constant(0.3F + 1e-8F * static_cast<float>(i % 5));
+  points = picked(points, morton_order(points));
+  const auto in_order = [](const Array<Vec3f>& p) {
+    Array<float> columns[3];
+    Vec3f min = p[0];
+    Vec3f max = p[0];
+    for (const Vec3f& point : p) {
+      for (int axis = 0; axis < 3; ++axis) columns[axis].push_back(point[axis]);
+      min = min.cwiseMin(point);
+      max = max.cwiseMax(point);
+    }
+    return MortonGrid(min, max).in_order(
+        {columns[0].data(), columns[1].data(), columns[2].data(), p.size()});
+  };
+  EXPECT_TRUE(in_order(points));
+  for (std::size_t i = 1; i < points.size(); i += 3500) {
+    Array<Vec3f> swapped = points;
+    std::swap(swapped[i - 1], swapped[i]);
+    EXPECT_EQ(in_order(swapped), points[i - 1] == points[i]) << i;
+  }
+  std::swap(points[65535], points[65536]);  // Where two threads' shares meet.
+  EXPECT_FALSE(in_order(points));
+}
+
 }  // namespace
 }  // namespace surfel

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -12,8 +13,11 @@
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/plugin.h>
 #include <surfel/base/random.h>
 #include <surfel/io/image.h>
+#include <surfel/io/image_plugin.h>
+#include <surfel/io/image_queue.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -495,6 +499,66 @@ TEST(Image, TexturesAndEnvironments) {
   const Image png = read_image(data_file("textured/head_scan/lee_perry_smith_color.png"));
   const Image jpg = read_image(data_file("textured/head_scan/lee_perry_smith_color.jpg"));
   EXPECT_EQ(png.data, jpg.data) << "the PNG was decoded from the JPEG";
+}
+
+/// PNG is encoded without OpenImageIO, which takes long to load.
+TEST(WriteImage, PngIsByteForByteThatOfOpenImageIo) {
+  const TemporaryFolder folder;
+  const auto by_plugin =
+      reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
+  for (const auto& [width, height] : {std::pair{1, 1}, {7, 300}, {257, 129}}) {
+    for (const bool opaque : {false, true}) {
+      Image image = random_image(width, height, {"R", "G", "B", "A", "Z"});
+      for (std::size_t i = 3; opaque && i < image.data.size(); i += 5) image.data[i] = 1;
+      const ImageWriteOptions options{.metadata = {{"Software", "a test"}}};
+      write_image(image, folder / "ours.png", options);
+      by_plugin(image, folder / "theirs.png", options);
+      EXPECT_TRUE(bytes_of(folder / "ours.png") == bytes_of(folder / "theirs.png"))
+          << width << "x" << height << (opaque ? " opaque" : "");
+    }
+  }
+}
+
+TEST(ImageQueue, WritesTheSameFilesAsWriteImage) {
+  const TemporaryFolder folder;
+  constexpr int kImages = 7;
+  for (const std::size_t waiting : {0U, 1U, 3U}) {
+    ImageQueue queue(waiting);
+    for (int i = 0; i < kImages; ++i) {
+      queue.write(random_image(20 + i, 10, {"R", "G", "B", "A"}),
+                  folder / (std::to_string(i) + ".png"), {});
+    }
+    queue.finish();
+    EXPECT_EQ(queue.milliseconds().size(), static_cast<std::size_t>(kImages));
+    for (int i = 0; i < kImages; ++i) {
+      write_image(random_image(20 + i, 10, {"R", "G", "B", "A"}), folder / "alone.png");
+      EXPECT_TRUE(bytes_of(folder / (std::to_string(i) + ".png")) ==
+                  bytes_of(folder / "alone.png"));
+    }
+  }
+}
+
+TEST(ImageQueue, ReportsTheFirstFailureAndWritesNothingAfterIt) {
+  const TemporaryFolder folder;
+  for (const std::size_t waiting : {0U, 2U}) {
+    ImageQueue queue(waiting);
+    const auto write_all = [&] {
+      for (int i = 0; i < 20; ++i) {
+        queue.write(random_image(8, 8, {"R", "G", "B", "A"}),
+                    i == 1 ? "/no-such-folder/a.png" : folder / (std::to_string(i) + ".png"), {});
+      }
+      queue.finish();
+    };
+    try {
+      write_all();
+      FAIL() << "nothing was thrown";
+    } catch (const Error& error) {
+      EXPECT_EQ(error.kind(), ErrorKind::kIo);
+      EXPECT_NE(std::string(error.what()).find("/no-such-folder/a.png"), std::string::npos);
+    }
+    EXPECT_TRUE(std::filesystem::exists(folder / "0.png"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "2.png"));
+  }
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/cloud/morton.h>
 #include <surfel/sample/generate.h>
 
 namespace surfel {
@@ -61,6 +62,34 @@ TEST(GenerateSurfels, SquareCountOnThePlaneIsTheJitteredGrid) {
   EXPECT_NEAR(cloud.variance[17], h * h, 1e-6 * h * h);
   EXPECT_EQ(cloud.normal[17], Vec3f(0, 0, 1));
   EXPECT_EQ(cloud.dpdu[17], Vec3f(2, 0, 0));
+}
+
+TEST(GenerateSurfels, InOrderAreTheSameSurfelsSorted) {
+  for (const std::string& kind : procedural_scene_names()) {
+    const ProceduralScene scene = procedural_scene(kind, 3);
+    GenerateOptions options;
+    options.count = 20000;
+    options.uv = kind != "terrain";
+    const SurfelCloud whole = generate_surfels(scene, options);
+    EXPECT_EQ(whole.uv.empty(), !options.uv);
+    const SurfelCloud sorted = whole.gathered(morton_order(whole.position));
+    std::size_t done = 0;
+    std::size_t pieces = 0;
+    generate_surfels_in_order(scene, options, 3000, [&](SurfelCloud&& piece) {
+      ++pieces;
+      EXPECT_LT(piece.size(), 9000U) << kind;
+      for (std::size_t i = 0; i < piece.size(); ++i, ++done) {
+        ASSERT_EQ(piece.position[i], sorted.position[done]) << kind;
+        ASSERT_EQ(piece.normal[i], sorted.normal[done]) << kind;
+        ASSERT_EQ(piece.color[i], sorted.color[done]) << kind;
+        if (options.uv) {
+          ASSERT_EQ(piece.uv[i], sorted.uv[done]) << kind;
+        }
+      }
+    });
+    EXPECT_EQ(done, options.count) << kind;
+    EXPECT_GT(pieces, 3U) << kind;
+  }
 }
 
 TEST(GenerateSurfels, AreasSumToTheSurface) {

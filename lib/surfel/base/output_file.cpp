@@ -158,6 +158,26 @@ void OutputFile::write(const void* data, std::size_t bytes) {
   write_all(descriptor_, static_cast<const char*>(data), bytes, display_name(target_));
 }
 
+std::uint64_t OutputFile::reserve(std::uint64_t bytes) {
+  const off_t end = lseek(descriptor_, static_cast<off_t>(bytes), SEEK_CUR);
+  if (end < 0) throw_io(display_name(target_), "cannot be written: " + cause());
+  return static_cast<std::uint64_t>(end) - bytes;
+}
+
+void OutputFile::write_at(std::uint64_t offset, const void* data, std::size_t bytes) const {
+  const char* from = static_cast<const char*>(data);
+  while (bytes > 0) {
+    const ssize_t written = pwrite(descriptor_, from, bytes, static_cast<off_t>(offset));
+    if (written < 0) {
+      if (errno == EINTR) continue;
+      throw_io(display_name(target_), "cannot be written: " + cause());
+    }
+    from += written;
+    offset += static_cast<std::uint64_t>(written);
+    bytes -= static_cast<std::size_t>(written);
+  }
+}
+
 void OutputFile::commit() {
   if (copied_) {
     copy_to_target();

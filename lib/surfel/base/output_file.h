@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 
 #include <surfel/base/export.h>
@@ -24,6 +25,12 @@ class SURFEL_API OutputFile {
   /// Appends. Throws Error(kIo) (disk full and the like).
   void write(const void* data, std::size_t bytes);
   void write(const std::string& text) { write(text.data(), text.size()); }
+
+  /// Leaves room for so many bytes, to be filled by write_at(), and returns their offset; write()
+  /// goes on behind them.
+  std::uint64_t reserve(std::uint64_t bytes);
+  /// Fills a part of what reserve() left. Callable from several threads at once. Throws as write().
+  void write_at(std::uint64_t offset, const void* data, std::size_t bytes) const;
 
   /// Name of the temporary, for libraries that want to open it themselves. It keeps the target's
   /// extension, by which such libraries choose the format.

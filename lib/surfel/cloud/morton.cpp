@@ -13,29 +13,9 @@ namespace {
 constexpr std::size_t kGrain = 1 << 16;
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// The order of n points, at(i) each.
+/// The order of n points, at(i) each, along a given curve.
 template <class At>
-Array<std::uint32_t> order_of(std::size_t n, const At& at) {
-  const std::size_t blocks = (n + kGrain - 1) / kGrain;
-  std::vector<std::pair<Vec3f, Vec3f>> partial(blocks);
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    Vec3f lo = Vec3f::Constant(kInf);
-    Vec3f hi = -lo;
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f p = at(i);
-      if (!p.allFinite()) continue;
-      lo = lo.cwiseMin(p);
-      hi = hi.cwiseMax(p);
-    }
-    partial[begin / kGrain] = {lo, hi};
-  });
-  Vec3f lo = Vec3f::Constant(kInf);
-  Vec3f hi = -lo;
-  for (const auto& [l, h] : partial) {
-    lo = lo.cwiseMin(l);
-    hi = hi.cwiseMax(h);
-  }
-  const MortonGrid grid(lo, hi);
+Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& grid) {
   Array<std::uint64_t> keys(n);
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -62,13 +42,43 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at) {
   return order;
 }
 
+/// The order of n points, at(i) each.
+template <class At>
+Array<std::uint32_t> order_of(std::size_t n, const At& at) {
+  const std::size_t blocks = (n + kGrain - 1) / kGrain;
+  std::vector<std::pair<Vec3f, Vec3f>> partial(blocks);
+  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    Vec3f lo = Vec3f::Constant(kInf);
+    Vec3f hi = -lo;
+    for (std::size_t i = begin; i < end; ++i) {
+      const Vec3f p = at(i);
+      if (!p.allFinite()) continue;
+      lo = lo.cwiseMin(p);
+      hi = hi.cwiseMax(p);
+    }
+    partial[begin / kGrain] = {lo, hi};
+  });
+  Vec3f lo = Vec3f::Constant(kInf);
+  Vec3f hi = -lo;
+  for (const auto& [l, h] : partial) {
+    lo = lo.cwiseMin(l);
+    hi = hi.cwiseMax(h);
+  }
+  return order_of(n, at, MortonGrid(lo, hi));
+}
+
 }  // namespace
 
 Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
   return order_of(position.size(), [&](std::size_t i) { return position[i]; });
 }
 
-Array<std::uint32_t> morton_order(const PointColumns& points) {
+Array<std::uint32_t> morton_order(const Array<Vec3f>& position, const MortonGrid& grid) {
+  return order_of(
+      position.size(), [&](std::size_t i) { return position[i]; }, grid);
+}
+
+Array<std::uint32_t> column_morton_order(const PointColumns& points) {
   return order_of(points.count,
                   [&](std::size_t i) { return Vec3f(points.x[i], points.y[i], points.z[i]); });
 }

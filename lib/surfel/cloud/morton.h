@@ -29,6 +29,10 @@ constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint3
 /// position, then index, so that a shuffled cloud gives the same sequence of points.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
 
+class MortonGrid;
+/// The same along the curve through a given cube that holds all points, which are finite.
+SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position, const MortonGrid& grid);
+
 /// Points as three columns; `count` of them, each column possibly longer.
 struct PointColumns {
   const float* x = nullptr;
@@ -38,7 +42,7 @@ struct PointColumns {
 };
 
 /// The same for points in columns.
-SURFEL_API Array<std::uint32_t> morton_order(const PointColumns& points);
+SURFEL_API Array<std::uint32_t> column_morton_order(const PointColumns& points);
 
 /// Cells of the Morton curve through the cube around points of these bounds.
 class SURFEL_API MortonGrid {

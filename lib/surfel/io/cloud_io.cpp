@@ -105,26 +105,39 @@ void append_text(const std::byte* record, const std::vector<RecordColumn>& colum
   }
 }
 
-/// Writes all records, some at a time: as they are, or as text.
-void write_records(const CloudRecords& records, std::size_t count, bool ascii, OutputFile& file) {
-  constexpr std::size_t kGrain = 4096;
-  constexpr std::size_t kChunk = 64 * kGrain;
+/// Records that one thread makes at a time: they fit into its cache.
+constexpr std::size_t kBlock = 4096;
+
+/// Each thread writes what it has made: one makes while another writes.
+void write_binary(const CloudRecords& records, std::size_t count, OutputFile& file) {
   const std::size_t stride = records.stride();
-  Array<std::byte> bytes(std::min(count, kChunk) * stride);
-  std::vector<std::string> texts(ascii ? kChunk / kGrain : 0);
+  const std::uint64_t offset = file.reserve(std::uint64_t{count} * stride);
+  std::vector<Array<std::byte>> buffers(static_cast<std::size_t>(thread_count()));
+  parallel_for(count, kBlock, [&](std::size_t begin, std::size_t end, int worker) {
+    Array<std::byte>& buffer = buffers[worker];
+    buffer.resize(kBlock * stride);
+    records.encode(begin, end, buffer.data());
+    file.write_at(offset + begin * stride, buffer.data(), (end - begin) * stride);
+  });
+}
+
+/// Some records at a time.
+void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
+  constexpr std::size_t kChunk = 64 * kBlock;
+  const std::size_t stride = records.stride();
+  std::vector<std::string> texts(kChunk / kBlock);
   for (std::size_t first = 0; first < count; first += kChunk) {
     const std::size_t chunk = std::min(kChunk, count - first);
-    parallel_for(chunk, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      records.encode(first + begin, first + end, bytes.data() + begin * stride);
-      if (!ascii) return;
-      std::string& text = texts[begin / kGrain];
+    parallel_for(chunk, kBlock, [&](std::size_t begin, std::size_t end, int) {
+      Array<std::byte> bytes((end - begin) * stride);
+      records.encode(first + begin, first + end, bytes.data());
+      std::string& text = texts[begin / kBlock];
       text.clear();
-      for (std::size_t i = begin; i < end; ++i) {
+      for (std::size_t i = 0; i < end - begin; ++i) {
         append_text(bytes.data() + i * stride, records.columns(), text);
       }
     });
-    if (!ascii) file.write(bytes.data(), chunk * stride);
-    for (std::size_t k = 0; ascii && k * kGrain < chunk; ++k) file.write(texts[k]);
+    for (std::size_t k = 0; k * kBlock < chunk; ++k) file.write(texts[k]);
   }
 }
 
@@ -183,19 +196,67 @@ SurfelCloud read_cloud(InputFile input) {
 
 SurfelCloud read_cloud(const std::string& path) { return read_cloud(InputFile(path)); }
 
+struct CloudWriter::Impl {
+  std::string path;
+  std::size_t count;
+  CloudWriteOptions options;
+  bool pcd;
+  OutputFile file;
+  std::vector<RecordColumn> columns;
+  std::size_t written = 0;
+
+  Impl(std::string to, std::size_t n, const CloudWriteOptions& o)
+      : path(std::move(to)),
+        count(n),
+        options(o),
+        pcd(has_extension(path, ".pcd")),
+        file(path, o.no_clobber) {}
+};
+
+CloudWriter::CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(path), count, options)) {}
+CloudWriter::~CloudWriter() = default;
+
+void CloudWriter::append(const SurfelCloud& piece) {
+  static_assert(std::endian::native == std::endian::little, "records are written as they are");
+  Impl& w = *impl_;
+  piece.check_columns(w.path);
+  const bool ascii = w.options.ascii && !w.pcd;
+  const CloudRecords records(piece, {.pcl_names = w.pcd, .for_text = ascii});
+  if (w.columns.empty()) {
+    w.columns = records.columns();
+    const std::vector<std::string> comments = write_comments(piece, !w.pcd);
+    w.file.write(w.pcd ? pcd_header(w.columns, w.count, piece.viewpoint, comments)
+                       : ply_header(w.columns, w.count, ascii, comments));
+  }
+  const bool same =
+      std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
+                 records.columns().end(), [](const RecordColumn& a, const RecordColumn& b) {
+                   return a.name == b.name && a.type == b.type;
+                 });
+  if (!same) throw_input(w.path, "pieces of the cloud differ in their columns");
+  if (ascii) {
+    write_text(records, piece.size(), w.file);
+  } else {
+    write_binary(records, piece.size(), w.file);
+  }
+  w.written += piece.size();
+}
+
+void CloudWriter::commit() {
+  if (impl_->written != impl_->count) {
+    throw_input(impl_->path, fmt::format("{} surfels were promised and {} written", impl_->count,
+                                         impl_->written));
+  }
+  impl_->file.commit();
+}
+
 void write_cloud(const SurfelCloud& cloud, const std::string& path,
                  const CloudWriteOptions& options) {
-  static_assert(std::endian::native == std::endian::little, "records are written as they are");
   cloud.check_columns(path);
-  const bool pcd = has_extension(path, ".pcd");
-  const bool ascii = options.ascii && !pcd;
-  const CloudRecords records(cloud, {.pcl_names = pcd, .for_text = ascii});
-  const std::vector<std::string> comments = write_comments(cloud, !pcd);
-  OutputFile file(path, options.no_clobber);
-  file.write(pcd ? pcd_header(records.columns(), cloud.size(), cloud.viewpoint, comments)
-                 : ply_header(records.columns(), cloud.size(), ascii, comments));
-  write_records(records, cloud.size(), ascii, file);
-  file.commit();
+  CloudWriter writer(path, cloud.size(), options);
+  writer.append(cloud);
+  writer.commit();
 }
 
 }  // namespace surfel

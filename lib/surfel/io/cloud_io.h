@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -39,5 +41,25 @@ struct CloudWriteOptions {
 /// other viewers. Throws Error(kIo).
 SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
                             const CloudWriteOptions& options = {});
+
+/// Writes a cloud that need not be in memory at once, as write_cloud() would.
+class SURFEL_API CloudWriter {
+ public:
+  /// Of `count` surfels in all.
+  CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
+  ~CloudWriter();
+  CloudWriter(const CloudWriter&) = delete;
+  CloudWriter& operator=(const CloudWriter&) = delete;
+
+  /// Writes the next surfels. The first ones' columns and comments are the file's; Error(kInput)
+  /// where later ones' columns differ, or positions would need another type.
+  void append(const SurfelCloud& piece);
+  /// Throws Error(kInput) if there were more or fewer than promised.
+  void commit();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace surfel

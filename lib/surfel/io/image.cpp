@@ -1,9 +1,13 @@
 #include <algorithm>
+#include <filesystem>
+#include <vector>
 
 #include <surfel/base/error.h>
+#include <surfel/base/output_file.h>
 #include <surfel/base/plugin.h>
 #include <surfel/io/image.h>
 #include <surfel/io/image_plugin.h>
+#include <surfel/io/png_writer.h>
 
 namespace surfel {
 namespace {
@@ -38,6 +42,14 @@ void write_image(const Image& image, const std::string& path, const ImageWriteOp
                              image.channels.size();
   if (values == 0 || values != image.data.size()) {
     throw_usage(path + ": an image without pixels cannot be written");
+  }
+  if (path == "-" || std::filesystem::path(path).extension() == ".png") {
+    // Opened before the work, so that a target that cannot be written is found at once.
+    OutputFile file(path, options.no_clobber);
+    const std::vector<unsigned char> bytes = encode_png(image, options);
+    file.write(bytes.data(), bytes.size());
+    file.commit();
+    return;
   }
   const auto write =
       reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));

@@ -70,8 +70,8 @@ bool LoadedCloud::Impl::load_records(InputFile& input, const CloudLoadOptions& o
           fmt::format("{} surfels need more than the {} MB of --memory, and {}", source->size(),
                       memory >> 20,
                       options.may_stream && !options.columns.groups
-                          ? "they do not stand along a Morton curve, which streaming wants; raise "
-                            "it, or sort them"
+                          ? "consecutive ones do not lie close together, as streaming wants; "
+                            "raise it, or sort them"
                           : "what is asked for wants all of them at once; raise it, or use "
                             "--method abuffer"));
     }

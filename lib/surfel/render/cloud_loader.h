@@ -13,10 +13,10 @@ namespace surfel {
 class CloudStream;
 
 struct CloudLoadOptions {
-  RenderColumns columns;  ///< Of the method; no groups where the cloud may stay in its file.
+  RenderColumns columns = {};  ///< Of the method; no groups where the cloud may stay in its file.
   /// Bytes that the surfels and what is made of them for a picture may take; more surfels stay in
   /// their file and are streamed from it. Unset: three quarters of what the machine has left.
-  std::optional<std::uint64_t> memory;
+  std::optional<std::uint64_t> memory = {};
   bool may_stream = true;                    ///< False: the picture needs all surfels in memory.
   std::size_t batch = std::size_t{1} << 20;  ///< Most surfels streamed at once.
 };
@@ -28,7 +28,8 @@ class SURFEL_API LoadedCloud {
   /// cloud; binary PLY without a SurfelCloud in between, several times as fast, faster still where
   /// the surfels stand in the file as morton_order() has them. Throws as both do; messages name the
   /// file. Throws Error(kInput) if the surfels do not fit into the memory given and cannot be
-  /// streamed: they can if they stand in that order in a binary PLY file of its usual types.
+  /// streamed: they can from a binary PLY file of its usual types in which consecutive surfels lie
+  /// close together (CloudStream).
   LoadedCloud(const std::string& path, const CloudLoadOptions& options);
   ~LoadedCloud();
   LoadedCloud(const LoadedCloud&) = delete;

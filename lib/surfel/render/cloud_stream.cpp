@@ -1,9 +1,9 @@
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/render/cloud_stream.h>
 #include <surfel/render/splat_lists.h>
 
@@ -12,6 +12,10 @@ namespace {
 
 /// Clusters read at once; each worker keeps as many.
 constexpr std::size_t kRunLength = RenderCloud::kBlock / RenderCloud::kClusterSize;
+/// Mean radius of the clusters that is still worth it, in units of what is left of the scene's
+/// diagonal where it is cut into as many cubes: scan lines of a surface stay below, surfels in
+/// random order from 300 clusters on above.
+constexpr double kLoosest = 3;
 /// Clusters announced to the system at once.
 constexpr std::size_t kLongestExpected = 4096;
 
@@ -51,21 +55,16 @@ void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_
 }
 
 /// Bounds all clusters, in one pass over the file (two where the surfels lie far from the origin).
-/// False if they are in no order.
+/// False if they are too large to be of use.
 bool CloudStream::make_index() {
   const std::size_t size = source_.size();
   const std::size_t count = (size + RenderCloud::kClusterSize - 1) / RenderCloud::kClusterSize;
-  struct Ends {
-    Vec3f first, last;  ///< Positions.
-  };
   std::vector<ClusterTotals> totals;
-  std::vector<Ends> ends;
   std::vector<RenderCloud> workers(static_cast<std::size_t>(thread_count()));
   std::vector<RenderCloud::Dropped> dropped;
   Bounds box;
   const auto pass = [&] {
     totals.assign(count, {});
-    ends.assign(count, {});
     dropped.assign(workers.size(), {});
     cloud_.clusters_.assign(count, {});
     parallel_for(size, RenderCloud::kBlock, [&](std::size_t begin, std::size_t end, int w) {
@@ -81,9 +80,6 @@ bool CloudStream::make_index() {
           drop_unusable(rows, row, row_end, dropped[w]);
           totals[c] = rows.make_cluster(row, row_end, cloud_.clusters_[c]);
         }
-        if (row == row_end) continue;
-        ends[c] = {{rows.x[row], rows.y[row], rows.z[row]},
-                   {rows.x[row_end - 1], rows.y[row_end - 1], rows.z[row_end - 1]}};
       }
     });
     box = {};
@@ -95,24 +91,20 @@ bool CloudStream::make_index() {
   pass();
   if (source_.recenter(box)) pass();
 
-  // Clusters without surfels are left out; the others must follow one another along the curve.
-  const MortonGrid grid(box.min.cast<float>(), box.max.cast<float>());
-  std::uint64_t code = 0;
+  double radii = 0;
   for (std::size_t c = 0; c < count; ++c) {
     const Cluster& cluster = cloud_.clusters_[c];
     const std::size_t surfels = cluster.end - cluster.begin;
     if (surfels == 0) continue;
-    for (const Vec3f& point : {ends[c].first, ends[c].last}) {
-      const std::uint64_t next = grid.code(point);
-      if (next < code) return false;
-      code = next;
-    }
+    radii += cluster.radius;
     cloud_.size_ += surfels;
-    const std::size_t kept = block_.size();
-    cloud_.clusters_[kept] = cluster;
-    totals[kept] = totals[c];
+    cloud_.clusters_[block_.size()] = cluster;
+    totals[block_.size()] = totals[c];
     block_.push_back(static_cast<std::uint32_t>(c));
   }
+  // In order clusters of a volume, the hardest case, have radii of 0.6 of this.
+  const auto kept = static_cast<double>(block_.size());
+  if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
   cloud_.clusters_.resize(block_.size());
   totals.resize(block_.size());
   for (const RenderCloud::Dropped& d : dropped) cloud_.dropped_.add(d);

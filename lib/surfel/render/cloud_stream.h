@@ -19,8 +19,8 @@ struct VisibleCluster;
 class CloudStream {
  public:
   /// Keeps a reference to the source. `batch` is the most surfels that are fetched at once. Null
-  /// if the surfels do not stand along a Morton curve, as morton_order() has them: consecutive ones
-  /// are then no clusters.
+  /// if consecutive surfels do not lie close together, and so are no clusters. Those along a Morton
+  /// curve, as morton_order() has them, are the same clusters as in memory; scan lines are larger.
   static std::unique_ptr<CloudStream> make(SurfelSource& source, std::size_t batch);
 
   /// Its clusters are all there; its columns hold the clusters fetched last, where their begin and

@@ -152,7 +152,7 @@ bool RenderCloud::usable(std::size_t i, Dropped& dropped) const {
 
 /// The order of the surfels that can be drawn along the Morton curve.
 Array<std::uint32_t> RenderCloud::usable_order() {
-  Array<std::uint32_t> order = morton_order({x.data(), y.data(), z.data(), size_});
+  Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
   std::size_t kept = 0;
   for (const std::uint32_t i : order) {
     if (usable(i, dropped_)) order[kept++] = i;

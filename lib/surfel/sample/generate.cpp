@@ -1,11 +1,14 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+#include <surfel/cloud/morton.h>
 #include <surfel/sample/equal_area_strata.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_image.h>
@@ -34,54 +37,201 @@ std::vector<std::size_t> surfels_per_part(const std::vector<EqualAreaStrata>& me
   return counts;
 }
 
-void resize_columns(SurfelCloud& cloud, std::size_t count, bool with_alpha) {
+void resize_columns(SurfelCloud& cloud, std::size_t count, bool with_uv, bool with_alpha) {
   cloud.position.resize(count);
   cloud.normal.resize(count);
   cloud.variance.resize(count);
   cloud.area.resize(count);
   cloud.color.resize(count);
-  cloud.uv.resize(count);
-  cloud.dpdu.resize(count);
-  cloud.dpdv.resize(count);
+  if (with_uv) {
+    cloud.uv.resize(count);
+    cloud.dpdu.resize(count);
+    cloud.dpdv.resize(count);
+  }
   if (with_alpha) cloud.alpha.resize(count);
 }
 
-/// Fills the surfels [first, first + strata's count) of the cloud.
-void sample_part(const SurfacePart& part, const EqualAreaStrata& strata,
-                 const GenerateOptions& options, std::size_t first, SurfelCloud& cloud) {
-  const std::size_t count = strata.first(strata.row_count());
-  const double area = strata.area() / static_cast<double>(count);
-  const auto variance = static_cast<float>(area * options.variance_scale * options.variance_scale);
-  // Dimensions of the random numbers: 0 and 1 are a surfel's offsets, 2 turns a closed row, so
-  // that the rows' first cells do not line up.
-  parallel_for(strata.row_count(), 16, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t row = begin; row < end; ++row) {
-      const std::vector<double> profile = strata.row_profile(row);
-      const std::size_t row_first = strata.first(row);
-      const auto cells = static_cast<double>(strata.first(row + 1) - row_first);
-      const double turn =
-          part.shape->closed_u() ? random_uniform(options.seed, first + row_first, 2) : 0;
-      for (std::size_t cell = row_first; cell < strata.first(row + 1); ++cell) {
-        const std::size_t i = first + cell;
-        const double along_u =
-            0.5 + options.jitter * (2 * random_uniform(options.seed, i, 0) - 1) + turn;
-        const double along_v = 0.5 + options.jitter * (2 * random_uniform(options.seed, i, 1) - 1);
-        const double share = (static_cast<double>(cell - row_first) + along_u) / cells;
-        const double u = strata.u_at(profile, share - std::floor(share));
-        const double v = strata.v_at(row, along_v);
-        const ParametricSurface::Point point = part.shape->at(u, v);
-        cloud.position[i] = point.position.cast<float>();
-        cloud.normal[i] = point.normal.cast<float>();
-        cloud.variance[i] = variance;
-        cloud.area[i] = static_cast<float>(area);
-        cloud.color[i] = part.color(u, v, point);
-        cloud.uv[i] = Vec2d(u, v).cast<float>();
-        cloud.dpdu[i] = point.dpdu.cast<float>();
-        cloud.dpdv[i] = point.dpdv.cast<float>();
-        if (!cloud.alpha.empty()) cloud.alpha[i] = part.alpha;
+/// The surfels of one part of a scene.
+class PartSampler {
+ public:
+  /// `first` is the index of its first surfel in the scene.
+  PartSampler(const SurfacePart& part, EqualAreaStrata strata, const GenerateOptions& options,
+              std::size_t first)
+      : part_(part), strata_(std::move(strata)), options_(options), first_(first) {
+    const double area = strata_.area() / static_cast<double>(strata_.first(row_count()));
+    area_ = static_cast<float>(area);
+    variance_ = static_cast<float>(area * options.variance_scale * options.variance_scale);
+  }
+
+  std::size_t row_count() const { return strata_.row_count(); }
+  std::size_t cells(std::size_t row) const { return strata_.first(row + 1) - strata_.first(row); }
+  /// Index in the scene of a row's first surfel.
+  std::size_t first(std::size_t row) const { return first_ + strata_.first(row); }
+  std::vector<double> profile(std::size_t row) const { return strata_.row_profile(row); }
+
+  /// Parameters of a cell's surfel; `row_profile` is profile(row). Dimensions of the random
+  /// numbers: 0 and 1 are a surfel's offsets, 2 turns a closed row, so that the rows' first cells
+  /// do not line up.
+  Vec2d uv(std::size_t row, std::size_t cell, const std::vector<double>& row_profile) const {
+    const double turn = part_.shape->closed_u() ? random_uniform(options_.seed, first(row), 2) : 0;
+    const std::size_t i = first(row) + cell;
+    const double along_u =
+        0.5 + options_.jitter * (2 * random_uniform(options_.seed, i, 0) - 1) + turn;
+    const double along_v = 0.5 + options_.jitter * (2 * random_uniform(options_.seed, i, 1) - 1);
+    const double share = (static_cast<double>(cell) + along_u) / static_cast<double>(cells(row));
+    return {strata_.u_at(row_profile, share - std::floor(share)), strata_.v_at(row, along_v)};
+  }
+  ParametricSurface::Point at(const Vec2d& uv) const { return part_.shape->at(uv[0], uv[1]); }
+
+  /// Fills surfel i of the cloud.
+  void store(const Vec2d& uv, const ParametricSurface::Point& point, SurfelCloud& cloud,
+             std::size_t i) const {
+    cloud.position[i] = point.position.cast<float>();
+    cloud.normal[i] = point.normal.cast<float>();
+    cloud.variance[i] = variance_;
+    cloud.area[i] = area_;
+    cloud.color[i] = part_.color(uv[0], uv[1], point);
+    if (!cloud.uv.empty()) {
+      cloud.uv[i] = uv.cast<float>();
+      cloud.dpdu[i] = point.dpdu.cast<float>();
+      cloud.dpdv[i] = point.dpdv.cast<float>();
+    }
+    if (!cloud.alpha.empty()) cloud.alpha[i] = part_.alpha;
+  }
+
+ private:
+  const SurfacePart& part_;
+  EqualAreaStrata strata_;
+  const GenerateOptions& options_;
+  std::size_t first_;
+  float area_;
+  float variance_;
+};
+
+/// The parts that get any surfels.
+std::vector<PartSampler> make_samplers(const ProceduralScene& scene,
+                                       const GenerateOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  std::vector<EqualAreaStrata> strata;
+  for (const SurfacePart& part : scene.parts) {
+    strata.emplace_back(*part.shape, scene.parts.size() == 1 ? options.count : 1);
+  }
+  const std::vector<std::size_t> counts = surfels_per_part(strata, options.count);
+  std::vector<PartSampler> samplers;
+  std::size_t first = 0;
+  for (std::size_t k = 0; k < scene.parts.size(); ++k) {
+    if (counts[k] == 0) continue;
+    if (scene.parts.size() > 1) strata[k] = EqualAreaStrata(*scene.parts[k].shape, counts[k]);
+    samplers.emplace_back(scene.parts[k], std::move(strata[k]), options, first);
+    first += counts[k];
+  }
+  return samplers;
+}
+
+constexpr std::size_t kRowGrain = 16;
+
+/// Consecutive cells of a row, with bounds of their positions.
+struct Segment {
+  static constexpr std::size_t kCells = 512;
+  const PartSampler* part;
+  std::uint32_t row;
+  std::uint32_t begin;  ///< First cell; kCells of them, or up to the row's end.
+  Vec3f min{0, 0, 0};
+  Vec3f max{0, 0, 0};
+  std::uint64_t first_code = 0;  ///< Bounds of their Morton codes.
+  std::uint64_t last_code = 0;
+
+  std::size_t end() const { return std::min(begin + kCells, part->cells(row)); }
+};
+
+/// All cells, a row's segments one after the other.
+std::vector<Segment> measure_segments(const std::vector<PartSampler>& parts) {
+  std::vector<Segment> segments;
+  for (const PartSampler& part : parts) {
+    for (std::size_t row = 0; row < part.row_count(); ++row) {
+      for (std::size_t cell = 0; cell < part.cells(row); cell += Segment::kCells) {
+        segments.push_back({.part = &part,
+                            .row = static_cast<std::uint32_t>(row),
+                            .begin = static_cast<std::uint32_t>(cell)});
+      }
+    }
+  }
+  parallel_for(segments.size(), 64, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<double> profile;
+    for (std::size_t s = begin; s < end; ++s) {
+      Segment& segment = segments[s];
+      if (s == begin || segment.begin == 0) profile = segment.part->profile(segment.row);
+      segment.min = Vec3f::Constant(std::numeric_limits<float>::infinity());
+      segment.max = -segment.min;
+      for (std::size_t cell = segment.begin; cell < segment.end(); ++cell) {
+        const Vec3f p =
+            segment.part->at(segment.part->uv(segment.row, cell, profile)).position.cast<float>();
+        segment.min = segment.min.cwiseMin(p);
+        segment.max = segment.max.cwiseMax(p);
       }
     }
   });
+  return segments;
+}
+
+/// Codes that part the curve in stretches of about `piece` surfels: the first code of each stretch
+/// but the first.
+std::vector<std::uint64_t> cut_curve(const std::vector<Segment>& segments, const MortonGrid& grid,
+                                     std::size_t piece) {
+  std::vector<std::pair<std::uint64_t, std::size_t>> middle;  // Of each segment, and its surfels.
+  for (const Segment& s : segments) {
+    middle.emplace_back(grid.code((s.min + s.max) / 2), s.end() - s.begin);
+  }
+  std::sort(middle.begin(), middle.end());
+  std::vector<std::uint64_t> cuts;
+  std::size_t surfels = 0;
+  for (const auto& [code, count] : middle) {
+    surfels += count;
+    if (surfels < piece) continue;
+    surfels = 0;
+    if (cuts.empty() || cuts.back() < code) cuts.push_back(code);
+  }
+  return cuts;
+}
+
+/// A surfel of a stretch of the curve.
+struct Sample {
+  const PartSampler* part;
+  Vec2d uv;
+  ParametricSurface::Point point;
+};
+
+/// Those with codes in [first_code, last_code], in the order of the segments.
+std::vector<Sample> samples_between(const std::vector<Segment>& segments, const MortonGrid& grid,
+                                    std::uint64_t first_code, std::uint64_t last_code) {
+  std::vector<const Segment*> candidates;
+  for (const Segment& s : segments) {
+    if (s.last_code >= first_code && s.first_code <= last_code) candidates.push_back(&s);
+  }
+  constexpr std::size_t kGrain = 16;
+  std::vector<std::vector<Sample>> found(candidates.size() / kGrain + 1);
+  parallel_for(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<double> profile;
+    for (std::size_t s = begin; s < end; ++s) {
+      const Segment& segment = *candidates[s];
+      const bool same_row = s > begin && candidates[s - 1]->part == segment.part &&
+                            candidates[s - 1]->row == segment.row;
+      if (!same_row) profile = segment.part->profile(segment.row);
+      for (std::size_t cell = segment.begin; cell < segment.end(); ++cell) {
+        const Vec2d uv = segment.part->uv(segment.row, cell, profile);
+        const ParametricSurface::Point point = segment.part->at(uv);
+        const std::uint64_t code = grid.code(point.position.cast<float>());
+        if (code < first_code || code > last_code) continue;
+        found[begin / kGrain].push_back({segment.part, uv, point});
+      }
+    }
+  });
+  std::vector<Sample> all;
+  for (std::vector<Sample>& part : found) {
+    all.insert(all.end(), part.begin(), part.end());
+    part = {};
+  }
+  return all;
 }
 
 /// Vertices and faces of one part, a grid of `n` x `n` cells, appended to the mesh.
@@ -169,27 +319,65 @@ std::vector<std::string> GenerateOptions::problems() const {
 }
 
 SurfelCloud generate_surfels(const ProceduralScene& scene, const GenerateOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
   if (options.count > available_memory_bytes() / kSurfelBytes) {
     throw_usage(fmt::format("{} surfels do not fit into this machine's memory; ask for fewer",
                             options.count));
   }
-  std::vector<EqualAreaStrata> strata;
-  for (const SurfacePart& part : scene.parts) {
-    strata.emplace_back(*part.shape, scene.parts.size() == 1 ? options.count : 1);
-  }
-  const std::vector<std::size_t> counts = surfels_per_part(strata, options.count);
-
+  const std::vector<PartSampler> parts = make_samplers(scene, options);
   SurfelCloud cloud;
-  resize_columns(cloud, options.count, scene.transparent);
-  std::size_t first = 0;
-  for (std::size_t k = 0; k < scene.parts.size(); ++k) {
-    if (counts[k] == 0) continue;
-    if (scene.parts.size() > 1) strata[k] = EqualAreaStrata(*scene.parts[k].shape, counts[k]);
-    sample_part(scene.parts[k], strata[k], options, first, cloud);
-    first += counts[k];
+  resize_columns(cloud, options.count, options.uv, scene.transparent);
+  for (const PartSampler& part : parts) {
+    parallel_for(part.row_count(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t row = begin; row < end; ++row) {
+        const std::vector<double> profile = part.profile(row);
+        for (std::size_t cell = 0; cell < part.cells(row); ++cell) {
+          const Vec2d uv = part.uv(row, cell, profile);
+          part.store(uv, part.at(uv), cloud, part.first(row) + cell);
+        }
+      }
+    });
   }
   return cloud;
+}
+
+void generate_surfels_in_order(const ProceduralScene& scene, const GenerateOptions& options,
+                               std::size_t piece, FunctionRef<void(SurfelCloud&& piece)> consume) {
+  const std::vector<PartSampler> parts = make_samplers(scene, options);
+  std::vector<Segment> segments = measure_segments(parts);
+  Vec3f min = segments.front().min;
+  Vec3f max = segments.front().max;
+  for (const Segment& segment : segments) {
+    min = min.cwiseMin(segment.min);
+    max = max.cwiseMax(segment.max);
+  }
+  const MortonGrid grid(min, max);
+  for (Segment& segment : segments) {
+    // Codes grow with each coordinate.
+    segment.first_code = grid.code(segment.min);
+    segment.last_code = grid.code(segment.max);
+  }
+  const std::vector<std::uint64_t> cuts = cut_curve(segments, grid, piece);
+  for (std::size_t k = 0; k <= cuts.size(); ++k) {
+    const std::uint64_t first_code = k == 0 ? 0 : cuts[k - 1];
+    const std::uint64_t last_code =
+        k == cuts.size() ? std::numeric_limits<std::uint64_t>::max() : cuts[k] - 1;
+    const std::vector<Sample> samples = samples_between(segments, grid, first_code, last_code);
+    if (samples.empty()) continue;
+    Array<Vec3f> position(samples.size());
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      position[i] = samples[i].point.position.cast<float>();
+    }
+    const Array<std::uint32_t> order = morton_order(position, grid);
+    SurfelCloud cloud;
+    resize_columns(cloud, samples.size(), options.uv, scene.transparent);
+    parallel_for(order.size(), 4096, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const Sample& sample = samples[order[i]];
+        sample.part->store(sample.uv, sample.point, cloud, i);
+      }
+    });
+    consume(std::move(cloud));
+  }
 }
 
 TriangleMesh generate_mesh(const ProceduralScene& scene, int resolution,

@@ -1,0 +1,281 @@
+// From files to pictures without a cloud in between, and piece by piece.
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/random.h>
+#include <surfel/cloud/morton.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/scene.h>
+#include <surfel/render/cloud_loader.h>
+#include <surfel/render/cloud_stream.h>
+#include <surfel/render/renderer.h>
+#include <surfel/sample/generate.h>
+
+#include "support/memory_file.h"
+#include "support/run_tool.h"
+
+namespace surfel {
+namespace {
+
+using test::TemporaryFolder;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+SurfelCloud ordered(const std::string& kind, std::size_t count) {
+  const SurfelCloud cloud = generate_surfels(procedural_scene(kind, 1), {.count = count});
+  return cloud.gathered(morton_order(cloud.position));
+}
+
+std::vector<const Array<float>*> columns(const RenderCloud& c) {
+  return {&c.x,         &c.y,         &c.z,         &c.normal_x,    &c.normal_y,    &c.normal_z,
+          &c.tangent_x, &c.tangent_y, &c.tangent_z, &c.deviation_u, &c.deviation_v, &c.area,
+          &c.red,       &c.green,     &c.blue,      &c.alpha,       &c.group_radius};
+}
+
+/// Bit for bit.
+void expect_equal(const RenderCloud& a, const RenderCloud& b) {
+  ASSERT_EQ(a.size(), b.size());
+  EXPECT_EQ(a.origin(), b.origin());
+  EXPECT_EQ(a.dropped().position, b.dropped().position);
+  EXPECT_EQ(a.dropped().variance, b.dropped().variance);
+  EXPECT_EQ(a.dropped().color, b.dropped().color);
+  EXPECT_EQ(a.groups(), b.groups());
+  EXPECT_EQ(a.mean_deviation(), b.mean_deviation());
+  EXPECT_TRUE(a.material == b.material);
+  EXPECT_TRUE(a.group == b.group);
+  const auto of_a = columns(a);
+  const auto of_b = columns(b);
+  for (std::size_t k = 0; k < of_a.size(); ++k) {
+    ASSERT_EQ(of_a[k]->size(), of_b[k]->size()) << "column " << k;
+    EXPECT_EQ(std::memcmp(of_a[k]->data(), of_b[k]->data(), of_a[k]->size() * sizeof(float)), 0)
+        << "column " << k;
+  }
+  ASSERT_EQ(a.clusters().size(), b.clusters().size());
+  for (std::size_t i = 0; i < a.clusters().size(); ++i) {
+    EXPECT_EQ(a.clusters()[i].center, b.clusters()[i].center);
+    EXPECT_EQ(a.clusters()[i].radius, b.clusters()[i].radius);
+    EXPECT_EQ(a.clusters()[i].cone_cosine, b.clusters()[i].cone_cosine);
+  }
+}
+
+/// What the file gives by both ways.
+void expect_same_as_read_cloud(const SurfelCloud& cloud, const RenderColumns& needed = {}) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "cloud.ply";
+  write_cloud(cloud, path);
+  const LoadedCloud loaded(path, {.columns = needed});
+  EXPECT_EQ(loaded.stream(), nullptr);
+  expect_equal(loaded.surfels(), RenderCloud(read_cloud(path), needed));
+}
+
+SurfelCloud with_every_column() {
+  SurfelCloud cloud = ordered("head", 3000);
+  const std::size_t n = cloud.size();
+  cloud.tangent = cloud.dpdu;
+  cloud.variance_u = cloud.variance;
+  cloud.variance_v.assign(n, 2e-4F);
+  cloud.alpha.resize(n);
+  cloud.material.resize(n);
+  cloud.group.resize(n);
+  cloud.group_radius.assign(n, 0.02F);
+  for (std::size_t i = 0; i < n; ++i) {
+    cloud.alpha[i] = static_cast<float>(i % 7) / 6;
+    cloud.material[i] = static_cast<std::uint16_t>(i % 3);
+    cloud.group[i] = static_cast<std::uint16_t>(5 * (i % 4));
+    cloud.normal[i] *= static_cast<float>(1 + i % 2);
+  }
+  return cloud;
+}
+
+TEST(LoadedCloud, IsWhatReadCloudGives) {
+  expect_same_as_read_cloud(ordered("terrain", 5000));
+  const SurfelCloud all = with_every_column();
+  expect_same_as_read_cloud(all, {.groups = true, .group_radius = true});
+  SurfelCloud eight_bits = all;
+  eight_bits.alpha_as_uint8 = true;
+  eight_bits.coefficient = eight_bits.color;
+  expect_same_as_read_cloud(eight_bits);
+  for (const ColorEncoding encoding : {ColorEncoding::kUint16Srgb, ColorEncoding::kFloatLinear}) {
+    SurfelCloud other = all;
+    other.color_encoding = encoding;
+    expect_same_as_read_cloud(other);
+  }
+  SurfelCloud bare;
+  bare.position = all.position;
+  bare.variance = all.variance;
+  expect_same_as_read_cloud(bare);
+}
+
+TEST(LoadedCloud, TakesSurfelsInAnyOrder) {
+  SurfelCloud cloud = ordered("torus", 4000);
+  std::reverse(cloud.position.begin(), cloud.position.end());
+  expect_same_as_read_cloud(cloud);
+}
+
+TEST(LoadedCloud, MovesFarAwayScenesToTheirOrigin) {
+  SurfelCloud cloud = ordered("plane", 3000);
+  for (const double far : {1e3, 1e7}) {
+    cloud.origin = Vec3d(far, 0, -far);
+    for (const bool wide : {false, true}) {
+      cloud.double_positions = wide;
+      expect_same_as_read_cloud(cloud);
+    }
+  }
+}
+
+TEST(LoadedCloud, LeavesOutWhatCannotBeDrawn) {
+  SurfelCloud cloud = ordered("sphere", 2000);
+  cloud.alpha.assign(cloud.size(), 0.5F);
+  cloud.color_encoding = ColorEncoding::kFloatLinear;
+  cloud.position[3].x() = kNan;
+  cloud.position[300].y() = kInfinity;
+  cloud.variance[700] = -1;
+  cloud.variance[701] = kNan;
+  cloud.variance[702] = 0;
+  cloud.color[900].z() = kInfinity;
+  cloud.alpha[901] = kInfinity;
+  cloud.area[902] = -kInfinity;
+  cloud.normal[1000] = Vec3f(kNan, 0, 0);
+  expect_same_as_read_cloud(cloud);
+  const RenderCloud surfels(cloud);
+  EXPECT_EQ(surfels.dropped().position, 2U);
+  EXPECT_EQ(surfels.dropped().variance, 3U);
+  EXPECT_EQ(surfels.dropped().color, 3U);
+}
+
+TEST(LoadedCloud, ReadsWhatIsNotDecodedDirectly) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = ordered("sphere", 500);
+  write_cloud(cloud, folder / "text.ply", {.ascii = true});
+  expect_equal(LoadedCloud(folder / "text.ply", {}).surfels(), RenderCloud(cloud));
+  // Radius alone, in a type of its own.
+  const test::MemoryFile doubles(
+      "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+      "property float z\nproperty double radius\nend_header\n" +
+      std::string(12, '\0') + std::string("\0\0\0\0\0\0\0\x40", 8));
+  EXPECT_FLOAT_EQ(LoadedCloud(doubles.path(), {}).surfels().deviation_u[0], std::sqrt(2.0F));
+}
+
+/// Every prefix of a file is refused with its name, or complete.
+TEST(LoadedCloud, RefusesTruncatedFiles) {
+  const TemporaryFolder folder;
+  write_cloud(ordered("plane", 10), folder / "cloud.ply");
+  const std::string bytes = test::read_text(folder / "cloud.ply");
+  for (std::size_t size = 0; size < bytes.size(); size += 7) {
+    const test::MemoryFile cut(bytes.substr(0, size));
+    EXPECT_THROW(LoadedCloud(cut.path(), {}), Error) << size;
+  }
+}
+
+Image picture(Renderer&& renderer, const Camera& camera) { return renderer.render(camera); }
+
+class StreamedCloud : public testing::Test {
+ protected:
+  static constexpr std::uint64_t kLittle = std::uint64_t{10} << 20;  ///< Bytes.
+  static constexpr std::size_t kCount = 200'000;                     ///< More than fit into it.
+
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    cloud_ = new SurfelCloud(ordered("head", kCount));
+    write_cloud(*cloud_, path());
+  }
+  static void TearDownTestSuite() {
+    delete cloud_;
+    delete folder_;
+  }
+  static std::string path() { return *folder_ / "cloud.ply"; }
+
+  static TemporaryFolder* folder_;
+  static SurfelCloud* cloud_;
+};
+TemporaryFolder* StreamedCloud::folder_ = nullptr;
+SurfelCloud* StreamedCloud::cloud_ = nullptr;
+
+TEST_F(StreamedCloud, GivesTheSamePicturesAsInMemory) {
+  const LoadedCloud streamed(path(), {.memory = kLittle});
+  ASSERT_NE(streamed.stream(), nullptr);
+  EXPECT_LT(streamed.batch(), kCount / 8);
+  const LoadedCloud whole(path(), {});
+  ASSERT_EQ(whole.stream(), nullptr);
+  EXPECT_EQ(streamed.surfels().size(), kCount);
+  EXPECT_EQ(streamed.surfels().mean_deviation(), whole.surfels().mean_deviation());
+  EXPECT_EQ(streamed.surfels().extent().box.min, whole.surfels().extent().box.min);
+  EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 4);
+
+  const Scene scene;
+  RenderOptions options;
+  options.batch = streamed.batch();
+  options.aovs = true;
+  Renderer of_stream(*streamed.stream(), scene, options);
+  Renderer of_memory(whole.surfels(), scene, options);
+  CameraOptions view;
+  view.width = view.height = 100;
+  for (const Camera& camera : turntable(view, whole.surfels().extent(), 2)) {
+    FrameStatistics statistics;
+    EXPECT_TRUE(of_stream.render(camera, &statistics).data == of_memory.render(camera).data);
+    EXPECT_EQ(statistics.stages.stages()[1].first, "read");
+    EXPECT_GT(statistics.splats, kCount / 2);
+  }
+}
+
+TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
+  SurfelCloud flawed = *cloud_;
+  flawed.origin = Vec3d(1e6, 0, 0);
+  for (std::size_t i = 0; i < kCount; i += 1000) flawed.variance[i] = kNan;
+  for (std::size_t i = 512; i < 768; ++i) flawed.position[i].x() = kNan;  // A whole cluster.
+  const TemporaryFolder folder;
+  write_cloud(flawed, folder / "flawed.ply");
+  const LoadedCloud streamed(folder / "flawed.ply", {.memory = kLittle});
+  ASSERT_NE(streamed.stream(), nullptr);
+  const RenderCloud whole(flawed);
+  EXPECT_EQ(streamed.surfels().size(), whole.size());
+  EXPECT_EQ(streamed.surfels().dropped().position, whole.dropped().position);
+  EXPECT_EQ(streamed.surfels().dropped().variance, whole.dropped().variance);
+
+  const Scene scene;
+  RenderOptions options;
+  options.batch = streamed.batch();
+  CameraOptions view;
+  view.width = view.height = 100;
+  const Camera camera = make_camera(view, whole.extent());
+  const Image a = picture(Renderer(*streamed.stream(), scene, options), camera);
+  const Image b = picture(Renderer(whole, scene, options), camera);
+  double squares = 0;  // Clusters are others, so that merged fragments may differ.
+  for (std::size_t i = 0; i < a.data.size(); ++i) squares += std::pow(a.data[i] - b.data[i], 2);
+  EXPECT_LT(std::sqrt(squares / static_cast<double>(a.data.size())), 0.01);
+}
+
+TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
+  const auto message = [](const std::string& file, const CloudLoadOptions& options) {
+    try {
+      const LoadedCloud loaded(file, options);
+    } catch (const Error& error) {
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  EXPECT_NE(message(path(), {.memory = 1000}).find("give 9 MB at least"), std::string::npos);
+  EXPECT_NE(message(path(), {.memory = kLittle, .may_stream = false}).find("--method abuffer"),
+            std::string::npos);
+  const LoadedCloud streamed(path(), {.memory = kLittle});
+  const Scene scene;
+  RenderOptions peeled;
+  peeled.method = Method::kDepthPeel;
+  EXPECT_THROW(Renderer(*streamed.stream(), scene, peeled), Error);
+
+  SurfelCloud mixed = *cloud_;
+  for (std::size_t i = 0; i < kCount; ++i) mixed.position[i] = cloud_->position[i * 7919 % kCount];
+  const TemporaryFolder folder;
+  write_cloud(mixed, folder / "mixed.ply");
+  EXPECT_NE(message(folder / "mixed.ply", {.memory = kLittle}).find("close together"),
+            std::string::npos);
+  EXPECT_EQ(message(folder / "mixed.ply", {}), "none");
+}
+
+}  // namespace
+}  // namespace surfel
