@@ -510,7 +510,8 @@ TEST(WriteImage, PngIsByteForByteThatOfOpenImageIo) {
     for (const bool opaque : {false, true}) {
       Image image = random_image(width, height, {"R", "G", "B", "A", "Z"});
       for (std::size_t i = 3; opaque && i < image.data.size(); i += 5) image.data[i] = 1;
-      const ImageWriteOptions options{.metadata = {{"Software", "a test"}}};
+      ImageWriteOptions options;
+      options.metadata = {{"Software", "a test"}};
       write_image(image, folder / "ours.png", options);
       by_plugin(image, folder / "theirs.png", options);
       EXPECT_TRUE(bytes_of(folder / "ours.png") == bytes_of(folder / "theirs.png"))

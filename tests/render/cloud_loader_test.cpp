@@ -152,7 +152,8 @@ TEST(LoadedCloud, ReadsWhatIsNotDecodedDirectly) {
   const TemporaryFolder folder;
   const SurfelCloud cloud = ordered("sphere", 500);
   write_cloud(cloud, folder / "text.ply", {.ascii = true});
-  expect_equal(LoadedCloud(folder / "text.ply", {}).surfels(), RenderCloud(cloud));
+  expect_equal(LoadedCloud(folder / "text.ply", {}).surfels(),
+               RenderCloud(read_cloud(folder / "text.ply")));
   // Radius alone, in a type of its own.
   const test::MemoryFile doubles(
       "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"

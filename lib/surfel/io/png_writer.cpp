@@ -51,7 +51,7 @@ bool write(PngJob& job) {
   png_set_oFFs(job.png, job.info, 0, 0, PNG_OFFSET_PIXEL);
   png_set_text(job.png, job.info, job.text.data(), static_cast<int>(job.text.size()));
   png_set_compression_level(job.png, 6);
-  png_set_filter(job.png, PNG_FILTER_TYPE_BASE, PNG_NO_FILTERS);
+  png_set_compression_strategy(job.png, 0);  // zlib's default, not that for filtered rows.
   png_write_info(job.png, job.info);
   for (const png_const_bytep row : job.rows) png_write_row(job.png, row);
   png_write_end(job.png, job.info);

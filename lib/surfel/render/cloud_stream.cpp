@@ -14,8 +14,8 @@ namespace {
 constexpr std::size_t kRunLength = RenderCloud::kBlock / RenderCloud::kClusterSize;
 /// Mean radius of the clusters that is still worth it, in units of what is left of the scene's
 /// diagonal where it is cut into as many cubes: scan lines of a surface stay below, surfels in
-/// random order from 300 clusters on above.
-constexpr double kLoosest = 3;
+/// random order from 400 clusters on above.
+constexpr double kLoosest = 2;
 /// Clusters announced to the system at once.
 constexpr std::size_t kLongestExpected = 4096;
 
