@@ -215,5 +215,19 @@ TEST(OutputFile, RemoveTemporariesRemovesThoseThatAreOpen) {
   EXPECT_EQ(entries(folder), 2U);
 }
 
+TEST(OutputFile, RoomIsFilledInAnyOrder) {
+  const TemporaryFolder folder;
+  OutputFile file(folder / "parts");
+  file.write("head ");
+  const std::uint64_t room = file.reserve(9);
+  EXPECT_EQ(room, 5U);
+  file.write(" tail");
+  std::thread other([&] { file.write_at(room + 3, "456789", 6); });
+  file.write_at(room, "123", 3);
+  other.join();
+  file.commit();
+  EXPECT_EQ(content(folder / "parts"), "head 123456789 tail");
+}
+
 }  // namespace
 }  // namespace surfel

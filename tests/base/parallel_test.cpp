@@ -1,5 +1,6 @@
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <stdexcept>
 #include <thread>
@@ -163,6 +164,25 @@ TEST(Interrupt, StopsRunningLoopsWithAnError) {
   testing::FLAGS_gtest_death_test_style = "threadsafe";
   EXPECT_EXIT(interrupted(1), testing::ExitedWithCode(0), "");
   EXPECT_EXIT(interrupted(4), testing::ExitedWithCode(0), "");
+}
+
+TEST(SerialLoops, KeepLoopsOnTheirThread) {
+  set_thread_count(4);
+  const auto strangers = [] {
+    std::atomic<int> count{0};
+    const auto self = std::this_thread::get_id();
+    parallel_for(64, 1, [&](std::size_t, std::size_t, int worker) {
+      if (worker != 0 || std::this_thread::get_id() != self) ++count;
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
+    });
+    return count.load();
+  };
+  {
+    const SerialLoops alone;
+    EXPECT_EQ(strangers(), 0);
+  }
+  EXPECT_GT(strangers(), 0);
+  set_thread_count(0);
 }
 
 }  // namespace
