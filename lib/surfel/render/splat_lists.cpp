@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/exact_kernel.h>
 #include <surfel/render/splat_lists.h>
@@ -20,6 +21,15 @@ constexpr double kBatchReferences = 1 << 24;
 constexpr std::size_t kHistogramEntries = std::size_t{1} << 22;
 /// Splats in flight with groups: places of their fields, in floats, fit 32 bits with a sign.
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
+
+/// Makes room for `count` values, which are all filled soon; those from before are lost.
+template <class T>
+void make_room(Array<T>& array, std::size_t count) {
+  if (array.size() >= count) return;
+  array = {};  // Not beside the new one.
+  array.resize(count + count / 8);  // Batches differ a little.
+  prefer_huge_pages(array.data(), array.size() * sizeof(T));
+}
 
 }  // namespace
 
@@ -308,7 +318,7 @@ void SplatLists::bin(const Band& band, std::size_t segments) {
     throw Error(ErrorKind::kNumeric, "the splats are too large on screen; move the camera back");
   }
   tile_begin_[tiles] = static_cast<std::uint32_t>(sum);
-  references_.resize(sum);
+  make_room(references_, sum);
   parallel_for(segments, 1, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t s = begin; s < end; ++s) {
       std::uint32_t* cursor = histogram_.data() + s * tiles;
@@ -392,10 +402,10 @@ std::size_t SplatLists::make(const Camera& camera, const Band& band, const Visib
         "use --method abuffer");
   }
   workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
-  splats_.resize(std::max(splats_.size(), capacity));
-  ranges_.resize(std::max(ranges_.size(), capacity));
-  if (lists_.normals) normals_.resize(std::max(normals_.size(), capacity));
-  if (lists_.groups) groups_.resize(std::max(groups_.size(), capacity));
+  make_room(splats_, capacity);
+  make_room(ranges_, capacity);
+  if (lists_.normals) make_room(normals_, capacity);
+  if (lists_.groups) make_room(groups_, capacity);
   if (std::isfinite(view_.tolerance)) exact_.resize(std::max(exact_.size(), capacity));
   histogram_.resize(segments * band.tiles());
   kept_.resize(std::max(kept_.size(), segments));
