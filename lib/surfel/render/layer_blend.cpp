@@ -48,19 +48,19 @@ void for_each_fragment_simd(
   HWY_ALIGN float epsilons[kTileSize];
   HWY_ALIGN float keys[kTileSize];
   for (std::size_t i = job.count; i-- > 0;) {
-    const std::uint32_t index = job.order[i];
-    raster.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon, const auto&) HWY_ATTR {
-      const M inside = hn::Lt(beta, cutoff);
+    const auto store = [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+      const M inside = hn::Lt(s.beta, cutoff);
       if (hn::AllFalse(d, inside)) return;
-      hn::Store(depth, d, depths);
-      hn::Store(epsilon, d, epsilons);
-      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
+      hn::Store(s.depth, d, depths);
+      hn::Store(s.epsilon, d, epsilons);
+      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(s.beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
                 keys);
       for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
         if (keys[lane] < 0) continue;
         take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
       }
-    });
+    };
+    raster.draw(i, i + 1, -__builtin_inff(), store);
   }
 }
 

@@ -179,6 +179,8 @@ void RenderCloud::make_clusters() {
         }
       }
       cluster.center = lo + (hi - lo) / 2;
+      // Rounding must not shrink a bound.
+      cluster.half_extent = (cluster.center - lo).cwiseMax(hi - cluster.center) * (1.0F + 1e-6F);
       const Vec3f axis = normalized_or_zero(sum);
       float cosine = all_oriented && !axis.isZero() ? 1.0F : -1.0F;
       for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {

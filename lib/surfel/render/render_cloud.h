@@ -14,7 +14,8 @@ namespace surfel {
 struct Cluster {
   std::uint32_t begin = 0;
   std::uint32_t end = 0;
-  Vec3f center{0, 0, 0};       ///< Of a sphere around the surfels' positions.
+  Vec3f center{0, 0, 0};       ///< Of a box and a sphere around the surfels' positions.
+  Vec3f half_extent{0, 0, 0};  ///< Half the sides of that box.
   float radius = 0;            ///< Of that sphere.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.

@@ -19,11 +19,6 @@
 namespace surfel {
 namespace {
 
-/// Where several batches are needed, the A-buffer of this many bytes is kept between them; larger
-/// pictures are rendered in horizontal bands.
-constexpr std::size_t kABufferBytes = std::size_t{1} << 30;
-/// Most tiles along a side that TileRange can name: pictures of 65,536 pixels have 4,096.
-constexpr int kMostTiles = 1 << 16;
 /// Standard deviation of the low-pass filter that stands for none, pixels: an edge-on disc keeps a
 /// width.
 constexpr double kNoLowpass = 1e-3;
@@ -188,40 +183,21 @@ struct Renderer::Impl {
 
   /// The splats of a tile must all be there at once.
   bool whole_tiles() const { return options.method != Method::kABuffer; }
+  /// Either list has the same blocks.
+  SplatLists& any_lists() { return surfaces ? *surfaces : *blended; }
 
-  Band next_band(const Camera& camera, int y0, int rows, std::vector<VisibleCluster>& clusters,
-                 std::vector<VisibleCluster>& blended_clusters);
   LayerRule layer_rule(const Camera& camera) const;
-  void rasterize(const Camera& camera, const Band& band, const Shader& shader, bool first,
-                 bool last, Image& image);
-  void draw(TileABuffer& tile, std::size_t index, const LayerRule& rule, Worker& worker, int w);
+  void rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
+                 const Shader& shader, bool first, bool last, Image& image);
+  void draw_block(const Band& band, const BlockGrid& grid, std::size_t block, const LayerRule& rule,
+                  bool first, bool last, TileABuffer& tile, Image& image, int w);
+  void draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker, int w);
   void resolve(TileABuffer& tile, const std::vector<BlendedPixel>* behind, Image& image) const;
 };
 
 Renderer::Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options)
     : impl_(std::make_unique<Impl>(cloud, scene, options)) {}
 Renderer::~Renderer() = default;
-
-/// Rows of a frame to draw together, `rows` at most, and the clusters seen in them. Methods that
-/// take all splats of a tile at once get fewer rows where more splats than a batch are seen.
-Band Renderer::Impl::next_band(const Camera& camera, int y0, int rows,
-                               std::vector<VisibleCluster>& clusters,
-                               std::vector<VisibleCluster>& blended_clusters) {
-  rows = std::min(rows, tiles_along(camera.height - y0) * kTileSize);
-  for (;;) {
-    const Band band(camera, y0, std::min(camera.height, y0 + rows));
-    bool fits = true;
-    const auto cull = [&](std::optional<SplatLists>& lists, std::vector<VisibleCluster>& out) {
-      if (!lists) return;
-      out = lists->cull(camera, band);
-      fits = fits && lists->end_of_batch(out, 0) == out.size();
-    };
-    cull(surfaces, clusters);
-    cull(blended, blended_clusters);
-    if (fits || !whole_tiles() || rows <= kTileSize) return band;
-    rows = std::max(1, rows / kTileSize / 2) * kTileSize;
-  }
-}
 
 /// SP06 (6): n is the least that its text allows, (d_max - d_min) / epsilon, with the footprint of
 /// the mean surfel at the scene's centre for the epsilon that the paper takes as given.
@@ -246,9 +222,10 @@ LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
   return rule;
 }
 
-/// Rasterises a tile's splats by the method, all of them but in the A-buffer.
-void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule& rule,
-                          Worker& worker, int w) {
+/// Rasterises the splats of a tile of the loaded block by the method, all of them but in the
+/// A-buffer.
+void Renderer::Impl::draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker,
+                          int w) {
   const auto composite = [&](const TileJob& job) {
     worker.images.reset(cloud.groups(), options.method == Method::kDeferred ? options.layers : 1);
     rasterize_groups(job, rule, tile, worker.images);
@@ -256,23 +233,23 @@ void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule&
   };
   const auto blend = [&](const NearestLayer* masked) {
     worker.culled +=
-        blend_layers(blended->job(index, w), rule, cloud.groups(), masked, tile, worker.layers);
+        blend_layers(blended->job(x, y, w), rule, cloud.groups(), masked, tile, worker.layers);
   };
   switch (options.method) {
     case Method::kABuffer:
-      if (surfaces->count(index) > 0) rasterize_tile(surfaces->job(index, w), tile);
+      rasterize_tile(surfaces->job(x, y, w), tile);
       break;
     case Method::kDepthPeel:
-      worker.peeled.add(peel_tile(surfaces->job(index, w), worker.peel, tile));
+      worker.peeled.add(peel_tile(surfaces->job(x, y, w), worker.peel, tile));
       break;
     case Method::kDeferred:
-      composite(surfaces->job(index, w));
+      composite(surfaces->job(x, y, w));
       break;
     case Method::kTransparent:
       blend(nullptr);
       break;
     case Method::kTransparentHigh:
-      composite(surfaces->job(index, w));
+      composite(surfaces->job(x, y, w));
       worker.nearest.resize(kTilePixels);
       for (int pixel = 0; pixel < kTilePixels; ++pixel) {
         worker.nearest[pixel] = nearest_layer(tile, pixel);
@@ -286,14 +263,27 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
                              Image& image) const {
   const std::array<float, 4>& b = options.background;
   const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  // What a pixel without fragments shows, where that is the same for all.
+  std::optional<std::vector<float>> nothing;
+  if (!behind && !tile.shader->has_environment()) {
+    nothing = {background.red, background.green, background.blue, background.alpha};
+    if (options.aovs) {
+      constexpr float kInfinity = std::numeric_limits<float>::infinity();
+      nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
+    }
+  }
   for (int y = 0; y < tile.height; ++y) {
     for (int x = 0; x < tile.width; ++x) {
       const int pixel = tile_pixel(x, y);
+      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
+      if (nothing && tile.at(0, kWeight, pixel) == 0) {
+        std::copy(nothing->begin(), nothing->end(), out);
+        continue;
+      }
       // SP06: I = alpha C_F + (1 - alpha) C_O
       const Fragment others = behind ? (*behind)[pixel].merged() : Fragment{};
       PixelResult result = resolve_pixel(tile, pixel, &others);
       result.color.composite(background);
-      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
       out[0] = result.color.red;
       out[1] = result.color.green;
       out[2] = result.color.blue;
@@ -308,33 +298,60 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
   }
 }
 
-void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Shader& shader,
-                               bool first, bool last, Image& image) {
+/// Sets up the splats of a block and draws its tiles, in several parts where they are very many.
+/// `tile` says what is the same for all tiles.
+void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::size_t block,
+                                const LayerRule& rule, bool first, bool last, TileABuffer& tile,
+                                Image& image, int w) {
+  Worker& worker = workers[w];
+  const std::size_t clusters = any_lists().clusters(block);
   const bool keep = !(first && last);
-  if (first && keep) a_buffer.resize(layout.size() * band.tiles());
+  if (keep && !first && !last && clusters == 0) return;
+  const std::size_t part = whole_tiles() ? std::max<std::size_t>(1, clusters)
+                                         : options.batch / RenderCloud::kClusterSize;
+  const int first_x = grid.first_tile_x(block);
+  const int first_y = grid.first_tile_y(block);
+  const int tiles_x = std::min(1 << grid.shift, band.tiles_x - first_x);
+  const int tiles_y = std::min(1 << grid.shift, band.tiles_y - first_y);
+  const bool parts = clusters > part;
+  if (!keep) worker.a_buffer.resize(layout.size() * (parts ? tiles_x * tiles_y : 1));
+  for (std::size_t begin = 0; begin == 0 || begin < clusters; begin += part) {
+    const std::size_t end = std::min(begin + part, clusters);
+    // Parts are of the A-buffer, which has surfaces alone.
+    if (surfaces) surfaces->load(block, begin, blended ? surfaces->clusters(block) : end, w);
+    if (blended) blended->load(block, 0, blended->clusters(block), w);
+    for (int y = 0; y < tiles_y; ++y) {
+      for (int x = 0; x < tiles_x; ++x) {
+        const int in_band = (first_y + y) * band.tiles_x + first_x + x;
+        tile.data = keep ? a_buffer.data() + layout.size() * in_band
+                         : worker.a_buffer.data() + layout.size() * (parts ? y * tiles_x + x : 0);
+        if (first && begin == 0) std::fill_n(tile.data, layout.size(), 0.0F);
+        tile.x0 = (first_x + x) * kTileSize;
+        tile.y0 = band.y0 + (first_y + y) * kTileSize;
+        tile.width = std::min(kTileSize, image.width - tile.x0);
+        tile.height = std::min(kTileSize, band.y1 - tile.y0);
+        tile.merges = {};
+        draw(tile, x, y, rule, worker, w);
+        if (last && end == clusters) {
+          resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
+        }
+        worker.merges.add(tile.merges);
+      }
+    }
+  }
+}
+
+void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
+                               const Shader& shader, bool first, bool last, Image& image) {
+  if (first && !last) a_buffer.resize(layout.size() * band.tiles());
   const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
-  parallel_for(band.tiles(), 1, [&](std::size_t t, std::size_t, int w) {
-    Worker& worker = workers[w];
-    if (keep && !first && !last && surfaces->count(t) == 0) return;
+  parallel_for(grid.blocks(), 1, [&](std::size_t block, std::size_t, int w) {
     TileABuffer tile;
     tile.layout = layout;
-    if (keep) {
-      tile.data = a_buffer.data() + layout.size() * t;
-    } else {
-      worker.a_buffer.resize(layout.size());
-      tile.data = worker.a_buffer.data();
-    }
-    if (first) std::fill_n(tile.data, layout.size(), 0.0F);
-    tile.x0 = static_cast<int>(t % band.tiles_x) * kTileSize;
-    tile.y0 = band.y0 + static_cast<int>(t / band.tiles_x) * kTileSize;
-    tile.width = std::min(kTileSize, camera.width - tile.x0);
-    tile.height = std::min(kTileSize, band.y1 - tile.y0);
     tile.full_weight = full_weight;
     tile.edge_weight = edge_weight;
     tile.shader = &shader;
-    draw(tile, t, rule, worker, w);
-    if (last) resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
-    worker.merges.add(tile.merges);
+    draw_block(band, grid, block, rule, first, last, tile, image, w);
   });
 }
 
@@ -361,45 +378,20 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   }
   image.data.resize(static_cast<std::size_t>(camera.width) * camera.height * image.channels.size());
 
-  // Bands only matter to pictures so large that the A-buffer may not fit its limit, and to methods
-  // that cannot draw in batches.
-  const std::size_t row_bytes = r.layout.size() * sizeof(float) * tiles_along(camera.width);
-  const int most_rows =
-      static_cast<int>(std::clamp<std::size_t>(kABufferBytes / row_bytes, 1, kMostTiles)) *
-      kTileSize;
+  Timer timer;
+  const Band band(camera, 0, camera.height);
   std::vector<VisibleCluster> clusters;
   std::vector<VisibleCluster> blended;
-  for (int y0 = 0; y0 < camera.height;) {
-    Timer timer;
-    const Band band = r.next_band(camera, y0, most_rows, clusters, blended);
-    y0 = band.y1;
-    stats.clusters += std::max(clusters.size(), blended.size());
-    stats.stages.add("cull", timer.milliseconds());
-    const auto draw = [&](bool first, bool last) {
-      timer.restart();
-      r.rasterize(camera, band, shader, first, last, image);
-      stats.stages.add("raster", timer.milliseconds());
-    };
-    if (r.whole_tiles()) {
-      const auto make = [&](std::optional<SplatLists>& lists,
-                            const std::vector<VisibleCluster>& seen) {
-        if (lists)
-          stats.splats += lists->make(camera, band, seen.data(), seen.size(), stats.stages);
-      };
-      make(r.surfaces, clusters);
-      make(r.blended, blended);
-      draw(true, true);
-      continue;
-    }
-    std::size_t begin = 0;
-    do {
-      const std::size_t end = r.surfaces->end_of_batch(clusters, begin);
-      stats.splats +=
-          r.surfaces->make(camera, band, clusters.data() + begin, end - begin, stats.stages);
-      draw(begin == 0, end == clusters.size());
-      begin = end;
-    } while (begin < clusters.size());
-  }
+  if (r.surfaces) clusters = r.surfaces->cull(camera, band);
+  if (r.blended) blended = r.blended->cull(camera, band);
+  stats.clusters = std::max(clusters.size(), blended.size());
+  const BlockGrid grid(band, stats.clusters * RenderCloud::kClusterSize);
+  if (r.surfaces) r.surfaces->bin(camera, band, grid, clusters);
+  if (r.blended) r.blended->bin(camera, band, grid, blended);
+  stats.stages.add("cull", timer.milliseconds());
+  timer.restart();
+  r.rasterize(camera, band, grid, shader, true, true, image);
+  stats.stages.add("raster", timer.milliseconds());
   MergeStatistics merges;
   PeelStatistics peeled;
   for (const Worker& worker : r.workers) {
@@ -408,7 +400,9 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     stats.culled += worker.culled;
   }
   for (std::optional<SplatLists>* lists : {&r.surfaces, &r.blended}) {
-    if (*lists) stats.exact_splats += (*lists)->take_exact_count();
+    if (!*lists) continue;
+    stats.splats += (*lists)->take_splat_count();
+    stats.exact_splats += (*lists)->take_exact_count();
   }
   stats.merged = merges.merged;
   const double all = merges.total_weight + merges.dropped_weight;
