@@ -334,15 +334,6 @@ TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
     set_thread_count(0);
     EXPECT_EQ(render_by(method, shuffled(cloud), camera).data, expected.data)
         << static_cast<int>(method);
-    if (method == Method::kABuffer) continue;  // Draws batches upon one another instead.
-    RenderOptions options;
-    // Exact kernels are laid out about their clipped boxes, which bands cut otherwise: they round
-    // otherwise, too.
-    options.kernel = Kernel::kAffine;
-    const Image whole = render_by(method, cloud, camera, options);
-    options.batch = RenderCloud::kClusterSize;
-    EXPECT_EQ(render_by(method, cloud, camera, options).data, whole.data)
-        << static_cast<int>(method);
   }
 }
 

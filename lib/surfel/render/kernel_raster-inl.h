@@ -212,7 +212,11 @@ class KernelRaster {
     const V ratio =
         hn::Div(hn::Mul(r2, hn::MulAdd(beta_a, scale_b, hn::MulAdd(beta_b, scale_a, least))),
                 hn::Mul(hn::Add(hn::Add(beta_a, beta_b), least), hn::Mul(scale_a, scale_b)));
-    const M seen = hn::Gt(r, hn::Zero(d));
+    // Towards the horizon the kernel reaches further, but not without end.
+    const float box2 = 2 * job_.cutoff * kHorizonGrowth * kHorizonGrowth;
+    const M boxed = hn::And(hn::Lt(hn::Mul(dx, dx), hn::Set(d, box2 * xx)),
+                            hn::Lt(hn::Mul(dy, dy), hn::Set(d, box2 * yy)));
+    const M seen = hn::And(boxed, hn::Gt(r, hn::Zero(d)));
     s.beta = hn::IfThenElse(seen, hn::Mul(s.beta, hn::IfThenElse(seen, ratio, one)),
                             hn::Set(d, __builtin_inff()));
     s.amplitude = hn::Div(hn::Mul(s.amplitude, hn::Mul(r2, r)),

@@ -61,6 +61,9 @@ inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel fi
 inline constexpr std::uint32_t kHorizonTag = 4;
 inline constexpr int kMaterialShift = 3;
 
+/// Such kernels reach further towards the horizon; their box is larger by this factor.
+inline constexpr float kHorizonGrowth = 1.5F;
+
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;
 

@@ -208,20 +208,34 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
         const V left = hn::Sub(p.z, disc);
         const auto bounded = hn::Gt(left, hn::Mul(hn::Set(d, kLeastDistance), disc));
         const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) {
-          const V reach = hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, one))),
+          const V bound = hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, one))),
                                      hn::Div(disc, left), filter_reach);
-          return hn::Or(hn::Lt(hn::Add(center, reach), hn::Set(d, clip0)),
-                        hn::Gt(hn::Sub(center, reach), hn::Set(d, clip1)));
+          return hn::Or(hn::Lt(hn::Add(center, bound), hn::Set(d, clip0)),
+                        hn::Gt(hn::Sub(center, bound), hn::Set(d, clip1)));
         };
         const auto unseen = hn::Or(outside(center_x, X, focal_x, view.clip_x0, view.clip_x1),
                                    outside(center_y, Y, focal_y, view.clip_y0, view.clip_y1));
         exact = hn::AndNot(hn::And(bounded, unseen), exact);
       }
     }
+    const V depth = kPerspective ? inv_z : hn::Neg(p.z);
+    const V depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
+    const V depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
+    auto near_horizon = hn::FirstN(d, 0);
+    V box_x = half_x;
+    V box_y = half_y;
+    if (kPerspective && view.tolerance < std::numeric_limits<float>::infinity()) {
+      // How much nearness a kernel loses within its reach.
+      const V drop = hn::MulAdd(hn::Abs(depth_dx), half_x, hn::Mul(hn::Abs(depth_dy), half_y));
+      near_horizon = hn::Gt(hn::Mul(drop, hn::Set(d, kHorizonReaches)), depth);
+      const V growth = hn::IfThenElse(near_horizon, hn::Set(d, kHorizonGrowth), one);
+      box_x = hn::Mul(half_x, growth);
+      box_y = hn::Mul(half_y, growth);
+    }
     const Pixels columns =
-        pixels_of(hn::Sub(center_x, half_x), hn::Add(center_x, half_x), view.clip_x0, view.clip_x1);
+        pixels_of(hn::Sub(center_x, box_x), hn::Add(center_x, box_x), view.clip_x0, view.clip_x1);
     const Pixels rows =
-        pixels_of(hn::Sub(center_y, half_y), hn::Add(center_y, half_y), view.clip_y0, view.clip_y1);
+        pixels_of(hn::Sub(center_y, box_y), hn::Add(center_y, box_y), view.clip_y0, view.clip_y1);
     visible = hn::And(visible,
                       hn::And(hn::Le(columns.first, columns.last), hn::Le(rows.first, rows.last)));
     // Edge-on ones would leave fragments without weight.
@@ -242,9 +256,6 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     hn::Store(hn::Mul(half, hn::Div(Sigma_yy, det_Sigma)), d, out.k + i);
     hn::Store(hn::Mul(half, inv_yy), d, out.q + i);
     hn::Store(amplitude, d, out.amplitude + i);
-    const V depth = kPerspective ? inv_z : hn::Neg(p.z);
-    const V depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
-    const V depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
     hn::Store(depth, d, out.depth + i);
     hn::Store(depth_dx, d, out.depth_dx + i);
     hn::Store(depth_dy, d, out.depth_dy + i);
@@ -258,13 +269,9 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
       return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
     };
     const V diagonal2 = hn::MulAdd(half_x, half_x, hn::Mul(half_y, half_y));
-    auto tag =
-        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
-    if (kPerspective && view.tolerance < std::numeric_limits<float>::infinity()) {
-      const V drop = hn::MulAdd(hn::Abs(depth_dx), half_x, hn::Mul(hn::Abs(depth_dy), half_y));
-      tag =
-          hn::Or(tag, flag(hn::Gt(hn::Mul(drop, hn::Set(d, kHorizonReaches)), depth), kHorizonTag));
-    }
+    const auto tag = hn::Or(
+        flag(near_horizon, kHorizonTag),
+        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag)));
     hn::Store(tag, du, out.tag + i);
     auto first = visible;
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
