@@ -213,7 +213,8 @@ class KernelRaster {
         hn::Div(hn::Mul(r2, hn::MulAdd(beta_a, scale_b, hn::MulAdd(beta_b, scale_a, least))),
                 hn::Mul(hn::Add(hn::Add(beta_a, beta_b), least), hn::Mul(scale_a, scale_b)));
     // Towards the horizon the kernel reaches further, but not without end.
-    const float box2 = 2 * job_.cutoff * kHorizonGrowth * kHorizonGrowth;
+    const float growth = horizon_growth(job_.cutoff);
+    const float box2 = 2 * job_.cutoff * growth * growth;
     const M boxed = hn::And(hn::Lt(hn::Mul(dx, dx), hn::Set(d, box2 * xx)),
                             hn::Lt(hn::Mul(dy, dy), hn::Set(d, box2 * yy)));
     const M seen = hn::And(boxed, hn::Gt(r, hn::Zero(d)));

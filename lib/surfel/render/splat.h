@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 // Plain structures that the SIMD files share with the rest: raw numbers only, no Eigen type (its
@@ -61,8 +63,11 @@ inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel fi
 inline constexpr std::uint32_t kHorizonTag = 4;
 inline constexpr int kMaterialShift = 3;
 
-/// Such kernels reach further towards the horizon; their box is larger by this factor.
-inline constexpr float kHorizonGrowth = 1.5F;
+/// Such kernels reach further towards the horizon: their box is larger by this factor, up to three
+/// standard deviations of the pixel filter.
+inline float horizon_growth(float cutoff) {
+  return std::clamp(3 / std::sqrt(2 * cutoff), 1.0F, 1.5F);
+}
 
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;

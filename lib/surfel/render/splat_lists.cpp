@@ -151,7 +151,7 @@ void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& 
   out.y1 = static_cast<std::uint16_t>(band.tiles_y - 1);
   const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
   const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
-  const float growth = std::isfinite(view_.tolerance) ? kHorizonGrowth : 1.0F;
+  const float growth = std::isfinite(view_.tolerance) ? horizon_growth(view_.cutoff) : 1.0F;
   const float radius = disc_radius(cluster) * growth;
   const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
   // What reaches near the eye's plane may be seen anywhere.

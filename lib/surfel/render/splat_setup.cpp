@@ -228,7 +228,7 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
       // How much nearness a kernel loses within its reach.
       const V drop = hn::MulAdd(hn::Abs(depth_dx), half_x, hn::Mul(hn::Abs(depth_dy), half_y));
       near_horizon = hn::Gt(hn::Mul(drop, hn::Set(d, kHorizonReaches)), depth);
-      const V growth = hn::IfThenElse(near_horizon, hn::Set(d, kHorizonGrowth), one);
+      const V growth = hn::IfThenElse(near_horizon, hn::Set(d, horizon_growth(view.cutoff)), one);
       box_x = hn::Mul(half_x, growth);
       box_y = hn::Mul(half_y, growth);
     }
