@@ -57,6 +57,7 @@ TEST(Render, EveryRendererSeesTheSamePicture) {
 
 TEST(Render, OptionsWithoutEffectAreRefused) {
   const Square& s = Square::get();
+  const std::string glass = std::string(SURFEL_SOURCE_DIR) + "/configs/scene-glass.toml";
   for (const Words& options :
        {Words{s.surfels, "--reference", "--layers", "2"},
         Words{s.surfels, "--reference", "--kernel", "affine"},
@@ -72,7 +73,9 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--filter", "ewa-source", "--method", "deferred"},
         Words{"--mesh", s.mesh, "--method", "depth-peel"}, Words{s.surfels, "--samples", "4"},
         Words{s.surfels, "--image", "checker"}, Words{s.surfels, "--mesh", s.mesh, "--reference"},
-        Words{"--mesh", s.mesh, "--cutoff", "2"}, Words{}}) {
+        Words{"--mesh", s.mesh, "--cutoff", "2"}, Words{s.surfels, "--refraction", "single"},
+        Words{s.surfels, "--scene", glass, "--shading", "none", "--refraction", "single"},
+        Words{}}) {
     Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
     command.insert(command.end(), options.begin(), options.end());
     const RunResult result = run(command);
@@ -93,6 +96,23 @@ TEST(Render, EveryMethodSeesTheSamePicture) {
       run({tool("surfel-render"), s.surfels, "--method", "deferred", "-o", s.folder / "none.png"});
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.errors.find("surfel-group"), std::string::npos) << result.errors;
+}
+
+TEST(Render, CopiesForGroupsAreDrawnOnceWhereGroupsDoNotMatter) {
+  const Square& s = Square::get();
+  const std::string copies = s.folder / "copies.ply";
+  ASSERT_EQ(run({tool("surfel-group"), s.surfels, "--groups", "4", "--cover", "duplicate", "-o",
+                 copies, "--quiet"})
+                .exit_code,
+            0);
+  const Image expected = s.picture({s.surfels});
+  for (const Words& options : {Words{copies}, Words{copies, "--method", "depth-peel"}}) {
+    EXPECT_GT(image_error(s.picture(options), expected).psnr, 60);
+  }
+  EXPECT_GT(image_error(s.picture({copies, "--reference", "--samples", "2"}),
+                        s.picture({s.surfels, "--reference", "--samples", "2"}))
+                .psnr,
+            60);
 }
 
 }  // namespace

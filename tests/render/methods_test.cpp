@@ -346,6 +346,30 @@ TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
   }
 }
 
+TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
+  const SurfelCloud plain = with_alpha(grouped(jittered_plane(16, 1, 0.3)), 0.5F);
+  Array<std::uint32_t> order(plain.size());
+  std::iota(order.begin(), order.end(), 0U);
+  for (std::uint32_t i = 0; i < plain.size(); i += 3) order.push_back(i);
+  SurfelCloud copies = plain.gathered(order);
+  copies.source = order;
+  for (std::size_t i = plain.size(); i < copies.size(); ++i) ++copies.group[i];
+  const Camera camera = camera_at(2.2, 64);
+  for (const Method method : kMethods) {
+    const RenderCloud surfels(copies, columns_of(method));
+    const bool blended = method == Method::kTransparent || method == Method::kTransparentHigh;
+    EXPECT_EQ(surfels.copies(), blended ? 0 : copies.size() - plain.size());
+    EXPECT_EQ(surfels.size() + surfels.copies(), copies.size());
+    if (blended || method == Method::kDeferred) continue;
+    const Image expected = render_by(method, plain, camera);
+    EXPECT_EQ(largest_difference(render_by(method, copies, camera), expected), 0);
+    EXPECT_EQ(largest_difference(render_by(method, shuffled(copies), camera), expected), 0);
+  }
+  // What shares its source alone, as scans do whose files mean something else by it, stays.
+  copies.source.assign(copies.size(), 5);
+  EXPECT_EQ(RenderCloud(copies).copies(), copies.size() - plain.size());
+}
+
 TEST(Methods, NumbersOfGroupsDoNotMatter) {
   SurfelCloud sphere = covered(colored_sphere(800, 0.8), 3);
   SurfelCloud sparse = sphere;

@@ -23,6 +23,8 @@ constexpr int kFewestRows = 32;
 constexpr float kWidest = 4;
 /// Lobes end where they have fallen to exp(-8) of their peak.
 constexpr double kReach = 8;
+/// Of the procedural sky: at common fields of view its edges are as sharp as the picture's.
+constexpr int kSkyWidth = 2048;
 constexpr std::size_t kMostPixels = std::size_t{1} << 27;
 
 /// Concentration of the von Mises-Fisher lobe whose mean cosine coth k - 1 / k is exp(-variance).
@@ -278,7 +280,7 @@ void load_environment(Scene& scene) {
   if (!scene.environment || scene.environment->map) return;
   const std::string& image = scene.environment->image;
   scene.environment->map = std::make_shared<const EnvironmentMap>(
-      image == kSkyName ? procedural_sky(1024, 512) : read_image(image), image);
+      image == kSkyName ? procedural_sky(kSkyWidth, kSkyWidth / 2) : read_image(image), image);
 }
 
 }  // namespace surfel

@@ -61,7 +61,9 @@ bool blends_layers(Method method) {
 }  // namespace
 
 RenderColumns columns_of(Method method) {
-  return {.groups = needs_groups(method), .group_radius = blends_layers(method)};
+  return {.groups = needs_groups(method),
+          .group_radius = blends_layers(method),
+          .copies = blends_layers(method)};
 }
 
 double coverage_threshold(double cutoff) {
