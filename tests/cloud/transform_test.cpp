@@ -59,9 +59,9 @@ TEST(TransformCloud, FarAwayNothingIsLost) {
     EXPECT_LT((moved.world(i) - cloud.world(i) - Vec3d(5e6, -3e6, 0.1)).norm(), 1e-7);
   }
   transform_cloud(moved, {.translation = Vec3d(-5e6, 3e6, -0.1)});
-  EXPECT_EQ(moved.origin, Vec3d(0, 0, 0));
+  EXPECT_LT(moved.origin.norm(), 2);
   for (std::size_t i = 0; i < 100; ++i) {
-    EXPECT_LT((moved.position[i] - cloud.position[i]).norm(), 2e-7F);
+    EXPECT_LT((moved.world(i) - cloud.world(i)).norm(), 2e-7);
   }
 }
 

@@ -275,6 +275,7 @@ void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule&
       break;
     case Method::kTransparentHigh:
       composite(surfaces->job(index, w));
+      if (tile.shader->has_environment()) filter_normals(tile, worker.layers);
       worker.nearest.resize(kTilePixels);
       for (int pixel = 0; pixel < kTilePixels; ++pixel) {
         worker.nearest[pixel] = nearest_layer(tile, pixel);

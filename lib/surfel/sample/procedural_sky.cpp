@@ -98,20 +98,20 @@ Seen seen(const Vec3d& direction) {
 /// Distance on the floor from which on its squares may be hidden between the pixels' centres: a
 /// square of 1/2 is seen at a distance d under 1 / (2 d^2).
 double farthest_plain_floor(int height) {
-  constexpr double kPixels = 3;  // To a square.
+  constexpr double kPixels = 2;  // To a square.
   return std::sqrt(height / (2 * kPixels * std::numbers::pi));
 }
 
-/// Mean of 8 x 8 points around a pixel's centre, in a tent that falls to nothing at the centres
+/// Mean of 6 x 6 points around a pixel's centre, in a tent that falls to nothing at the centres
 /// next to it. Interpolated linearly as it was filtered, an edge has no steps.
 Vec3f filtered(int x, int y, int width, int height) {
-  constexpr int kPoints = 8;
+  constexpr int kPoints = 6;
   Vec3f sum(0, 0, 0);
   float total = 0;
   for (int j = 0; j < kPoints; ++j) {
     for (int i = 0; i < kPoints; ++i) {
-      const double dx = (i + 0.5) / (kPoints / 2) - 1;
-      const double dy = (j + 0.5) / (kPoints / 2) - 1;
+      const double dx = 2 * (i + 0.5) / kPoints - 1;
+      const double dy = 2 * (j + 0.5) / kPoints - 1;
       const auto w = static_cast<float>((1 - std::abs(dx)) * (1 - std::abs(dy)));
       sum += w * seen(lat_long_direction((x + 0.5 + dx) / width, (y + 0.5 + dy) / height)).radiance;
       total += w;
