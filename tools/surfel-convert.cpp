@@ -58,10 +58,9 @@ std::vector<int> parse_materials(const std::string& text, std::size_t files) {
   for (std::size_t begin = 0; begin <= text.size();) {
     const std::size_t end = std::min(text.find(',', begin), text.size());
     const std::string word = text.substr(begin, end - begin);
-    const bool digits = !word.empty() && word.size() <= 5 &&
-                        std::all_of(word.begin(), word.end(), [](unsigned char c) {
-                          return std::isdigit(c) != 0;
-                        });
+    const bool digits =
+        !word.empty() && word.size() <= 5 &&
+        std::all_of(word.begin(), word.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
     if (!digits && word != "keep") {
       surfel::throw_usage(
           fmt::format("material is '{}'; it must be a row in 0..65535, or keep, for all files or, "
@@ -163,8 +162,7 @@ int main(int argc, char** argv) {
     report["load_ms"] = timer.milliseconds();
 
     surfel::JoinReport joined;
-    surfel::SurfelCloud cloud =
-        surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
+    surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
     tell(tool, s, joined);
     tell_rounding(tool, s, joined.rounding, least_extent);
     for (const auto& [k, column] : joined.filled) {

@@ -146,8 +146,7 @@ TEST(JoinClouds, MaterialsAsGivenOrApart) {
   EXPECT_FALSE((JoinOptions{.material = {1}}.problems(2).empty()));
   EXPECT_FALSE((JoinOptions{.material = {1, 65536}}.problems(2).empty()));
   EXPECT_FALSE((JoinOptions{.material = {1, -2}}.problems(2).empty()));
-  EXPECT_FALSE(
-      (JoinOptions{.material = {1, 2}, .separate_materials = true}.problems(2).empty()));
+  EXPECT_FALSE((JoinOptions{.material = {1, 2}, .separate_materials = true}.problems(2).empty()));
   a.material = {65535, 0};
   EXPECT_THROW(join({a, b}, {.separate_materials = true}), Error);
 }

@@ -44,15 +44,15 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   EXPECT_EQ(cloud.group_radius[0], 10);
   EXPECT_EQ(cloud.uv[0], Vec2f(0.5F, 0.25F));
   EXPECT_LT((cloud.viewpoint->position - Vec3d(10, 2, -1)).norm(), 1e-12);
-  EXPECT_LT((cloud.viewpoint->orientation -
-             Eigen::Vector4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5)))
-                .norm(),
-            1e-12);
+  EXPECT_LT(
+      (cloud.viewpoint->orientation - Eigen::Vector4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
+      1e-12);
 }
 
 TEST(TransformCloud, FarAwayNothingIsLost) {
   SurfelCloud cloud;
-  for (int i = 0; i < 100; ++i) cloud.position.push_back(Vec3f(0.001F * static_cast<float>(i), 0, 1));
+  for (int i = 0; i < 100; ++i)
+    cloud.position.push_back(Vec3f(0.001F * static_cast<float>(i), 0, 1));
   SurfelCloud moved = cloud;
   transform_cloud(moved, {.translation = Vec3d(5e6, -3e6, 0.1)});
   for (std::size_t i = 0; i < 100; ++i) {

@@ -10,6 +10,7 @@
 #include <surfel/group/grouping.h>
 #include <surfel/render/ewa_kernel.h>
 
+#include "render/environments.h"
 #include "render/scenes.h"
 
 namespace surfel::test {
@@ -344,6 +345,39 @@ TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
     EXPECT_EQ(render_by(method, cloud, camera, options).data, whole.data)
         << static_cast<int>(method);
   }
+}
+
+TEST(Methods, RimsHaveTheirCoverageWhereLayersRunOut) {
+  // Shells within one another: at their rims pixels have up to six surfaces.
+  SurfelCloud shells = fibonacci_sphere(8000, 1);
+  for (const double radius : {0.97, 0.94}) shells = joined(shells, fibonacci_sphere(8000, radius));
+  const Camera camera = camera_at(4, 64, 35);
+  const auto with_layers = [&](int layers) {
+    return render_by(Method::kABuffer, shells, camera, {.layers = layers});
+  };
+  // Merged pairs taken to be inside their surfaces: 28.6 dB.
+  EXPECT_GT(psnr(with_layers(2), with_layers(16)), 31);
+}
+
+/// A glass ball with an environment around.
+Image glass_ball(Method method, const SurfelCloud& cloud) {
+  Material glass;
+  glass.opacity = 0;
+  glass.ior = 1.3F;
+  Scene scene;
+  scene.materials = {glass};
+  scene.environment = direction_environment(64);
+  scene.refraction = Refraction::kMulti;
+  const RenderCloud surfels(cloud, columns_of(method));
+  Renderer renderer(surfels, scene, {.method = method});
+  return renderer.render(camera_at(4, 64, 35));
+}
+
+TEST(Methods, GlassIsAsSmoothAsPeeledGlass) {
+  const SurfelCloud ball = covered(fibonacci_sphere(2000, 1), 4);
+  const Image expected = glass_ball(Method::kDepthPeel, ball);
+  EXPECT_GT(psnr(glass_ball(Method::kTransparent, ball), expected), 20);
+  EXPECT_GT(psnr(glass_ball(Method::kTransparentHigh, ball), expected), 20);
 }
 
 TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {

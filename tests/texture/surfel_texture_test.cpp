@@ -165,8 +165,8 @@ TEST_F(SurfelTexture, ReportsRobustFitsAndRefinedVariances) {
 TEST_F(SurfelTexture, OptionsOfTheRenderFitAreRefusedWithoutIt) {
   for (const char* fit : {"ewa", "gram"}) {
     for (const auto& [option, value] : {std::pair{"--cutoff", "2"}, {"--points", "4"}}) {
-      const RunResult result = texture(
-          {surfels_, "-o", output_, "--image", image_, "--fit", fit, option, value});
+      const RunResult result =
+          texture({surfels_, "-o", output_, "--image", image_, "--fit", fit, option, value});
       EXPECT_EQ(result.exit_code, 2) << fit << option;
       EXPECT_NE(result.errors.find(std::string(option) + " has no effect"), std::string::npos)
           << result.errors;

@@ -30,8 +30,8 @@ struct JoinReport {
   };
   std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
   std::vector<std::string> dropped;  ///< Columns that not every cloud had.
-  double rounding = 0;         ///< Largest change of a coordinate, scene units, that finite
-                               ///< precision made: clouds far from one another share an origin.
+  double rounding = 0;               ///< Largest change of a coordinate, scene units, that finite
+                        ///< precision made: clouds far from one another share an origin.
   bool basis_differs = false;  ///< Coefficients were fitted for different cutoffs.
 };
 

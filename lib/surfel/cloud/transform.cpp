@@ -53,8 +53,9 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
          [&](const Vec3f& p) -> Vec3f { return (linear * p.cast<double>()).cast<float>(); });
   const Vec3d origin = float_origin(at_old_origin.bounds());
   const Vec3d shift = at_old_origin.origin - origin;
-  change(cloud.position,
-         [&](const Vec3f& p) -> Vec3f { return (linear * p.cast<double>() + shift).cast<float>(); });
+  change(cloud.position, [&](const Vec3f& p) -> Vec3f {
+    return (linear * p.cast<double>() + shift).cast<float>();
+  });
   cloud.origin = origin;
 
   const auto turned = [&](const Vec3f& v) -> Vec3f {

@@ -45,7 +45,7 @@ class Decay {
 
  private:
   static constexpr double kSteps = 512;  ///< To a unit.
-  std::array<double, static_cast<std::size_t>(kReach * kSteps) + 2> value_{};
+  std::array<double, static_cast<std::size_t>(kReach* kSteps) + 2> value_{};
 };
 
 /// Concentration of the von Mises-Fisher lobe whose mean cosine coth k - 1 / k is exp(-variance).
@@ -149,25 +149,26 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
       sum += weight * part * from[i].cast<double>();
     }
   };
-  parallel_for(static_cast<std::size_t>(out.rows), 16, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t row = begin; row < end; ++row) {
-      const Ring& ring = out.rings[row + 1];
-      const double ratio = static_cast<double>(columns) / ring.count;
-      const int first = static_cast<int>(row) * step + 1;
-      for (int j = 0; j < ring.count; ++j) {
-        const double left = j * ratio;
-        const double right = std::min<double>((j + 1) * ratio, columns);
-        Vec3d sum(0, 0, 0);
-        double total = 0;
-        for (int k = first; k < first + step; ++k) {
-          const double weight = std::sin(level.colatitude(k));
-          add(k, left, right, weight, sum);
-          total += weight * (right - left);
+  parallel_for(
+      static_cast<std::size_t>(out.rows), 16, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+          const Ring& ring = out.rings[row + 1];
+          const double ratio = static_cast<double>(columns) / ring.count;
+          const int first = static_cast<int>(row) * step + 1;
+          for (int j = 0; j < ring.count; ++j) {
+            const double left = j * ratio;
+            const double right = std::min<double>((j + 1) * ratio, columns);
+            Vec3d sum(0, 0, 0);
+            double total = 0;
+            for (int k = first; k < first + step; ++k) {
+              const double weight = std::sin(level.colatitude(k));
+              add(k, left, right, weight, sum);
+              total += weight * (right - left);
+            }
+            out.texels[ring.begin + static_cast<std::size_t>(j)] = (sum / total).cast<float>();
+          }
         }
-        out.texels[ring.begin + static_cast<std::size_t>(j)] = (sum / total).cast<float>();
-      }
-    }
-  });
+      });
   return out;
 }
 

@@ -18,7 +18,7 @@ struct BlendedPixel {
   Rgba color;          ///< Premultiplied.
   float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3.
   Fragment nearest{};  ///< Sums over the groups' nearest fragments, weighted by how
-                          ///< near to their splats' centres they are.
+                       ///< near to their splats' centres they are.
 
   /// As a merged fragment: what it takes to see the environment through the layers.
   Fragment merged() const;
@@ -42,8 +42,8 @@ class LayerScratch {
     Rgba color;
     int layers = 0;
   };
-  std::vector<State> states;         ///< Groups x kTilePixels.
-  std::vector<BlendedPixel> pixels;  ///< kTilePixels.
+  std::vector<State> states;           ///< Groups x kTilePixels.
+  std::vector<BlendedPixel> pixels;    ///< kTilePixels.
   std::vector<BlendedPixel> filtered;  ///< The same, while they are made.
   std::vector<Vec3f> normals;          ///< kTilePixels.
 };

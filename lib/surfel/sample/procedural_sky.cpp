@@ -32,8 +32,7 @@ struct Panel {
   explicit Panel(const Softbox& box)
       : half_width(box.half_width), half_height(box.half_height), radiance(box.radiance) {
     const double across = std::cos(box.height);
-    center = {across * std::sin(box.azimuth), std::sin(box.height),
-              across * std::cos(box.azimuth)};
+    center = {across * std::sin(box.azimuth), std::sin(box.height), across * std::cos(box.azimuth)};
     right = Vec3d::UnitY().cross(center).normalized();
     up = center.cross(right);
   }
