@@ -33,6 +33,7 @@ void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   app.add_option("surfels", s.inputs,
                  "Surfels or points (PLY, PCD, text), one file or several (- = standard input)")
+      ->default_str("")
       ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD; - = standard output)")
       ->required();

@@ -249,9 +249,9 @@ TEST(Coverage, EnlargeReachesItsTargetWithOneFactor) {
 
 TEST(Coverage, GrowthIsLimitedAndTheRestReported) {
   // A grid with one gap: its neighbours would have to grow over it.
-  SurfelCloud plane = grid(12, 0.75F);
+  SurfelCloud plane = grid(20, 0.75F);
   for (std::size_t i = 0; i < plane.size(); ++i) {
-    const Vec2f from_center = plane.position[i].head<2>() - Vec2f(5.5F, 5.5F);
+    const Vec2f from_center = plane.position[i].head<2>() - Vec2f(9.5F, 9.5F);
     plane.group[i] = from_center.norm() < 3 ? 1 : 0;
   }
   const auto cover = [](SurfelCloud cloud, double most_growth, CoverageReport& report) {
