@@ -131,10 +131,10 @@ body_tables() {
     # shellcheck disable=SC2086  # words
     set -- $scene
     local with=(--scene "$root/configs/scene-$2.toml")
-    lit_row "$1 $2, depth-peel" "$1" "$1 $2, depth-peel" --method depth-peel --peel 16 "${with[@]}"
-    lit_row "$1 $2, transparent-high" "$1-g" "$1 $2, depth-peel" --method transparent-high "${with[@]}"
-    lit_row "$1 $2, transparent" "$1-g" "$1 $2, depth-peel" --method transparent "${with[@]}"
-    lit_row "$1 $2, abuffer" "$1" "$1 $2, depth-peel" --layers 16 "${with[@]}"
+    lit_row "$1, scene-$2, depth-peel" "$1" "$1, scene-$2, depth-peel" --method depth-peel --peel 16 "${with[@]}"
+    lit_row "$1, scene-$2, transparent-high" "$1-g" "$1, scene-$2, depth-peel" --method transparent-high "${with[@]}"
+    lit_row "$1, scene-$2, transparent" "$1-g" "$1, scene-$2, depth-peel" --method transparent "${with[@]}"
+    lit_row "$1, scene-$2, abuffer" "$1" "$1, scene-$2, depth-peel" --layers 16 "${with[@]}"
   done
 }
 

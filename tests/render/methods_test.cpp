@@ -353,7 +353,9 @@ TEST(Methods, RimsHaveTheirCoverageWhereLayersRunOut) {
   for (const double radius : {0.97, 0.94}) shells = joined(shells, fibonacci_sphere(8000, radius));
   const Camera camera = camera_at(4, 64, 35);
   const auto with_layers = [&](int layers) {
-    return render_by(Method::kABuffer, shells, camera, {.layers = layers});
+    RenderOptions options;
+    options.layers = layers;
+    return render_by(Method::kABuffer, shells, camera, options);
   };
   // Merged pairs taken to be inside their surfaces: 28.6 dB.
   EXPECT_GT(psnr(with_layers(2), with_layers(16)), 31);
@@ -369,7 +371,9 @@ Image glass_ball(Method method, const SurfelCloud& cloud) {
   scene.environment = direction_environment(64);
   scene.refraction = Refraction::kMulti;
   const RenderCloud surfels(cloud, columns_of(method));
-  Renderer renderer(surfels, scene, {.method = method});
+  RenderOptions options;
+  options.method = method;
+  Renderer renderer(surfels, scene, options);
   return renderer.render(camera_at(4, 64, 35));
 }
 

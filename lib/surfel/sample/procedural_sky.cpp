@@ -138,7 +138,9 @@ Image procedural_sky(int width, int height) {
   image.channels = {"R", "G", "B", "A"};
   image.data.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 4);
   // Most pixels lie within one part with all next to them, where their centre is as good as a mean.
-  const double farthest = farthest_plain_floor(height);
+  // In small pictures sun and lights may hide between the centres.
+  constexpr int kPlainRows = 256;
+  const double farthest = height < kPlainRows ? -1 : farthest_plain_floor(height);
   constexpr std::uint8_t kFine = 0xff;
   std::vector<std::uint8_t> parts(static_cast<std::size_t>(width) *
                                   static_cast<std::size_t>(height));
