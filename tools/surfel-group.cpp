@@ -80,6 +80,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--cover-target", s.coverage.target,
                  "Of --cover enlarge: share of the surface that a group shall cover, up to 1")
       ->capture_default_str();
+  app.add_option("--most-growth", s.coverage.most_growth,
+                 "Of --cover enlarge-each: most that a radius grows by, times the median of its "
+                 "group, >= 1; discs at creases would stick out of the surface")
+      ->capture_default_str();
   app.add_option("--least-gain", s.coverage.least_gain,
                  "Of --cover duplicate: a splat is added if it newly covers more than this share "
                  "of its disc, between 0 and 1")
@@ -102,6 +106,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--coplanar-color", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
   needs("--cover-target", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
   needs("--fixed-point", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--most-growth", s.cover == CoverMethod::kEnlargeEach, "--cover enlarge-each");
   needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
   needs("--cover", !s.output.empty(), "--output");
   needs("--overlap", !s.output.empty(), "--output");
@@ -166,6 +171,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["points_before"] = r.points_before;
   json["points_added"] = r.points_added;
   json["capped"] = r.capped;
+  json["limited"] = r.limited;
   json["hidden"] = r.hidden;
   json["without_disc"] = r.without_disc;
   json["border_splats"] = r.border_splats;
@@ -174,6 +180,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
     nlohmann::json group = {{"splats", g.splats},
                             {"added", g.added},
                             {"capped", g.capped},
+                            {"limited", g.limited},
                             {"cell_area", g.cell_area},
                             {"covered_area", g.covered_area},
                             {"uncovered_area", g.uncovered_area},
@@ -203,6 +210,10 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   if (grew && r.capped > 0) {
     tool.note(
         fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
+  }
+  if (r.limited > 0) {
+    tool.note(
+        fmt::format("{}: {} splats grow no further than --most-growth allows", s.input, r.limited));
   }
   if (r.without_disc > 0) {
     tool.note(

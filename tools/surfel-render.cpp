@@ -425,6 +425,7 @@ int main(int argc, char** argv) {
     report["load_ms"] = load.milliseconds();
     report["surfels"] = surfels ? surfels->size() : 0;
     report["dropped"] = surfels ? surfels->dropped().total() : 0;
+    report["copies_left_out"] = surfels ? surfels->copies() : 0;
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     report["frames"] = nlohmann::json::array();
     const std::vector<surfel::Camera> views = cameras(s, extent);

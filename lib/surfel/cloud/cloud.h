@@ -30,6 +30,31 @@ constexpr std::size_t scalar_size(ScalarType type) {
   return kSizes[static_cast<std::size_t>(type)];
 }
 
+/// Calls visit(T{}) with the C++ type, so that a loop is specialised once per column, not per
+/// value.
+template <class Visit>
+decltype(auto) visit_type(ScalarType type, Visit&& visit) {
+  switch (type) {
+    case ScalarType::kInt8:
+      return visit(std::int8_t{});
+    case ScalarType::kUint8:
+      return visit(std::uint8_t{});
+    case ScalarType::kInt16:
+      return visit(std::int16_t{});
+    case ScalarType::kUint16:
+      return visit(std::uint16_t{});
+    case ScalarType::kInt32:
+      return visit(std::int32_t{});
+    case ScalarType::kUint32:
+      return visit(std::uint32_t{});
+    case ScalarType::kFloat32:
+      return visit(float{});
+    case ScalarType::kFloat64:
+      break;
+  }
+  return visit(double{});
+}
+
 /// A column that this library gives no meaning to; tools carry it through unchanged.
 struct ExtraProperty {
   std::string name;
@@ -60,6 +85,11 @@ struct Bounds {
   /// Length of the diagonal; 0 when empty.
   double diagonal() const { return empty() ? 0 : (max - min).norm(); }
 };
+
+/// Where to put the origin of a cloud that fills the box, so that float offsets from it are as
+/// precise as can be: (0, 0, 0) unless the box lies far from it for its size. Where coordinates are
+/// floats themselves the offsets are exact.
+SURFEL_API Vec3d float_origin(const Bounds& box);
 
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
 /// there, every other column either is empty (the attribute is absent) or has size() values.
@@ -99,6 +129,9 @@ struct SURFEL_API SurfelCloud {
   std::size_t size() const { return position.size(); }
   bool empty() const { return position.empty(); }
   bool anisotropic() const { return !tangent.empty(); }
+  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
+  /// into saturation.
+  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
   /// Column of linear colours to render: `coefficient`, else `color`, else null.
   const Array<Vec3f>* render_color() const;
 

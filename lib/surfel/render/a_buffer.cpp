@@ -156,9 +156,15 @@ class FrontToBack {
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
+  // Layers run out where surfaces end before one another, at rims. What covers them is not known
+  // yet around them, so that all are taken to be at an edge, as far as splats are filtered: taken
+  // to be inside, rims would grow. Inside, nearly all sums are above the weight of edges.
+  const auto edge = [](const Fragment& f) {
+    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 1.0F : 0.0F;
+  };
   FrontToBack pair(tile, pixel);
-  pair.add(front, 0);
-  pair.add(back, 0);
+  pair.add(front, edge(front));
+  pair.add(back, edge(back));
   const Rgba& color = pair.color();
   Fragment out{};
   // Negative, as in SS01. The number matters where there is an environment to be seen behind.

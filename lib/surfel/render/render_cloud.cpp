@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -42,6 +43,24 @@ Vec3f normalized_or_zero(const Vec3f& v) {
   return std::isfinite(length) && length > 0 ? Vec3f(v / length) : Vec3f(0, 0, 0);
 }
 
+/// Removes from `order` all but the first surfel of each source and place; returns how many. By the
+/// place as well, since other programs' files may mean something else by `source`.
+std::size_t remove_copies(const SurfelCloud& cloud, Array<std::uint32_t>& order) {
+  const auto key = [&](std::uint32_t i) {
+    const Vec3f& p = cloud.position[i];
+    return std::tuple(cloud.source[i], p.x(), p.y(), p.z());
+  };
+  Array<std::uint32_t> sorted = order;
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
+  });
+  std::vector<bool> is_copy(cloud.size());
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    is_copy[sorted[i]] = key(sorted[i]) == key(sorted[i - 1]);
+  }
+  return std::erase_if(order, [&](std::uint32_t i) { return is_copy[i]; });
+}
+
 }  // namespace
 
 RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
@@ -78,6 +97,10 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
     }
   }
   order.resize(kept);
+  if (!needed.copies && !cloud.source.empty()) {
+    copies_ = remove_copies(cloud, order);
+    kept -= copies_;
+  }
   size_ = kept;
 
   const bool has_alpha =
@@ -121,7 +144,7 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
         root_of_V = cloud.variance[k];
       }
       area[i] = cloud.area.empty() ? root_of_V : std::max(0.0F, cloud.area[k]);
-      const Vec3f c = color ? (*color)[k] : colorless();
+      const Vec3f c = color ? (*color)[k] : SurfelCloud::colorless();
       red[i] = c.x();
       green[i] = c.y();
       blue[i] = c.z();

@@ -28,20 +28,21 @@ struct Cluster {
 struct RenderColumns {
   bool groups = false;        ///< `group`.
   bool group_radius = false;  ///< `group_radius`, where the cloud has it.
+  /// Copies of splats, made for every group to cover the surface (SP06 section 4.2.2), which would
+  /// count twice where groups do not matter. Else the first of those with the same `source` and the
+  /// same place stays.
+  bool copies = false;
 };
 
 /// A cloud made ready for rendering: unusable surfels dropped, the rest sorted along a Morton
 /// curve, cut into clusters, and laid out in the columns that splat set-up streams through. Built
 /// once, rendered from any number of cameras. Does not depend on the order of the surfels in the
-/// cloud.
+/// cloud, but for which of several copies stays.
 class SURFEL_API RenderCloud {
  public:
   static constexpr std::uint32_t kClusterSize = 256;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
   static constexpr std::size_t kPadding = 16;
-  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
-  /// into saturation.
-  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
 
   /// What was left out, and why.
   struct Dropped {
@@ -63,6 +64,8 @@ class SURFEL_API RenderCloud {
   const std::vector<Cluster>& clusters() const { return clusters_; }
   const Vec3d& origin() const { return origin_; }
   const Dropped& dropped() const { return dropped_; }
+  /// Copies of splats that were left out.
+  std::size_t copies() const { return copies_; }
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Some surfel has alpha below 1.
   bool transparent() const { return !alpha.empty(); }
@@ -97,6 +100,7 @@ class SURFEL_API RenderCloud {
   Vec3d origin_;
   std::vector<Cluster> clusters_;
   Dropped dropped_;
+  std::size_t copies_ = 0;
   SceneExtent extent_;
 };
 

@@ -56,7 +56,9 @@ bool blends_layers(Method method) {
 }  // namespace
 
 RenderColumns columns_of(Method method) {
-  return {.groups = needs_groups(method), .group_radius = blends_layers(method)};
+  return {.groups = needs_groups(method),
+          .group_radius = blends_layers(method),
+          .copies = blends_layers(method)};
 }
 
 double coverage_threshold(double cutoff) {
@@ -250,6 +252,7 @@ void Renderer::Impl::draw(TileABuffer& tile, int x, int y, const LayerRule& rule
       break;
     case Method::kTransparentHigh:
       composite(surfaces->job(x, y, w));
+      if (tile.shader->has_environment()) filter_normals(tile, worker.layers);
       worker.nearest.resize(kTilePixels);
       for (int pixel = 0; pixel < kTilePixels; ++pixel) {
         worker.nearest[pixel] = nearest_layer(tile, pixel);
