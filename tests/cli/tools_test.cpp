@@ -63,6 +63,7 @@ const std::vector<Usage>& usages() {
       {"surfel-estimate", {"-k", "8", "--orient", "up"}, "surfels", ".ply"},
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-group", {}, "surfels", ".ply"},
+      {"surfel-lod", {}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include <surfel/base/function_ref.h>
 #include <surfel/base/timing.h>
 #include <surfel/base/types.h>
 #include <surfel/io/camera.h>
@@ -86,7 +87,7 @@ class SplatLists {
   /// Scratch memory of one worker.
   struct Worker {
     SplatColumns columns;
-    Array<float> deviation_u, deviation_v;  ///< Enlarged ones of a cluster.
+    Array<float> deviation_u, deviation_v;  ///< Enlarged or widened ones of a cluster.
     std::vector<std::uint32_t> order;
     std::vector<std::uint32_t> other;
     std::vector<std::uint32_t> keys;
@@ -94,8 +95,12 @@ class SplatLists {
   };
 
   SplatView view(const Camera& camera, const Band& band) const;
+  std::vector<std::uint32_t> level_of_detail(const Camera& camera,
+                                             FunctionRef<bool(std::uint32_t)> seen) const;
   float disc_radius(const Cluster& cluster) const;
   double enlargement(std::size_t surfel) const;
+  /// Least standard deviation that a surfel is drawn with; 0 for those of the finest level.
+  float covering_deviation(std::size_t surfel) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(const Camera& camera, std::size_t surfel) const;
   std::size_t set_up(const Camera& camera, const Band& band, const VisibleCluster* clusters,
@@ -109,6 +114,8 @@ class SplatLists {
   const Scene& scene_;
   RenderOptions options_;
   SplatListOptions lists_;
+  /// Of levels of detail: see covering_variance(). 0: their Gaussians are drawn as they are.
+  float covering_ = 0;
   SplatView view_{};  ///< Of the band being made.
   std::vector<Worker> workers_;
   Array<Splat> splats_;
