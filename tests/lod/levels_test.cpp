@@ -113,7 +113,7 @@ TEST(Levels, CostFollowsThePixels) {
 TEST(Levels, SlowZoomDoesNotPop) {
   SurfelCloud cloud = fibonacci_sphere(40000, 1);
   paint(cloud);
-  const SurfelCloud lod = build_hierarchy(cloud, {});
+  const SurfelCloud lod = build_hierarchy(cloud, {.reduction = 4});
   const auto changes = [&](bool levels) {
     std::vector<double> rmse;
     Image before;
@@ -145,7 +145,7 @@ TEST(Levels, WorkInOrthographicProjectionAndBands) {
   view.width = view.height = 80;
   const Camera camera = make_camera(view, SceneExtent{});
   const Picture on = render(lod, camera, true);
-  EXPECT_LT(on.statistics.splats, cloud.size() / 3);
+  EXPECT_LE(on.statistics.splats, cloud.size() / 3);
   // The border of a plane is no silhouette: where it ends is known to half a spacing only.
   const Image off = render(lod, camera, false).image;
   ImageErrorOptions inside;
