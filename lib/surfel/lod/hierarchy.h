@@ -29,7 +29,7 @@ struct HierarchyReport {
   std::vector<std::size_t> levels;  ///< Surfels of each, finest first.
   std::vector<double> spacing;      ///< Of each: root of the mean square by area, scene units.
   std::size_t clusters = 0;
-  StageTimes stages;  ///< sort, split, merge, bounds, write.
+  StageTimes stages;  ///< sort, split, merge, assemble.
 };
 
 /// A cloud with levels of detail: its own surfels and, level by level, fewer that stand for the
@@ -41,7 +41,7 @@ struct HierarchyReport {
 /// surfel_merge.h), and so on to a single cluster. All variances become anisotropic; the other
 /// attributes of a merged surfel are those of one of its members. Does not depend on the number of
 /// threads, nor on the order of the surfels. Throws Error(kInput) if the cloud has no variance, no
-/// usable surfel, or more than fit. `name` starts its messages. Time: about 2 s for 4.8 million
+/// usable surfel, or more than fit. `name` starts its messages. Time: about 4 s for 4.8 million
 /// surfels on 2 threads; memory besides the result: 16 bytes for each surfel and 92 for each merged
 /// one.
 SURFEL_API SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
