@@ -9,6 +9,7 @@
 #include <surfel/io/cloud_io.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -151,7 +152,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(settings);
     const surfel::Timer timer;
-    const surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     finish(settings, cloud);
     tool.report()["load_ms"] = timer.milliseconds();
 

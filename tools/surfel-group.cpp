@@ -10,6 +10,7 @@
 #include <surfel/io/cloud_io.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -254,7 +255,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const surfel::Timer timer;
-    surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     tool.report()["load_ms"] = timer.milliseconds();
     if (settings.print_table) print_table(cloud, settings, tool.report());
     if (settings.output.empty()) return;

@@ -12,6 +12,7 @@
 #include <surfel/texture/texture_source.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -251,7 +252,7 @@ int main(int argc, char** argv) {
     check(tool.app(), settings);
     settings.fit.coverage = surfel::coverage_threshold(settings.fit.cutoff);
     surfel::Timer timer;
-    surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());

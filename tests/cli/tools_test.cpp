@@ -64,6 +64,7 @@ const std::vector<Usage>& usages() {
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-group", {}, "surfels", ".ply"},
       {"surfel-convert", {"--scale", "2"}, "surfels", ".ply"},
+      {"surfel-lod", {}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},

@@ -121,6 +121,9 @@ void SurfelCloud::check_columns(const std::string& name) const {
                             std::to_string(size()) + ")");
     }
   });
+  if (const std::string problem = tree_problem(tree, size()); !problem.empty()) {
+    throw_input(name, "its levels of detail are broken: " + problem + "; run surfel-lod again");
+  }
   for (const ExtraProperty& property : extra) {
     if (property.data.size() != size() * scalar_size(property.type)) {
       throw_input(name, "column " + property.name + " has the wrong length");

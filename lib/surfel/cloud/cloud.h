@@ -9,6 +9,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/cloud/cluster_tree.h>
 
 namespace surfel {
 
@@ -120,11 +121,16 @@ struct SURFEL_API SurfelCloud {
   Array<std::uint32_t> source;    ///< Splats duplicated from one another share it.
   Array<std::uint8_t> level;      ///< Level of detail, 0 = finest.
   std::vector<ExtraProperty> extra;
+  /// Levels of detail (surfel-lod); empty where there is one level only. It fits the order of the
+  /// surfels: what changes that drops it, as gathered() does.
+  ClusterTree tree;
 
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
   std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
   std::vector<std::string> comments;    ///< The file's other comments.
   std::optional<Viewpoint> viewpoint;
+  /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
+  std::size_t coarser_skipped = 0;
 
   std::size_t size() const { return position.size(); }
   bool empty() const { return position.empty(); }

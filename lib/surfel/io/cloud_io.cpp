@@ -17,6 +17,7 @@
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/text_numbers.h>
+#include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
@@ -87,14 +88,29 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool with_view
   return lines;
 }
 
-SurfelCloud read_ply(InputFile input) {
+SurfelCloud read_ply(InputFile input, const CloudReadOptions& options) {
   PlyFile ply(std::move(input));
   const PlyElement* vertex = ply.header().find("vertex");
   if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
   const PlyProperty* x = vertex->find("x");
   const bool double_positions = x && x->type == ScalarType::kFloat64;
-  SurfelCloud cloud =
-      cloud_from_records(ply.scalars("vertex", {"x", "y", "z"}), ply.name(), double_positions);
+  RecordTable records = ply.scalars("vertex", {"x", "y", "z"});
+  std::optional<TreeRecords> levels;
+  std::size_t coarser = 0;
+  if (ply.header().find(kTreeElement)) {
+    levels = tree_from_records(ply.scalars(kTreeElement), records.count, ply.name());
+    if (!options.levels) coarser = levels->tree[first_leaf(levels->tree)].begin;
+  }
+  // The finest level is the last.
+  records.data += coarser * records.stride;
+  records.count -= coarser;
+  SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
+  if (levels && options.levels) {
+    cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
+  } else if (levels) {
+    cloud.level = {};
+    cloud.coarser_skipped = coarser;
+  }
   read_comments(ply.header().comments, ply.name(), cloud);
   return cloud;
 }
@@ -116,15 +132,22 @@ bool has_extension(const std::string& path, std::string_view extension) {
                     });
 }
 
-std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count, bool ascii,
-                       const std::vector<std::string>& comments) {
+std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
+                        std::size_t count) {
+  std::string lines = fmt::format("element {} {}\n", name, count);
+  for (const RecordColumn& column : columns) {
+    lines += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
+  }
+  return lines;
+}
+
+std::string ply_header(const std::vector<RecordColumn>& columns, const SurfelCloud& cloud,
+                       bool ascii, const std::vector<std::string>& comments) {
   std::string header = "ply\n";
   header += ascii ? "format ascii 1.0\n" : "format binary_little_endian 1.0\n";
   for (const std::string& comment : comments) header += "comment " + comment + "\n";
-  header += fmt::format("element vertex {}\n", count);
-  for (const RecordColumn& column : columns) {
-    header += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
-  }
+  header += ply_element("vertex", columns, cloud.size());
+  if (!cloud.tree.empty()) header += ply_element(kTreeElement, tree_columns(), cloud.tree.size());
   return header + "end_header\n";
 }
 
@@ -165,12 +188,24 @@ void write_records(const CloudRecords& records, std::size_t count, bool ascii, O
   }
 }
 
+void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
+  const std::vector<RecordColumn> columns = tree_columns();
+  const Array<std::byte> bytes = tree_to_records(cloud);
+  if (!ascii) return file.write(bytes.data(), bytes.size());
+  const std::size_t stride = bytes.size() / cloud.tree.size();
+  std::string text;
+  for (std::size_t i = 0; i < cloud.tree.size(); ++i) {
+    append_text(bytes.data() + i * stride, columns, text);
+  }
+  file.write(text);
+}
+
 }  // namespace
 
-SurfelCloud read_cloud(const std::string& path) {
+SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {
   InputFile input(path);
   if (input.bytes().empty()) throw_input(input.name(), "is empty");
-  if (PlyFile::matches(input.bytes())) return read_ply(std::move(input));
+  if (PlyFile::matches(input.bytes())) return read_ply(std::move(input), options);
   if (PcdFile::matches(input.bytes())) return read_pcd(std::move(input));
   if (has_extension(path, ".ply"))
     throw_input(path, "is not a PLY file: it does not start with 'ply'");
@@ -186,13 +221,17 @@ void write_cloud(const SurfelCloud& cloud, const std::string& path,
   static_assert(std::endian::native == std::endian::little, "records are written as they are");
   cloud.check_columns(path);
   const bool pcd = has_extension(path, ".pcd");
+  if (pcd && !cloud.tree.empty()) {
+    throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", path));
+  }
   const bool ascii = options.ascii && !pcd;
   const CloudRecords records(cloud, {.pcl_names = pcd, .for_text = ascii});
   const std::vector<std::string> comments = write_comments(cloud, !pcd);
   OutputFile file(path, options.no_clobber);
   file.write(pcd ? pcd_header(records.columns(), cloud.size(), cloud.viewpoint, comments)
-                 : ply_header(records.columns(), cloud.size(), ascii, comments));
+                 : ply_header(records.columns(), cloud, ascii, comments));
   write_records(records, cloud.size(), ascii, file);
+  if (!cloud.tree.empty()) write_tree(cloud, ascii, file);
   file.commit();
 }
 

@@ -239,6 +239,31 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
     if (in_front == 0) store(tile, 0, pixel, fresh);
     return;
   }
+  // A surface seen at a grazing angle reaches further in depth within the pixel than epsilon
+  // allows, and comes in slabs of which none covers the pixel. A newcomer is one more of them; were
+  // two of them merged before they are complete, what belongs to them would come too late.
+  int slab = -1;
+  float least = std::numeric_limits<float>::infinity();
+  for (const int i : {in_front - 1, in_front}) {
+    if (i < 0 || i >= sorted.count || is_merged(sorted[i]) ||
+        sorted[i].channel[kWeight] >= tile.full_weight ||
+        shows_front(sorted[i].channel[kTag]) != shows_front(fresh.channel[kTag])) {
+      continue;
+    }
+    const float distance = std::abs(front_depth(sorted[i]) - depth);
+    if (distance < least) {
+      least = distance;
+      slab = i;
+    }
+  }
+  if (slab >= 0) {
+    Fragment sum = sorted[slab];
+    for (int c = 0; c < tile.layout.channels(); ++c) {
+      if (c != kTag && c != kBack) sum.channel[c] += fresh.channel[c];
+    }
+    store(tile, sorted.order[slab], pixel, sum);
+    return;
+  }
   ++tile.merges.merged;
   // The pair to merge, and the layer that it leaves free. Nothing may lie between the two.
   if (in_front == 1 && sorted.count == 2) {

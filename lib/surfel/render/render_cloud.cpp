@@ -1,8 +1,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -15,28 +15,6 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 15;
-
-/// Cosine below which a cone of normals is of no use for culling.
-constexpr float kWidestCone = 0.05F;
-
-enum class Verdict : std::uint8_t { kUsable, kPosition, kVariance, kColor };
-
-bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
-
-Verdict judge(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
-              std::size_t i) {
-  if (!cloud.position[i].allFinite()) return Verdict::kPosition;
-  const bool variance_ok = cloud.anisotropic() ? usable_variance(cloud.variance_u[i]) &&
-                                                     usable_variance(cloud.variance_v[i])
-                                               : usable_variance(cloud.variance[i]);
-  if (!variance_ok || (group_radius && !usable_variance(cloud.group_radius[i]))) {
-    return Verdict::kVariance;
-  }
-  if (color && !(*color)[i].allFinite()) return Verdict::kColor;
-  if (!cloud.alpha.empty() && !std::isfinite(cloud.alpha[i])) return Verdict::kColor;
-  if (!cloud.area.empty() && !std::isfinite(cloud.area[i])) return Verdict::kColor;
-  return Verdict::kUsable;
-}
 
 Vec3f normalized_or_zero(const Vec3f& v) {
   const float length = v.norm();
@@ -76,31 +54,8 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
   }
   const bool has_radius = needed.group_radius && !cloud.group_radius.empty();
   const Array<Vec3f>* color = cloud.render_color();
-  Array<std::uint32_t> order = morton_order(cloud.position);
-
-  // Keep the usable ones, in order.
-  std::size_t kept = 0;
-  for (const std::uint32_t i : order) {
-    switch (judge(cloud, color, has_radius, i)) {
-      case Verdict::kUsable:
-        order[kept++] = i;
-        break;
-      case Verdict::kPosition:
-        ++dropped_.position;
-        break;
-      case Verdict::kVariance:
-        ++dropped_.variance;
-        break;
-      case Verdict::kColor:
-        ++dropped_.color;
-        break;
-    }
-  }
-  order.resize(kept);
-  if (!needed.copies && !cloud.source.empty()) {
-    copies_ = remove_copies(cloud, order);
-    kept -= copies_;
-  }
+  const Array<std::uint32_t> order = drawing_order(cloud, needed);
+  const std::size_t kept = order.size();
   size_ = kept;
 
   const bool has_alpha =
@@ -154,7 +109,34 @@ RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed)
     }
   });
   if (needed.groups && !cloud.empty()) number_groups(cloud, order);
-  make_clusters();
+  if (cloud.tree.empty()) {
+    make_clusters();
+  } else {
+    take_clusters(cloud.tree, needed.levels);
+  }
+  make_boxes();
+  make_extent();
+}
+
+/// Surfels that can be drawn: along a Morton curve, or in the order of the levels of detail.
+Array<std::uint32_t> RenderCloud::drawing_order(const SurfelCloud& cloud,
+                                                const RenderColumns& needed) {
+  const bool has_radius = needed.group_radius && !cloud.group_radius.empty();
+  if (cloud.tree.empty()) {
+    Array<std::uint32_t> order = morton_order(cloud.position);
+    dropped_ = remove_unusable(cloud, has_radius, order);
+    if (!needed.copies && !cloud.source.empty()) copies_ = remove_copies(cloud, order);
+    return order;
+  }
+  const std::uint32_t first = needed.levels ? 0 : cloud.tree[first_leaf(cloud.tree)].begin;
+  Array<std::uint32_t> order(cloud.size() - first);
+  std::iota(order.begin(), order.end(), first);
+  if (remove_unusable(cloud, has_radius, order).total() > 0) {
+    throw_input("",
+                "surfels in its levels of detail have positions, variances or colours that are "
+                "not usable numbers; run surfel-lod on the original again");
+  }
+  return order;
 }
 
 /// Numbers the groups in use from 0 on: a file may leave out any.
@@ -175,50 +157,68 @@ void RenderCloud::number_groups(const SurfelCloud& cloud, const Array<std::uint3
   }
 }
 
+/// The clusters of the levels that are there, with the bounds that they bring.
+void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
+  const std::size_t finest = first_leaf(tree);
+  const std::size_t first = levels ? 0 : finest;
+  const std::uint32_t skipped = tree[first].begin;
+  first_finest_ = tree[finest].begin - skipped;
+  for (std::size_t c = first; c < tree.size(); ++c) {
+    Cluster& cluster = clusters_.emplace_back(Cluster{tree[c].bounds});
+    cluster.begin = tree[c].begin - skipped;
+    cluster.end = tree[c].end - skipped;
+    if (group_radius.empty()) continue;
+    cluster.max_group_radius =
+        *std::max_element(group_radius.begin() + cluster.begin, group_radius.begin() + cluster.end);
+  }
+  if (levels) tree_ = tree;
+}
+
 void RenderCloud::make_clusters() {
   const std::size_t count = (size() + kClusterSize - 1) / kClusterSize;
   clusters_.resize(count);
   parallel_for(count, 64, [&](std::size_t first, std::size_t last, int) {
     for (std::size_t c = first; c < last; ++c) {
+      const std::size_t begin = c * kClusterSize;
+      const std::size_t end = std::min<std::size_t>(size(), begin + kClusterSize);
       Cluster& cluster = clusters_[c];
-      cluster.begin = static_cast<std::uint32_t>(c * kClusterSize);
-      cluster.end =
-          static_cast<std::uint32_t>(std::min<std::size_t>(size(), (c + 1) * kClusterSize));
-      Vec3f lo(x[cluster.begin], y[cluster.begin], z[cluster.begin]);
-      Vec3f hi = lo;
-      Vec3f sum(0, 0, 0);
-      bool all_oriented = true;
-      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-        const Vec3f p(x[i], y[i], z[i]);
-        const Vec3f n(normal_x[i], normal_y[i], normal_z[i]);
-        lo = lo.cwiseMin(p);
-        hi = hi.cwiseMax(p);
-        sum += n;
-        all_oriented = all_oriented && !n.isZero();
-        cluster.max_deviation = std::max(
-            {cluster.max_deviation, deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F});
-        if (!group_radius.empty()) {
-          cluster.max_group_radius = std::max(cluster.max_group_radius, group_radius[i]);
-        }
-      }
-      cluster.center = lo + (hi - lo) / 2;
-      // Rounding must not shrink a bound.
-      cluster.half_extent = (cluster.center - lo).cwiseMax(hi - cluster.center) * (1.0F + 1e-6F);
-      const Vec3f axis = normalized_or_zero(sum);
-      float cosine = all_oriented && !axis.isZero() ? 1.0F : -1.0F;
-      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-        cluster.radius =
-            std::max(cluster.radius, (Vec3f(x[i], y[i], z[i]) - cluster.center).norm());
-        cosine = std::min(cosine, axis.dot(Vec3f(normal_x[i], normal_y[i], normal_z[i])));
-      }
-      cluster.radius *= 1.0F + 1e-6F;  // Rounding must not shrink a bound.
-      if (cosine > kWidestCone) {
-        cluster.cone_axis = axis;
-        cluster.cone_cosine = cosine - 1e-6F;
-      }
+      cluster = {cluster_bounds(
+          end - begin,
+          [&](std::size_t i) { return Vec3f(x[begin + i], y[begin + i], z[begin + i]); },
+          [&](std::size_t i) {
+            return Vec3f(normal_x[begin + i], normal_y[begin + i], normal_z[begin + i]);
+          },
+          [&](std::size_t i) { return larger_deviation(begin + i); })};
+      cluster.begin = static_cast<std::uint32_t>(begin);
+      cluster.end = static_cast<std::uint32_t>(end);
+      if (group_radius.empty()) continue;
+      cluster.max_group_radius = *std::max_element(group_radius.begin() + cluster.begin,
+                                                   group_radius.begin() + cluster.end);
     }
   });
+}
+
+float RenderCloud::larger_deviation(std::size_t i) const {
+  return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
+}
+
+/// Boxes of the clusters' own surfels; bounds of levels of detail hold all levels below.
+void RenderCloud::make_boxes() {
+  parallel_for(clusters_.size(), 64, [&](std::size_t first, std::size_t last, int) {
+    for (std::size_t c = first; c < last; ++c) {
+      Cluster& cluster = clusters_[c];
+      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
+        cluster.half_extent =
+            cluster.half_extent.cwiseMax((Vec3f(x[i], y[i], z[i]) - cluster.center).cwiseAbs());
+      }
+      cluster.half_extent *= 1.0F + 1e-6F;  // Rounding must not shrink a bound.
+    }
+  });
+}
+
+void RenderCloud::make_extent() {
   for (const Cluster& cluster : clusters_) {
+    if (cluster.begin < first_finest_) continue;
     const Vec3d center = origin_ + cluster.center.cast<double>();
     const double radius = static_cast<double>(cluster.radius) + cluster.max_deviation;
     extent_.spheres.push_back({center, radius});
@@ -226,9 +226,8 @@ void RenderCloud::make_clusters() {
   // The box from the surfels themselves: around the spheres it would be far too large.
   Vec3f lo = Vec3f::Constant(std::numeric_limits<float>::infinity());
   Vec3f hi = -lo;
-  for (std::size_t i = 0; i < size(); ++i) {
-    mean_deviation_ += std::max(deviation_u[i], anisotropic() ? deviation_v[i] : 0.0F) /
-                       static_cast<double>(size());
+  for (std::size_t i = first_finest_; i < size(); ++i) {
+    mean_deviation_ += larger_deviation(i) / static_cast<double>(size() - first_finest_);
     const Vec3f reach = Vec3f::Constant(deviation_u[i]);
     lo = lo.cwiseMin(Vec3f(x[i], y[i], z[i]) - reach);
     hi = hi.cwiseMax(Vec3f(x[i], y[i], z[i]) + reach);
@@ -247,7 +246,7 @@ std::uint64_t RenderCloud::memory_bytes() const {
     floats += column->size();
   }
   return floats * sizeof(float) + (material.size() + group.size()) * sizeof(std::uint16_t) +
-         clusters_.size() * sizeof(Cluster);
+         clusters_.size() * sizeof(Cluster) + tree_.size() * sizeof(TreeCluster);
 }
 
 }  // namespace surfel

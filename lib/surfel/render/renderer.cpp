@@ -100,6 +100,8 @@ std::vector<std::string> RenderOptions::problems() const {
   check(!coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
         fmt::format("coverage-threshold is {}; it must be in (0, 1e6]",
                     coverage_threshold.value_or(0)));
+  check(!lod_error || (*lod_error >= 0 && *lod_error <= 1000),
+        fmt::format("lod-error is {}; it must be in 0..1000 pixels", lod_error.value_or(0)));
   check(batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 28),
         fmt::format("batch is {}; it must be in 256..2^28", batch));
   check(std::all_of(background.begin(), background.end(),
@@ -144,6 +146,9 @@ struct Renderer::Impl {
     const bool groups = needs_groups(options.method);
     if (groups && cloud.size() > 0 && cloud.groups() == 0) {
       throw_input("", "the surfels have no groups; run surfel-group on them");
+    }
+    if (groups && !cloud.tree().empty()) {
+      throw_usage("levels of detail have no groups; use --lod off with methods that need them");
     }
     if (options.method == Method::kDeferred && !opaque) {
       throw_usage(

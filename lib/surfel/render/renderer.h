@@ -76,6 +76,13 @@ struct RenderOptions {
   /// Of kABuffer: surfels of a block of pixels that are set up and sorted at once, 256..2^28. The
   /// nearest ones are drawn before the others are set up, which bounds the memory.
   std::size_t batch = std::size_t{1} << 20;
+  /// Of clouds with levels of detail: surfels may stand for pieces of surface with this length on
+  /// the longer side, pixels, 0..1000; 0: the finest level alone. Unset: kLodError times the
+  /// low-pass filter's deviation, so that neighbours are one deviation apart.
+  std::optional<double> lod_error;
+  static constexpr double kLodError = 1.4;
+  /// lod_error with its default filled in, pixels.
+  double lod_pixels() const { return lod_error.value_or(kLodError * lowpass); }
   bool aovs = false;  ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight; not where layers are
                       ///< blended.
 

@@ -9,6 +9,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/lod/cut.h>
 #include <surfel/render/exact_kernel.h>
 #include <surfel/render/splat_lists.h>
 
@@ -42,7 +43,9 @@ BlockGrid::BlockGrid(const Band& band, std::size_t surfels) {
 
 SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
                        const SplatListOptions& lists)
-    : cloud_(cloud), scene_(scene), options_(options), lists_(lists) {}
+    : cloud_(cloud), scene_(scene), options_(options), lists_(lists) {
+  if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
+}
 
 SplatView SplatLists::view(const Camera& camera, const Band& band) const {
   SplatView view{};
@@ -122,20 +125,30 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
     }
     return true;
   };
-  constexpr std::size_t kGrain = 1024;
-  std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
-  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    std::vector<VisibleCluster>& out = found[begin / kGrain];
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f p = rotation * clusters[i].center + translation;
-      if (!visible(clusters[i], p)) continue;
-      VisibleCluster seen{p.z() - clusters[i].radius, static_cast<std::uint32_t>(i), 0, 0, 0, 0};
-      bound(clusters[i], p, band, seen);
-      out.push_back(seen);
-    }
-  });
+  const auto in_camera = [&](std::size_t i) -> Vec3f {
+    return rotation * clusters[i].center + translation;
+  };
+  const auto seen = [&](std::uint32_t i) { return visible(clusters[i], in_camera(i)); };
+  const auto entry = [&](std::uint32_t i) {
+    const Vec3f p = in_camera(i);
+    VisibleCluster visible_cluster{p.z() - clusters[i].radius, i, 0, 0, 0, 0};
+    bound(clusters[i], p, band, visible_cluster);
+    return visible_cluster;
+  };
   std::vector<VisibleCluster> all;
-  for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  if (!cloud_.tree().empty()) {
+    for (const std::uint32_t i : level_of_detail(camera, seen)) all.push_back(entry(i));
+  } else {
+    constexpr std::size_t kGrain = 1024;
+    std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
+    parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const auto index = static_cast<std::uint32_t>(i);
+        if (seen(index)) found[begin / kGrain].push_back(entry(index));
+      }
+    });
+    for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  }
   std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
     return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
   });
@@ -189,6 +202,22 @@ void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& 
   out.y1 = static_cast<std::uint16_t>(last.y() / kTileSize);
 }
 
+/// The clusters to draw of a cloud with levels of detail: as coarse as lod_error allows.
+std::vector<std::uint32_t> SplatLists::level_of_detail(
+    const Camera& camera, FunctionRef<bool(std::uint32_t)> seen) const {
+  const auto error = static_cast<float>(options_.lod_pixels());
+  const float pixels_per_unit = std::max(view_.focal_x, view_.focal_y);
+  const Vec3f forward = camera.camera_from_world.row(2).cast<float>();
+  return cut_tree(cloud_.tree(), [&](std::uint32_t i) {
+    if (!seen(i)) return CutStep::kSkip;
+    const TreeCluster& cluster = cloud_.tree()[i];
+    const float z =
+        forward.dot(cluster.bounds.center) + view_.translation[2] - cluster.bounds.radius;
+    return fine_enough(cluster, z, pixels_per_unit, camera.orthographic, error) ? CutStep::kDraw
+                                                                                : CutStep::kRefine;
+  });
+}
+
 float SplatLists::disc_radius(const Cluster& cluster) const {
   return lists_.enlarged ? cluster.max_group_radius
                          : std::sqrt(2 * view_.cutoff) * cluster.max_deviation;
@@ -211,17 +240,23 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
                         from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
                         from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
                         from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area)};
-  if (!lists_.enlarged) return surfels;
-  const auto enlarge = [&](const Array<float>& deviation, Array<float>& out) {
+  const bool widened = covering_ > 0;
+  if (!lists_.enlarged && !widened) return surfels;
+  const auto change = [&](const Array<float>& deviation, Array<float>& out) {
     out.assign(RenderCloud::kClusterSize + RenderCloud::kPadding, 0.0F);
     for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-      out[i - cluster.begin] = static_cast<float>(deviation[i] * enlargement(i));
+      out[i - cluster.begin] = widened ? std::max(deviation[i], covering_deviation(i))
+                                       : static_cast<float>(deviation[i] * enlargement(i));
     }
     return out.data();
   };
-  surfels.deviation_u = enlarge(cloud_.deviation_u, worker.deviation_u);
-  if (cloud_.anisotropic()) surfels.deviation_v = enlarge(cloud_.deviation_v, worker.deviation_v);
+  surfels.deviation_u = change(cloud_.deviation_u, worker.deviation_u);
+  if (cloud_.anisotropic()) surfels.deviation_v = change(cloud_.deviation_v, worker.deviation_v);
   return surfels;
+}
+
+float SplatLists::covering_deviation(std::size_t surfel) const {
+  return surfel < cloud_.first_finest() ? std::sqrt(covering_ * cloud_.area[surfel]) : 0.0F;
 }
 
 /// Surfel in camera space, in double; an unknown normal looks at the eye.
@@ -235,11 +270,12 @@ SurfelInCamera SplatLists::in_camera(std::size_t surfel) const {
       rotation * Vec3d(cloud_.normal_x[surfel], cloud_.normal_y[surfel], cloud_.normal_z[surfel]);
   s.normal = s.normal.isZero(0) ? Vec3d(-s.position.normalized()) : Vec3d(s.normal.normalized());
   const double scale = lists_.enlarged ? enlargement(surfel) : 1;
-  s.variance_u = std::pow(scale * cloud_.deviation_u[surfel], 2);
+  const double least = covering_deviation(surfel);
+  s.variance_u = std::pow(std::max<double>(scale * cloud_.deviation_u[surfel], least), 2);
   s.variance_v = s.variance_u;
   s.tangent = s.normal.unitOrthogonal();
   if (cloud_.anisotropic()) {
-    s.variance_v = std::pow(scale * cloud_.deviation_v[surfel], 2);
+    s.variance_v = std::pow(std::max<double>(scale * cloud_.deviation_v[surfel], least), 2);
     const Vec3d t = rotation * Vec3d(cloud_.tangent_x[surfel], cloud_.tangent_y[surfel],
                                      cloud_.tangent_z[surfel]);
     s.tangent = (t - s.normal * s.normal.dot(t)).normalized();

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/io/camera.h>
 #include <surfel/render/ewa_kernel.h>
@@ -108,7 +109,7 @@ class SplatLists {
   /// What one worker has loaded, and scratch memory.
   struct Worker {
     SplatColumns columns;
-    Array<float> deviation_u, deviation_v;  ///< Enlarged ones of a cluster.
+    Array<float> deviation_u, deviation_v;  ///< Enlarged or widened ones of a cluster.
     std::size_t count = 0;                  ///< Of splats.
     Array<Splat> splats;
     Array<SplatNormal> normals;
@@ -121,10 +122,14 @@ class SplatLists {
   };
 
   SplatView view(const Camera& camera, const Band& band) const;
+  std::vector<std::uint32_t> level_of_detail(const Camera& camera,
+                                             FunctionRef<bool(std::uint32_t)> seen) const;
   float disc_radius(const Cluster& cluster) const;
   void bound(const Cluster& cluster, const Vec3f& center, const Band& band,
              VisibleCluster& out) const;
   double enlargement(std::size_t surfel) const;
+  /// Least standard deviation that a surfel is drawn with; 0 for those of the finest level.
+  float covering_deviation(std::size_t surfel) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(std::size_t surfel) const;
   void reserve(Worker& worker, std::size_t more) const;
@@ -135,6 +140,8 @@ class SplatLists {
   const Scene& scene_;
   RenderOptions options_;
   SplatListOptions lists_;
+  /// Of levels of detail: see covering_variance(). 0: their Gaussians are drawn as they are.
+  float covering_ = 0;
   const Camera* camera_ = nullptr;
   const VisibleCluster* clusters_ = nullptr;
   SplatView view_{};  ///< Of the band being drawn.
