@@ -17,7 +17,7 @@
 namespace surfel {
 
 struct EstimateOptions {
-  SearchMethod search = SearchMethod::kFlann;
+  SearchMethod search = SearchMethod::kExact;
   NormalOptions normals;
   OrientationOptions orientation;
   SplatSizeOptions size;
