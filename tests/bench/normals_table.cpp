@@ -207,7 +207,9 @@ void speed() {
       for (const auto& [stage, ms] : report.times.stages()) {
         if (stage == "sizes") sizes = std::min(sizes, ms);
         if (stage == "orientation") orientation = std::min(orientation, ms);
-        if (stage == "sort" || stage == "neighbors" || stage == "normals") some += ms;
+        if (stage == "sort" || stage == "search tree" || stage == "neighbors and normals") {
+          some += ms;
+        }
       }
       normals = std::min(normals, some);
     }

@@ -5,6 +5,25 @@
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/exact_search.h>
 
+#ifndef SURFEL_EXACT_SEARCH_SCRATCH
+#define SURFEL_EXACT_SEARCH_SCRATCH
+namespace surfel {
+namespace {
+
+/// Memory that searches reuse.
+struct SearchScratch {
+  std::vector<std::uint32_t> leaves;  ///< Gathered.
+  Array<float> distance2;             ///< Of their entries.
+  Array<std::uint32_t> slot;          ///< Entries within the bound.
+  Array<std::uint64_t> key;           ///< And their keys ...
+  Array<std::int64_t> rank;           ///< ... how many are smaller ...
+  Array<std::uint64_t> sorted;        ///< ... in ascending order.
+};
+
+}  // namespace
+}  // namespace surfel
+#endif
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/estimate/exact_search.cpp"
 #include <hwy/foreach_target.h>
@@ -34,8 +53,16 @@ HWY_INLINE V squared_length(const V& x, const V& y, const V& z) {
 class Searcher {
  public:
   /// The k nearest places within limit2 are found; k is no more than there are.
-  Searcher(const PointTree& tree, std::size_t k, float limit2)
-      : tree_(tree), k_(k), limit2_(limit2) {}
+  Searcher(const PointTree& tree, std::size_t k, float limit2, SearchScratch& scratch)
+      : tree_(tree),
+        k_(k),
+        limit2_(limit2),
+        leaves_(scratch.leaves),
+        distance2_(scratch.distance2),
+        slot_(scratch.slot),
+        key_(scratch.key),
+        rank_(scratch.rank),
+        sorted_(scratch.sorted) {}
 
   /// Calls found(entry, keys) for each of the leaf's places.
   template <class Found>
@@ -48,9 +75,8 @@ class Searcher {
     // Where the density jumps the guess may reach far too much; what lies within half of it is a
     // better start.
     constexpr int kMostShrinks = 8;
-    const std::size_t most_leaves = limit2_ < kInfinity ? kNoMost : 64 + k_;
-    int shrinks = 0;
-    while (!gather(box, reach2, shrinks < kMostShrinks ? most_leaves : kNoMost)) {
+    int shrinks = limit2_ < kInfinity ? kMostShrinks : 0;
+    while (!gather(box, reach2, shrinks < kMostShrinks ? most_leaves() : kNoMost)) {
       reach2 /= 4;
       ++shrinks;
     }
@@ -82,15 +108,16 @@ class Searcher {
   }
 
   std::span<const Key> search_point(const Vec3f& query) {
-    // The smallest node around or near the query that holds k places bounds their distance.
     const Box box{query, query};
-    gather_node(query);
     float reach2 = limit2_;
-    std::size_t near = scan(query, reach2);
-    if (near >= k_) reach2 = std::min(reach2, distance2(select(near).back()));
-    gather(box, reach2, kNoMost);
-    near = scan(query, reach2);
-    return select(near);
+    if (!(reach2 < kInfinity) || !gather(box, reach2, most_leaves())) {
+      // The k-th distance within the smallest node around that holds k places is a bound.
+      gather_node(query);
+      const std::size_t near = scan(query, reach2);
+      if (near >= k_) reach2 = std::min(reach2, last_distance2(near));
+      gather(box, reach2, kNoMost);
+    }
+    return select(scan(query, reach2));
   }
 
  private:
@@ -102,7 +129,10 @@ class Searcher {
   /// The same from leaf to leaf, of the furthest of all.
   static constexpr float kLeafSlack = 1.2F;
   /// Up to here counting all smaller keys is faster than sorting.
-  static constexpr std::size_t kMostRanked = 160;
+  static constexpr std::size_t kMostRanked = 96;
+
+  /// More leaves than this are hardly needed for k neighbours.
+  std::size_t most_leaves() const { return 64 + k_; }
 
   static float widened(float reach2) {
     return std::max(4 * reach2, std::numeric_limits<float>::min());
@@ -260,6 +290,16 @@ class Searcher {
     return count;
   }
 
+  /// The k-th of the squared distances of the `count` places that scan() noted, k of them at least.
+  float last_distance2(std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      key_[i] = std::bit_cast<std::uint32_t>(distance2_[slot_[i]]);
+    }
+    const auto last = key_.begin() + static_cast<std::ptrdiff_t>(k_ - 1);
+    std::nth_element(key_.begin(), last, key_.begin() + static_cast<std::ptrdiff_t>(count));
+    return std::bit_cast<float>(static_cast<std::uint32_t>(*last));
+  }
+
   /// The first k keys, ascending, of the `count` places that scan() noted.
   HWY_INLINE std::span<const Key> select(std::size_t count) {
     Key* key = key_.data();
@@ -299,20 +339,21 @@ class Searcher {
   float limit2_;
   float leaf_reach2_ = -1;  ///< Guess for the next leaf; below 0: none yet.
   float point_reach2_ = kInfinity;
-  Array<std::uint32_t> leaves_;  ///< Gathered.
-  Array<float> distance2_;       ///< Of their entries.
-  Array<std::uint32_t> slot_;    ///< Entries within the bound.
-  Array<Key> key_;               ///< And their keys.
-  Array<std::int64_t> rank_;
-  Array<Key> sorted_;
+  std::vector<std::uint32_t>& leaves_;
+  Array<float>& distance2_;
+  Array<std::uint32_t>& slot_;
+  Array<Key>& key_;
+  Array<std::int64_t>& rank_;
+  Array<Key>& sorted_;
 };
 
 }  // namespace
 
 /// Of leaves begin to end - 1; `found` is called for every place.
 void search_leaves(const PointTree& tree, std::size_t begin, std::size_t end, std::size_t k,
-                   float limit2, FunctionRef<void(std::size_t, std::span<const Key>)> found) {
-  Searcher searcher(tree, k, limit2);
+                   float limit2, SearchScratch& scratch,
+                   FunctionRef<void(std::size_t, std::span<const Key>)> found) {
+  Searcher searcher(tree, k, limit2, scratch);
   for (std::size_t leaf = begin; leaf < end; ++leaf) {
     searcher.search_leaf(leaf, [&](std::size_t entry, std::span<const Key> keys) {
       found(tree.first_place(leaf) + entry, keys);
@@ -321,8 +362,8 @@ void search_leaves(const PointTree& tree, std::size_t begin, std::size_t end, st
 }
 
 void search_point(const PointTree& tree, const Vec3f& query, std::size_t k, float limit2,
-                  FunctionRef<void(std::span<const Key>)> found) {
-  found(Searcher(tree, k, limit2).search_point(query));
+                  SearchScratch& scratch, FunctionRef<void(std::span<const Key>)> found) {
+  found(Searcher(tree, k, limit2, scratch).search_point(query));
 }
 
 }  // namespace HWY_NAMESPACE
@@ -378,18 +419,22 @@ void ExactSearch::search(const Vec3f& query, std::size_t most, float limit2,
                          std::vector<Neighbor>& out) const {
   out.clear();
   if (size() == 0 || most == 0) return;
+  // Single queries come by the million; allocating would take longer than searching.
+  thread_local SearchScratch scratch;
   HWY_DYNAMIC_DISPATCH(search_point)
-  (tree_, query, std::min(most, tree_.places()), limit2,
+  (tree_, query, std::min(most, tree_.places()), limit2, scratch,
    [&](std::span<const Key> keys) { expand(keys, most, out); });
 }
 
 void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
   struct alignas(64) Scratch {
+    SearchScratch search;
     std::vector<Neighbor> neighbors;
   };
   std::vector<Scratch> scratch(static_cast<std::size_t>(thread_count()));
   parallel_for(tree_.leaves(), kLeafGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    std::vector<Neighbor>& out = scratch[static_cast<std::size_t>(worker)].neighbors;
+    Scratch& memory = scratch[static_cast<std::size_t>(worker)];
+    std::vector<Neighbor>& out = memory.neighbors;
     const auto found = [&](std::size_t place, std::span<const Key> keys) {
       expand(keys, most, out);
       for (const std::uint32_t i : tree_.at(place)) body(i, out, worker);
@@ -401,7 +446,7 @@ void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
       return;
     }
     HWY_DYNAMIC_DISPATCH(search_leaves)
-    (tree_, begin, end, std::min(most, tree_.places()), limit2, found);
+    (tree_, begin, end, std::min(most, tree_.places()), limit2, memory.search, found);
   });
 }
 

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <surfel/estimate/exact_search.h>
 #include <surfel/estimate/flann_search.h>
 #include <surfel/estimate/neighbor_search.h>
@@ -8,6 +10,28 @@ std::unique_ptr<NeighborSearch> make_neighbor_search(const Array<Vec3f>& points,
                                                      SearchMethod method) {
   if (method == SearchMethod::kExact) return std::make_unique<ExactSearch>(points);
   return make_flann_search(points, method == SearchMethod::kFlannApproximate);
+}
+
+double neighbor_recall(const Array<Vec3f>& points, const NeighborSearch& search, std::size_t k) {
+  constexpr std::size_t kMostSamples = 1000;
+  const std::size_t samples = std::min(points.size(), kMostSamples);
+  const ExactSearch exact(points);
+  std::vector<Neighbor> expected;
+  std::vector<Neighbor> near;
+  std::size_t wanted = 0;
+  std::size_t found = 0;
+  for (std::size_t s = 0; s < samples; ++s) {
+    const Vec3f& query = points[s * points.size() / samples];
+    exact.nearest(query, k, expected);
+    search.nearest(query, k, near);
+    if (expected.empty()) continue;
+    wanted += expected.size();
+    found +=
+        static_cast<std::size_t>(std::count_if(near.begin(), near.end(), [&](const Neighbor& n) {
+          return n.distance2 <= expected.back().distance2;
+        }));
+  }
+  return wanted == 0 ? 1 : static_cast<double>(found) / static_cast<double>(wanted);
 }
 
 }  // namespace surfel

@@ -53,4 +53,10 @@ class SURFEL_API NeighborSearch {
 SURFEL_API std::unique_ptr<NeighborSearch> make_neighbor_search(
     const Array<Vec3f>& points, SearchMethod method = SearchMethod::kExact);
 
+/// Share of the k nearest neighbours that `search`, over the same points, finds: at up to 1000
+/// points, spread evenly over all, held against the exact search, which is built for this. What is
+/// as far away as the last of the k counts as found. 1 if there are no points.
+SURFEL_API double neighbor_recall(const Array<Vec3f>& points, const NeighborSearch& search,
+                                  std::size_t k);
+
 }  // namespace surfel
