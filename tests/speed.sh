@@ -23,7 +23,7 @@ done
 shift $((OPTIND - 1))
 [[ $# -gt 0 ]] && chosen=("$@") || chosen=("${sections[@]}")
 for section in "${chosen[@]}"; do
-  declare -F "section_$section" > /dev/null || [[ " ${sections[*]} " == *" $section "* ]] || {
+  [[ " ${sections[*]} " == *" $section "* ]] || {
     echo "speed.sh: there is no section '$section'; there are: ${sections[*]}" >&2
     exit 2
   }
@@ -33,74 +33,69 @@ trap 'rm -rf "$work"' EXIT
 
 # calc EXPRESSION [DIGITS]: its value.
 calc() { awk "BEGIN { printf \"%.${2:-2}f\", $1 }"; }
-# field NAME FILE...: the value after NAME in lines of "key value" pairs.
-field() { awk -v name="$1" '{ for (i = 1; i < NF; ++i) if ($i == name) { print $(i + 1); exit } }' "${@:2}"; }
-# milliseconds COMMAND...: wall-clock time of a whole process.
-milliseconds() {
-  local begin end
-  begin=$(date +%s%N)
-  "$@" > /dev/null
-  end=$(date +%s%N)
-  calc "($end - $begin) / 1e6" 1
+# run COMMAND...: "ms WALL cpu_ms ALL-THREADS" of a whole process.
+run() {
+  local TIMEFORMAT='ms %R cpu_ms %U+%S' line
+  line=$({ time "$@" > /dev/null 2>&3; } 3>&2 2>&1)
+  awk '{ split($4, cpu, "+"); printf "ms %.1f cpu_ms %.1f\n", 1e3 * $2, 1e3 * (cpu[1] + cpu[2]) }' <<< "$line"
 }
-# least A B: the smaller number; A may be empty.
-least() { [[ -z $1 ]] && echo "$2" || calc "$1 < $2 ? $1 : $2" 1; }
-# row WORK VALUE PEER RATIO MUST AIM BOUND COMMAND: one row of the section's table.
-row() { printf '| %s | %s | %s | %s | %s | %s | %s | `%s` |\n' "$@"; }
-times() { calc "$1 / $2" 2; }
+# best FILE FIELD: the least value of a field over the lines of a file.
+best() { awk -v name="$2" '{ for (i = 1; i < NF; ++i) if ($i == name && (!n++ || $(i + 1) + 0 < b)) b = $(i + 1) + 0 }
+  END { printf "%.1f", b }' "$1"; }
+# row WORK OURS PEER_NAME PEER MUST AIM BOUND COMMAND: a row of the table. OURS and PEER are files of lines
+# with "ms" and "cpu_ms", a line a run; the ratio is the peer's best by ours, in time and in work of all cores.
+row() {
+  local ours peer
+  ours=$(best "$2" ms)
+  peer=$(best "$4" ms)
+  printf '| %s | %s ms | %s %s ms | %s x | %s x | %s | %s | %s | `%s` |\n' "$1" "$ours" "$3" "$peer" \
+    "$(calc "$peer / $ours")" "$(calc "$(best "$4" cpu_ms) / $(best "$2" cpu_ms)")" "$5" "$6" "$7" "$8"
+}
 
 # k = 16 of all points, in random order and along the curve, beside FLANN and nanoflann.
 section_neighbors() {
-  local order count log=$work/neighbors.log ours
+  local order count peer threads must aim log=$work/neighbors command="neighbors_bench --work neighbors"
   for order in random morton; do
     for count in 1000000 4000000; do
-      local command="neighbors_bench --count $count --order $order --repeats $runs"
-      "$bin"/$command | grep '^neighbors' > "$log"
-      ours=$(field ms <(grep ' surfelkit ' "$log"))
-      local must=- aim=-
-      if [[ $order == random ]]; then
-        [[ $count == 1000000 ]] && must="3 x" aim="6 x" || must="4 x" aim="10 x"
-      fi
-      row "k = 16 of $((count / 1000000)) M points, $order order" "$ours ms" \
-        "FLANN $(field ms <(grep ' flann ' "$log")) ms" \
-        "$(field ratio <(grep ' flann ' "$log")) x" "$must" "$aim" "arithmetic, sorting" "$command"
-      if grep -q ' nanoflann ' "$log"; then
-        row "the same" "$ours ms" "nanoflann $(field ms <(grep ' nanoflann ' "$log")) ms" \
-          "$(field ratio <(grep ' nanoflann ' "$log")) x" - - "" "$command"
-      fi
+      "$bin/neighbors_bench" --work neighbors --count $count --order $order --repeats "$runs" > "$log"
+      for peer in surfelkit flann nanoflann; do grep " $peer " "$log" > "$log.$peer" || true; done
+      for peer in flann nanoflann; do
+        must=- aim=-
+        [[ $order$peer$count == randomflann1000000 ]] && must="3 x" aim="6 x"
+        [[ $order$peer$count == randomflann4000000 ]] && must="4 x" aim="10 x"
+        [[ -s $log.$peer ]] && row "k = 16 of $((count / 1000000)) M points, $order order" "$log.surfelkit" $peer \
+          "$log.$peer" "$must" "$aim" "arithmetic; sorting" "$command --count $count --order $order"
+      done
     done
   done
-  local one two
-  one=$("$bin/neighbors_bench" --count 1000000 --repeats "$runs" --threads 1 --ours | field ms /dev/stdin)
-  two=$("$bin/neighbors_bench" --count 1000000 --repeats "$runs" --threads 2 --ours | field ms /dev/stdin)
-  row "k = 16 of 1 M points, 1 to 2 threads" "$two ms" "1 thread $one ms" "$(times "$one" "$two") x" \
-    "1.7 x" "1.95 x" "" "neighbors_bench --count 1000000 --ours --threads 1"
+  command="neighbors_bench --work our-neighbors --count 4000000"
+  for threads in 1 2; do
+    "$bin"/$command --repeats "$runs" --threads $threads > "$log.$threads"
+  done
+  row "the same on 2 threads, by 1 thread" "$log.2" "1 thread" "$log.1" "1.7 x" "1.95 x" "memory" "$command --threads 1"
 }
 
 # Whole processes, PLY in and out, beside PCL's normals alone.
 section_estimate() {
-  local count orient must aim
+  local count orient must aim log=$work/estimate command="surfel-estimate POINTS.ply -o OUT.ply"
   for count in 1000000 4000000; do
-    "$bin/neighbors_bench" --count "$count" --write "$work/points.ply"
     [[ $count == 1000000 ]] && must="4 x" aim="8 x" || must="5 x" aim="10 x"
-    local pcl="" one=""
-    local -A best=()
+    "$bin/neighbors_bench" --count $count --write "$work/points.ply"
+    rm -f "$log".*
     for ((i = 0; i < runs; ++i)); do
-      pcl=$(least "$pcl" "$("$bin/neighbors_bench" --count "$count" --repeats 1 --pcl | field ms /dev/stdin)")
+      "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
       for orient in mst none; do
-        best[$orient]=$(least "${best[$orient]:-}" \
-          "$(milliseconds "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet)")
+        run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet >> "$log.$orient"
       done
-      one=$(least "$one" \
-        "$(milliseconds "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --threads 1 --quiet)")
+      run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --threads 1 --quiet >> "$log.one"
     done
     for orient in mst none; do
-      row "surfel-estimate --orient $orient, $((count / 1000000)) M points, random order, whole process" \
-        "${best[$orient]} ms" "PCL NormalEstimationOMP, kernel alone $pcl ms" "$(times "$pcl" "${best[$orient]}") x" \
-        "$must" "$aim" "arithmetic of the splat sizes" "surfel-estimate POINTS.ply -o OUT.ply --orient $orient"
+      row "surfel-estimate, $((count / 1000000)) M points, random order, whole process, --orient $orient" "$log.$orient" \
+        "PCL NormalEstimationOMP, kernel alone" "$log.pcl" "$must" "$aim" "arithmetic of the splat sizes" \
+        "$command --orient $orient"
     done
-    row "surfel-estimate, $((count / 1000000)) M points, 1 to 2 threads" "${best[mst]} ms" "1 thread $one ms" \
-      "$(times "$one" "${best[mst]}") x" "1.7 x" "1.95 x" "" "surfel-estimate POINTS.ply -o OUT.ply --threads 1"
+    row "the same on 2 threads, by 1 thread" "$log.mst" "1 thread" "$log.one" "1.7 x" "1.95 x" \
+      "the forest's last edges, on one core" "$command --threads 1"
   done
 }
 
@@ -113,7 +108,8 @@ done
   echo "# Speed: measured"
   echo
   echo "Made by \`tests/speed.sh\`: best of $runs runs, Surfelkit and its peers in turns, $(nproc) threads,"
-  echo "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1). Ratio: the peer's time by ours, or as the row says."
+  echo "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1). Ratio: the peer's time by ours;"
+  echo "ratio of work: of all cores' time, which a shared machine disturbs less."
   for section in "${sections[@]}"; do
     rows=$work/$section.rows
     if [[ ! -f $rows && -f $out ]]; then
@@ -124,8 +120,8 @@ done
     echo
     echo "## $section"
     echo
-    echo "| work | Surfelkit | peer | ratio | must | aim | bound by | command |"
-    echo "|---|---|---|---|---|---|---|---|"
+    echo "| work | Surfelkit | peer | ratio | ratio of work | must | aim | bound by | command |"
+    echo "|---|---|---|---|---|---|---|---|---|"
     cat "$rows"
   done
 } > "$work/speed.md"

@@ -270,6 +270,8 @@ class Searcher {
     const V y = hn::Set(d, query.y());
     const V z = hn::Set(d, query.z());
     const V bound = hn::Set(d, bound2);
+    // Made once: Iota() of a variable start goes through memory.
+    const auto lanes = hn::Iota(du, 0);
     float* distance2 = distance2_.data();
     std::uint32_t* slot = slot_.data();
     std::size_t count = 0;
@@ -282,8 +284,8 @@ class Searcher {
         const std::size_t first = j * kWidth + i;
         hn::Store(length2, d, distance2 + first);
         const auto near = hn::Le(length2, bound);
-        const auto lanes = hn::Iota(du, static_cast<std::uint32_t>(first));
-        hn::StoreU(hn::Compress(lanes, hn::RebindMask(du, near)), du, slot + count);
+        const auto slots = hn::Add(lanes, hn::Set(du, static_cast<std::uint32_t>(first)));
+        hn::StoreU(hn::Compress(slots, hn::RebindMask(du, near)), du, slot + count);
         count += hn::CountTrue(d, near);
       }
     }

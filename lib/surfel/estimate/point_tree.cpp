@@ -46,25 +46,25 @@ void for_each_block(std::span<const std::uint64_t> code, Block&& block, Equal&& 
 }
 
 /// Orders points of equal codes along a Morton curve of their own where they are many.
-void refine(const Array<Vec3f>& points, std::span<const std::uint64_t> code,
+void refine(std::span<const std::uint64_t> code, std::span<Vec3f> position,
             std::span<std::uint32_t> member) {
   for_each_block(
       code, [](std::size_t, std::size_t) {},
       [&](std::size_t begin, std::size_t end) {
-        const std::span<std::uint32_t> run = member.subspan(begin, end - begin);
-        Array<Vec3f> position(run.size());
-        for (std::size_t i = 0; i < run.size(); ++i) position[i] = points[run[i]];
-        const MortonGrid grid = morton_grid(position);
+        const std::size_t count = end - begin;
+        const Array<Vec3f> before(position.begin() + begin, position.begin() + end);
+        const MortonGrid grid = morton_grid(before);
         if (grid.cells_per_unit == 0) return;
-        // Points at one place are ascending in `run` and stay so.
-        const Array<std::uint32_t> order = morton_order(position);
-        const std::vector<std::uint32_t> before(run.begin(), run.end());
-        Array<std::uint64_t> finer(run.size());
-        for (std::size_t i = 0; i < run.size(); ++i) {
-          run[i] = before[order[i]];
-          finer[i] = grid.code(position[order[i]]);
+        const std::vector<std::uint32_t> members(member.begin() + begin, member.begin() + end);
+        // Points at one place are ascending and stay so.
+        const Array<std::uint32_t> order = morton_order(before);
+        Array<std::uint64_t> finer(count);
+        for (std::size_t i = 0; i < count; ++i) {
+          position[begin + i] = before[order[i]];
+          member[begin + i] = members[order[i]];
+          finer[i] = grid.code(before[order[i]]);
         }
-        refine(points, finer, run);
+        refine(finer, position.subspan(begin, count), member.subspan(begin, count));
       });
 }
 
@@ -92,17 +92,19 @@ PointTree::PointTree(const Array<Vec3f>& points) : member_(morton_order(points))
   const std::size_t n = points.size();
   const MortonGrid grid = morton_grid(points);
   Array<std::uint64_t> code(n);
+  Array<Vec3f> position(n);
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) code[i] = grid.code(points[member_[i]]);
+    for (std::size_t i = begin; i < end; ++i) {
+      position[i] = points[member_[i]];
+      code[i] = grid.code(position[i]);
+    }
   });
-  refine(points, code, member_);
+  refine(code, position, member_);
 
   // Distinct positions.
   const std::size_t blocks = (n + kGrain - 1) / kGrain;
   std::vector<std::size_t> before(blocks + 1);
-  const auto starts_place = [&](std::size_t i) {
-    return i == 0 || points[member_[i]] != points[member_[i - 1]];
-  };
+  const auto starts_place = [&](std::size_t i) { return i == 0 || position[i] != position[i - 1]; };
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) before[begin / kGrain + 1] += starts_place(i) ? 1 : 0;
   });
@@ -115,7 +117,7 @@ PointTree::PointTree(const Array<Vec3f>& points) : member_(morton_order(points))
     for (std::size_t i = begin; i < end; ++i) {
       if (!starts_place(i)) continue;
       first_[at] = static_cast<std::uint32_t>(i);
-      place[at++] = points[member_[i]];
+      place[at++] = position[i];
     }
   });
   if (places() < n) {

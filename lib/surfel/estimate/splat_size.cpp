@@ -115,14 +115,16 @@ class Sizer {
     // Enough others to tell the spacing, and a cell that those further away cannot cut.
     const bool known = !normal_[i].isZero(0);
     const Vec3d n = known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ());
-    const Frame frame{n.unitOrthogonal(), n.cross(n.unitOrthogonal()), n};
+    const Vec3d a = n.unitOrthogonal();
+    const Frame frame{a, n.cross(a), n};
     double reach = 0;
+    bool settled = false;
     std::size_t cut = 0;  // Neighbours that the cell is cut by.
     for (std::size_t k = near.size(), doublings = 0;; ++doublings) {
       const bool usable = known && near.size() >= coincident + 2;
       reach = std::sqrt(static_cast<double>(near.back().distance2));
       if (usable) cut = cut_cell(i, near, cut, frame, worker);
-      const bool settled = usable && !open_corner(reach, spacing(near, coincident), worker);
+      settled = usable && !open_corner(reach, spacing(near, coincident), worker);
       if (settled || doublings == kMostDoublings || k >= search_.size()) break;
       k *= 2;
       find_more(i, k, static_cast<float>(reach), worker.more);
@@ -135,7 +137,7 @@ class Sizer {
       store_unknown(i, spacing_[i]);
       return;
     }
-    const bool open = close_at_border(reach, spacing_[i], worker);
+    const bool open = !settled && close_at_border(reach, spacing_[i], worker);
     kind_[i] = open ? CellKind::kBorder : CellKind::kClosed;
     const auto shared = static_cast<double>(std::max<std::size_t>(coincident, 1));
     double area = worker.cell.area();
