@@ -207,18 +207,18 @@ class Sizer {
     if (distance2 <= square(kSureReach * spacing)) return true;
     if (distance2 > square(std::min(reach / 2, kVoidReach * spacing))) return false;
     // A neighbour p is beyond the corner c in the direction of c turned by t if
-    // cos t (p.c - c.c) + sin t (c x p) >= 0.
+    // cos t (p.c - c.c) + sin t (c x p) >= 0. Those that are furthest away are seen first.
     constexpr double kRoot3 = std::numbers::sqrt3;
-    std::array<double, 5> furthest;
-    furthest.fill(-1);
-    for (const Vec2d& p : flat) {
-      const double along = p.dot(corner) - distance2;
-      const double across = corner.x() * p.y() - corner.y() * p.x();
-      const std::array<double, 5> beyond{along, kRoot3 * along + across, kRoot3 * along - across,
-                                         along + kRoot3 * across, along - kRoot3 * across};
-      for (std::size_t t = 0; t < 5; ++t) furthest[t] = std::max(furthest[t], beyond[t]);
+    constexpr unsigned kAllSides = 0b11111;
+    unsigned sides = 0;
+    for (auto p = flat.rbegin(); p != flat.rend() && sides != kAllSides; ++p) {
+      const double along = p->dot(corner) - distance2;
+      const double across = corner.x() * p->y() - corner.y() * p->x();
+      sides |= (along >= 0 ? 1U : 0U) | (kRoot3 * along + across >= 0 ? 2U : 0U) |
+               (kRoot3 * along - across >= 0 ? 4U : 0U) | (along + kRoot3 * across >= 0 ? 8U : 0U) |
+               (along - kRoot3 * across >= 0 ? 16U : 0U);
     }
-    return std::all_of(furthest.begin(), furthest.end(), [](double b) { return b >= 0; });
+    return sides == kAllSides;
   }
 
   /// The furthest corner where the surface does not go on.
