@@ -4,7 +4,9 @@
 # build/release and an idle machine. Takes minutes.
 #
 # Usage: tests/speed.sh [SECTION]...   (default: all). Sections that are not run keep their rows.
-#   -o FILE  instead of docs/speed.md     -n N  runs of each, of which the best counts (default 3)
+#   -o FILE    instead of docs/speed.md
+#   -n N       runs of each, of which the best counts (default 3)
+#   -c COUNTS  points of the clouds (default "1000000 4000000")
 #
 # A section is a function section_NAME that calls `row` for each of its rows and is named in `sections`.
 set -euo pipefail
@@ -12,11 +14,13 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bin=build/release/bin
 out=docs/speed.md
 runs=3
+counts="1000000 4000000"
 sections=(neighbors estimate)
-while getopts o:n: option; do
+while getopts o:n:c: option; do
   case $option in
     o) out=$OPTARG ;;
     n) runs=$OPTARG ;;
+    c) counts=$OPTARG ;;
     *) exit 2 ;;
   esac
 done
@@ -54,21 +58,21 @@ row() {
 
 # k = 16 of all points, in random order and along the curve, beside FLANN and nanoflann.
 section_neighbors() {
-  local order count peer threads must aim log=$work/neighbors command="neighbors_bench --work neighbors"
+  local order count peer threads must aim log=$work/times command="neighbors_bench --work neighbors"
   for order in random morton; do
-    for count in 1000000 4000000; do
+    for count in $counts; do
       "$bin/neighbors_bench" --work neighbors --count $count --order $order --repeats "$runs" > "$log"
       for peer in surfelkit flann nanoflann; do grep " $peer " "$log" > "$log.$peer" || true; done
       for peer in flann nanoflann; do
         must=- aim=-
         [[ $order$peer$count == randomflann1000000 ]] && must="3 x" aim="6 x"
         [[ $order$peer$count == randomflann4000000 ]] && must="4 x" aim="10 x"
-        [[ -s $log.$peer ]] && row "k = 16 of $((count / 1000000)) M points, $order order" "$log.surfelkit" $peer \
+        [[ -s $log.$peer ]] && row "k = 16 of $count points, $order order" "$log.surfelkit" $peer \
           "$log.$peer" "$must" "$aim" "arithmetic; sorting" "$command --count $count --order $order"
       done
     done
   done
-  command="neighbors_bench --work our-neighbors --count 4000000"
+  command="neighbors_bench --work our-neighbors --count $count"
   for threads in 1 2; do
     "$bin"/$command --repeats "$runs" --threads $threads > "$log.$threads"
   done
@@ -77,9 +81,11 @@ section_neighbors() {
 
 # Whole processes, PLY in and out, beside PCL's normals alone.
 section_estimate() {
-  local count orient must aim log=$work/estimate command="surfel-estimate POINTS.ply -o OUT.ply"
-  for count in 1000000 4000000; do
-    [[ $count == 1000000 ]] && must="4 x" aim="8 x" || must="5 x" aim="10 x"
+  local count orient must aim log=$work/times command="surfel-estimate POINTS.ply -o OUT.ply"
+  for count in $counts; do
+    must=- aim=-
+    [[ $count == 1000000 ]] && must="4 x" aim="8 x"
+    [[ $count == 4000000 ]] && must="5 x" aim="10 x"
     "$bin/neighbors_bench" --count $count --write "$work/points.ply"
     rm -f "$log".*
     for ((i = 0; i < runs; ++i)); do
@@ -90,7 +96,7 @@ section_estimate() {
       run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --threads 1 --quiet >> "$log.one"
     done
     for orient in mst none; do
-      row "surfel-estimate, $((count / 1000000)) M points, random order, whole process, --orient $orient" "$log.$orient" \
+      row "surfel-estimate, $count points, random order, whole process, --orient $orient" "$log.$orient" \
         "PCL NormalEstimationOMP, kernel alone" "$log.pcl" "$must" "$aim" "arithmetic of the splat sizes" \
         "$command --orient $orient"
     done
