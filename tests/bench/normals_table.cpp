@@ -175,5 +175,5 @@ void accuracy() {
 int main() {
   fmt::print("# Estimation: measured\n\nMade by `tests/bench/normals_table`.\n\n");
   accuracy();
-  fmt::print("\nSpeed: docs/speed.md.\n");
+  fmt::print("\nSpeed: `tests/speed.sh neighbors estimate`.\n");
 }

@@ -70,12 +70,13 @@ class Searcher {
     const PointTree::Leaf& own = tree_.leaf(leaf);
     const std::size_t count = tree_.leaf_size(leaf);
     const Box box = box_of(own, count);
+    const bool limited = limit2_ < kInfinity;
     if (leaf_reach2_ < 0) leaf_reach2_ = first_guess(box, count);
-    float reach2 = std::min(leaf_reach2_, limit2_);
+    float reach2 = limited ? limit2_ : leaf_reach2_;
     // Where the density jumps the guess may reach far too much; what lies within half of it is a
     // better start.
     constexpr int kMostShrinks = 8;
-    int shrinks = limit2_ < kInfinity ? kMostShrinks : 0;
+    int shrinks = 0;
     while (!gather(box, reach2, shrinks < kMostShrinks ? most_leaves() : kNoMost)) {
       reach2 /= 4;
       ++shrinks;
@@ -86,7 +87,7 @@ class Searcher {
       for (std::uint32_t left = pending; left != 0; left &= left - 1) {
         const auto entry = static_cast<std::size_t>(std::countr_zero(left));
         const Vec3f query(own.x[entry], own.y[entry], own.z[entry]);
-        float bound2 = std::min(point_reach2_, reach2);
+        float bound2 = limited ? reach2 : std::min(point_reach2_, reach2);
         std::size_t near = scan(query, bound2);
         while (near < k_ && bound2 < reach2) {
           bound2 = std::min(widened(bound2), reach2);
