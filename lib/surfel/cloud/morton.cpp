@@ -9,11 +9,15 @@
 
 namespace surfel {
 
-Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
-  constexpr std::size_t kGrain = 1 << 16;
+namespace {
+
+constexpr std::size_t kGrain = 1 << 16;
+
+}  // namespace
+
+MortonGrid morton_grid(std::span<const Vec3f> position) {
   const std::size_t n = position.size();
-  const std::size_t blocks = (n + kGrain - 1) / kGrain;
-  std::vector<std::pair<Vec3f, Vec3f>> partial(blocks);
+  std::vector<std::pair<Vec3f, Vec3f>> partial((n + kGrain - 1) / kGrain);
   constexpr float kInf = std::numeric_limits<float>::infinity();
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     Vec3f lo = Vec3f::Constant(kInf);
@@ -31,22 +35,23 @@ Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
     lo = lo.cwiseMin(l);
     hi = hi.cwiseMax(h);
   }
+  if (!(lo.x() <= hi.x())) return {};
   // Double, as the extent of finite floats may exceed the largest float.
-  const Vec3d low = lo.cast<double>();
-  const double extent = n == 0 ? 0 : (hi.cast<double>() - low).maxCoeff();
-  const double scale = extent > 0 ? 0x1fffff / extent : 0;
+  MortonGrid grid;
+  grid.low = lo.cast<double>();
+  const double extent = (hi.cast<double>() - grid.low).maxCoeff();
+  grid.cells_per_unit = extent > 0 ? 0x1fffff / extent : 0;
+  return grid;
+}
 
+Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
+  const std::size_t n = position.size();
+  const MortonGrid grid = morton_grid(position);
   Array<std::uint64_t> keys(n);
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      if (!position[i].allFinite()) {
-        keys[i] = std::numeric_limits<std::uint64_t>::max();
-        continue;
-      }
-      const Vec3d cell = (position[i].cast<double>() - low) * scale;
-      keys[i] =
-          morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
-                      static_cast<std::uint32_t>(cell.z()));
+      keys[i] = position[i].allFinite() ? grid.code(position[i])
+                                        : std::numeric_limits<std::uint64_t>::max();
     }
   });
   Array<std::uint32_t> order = sorted_order(keys);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -22,6 +23,22 @@ constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint3
   };
   return spread(x) | spread(y) << 1 | spread(z) << 2;
 }
+
+/// The cube around points, divided into 2^21 cells a side.
+struct MortonGrid {
+  Vec3d low{0, 0, 0};
+  double cells_per_unit = 0;  ///< 0 where all points are at one place.
+
+  /// Of a point in the cube, its Morton code.
+  std::uint64_t code(const Vec3f& p) const {
+    const Vec3d cell = (p.cast<double>() - low) * cells_per_unit;
+    return morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
+                       static_cast<std::uint32_t>(cell.z()));
+  }
+};
+
+/// Of the points that are finite; there may be none.
+SURFEL_API MortonGrid morton_grid(std::span<const Vec3f> position);
 
 /// Order of points along a Morton curve through the cube around the finite ones (2^21 cells a
 /// side). Points that are not finite come last, by index. Points in one cell are ordered by
