@@ -86,7 +86,7 @@ TEST(UnresolvedDetail, HoldsWhatItCannotFitAndLeavesTheRest) {
   Halves h;
   const std::size_t held = hold_unresolved(h.system, h.w, h.f);
   EXPECT_GT(held, 300U);
-  EXPECT_LT(held, 600U);
+  EXPECT_LT(held, 700U);  // Half of them, some where the halves meet, and at the border.
   const Array<Channels> w = h.solve();
   double left = 0;
   double left_before = 0;
