@@ -181,13 +181,22 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
   for (const auto& [stage, ms] : fit.times.stages()) json["stages"][stage] = ms;
   if (!fit.system) return;
   const surfel::SystemReport& system = *fit.system;
-  json["system"] = {{"functions", system.functions},   {"entries", system.entries},
-                    {"lambda", system.lambda},         {"eigen_min", system.eigen_min},
-                    {"eigen_max", system.eigen_max},   {"condition", system.condition()},
-                    {"iterations", system.iterations}, {"residual", system.residual},
-                    {"converged", system.converged},   {"points", system.points},
-                    {"uncovered", system.uncovered},   {"error_ewa", system.error_ewa},
-                    {"error", system.error},           {"min_reach", system.min_reach},
+  json["system"] = {{"functions", system.functions},
+                    {"entries", system.entries},
+                    {"lambda", system.lambda},
+                    {"eigen_min", system.eigen_min},
+                    {"eigen_max", system.eigen_max},
+                    {"condition", system.condition()},
+                    {"iterations", system.iterations},
+                    {"residual", system.residual},
+                    {"converged", system.converged},
+                    {"points", system.points},
+                    {"rough_iterations", system.rough_iterations},
+                    {"uncovered", system.uncovered},
+                    {"unresolved", system.unresolved},
+                    {"error_ewa", system.error_ewa},
+                    {"error", system.error},
+                    {"min_reach", system.min_reach},
                     {"max_reach", system.max_reach}};
   if (system.robust) {
     const surfel::RobustReport& robust = *system.robust;
