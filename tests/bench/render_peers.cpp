@@ -133,7 +133,7 @@ std::size_t trace(RTCScene scene, const SurfelCloud& cloud, const Camera& camera
   const Eigen::Matrix3f world_from_camera = camera.camera_from_world.transpose().cast<float>();
   const Vec3f eye = (camera.eye - cloud.origin).cast<float>();
   const Array<Vec3f>* color = cloud.render_color();
-  const Vec3f grey = RenderCloud::colorless();
+  const Vec3f grey = SurfelCloud::colorless();
   std::size_t covered = 0;
   const int side = samples == 1 ? 1 : 2;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : covered)

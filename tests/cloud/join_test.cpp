@@ -138,7 +138,7 @@ TEST(JoinClouds, MaterialsAsGivenOrApart) {
   const SurfelCloud b = surfels();
   EXPECT_EQ(join({a, b}).material, (Array<std::uint16_t>{2, 0, 0, 0}));
   EXPECT_EQ(join({a, b}, {.material = {-1, 7}}).material, (Array<std::uint16_t>{2, 0, 7, 7}));
-  EXPECT_EQ(join({a, b, a}, {.separate_materials = true}).material,
+  EXPECT_EQ(join({a, b, a}, {.material = {}, .separate_materials = true}).material,
             (Array<std::uint16_t>{2, 0, 3, 3, 6, 4}));
   EXPECT_EQ(join({b}, {.material = {7}}).material, (Array<std::uint16_t>{7, 7}));
 
@@ -148,7 +148,7 @@ TEST(JoinClouds, MaterialsAsGivenOrApart) {
   EXPECT_FALSE((JoinOptions{.material = {1, -2}}.problems(2).empty()));
   EXPECT_FALSE((JoinOptions{.material = {1, 2}, .separate_materials = true}.problems(2).empty()));
   a.material = {65535, 0};
-  EXPECT_THROW(join({a, b}, {.separate_materials = true}), Error);
+  EXPECT_THROW(join({a, b}, {.material = {}, .separate_materials = true}), Error);
 }
 
 TEST(JoinClouds, OtherPropertiesByNameAndInATypeThatHoldsAll) {
