@@ -246,7 +246,7 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   float least = std::numeric_limits<float>::infinity();
   for (const int i : {in_front - 1, in_front}) {
     if (i < 0 || i >= sorted.count || is_merged(sorted[i]) ||
-        sorted[i].channel[kWeight] >= tile.full_weight ||
+        sorted[i].channel[kWeight] >= tile.edge_weight ||
         shows_front(sorted[i].channel[kTag]) != shows_front(fresh.channel[kTag])) {
       continue;
     }
