@@ -157,10 +157,11 @@ class FrontToBack {
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
   // Layers run out where surfaces end before one another, at rims. What covers them is not known
-  // yet around them, so that all are taken to be at an edge, as far as splats are filtered: taken
-  // to be inside, rims would grow. Inside, nearly all sums are above the weight of edges.
+  // yet around them: taken to be inside, rims grow (by 1 dB of a head's picture); taken to be at an
+  // edge, crests that are seen at a grazing angle get holes. So half of each, as far as splats are
+  // filtered; of surfaces that cover the pixel nothing changes.
   const auto edge = [](const Fragment& f) {
-    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 1.0F : 0.0F;
+    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.5F : 0.0F;
   };
   FrontToBack pair(tile, pixel);
   pair.add(front, edge(front));
@@ -246,7 +247,7 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   float least = std::numeric_limits<float>::infinity();
   for (const int i : {in_front - 1, in_front}) {
     if (i < 0 || i >= sorted.count || is_merged(sorted[i]) ||
-        sorted[i].channel[kWeight] >= tile.edge_weight ||
+        sorted[i].channel[kWeight] >= tile.full_weight ||
         shows_front(sorted[i].channel[kTag]) != shows_front(fresh.channel[kTag])) {
       continue;
     }

@@ -168,60 +168,7 @@ class KernelRaster {
     s.depth = hn::Min(hn::Max(plane, hn::Sub(depth, range)), hn::Add(depth, range));
     s.epsilon = hn::Mul(range, hn::Set(d, job_.depth_epsilon));
     s.amplitude = hn::Set(d, splat.amplitude);
-    if (HWY_UNLIKELY((splat.tag & kHorizonTag) != 0)) near_horizon(splat, dx, dy, plane, s);
     return s;
-  }
-
-  /// What (4) leaves out matters most near the horizon of the surfel's plane, where it is as large
-  /// as the pixel filter however small the surfel is. Let r = z_k / z at a pixel, a its offset from
-  /// the centre along the depth's gradient and b that across. The Jacobian at the pixel is J's with
-  /// r^2 along a and r along b, and J_x u there is r times the offset, so that with the variances
-  /// V_a, V_b of J V J^T
-  ///
-  ///   beta = 1/2 r^2 (a^2 / (r^4 V_a + h^2) + b^2 / (r^2 V_b + h^2)),
-  ///   rho = r^3 a_k |J| / (2 pi ((r^4 V_a + h^2) (r^2 V_b + h^2))^(1/2)) exp(-beta).   (8)
-  ///
-  /// (6) is scaled by the ratios of these to their values for r = 1, which holds where the axes of
-  /// the footprint are a and b: of round surfels, seen under small angles.
-  HWY_NOINLINE void near_horizon(const Splat& splat, V dx, V dy, V plane, Sample& s) const {
-    const D d;
-    const float steepness =
-        std::sqrt(splat.depth_dx * splat.depth_dx + splat.depth_dy * splat.depth_dy);
-    const float ax = splat.depth_dx / steepness;
-    const float ay = splat.depth_dy / steepness;
-    // Sigma from m, k, q: Sigma_yy = 1 / (2 q), |Sigma| = Sigma_yy / (2 k).
-    const float yy = 0.5F / splat.q;
-    const float xy = splat.m * yy;
-    const float xx = 0.5F / splat.k + splat.m * xy;
-    const float along = ax * ax * xx + 2 * ax * ay * xy + ay * ay * yy;
-    const float across = ay * ay * xx - 2 * ax * ay * xy + ax * ax * yy;
-    // Shares of the surfel's own variance.
-    const float own_along = std::max(0.0F, 1 - job_.lowpass2 / along);
-    const float own_across = std::max(0.0F, 1 - job_.lowpass2 / across);
-    const V one = hn::Set(d, 1.0F);
-    const V r = hn::Max(hn::Zero(d), hn::Mul(plane, hn::Set(d, 1 / splat.depth)));
-    const V r2 = hn::Mul(r, r);
-    const V scale_a = hn::MulAdd(hn::Mul(r2, r2), hn::Set(d, own_along), hn::Set(d, 1 - own_along));
-    const V scale_b = hn::MulAdd(r2, hn::Set(d, own_across), hn::Set(d, 1 - own_across));
-    const V a = hn::MulAdd(hn::Set(d, ax), dx, hn::Mul(hn::Set(d, ay), dy));
-    const V b = hn::MulSub(hn::Set(d, ax), dy, hn::Mul(hn::Set(d, ay), dx));
-    const V beta_a = hn::Mul(hn::Mul(a, a), hn::Set(d, 1 / along));
-    const V beta_b = hn::Mul(hn::Mul(b, b), hn::Set(d, 1 / across));
-    // At the centre itself both are 0.
-    const V least = hn::Set(d, 1e-12F);
-    const V ratio =
-        hn::Div(hn::Mul(r2, hn::MulAdd(beta_a, scale_b, hn::MulAdd(beta_b, scale_a, least))),
-                hn::Mul(hn::Add(hn::Add(beta_a, beta_b), least), hn::Mul(scale_a, scale_b)));
-    // Towards the horizon the kernel reaches further, but not without end.
-    const float growth = horizon_growth(job_.cutoff);
-    const float box2 = 2 * job_.cutoff * growth * growth;
-    const M boxed = hn::And(hn::Lt(hn::Mul(dx, dx), hn::Set(d, box2 * xx)),
-                            hn::Lt(hn::Mul(dy, dy), hn::Set(d, box2 * yy)));
-    const M seen = hn::And(boxed, hn::Gt(r, hn::Zero(d)));
-    s.beta = hn::IfThenElse(seen, hn::Mul(s.beta, hn::IfThenElse(seen, ratio, one)),
-                            hn::Set(d, __builtin_inff()));
-    s.amplitude = hn::Div(hn::Mul(s.amplitude, hn::Mul(r2, r)),
-                          hn::Sqrt(hn::IfThenElse(seen, hn::Mul(scale_a, scale_b), one)));
   }
 
   /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the

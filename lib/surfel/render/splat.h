@@ -1,7 +1,5 @@
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
 
 // Plain structures that the SIMD files share with the rest: raw numbers only, no Eigen type (its
@@ -58,16 +56,7 @@ static_assert(sizeof(Splat) == 64);
 /// Bits of Splat::tag.
 inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
-/// The horizon of its plane is so near that its kernel differs from the affine one, see
-/// kernel_raster-inl.h.
-inline constexpr std::uint32_t kHorizonTag = 4;
-inline constexpr int kMaterialShift = 3;
-
-/// Such kernels reach further towards the horizon: their box is larger by this factor, up to three
-/// standard deviations of the pixel filter.
-inline float horizon_growth(float cutoff) {
-  return std::clamp(3 / std::sqrt(2 * cutoff), 1.0F, 1.5F);
-}
+inline constexpr int kMaterialShift = 2;
 
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;

@@ -164,8 +164,7 @@ void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& 
   out.y1 = static_cast<std::uint16_t>(band.tiles_y - 1);
   const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
   const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
-  const float growth = std::isfinite(view_.tolerance) ? horizon_growth(view_.cutoff) : 1.0F;
-  const float radius = disc_radius(cluster) * growth;
+  const float radius = disc_radius(cluster);
   const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
   // What reaches near the eye's plane may be seen anywhere.
   if (!view_.orthographic && !(least_z > 0.1F * radius)) return;
@@ -192,7 +191,7 @@ void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& 
   const Eigen::Array2f focal(view_.focal_x, view_.focal_y);
   const Eigen::Array2f middle(view_.center_x, view_.center_y - view_.clip_y0);
   constexpr float kRounding = 0.01F;
-  const float filter = growth * std::sqrt(2 * view_.cutoff * view_.lowpass2) + kRounding;
+  const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + kRounding;
   const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
   const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);
   const Eigen::Array2f last = (focal * (hi + reach) + middle + filter).max(0.0F).min(size - 1);

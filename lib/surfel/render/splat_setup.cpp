@@ -61,8 +61,6 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
   constexpr float kLeastCosine = 0.1F;
   constexpr float kLeastGradientCosine = 1e-3F;
   constexpr float kInvTwoPi = 0.15915494309189535F;
-  /// Kernels nearer than this many of their reaches to their plane's horizon have kHorizonTag.
-  constexpr float kHorizonReaches = 10;
   constexpr float kLeastAmplitude = 1e-30F;
   /// From the eye's plane, in radii: nearer discs may be seen anywhere.
   constexpr float kLeastDistance = 0.01F;
@@ -221,21 +219,10 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     const V depth = kPerspective ? inv_z : hn::Neg(p.z);
     const V depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
     const V depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
-    auto near_horizon = hn::FirstN(d, 0);
-    V box_x = half_x;
-    V box_y = half_y;
-    if (kPerspective && view.tolerance < std::numeric_limits<float>::infinity()) {
-      // How much nearness a kernel loses within its reach.
-      const V drop = hn::MulAdd(hn::Abs(depth_dx), half_x, hn::Mul(hn::Abs(depth_dy), half_y));
-      near_horizon = hn::Gt(hn::Mul(drop, hn::Set(d, kHorizonReaches)), depth);
-      const V growth = hn::IfThenElse(near_horizon, hn::Set(d, horizon_growth(view.cutoff)), one);
-      box_x = hn::Mul(half_x, growth);
-      box_y = hn::Mul(half_y, growth);
-    }
     const Pixels columns =
-        pixels_of(hn::Sub(center_x, box_x), hn::Add(center_x, box_x), view.clip_x0, view.clip_x1);
+        pixels_of(hn::Sub(center_x, half_x), hn::Add(center_x, half_x), view.clip_x0, view.clip_x1);
     const Pixels rows =
-        pixels_of(hn::Sub(center_y, box_y), hn::Add(center_y, box_y), view.clip_y0, view.clip_y1);
+        pixels_of(hn::Sub(center_y, half_y), hn::Add(center_y, half_y), view.clip_y0, view.clip_y1);
     visible = hn::And(visible,
                       hn::And(hn::Le(columns.first, columns.last), hn::Le(rows.first, rows.last)));
     // Edge-on ones would leave fragments without weight.
@@ -269,9 +256,8 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
       return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
     };
     const V diagonal2 = hn::MulAdd(half_x, half_x, hn::Mul(half_y, half_y));
-    const auto tag = hn::Or(
-        flag(near_horizon, kHorizonTag),
-        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag)));
+    const auto tag =
+        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
     hn::Store(tag, du, out.tag + i);
     auto first = visible;
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
