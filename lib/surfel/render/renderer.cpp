@@ -123,7 +123,6 @@ struct Renderer::Impl {
   std::vector<Worker> workers;
   std::optional<SplatLists> surfaces;  ///< Splats that are interpolated.
   std::optional<SplatLists> blended;   ///< Splats of layers that are blended.
-  Array<float> a_buffer;
 
   Impl(const RenderCloud& c, const Scene& s, const RenderOptions& o)
       : cloud(c), scene(s), options(o) {
@@ -195,9 +194,9 @@ struct Renderer::Impl {
 
   LayerRule layer_rule(const Camera& camera) const;
   void rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
-                 const Shader& shader, bool first, bool last, Image& image);
+                 const Shader& shader, Image& image);
   void draw_block(const Band& band, const BlockGrid& grid, std::size_t block, const LayerRule& rule,
-                  bool first, bool last, TileABuffer& tile, Image& image, int w);
+                  TileABuffer& tile, Image& image, int w);
   void draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker, int w);
   void resolve(TileABuffer& tile, const std::vector<BlendedPixel>* behind, Image& image) const;
 };
@@ -309,12 +308,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
 /// Sets up the splats of a block and draws its tiles, in several parts where they are very many.
 /// `tile` says what is the same for all tiles.
 void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::size_t block,
-                                const LayerRule& rule, bool first, bool last, TileABuffer& tile,
-                                Image& image, int w) {
+                                const LayerRule& rule, TileABuffer& tile, Image& image, int w) {
   Worker& worker = workers[w];
   const std::size_t clusters = any_lists().clusters(block);
-  const bool keep = !(first && last);
-  if (keep && !first && !last && clusters == 0) return;
   const std::size_t part = whole_tiles() ? std::max<std::size_t>(1, clusters)
                                          : options.batch / RenderCloud::kClusterSize;
   const int first_x = grid.first_tile_x(block);
@@ -322,27 +318,22 @@ void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::si
   const int tiles_x = std::min(1 << grid.shift, band.tiles_x - first_x);
   const int tiles_y = std::min(1 << grid.shift, band.tiles_y - first_y);
   const bool parts = clusters > part;
-  if (!keep) worker.a_buffer.resize(layout.size() * (parts ? tiles_x * tiles_y : 1));
+  worker.a_buffer.resize(layout.size() * (parts ? tiles_x * tiles_y : 1));
   for (std::size_t begin = 0; begin == 0 || begin < clusters; begin += part) {
     const std::size_t end = std::min(begin + part, clusters);
-    // Parts are of the A-buffer, which has surfaces alone.
-    if (surfaces) surfaces->load(block, begin, blended ? surfaces->clusters(block) : end, w);
+    if (surfaces) surfaces->load(block, begin, end, w);
     if (blended) blended->load(block, 0, blended->clusters(block), w);
     for (int y = 0; y < tiles_y; ++y) {
       for (int x = 0; x < tiles_x; ++x) {
-        const int in_band = (first_y + y) * band.tiles_x + first_x + x;
-        tile.data = keep ? a_buffer.data() + layout.size() * in_band
-                         : worker.a_buffer.data() + layout.size() * (parts ? y * tiles_x + x : 0);
-        if (first && begin == 0) std::fill_n(tile.data, layout.size(), 0.0F);
+        tile.data = worker.a_buffer.data() + layout.size() * (parts ? y * tiles_x + x : 0);
+        if (begin == 0) std::fill_n(tile.data, layout.size(), 0.0F);
         tile.x0 = (first_x + x) * kTileSize;
         tile.y0 = band.y0 + (first_y + y) * kTileSize;
         tile.width = std::min(kTileSize, image.width - tile.x0);
         tile.height = std::min(kTileSize, band.y1 - tile.y0);
         tile.merges = {};
         draw(tile, x, y, rule, worker, w);
-        if (last && end == clusters) {
-          resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
-        }
+        if (end == clusters) resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
         worker.merges.add(tile.merges);
       }
     }
@@ -350,8 +341,7 @@ void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::si
 }
 
 void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
-                               const Shader& shader, bool first, bool last, Image& image) {
-  if (first && !last) a_buffer.resize(layout.size() * band.tiles());
+                               const Shader& shader, Image& image) {
   const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
   parallel_for(grid.blocks(), 1, [&](std::size_t block, std::size_t, int w) {
     TileABuffer tile;
@@ -359,7 +349,7 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Blo
     tile.full_weight = full_weight;
     tile.edge_weight = edge_weight;
     tile.shader = &shader;
-    draw_block(band, grid, block, rule, first, last, tile, image, w);
+    draw_block(band, grid, block, rule, tile, image, w);
   });
 }
 
@@ -398,7 +388,7 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   if (r.blended) r.blended->bin(camera, band, grid, blended);
   stats.stages.add("cull", timer.milliseconds());
   timer.restart();
-  r.rasterize(camera, band, grid, shader, true, true, image);
+  r.rasterize(camera, band, grid, shader, image);
   stats.stages.add("raster", timer.milliseconds());
   MergeStatistics merges;
   PeelStatistics peeled;
