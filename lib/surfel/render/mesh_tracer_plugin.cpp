@@ -88,10 +88,11 @@ std::string device_configuration() {
 #ifdef __SANITIZE_THREAD__
   // The thread sanitizer does not see how Embree's workers synchronise: see base/parallel.cpp.
   return "threads=1";
-#endif
+#else
   const int threads = thread_count();
   const bool all = threads >= static_cast<int>(std::thread::hardware_concurrency());
   return all ? "" : fmt::format("threads={}", threads);
+#endif
 }
 
 class EmbreeTracer final : public MeshTracer {
