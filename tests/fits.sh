@@ -3,15 +3,16 @@
 # build with -DSURFEL_BUILD_BENCH=ON and, for `meshes`, the real data.
 # Usage: tests/fits.sh [section...], the folder of the tools in SURFEL_BIN. Sections:
 #   figure     SS01 figure 6, seconds           quality    checkers on a plane, minutes
-#   stability  where fits may fail, seconds     meshes     real textured meshes, minutes
-#   timing     1 and 4 million surfels, some 10 minutes and 16 GB: on an idle machine
+#   views      far and near, a minute           stability  where fits may fail, seconds
+#   meshes     real textured meshes, minutes    timing     1 and 4 million surfels, some 10 minutes
+#                                                          and 14 GB: on an idle machine
 # All of them if none is named; what is not made again stays as it stands in docs/texture.md.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 tools=${SURFEL_BIN:-$root/build/release/bin}
 data=${SURFEL_TEST_DATA:-$root/../shared/data}
 page=$root/docs/texture.md
-all=(figure quality stability meshes timing)
+all=(figure quality views stability meshes timing)
 fits=(ewa gram render)
 command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install openimageio-tools" >&2; exit 1; }
 work=$(mktemp -d)
@@ -63,6 +64,7 @@ TEXT
 }
 
 quality() { "$tools/fit_table" quality; }
+views() { "$tools/fit_table" views; }
 stability() { "$tools/fit_table" stability; }
 
 # mesh_rows NAME MESH IMAGE FROM: rows of PSNR and seconds for several numbers of surfels and cutoffs.

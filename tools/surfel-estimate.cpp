@@ -9,6 +9,7 @@
 #include <surfel/io/cloud_io.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -43,8 +44,11 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Above 0: all points within that distance instead, scene units")
       ->capture_default_str();
   add_choice(app, "--search", s.estimate.search,
-             {{"flann", SearchMethod::kFlann}, {"flann-approx", SearchMethod::kFlannApproximate}},
-             "flann is exact; flann-approx may miss 1 in 100 neighbours");
+             {{"exact", SearchMethod::kExact},
+              {"flann", SearchMethod::kFlann},
+              {"flann-approx", SearchMethod::kFlannApproximate}},
+             "exact and flann find the same, flann in several times the time; flann-approx misses "
+             "about 1 in 100 neighbours: --verbose and --stats tell how many");
   app.add_flag("--remove-outliers", s.remove_outliers,
                "Remove points that are further from their neighbours than most");
   app.add_option("--outlier-k", s.outliers.neighbors, "Neighbours whose mean distance counts")
@@ -120,6 +124,7 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
                    {"collinear", r.flagged[4]}};
   json["extended"] = r.extended;
   json["mean_neighbors"] = r.mean_neighbors;
+  if (r.search_recall) json["search_recall"] = *r.search_recall;
   json["components"] = r.orientation.components;
   json["flipped"] = r.orientation.flipped;
   json["unknown_normals"] = r.orientation.unknown;
@@ -138,6 +143,10 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
   count(r.outliers, "are outliers: removed");
   count(r.flagged[2] + r.flagged[3] + r.flagged[4],
         "have no plane through their neighbours: they look at the eye");
+  if (r.search_recall) {
+    tool.detail(fmt::format("{}: --search flann-approx found {:.2f} % of the nearest neighbours",
+                            input, 100 * *r.search_recall));
+  }
   count(r.capped, "are far from all others: their splats were cut to the neighbours' spacing");
 }
 
@@ -151,7 +160,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(settings);
     const surfel::Timer timer;
-    const surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     finish(settings, cloud);
     tool.report()["load_ms"] = timer.milliseconds();
 

@@ -10,6 +10,7 @@
 #include <surfel/io/cloud_io.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -80,6 +81,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--cover-target", s.coverage.target,
                  "Of --cover enlarge: share of the surface that a group shall cover, up to 1")
       ->capture_default_str();
+  app.add_option("--most-growth", s.coverage.most_growth,
+                 "Of --cover enlarge-each: most that a radius grows by, times the median of its "
+                 "group, >= 1; discs at creases would stick out of the surface")
+      ->capture_default_str();
   app.add_option("--least-gain", s.coverage.least_gain,
                  "Of --cover duplicate: a splat is added if it newly covers more than this share "
                  "of its disc, between 0 and 1")
@@ -102,6 +107,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--coplanar-color", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
   needs("--cover-target", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
   needs("--fixed-point", s.cover == CoverMethod::kEnlarge, "--cover enlarge");
+  needs("--most-growth", s.cover == CoverMethod::kEnlargeEach, "--cover enlarge-each");
   needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
   needs("--cover", !s.output.empty(), "--output");
   needs("--overlap", !s.output.empty(), "--output");
@@ -166,6 +172,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["points_before"] = r.points_before;
   json["points_added"] = r.points_added;
   json["capped"] = r.capped;
+  json["limited"] = r.limited;
   json["hidden"] = r.hidden;
   json["without_disc"] = r.without_disc;
   json["border_splats"] = r.border_splats;
@@ -174,6 +181,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
     nlohmann::json group = {{"splats", g.splats},
                             {"added", g.added},
                             {"capped", g.capped},
+                            {"limited", g.limited},
                             {"cell_area", g.cell_area},
                             {"covered_area", g.covered_area},
                             {"uncovered_area", g.uncovered_area},
@@ -203,6 +211,10 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   if (grew && r.capped > 0) {
     tool.note(
         fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
+  }
+  if (r.limited > 0) {
+    tool.note(
+        fmt::format("{}: {} splats grow no further than --most-growth allows", s.input, r.limited));
   }
   if (r.without_disc > 0) {
     tool.note(
@@ -243,7 +255,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const surfel::Timer timer;
-    surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     tool.report()["load_ms"] = timer.milliseconds();
     if (settings.print_table) print_table(cloud, settings, tool.report());
     if (settings.output.empty()) return;

@@ -47,6 +47,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
     properties.push_back({{"name", name}, {"type", type}});
   }
   Json out = {{"file", file}, {"kind", "surfels"}, {"count", s.count}, {"properties", properties}};
+  out["coarser_levels"] = cloud.coarser_skipped;
   out["bounds"] = describe(s.bounds);
   out["origin"] = describe(cloud.origin);
   out["spacing"] = describe(s.spacing);

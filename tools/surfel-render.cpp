@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -33,6 +34,7 @@ constexpr std::size_t kPicturesInFlight = 2;
 enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
 enum class Refractions { kScene, kSingle, kMulti };
+enum class Lod { kAuto, kOn, kOff };
 enum class Filter { kEwa, kEwaSource, kCircular, kNone };
 
 struct Settings {
@@ -47,6 +49,8 @@ struct Settings {
   Shading shading = Shading::kPhong;
   Cull cull = Cull::kNone;
   Filter filter = Filter::kEwa;
+  Lod lod = Lod::kAuto;
+  int progressive = 1;
   bool reference = false;
   surfel::ReferenceOptions rays;
   std::optional<std::uint64_t> memory;
@@ -145,6 +149,20 @@ void declare_options(CLI::App& app, Settings& s) {
   add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
              "Leave out surfels that face away: for closed, opaque surfaces");
 
+  app.option_defaults()->group("Level of detail");
+  add_choice(app, "--lod", s.lod, {{"auto", Lod::kAuto}, {"on", Lod::kOn}, {"off", Lod::kOff}},
+             "Use the levels of detail of the file (surfel-lod), so that the time follows the "
+             "pixels, not the surfels; auto: where it has them, with --method abuffer and --filter "
+             "ewa; off: the finest level");
+  app.add_option("--lod-error", s.render.lod_error,
+                 fmt::format("Piece of surface that one surfel may stand for, pixels, 0..1000; "
+                             "default: {:g} --lowpass",
+                             surfel::RenderOptions::kLodError));
+  app.add_option("--progressive", s.progressive,
+                 "Make every picture in that many steps, 1..10, each with half the --lod-error of "
+                 "the one before it, and write each over the last")
+      ->capture_default_str();
+
   app.option_defaults()->group("Truth");
   CLI::Option* reference =
       app.add_flag("--reference", s.reference,
@@ -190,9 +208,36 @@ void declare_options(CLI::App& app, Settings& s) {
            });
 }
 
+/// The levels of detail are wanted, if the file has them.
+bool wants_levels(const Settings& s) {
+  const bool fast = !s.reference && s.mesh.empty() && s.filter != Filter::kEwaSource;
+  if (s.lod != Lod::kAuto) return s.lod == Lod::kOn;
+  return fast && s.render.method == surfel::Method::kABuffer && s.filter == Filter::kEwa;
+}
+
 bool blends_layers(const Settings& s) {
   return s.render.method == surfel::Method::kTransparent ||
          s.render.method == surfel::Method::kTransparentHigh;
+}
+
+/// Levels of detail are of the fast renderer and of surfels without groups.
+void check_levels(const CLI::App& app, const Settings& s) {
+  const auto refuse = [&](bool wrong, const std::string& what) {
+    if (wrong && s.lod == Lod::kOn) {
+      surfel::throw_usage(fmt::format("--lod on has no effect with {}; leave it out", what));
+    }
+  };
+  refuse(s.reference, "--reference");
+  refuse(!s.mesh.empty(), "--mesh");
+  refuse(s.filter == Filter::kEwaSource, "--filter ewa-source");
+  refuse(surfel::columns_of(s.render.method).groups, "methods that need groups");
+  for (const char* option : {"--lod-error", "--progressive"}) {
+    if (app.get_option(option)->count() > 0 && !wants_levels(s)) {
+      surfel::throw_usage(fmt::format(
+          "{} needs levels of detail, which are not used here; leave it out, or see --lod",
+          option));
+    }
+  }
 }
 
 /// Fills in what the library's options hold in other types.
@@ -258,6 +303,12 @@ void check(const Settings& s) {
   std::vector<std::string> problems = s.camera.problems();
   for (const std::string& p : s.render.problems()) problems.push_back(p);
   for (const std::string& p : s.rays.problems()) problems.push_back(p);
+  if (s.progressive < 1 || s.progressive > 10) {
+    problems.push_back(fmt::format("progressive is {}; it must be in 1..10", s.progressive));
+  }
+  if (s.progressive > 1 && s.output == "-") {
+    problems.emplace_back("--progressive writes its steps over one another; give --output a file");
+  }
   if (s.turntable < 0 || s.turntable > 100000) {
     problems.push_back(fmt::format("turntable is {}; it must be in 0..100000", s.turntable));
   }
@@ -291,19 +342,17 @@ Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
   };
 }
 
-/// The renderer of surfels that was asked for.
-Paint surfel_painter(const Settings& s, const surfel::LoadedCloud& loaded,
-                     const surfel::Scene& scene) {
+/// The renderer of surfels that was asked for, with `options` instead of those of the settings.
+Paint surfel_painter(const Settings& s, const surfel::RenderOptions& options,
+                     const surfel::LoadedCloud& loaded, const surfel::Scene& scene) {
   const surfel::RenderCloud& surfels = loaded.surfels();
   if (s.reference) {
     return paint_slowly(
-        std::make_shared<surfel::ReferenceRenderer>(surfels, scene, s.render, s.rays));
+        std::make_shared<surfel::ReferenceRenderer>(surfels, scene, options, s.rays));
   }
   if (s.filter == Filter::kEwaSource) {
-    return paint_slowly(std::make_shared<surfel::SourceEwaRenderer>(surfels, scene, s.render));
+    return paint_slowly(std::make_shared<surfel::SourceEwaRenderer>(surfels, scene, options));
   }
-  surfel::RenderOptions options = s.render;
-  if (loaded.stream()) options.batch = loaded.batch();
   const auto renderer = loaded.stream()
                             ? std::make_shared<surfel::Renderer>(*loaded.stream(), scene, options)
                             : std::make_shared<surfel::Renderer>(surfels, scene, options);
@@ -311,6 +360,19 @@ Paint surfel_painter(const Settings& s, const surfel::LoadedCloud& loaded,
                     const std::function<void(double)>&) {
     return renderer->render(camera, &statistics);
   };
+}
+
+/// The renderers of a picture's steps, coarsest first.
+std::vector<Paint> surfel_steps(const Settings& s, const surfel::LoadedCloud& surfels,
+                                const surfel::Scene& scene) {
+  std::vector<Paint> steps;
+  for (int step = s.progressive - 1; step > 0; --step) {
+    surfel::RenderOptions coarse = s.render;
+    coarse.lod_error = std::min(1000.0, s.render.lod_pixels() * std::exp2(step));
+    steps.push_back(surfel_painter(s, coarse, surfels, scene));
+  }
+  steps.push_back(surfel_painter(s, s.render, surfels, scene));
+  return steps;
 }
 
 /// A mesh with its textures, and its renderer.
@@ -397,13 +459,16 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
 std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool,
                                                   const Settings& s) {
   const std::string name = s.input == "-" ? "standard input" : s.input;
-  auto loaded = std::make_unique<surfel::LoadedCloud>(
-      s.input,
-      surfel::CloudLoadOptions{.columns = surfel::columns_of(s.render.method),
-                               .memory = s.memory,
-                               .may_stream = s.render.method == surfel::Method::kABuffer &&
-                                             !s.reference && s.filter != Filter::kEwaSource,
-                               .batch = s.render.batch});
+  surfel::CloudLoadOptions options{.columns = surfel::columns_of(s.render.method),
+                                   .memory = s.memory,
+                                   .may_stream = s.render.method == surfel::Method::kABuffer &&
+                                                 !s.reference && s.filter != Filter::kEwaSource,
+                                   .batch = s.render.batch};
+  options.columns.levels = wants_levels(s);
+  auto loaded = std::make_unique<surfel::LoadedCloud>(s.input, options);
+  if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {
+    surfel::throw_input(name, "has no levels of detail; run surfel-lod on it");
+  }
   if (loaded->basis_cutoff() && *loaded->basis_cutoff() != s.render.cutoff) {
     tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
                           *loaded->basis_cutoff(), s.render.cutoff));
@@ -441,6 +506,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     finish(s);
     require_effect(tool.app(), s);
+    check_levels(tool.app(), s);
     check(s);
     const surfel::Scene scene = load_scene(s);
 
@@ -448,37 +514,44 @@ int main(int argc, char** argv) {
     const surfel::Timer load;
     std::unique_ptr<surfel::LoadedCloud> loaded;
     if (!s.input.empty()) loaded = load_surfels(tool, s);
+    const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) mesh.emplace(s, scene);
-    const surfel::SceneExtent extent =
-        loaded ? loaded->surfels().extent() : mesh->renderer->extent();
-    const Paint paint = mesh ? paint_slowly(mesh->renderer) : surfel_painter(s, *loaded, scene);
+    const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
+    const std::vector<Paint> steps =
+        mesh ? std::vector{paint_slowly(mesh->renderer)} : surfel_steps(s, *loaded, scene);
     report["load_ms"] = load.milliseconds();
-    report["surfels"] = loaded ? loaded->surfels().size() : 0;
-    report["dropped"] = loaded ? loaded->surfels().dropped().total() : 0;
+    report["surfels"] = surfels ? surfels->size() : 0;
+    report["levels"] = surfels && !surfels->tree().empty() ? surfels->tree().front().level + 1 : 1;
+    report["dropped"] = surfels ? surfels->dropped().total() : 0;
+    report["copies_left_out"] = surfels ? surfels->copies() : 0;
     report["streamed"] = loaded && loaded->stream();
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     const std::vector<surfel::Camera> views = cameras(s, extent);
+    const std::size_t pictures = views.size() * steps.size();
     // Kept apart from the report until all are written: the writer adds to them.
-    std::vector<nlohmann::json> frames(views.size());
-    surfel::ImageQueue queue(views.size() > 1 ? kPicturesInFlight : 0);
-    for (std::size_t i = 0; i < views.size(); ++i) {
+    std::vector<nlohmann::json> frames(pictures);
+    surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
+    for (std::size_t i = 0; i < pictures; ++i) {
+      const std::size_t view = i / steps.size();
+      const std::size_t step = i % steps.size();
       surfel::FrameStatistics frame;
       const auto progress = [&](double share) {
         tool.progress("rendering",
-                      (static_cast<double>(i) + share) / static_cast<double>(views.size()));
+                      (static_cast<double>(i) + share) / static_cast<double>(pictures));
       };
-      surfel::Image image = paint(views[i], frame, progress);
-      warn(tool, s, i, frame);
+      surfel::Image image = steps[step](views[view], frame, progress);
+      warn(tool, s, view, frame);
       frames[i] = to_json(frame);
-      queue.write(std::move(image), is_pattern(s.output) ? picture_name(s.output, i) : s.output,
-                  {.no_clobber = tool.common().no_clobber,
+      // Only the first step must find no file: the others find its.
+      queue.write(std::move(image), is_pattern(s.output) ? picture_name(s.output, view) : s.output,
+                  {.no_clobber = tool.common().no_clobber && step == 0,
                    .metadata = {{"Software", "surfel-render"}},
-                   .world_to_camera = surfel::world_to_camera_matrix(views[i])});
+                   .world_to_camera = surfel::world_to_camera_matrix(views[view])});
       progress(1);
     }
     queue.finish();
-    for (std::size_t i = 0; i < views.size(); ++i) {
+    for (std::size_t i = 0; i < pictures; ++i) {
       frames[i]["encode_ms"] = queue.milliseconds()[i];
     }
     report["frames"] = std::move(frames);

@@ -12,6 +12,7 @@
 #include <surfel/texture/texture_source.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -180,13 +181,22 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
   for (const auto& [stage, ms] : fit.times.stages()) json["stages"][stage] = ms;
   if (!fit.system) return;
   const surfel::SystemReport& system = *fit.system;
-  json["system"] = {{"functions", system.functions},   {"entries", system.entries},
-                    {"lambda", system.lambda},         {"eigen_min", system.eigen_min},
-                    {"eigen_max", system.eigen_max},   {"condition", system.condition()},
-                    {"iterations", system.iterations}, {"residual", system.residual},
-                    {"converged", system.converged},   {"points", system.points},
-                    {"uncovered", system.uncovered},   {"error_ewa", system.error_ewa},
-                    {"error", system.error},           {"min_reach", system.min_reach},
+  json["system"] = {{"functions", system.functions},
+                    {"entries", system.entries},
+                    {"lambda", system.lambda},
+                    {"eigen_min", system.eigen_min},
+                    {"eigen_max", system.eigen_max},
+                    {"condition", system.condition()},
+                    {"iterations", system.iterations},
+                    {"residual", system.residual},
+                    {"converged", system.converged},
+                    {"points", system.points},
+                    {"rough_iterations", system.rough_iterations},
+                    {"uncovered", system.uncovered},
+                    {"unresolved", system.unresolved},
+                    {"error_ewa", system.error_ewa},
+                    {"error", system.error},
+                    {"min_reach", system.min_reach},
                     {"max_reach", system.max_reach}};
   if (system.robust) {
     const surfel::RobustReport& robust = *system.robust;
@@ -251,7 +261,7 @@ int main(int argc, char** argv) {
     check(tool.app(), settings);
     settings.fit.coverage = surfel::coverage_threshold(settings.fit.cutoff);
     surfel::Timer timer;
-    surfel::SurfelCloud cloud = surfel::read_cloud(settings.input);
+    surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());

@@ -29,7 +29,8 @@ struct View {
   int texels;          ///< A spacing.
   double pixels;       ///< A spacing on screen.
   bool reconstructed;  ///< The truth is the texture that the image stands for, c_c, or the sharp
-                       ///< checker. Either is seen through the pixel filter where minified.
+                       ///< checker. Below 5 pixels a spacing, the checker under the pixel filter.
+  double margin = 6;   ///< Of the plane that the picture leaves out on every side, h.
 };
 
 /// The checker at a place in spacings from the plane's corner.
@@ -55,11 +56,11 @@ Image checker_image(const View& view) {
 /// Orthographic, from above, without the plane's border.
 Camera camera_above(const View& view) {
   const double h = 2.0 / view.side;
-  constexpr int kMargin = 6;
   CameraOptions options;
   options.eye = Vec3d(0, 0, 5);
   options.target = Vec3d(0, 0, 0);
-  options.width = options.height = static_cast<int>((view.side - 2 * kMargin) * view.pixels);
+  options.width = options.height =
+      static_cast<int>(std::lround((view.side - 2 * view.margin) * view.pixels));
   options.ortho = options.width * h / view.pixels;
   return make_camera(options, SceneExtent{});
 }
@@ -94,7 +95,7 @@ std::vector<double> truth_of(const View& view, const Camera& camera, const Textu
       const Vec2d on_plane =
           Vec2d(x + 0.5 - camera.center_x, y + 0.5 - camera.center_y) / camera.focal_x;
       const Vec2d p = (on_plane + Vec2d(1, 1)) / h;
-      if (view.pixels <= 1) {
+      if (view.pixels <= 4) {
         truth.push_back(filtered_checker(view, p, cutoff));
       } else if (view.reconstructed) {
         truth.push_back(map.sample({p * view.texels, Eigen::Matrix2d::Identity()}).color.x());
@@ -118,32 +119,40 @@ double psnr(const Image& picture, const std::vector<double>& truth) {
   return -10 * std::log10(sum / static_cast<double>(truth.size()));
 }
 
+/// PSNR of the surfels as the camera sees them.
+double rendered_psnr(const SurfelCloud& cloud, const Camera& camera, double cutoff,
+                     const std::vector<double>& truth) {
+  RenderOptions options;
+  options.lit = false;
+  options.cutoff = cutoff;
+  const RenderCloud surfels(cloud);
+  const Scene scene;
+  return psnr(Renderer(surfels, scene, options).render(camera), truth);
+}
+
+SurfelCloud plane_cloud(int side, double kappa) {
+  GenerateOptions generate;
+  generate.count = static_cast<std::size_t>(side) * side;
+  generate.variance_scale = kappa;
+  return generate_surfels(procedural_scene("plane", 1), generate);
+}
+
 void quality(const View& view) {
   fmt::print("\n{}\n\n| c | sigma/h | ewa | gram | render |\n|---|---|---|---|---|\n", view.title);
   TextureSet textures;
   textures.maps.emplace_back(checker_image(view), WrapMode::kRepeat);
   const Camera camera = camera_above(view);
-  const ProceduralScene plane = procedural_scene("plane", 1);
   for (const double cutoff : {1.0, 2.0, 4.0}) {
     const std::vector<double> truth = truth_of(view, camera, textures.maps[0], cutoff);
     for (const double kappa : {0.5, 0.6, 0.7, 0.85, 1.0}) {
-      GenerateOptions generate;
-      generate.count = static_cast<std::size_t>(view.side) * view.side;
-      generate.variance_scale = kappa;
-      SurfelCloud cloud = generate_surfels(plane, generate);
+      SurfelCloud cloud = plane_cloud(view.side, kappa);
       std::string row = fmt::format("| {:g} | {:g} |", cutoff, kappa);
       for (const TextureFitKind kind : kFits) {
         TextureFitOptions fit;
         fit.kind = kind;
         fit.cutoff = cutoff;
         fit_texture(cloud, textures, fit);
-        RenderOptions options;
-        options.lit = false;
-        options.cutoff = cutoff;
-        const RenderCloud surfels(cloud);
-        const Scene scene;
-        row +=
-            fmt::format(" {:.2f} |", psnr(Renderer(surfels, scene, options).render(camera), truth));
+        row += fmt::format(" {:.2f} |", rendered_psnr(cloud, camera, cutoff, truth));
       }
       fmt::print("{}\n", row);
       std::fflush(stdout);
@@ -175,6 +184,52 @@ void qualities() {
        80, 1.1, 10, 0.5, false});
 }
 
+/// Checkers of several sizes, seen from afar and from near: what render gains and loses.
+void views() {
+  constexpr int kSide = 120;
+  constexpr double kPixels[] = {0.1, 0.3, 1, 4};
+  constexpr double kShown = 80;  ///< Pixels, if the plane is large enough.
+  fmt::print(
+      "## From afar and from near\n\nPSNR of ewa, and by how much render's is higher, at pixels a "
+      "spacing; the truth is the checker under the renderer's pixel filter.\n\n"
+      "| square | c | sigma/h |");
+  for (const double pixels : kPixels) fmt::print(" {:g} |", pixels);
+  fmt::print("\n|---|---|---|---|---|---|---|\n");
+  for (const double square : {1.1, 1.6, 2.2, 4.3, 7.0}) {
+    View view{"", kSide, square, 12, 1, false};
+    TextureSet textures;
+    textures.maps.emplace_back(checker_image(view), WrapMode::kRepeat);
+    for (const double cutoff : {1.0, 2.0}) {
+      std::vector<Camera> cameras;
+      std::vector<std::vector<double>> truths;
+      for (const double pixels : kPixels) {
+        view.pixels = pixels;
+        view.margin = std::max(8.0, (kSide - kShown / pixels) / 2);
+        cameras.push_back(camera_above(view));
+        truths.push_back(truth_of(view, cameras.back(), textures.maps[0], cutoff));
+      }
+      for (const double kappa : {0.7, 1.0}) {
+        SurfelCloud cloud = plane_cloud(kSide, kappa);
+        TextureFitOptions fit;
+        fit.cutoff = cutoff;
+        fit.kind = TextureFitKind::kRender;
+        SurfelCloud fitted = cloud;
+        fit_texture(fitted, textures, fit);
+        fit.kind = TextureFitKind::kEwa;
+        fit_texture(cloud, textures, fit);
+        std::string row = fmt::format("| {:g} | {:g} | {:g} |", square, cutoff, kappa);
+        for (std::size_t i = 0; i < cameras.size(); ++i) {
+          const double ewa = rendered_psnr(cloud, cameras[i], cutoff, truths[i]);
+          const double render = rendered_psnr(fitted, cameras[i], cutoff, truths[i]);
+          row += fmt::format(" {:.1f} {:+.2f} |", ewa, render - ewa);
+        }
+        fmt::print("{}\n", row);
+        std::fflush(stdout);
+      }
+    }
+  }
+}
+
 /// A cloud that asks for trouble.
 struct Trouble {
   std::string name;
@@ -184,13 +239,6 @@ struct Trouble {
 };
 
 constexpr int kTroubleSide = 50;
-
-SurfelCloud plane_cloud(double kappa) {
-  GenerateOptions generate;
-  generate.count = kTroubleSide * kTroubleSide;
-  generate.variance_scale = kappa;
-  return generate_surfels(procedural_scene("plane", 1), generate);
-}
 
 /// The surfels `picked`, in their order.
 SurfelCloud pick(const SurfelCloud& all, const std::vector<std::size_t>& picked) {
@@ -219,9 +267,9 @@ SurfelCloud twice(const SurfelCloud& cloud) {
 std::vector<Trouble> troubles() {
   std::vector<Trouble> list;
   for (const double kappa : {0.3, 0.5, 0.7, 1.0, 1.2, 1.5}) {
-    list.push_back({fmt::format("sigma = {:g} h", kappa), plane_cloud(kappa)});
+    list.push_back({fmt::format("sigma = {:g} h", kappa), plane_cloud(kTroubleSide, kappa)});
   }
-  const SurfelCloud plane = plane_cloud(0.7);
+  const SurfelCloud plane = plane_cloud(kTroubleSide, 0.7);
   list.push_back({"every surfel twice", twice(plane)});
   const auto sheets = [&](const std::string& name, float side) {
     SurfelCloud cloud = twice(plane);
@@ -289,13 +337,8 @@ void stability() {
       }
       std::string quality;
       if (trouble.flat) {
-        RenderOptions options;
-        options.lit = false;
-        const RenderCloud surfels(trouble.cloud);
-        const Scene scene;
-        quality = fmt::format(
-            "{:.1f}",
-            std::min(99.9, psnr(Renderer(surfels, scene, options).render(camera), truth)));
+        quality =
+            fmt::format("{:.1f}", std::min(99.9, rendered_psnr(trouble.cloud, camera, 1, truth)));
       }
       constexpr const char* kNames[] = {"ewa", "gram", "render"};
       fmt::print("| {} | {} | {:.2f} .. {:.2f} {} {} {} | {} |\n", trouble.name,
@@ -308,7 +351,7 @@ void stability() {
 
 }  // namespace
 
-/// Arguments: quality, stability; both if there are none.
+/// Arguments: quality, stability, views; all if there are none.
 int main(int argc, char** argv) {
   const std::vector<std::string> tables(argv + 1, argv + argc);
   const auto wanted = [&](const std::string& table) {
@@ -316,4 +359,5 @@ int main(int argc, char** argv) {
   };
   if (wanted("quality")) qualities();
   if (wanted("stability")) stability();
+  if (wanted("views")) views();
 }

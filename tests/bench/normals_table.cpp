@@ -1,5 +1,5 @@
 // Prints the tables of docs/estimation.md: normals and sizes against the truth, beside PCL's
-// normals on the same points, and the times of both. Usage: normals_table > docs/estimation.md
+// normals on the same points. Usage: normals_table > docs/estimation.md
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,6 @@
 #include <pcl/search/kdtree.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
-#include <surfel/base/timing.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/pcl/conversion.h>
@@ -171,56 +170,10 @@ void accuracy() {
   row("sphere, density 100 : 1", "0", density_jump(), true);
 }
 
-void speed() {
-  fmt::print(
-      "\n## Speed\n\n1 million points of `head`, k = 16, {} threads, best of three, one run. "
-      "PCL: NormalEstimationOMP with its own search tree;\nSurfelkit: everything that "
-      "`surfel-estimate` does between reading and writing.\n\n| order of the points | PCL, normals "
-      "alone | Surfelkit: search, normals | sizes | orientation (outward) "
-      "|\n|---|---|---|---|---|\n",
-      thread_count());
-  Cloud cloud = noisy("head", 1000000, 0.05);
-  for (const bool shuffled : {true, false}) {
-    if (shuffled) {  // Fisher and Yates
-      Array<std::uint32_t> order(cloud.points.size());
-      for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
-      for (std::uint32_t i = static_cast<std::uint32_t>(order.size()) - 1; i > 0; --i) {
-        std::swap(order[i], order[static_cast<std::uint32_t>(random_uniform(3, i) * (i + 1.0))]);
-      }
-      cloud.points = cloud.points.gathered(order);
-    } else {
-      cloud = noisy("head", 1000000, 0.05);
-    }
-    double pcl = 1e30;
-    double normals = 1e30;
-    double sizes = 1e30;
-    double orientation = 1e30;
-    for (int repeat = 0; repeat < 3; ++repeat) {
-      const Timer timer;
-      pcl_normals(cloud.points, 16);
-      pcl = std::min(pcl, timer.milliseconds());
-      EstimateOptions options;
-      options.orientation.method = Orientation::kOutward;
-      EstimateReport report;
-      estimate_surfels(cloud.points, options, &report);
-      double some = 0;
-      for (const auto& [stage, ms] : report.times.stages()) {
-        if (stage == "sizes") sizes = std::min(sizes, ms);
-        if (stage == "orientation") orientation = std::min(orientation, ms);
-        if (stage == "sort" || stage == "neighbors" || stage == "normals") some += ms;
-      }
-      normals = std::min(normals, some);
-    }
-    fmt::print("| {} | {:.2f} s | {:.2f} s | {:.2f} s | {:.2f} s |\n",
-               shuffled ? "random" : "along the surface", pcl / 1000, normals / 1000, sizes / 1000,
-               orientation / 1000);
-  }
-}
-
 }  // namespace
 
 int main() {
   fmt::print("# Estimation: measured\n\nMade by `tests/bench/normals_table`.\n\n");
   accuracy();
-  speed();
+  fmt::print("\nSpeed: `tests/speed.sh neighbors estimate`.\n");
 }

@@ -60,7 +60,7 @@ void ours(const System& system, Preconditioner kind, const std::string& name) {
                     megabytes("VmHWM:") - before));
 }
 
-void spectrum(const SparseMatrix& matrix) {
+void spectrum(const SymmetricMatrix& matrix) {
   Timer timer;
   const InverseFactor factor(matrix, Preconditioner::kSparseInverse);
   const double setup = timer.milliseconds();
@@ -91,12 +91,13 @@ void peers(const System& system) {
   using IncompleteCholesky =
       Eigen::IncompleteCholesky<double, Eigen::Lower, Eigen::AMDOrdering<int>>;
   const auto n = static_cast<Eigen::Index>(system.matrix.rows());
+  const SparseMatrix both = both_triangles(system.matrix);
   Rows matrix(n, n);
   matrix.reserve(static_cast<Eigen::Index>(system.matrix.entries()));
   for (Eigen::Index i = 0; i < n; ++i) {
     matrix.startVec(i);
-    for (std::uint64_t e = system.matrix.row_begin[i]; e < system.matrix.row_begin[i + 1]; ++e) {
-      matrix.insertBack(i, system.matrix.column[e]) = system.matrix.value[e];
+    for (std::uint64_t e = both.row_begin[i]; e < both.row_begin[i + 1]; ++e) {
+      matrix.insertBack(i, both.column[e]) = both.value[e];
     }
   }
   matrix.finalize();
@@ -126,7 +127,7 @@ int main(int argc, char** argv) {
       "{} unknowns in Morton's order, sigma / h = {}, ridge {}, {:.1f} entries a row, {:.0f} "
       "MB, {} threads, to {}\n",
       rows, sigma, ridge, static_cast<double>(system.matrix.entries()) / rows,
-      static_cast<double>(system.matrix.entries()) * 12e-6, thread_count(), kTolerance);
+      static_cast<double>(system.matrix.column.size()) * 12e-6, thread_count(), kTolerance);
   ours(system, Preconditioner::kSparseInverse, "CG, sparse inverse");
   ours(system, Preconditioner::kSparseInverse, "again");
   spectrum(system.matrix);

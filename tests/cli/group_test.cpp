@@ -143,6 +143,8 @@ TEST_F(SurfelGroup, RefusesWhatMakesNoSense) {
                                {"--cover", "most"},
                                {"--least-gain", "0.5"},
                                {"--cover", "enlarge-each", "--cover-target", "0.5"},
+                               {"--cover", "enlarge", "--most-growth", "3"},
+                               {"--cover", "enlarge-each", "--most-growth", "0.5"},
                                {"--cover", "duplicate", "--fixed-point", "9"},
                                {"--cover", "enlarge", "--cover-target", "2"},
                                {"--cover", "duplicate", "--least-gain", "0"}}) {

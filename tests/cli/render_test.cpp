@@ -57,12 +57,14 @@ TEST(Render, EveryRendererSeesTheSamePicture) {
 
 TEST(Render, OptionsWithoutEffectAreRefused) {
   const Square& s = Square::get();
+  const std::string glass = std::string(SURFEL_SOURCE_DIR) + "/configs/scene-glass.toml";
   for (const Words& options :
        {Words{s.surfels, "--reference", "--layers", "2"},
         Words{s.surfels, "--reference", "--kernel", "affine"},
         Words{s.surfels, "--filter", "ewa-source", "--kernel", "auto"},
         Words{s.surfels, "--filter", "circular", "--kernel", "perspective"},
-        Words{s.surfels, "--reference", "--method", "abuffer"}, Words{s.surfels, "--peel", "4"},
+        Words{s.surfels, "--reference", "--method", "abuffer"},
+        Words{s.surfels, "--peel", "4"},
         Words{s.surfels, "--voronoi", "off"},
         Words{s.surfels, "--method", "depth-peel", "--voronoi", "off"},
         Words{s.surfels, "--method", "depth-peel", "--layers", "2"},
@@ -70,9 +72,14 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--method", "transparent", "--lowpass", "2"},
         Words{s.surfels, "--method", "transparent-high", "--layers", "2"},
         Words{s.surfels, "--filter", "ewa-source", "--method", "deferred"},
-        Words{"--mesh", s.mesh, "--method", "depth-peel"}, Words{s.surfels, "--samples", "4"},
-        Words{s.surfels, "--image", "checker"}, Words{s.surfels, "--mesh", s.mesh, "--reference"},
-        Words{"--mesh", s.mesh, "--cutoff", "2"}, Words{}}) {
+        Words{"--mesh", s.mesh, "--method", "depth-peel"},
+        Words{s.surfels, "--samples", "4"},
+        Words{s.surfels, "--image", "checker"},
+        Words{s.surfels, "--mesh", s.mesh, "--reference"},
+        Words{"--mesh", s.mesh, "--cutoff", "2"},
+        Words{s.surfels, "--refraction", "single"},
+        Words{s.surfels, "--scene", glass, "--shading", "none", "--refraction", "single"},
+        Words{}}) {
     Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
     command.insert(command.end(), options.begin(), options.end());
     const RunResult result = run(command);
@@ -109,12 +116,12 @@ TEST(Render, StreamsWhatDoesNotFitIntoMemory) {
   };
   const std::string stats = folder / "stats.json";
   EXPECT_EQ(render("whole.exr", {}).exit_code, 0);
-  EXPECT_EQ(render("streamed.exr", {"--memory", "10M", "--stats", stats}).exit_code, 0);
+  EXPECT_EQ(render("streamed.exr", {"--memory", "12M", "--stats", stats}).exit_code, 0);
   EXPECT_NE(read_text(stats).find("\"streamed\": true"), std::string::npos);
   // Smaller batches: fragments merge at other times.
   EXPECT_GT(image_error(read_image(folder / "whole.exr"), read_image(folder / "streamed.exr")).psnr,
             40);
-  for (const Words& options : {Words{"--memory", "1M"}, Words{"--memory", "10M", "--reference"}}) {
+  for (const Words& options : {Words{"--memory", "1M"}, Words{"--memory", "12M", "--reference"}}) {
     const RunResult result = render("none.png", options);
     EXPECT_EQ(result.exit_code, 1);
     EXPECT_NE(result.errors.find("--memory"), std::string::npos) << result.errors;
@@ -137,6 +144,23 @@ TEST(Render, TurntablePicturesAreThoseOfOneThread) {
     EXPECT_TRUE(read_text(s.folder / ("turn1_" + i + ".png")) ==
                 read_text(s.folder / ("turn3_" + i + ".png")));
   }
+}
+
+TEST(Render, CopiesForGroupsAreDrawnOnceWhereGroupsDoNotMatter) {
+  const Square& s = Square::get();
+  const std::string copies = s.folder / "copies.ply";
+  ASSERT_EQ(run({tool("surfel-group"), s.surfels, "--groups", "4", "--cover", "duplicate", "-o",
+                 copies, "--quiet"})
+                .exit_code,
+            0);
+  const Image expected = s.picture({s.surfels});
+  for (const Words& options : {Words{copies}, Words{copies, "--method", "depth-peel"}}) {
+    EXPECT_GT(image_error(s.picture(options), expected).psnr, 60);
+  }
+  EXPECT_GT(image_error(s.picture({copies, "--reference", "--samples", "2"}),
+                        s.picture({s.surfels, "--reference", "--samples", "2"}))
+                .psnr,
+            60);
 }
 
 }  // namespace

@@ -63,6 +63,8 @@ const std::vector<Usage>& usages() {
       {"surfel-estimate", {"-k", "8", "--orient", "up"}, "surfels", ".ply"},
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-group", {}, "surfels", ".ply"},
+      {"surfel-convert", {"--scale", "2"}, "surfels", ".ply"},
+      {"surfel-lod", {}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},
@@ -346,6 +348,33 @@ TEST(Tools, InterruptedWorkLeavesNoTemporary) {
     }
     EXPECT_EQ(entries(folder / ""), Words{});
   }
+}
+
+TEST(SurfelEstimate, SearchesFindTheSameOrTellHowMuch) {
+  const TemporaryFolder folder;
+  const auto estimated = [&](const std::string& search) {
+    const RunResult result =
+        run({tool("surfel-estimate"), Inputs::get().surfels, "--search", search, "--stats",
+             folder / "stats.json", "--verbose", "-o", folder / "out.ply"});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    const auto stats = nlohmann::json::parse(read_text(folder / "stats.json"));
+    const bool approximate = search == "flann-approx";
+    EXPECT_EQ(stats.contains("search_recall"), approximate);
+    EXPECT_EQ(contains(result.errors, "of the nearest neighbours"), approximate);
+    if (approximate) {
+      EXPECT_GT(stats["search_recall"], 0.9);
+      EXPECT_LE(stats["search_recall"], 1.0);
+    }
+    // The header tells which search it was.
+    const std::string file = read_text(folder / "out.ply");
+    return file.substr(file.find("end_header"));
+  };
+  EXPECT_EQ(estimated("exact"), estimated("flann"));
+  estimated("flann-approx");
+  EXPECT_EQ(run({tool("surfel-estimate"), Inputs::get().surfels, "--search", "grid", "-o",
+                 folder / "out.ply"})
+                .exit_code,
+            2);
 }
 
 TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {

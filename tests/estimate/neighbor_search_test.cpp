@@ -190,6 +190,92 @@ TEST(NeighborSearch, AllPointsNeighborhoodsForAnyNumberOfThreads) {
   set_thread_count(0);
 }
 
+/// All points' neighbourhoods, one by one and all at once, against brute force at some points and
+/// against FLANN at all.
+void expect_same_as_flann(const Points& points, std::size_t k, float radius) {
+  const auto ours = make_neighbor_search(points, SearchMethod::kExact);
+  const auto flann = make_neighbor_search(points, SearchMethod::kFlann);
+  std::vector<std::vector<Neighbor>> expected(points.size());
+  const auto keep = [&](std::size_t i, std::span<const Neighbor> found, int) {
+    expected[i].assign(found.begin(), found.end());
+  };
+  std::atomic<std::size_t> right = 0;
+  const auto compare = [&](std::size_t i, std::span<const Neighbor> found, int) {
+    right += same(found, expected[i]) ? 1 : 0;
+  };
+  flann->for_each_within(radius, 2 * k, keep);
+  ours->for_each_within(radius, 2 * k, compare);
+  EXPECT_EQ(right, points.size()) << "within";
+  right = 0;
+  flann->for_each_nearest(k, keep);
+  ours->for_each_nearest(k, compare);
+  EXPECT_EQ(right, points.size()) << "nearest";
+  std::vector<Neighbor> found;
+  for (std::size_t q = 0; q < 30; ++q) {
+    const std::size_t i = random_bits(13, q) % points.size();
+    ASSERT_TRUE(same(expected[i], brute_force(points, points[i], kNoLimit, k))) << i;
+    ours->nearest(points[i], k, found);
+    ASSERT_TRUE(same(expected[i], found)) << i;
+  }
+}
+
+TEST(ExactSearch, SameAsFlannWhereTheDensityJumps) {
+  Points p;  // A thousand times as many points a unit of area on one half of a plane.
+  for (std::size_t i = 0; i < 12000; ++i) {
+    const float x = uniform(i, 0);
+    if (x >= 0.5F && i % 1000 != 0) continue;
+    p.emplace_back(x, uniform(i, 1), 0.0F);
+  }
+  expect_same_as_flann(p, 16, 0.02F);
+}
+
+TEST(ExactSearch, SameAsFlannFarFromTheOrigin) {
+  // Coordinates of 1e7 units are a unit apart: many coincide, most distances have ties.
+  Points p;
+  for (std::size_t i = 0; i < 5000; ++i) {
+    p.push_back(Vec3f(1e7F, -2e7F, 3e7F) + 40 * Vec3f(uniform(i, 0), uniform(i, 1), 0));
+  }
+  expect_same_as_flann(p, 16, 3);
+}
+
+TEST(ExactSearch, SameAsFlannInAClusterOfAHugeExtent) {
+  // All but a few points share a cell of the Morton grid, and of these all but a few one of its
+  // finer grid.
+  Points p = random_points(3000, 1e-9F);
+  for (const Vec3f& q : random_points(300)) p.push_back(q);
+  p.emplace_back(1e8F, 1e8F, -1e8F);
+  p.emplace_back(-1e8F, 0.0F, 0.0F);
+  expect_same_as_flann(p, 10, 1e-10F);
+}
+
+TEST(ExactSearch, SameAsFlannOnALine) {
+  Points p;
+  for (std::size_t i = 0; i < 3000; ++i) p.push_back(uniform(i / 2, 0) * Vec3f(1, 2, -3));
+  expect_same_as_flann(p, 16, 0.01F);
+}
+
+TEST(ExactSearch, SameAsFlannForManyNeighbors) {
+  expect_same_as_flann(random_points(1200), 150, 0.3F);
+  expect_same_as_flann(clustered_points(1200), 700, 1e-4F);
+}
+
+TEST(NeighborRecall, OfAnExactSearchIsOne) {
+  const Points points = clustered_points(3000);
+  const auto flann = make_neighbor_search(points, SearchMethod::kFlann);
+  EXPECT_EQ(neighbor_recall(points, *flann, 16), 1);
+  EXPECT_EQ(neighbor_recall(points, *flann, 5000), 1);
+  const Points none;
+  EXPECT_EQ(neighbor_recall(none, *make_neighbor_search(none), 16), 1);
+}
+
+TEST(NeighborRecall, TellsWhatAnApproximateSearchMisses) {
+  const Points points = random_points(20000);
+  const auto search = make_neighbor_search(points, SearchMethod::kFlannApproximate);
+  const double recall = neighbor_recall(points, *search, 16);
+  EXPECT_GT(recall, 0.96);
+  EXPECT_LT(recall, 1);
+}
+
 TEST(NeighborSearch, ApproximateFindsMostOfTheNearest) {
   const Points points = random_points(20000);
   const auto exact = make_neighbor_search(points);
@@ -219,7 +305,8 @@ TEST(NeighborLists, AreWhatTheSearchFinds) {
   }
   const auto search = make_neighbor_search(points);
   const NeighborLists lists(*search, points, 12);
-  for (const std::size_t k : {1U, 7U, 12U, 20U}) {
+  // The first pass searches, the others read.
+  for (const std::size_t k : {7U, 1U, 12U, 20U, 7U}) {
     std::vector<std::vector<Neighbor>> expected(points.size());
     search->for_each_nearest(k, [&](std::size_t i, std::span<const Neighbor> near, int) {
       expected[i].assign(near.begin(), near.end());

@@ -107,7 +107,8 @@ TEST(CoverageOptions, DefaultsAreValidAndBadValuesRefused) {
   for (const CoverageOptions& bad :
        {CoverageOptions{.cutoff = 0}, CoverageOptions{.cutoff = nan}, CoverageOptions{.target = 0},
         CoverageOptions{.target = 1.1}, CoverageOptions{.least_gain = 0},
-        CoverageOptions{.least_gain = 1}, CoverageOptions{.fixed_point_iterations = -1}}) {
+        CoverageOptions{.least_gain = 1}, CoverageOptions{.most_growth = 0.5},
+        CoverageOptions{.most_growth = nan}, CoverageOptions{.fixed_point_iterations = -1}}) {
     EXPECT_EQ(bad.problems().size(), 1U);
     EXPECT_THROW(cover_groups(cloud, bad), Error);
   }
@@ -244,6 +245,35 @@ TEST(Coverage, EnlargeReachesItsTargetWithOneFactor) {
     EXPECT_NEAR(cloud.group_radius[i], factor * own, 1e-6 * own * factor);
   }
   EXPECT_LT(uncovered_share(cloud, 0, "sphere", 5000, on_sphere), 0.003);
+}
+
+TEST(Coverage, GrowthIsLimitedAndTheRestReported) {
+  // A grid with one gap: its neighbours would have to grow over it.
+  SurfelCloud plane = grid(20, 0.75F);
+  for (std::size_t i = 0; i < plane.size(); ++i) {
+    const Vec2f from_center = plane.position[i].head<2>() - Vec2f(9.5F, 9.5F);
+    plane.group[i] = from_center.norm() < 3 ? 1 : 0;
+  }
+  const auto cover = [](SurfelCloud cloud, double most_growth, CoverageReport& report) {
+    report = cover_groups(cloud, {.method = CoverMethod::kEnlargeEach, .most_growth = most_growth});
+    return cloud;
+  };
+  CoverageReport free;
+  CoverageReport limited;
+  const SurfelCloud grown = cover(plane, 100, free);
+  const SurfelCloud held = cover(plane, 1.5, limited);
+  EXPECT_EQ(free.limited, 0U);
+  EXPECT_LT(free.uncovered_area, 1e-4 * free.area);
+  EXPECT_GT(free.groups[0].growth_max, 3);
+  EXPECT_GT(limited.groups[0].limited, 0U);
+  EXPECT_EQ(limited.limited, limited.groups[0].limited + limited.groups[1].limited);
+  EXPECT_GT(limited.groups[0].uncovered_area, 1);
+  for (std::size_t i = 0; i < plane.size(); ++i) {
+    if (plane.group[i] != 0) continue;
+    // The median splat of the grid covers its cell as it is.
+    EXPECT_LE(held.group_radius[i], 1.5F * 0.75F * 1.0001F);
+    EXPECT_LE(held.group_radius[i], grown.group_radius[i]);
+  }
 }
 
 TEST(Coverage, EnlargeEachOverlapsLessThanEnlarge) {

@@ -7,6 +7,7 @@
 #include <surfel/io/camera.h>
 #include <surfel/io/scene.h>
 
+#include "support/message_of.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -30,17 +31,6 @@ std::string written(const TemporaryFolder& folder, const std::string& text) {
   const std::string path = folder / "file.toml";
   std::ofstream(path) << text;
   return path;
-}
-
-/// What the call throws, or nothing.
-template <class Call>
-std::string message_of(Call&& call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
 }
 
 TEST(Camera, LooksAlongTheViewWithUpAtTheTop) {

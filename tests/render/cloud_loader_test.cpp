@@ -6,10 +6,12 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/cloud/morton.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/scene.h>
+#include <surfel/lod/hierarchy.h>
 #include <surfel/render/cloud_loader.h>
 #include <surfel/render/cloud_stream.h>
 #include <surfel/render/renderer.h>
@@ -45,6 +47,9 @@ void expect_equal(const RenderCloud& a, const RenderCloud& b) {
   EXPECT_EQ(a.dropped().variance, b.dropped().variance);
   EXPECT_EQ(a.dropped().color, b.dropped().color);
   EXPECT_EQ(a.groups(), b.groups());
+  EXPECT_EQ(a.copies(), b.copies());
+  EXPECT_EQ(a.tree().size(), b.tree().size());
+  EXPECT_EQ(a.first_finest(), b.first_finest());
   EXPECT_EQ(a.mean_deviation(), b.mean_deviation());
   EXPECT_TRUE(a.material == b.material);
   EXPECT_TRUE(a.group == b.group);
@@ -60,6 +65,8 @@ void expect_equal(const RenderCloud& a, const RenderCloud& b) {
     EXPECT_EQ(a.clusters()[i].center, b.clusters()[i].center);
     EXPECT_EQ(a.clusters()[i].radius, b.clusters()[i].radius);
     EXPECT_EQ(a.clusters()[i].cone_cosine, b.clusters()[i].cone_cosine);
+    EXPECT_EQ(a.clusters()[i].half_extent, b.clusters()[i].half_extent);
+    EXPECT_EQ(a.clusters()[i].max_group_radius, b.clusters()[i].max_group_radius);
   }
 }
 
@@ -70,7 +77,8 @@ void expect_same_as_read_cloud(const SurfelCloud& cloud, const RenderColumns& ne
   write_cloud(cloud, path);
   const LoadedCloud loaded(path, {.columns = needed});
   EXPECT_EQ(loaded.stream(), nullptr);
-  expect_equal(loaded.surfels(), RenderCloud(read_cloud(path), needed));
+  expect_equal(loaded.surfels(), RenderCloud(read_cloud(path, {.levels = true}), needed));
+  EXPECT_EQ(loaded.has_levels(), !cloud.tree.empty());
 }
 
 SurfelCloud with_every_column() {
@@ -128,6 +136,24 @@ TEST(LoadedCloud, MovesFarAwayScenesToTheirOrigin) {
   }
 }
 
+TEST(LoadedCloud, LeavesOutCopies) {
+  SurfelCloud cloud = ordered("sphere", 1000);
+  Array<std::uint32_t> order(1200);
+  for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i < 1000 ? i : 3 * (i - 1000);
+  cloud = cloud.gathered(order);
+  cloud.source = order;
+  expect_same_as_read_cloud(cloud);
+  expect_same_as_read_cloud(cloud, {.copies = true});
+  EXPECT_EQ(RenderCloud(cloud).copies(), 200U);
+}
+
+TEST(LoadedCloud, KeepsLevelsOfDetail) {
+  const SurfelCloud levels = build_hierarchy(ordered("torus", 3000), {});
+  ASSERT_FALSE(levels.tree.empty());
+  expect_same_as_read_cloud(levels);
+  expect_same_as_read_cloud(levels, {.levels = true});
+}
+
 TEST(LoadedCloud, LeavesOutWhatCannotBeDrawn) {
   SurfelCloud cloud = ordered("sphere", 2000);
   cloud.alpha.assign(cloud.size(), 0.5F);
@@ -177,7 +203,7 @@ Image picture(Renderer&& renderer, const Camera& camera) { return renderer.rende
 
 class StreamedCloud : public testing::Test {
  protected:
-  static constexpr std::uint64_t kLittle = std::uint64_t{10} << 20;  ///< Bytes.
+  static constexpr std::uint64_t kLittle = std::uint64_t{12} << 20;  ///< Bytes.
   static constexpr std::size_t kCount = 200'000;                     ///< More than fit into it.
 
   static void SetUpTestSuite() {
@@ -197,10 +223,40 @@ class StreamedCloud : public testing::Test {
 TemporaryFolder* StreamedCloud::folder_ = nullptr;
 SurfelCloud* StreamedCloud::cloud_ = nullptr;
 
-TEST_F(StreamedCloud, GivesTheSamePicturesAsInMemory) {
+/// Root of the mean square of the differences.
+double difference(const Image& a, const Image& b) {
+  double squares = 0;
+  for (std::size_t i = 0; i < a.data.size(); ++i) squares += std::pow(a.data[i] - b.data[i], 2);
+  return std::sqrt(squares / static_cast<double>(a.data.size()));
+}
+
+Camera camera_of(const RenderCloud& cloud) {
+  CameraOptions view;
+  view.width = 100;
+  view.height = 90;
+  return make_camera(view, cloud.extent());
+}
+
+/// A stream of one batch, in bands or not, gives the same bytes as memory does.
+TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
+  CloudSource source(*cloud_, 0, "");
+  const RenderCloud whole(*cloud_);
+  const Scene scene;
+  const RenderOptions options{.aovs = true};
+  const Camera camera = camera_of(whole);
+  const Image expected = picture(Renderer(whole, scene, options), camera);
+  for (const std::size_t picture_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
+    const auto stream = CloudStream::make(source, {.batch = kCount, .picture_bytes = picture_bytes});
+    ASSERT_NE(stream, nullptr);
+    EXPECT_TRUE(picture(Renderer(*stream, scene, options), camera).data == expected.data);
+  }
+}
+
+/// Several batches merge fragments in another order, but alike on any number of threads.
+TEST_F(StreamedCloud, DrawsBatchByBatch) {
   const LoadedCloud streamed(path(), {.memory = kLittle});
   ASSERT_NE(streamed.stream(), nullptr);
-  EXPECT_LT(streamed.batch(), kCount / 8);
+  EXPECT_LT(streamed.stream()->batch_clusters() * RenderCloud::kClusterSize, kCount / 8);
   const LoadedCloud whole(path(), {});
   ASSERT_EQ(whole.stream(), nullptr);
   EXPECT_EQ(streamed.surfels().size(), kCount);
@@ -209,19 +265,18 @@ TEST_F(StreamedCloud, GivesTheSamePicturesAsInMemory) {
   EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 4);
 
   const Scene scene;
-  RenderOptions options;
-  options.batch = streamed.batch();
-  options.aovs = true;
-  Renderer of_stream(*streamed.stream(), scene, options);
-  Renderer of_memory(whole.surfels(), scene, options);
-  CameraOptions view;
-  view.width = view.height = 100;
-  for (const Camera& camera : turntable(view, whole.surfels().extent(), 2)) {
-    FrameStatistics statistics;
-    EXPECT_TRUE(of_stream.render(camera, &statistics).data == of_memory.render(camera).data);
-    EXPECT_EQ(statistics.stages.stages()[1].first, "read");
-    EXPECT_GT(statistics.splats, kCount / 2);
+  Renderer renderer(*streamed.stream(), scene, {});
+  const Camera camera = camera_of(whole.surfels());
+  FrameStatistics statistics;
+  const Image image = renderer.render(camera, &statistics);
+  EXPECT_EQ(statistics.stages.stages()[1].first, "read");
+  EXPECT_GT(statistics.splats, kCount / 2);
+  EXPECT_LT(difference(image, picture(Renderer(whole.surfels(), scene, {}), camera)), 0.01);
+  for (const int threads : {1, 3}) {
+    set_thread_count(threads);
+    EXPECT_TRUE(renderer.render(camera).data == image.data) << threads;
   }
+  set_thread_count(0);
 }
 
 TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
@@ -239,16 +294,11 @@ TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
   EXPECT_EQ(streamed.surfels().dropped().variance, whole.dropped().variance);
 
   const Scene scene;
-  RenderOptions options;
-  options.batch = streamed.batch();
-  CameraOptions view;
-  view.width = view.height = 100;
-  const Camera camera = make_camera(view, whole.extent());
-  const Image a = picture(Renderer(*streamed.stream(), scene, options), camera);
-  const Image b = picture(Renderer(whole, scene, options), camera);
-  double squares = 0;  // Clusters are others, so that merged fragments may differ.
-  for (std::size_t i = 0; i < a.data.size(); ++i) squares += std::pow(a.data[i] - b.data[i], 2);
-  EXPECT_LT(std::sqrt(squares / static_cast<double>(a.data.size())), 0.01);
+  const Camera camera = camera_of(whole);
+  // Clusters are others, so that merged fragments may differ.
+  EXPECT_LT(difference(picture(Renderer(*streamed.stream(), scene, {}), camera),
+                       picture(Renderer(whole, scene, {}), camera)),
+            0.01);
 }
 
 TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
@@ -260,7 +310,7 @@ TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
     }
     return std::string("none");
   };
-  EXPECT_NE(message(path(), {.memory = 1000}).find("give 9 MB at least"), std::string::npos);
+  EXPECT_NE(message(path(), {.memory = 1000}).find("give 11 MB at least"), std::string::npos);
   EXPECT_NE(message(path(), {.memory = kLittle, .may_stream = false}).find("--method abuffer"),
             std::string::npos);
   const LoadedCloud streamed(path(), {.memory = kLittle});
@@ -269,9 +319,14 @@ TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
   peeled.method = Method::kDepthPeel;
   EXPECT_THROW(Renderer(*streamed.stream(), scene, peeled), Error);
 
+  const TemporaryFolder folder;
+  SurfelCloud copies = *cloud_;
+  copies.source.assign(kCount, 1);
+  write_cloud(copies, folder / "copies.ply");
+  EXPECT_NE(message(folder / "copies.ply", {.memory = kLittle}).find("copies of splats"),
+            std::string::npos);
   SurfelCloud mixed = *cloud_;
   for (std::size_t i = 0; i < kCount; ++i) mixed.position[i] = cloud_->position[i * 7919 % kCount];
-  const TemporaryFolder folder;
   write_cloud(mixed, folder / "mixed.ply");
   EXPECT_NE(message(folder / "mixed.ply", {.memory = kLittle}).find("close together"),
             std::string::npos);

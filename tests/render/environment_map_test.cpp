@@ -11,6 +11,7 @@
 #include <surfel/sample/procedural_sky.h>
 
 #include "render/environments.h"
+#include "support/message_of.h"
 #include "support/run_tool.h"
 
 namespace surfel::test {
@@ -169,16 +170,6 @@ TEST(EnvironmentMap, DoesNotDependOnThreads) {
   }
   set_thread_count(0);
   EXPECT_EQ(std::memcmp(seen[0].data(), seen[1].data(), seen[0].size() * sizeof(float)), 0);
-}
-
-template <class Call>
-std::string message_of(Call&& call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
 }
 
 TEST(EnvironmentMap, RefusesWhatIsNoLatLongMap) {

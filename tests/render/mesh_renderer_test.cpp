@@ -15,6 +15,8 @@
 namespace surfel {
 namespace {
 
+using test::square_camera;
+
 /// The square [-1, 1]^2 in z = `z`, facing +z, with uv from 0 to `uv`, as two triangles.
 void add_square(TriangleMesh& mesh, float z, std::uint16_t material = 0, float uv = 1,
                 float half = 1) {
@@ -40,17 +42,7 @@ TriangleMesh square(float z = 0, float uv = 1) {
   return mesh;
 }
 
-/// The square [-1, 1]^2 fills the picture exactly, orthographic.
-Camera square_camera(int size) {
-  CameraOptions options;
-  options.eye = Vec3d(0, 0, 4);
-  options.target = Vec3d(0, 0, 0);
-  options.ortho = 2;
-  options.width = options.height = size;
-  return make_camera(options, SceneExtent{});
-}
-
-/// The same in perspective.
+/// The square [-1, 1]^2 fills the picture exactly, in perspective.
 Camera square_perspective(int size) {
   Camera camera = test::camera_at(4, size);
   camera.focal_x = camera.focal_y = 2.0 * size;

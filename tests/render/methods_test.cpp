@@ -10,6 +10,7 @@
 #include <surfel/group/grouping.h>
 #include <surfel/render/ewa_kernel.h>
 
+#include "render/environments.h"
 #include "render/scenes.h"
 
 namespace surfel::test {
@@ -334,16 +335,68 @@ TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
     set_thread_count(0);
     EXPECT_EQ(render_by(method, shuffled(cloud), camera).data, expected.data)
         << static_cast<int>(method);
-    if (method == Method::kABuffer) continue;  // Draws batches upon one another instead.
-    RenderOptions options;
-    // Exact kernels are laid out about their clipped boxes, which bands cut otherwise: they round
-    // otherwise, too.
-    options.kernel = Kernel::kAffine;
-    const Image whole = render_by(method, cloud, camera, options);
-    options.batch = RenderCloud::kClusterSize;
-    EXPECT_EQ(render_by(method, cloud, camera, options).data, whole.data)
-        << static_cast<int>(method);
   }
+}
+
+TEST(Methods, RimsHaveTheirCoverageWhereLayersRunOut) {
+  // Shells within one another: at their rims pixels have up to six surfaces.
+  SurfelCloud shells = fibonacci_sphere(8000, 1);
+  for (const double radius : {0.97, 0.94}) shells = joined(shells, fibonacci_sphere(8000, radius));
+  const Camera camera = camera_at(4, 64, 35);
+  const auto with_layers = [&](int layers) {
+    RenderOptions options;
+    options.layers = layers;
+    return render_by(Method::kABuffer, shells, camera, options);
+  };
+  // Merged pairs taken to be inside their surfaces: 28.6 dB.
+  EXPECT_GT(psnr(with_layers(2), with_layers(16)), 30.5);
+}
+
+/// A glass ball with an environment around.
+Image glass_ball(Method method, const SurfelCloud& cloud) {
+  Material glass;
+  glass.opacity = 0;
+  glass.ior = 1.3F;
+  Scene scene;
+  scene.materials = {glass};
+  scene.environment = direction_environment(64);
+  scene.refraction = Refraction::kMulti;
+  const RenderCloud surfels(cloud, columns_of(method));
+  RenderOptions options;
+  options.method = method;
+  Renderer renderer(surfels, scene, options);
+  return renderer.render(camera_at(4, 64, 35));
+}
+
+TEST(Methods, GlassIsAsSmoothAsPeeledGlass) {
+  const SurfelCloud ball = covered(fibonacci_sphere(2000, 1), 4);
+  const Image expected = glass_ball(Method::kDepthPeel, ball);
+  EXPECT_GT(psnr(glass_ball(Method::kTransparent, ball), expected), 20);
+  EXPECT_GT(psnr(glass_ball(Method::kTransparentHigh, ball), expected), 20);
+}
+
+TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
+  const SurfelCloud plain = with_alpha(grouped(jittered_plane(16, 1, 0.3)), 0.5F);
+  Array<std::uint32_t> order(plain.size());
+  std::iota(order.begin(), order.end(), 0U);
+  for (std::uint32_t i = 0; i < plain.size(); i += 3) order.push_back(i);
+  SurfelCloud copies = plain.gathered(order);
+  copies.source = order;
+  for (std::size_t i = plain.size(); i < copies.size(); ++i) ++copies.group[i];
+  const Camera camera = camera_at(2.2, 64);
+  for (const Method method : kMethods) {
+    const RenderCloud surfels(copies, columns_of(method));
+    const bool blended = method == Method::kTransparent || method == Method::kTransparentHigh;
+    EXPECT_EQ(surfels.copies(), blended ? 0 : copies.size() - plain.size());
+    EXPECT_EQ(surfels.size() + surfels.copies(), copies.size());
+    if (blended || method == Method::kDeferred) continue;
+    const Image expected = render_by(method, plain, camera);
+    EXPECT_EQ(largest_difference(render_by(method, copies, camera), expected), 0);
+    EXPECT_EQ(largest_difference(render_by(method, shuffled(copies), camera), expected), 0);
+  }
+  // What shares its source alone, as scans do whose files mean something else by it, stays.
+  copies.source.assign(copies.size(), 5);
+  EXPECT_EQ(RenderCloud(copies).copies(), copies.size() - plain.size());
 }
 
 TEST(Methods, NumbersOfGroupsDoNotMatter) {

@@ -22,6 +22,16 @@ inline Camera camera_at(double distance, int size, double fov = 40) {
   return make_camera(options, SceneExtent{});
 }
 
+/// Orthographic, looking along -z: the square [-1, 1]^2 in z = 0 fills the picture exactly.
+inline Camera square_camera(int size) {
+  CameraOptions options;
+  options.eye = Vec3d(0, 0, 4);
+  options.target = Vec3d(0, 0, 0);
+  options.ortho = 2;
+  options.width = options.height = size;
+  return make_camera(options, SceneExtent{});
+}
+
 inline void add_surfel(SurfelCloud& cloud, const Vec3f& position, const Vec3f& normal,
                        float variance, float area, const Vec3f& color) {
   cloud.position.push_back(position);

@@ -15,16 +15,6 @@
 namespace surfel::test {
 namespace {
 
-/// Orthographic, looking along -z at the square [-1, 1]^2.
-Camera orthographic(int size) {
-  CameraOptions options;
-  options.eye = Vec3d(0, 0, 4);
-  options.target = Vec3d(0, 0, 0);
-  options.ortho = 2;
-  options.width = options.height = size;
-  return make_camera(options, SceneExtent{});
-}
-
 /// A surface that covers its pixel, of alpha 0 where its material is all that is to be seen.
 Fragment fragment(const Vec3f& normal, float alpha = 1, std::uint32_t material = 0) {
   Fragment f{};
@@ -154,7 +144,7 @@ TEST(Shader, WhatKeepsAllLightVanishesInAFurnace) {
   tinted.roughness = 0.6F;
   for (const Material& material : {mirror(), glass(1.5F), glass(0.8F), tinted}) {
     const Scene scene = scene_of(material, uniform_environment(light));
-    for (const Camera& camera : {orthographic(64), camera_at(3, 64)}) {
+    for (const Camera& camera : {square_camera(64), camera_at(3, 64)}) {
       const Shader shader(&scene, camera, 1);
       for (const double degrees : {0.0, 20.0, 60.0, 89.0, 90.0}) {
         for (const float coverage : {1.0F, 0.3F}) {
@@ -199,9 +189,9 @@ TEST(Renderers, MirrorSphereShowsTheReflectedDirections) {
   const SurfelCloud cloud = fibonacci_sphere(8000, 0.9);
   const RenderCloud surfels(cloud);
   const Scene scene = scene_of(mirror(), direction_environment());
-  const Image fast = Renderer(surfels, scene, {}).render(orthographic(kSize));
+  const Image fast = Renderer(surfels, scene, {}).render(square_camera(kSize));
   const Image truth =
-      ReferenceRenderer(surfels, scene, {}, {.samples = 4}).render(orthographic(kSize));
+      ReferenceRenderer(surfels, scene, {}, {.samples = 4}).render(square_camera(kSize));
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x) {
       const double nx = ((x + 0.5) / kSize * 2 - 1) / 0.9;
@@ -220,7 +210,7 @@ TEST(Renderers, MirrorSphereShowsTheReflectedDirections) {
 
 TEST(Shader, SeesTheRefractedDirectionBehind) {
   Scene scene = scene_of(glass(1.5F), direction_environment());
-  const Shader shader(&scene, orthographic(64));
+  const Shader shader(&scene, square_camera(64));
   for (const double degrees : {0.0, 15.0, 40.0, 70.0}) {
     const Vec3f normal = tilted(degrees);
     const Fragment f = fragment(normal, 0);
@@ -237,14 +227,14 @@ TEST(Shader, SeesTheRefractedDirectionBehind) {
   scene.materials[0].ior.reset();
   EXPECT_LT((direction_of(shader.behind(f, 32, 32, 3)) - Vec3f(0, 0, -1)).norm(), 0.01F);
   const Scene nowhere;
-  EXPECT_TRUE(Shader(&nowhere, orthographic(64)).behind(f, 32, 32, 1).isZero());
+  EXPECT_TRUE(Shader(&nowhere, square_camera(64)).behind(f, 32, 32, 1).isZero());
 }
 
 TEST(Shader, DispersionGivesEachColourItsOwnIor) {
   const Fragment f = fragment(tilted(45), 0);
   const auto behind = [&](float ior, float dispersion) -> Vec3f {
     const Scene scene = scene_of(glass(ior, dispersion), direction_environment());
-    return Shader(&scene, orthographic(64)).behind(f, 32, 32, 1);
+    return Shader(&scene, square_camera(64)).behind(f, 32, 32, 1);
   };
   const Vec3f spread = behind(1.6F, 0.25F);
   EXPECT_EQ(spread.x(), behind(1.6F * 0.875F, 0).x());
@@ -257,7 +247,7 @@ TEST(Shader, LayersAbsorbByEquation11) {
   Material material = glass(1);
   material.absorption = {0, 0.25F, 1};
   const Scene scene = scene_of(material, uniform_environment({1, 1, 1}));
-  const Vec3f seen = Shader(&scene, orthographic(64)).behind(fragment({0, 0, 1}, 0), 9, 9, 3);
+  const Vec3f seen = Shader(&scene, square_camera(64)).behind(fragment({0, 0, 1}, 0), 9, 9, 3);
   EXPECT_LT((seen - Vec3f(1, 0.421875F, 0)).norm(), 1e-5F);
 }
 
@@ -267,7 +257,7 @@ TEST(Shader, TurnsTheEnvironmentAboutTheUpAxis) {
   environment.intensity = 2;
   const Scene scene = scene_of(mirror(), environment);
   // Facing the eye at +z: what the map has at -x has been turned there, and is twice as bright.
-  const Rgba seen = Shader(&scene, orthographic(64)).shade(fragment({0, 0, 1}), 32, 32, 1);
+  const Rgba seen = Shader(&scene, square_camera(64)).shade(fragment({0, 0, 1}), 32, 32, 1);
   EXPECT_LT((direction_of(Vec3f(seen.red, seen.green, seen.blue) / 2) - Vec3f(-1, 0, 0)).norm(),
             0.01F);
 }
@@ -282,7 +272,7 @@ TEST(Shader, RoughnessAndBentNormalsBlur) {
     Material material = mirror();
     material.roughness = roughness;
     const Scene scene = scene_of(material, environment);
-    return Shader(&scene, orthographic(64))
+    return Shader(&scene, square_camera(64))
         .shade(fragment(normal_length * tilted(40)), 32, 32, 1)
         .red;
   };
@@ -302,7 +292,7 @@ TEST(Shader, InvisibleEnvironmentsShowByReflectionAndRefractionOnly) {
   clear.reflectivity = {0, 0, 0};
   for (const auto& [material, alpha] : {std::pair{glass(1.5F), 1.0F}, {clear, 0.0F}}) {
     const Scene scene = scene_of(material, environment);
-    const Shader shader(&scene, orthographic(64), 1);
+    const Shader shader(&scene, square_camera(64), 1);
     const Fragment f = fragment({0, 0, 1}, 0);
     Rgba color = shader.shade(f, 32, 32, 1);
     SeenThrough surfaces;
@@ -372,7 +362,7 @@ TEST(Renderers, EnvironmentsDoNotDependOnThreads) {
 TEST(Shader, WantsTheEnvironmentLoaded) {
   Scene scene;
   scene.environment = Environment{.image = "map.exr"};
-  EXPECT_THROW(Shader(&scene, orthographic(8)), Error);
+  EXPECT_THROW(Shader(&scene, square_camera(8)), Error);
 }
 
 }  // namespace

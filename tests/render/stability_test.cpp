@@ -139,6 +139,40 @@ TEST(Stability, CoincidentSurfelsAreOneSurface) {
   }
 }
 
+TEST(Stability, GrazingHillsLeaveNoHolesWithFewLayers) {
+  // Many surfels in a pixel, hills behind hills: a crest is deeper within its pixel than epsilon.
+  SurfelCloud cloud = jittered_plane(300, 1, 0.35);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    Vec3f& p = cloud.position[i];
+    p.z() = 0.03F * std::sin(40 * p.y()) * std::cos(5 * p.x());
+    cloud.normal[i] = Vec3f(0.15F * std::sin(40 * p.y()) * std::sin(5 * p.x()),
+                            -1.2F * std::cos(40 * p.y()) * std::cos(5 * p.x()), 1)
+                          .normalized();
+  }
+  CameraOptions view;
+  view.eye = Vec3d(0, -5, 1.2);
+  view.target = Vec3d(0, 0, 0);
+  view.up = Vec3d(0, 0, 1);
+  view.fov = 30;
+  view.width = view.height = 64;
+  const Camera camera = make_camera(view, SceneExtent{});
+  RenderOptions many;
+  many.layers = 32;
+  const Image truth = render_unlit(cloud, camera, many);
+  const Image image = render_unlit(cloud, camera);
+  int solid = 0;
+  int holes = 0;
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      if (truth.pixel(x, y)[3] < 0.99F) continue;
+      ++solid;
+      holes += image.pixel(x, y)[3] < 0.9F ? 1 : 0;
+    }
+  }
+  EXPECT_GT(solid, 200);
+  EXPECT_LE(holes, 3);  // 28 to 88 where slabs are not joined.
+}
+
 TEST(Stability, SingleRowAndColumnPictures) {
   const SurfelCloud cloud = fibonacci_sphere(2000, 1);
   for (const auto& [w, h] : {std::pair{1, 1}, {1, 300}, {300, 1}, {17, 33}}) {

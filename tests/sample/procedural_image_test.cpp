@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/io/lat_long.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/sample/procedural_sky.h>
 
@@ -87,6 +88,36 @@ TEST(ProceduralSky, IsBrightAboveAndCheckeredBelow) {
   EXPECT_NE(procedural_sky_radiance({0.25, -1, 0.25}), procedural_sky_radiance({0.75, -1, 0.25}));
   EXPECT_EQ(procedural_sky_radiance({0.25, -1, 0.25}), procedural_sky_radiance({0.5, -2, 0.5}));
   EXPECT_THROW(procedural_sky(64, 64), Error);
+}
+
+TEST(ProceduralSky, PixelsAreMeansOfATentTwoPixelsWide) {
+  constexpr int kHeight = 256;
+  constexpr int kStep = 5;  // Not all pixels, for the time it takes.
+  constexpr int kPoints = 16;
+  const Image sky = procedural_sky(2 * kHeight, kHeight);
+  double sum = 0;
+  int count = 0;
+  for (int y = 0; y < kHeight; y += kStep) {
+    for (int x = y % 3; x < 2 * kHeight; x += kStep, ++count) {
+      Vec3d mean(0, 0, 0);
+      double total = 0;
+      for (int i = 0; i < kPoints * kPoints; ++i) {
+        const double dx = 2 * (i % kPoints + 0.5) / kPoints - 1;
+        const double dy = 2 * (i / kPoints + 0.5) / kPoints - 1;
+        const double w = (1 - std::abs(dx)) * (1 - std::abs(dy));
+        mean += w * procedural_sky_radiance(lat_long_direction((x + 0.5 + dx) / (2 * kHeight),
+                                                               (y + 0.5 + dy) / kHeight))
+                        .cast<double>();
+        total += w;
+      }
+      mean /= total;
+      const Vec3d pixel = Eigen::Map<const Vec3f>(sky.pixel(x, y)).cast<double>();
+      // Few points see an edge, or the far squares of the floor, a little differently.
+      EXPECT_LT((pixel - mean).norm(), 0.1 + 0.15 * mean.norm()) << x << ' ' << y;
+      sum += (pixel - mean).norm();
+    }
+  }
+  EXPECT_LT(sum / count, 0.01);
 }
 
 }  // namespace

@@ -85,12 +85,12 @@ TEST_P(ConjugateGradients, ZeroRightHandSide) {
 }
 
 TEST_P(ConjugateGradients, NoneAndOneUnknown) {
-  SparseMatrix none;
+  SymmetricMatrix none;
   none.row_begin.push_back(0);
   Array<Channels> x;
   EXPECT_TRUE(conjugate_gradients(none, {}, InverseFactor(none, GetParam()), x).converged);
 
-  const SparseMatrix one = sparse(Eigen::MatrixXd::Constant(1, 1, 4.0));
+  const SymmetricMatrix one = sparse(Eigen::MatrixXd::Constant(1, 1, 4.0));
   const Array<Channels> b(1, Channels(8, 0, -4, 1));
   x = zeros(1);
   EXPECT_TRUE(conjugate_gradients(one, b, InverseFactor(one, GetParam()), x, precise()).converged);
@@ -100,7 +100,7 @@ TEST_P(ConjugateGradients, NoneAndOneUnknown) {
 TEST_P(ConjugateGradients, ReportsIndefiniteMatrices) {
   Eigen::MatrixXd matrix = dense(gaussian_gram(10, 0.7).matrix);
   matrix.diagonal().array() -= 0.5;
-  const SparseMatrix indefinite = sparse(matrix);
+  const SymmetricMatrix indefinite = sparse(matrix);
   Array<Channels> b(100);
   for (std::size_t i = 0; i < b.size(); ++i) b[i].setConstant(random_uniform(3, i) - 0.5);
   for (const bool bounded : {false, true}) {
@@ -186,7 +186,7 @@ TEST_P(ConjugateGradients, BoundedMinimumOfSmallProblems) {
     }
     const Eigen::MatrixXd a =
         root * root.transpose() + 0.01 * Eigen::MatrixXd::Identity(kSize, kSize);
-    const SparseMatrix matrix = sparse(a);
+    const SymmetricMatrix matrix = sparse(a);
     Array<Channels> b(kSize);
     for (int i = 0; i < kSize; ++i) b[i] = rhs.row(i).transpose();
     Array<Channels> x = zeros(kSize);

@@ -28,7 +28,7 @@ TEST(DirectSolve, RejectsIndefiniteMatrices) {
 }
 
 TEST(DirectSolve, NoUnknowns) {
-  SparseMatrix none;
+  SymmetricMatrix none;
   none.row_begin.push_back(0);
   EXPECT_TRUE(direct_solve(none, {}).empty());
 }

@@ -8,7 +8,7 @@ namespace {
 
 using namespace surfel::test;
 
-Spectrum estimate(const SparseMatrix& matrix) {
+Spectrum estimate(const SymmetricMatrix& matrix) {
   return estimate_spectrum(matrix, InverseFactor(matrix, Preconditioner::kSparseInverse));
 }
 
@@ -35,7 +35,7 @@ TEST(Spectrum, FindsNegativeEigenvalues) {
 }
 
 TEST(Spectrum, SmallMatrices) {
-  SparseMatrix none;
+  SymmetricMatrix none;
   none.row_begin.push_back(0);
   EXPECT_EQ(estimate(none).max, 0);
   const Spectrum one = estimate(sparse(Eigen::MatrixXd::Constant(1, 1, 3.0)));

@@ -7,13 +7,13 @@
 #include <vector>
 
 #include <surfel/base/random.h>
-#include <surfel/solve/sparse_matrix.h>
+#include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel::test {
 
 /// A x = b.
 struct System {
-  SparseMatrix matrix;
+  SymmetricMatrix matrix;
   Array<Channels> b;
 };
 
@@ -52,7 +52,6 @@ inline System gaussian_gram(int side, double sigma, double ridge = 0, double jit
   const double cut = 6 * std::sqrt(2.0) * sigma;
   const int reach = static_cast<int>(std::ceil(cut + 1));
   System system;
-  system.matrix.columns = n;
   system.matrix.row_begin.push_back(0);
   std::vector<std::pair<std::uint32_t, double>> row;
   for (std::size_t i = 0; i < n; ++i) {
@@ -65,7 +64,7 @@ inline System gaussian_gram(int side, double sigma, double ridge = 0, double jit
         const std::size_t cell = cell_at(x, y);
         const std::uint32_t j = index[cell];
         const double squared = (point[i] - point[j]).squaredNorm();
-        if (squared <= cut * cut) {
+        if (j <= i && squared <= cut * cut) {
           row.emplace_back(j, std::exp(-squared / (4 * sigma * sigma)) + (j == i ? ridge : 0));
         }
         const double kernel =
@@ -84,22 +83,22 @@ inline System gaussian_gram(int side, double sigma, double ridge = 0, double jit
   return system;
 }
 
-inline Eigen::MatrixXd dense(const SparseMatrix& matrix) {
-  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(matrix.rows(), matrix.columns);
+inline Eigen::MatrixXd dense(const SymmetricMatrix& matrix) {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(matrix.rows(), matrix.rows());
   for (std::size_t i = 0; i < matrix.rows(); ++i) {
     for (std::uint64_t e = matrix.row_begin[i]; e < matrix.row_begin[i + 1]; ++e) {
-      result(i, matrix.column[e]) = matrix.value[e];
+      result(i, matrix.column[e]) = result(matrix.column[e], i) = matrix.value[e];
     }
   }
   return result;
 }
 
-inline SparseMatrix sparse(const Eigen::MatrixXd& matrix) {
-  SparseMatrix result;
-  result.columns = matrix.cols();
+/// \param matrix  symmetric.
+inline SymmetricMatrix sparse(const Eigen::MatrixXd& matrix) {
+  SymmetricMatrix result;
   result.row_begin.push_back(0);
   for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-    for (Eigen::Index j = 0; j < matrix.cols(); ++j) {
+    for (Eigen::Index j = 0; j <= i; ++j) {
       if (matrix(i, j) == 0 && i != j) continue;
       result.column.push_back(static_cast<std::uint32_t>(j));
       result.value.push_back(matrix(i, j));

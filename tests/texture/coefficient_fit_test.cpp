@@ -291,6 +291,34 @@ TEST(CoefficientFit, OddCloudsStayFiniteAndBounded) {
   }
 }
 
+TEST(CoefficientFit, SurfelsWithoutUvLeaveTheGramSystem) {
+  TextureSet textures = one_map(noise_image(32, 32, 5));
+  SurfelCloud cloud = grid(20, 0.7);
+  Array<std::uint32_t> with_uv;
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    if (k % 10 == 0) {
+      cloud.uv[k].x() = std::numeric_limits<float>::quiet_NaN();
+    } else {
+      with_uv.push_back(static_cast<std::uint32_t>(k));
+    }
+  }
+  SurfelCloud others = cloud.gathered(with_uv);
+  SurfelCloud ewa = cloud;
+  fit_texture(ewa, textures, {});
+  TextureFitOptions options = fit_of(TextureFitKind::kGram);
+  options.tolerance = 1e-10;
+  const TextureFitReport report = fit_texture(cloud, textures, options);
+  EXPECT_EQ(report.without_uv, 40U);
+  EXPECT_EQ(report.system->functions, with_uv.size());
+  fit_texture(others, textures, options);
+  for (std::size_t i = 0; i < with_uv.size(); ++i) {
+    ASSERT_LT((cloud.coefficient[with_uv[i]] - others.coefficient[i]).norm(), 1e-5F);
+  }
+  for (std::size_t k = 0; k < cloud.size(); k += 10) {
+    EXPECT_EQ(cloud.coefficient[k], ewa.coefficient[k]);
+  }
+}
+
 TEST(CoefficientFit, SameForAnyNumberOfThreads) {
   TextureSet textures = one_map(noise_image(32, 32, 5));
   for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {

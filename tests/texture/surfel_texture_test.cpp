@@ -162,6 +162,19 @@ TEST_F(SurfelTexture, ReportsRobustFitsAndRefinedVariances) {
   EXPECT_FALSE(system({"--solver", "ceres"}).contains("robust"));
 }
 
+TEST_F(SurfelTexture, OptionsOfTheRenderFitAreRefusedWithoutIt) {
+  for (const char* fit : {"ewa", "gram"}) {
+    for (const auto& [option, value] : {std::pair{"--cutoff", "2"}, {"--points", "4"}}) {
+      const RunResult result =
+          texture({surfels_, "-o", output_, "--image", image_, "--fit", fit, option, value});
+      EXPECT_EQ(result.exit_code, 2) << fit << option;
+      EXPECT_NE(result.errors.find(std::string(option) + " has no effect"), std::string::npos)
+          << result.errors;
+      EXPECT_FALSE(std::filesystem::exists(output_));
+    }
+  }
+}
+
 TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {
   const std::string damaged = folder_ / "damaged.png";
   write_text(damaged, "\x89PNG\r\n\x1a\n and then nothing");

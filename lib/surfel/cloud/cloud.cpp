@@ -1,3 +1,4 @@
+#include <cmath>
 #include <cstring>
 
 #include <surfel/base/error.h>
@@ -9,7 +10,34 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 16;
 
+/// A coordinate this many extents away from zero loses two bits or more of the extent's in float.
+constexpr double kFar = 4;
+
+/// Where to put the origin on one axis, given the range there and the extent of all axes: zero
+/// unless the range lies far away. It is a multiple of a power of two of about the extent, so that
+/// float coordinates minus it are exact: they are multiples of their spacing, which is finer than
+/// the origin's, and the difference is smaller than they are.
+double choose_origin(double min, double max, double extent) {
+  const double center = min / 2 + max / 2;
+  if (!(std::abs(center) > kFar * extent)) return 0;
+  if (extent == 0) {  // All in one place: only what float cannot hold is left to the offset.
+    const auto nearest = static_cast<double>(static_cast<float>(center));
+    return nearest == center ? 0 : nearest;
+  }
+  const double step = std::exp2(std::ceil(std::log2(extent)));
+  return std::round(center / step) * step;
+}
+
 }  // namespace
+
+Vec3d float_origin(const Bounds& box) {
+  const double extent = (box.max - box.min).cwiseMax(0).norm();
+  Vec3d origin;
+  for (int axis = 0; axis < 3; ++axis) {
+    origin[axis] = choose_origin(box.min[axis], box.max[axis], extent);
+  }
+  return origin;
+}
 
 const Array<Vec3f>* SurfelCloud::render_color() const {
   if (!coefficient.empty()) return &coefficient;
@@ -93,6 +121,9 @@ void SurfelCloud::check_columns(const std::string& name) const {
                             std::to_string(size()) + ")");
     }
   });
+  if (const std::string problem = tree_problem(tree, size()); !problem.empty()) {
+    throw_input(name, "its levels of detail are broken: " + problem + "; run surfel-lod again");
+  }
   for (const ExtraProperty& property : extra) {
     if (property.data.size() != size() * scalar_size(property.type)) {
       throw_input(name, "column " + property.name + " has the wrong length");

@@ -9,6 +9,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/cloud/cluster_tree.h>
 
 namespace surfel {
 
@@ -28,6 +29,31 @@ enum class ScalarType : std::uint8_t {
 constexpr std::size_t scalar_size(ScalarType type) {
   constexpr std::size_t kSizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
   return kSizes[static_cast<std::size_t>(type)];
+}
+
+/// Calls visit(T{}) with the C++ type, so that a loop is specialised once per column, not per
+/// value.
+template <class Visit>
+decltype(auto) visit_type(ScalarType type, Visit&& visit) {
+  switch (type) {
+    case ScalarType::kInt8:
+      return visit(std::int8_t{});
+    case ScalarType::kUint8:
+      return visit(std::uint8_t{});
+    case ScalarType::kInt16:
+      return visit(std::int16_t{});
+    case ScalarType::kUint16:
+      return visit(std::uint16_t{});
+    case ScalarType::kInt32:
+      return visit(std::int32_t{});
+    case ScalarType::kUint32:
+      return visit(std::uint32_t{});
+    case ScalarType::kFloat32:
+      return visit(float{});
+    case ScalarType::kFloat64:
+      break;
+  }
+  return visit(double{});
 }
 
 /// A column that this library gives no meaning to; tools carry it through unchanged.
@@ -61,6 +87,11 @@ struct Bounds {
   double diagonal() const { return empty() ? 0 : (max - min).norm(); }
 };
 
+/// Where to put the origin of a cloud that fills the box, so that float offsets from it are as
+/// precise as can be: (0, 0, 0) unless the box lies far from it for its size. Where coordinates are
+/// floats themselves the offsets are exact.
+SURFEL_API Vec3d float_origin(const Bounds& box);
+
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
 /// there, every other column either is empty (the attribute is absent) or has size() values.
 /// design.md section 2 lists the columns' meaning; colours here are linear light.
@@ -90,15 +121,23 @@ struct SURFEL_API SurfelCloud {
   Array<std::uint32_t> source;    ///< Splats duplicated from one another share it.
   Array<std::uint8_t> level;      ///< Level of detail, 0 = finest.
   std::vector<ExtraProperty> extra;
+  /// Levels of detail (surfel-lod); empty where there is one level only. It fits the order of the
+  /// surfels: what changes that drops it, as gathered() does.
+  ClusterTree tree;
 
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
   std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
   std::vector<std::string> comments;    ///< The file's other comments.
   std::optional<Viewpoint> viewpoint;
+  /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
+  std::size_t coarser_skipped = 0;
 
   std::size_t size() const { return position.size(); }
   bool empty() const { return position.empty(); }
   bool anisotropic() const { return !tangent.empty(); }
+  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
+  /// into saturation.
+  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
   /// Column of linear colours to render: `coefficient`, else `color`, else null.
   const Array<Vec3f>* render_color() const;
 

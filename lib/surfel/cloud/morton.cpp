@@ -42,11 +42,10 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
   return order;
 }
 
-/// The order of n points, at(i) each.
+/// The grid around the finite ones of n points, at(i) each.
 template <class At>
-Array<std::uint32_t> order_of(std::size_t n, const At& at) {
-  const std::size_t blocks = (n + kGrain - 1) / kGrain;
-  std::vector<std::pair<Vec3f, Vec3f>> partial(blocks);
+MortonGrid grid_around(std::size_t n, const At& at) {
+  std::vector<std::pair<Vec3f, Vec3f>> partial((n + kGrain - 1) / kGrain);
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
     Vec3f lo = Vec3f::Constant(kInf);
     Vec3f hi = -lo;
@@ -64,13 +63,17 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at) {
     lo = lo.cwiseMin(l);
     hi = hi.cwiseMax(h);
   }
-  return order_of(n, at, MortonGrid(lo, hi));
+  return {lo, hi};
 }
 
 }  // namespace
 
+MortonGrid morton_grid(std::span<const Vec3f> position) {
+  return grid_around(position.size(), [&](std::size_t i) { return position[i]; });
+}
+
 Array<std::uint32_t> morton_order(const Array<Vec3f>& position) {
-  return order_of(position.size(), [&](std::size_t i) { return position[i]; });
+  return morton_order(position, morton_grid(position));
 }
 
 Array<std::uint32_t> morton_order(const Array<Vec3f>& position, const MortonGrid& grid) {
@@ -79,14 +82,16 @@ Array<std::uint32_t> morton_order(const Array<Vec3f>& position, const MortonGrid
 }
 
 Array<std::uint32_t> column_morton_order(const PointColumns& points) {
-  return order_of(points.count,
-                  [&](std::size_t i) { return Vec3f(points.x[i], points.y[i], points.z[i]); });
+  const auto at = [&](std::size_t i) { return Vec3f(points.x[i], points.y[i], points.z[i]); };
+  return order_of(points.count, at, grid_around(points.count, at));
 }
 
-MortonGrid::MortonGrid(const Vec3f& min, const Vec3f& max) : low_(min.cast<double>()) {
+MortonGrid::MortonGrid(const Vec3f& min, const Vec3f& max) {
+  if (!(min.x() <= max.x())) return;
   // Double, as the extent of finite floats may exceed the largest float.
-  const double extent = (max.cast<double>() - low_).maxCoeff();
-  if (extent > 0) scale_ = 0x1fffff / extent;
+  low = min.cast<double>();
+  const double extent = (max.cast<double>() - low).maxCoeff();
+  if (extent > 0) cells_per_unit = 0x1fffff / extent;
 }
 
 bool MortonGrid::in_order(const PointColumns& points) const {
@@ -104,7 +109,7 @@ bool MortonGrid::in_order(const PointColumns& points) const {
         const float* from = column[axis] + first;
         for (std::size_t i = 0; i <= n; ++i) {
           cells[axis][i] =
-              static_cast<std::int32_t>((static_cast<double>(from[i]) - low_[axis]) * scale_);
+              static_cast<std::int32_t>((static_cast<double>(from[i]) - low[axis]) * cells_per_unit);
         }
       }
       for (std::size_t i = 0; i < n; ++i) {

@@ -14,14 +14,15 @@ namespace {
 /// Neighbourhoods of the normals are kept up to this size.
 constexpr int kMostShared = 64;
 
-/// Indices of the points of `order` that `keep` says yes to.
-template <class Keep>
-Array<std::uint32_t> filtered(const Array<std::uint32_t>& order, Keep keep) {
-  Array<std::uint32_t> out;
-  out.reserve(order.size());
-  for (const std::uint32_t i : order) {
-    if (keep(i)) out.push_back(i);
-  }
+constexpr std::size_t kGrain = 1 << 14;
+
+/// Values of points order[0], order[1], ...
+template <class T>
+Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
+  Array<T> out(order.size());
+  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) out[i] = values[order[i]];
+  });
   return out;
 }
 
@@ -30,7 +31,9 @@ Array<std::uint32_t> filtered(const Array<std::uint32_t>& order, Keep keep) {
 template <class T>
 Array<T> in_file_order(const Array<T>& values, const Array<std::uint32_t>& rank) {
   Array<T> out(values.size());
-  for (std::size_t i = 0; i < values.size(); ++i) out[rank[i]] = values[i];
+  parallel_for(values.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) out[rank[i]] = values[i];
+  });
   return out;
 }
 
@@ -70,13 +73,15 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     timer.restart();
   };
 
-  // Along a space-filling curve neighbours are near in memory, too.
-  Array<std::uint32_t> order = filtered(
-      morton_order(cloud.position), [&](std::uint32_t i) { return cloud.position[i].allFinite(); });
+  // Along a space-filling curve neighbours are near in memory, too. Points that are not finite come
+  // last.
+  Array<std::uint32_t> order = morton_order(cloud.position);
+  const auto finite = std::partition_point(
+      order.begin(), order.end(), [&](std::uint32_t i) { return cloud.position[i].allFinite(); });
+  order.erase(finite, order.end());
   r.nonfinite = cloud.size() - order.size();
   if (order.empty()) throw_input(name, "there is no point with finite coordinates");
-  Array<Vec3f> position(order.size());
-  for (std::size_t i = 0; i < order.size(); ++i) position[i] = cloud.position[order[i]];
+  Array<Vec3f> position = gathered(cloud.position, order);
   lap("sort");
   if (options.outliers) {
     const Array<std::uint8_t> inlier = inliers(position, *options.outliers);
@@ -102,17 +107,16 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     shared = std::max(shared, static_cast<std::size_t>(std::min(options.normals.k, kMostShared)));
   }
   const NeighborLists search(*tree, position, shared);
-  lap("neighbors");
+  lap("search tree");
   NormalEstimate normals = estimate_normals(position, search, options.normals);
   r.flagged = normals.flagged;
   r.extended = normals.extended;
   r.mean_neighbors = std::accumulate(normals.neighbors.begin(), normals.neighbors.end(), 0.0) /
                      static_cast<double>(order.size());
-  lap("normals");
+  lap("neighbors and normals");
   Array<Vec3f> previous;
-  if (!cloud.normal.empty()) {
-    previous.resize(order.size());
-    for (std::size_t i = 0; i < order.size(); ++i) previous[i] = cloud.normal[order[i]];
+  if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
+    previous = gathered(cloud.normal, order);
   }
   r.orientation =
       orient_normals(position, cloud.origin, search, previous, options.orientation, normals.normal);
@@ -126,14 +130,17 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   lap("sizes");
 
   // Back to the order of the file.
-  Array<std::uint32_t> by_file = order;
-  std::sort(by_file.begin(), by_file.end());
+  Array<std::uint8_t> kept;
+  kept.assign(cloud.size(), 0);
+  for (const std::uint32_t i : order) kept[i] = 1;
+  Array<std::uint32_t> by_file;
+  by_file.reserve(order.size());
   Array<std::uint32_t> place(cloud.size());
-  for (std::size_t i = 0; i < by_file.size(); ++i) {
-    place[by_file[i]] = static_cast<std::uint32_t>(i);
+  for (std::uint32_t i = 0; i < cloud.size(); ++i) {
+    place[i] = static_cast<std::uint32_t>(by_file.size());
+    if (kept[i] != 0) by_file.push_back(i);
   }
-  Array<std::uint32_t> rank(order.size());
-  for (std::size_t i = 0; i < order.size(); ++i) rank[i] = place[order[i]];
+  const Array<std::uint32_t> rank = gathered(place, order);
   SurfelCloud out = cloud.gathered(by_file);
   out.normal = in_file_order(normals.normal, rank);
   out.variance = {};
@@ -150,12 +157,14 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   out.area = in_file_order(sizes.area, rank);
   set_extra(out, "curvature", ScalarType::kFloat32, in_file_order(normals.curvature, rank));
   set_extra(out, "confidence", ScalarType::kFloat32, in_file_order(normals.confidence, rank));
-  Array<std::uint8_t> flag(order.size());
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    flag[rank[i]] = static_cast<std::uint8_t>(normals.flag[i]);
-  }
-  set_extra(out, "flag", ScalarType::kUint8, flag);
+  static_assert(sizeof(PointFlag) == 1);
+  set_extra(out, "flag", ScalarType::kUint8, in_file_order(normals.flag, rank));
   lap("gather");
+  if (options.search == SearchMethod::kFlannApproximate) {
+    const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
+    r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
+    lap("recall");
+  }
   if (report) *report = std::move(r);
   return out;
 }

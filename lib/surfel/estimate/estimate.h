@@ -17,7 +17,7 @@
 namespace surfel {
 
 struct EstimateOptions {
-  SearchMethod search = SearchMethod::kFlann;
+  SearchMethod search = SearchMethod::kExact;
   NormalOptions normals;
   OrientationOptions orientation;
   SplatSizeOptions size;
@@ -32,6 +32,7 @@ struct EstimateReport {
   std::array<std::size_t, kPointFlags> flagged{};  ///< By PointFlag.
   std::size_t extended = 0;                        ///< Thin neighbourhoods that were enlarged.
   double mean_neighbors = 0;                       ///< Points that a normal is of.
+  std::optional<double> search_recall;             ///< neighbor_recall() of an approximate search.
   OrientationReport orientation;
   std::size_t border = 0;  ///< Splats at a border or alone ...
   std::size_t capped = 0;  ///< ... of which cut down, as they were far from all others.

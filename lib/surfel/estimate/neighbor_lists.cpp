@@ -7,17 +7,21 @@ namespace surfel {
 
 NeighborLists::NeighborLists(const NeighborSearch& search, const Array<Vec3f>& points,
                              std::size_t k)
-    : search_(search), points_(points), k_(std::min(k, points.size())), index_(points.size() * k_) {
-  search.for_each_nearest(k_, [&](std::size_t i, std::span<const Neighbor> near, int) {
-    std::uint32_t* list = index_.data() + i * k_;
-    for (const Neighbor& neighbor : near) *list++ = neighbor.index;
-  });
-}
+    : search_(search), points_(points), k_(std::min(k, points.size())) {}
 
 void NeighborLists::for_each_nearest(std::size_t k, Body body) const {
   k = std::min(k, points_.size());
   if (k > k_) {
     search_.for_each_nearest(k, body);
+    return;
+  }
+  if (index_.empty()) {
+    index_.resize(points_.size() * k_);
+    search_.for_each_nearest(k_, [&](std::size_t i, std::span<const Neighbor> near, int worker) {
+      std::uint32_t* list = index_.data() + i * k_;
+      for (const Neighbor& neighbor : near) *list++ = neighbor.index;
+      body(i, near.first(k), worker);
+    });
     return;
   }
   constexpr std::size_t kGrain = 1024;

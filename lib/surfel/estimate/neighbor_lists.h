@@ -11,8 +11,10 @@
 namespace surfel {
 
 /// The k nearest neighbours of all points, searched for once and kept (4 k bytes a point) for
-/// several stages that go over all neighbourhoods: for_each_nearest() of no more than k of them
-/// reads the lists, every other query goes to the search behind. The same results as that search's.
+/// several stages that go over all neighbourhoods: the first for_each_nearest() of no more than k
+/// of them searches and keeps what it finds, so that its body runs while the points are in the
+/// cache; later ones read the lists. Every other query goes to the search behind. The same results
+/// as that search's. for_each_nearest() is not for several threads at once.
 class SURFEL_API NeighborLists final : public NeighborSearch {
  public:
   /// `search` is over `points`; both outlive this object.
@@ -35,7 +37,7 @@ class SURFEL_API NeighborLists final : public NeighborSearch {
   const NeighborSearch& search_;
   const Array<Vec3f>& points_;
   std::size_t k_;
-  Array<std::uint32_t> index_;  ///< k_ of every point, nearest first.
+  mutable Array<std::uint32_t> index_;  ///< k_ of every point, nearest first; empty at first.
 };
 
 }  // namespace surfel

@@ -1,14 +1,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <unordered_map>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
+#include <surfel/estimate/spanning_forest.h>
 
 namespace surfel {
 namespace {
@@ -29,55 +28,6 @@ constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
 constexpr int kJoinRounds = 8;
 
-/// Disjoint sets of points [Tarjan 1975], each with a sign relative to its set's root.
-class SignedSets {
- public:
-  explicit SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
-    for (std::size_t i = 0; i < count; ++i) {
-      parent_[i] = static_cast<std::uint32_t>(i);
-      opposed_[i] = 0;
-      rank_[i] = 0;
-    }
-  }
-
-  struct Root {
-    std::uint32_t index;
-    bool opposed;  ///< The point's sign is the other than its root's.
-  };
-
-  /// Halves the path as it goes.
-  Root find(std::uint32_t i) {
-    bool opposed = false;
-    while (parent_[i] != i) {
-      const std::uint32_t parent = parent_[i];
-      if (parent_[parent] != parent) {
-        opposed_[i] ^= opposed_[parent];
-        parent_[i] = parent_[parent];
-      }
-      opposed ^= opposed_[i] != 0;
-      i = parent_[i];
-    }
-    return {i, opposed};
-  }
-
-  /// Calls opposed() for whether i and j have different signs, unless they are in one set already.
-  template <class Opposed>
-  void unite(std::uint32_t i, std::uint32_t j, Opposed&& opposed) {
-    Root a = find(i);
-    Root b = find(j);
-    if (a.index == b.index) return;
-    if (rank_[a.index] < rank_[b.index]) std::swap(a, b);
-    if (rank_[a.index] == rank_[b.index]) ++rank_[a.index];
-    parent_[b.index] = a.index;
-    opposed_[b.index] = static_cast<std::uint8_t>(a.opposed ^ b.opposed ^ opposed());
-  }
-
- private:
-  Array<std::uint32_t> parent_;
-  Array<std::uint8_t> opposed_;
-  Array<std::uint8_t> rank_;
-};
-
 class Spreader {
  public:
   Spreader(const Array<Vec3f>& position, const NeighborSearch& search, Array<Vec3f>& normal)
@@ -96,11 +46,7 @@ class Spreader {
 
   /// Turns the normals of each part to one side, whichever that is unless points are settled.
   void spread(std::size_t neighbors) {
-    if (position_.size() * neighbors <= kNone) {
-      join_neighbors<std::uint32_t>(neighbors);
-    } else {
-      join_neighbors<std::uint64_t>(neighbors);
-    }
+    join_neighbors(neighbors);
     for (int round = 0; round < kJoinRounds; ++round) {
       if (!join_parts()) break;
     }
@@ -143,13 +89,12 @@ class Spreader {
 
   bool opposed(std::size_t i, std::size_t j) const { return agreement(i, j) < 0; }
 
-  /// Kruskal's algorithm over the edges to the nearest points; edge e is of point e / neighbors,
-  /// and Edge a type that counts them.
-  template <class Edge>
+  /// Along the spanning forest of the edges to the nearest points.
   void join_neighbors(std::size_t neighbors) {
-    const std::size_t count = position_.size() * neighbors;
-    Array<std::uint32_t> to(count);
-    Array<std::uint16_t> length(count);
+    NeighborGraph graph;
+    graph.degree = neighbors;
+    graph.to.resize(position_.size() * neighbors);
+    graph.length.resize(graph.to.size());
     search_.for_each_nearest(
         neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near, int) {
           std::size_t e = i * neighbors;
@@ -158,40 +103,34 @@ class Spreader {
             if (n.index == i || e == end || !known(i) || !known(n.index)) continue;
             const float w = weight(i, n.index);
             if (w == kNoEdge) continue;
-            to[e] = n.index;
-            length[e++] = static_cast<std::uint16_t>(std::lround(w * kLongestWeight));
+            graph.to[e] = n.index;
+            graph.length[e++] = static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
           }
-          for (; e < end; ++e) {
-            to[e] = kNone;
-            length[e] = 0;
-          }
+          std::fill(graph.to.begin() + static_cast<std::ptrdiff_t>(e),
+                    graph.to.begin() + static_cast<std::ptrdiff_t>(end), NeighborGraph::kNone);
         });
-    // Edges by weight, equal ones by index.
-    std::vector<std::size_t> begin(65537);
-    for (const std::uint16_t l : length) ++begin[l + 1U];
-    for (std::size_t l = 0; l + 1 < begin.size(); ++l) begin[l + 1] += begin[l];
-    Array<Edge> sorted(count);
-    for (std::size_t e = 0; e < count; ++e) sorted[begin[length[e]]++] = static_cast<Edge>(e);
-    for (const Edge e : sorted) {
-      const auto from = static_cast<std::uint32_t>(e / neighbors);
-      if (to[e] != kNone) sets_.unite(from, to[e], [&] { return opposed(from, to[e]); });
-    }
+    unite_spanning_forest(
+        graph, settled_ != kNone, [&](std::uint32_t i, std::uint32_t j) { return opposed(i, j); },
+        sets_);
   }
 
   /// Joins parts to others near them. Did any?
   bool join_parts() {
     const std::size_t count = position_.size();
     Array<std::uint32_t> part_of(count);
-    std::unordered_map<std::uint32_t, std::size_t> sizes;
+    Array<std::uint32_t> size;  // Of the part whose root this is.
+    size.assign(count, 0);
+    // The largest part, the one of the lowest point where several are, waits for the others to come
+    // to it.
+    std::size_t parts = 0;
     for (std::uint32_t i = 0; i < count; ++i) {
       part_of[i] = part(i);
-      if (known(i)) ++sizes[part_of[i]];
+      if (known(i) && size[part_of[i]]++ == 0) ++parts;
     }
-    if (sizes.size() < 2) return false;
-    // The largest part waits for the others to come to it.
+    if (parts < 2) return false;
     std::uint32_t largest = kNone;
     for (std::uint32_t i = 0; i < count; ++i) {
-      if (known(i) && (largest == kNone || sizes[part_of[i]] > sizes[largest])) {
+      if (known(i) && (largest == kNone || size[part_of[i]] > size[largest])) {
         largest = part_of[i];
       }
     }
@@ -253,20 +192,38 @@ std::vector<Vec3f> probes(Orientation method) {
 /// Turns whole parts but `settled`: a part's extreme point in a direction looks there, if any.
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
                 std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {
-  std::unordered_map<std::uint32_t, double> vote;
-  for (const Vec3f& d : probes(method)) {
-    std::unordered_map<std::uint32_t, std::uint32_t> extreme;
-    for (std::uint32_t i = 0; i < position.size(); ++i) {
+  const std::size_t count = position.size();
+  // Parts numbered in the order of their first points.
+  Array<std::uint32_t> number;
+  number.assign(count, kNone);
+  std::uint32_t parts = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!normal[i].isZero(0) && number[part[i]] == kNone) number[part[i]] = parts++;
+  }
+  const std::vector<Vec3f> directions = probes(method);
+  std::vector<std::vector<std::uint32_t>> extreme(directions.size());
+  parallel_for(directions.size(), 1, [&](std::size_t begin, std::size_t, int) {
+    const Vec3f& d = directions[begin];
+    std::vector<std::uint32_t>& most = extreme[begin];
+    most.assign(parts, kNone);
+    for (std::uint32_t i = 0; i < count; ++i) {
       if (normal[i].isZero(0)) continue;
-      const auto [at, fresh] = extreme.try_emplace(part[i], i);
-      if (!fresh && position[i].dot(d) > position[at->second].dot(d)) at->second = i;
+      std::uint32_t& at = most[number[part[i]]];
+      if (at == kNone || position[i].dot(d) > position[at].dot(d)) at = i;
     }
-    for (const auto& [root, i] : extreme) vote[root] += static_cast<double>(normal[i].dot(d));
+  });
+  std::vector<double> vote(parts);
+  for (std::size_t p = 0; p < directions.size(); ++p) {
+    for (std::uint32_t n = 0; n < parts; ++n) {
+      vote[n] += static_cast<double>(normal[extreme[p][n]].dot(directions[p]));
+    }
   }
-  for (std::size_t i = 0; i < position.size(); ++i) {
-    if (normal[i].isZero(0) || part[i] == settled) continue;
-    if (vote[part[i]] < 0) normal[i] = -normal[i];
-  }
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      if (normal[i].isZero(0) || part[i] == settled) continue;
+      if (vote[number[part[i]]] < 0) normal[i] = -normal[i];
+    }
+  });
 }
 
 /// Turns normals to the side of given ones; returns which points have one.

@@ -44,9 +44,9 @@ struct OrientationReport {
 /// tangent plane, which lead to another sheet. Where the surface bends by more than 45 degrees n_i
 /// is first mirrored at the plane half-way between the points [Koenig, Gumhold 2009], if that makes
 /// the product larger: on a cube whose normals were off by 5 degrees half the sides were wrong
-/// without, none are with. The tree is found by Kruskal's algorithm on weights of 16 bits; signs
-/// are parities in its union-find structure, so the tree itself is never stored: 10 bytes an edge
-/// (14 beyond 2^32 edges) and 6 a point besides the search, 87 a point with 8 neighbours. Parts
+/// without, none are with. The tree is found on weights of 16 bits; signs are parities of its sets
+/// (spanning_forest.h), so the tree itself is never stored: 6 bytes an edge and about 30 a point
+/// besides the search, 80 a point with 8 neighbours. Parts
 /// that the graph leaves apart (scan lines) are joined where among the 64 nearest points an edge of
 /// weight below 0.1 leads to another one.
 ///

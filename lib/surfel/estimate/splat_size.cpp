@@ -97,6 +97,7 @@ class Sizer {
  private:
   struct Worker {
     VoronoiCell cell;
+    double half_side = 0;     ///< Of the square that the cell started as.
     std::vector<Vec2d> flat;  ///< Neighbours on the surface, in the tangent plane.
     std::vector<Neighbor> more;
   };
@@ -114,16 +115,19 @@ class Sizer {
     // Enough others to tell the spacing, and a cell that those further away cannot cut.
     const bool known = !normal_[i].isZero(0);
     const Vec3d n = known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ());
-    const Frame frame{n.unitOrthogonal(), n.cross(n.unitOrthogonal()), n};
+    const Vec3d a = n.unitOrthogonal();
+    const Frame frame{a, n.cross(a), n};
     double reach = 0;
+    bool settled = false;
+    std::size_t cut = 0;  // Neighbours that the cell is cut by.
     for (std::size_t k = near.size(), doublings = 0;; ++doublings) {
       const bool usable = known && near.size() >= coincident + 2;
       reach = std::sqrt(static_cast<double>(near.back().distance2));
-      if (usable) cut_cell(i, near, frame, worker);
-      const bool settled = usable && !open_corner(reach, spacing(near, coincident), worker);
+      if (usable) cut = cut_cell(i, near, cut, frame, worker);
+      settled = usable && !open_corner(reach, spacing(near, coincident), worker);
       if (settled || doublings == kMostDoublings || k >= search_.size()) break;
       k *= 2;
-      search_.nearest(position_[i], k, worker.more);
+      find_more(i, k, static_cast<float>(reach), worker.more);
       near = worker.more;
       while (coincident < near.size() && near[coincident].distance2 == 0) ++coincident;
     }
@@ -133,7 +137,7 @@ class Sizer {
       store_unknown(i, spacing_[i]);
       return;
     }
-    const bool open = close_at_border(reach, spacing_[i], worker);
+    const bool open = !settled && close_at_border(reach, spacing_[i], worker);
     kind_[i] = open ? CellKind::kBorder : CellKind::kClosed;
     const auto shared = static_cast<double>(std::max<std::size_t>(coincident, 1));
     double area = worker.cell.area();
@@ -152,12 +156,27 @@ class Sizer {
     }
   }
 
-  /// Cuts the cell of point i out of its tangent plane.
-  void cut_cell(std::size_t i, std::span<const Neighbor> near, const Frame& frame,
-                Worker& worker) const {
-    worker.cell.reset(std::sqrt(static_cast<double>(near.back().distance2)));
-    worker.flat.clear();
-    for (const Neighbor& neighbor : near) {
+  /// The k nearest of point i, half of which lie within `reach`: to look as far as they should on
+  /// an even surface first is faster.
+  void find_more(std::size_t i, std::size_t k, float reach, std::vector<Neighbor>& out) const {
+    constexpr float kGrowth = 1.7F;
+    search_.within(position_[i], kGrowth * reach, k, out);
+    if (out.size() < std::min(k, search_.size())) search_.nearest(position_[i], k, out);
+  }
+
+  /// Cuts the cell of point i out of its tangent plane; `cut` of the neighbours have cut it before.
+  /// Returns how many have now.
+  std::size_t cut_cell(std::size_t i, std::span<const Neighbor> near, std::size_t cut,
+                       const Frame& frame, Worker& worker) const {
+    // A cell that is bounded by the square it started as starts anew, as the square grows.
+    const double half_side = std::sqrt(static_cast<double>(near.back().distance2));
+    if (cut == 0 || worker.cell.radius2() > worker.half_side * worker.half_side) {
+      worker.cell.reset(half_side);
+      worker.half_side = half_side;
+      worker.flat.clear();
+      cut = 0;
+    }
+    for (const Neighbor& neighbor : near.subspan(cut)) {
       const Vec3d offset = (position_[neighbor.index] - position_[i]).cast<double>();
       const Vec2d flat(offset.dot(frame.a), offset.dot(frame.b));
       if (!neighbors_on_surface(i, neighbor.index, offset.dot(frame.n), flat)) continue;
@@ -165,6 +184,7 @@ class Sizer {
       // Bisectors beyond the cell's furthest corner cut nothing.
       if (flat.squaredNorm() <= 4 * worker.cell.radius2()) worker.cell.cut(flat);
     }
+    return near.size();
   }
 
   static double spacing(std::span<const Neighbor> near, std::size_t coincident) {
@@ -179,24 +199,26 @@ class Sizer {
 
   /// Does the surface go on at a corner of the cell? It does if the void around the corner is not
   /// too large and the corner lies within the convex hull of the neighbours, looked at from five
-  /// sides. Neighbours are known as far as `reach`.
+  /// sides, 30 degrees apart. Neighbours are known as far as `reach`.
   static bool on_surface(const Vec2d& corner, double reach, double spacing,
                          const std::vector<Vec2d>& flat) {
-    constexpr double kPi = std::numbers::pi;
-    static const std::array<Eigen::Matrix2d, 5> kTurns{
-        Eigen::Rotation2Dd(0).toRotationMatrix(), Eigen::Rotation2Dd(kPi / 6).toRotationMatrix(),
-        Eigen::Rotation2Dd(-kPi / 6).toRotationMatrix(),
-        Eigen::Rotation2Dd(kPi / 3).toRotationMatrix(),
-        Eigen::Rotation2Dd(-kPi / 3).toRotationMatrix()};
-    const double distance = corner.norm();
-    if (distance <= kSureReach * spacing) return true;
-    if (distance > std::min(reach / 2, kVoidReach * spacing)) return false;
-    return std::all_of(kTurns.begin(), kTurns.end(), [&](const Eigen::Matrix2d& turn) {
-      const Vec2d direction = turn * corner;
-      const double height = direction.dot(corner);
-      return std::any_of(flat.begin(), flat.end(),
-                         [&](const Vec2d& p) { return p.dot(direction) >= height; });
-    });
+    const double distance2 = corner.squaredNorm();
+    const auto square = [](double x) { return x * x; };
+    if (distance2 <= square(kSureReach * spacing)) return true;
+    if (distance2 > square(std::min(reach / 2, kVoidReach * spacing))) return false;
+    // A neighbour p is beyond the corner c in the direction of c turned by t if
+    // cos t (p.c - c.c) + sin t (c x p) >= 0. Those that are furthest away are seen first.
+    constexpr double kRoot3 = std::numbers::sqrt3;
+    constexpr unsigned kAllSides = 0b11111;
+    unsigned sides = 0;
+    for (auto p = flat.rbegin(); p != flat.rend() && sides != kAllSides; ++p) {
+      const double along = p->dot(corner) - distance2;
+      const double across = corner.x() * p->y() - corner.y() * p->x();
+      sides |= (along >= 0 ? 1U : 0U) | (kRoot3 * along + across >= 0 ? 2U : 0U) |
+               (kRoot3 * along - across >= 0 ? 4U : 0U) | (along + kRoot3 * across >= 0 ? 8U : 0U) |
+               (along - kRoot3 * across >= 0 ? 16U : 0U);
+    }
+    return sides == kAllSides;
   }
 
   /// The furthest corner where the surface does not go on.

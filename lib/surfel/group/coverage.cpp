@@ -185,11 +185,26 @@ class GroupCoverer {
       }
       for (float& r : radius) r = rounded_up(out.enlargement->factor * static_cast<double>(r));
     } else if (options_.method == CoverMethod::kEnlargeEach) {
+      const double limit = options_.most_growth * median_growth(cells, discs);
       for (std::size_t i = 0; i < cells.size(); ++i) {
-        radius[i] = std::max(radius[i], rounded_up(cells.reach(i)));
+        const double most = limit * static_cast<double>(discs.radius[i]);
+        if (cells.reach(i) > most) ++out.limited;
+        radius[i] = std::max(radius[i], rounded_up(std::min(most, cells.reach(i))));
       }
     }
     return radius;
+  }
+
+  /// Median of what the discs would have to grow by, each 1 at least.
+  static double median_growth(const GroupCells& cells, const Discs& discs) {
+    if (cells.size() == 0) return 1;
+    std::vector<double> growth(cells.size());
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      growth[i] = std::max(1.0, cells.reach(i) / static_cast<double>(discs.radius[i]));
+    }
+    const auto middle = growth.begin() + static_cast<std::ptrdiff_t>(growth.size() / 2);
+    std::nth_element(growth.begin(), middle, growth.end());
+    return *middle;
   }
 
   /// The least float that is no smaller: a corner stays covered.
@@ -231,6 +246,7 @@ class GroupCoverer {
       report_.points_added += group.added;
       report_.hidden += group.hidden;
       report_.capped += group.capped;
+      report_.limited += group.limited;
       report_.covered_area += group.covered_area / count;
       report_.uncovered_area += group.uncovered_area / count;
       report_.overlap_area += group.overlap_area / count;
@@ -263,6 +279,8 @@ std::vector<std::string> CoverageOptions::problems() const {
   check(target > 0 && target <= 1, fmt::format("target is {}; it must be in (0, 1]", target));
   check(least_gain > 0 && least_gain < 1,
         fmt::format("least-gain is {}; it must be in (0, 1)", least_gain));
+  check(most_growth >= 1 && std::isfinite(most_growth),
+        fmt::format("most-growth is {}; it must be at least 1", most_growth));
   check(fixed_point_iterations >= 0,
         fmt::format("fixed-point-iterations is {}; it must be 0 or more", fixed_point_iterations));
   return found;

@@ -27,6 +27,11 @@ struct CoverageOptions {
   /// Share of the surface that a group shall cover with kEnlarge, in (0, 1]. With 1 the widest gap
   /// alone sets the factor for all.
   double target = 0.999;
+  /// kEnlargeEach: a splat's radius grows by no more than this many times the median of its group,
+  /// >= 1. At creases and edges cells have spikes, which would make discs that stick out of the
+  /// surface: on the Stanford dragon with four groups 15 to 21 times their own radius, where half
+  /// of the splats do not grow at all.
+  double most_growth = 2.5;
   /// kDuplicate adds a splat if it newly covers more than this share of its disc, in (0, 1).
   /// Smaller: fewer holes, more points.
   double least_gain = 0.02;
@@ -43,6 +48,8 @@ struct GroupCoverage {
   std::size_t hidden = 0;
   /// Cells that end at the surface's border, so that the splat grows no further (see GroupCells).
   std::size_t capped = 0;
+  /// kEnlargeEach: those that grow as much as is allowed, and would have to grow more.
+  std::size_t limited = 0;
   double cell_area = 0;     ///< Of the restricted Voronoi cells: the surface as the group sees it.
   double covered_area = 0;  ///< Of the cells, by their own discs.
   double uncovered_area = 0;  ///< cell_area - covered_area.
@@ -65,6 +72,7 @@ struct CoverageReport {
   std::size_t points_before = 0;
   std::size_t points_added = 0;
   std::size_t capped = 0;
+  std::size_t limited = 0;
   std::size_t hidden = 0;
   /// Splats without a finite position, a normal or a variance above zero: they have no disc.
   std::size_t without_disc = 0;
@@ -87,7 +95,8 @@ struct CoverageReport {
 /// before, or its own `source` if there was that column.
 ///
 /// The surface is what the cloud's discs cover (DiscSurface). Where a border is in a splat's cell,
-/// the cell ends there and so does the splat's growth. Coverage that no radius of the group can
+/// the cell ends there and so does the splat's growth; most_growth limits it on top of that, and
+/// what is left open by it is in uncovered_area. Coverage that no radius of the group can
 /// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of the area of
 /// the group's cells: A itself, which is not measured in the same tangent planes, may be more than
 /// they hold, and (8) then has no solution.

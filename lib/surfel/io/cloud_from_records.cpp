@@ -26,24 +26,6 @@ std::vector<float> decoded_codes(const Decode& decode) {
   return table;
 }
 
-/// A coordinate this many extents away from zero loses two bits or more of the extent's in float.
-constexpr double kFar = 4;
-
-/// Where to put the origin on one axis, given the range there and the extent of all axes: zero
-/// unless the range lies far away. It is a multiple of a power of two of about the extent, so that
-/// float coordinates minus it are exact: they are multiples of their spacing, which is finer than
-/// the origin's, and the difference is smaller than they are.
-double origin_on_axis(double min, double max, double extent) {
-  const double center = min / 2 + max / 2;
-  if (!(std::abs(center) > kFar * extent)) return 0;
-  if (extent == 0) {  // All in one place: only what float cannot hold is left to the offset.
-    const auto nearest = static_cast<double>(static_cast<float>(center));
-    return nearest == center ? 0 : nearest;
-  }
-  const double step = std::exp2(std::ceil(std::log2(extent)));
-  return std::round(center / step) * step;
-}
-
 /// The finite values' range in one block of records.
 struct Range {
   double min = std::numeric_limits<double>::infinity();
@@ -270,7 +252,7 @@ void Reader::recenter() {
       box.max[axis] = std::max(box.max[axis], range.max);
     }
   }
-  cloud_.origin = choose_origin(box);
+  cloud_.origin = float_origin(box);
   if (cloud_.origin != Vec3d::Zero()) run(position_copies_);
 }
 
@@ -416,15 +398,6 @@ const float* srgb8_table() {
 const float* srgb16_table() {
   static const std::vector<float> table = decoded_codes<std::uint16_t>(srgb16_to_linear);
   return table.data();
-}
-
-Vec3d choose_origin(const Bounds& bounds) {
-  const double extent = (bounds.max - bounds.min).cwiseMax(0).norm();
-  Vec3d origin;
-  for (int axis = 0; axis < 3; ++axis) {
-    origin[axis] = origin_on_axis(bounds.min[axis], bounds.max[axis], extent);
-  }
-  return origin;
 }
 
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,

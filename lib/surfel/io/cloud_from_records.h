@@ -25,8 +25,4 @@ Vec3f stored_unit(const Vec3f& n);
 const float* srgb8_table();
 const float* srgb16_table();
 
-/// Where to put the origin of points of these bounds: on each axis zero, unless the points lie so
-/// far away that float coordinates would lose precision.
-Vec3d choose_origin(const Bounds& bounds);
-
 }  // namespace surfel

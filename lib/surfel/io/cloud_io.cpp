@@ -17,6 +17,7 @@
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/text_numbers.h>
+#include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
@@ -79,15 +80,24 @@ bool has_extension(const std::string& path, std::string_view extension) {
                     });
 }
 
-std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count, bool ascii,
+std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
+                        std::size_t count) {
+  std::string lines = fmt::format("element {} {}\n", name, count);
+  for (const RecordColumn& column : columns) {
+    lines += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
+  }
+  return lines;
+}
+
+/// Of `count` points, and of a tree over them if that is not empty.
+std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count,
+                       const ClusterTree& tree, bool ascii,
                        const std::vector<std::string>& comments) {
   std::string header = "ply\n";
   header += ascii ? "format ascii 1.0\n" : "format binary_little_endian 1.0\n";
   for (const std::string& comment : comments) header += "comment " + comment + "\n";
-  header += fmt::format("element vertex {}\n", count);
-  for (const RecordColumn& column : columns) {
-    header += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
-  }
+  header += ply_element("vertex", columns, count);
+  if (!tree.empty()) header += ply_element(kTreeElement, tree_columns(), tree.size());
   return header + "end_header\n";
 }
 
@@ -141,6 +151,18 @@ void write_text(const CloudRecords& records, std::size_t count, OutputFile& file
   }
 }
 
+void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
+  const std::vector<RecordColumn> columns = tree_columns();
+  const Array<std::byte> bytes = tree_to_records(cloud);
+  if (!ascii) return file.write(bytes.data(), bytes.size());
+  const std::size_t stride = bytes.size() / cloud.tree.size();
+  std::string text;
+  for (std::size_t i = 0; i < cloud.tree.size(); ++i) {
+    append_text(bytes.data() + i * stride, columns, text);
+  }
+  file.write(text);
+}
+
 }  // namespace
 
 void read_comments(const std::vector<std::string>& comments, const std::string& file,
@@ -167,23 +189,38 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
   }
 }
 
-SurfelCloud read_cloud(PlyFile& ply) {
+SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
   const PlyElement* vertex = ply.header().find("vertex");
   if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
   const PlyProperty* x = vertex->find("x");
   const bool double_positions = x && x->type == ScalarType::kFloat64;
-  SurfelCloud cloud =
-      cloud_from_records(ply.scalars("vertex", {"x", "y", "z"}), ply.name(), double_positions);
+  RecordTable records = ply.scalars("vertex", {"x", "y", "z"});
+  std::optional<TreeRecords> levels;
+  std::size_t coarser = 0;
+  if (ply.header().find(kTreeElement)) {
+    levels = tree_from_records(ply.scalars(kTreeElement), records.count, ply.name());
+    if (!options.levels) coarser = levels->tree[first_leaf(levels->tree)].begin;
+  }
+  // The finest level is the last.
+  records.data += coarser * records.stride;
+  records.count -= coarser;
+  SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
+  if (levels && options.levels) {
+    cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
+  } else if (levels) {
+    cloud.level = {};
+    cloud.coarser_skipped = coarser;
+  }
   read_comments(ply.header().comments, ply.name(), cloud);
   return cloud;
 }
 
-SurfelCloud read_cloud(InputFile input) {
+SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
   if (input.bytes().empty()) throw_input(name, "is empty");
   if (PlyFile::matches(input.bytes())) {
     PlyFile ply(std::move(input));
-    return read_cloud(ply);
+    return read_cloud(ply, options);
   }
   if (PcdFile::matches(input.bytes())) return read_pcd(std::move(input));
   if (has_extension(name, ".ply"))
@@ -194,7 +231,9 @@ SurfelCloud read_cloud(InputFile input) {
       name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
 }
 
-SurfelCloud read_cloud(const std::string& path) { return read_cloud(InputFile(path)); }
+SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {
+  return read_cloud(InputFile(path), options);
+}
 
 struct CloudWriter::Impl {
   std::string path;
@@ -221,13 +260,20 @@ void CloudWriter::append(const SurfelCloud& piece) {
   static_assert(std::endian::native == std::endian::little, "records are written as they are");
   Impl& w = *impl_;
   piece.check_columns(w.path);
+  const bool levels = !piece.tree.empty();
+  if (levels && w.pcd) {
+    throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", w.path));
+  }
+  if (levels && piece.size() != w.count) {
+    throw_input(w.path, "a cloud with levels of detail cannot be written in pieces");
+  }
   const bool ascii = w.options.ascii && !w.pcd;
   const CloudRecords records(piece, {.pcl_names = w.pcd, .for_text = ascii});
   if (w.columns.empty()) {
     w.columns = records.columns();
     const std::vector<std::string> comments = write_comments(piece, !w.pcd);
     w.file.write(w.pcd ? pcd_header(w.columns, w.count, piece.viewpoint, comments)
-                       : ply_header(w.columns, w.count, ascii, comments));
+                       : ply_header(w.columns, w.count, piece.tree, ascii, comments));
   }
   const bool same =
       std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
@@ -240,6 +286,7 @@ void CloudWriter::append(const SurfelCloud& piece) {
   } else {
     write_binary(records, piece.size(), w.file);
   }
+  if (levels) write_tree(piece, ascii, w.file);
   w.written += piece.size();
 }
 

@@ -55,31 +55,6 @@ constexpr const char* scalar_name(ScalarType type) {
   return kNames[static_cast<std::size_t>(type)];
 }
 
-/// Calls visit(T{}) with the C++ type, so that a loop is specialised once per column, not per
-/// value.
-template <class Visit>
-decltype(auto) visit_type(ScalarType type, Visit&& visit) {
-  switch (type) {
-    case ScalarType::kInt8:
-      return visit(std::int8_t{});
-    case ScalarType::kUint8:
-      return visit(std::uint8_t{});
-    case ScalarType::kInt16:
-      return visit(std::int16_t{});
-    case ScalarType::kUint16:
-      return visit(std::uint16_t{});
-    case ScalarType::kInt32:
-      return visit(std::int32_t{});
-    case ScalarType::kUint32:
-      return visit(std::uint32_t{});
-    case ScalarType::kFloat32:
-      return visit(float{});
-    case ScalarType::kFloat64:
-      break;
-  }
-  return visit(double{});
-}
-
 /// The value at an address of any alignment, its bytes reversed if `kSwapped`.
 template <class T, bool kSwapped>
 T load_scalar(const std::byte* from) {

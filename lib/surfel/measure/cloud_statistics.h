@@ -62,7 +62,7 @@ struct CloudStatistics {
 };
 
 /// Exact for the counts; spacing and coverage from `samples` surfels, spread evenly over the file,
-/// against all (FLANN's kd-tree, about 56 bytes a surfel). The same for any number of threads.
+/// against all (the exact search, about 40 bytes a surfel). The same for any number of threads.
 /// Throws Error(kUsage) for bad options.
 SURFEL_API CloudStatistics cloud_statistics(const SurfelCloud& cloud,
                                             const CloudStatisticsOptions& options = {});

@@ -156,9 +156,16 @@ class FrontToBack {
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
+  // Layers run out where surfaces end before one another, at rims. What covers them is not known
+  // yet around them: taken to be inside, rims grow (by 1 dB of a head's picture); taken to be at an
+  // edge, crests that are seen at a grazing angle get holes. So half of each, as far as splats are
+  // filtered; of surfaces that cover the pixel nothing changes.
+  const auto edge = [](const Fragment& f) {
+    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.5F : 0.0F;
+  };
   FrontToBack pair(tile, pixel);
-  pair.add(front, 0);
-  pair.add(back, 0);
+  pair.add(front, edge(front));
+  pair.add(back, edge(back));
   const Rgba& color = pair.color();
   Fragment out{};
   // Negative, as in SS01. The number matters where there is an environment to be seen behind.
@@ -231,6 +238,31 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   while (in_front < sorted.count && front_depth(sorted[in_front]) >= depth) ++in_front;
   if (sorted.count == 1) {
     if (in_front == 0) store(tile, 0, pixel, fresh);
+    return;
+  }
+  // A surface seen at a grazing angle reaches further in depth within the pixel than epsilon
+  // allows, and comes in slabs of which none covers the pixel. A newcomer is one more of them; were
+  // two of them merged before they are complete, what belongs to them would come too late.
+  int slab = -1;
+  float least = std::numeric_limits<float>::infinity();
+  for (const int i : {in_front - 1, in_front}) {
+    if (i < 0 || i >= sorted.count || is_merged(sorted[i]) ||
+        sorted[i].channel[kWeight] >= tile.full_weight ||
+        shows_front(sorted[i].channel[kTag]) != shows_front(fresh.channel[kTag])) {
+      continue;
+    }
+    const float distance = std::abs(front_depth(sorted[i]) - depth);
+    if (distance < least) {
+      least = distance;
+      slab = i;
+    }
+  }
+  if (slab >= 0) {
+    Fragment sum = sorted[slab];
+    for (int c = 0; c < tile.layout.channels(); ++c) {
+      if (c != kTag && c != kBack) sum.channel[c] += fresh.channel[c];
+    }
+    store(tile, sorted.order[slab], pixel, sum);
     return;
   }
   ++tile.merges.merged;

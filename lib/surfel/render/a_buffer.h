@@ -96,9 +96,12 @@ struct TileABuffer {
 };
 
 /// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a
-/// merged pair: steps 2 and 3 of SS01 section 6. Contributions arrive roughly front to back, so the
-/// nearest two fragments are the ones that are complete: they are shaded and composited (12), and
-/// the free layer goes to the newcomer. With a single layer the nearer surface stays.
+/// merged pair: steps 2 and 3 of SS01 section 6. It joins the fragment next to it in depth if that
+/// shows the same side and does not cover the pixel yet: without this, a grazing
+/// surface, which is deeper within a pixel than epsilon, takes all layers and leaves holes.
+/// Otherwise, as contributions arrive roughly front to back, the nearest two fragments are the ones
+/// that are complete: they are shaded and composited (12), and the free layer goes to the newcomer.
+/// With a single layer the nearer surface stays.
 void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
                        const SplatNormal* normal);
 

@@ -10,6 +10,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/tree_records.h>
 #include <surfel/render/cloud_loader.h>
 #include <surfel/render/cloud_stream.h>
 #include <surfel/render/record_source.h>
@@ -19,16 +20,20 @@ namespace {
 
 /// Bytes of a surfel in memory, roughly: its columns, its share of a cluster.
 constexpr std::uint64_t kSurfelBytes = 64;
-/// Bytes of a cluster that stays in its file, and of a surfel in flight: its columns, its splat and
-/// the tiles that it touches.
-constexpr std::uint64_t kStreamedClusterBytes = 240;
+/// Bytes of a cluster that stays in its file: its bounds, and what a picture lists it with.
+constexpr std::uint64_t kStreamedClusterBytes = 280;
+/// Bytes of a surfel in flight: its columns, its splat and the tiles that it touches.
 constexpr std::uint64_t kFlightBytes = 512;
+/// Of what the clusters leave, this part is for A-buffers.
+constexpr std::uint64_t kPicturePart = 4;
 constexpr std::size_t kLeastBatch = std::size_t{1} << 14;
 
-/// The points as records, if the file is a binary PLY file of scalars; else null.
+/// The points as records, if the file is a binary PLY file of scalars without levels of detail;
+/// else null.
 const RecordTable* binary_records(PlyFile& ply) {
   const PlyElement* vertex = ply.header().find("vertex");
   const bool plain = vertex && ply.header().format == PlyFormat::kBinaryLittleEndian &&
+                     !ply.header().find(kTreeElement) &&
                      std::none_of(vertex->properties.begin(), vertex->properties.end(),
                                   [](const PlyProperty& property) { return property.is_list(); });
   return plain ? &ply.scalars("vertex") : nullptr;
@@ -37,20 +42,36 @@ const RecordTable* binary_records(PlyFile& ply) {
 }  // namespace
 
 struct LoadedCloud::Impl {
+  CloudLoadOptions options;
   // Each refers to the one before.
   std::optional<PlyFile> ply;
   std::unique_ptr<RecordSource> source;
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
-  std::size_t batch = 0;
+  bool has_levels = false;
 
-  bool load_records(InputFile& input, const CloudLoadOptions& options);
-  void make_stream(const CloudLoadOptions& options, std::uint64_t memory);
+  explicit Impl(const CloudLoadOptions& o) : options(o) {}
+  bool load_records(InputFile& input);
+  void load_cloud(const SurfelCloud& cloud, const std::string& name);
+  const char* why_in_memory() const;
+  void make_stream(std::uint64_t memory);
 };
 
+/// Why the records must not be streamed; null if they may.
+const char* LoadedCloud::Impl::why_in_memory() const {
+  if (!options.may_stream || options.columns.groups) {
+    return "what is asked for wants all of them at once; raise it, or use --method abuffer";
+  }
+  if (source->attributes().source && !options.columns.copies) {
+    return "copies of splats are found among all of them at once; raise it, or render the surfels "
+           "as they were before surfel-group";
+  }
+  return nullptr;
+}
+
 /// False if the file is to be read as a SurfelCloud.
-bool LoadedCloud::Impl::load_records(InputFile& input, const CloudLoadOptions& options) {
+bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (!PlyFile::matches(input.bytes())) return false;
   ply.emplace(std::move(input));
   const RecordTable* table = binary_records(*ply);
@@ -62,18 +83,16 @@ bool LoadedCloud::Impl::load_records(InputFile& input, const CloudLoadOptions& o
   const std::uint64_t available = available_memory_bytes();
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
   if (source->size() > memory / kSurfelBytes) {
-    if (options.may_stream && !options.columns.groups) make_stream(options, memory);
+    const char* why = why_in_memory();
+    if (!why) make_stream(memory);
     if (stream) return true;
     if (options.memory || source->size() > available / kSurfelBytes) {
-      throw_input(
-          ply->name(),
-          fmt::format("{} surfels need more than the {} MB of --memory, and {}", source->size(),
-                      memory >> 20,
-                      options.may_stream && !options.columns.groups
-                          ? "consecutive ones do not lie close together, as streaming wants; "
-                            "raise it, or sort them"
-                          : "what is asked for wants all of them at once; raise it, or use "
-                            "--method abuffer"));
+      throw_input(ply->name(),
+                  fmt::format("{} surfels need more than the {} MB of --memory, and {}",
+                              source->size(), memory >> 20,
+                              why ? why
+                                  : "consecutive ones do not lie close together, as streaming "
+                                    "wants; raise it, or sort them"));
     }
   }
   surfels.emplace(*source, options.columns, ply->name());
@@ -81,35 +100,45 @@ bool LoadedCloud::Impl::load_records(InputFile& input, const CloudLoadOptions& o
   return true;
 }
 
-void LoadedCloud::Impl::make_stream(const CloudLoadOptions& options, std::uint64_t memory) {
+void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   const std::uint64_t index = source->size() / RenderCloud::kClusterSize * kStreamedClusterBytes;
-  const std::uint64_t left = memory > index ? (memory - index) / kFlightBytes : 0;
-  if (left < kLeastBatch) {
+  const std::uint64_t left = memory > index ? memory - index : 0;
+  const std::uint64_t picture = left / kPicturePart;
+  const std::uint64_t flight = (left - picture) / kFlightBytes;
+  if (flight < kLeastBatch) {
+    const std::uint64_t least =
+        index + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
     throw_input(ply->name(),
                 fmt::format("{} surfels cannot be streamed with {} MB of --memory; give {} MB at "
                             "least",
-                            source->size(), memory >> 20,
-                            ((index + kLeastBatch * kFlightBytes) >> 20) + 1));
+                            source->size(), memory >> 20, (least >> 20) + 1));
   }
-  batch = std::min<std::size_t>(options.batch, std::bit_floor(left));
-  stream = CloudStream::make(*source, batch);
+  stream = CloudStream::make(
+      *source, {.batch = std::min<std::size_t>(options.batch, std::bit_floor(flight)),
+                .picture_bytes = picture});
+}
+
+void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {
+  if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
+    throw_input(name, fmt::format("{} surfels need more than the {} MB of --memory, and only "
+                                  "binary PLY files without levels of detail are streamed; raise "
+                                  "it, or convert the file",
+                                  cloud.size(), *options.memory >> 20));
+  }
+  surfels.emplace(cloud, options.columns, name);
+  basis_cutoff = cloud.basis_cutoff;
+  has_levels = !cloud.tree.empty();
 }
 
 LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& options)
-    : impl_(std::make_unique<Impl>()) {
+    : impl_(std::make_unique<Impl>(options)) {
   InputFile input(path);
   const std::string name = input.name();
-  if (impl_->load_records(input, options)) return;
-  const SurfelCloud cloud = impl_->ply ? read_cloud(*impl_->ply) : read_cloud(std::move(input));
-  if (cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance(name);
-  if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
-    throw_input(name, fmt::format("{} surfels need more than the {} MB of --memory, and only "
-                                  "binary PLY files are streamed; raise it, or convert the file",
-                                  cloud.size(), *options.memory >> 20));
-  }
-  CloudSource source(cloud);
-  impl_->surfels.emplace(source, options.columns, name);
-  impl_->basis_cutoff = cloud.basis_cutoff;
+  if (impl_->load_records(input)) return;
+  // All levels, even if the finest is drawn alone: the picture is framed by the same clusters then.
+  constexpr CloudReadOptions kLevels{.levels = true};
+  impl_->load_cloud(
+      impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels), name);
   impl_->ply.reset();
 }
 
@@ -120,6 +149,6 @@ const RenderCloud& LoadedCloud::surfels() const {
 }
 CloudStream* LoadedCloud::stream() const { return impl_->stream.get(); }
 std::optional<double> LoadedCloud::basis_cutoff() const { return impl_->basis_cutoff; }
-std::size_t LoadedCloud::batch() const { return impl_->batch; }
+bool LoadedCloud::has_levels() const { return impl_->has_levels; }
 
 }  // namespace surfel

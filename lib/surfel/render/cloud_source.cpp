@@ -9,9 +9,10 @@
 
 namespace surfel {
 
-CloudSource::CloudSource(const SurfelCloud& cloud) : cloud_(cloud) {
-  cloud.check_columns("");
-  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance("");
+CloudSource::CloudSource(const SurfelCloud& cloud, std::size_t first, const std::string& name)
+    : cloud_(cloud), first_(first) {
+  cloud.check_columns(name);
+  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance(name);
 }
 
 SurfelAttributes CloudSource::attributes() const {
@@ -19,13 +20,14 @@ SurfelAttributes CloudSource::attributes() const {
           .alpha = !cloud_.alpha.empty(),
           .material = !cloud_.material.empty(),
           .group = !cloud_.group.empty(),
-          .group_radius = !cloud_.group_radius.empty()};
+          .group_radius = !cloud_.group_radius.empty(),
+          .source = !cloud_.source.empty()};
 }
 
 void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
                        std::size_t row) const {
   const Array<Vec3f>* color = cloud_.render_color();
-  for (std::size_t k = begin, i = row; k < end; ++k, ++i) {
+  for (std::size_t k = first_ + begin, i = row; k < first_ + end; ++k, ++i) {
     cloud.x[i] = usable_position(cloud_.position[k].x());
     cloud.y[i] = usable_position(cloud_.position[k].y());
     cloud.z[i] = usable_position(cloud_.position[k].z());
@@ -47,7 +49,7 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
       root_of_V = cloud_.variance[k];
     }
     cloud.area[i] = cloud_.area.empty() ? root_of_V : usable_area(cloud_.area[k]);
-    const Vec3f c = color ? (*color)[k] : RenderCloud::colorless();
+    const Vec3f c = color ? (*color)[k] : SurfelCloud::colorless();
     cloud.red[i] = c.x();
     cloud.green[i] = c.y();
     cloud.blue[i] = c.z();
@@ -56,6 +58,11 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
     if (!cloud.group.empty()) cloud.group[i] = cloud_.group[k];
     if (!cloud.group_radius.empty()) cloud.group_radius[i] = cloud_.group_radius[k];
   }
+}
+
+void CloudSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const {
+  const std::uint32_t* from = cloud_.source.data() + first_;
+  std::copy(from + begin, from + end, to);
 }
 
 Vec3f unit_normal(const Vec3f& normal) {

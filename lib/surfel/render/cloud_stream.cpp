@@ -21,15 +21,16 @@ constexpr std::size_t kLongestExpected = 4096;
 
 }  // namespace
 
-std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, std::size_t batch) {
+std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source,
+                                               const CloudStreamOptions& options) {
   if (source.size() / RenderCloud::kClusterSize >= std::numeric_limits<std::uint32_t>::max()) {
     throw_input("", "more than a billion of clusters; split the cloud");
   }
-  std::unique_ptr<CloudStream> stream(new CloudStream(source));
+  std::unique_ptr<CloudStream> stream(new CloudStream(source, options));
   if (!stream->make_index()) return nullptr;
   RenderCloud& cloud = stream->cloud_;
-  cloud.allocate(std::min(batch, cloud.clusters_.size() * RenderCloud::kClusterSize),
-                 stream->attributes_, {});
+  cloud.allocate(std::min(options.batch, cloud.clusters_.size() * RenderCloud::kClusterSize),
+                 stream->attributes_, {}, "");
   return stream;
 }
 
@@ -39,7 +40,7 @@ std::size_t CloudStream::surfel_end(std::uint32_t cluster) const {
 
 /// Moves the surfels of rows [begin, end) that can be drawn to the front, and the end with them.
 void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_t& end,
-                                RenderCloud::Dropped& dropped) const {
+                                UnusableSurfels& dropped) const {
   std::size_t kept = begin;
   for (std::size_t i = begin; i < end; ++i) {
     if (!rows.usable(i, dropped)) continue;
@@ -59,9 +60,9 @@ void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_
 bool CloudStream::make_index() {
   const std::size_t size = source_.size();
   const std::size_t count = (size + RenderCloud::kClusterSize - 1) / RenderCloud::kClusterSize;
-  std::vector<ClusterTotals> totals;
+  std::vector<SurfelTotals> totals;
   std::vector<RenderCloud> workers(static_cast<std::size_t>(thread_count()));
-  std::vector<RenderCloud::Dropped> dropped;
+  std::vector<UnusableSurfels> dropped;
   Bounds box;
   const auto pass = [&] {
     totals.assign(count, {});
@@ -69,7 +70,7 @@ bool CloudStream::make_index() {
     cloud_.clusters_.assign(count, {});
     parallel_for(size, RenderCloud::kBlock, [&](std::size_t begin, std::size_t end, int w) {
       RenderCloud& rows = workers[w];
-      if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {});
+      if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {}, "");
       source_.fill(begin, end, rows, 0);
       for (std::size_t i = begin; i < end; i += RenderCloud::kClusterSize) {
         const std::size_t c = i / RenderCloud::kClusterSize;
@@ -83,7 +84,7 @@ bool CloudStream::make_index() {
       }
     });
     box = {};
-    for (const ClusterTotals& t : totals) {
+    for (const SurfelTotals& t : totals) {
       box.min = box.min.cwiseMin(t.min.cast<double>());
       box.max = box.max.cwiseMax(t.max.cast<double>());
     }
@@ -107,7 +108,7 @@ bool CloudStream::make_index() {
   if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
   cloud_.clusters_.resize(block_.size());
   totals.resize(block_.size());
-  for (const RenderCloud::Dropped& d : dropped) cloud_.dropped_.add(d);
+  for (const UnusableSurfels& d : dropped) cloud_.dropped_.add(d);
   cloud_.origin_ = source_.origin();
   attributes_ = source_.attributes();
   attributes_.alpha = cloud_.make_extent(totals) && attributes_.alpha;
@@ -115,10 +116,10 @@ bool CloudStream::make_index() {
 }
 
 /// The clusters in the order of the file, those that follow one another as one.
-std::vector<CloudStream::Run> CloudStream::runs(const VisibleCluster* clusters, std::size_t count,
+std::vector<CloudStream::Run> CloudStream::runs(std::span<const VisibleCluster> clusters,
                                                 std::size_t longest) const {
-  std::vector<std::uint32_t> indices(count);
-  for (std::size_t i = 0; i < count; ++i) indices[i] = clusters[i].index;
+  std::vector<std::uint32_t> indices;
+  for (const VisibleCluster& cluster : clusters) indices.push_back(cluster.index);
   std::sort(indices.begin(), indices.end());
   std::vector<Run> out;
   for (const std::uint32_t index : indices) {
@@ -133,8 +134,8 @@ std::vector<CloudStream::Run> CloudStream::runs(const VisibleCluster* clusters, 
   return out;
 }
 
-void CloudStream::fetch(const VisibleCluster* clusters, std::size_t count) {
-  const std::vector<Run> all = runs(clusters, count, kRunLength);
+void CloudStream::fetch(std::span<const VisibleCluster> clusters) {
+  const std::vector<Run> all = runs(clusters, kRunLength);
   std::vector<std::size_t> row(all.size());
   for (std::size_t i = 1; i < all.size(); ++i) {
     row[i] = row[i - 1] + all[i - 1].count * RenderCloud::kClusterSize;
@@ -147,7 +148,7 @@ void CloudStream::fetch(const VisibleCluster* clusters, std::size_t count) {
       const std::size_t begin = row[i] + k * RenderCloud::kClusterSize;
       std::size_t end = begin + surfel_end(run.first + k) - surfel(run.first + k);
       if (end - begin != cluster.end - cluster.begin) {
-        RenderCloud::Dropped counted_before;
+        UnusableSurfels counted_before;
         drop_unusable(cloud_, begin, end, counted_before);
       }
       cluster.begin = static_cast<std::uint32_t>(begin);
@@ -156,8 +157,8 @@ void CloudStream::fetch(const VisibleCluster* clusters, std::size_t count) {
   });
 }
 
-void CloudStream::expect(const VisibleCluster* clusters, std::size_t count) const {
-  for (const Run& run : runs(clusters, count, kLongestExpected)) {
+void CloudStream::expect(std::span<const VisibleCluster> clusters) const {
+  for (const Run& run : runs(clusters, kLongestExpected)) {
     source_.expect(surfel(run.first), surfel_end(run.first + run.count - 1));
   }
 }

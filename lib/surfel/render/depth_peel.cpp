@@ -60,26 +60,21 @@ class Peeler {
     return planes_ + (static_cast<std::size_t>(which) + side) * kTilePixels;
   }
 
-  /// Calls body(splat's index, side, first pixel, mask, beta, depth, epsilon, amplitude) for all
-  /// fragments that no layer has.
+  /// Calls body(splat's index, side, first pixel, mask, Sample) for all fragments that no layer
+  /// has.
   template <class Body>
   HWY_INLINE void for_each_fragment(const Body& body) const {
     const D d;
     const V cutoff = hn::Set(d, raster_.cutoff());
-    for (std::size_t i = 0; i < job_.count; ++i) {
-      raster_.prefetch(i);
-      const std::uint32_t index = job_.order[i];
-      if (!raster_.contributes(index)) continue;
-      const std::uint32_t side = job_.splats[index].tag & kFrontTag;
-      const float* peeled = plane(kPeeled, side);
-      raster_.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon,
-                              const auto& amplitude) HWY_ATTR {
-        const M left = hn::And(hn::Lt(beta, cutoff),
-                               hn::Lt(hn::Add(depth, epsilon), hn::LoadU(d, peeled + pixel)));
-        if (hn::AllFalse(d, left)) return;
-        body(index, side, pixel, left, beta, depth, epsilon, amplitude);
-      });
-    }
+    raster_.draw(0, job_.count, none(),
+                 [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+                   const std::uint32_t side = job_.splats[index].tag & kFrontTag;
+                   const M left = hn::And(hn::Lt(s.beta, cutoff),
+                                          hn::Lt(hn::Add(s.depth, s.epsilon),
+                                                 hn::LoadU(d, plane(kPeeled, side) + pixel)));
+                   if (hn::AllFalse(d, left)) return;
+                   body(index, side, pixel, left, s);
+                 });
   }
 
   /// Depth of the nearest fragment left in every pixel, of the side that is nearer; none of the
@@ -87,11 +82,11 @@ class Peeler {
   std::size_t find_next() {
     const D d;
     std::fill_n(plane(kNext, 0), 2 * kTilePixels, none());
-    for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left, V, V depth,
-                          V, const auto&) HWY_ATTR {
+    for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left,
+                          const Sample& s) HWY_ATTR {
       float* next = plane(kNext, side) + pixel;
       const V old = hn::LoadU(d, next);
-      hn::StoreU(hn::IfThenElse(left, hn::Max(old, depth), old), d, next);
+      hn::StoreU(hn::IfThenElse(left, hn::Max(old, s.depth), old), d, next);
     });
     std::size_t found = 0;
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
@@ -113,24 +108,24 @@ class Peeler {
     const D d;
     const hn::RebindToUnsigned<D> du;
     for_each_fragment([&](std::uint32_t index, std::uint32_t side, std::size_t pixel, M left,
-                          V beta, V depth, V epsilon, const auto& amplitude) HWY_ATTR {
-      const V reach = hn::Add(depth, epsilon);
+                          const Sample& s) HWY_ATTR {
+      const V reach = hn::Add(s.depth, s.epsilon);
       const V nearest = hn::LoadU(d, plane(anchor, side) + pixel);
       M joins = hn::And(left, hn::And(hn::Ge(reach, nearest), hn::Gt(nearest, hn::Set(d, none()))));
       if (added != anchor) {
         joins = hn::AndNot(hn::Ge(reach, hn::LoadU(d, plane(added, side) + pixel)), joins);
       }
       if (hn::AllFalse(d, joins)) return;
-      const V rho = hn::IfThenElseZero(joins, hn::Mul(amplitude(), raster_.decay(joins, beta)));
+      const V rho = hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.decay(joins, s.beta)));
       const Splat& splat = job_.splats[index];
       float* fragment = fragments + pixel;
       const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
       float* tags = fragment + kTag * kTilePixels;
       const M fresh = hn::And(hn::Eq(weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
       hn::BlendedStore(hn::BitCast(d, hn::Set(du, splat.tag)), fresh, d, tags);
-      accumulate<kNormals, kOpaqueSplats>(
-          fragment, splat, kNormals ? job_.normals[index] : SplatNormal{}, rho, depth, weight,
-          hn::LoadU(d, fragment + kDepth * kTilePixels));
+      accumulate<kNormals, kOpaqueSplats>(fragment, splat,
+                                          kNormals ? job_.normals + index : nullptr, rho, s.depth,
+                                          weight, hn::LoadU(d, fragment + kDepth * kTilePixels));
     });
   }
 

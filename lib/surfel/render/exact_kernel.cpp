@@ -18,6 +18,8 @@ constexpr double kEdgeOn = 1e-6;
 /// What is nearer to the eye plane than this share of the disc's radius is not bounded: the eye
 /// would have to be as near to the disc for it to be on the picture.
 constexpr double kNearest = 1e-6;
+/// Lesser ones would leave fragments without weight.
+constexpr float kLeastAmplitude = 1e-30F;
 /// As in splat_setup.cpp: below this cosine the filter's footprint on the plane stops growing.
 constexpr double kLeastCosine = 0.1;
 
@@ -67,13 +69,13 @@ Bounds2 bounds_of(const SurfelInCamera& surfel, const Eigen::Vector3d& bitangent
   return bounds;
 }
 
-/// First and last tile with pixel centres in [lo, hi] of 0..size; false if there are none.
-bool tiles_of(double lo, double hi, double size, std::uint16_t& first, std::uint16_t& last) {
+/// First and last pixel with centres in [lo, hi] of 0..size; false if there are none.
+bool pixels_of(double lo, double hi, double size, std::uint8_t& first, std::uint8_t& last) {
   const double first_pixel = std::max(0.0, std::ceil(lo - 0.5));
   const double last_pixel = std::min(size - 1, std::floor(hi - 0.5));
   if (!(first_pixel <= last_pixel)) return false;
-  first = static_cast<std::uint16_t>(first_pixel / kTileSize);
-  last = static_cast<std::uint16_t>(last_pixel / kTileSize);
+  first = static_cast<std::uint8_t>(first_pixel);
+  last = static_cast<std::uint8_t>(last_pixel);
   return true;
 }
 
@@ -95,19 +97,20 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
 
   ExactKernel kernel{};
   const double filter = std::sqrt(two_c) * view.lowpass;
-  const double x0 = std::max(bounds.x0 - filter, 0.0);
-  const double x1 = std::min(bounds.x1 + filter, view.x1);
-  const double y0 = std::max(bounds.y0 - filter, view.y0);
-  const double y1 = std::min(bounds.y1 + filter, view.y1);
-  if (!tiles_of(x0, x1, view.x1, kernel.tiles.x0, kernel.tiles.x1) ||
-      !tiles_of(y0 - view.y0, y1 - view.y0, view.y1 - view.y0, kernel.tiles.y0, kernel.tiles.y1)) {
+  const double x0 = bounds.x0 - filter;
+  const double x1 = bounds.x1 + filter;
+  const double y0 = bounds.y0 - filter;
+  const double y1 = bounds.y1 + filter;
+  Splat& splat = kernel.splat;
+  if (!pixels_of(x0 - view.x0, x1 - view.x0, view.x1 - view.x0, splat.box.x0, splat.box.x1) ||
+      !pixels_of(y0 - view.y0, y1 - view.y0, view.y1 - view.y0, splat.box.y0, splat.box.y1)) {
     return std::nullopt;
   }
-  Splat& splat = kernel.splat;
-  splat.x = static_cast<float>((x0 + x1) / 2);
-  splat.y = static_cast<float>((y0 + y1) / 2);
-  splat.half_x = static_cast<float>((x1 - x0) / 2);
-  splat.half_y = static_cast<float>((y1 - y0) / 2);
+  kernel.first = (view.first_column || std::ceil(x0 - 0.5) >= view.x0) &&
+                 (view.first_row || std::ceil(y0 - 0.5) >= view.y0);
+  // Where it is seen: the disc's middle may be very far away.
+  splat.x = static_cast<float>((std::max(x0, view.x0) + std::min(x1, view.x1)) / 2);
+  splat.y = static_cast<float>((std::max(y0, view.y0) + std::min(y1, view.y1)) / 2);
   splat.k = kExactKernel;
   splat.depth = static_cast<float>(2 / (bounds.nearest + bounds.farthest));
   splat.depth_range = std::numeric_limits<float>::infinity();
@@ -134,6 +137,7 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   store(coordinate(bitangent, surfel.variance_v), exact.v);
   exact.amplitude = static_cast<float>(
       surfel.area / (2 * std::numbers::pi * std::sqrt(surfel.variance_u * surfel.variance_v)));
+  if (!(exact.amplitude > kLeastAmplitude)) return std::nullopt;
   exact.deviation2 = static_cast<float>(deviation2);
   const double pixel = filter / focal.minCoeff() / std::max(cosine, kLeastCosine);
   exact.pixel2 = static_cast<float>(pixel * pixel);

@@ -15,15 +15,16 @@ namespace surfel {
 struct ExactKernelView {
   double cutoff = 1;   ///< c of beta < c.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels.
-  double x1 = 0;       ///< Columns 0..x1 and rows y0..y1.
-  double y0 = 0, y1 = 0;
+  double x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< At most kMostBlockSize pixels a side.
+  /// The rectangle begins where what is drawn does.
+  bool first_column = true, first_row = true;
 };
 
 /// What a splat's box and exact kernel are.
 struct ExactKernel {
-  Splat splat;  ///< Its box, depth, kExactKernel and whether the front is seen; no colour.
+  Splat splat;  ///< Its box, depth, kExactKernel and tag; no colour.
   ExactSplat exact;
-  TileRange tiles;  ///< Counted from row y0.
+  bool first;  ///< The first pixel of its box in the picture is in the rectangle.
 };
 
 /// The perspective-exact resampling kernel, for splats that are so large on screen that the affine

@@ -149,30 +149,24 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
     hidden[p] = outside[p] = inside ? -__builtin_inff() : __builtin_inff();
   }
   float least = -__builtin_inff();
-  for (std::size_t i = 0; i < job.count; ++i) {
-    if (skip_hidden && i % kCheckEvery == kCheckEvery - 1) {
-      least = find_hidden(images, weights, outside, hidden);
-    }
-    raster.prefetch(i);
-    const std::uint32_t index = job.order[i];
-    const Splat& splat = job.splats[index];
-    if (splat.depth + (1 + job.depth_epsilon) * splat.depth_range < least) continue;
-    if (!raster.contributes(index)) continue;
-    const int group = job.groups[index];
-    const std::uint32_t side = splat.tag & kFrontTag;
-    const V entry = hn::BitCast(d, hn::Set(du, index << 1 | side));
-    raster.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon,
-                           const auto& amplitude) HWY_ATTR {
-      const V reach = hn::Add(depth, epsilon);
-      const M inside = hn::And(hn::Lt(beta, cutoff), hn::Ge(reach, hn::LoadU(d, hidden + pixel)));
-      if (hn::AllFalse(d, inside)) return;
-      const V rho = hn::Mul(amplitude(), raster.decay(inside, beta));
-      V key = beta;  // Its root orders fragments alike.
-      if constexpr (kVoronoi == Voronoi::kQuantised) {
-        key = hn::Add(depth_step(rule, depth), hn::Sqrt(hn::Mul(beta, inv_cutoff)));
-      }
-      insert<kVoronoi>(images, group, pixel, inside, {rho, rho, depth, reach, key, entry});
-    });
+  for (std::size_t begin = 0; begin < job.count; begin += kCheckEvery) {
+    if (skip_hidden && begin > 0) least = find_hidden(images, weights, outside, hidden);
+    raster.draw(begin, std::min(begin + kCheckEvery, job.count), least,
+                [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+                  const V reach = hn::Add(s.depth, s.epsilon);
+                  const M inside =
+                      hn::And(hn::Lt(s.beta, cutoff), hn::Ge(reach, hn::LoadU(d, hidden + pixel)));
+                  if (hn::AllFalse(d, inside)) return;
+                  const V rho = hn::Mul(s.amplitude, raster.decay(inside, s.beta));
+                  V key = s.beta;  // Its root orders fragments alike.
+                  if constexpr (kVoronoi == Voronoi::kQuantised) {
+                    key = hn::Add(depth_step(rule, s.depth), hn::Sqrt(hn::Mul(s.beta, inv_cutoff)));
+                  }
+                  const std::uint32_t side = job.splats[index].tag & kFrontTag;
+                  const V entry = hn::BitCast(d, hn::Set(du, index << 1 | side));
+                  insert<kVoronoi>(images, job.groups[index], pixel, inside,
+                                   {rho, rho, s.depth, reach, key, entry});
+                });
   }
 }
 

@@ -48,19 +48,19 @@ void for_each_fragment_simd(
   HWY_ALIGN float epsilons[kTileSize];
   HWY_ALIGN float keys[kTileSize];
   for (std::size_t i = job.count; i-- > 0;) {
-    const std::uint32_t index = job.order[i];
-    raster.draw(index, [&](std::size_t pixel, V beta, V depth, V epsilon, const auto&) HWY_ATTR {
-      const M inside = hn::Lt(beta, cutoff);
+    const auto store = [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+      const M inside = hn::Lt(s.beta, cutoff);
       if (hn::AllFalse(d, inside)) return;
-      hn::Store(depth, d, depths);
-      hn::Store(epsilon, d, epsilons);
-      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
+      hn::Store(s.depth, d, depths);
+      hn::Store(s.epsilon, d, epsilons);
+      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(s.beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
                 keys);
       for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
         if (keys[lane] < 0) continue;
         take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
       }
-    });
+    };
+    raster.draw(i, i + 1, -__builtin_inff(), store);
   }
 }
 
@@ -75,7 +75,24 @@ namespace {
 HWY_EXPORT(for_each_fragment_simd);
 
 using Pending = LayerScratch::Pending;
+
+/// Of a nearest fragment at its splat's very rim: where there are only such it must not be 0.
+constexpr float kLeastWeight = 1e-3F;
 using State = LayerScratch::State;
+
+/// Calls visit(pixel, share) for the pixels of a tile around one, and it, with the shares of a
+/// Gaussian of one pixel's standard deviation.
+template <class Visit>
+void for_each_around(const TileABuffer& tile, int pixel, Visit&& visit) {
+  constexpr float kShare[] = {1, 0.6065F, 0.3679F};  // At distances of 0, 1 and sqrt 2 pixels.
+  const int x = tile_pixel_x(pixel);
+  const int y = tile_pixel_y(pixel);
+  for (int row = std::max(0, y - 1); row <= std::min(tile.height - 1, y + 1); ++row) {
+    for (int column = std::max(0, x - 1); column <= std::min(tile.width - 1, x + 1); ++column) {
+      visit(tile_pixel(column, row), kShare[std::abs(row - y) + std::abs(column - x)]);
+    }
+  }
+}
 
 class Blender {
  public:
@@ -92,6 +109,8 @@ class Blender {
     for (int pixel = 0; pixel < kTilePixels; ++pixel) {
       for (int group = 0; group < groups; ++group) finish(state(group, pixel), groups, pixel);
     }
+    // With Algorithm 3 it is the nearest layer that things are seen through.
+    if (tile_.shader->has_environment() && !masked_) filter();
     return culled_;
   }
 
@@ -213,7 +232,11 @@ class Blender {
     if (near->splat < 0) std::swap(far, near);
     if (near->splat < 0) return;
     BlendedPixel& out = scratch_.pixels[pixel];
-    add(out.nearest, fragment(static_cast<std::uint32_t>(near->splat), near->depth));
+    // Of the groups' flat splats the ones that are seen near their centres count most, and those at
+    // their rims nothing: the mean normal has no steps there, nor has what is seen through it.
+    const float inside = 1 - near->key * near->key;
+    add(out.nearest, std::max(kLeastWeight, inside * inside),
+        fragment(static_cast<std::uint32_t>(near->splat), near->depth));
     if (far->splat >= 0) flush(s, *far, pixel);
     flush(s, *near, pixel);
     const float share = 1.0F / static_cast<float>(groups);
@@ -224,10 +247,40 @@ class Blender {
     out.layers += static_cast<float>(s.layers) * share;
   }
 
-  static void add(Fragment& sum, const Fragment& f) {
+  /// What is seen through the layers depends on the nearest normals and on the number of layers,
+  /// steeply; both have steps of single groups and pixels, which other methods' pixel filter evens
+  /// out. The same filter here, as far as the tile reaches.
+  void filter() {
+    scratch_.filtered.resize(kTilePixels);
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      const BlendedPixel& own = scratch_.pixels[pixel];
+      BlendedPixel& out = scratch_.filtered[pixel];
+      out = own;
+      if (!(own.layers > 0)) continue;
+      out.layers = 0;
+      out.nearest = {};
+      out.nearest.channel[kTag] = own.nearest.channel[kTag];
+      float shares = 0;
+      for_each_around(tile_, pixel, [&](int around, float share) {
+        const BlendedPixel& other = scratch_.pixels[around];
+        if (!(other.layers > 0)) return;
+        out.layers += share * other.layers;
+        shares += share;
+        // The mean of each pixel counts by the share alone.
+        const float part = share / other.nearest.channel[kWeight];
+        for (int c = 0; c <= kNormalZ; ++c) {
+          if (c != kTag) out.nearest.channel[c] += part * other.nearest.channel[c];
+        }
+      });
+      out.layers /= shares;
+    }
+    scratch_.pixels.swap(scratch_.filtered);
+  }
+
+  static void add(Fragment& sum, float weight, const Fragment& f) {
     const bool first = sum.channel[kWeight] == 0;
     const float tag = first ? f.channel[kTag] : sum.channel[kTag];
-    for (int c = 0; c <= kNormalZ; ++c) sum.channel[c] += f.channel[c];
+    for (int c = 0; c <= kNormalZ; ++c) sum.channel[c] += weight * f.channel[c];
     sum.channel[kTag] = tag;
   }
 
@@ -251,6 +304,34 @@ Fragment BlendedPixel::merged() const {
   out.channel[kBlue] = color.blue;
   out.channel[kAlpha] = color.alpha;
   return out;
+}
+
+void filter_normals(TileABuffer& tile, LayerScratch& scratch) {
+  // Normals further apart than this cosine are of different surfaces, or sides of a crease.
+  constexpr float kAlike = 0.5F;
+  const auto sum_at = [&](int pixel) {
+    return Vec3f(tile.at(0, kNormalX, pixel), tile.at(0, kNormalY, pixel),
+                 tile.at(0, kNormalZ, pixel));
+  };
+  scratch.normals.resize(kTilePixels);
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    const float weight = tile.at(0, kWeight, pixel);
+    if (!(weight > 0)) continue;
+    const Vec3f own = sum_at(pixel);
+    Vec3f sum(0, 0, 0);
+    float weights = 0;
+    for_each_around(tile, pixel, [&](int around, float share) {
+      const Vec3f other = sum_at(around);
+      if (!(own.dot(other) > kAlike * own.norm() * other.norm()) && around != pixel) return;
+      sum += share * other;
+      weights += share * tile.at(0, kWeight, around);
+    });
+    scratch.normals[pixel] = weight / weights * sum;
+  }
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    if (!(tile.at(0, kWeight, pixel) > 0)) continue;
+    for (int c = 0; c < 3; ++c) tile.at(0, kNormalX + c, pixel) = scratch.normals[pixel][c];
+  }
 }
 
 std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, int groups,

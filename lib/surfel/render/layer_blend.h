@@ -17,7 +17,8 @@ namespace surfel {
 struct BlendedPixel {
   Rgba color;          ///< Premultiplied.
   float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3.
-  Fragment nearest{};  ///< Sums over the groups' nearest fragments, each of weight 1.
+  Fragment nearest{};  ///< Sums over the groups' nearest fragments, weighted by how
+                       ///< near to their splats' centres they are.
 
   /// As a merged fragment: what it takes to see the environment through the layers.
   Fragment merged() const;
@@ -41,9 +42,18 @@ class LayerScratch {
     Rgba color;
     int layers = 0;
   };
-  std::vector<State> states;         ///< Groups x kTilePixels.
-  std::vector<BlendedPixel> pixels;  ///< kTilePixels.
+  std::vector<State> states;           ///< Groups x kTilePixels.
+  std::vector<BlendedPixel> pixels;    ///< kTilePixels.
+  std::vector<BlendedPixel> filtered;  ///< The same, while they are made.
+  std::vector<Vec3f> normals;          ///< kTilePixels.
 };
+
+/// Algorithm 3's nearest layer, before it is shaded: the pixel filter for its normals, as far as
+/// the tile reaches. Where groups are few their splats are cut, and the mean of the few that a
+/// pixel has is not smooth enough to mirror or refract an environment. Where there is nothing in a
+/// pixel next to it, or another surface, a pixel's own normal counts the more. The A-buffer is
+/// unmerged and has normals.
+void filter_normals(TileABuffer& tile, LayerScratch& scratch);
 
 /// SP06's Algorithm 2: blends splats, whose discs have the enlarged radii, back to front into an
 /// image for each group, and averages the images into scratch.pixels.

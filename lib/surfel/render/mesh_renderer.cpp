@@ -164,7 +164,7 @@ Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& 
     }
     return bilinear(image, texel);
   }
-  Vec3f opaque = RenderCloud::colorless();
+  Vec3f opaque = SurfelCloud::colorless();
   if (!mesh.color.empty()) {
     const auto& v = mesh.face[face];
     opaque = interpolated<Vec3f>({mesh.color[v[0]], mesh.color[v[1]], mesh.color[v[2]]}, b);

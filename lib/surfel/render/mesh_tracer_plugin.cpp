@@ -85,9 +85,14 @@ struct MemoryLimit {
 /// Embree's limit on threads is one on the whole process for as long as it has a device: it is set
 /// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet.
 std::string device_configuration() {
+#ifdef __SANITIZE_THREAD__
+  // The thread sanitizer does not see how Embree's workers synchronise: see base/parallel.cpp.
+  return "threads=1";
+#else
   const int threads = thread_count();
   const bool all = threads >= static_cast<int>(std::thread::hardware_concurrency());
   return all ? "" : fmt::format("threads={}", threads);
+#endif
 }
 
 class EmbreeTracer final : public MeshTracer {

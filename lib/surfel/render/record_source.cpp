@@ -74,7 +74,7 @@ std::unique_ptr<RecordSource> RecordSource::make(const InputFile& file, const Re
   std::unique_ptr<RecordSource> source(new RecordSource(file, table));
   if (!source->find_columns()) return nullptr;
   if (source->position_[0]->type == ScalarType::kFloat64) {
-    source->origin_ = choose_origin(source->measure());
+    source->origin_ = float_origin(source->measure());
   }
   return source;
 }
@@ -138,6 +138,7 @@ bool RecordSource::find_columns() {
   material_ = find("material", is_code);
   group_ = find("group", is_code);
   group_radius_ = find("group_radius", is_float);
+  source_ = find("source", [](ScalarType type) { return type == ScalarType::kUint32; });
   return known;
 }
 
@@ -146,12 +147,13 @@ SurfelAttributes RecordSource::attributes() const {
           .alpha = alpha_ != nullptr,
           .material = material_ != nullptr,
           .group = group_ != nullptr,
-          .group_radius = group_radius_ != nullptr};
+          .group_radius = group_radius_ != nullptr,
+          .source = source_ != nullptr};
 }
 
 bool RecordSource::recenter(const Bounds& bounds) {
   if (position_[0]->type == ScalarType::kFloat64) return false;  // Placed before.
-  const Vec3d origin = choose_origin(bounds);
+  const Vec3d origin = float_origin(bounds);
   if (origin == origin_) return false;
   origin_ = origin;
   return true;
@@ -220,6 +222,14 @@ void RecordSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
     if (!cloud.material.empty()) copy(material_, cloud.material.data() + row);
     if (!cloud.group.empty()) copy(group_, cloud.group.data() + row);
     if (!cloud.group_radius.empty()) copy(group_radius_, cloud.group_radius.data() + row);
+  }
+}
+
+void RecordSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const {
+  for (; begin < end; begin += RenderCloud::kBlock) {
+    const std::size_t count = std::min(RenderCloud::kBlock, end - begin);
+    const Field from{read(begin, begin + count) + source_->offset, table_.stride};
+    for (std::size_t i = 0; i < count; ++i) *to++ = from.get<std::uint32_t>(i);
   }
 }
 
@@ -302,7 +312,7 @@ void RecordSource::fill_colors(const std::byte* records, std::size_t count, Rend
   for (int k = 0; k < 3; ++k) {
     float* out = to[k];
     if (!color_[k]) {
-      std::fill_n(out, count, RenderCloud::colorless()[k]);
+      std::fill_n(out, count, SurfelCloud::colorless()[k]);
       continue;
     }
     const Field from{records + color_[k]->offset, table_.stride};

@@ -15,7 +15,7 @@ namespace surfel {
 /// Surfels in the records of a binary file, decoded without a SurfelCloud in between. Records are
 /// read block by block, so that a file of any size costs no memory. Only for records as this
 /// library and most others write them: little-endian; positions float or double, all else float but
-/// for colours, alpha (float, uchar, ushort), material and group (uchar, ushort).
+/// for colours, alpha (float, uchar, ushort), material and group (uchar, ushort), and source (uint).
 class RecordSource : public SurfelSource {
  public:
   /// Null where the records are of another form: read_cloud() reads them. Throws Error(kInput)
@@ -28,6 +28,7 @@ class RecordSource : public SurfelSource {
   Vec3d origin() const override { return origin_; }
   bool recenter(const Bounds& bounds) override;
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
+  void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override;
   void expect(std::size_t begin, std::size_t end) const override;
 
  private:
@@ -54,7 +55,7 @@ class RecordSource : public SurfelSource {
   Columns position_{}, normal_{}, tangent_{}, color_{};
   Column variance_ = nullptr, radius_ = nullptr, variance_u_ = nullptr, variance_v_ = nullptr;
   Column area_ = nullptr, alpha_ = nullptr;
-  Column material_ = nullptr, group_ = nullptr, group_radius_ = nullptr;
+  Column material_ = nullptr, group_ = nullptr, group_radius_ = nullptr, source_ = nullptr;
 };
 
 }  // namespace surfel

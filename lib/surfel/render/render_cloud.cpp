@@ -1,7 +1,6 @@
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -15,62 +14,17 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 15;
 
-/// Cosine below which a cone of normals is of no use for culling.
-constexpr float kWidestCone = 0.05F;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
-/// Values taken side by side, so that the compiler makes vector instructions of a minimum, maximum
-/// or logical sum whose order it must not change.
-constexpr std::size_t kLanes = 8;
-
-/// Calls visit(i, lane) for i in [begin, end).
-template <class Visit>
-void visit_lanes(std::size_t begin, std::size_t end, Visit&& visit) {
-  std::size_t i = begin;
-  for (; i + kLanes <= end; i += kLanes) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) visit(i + lane, lane);
-  }
-  for (; i < end; ++i) visit(i, 0);
-}
-
-struct Range {
-  float min, max;
-};
-
-/// Least and largest of the values, passing over those that are NaN.
-template <class Value>
-Range range_of(std::size_t begin, std::size_t end, const Value& value) {
-  float lo[kLanes];
-  float hi[kLanes];
-  std::fill_n(lo, kLanes, kInfinity);
-  std::fill_n(hi, kLanes, -kInfinity);
-  visit_lanes(begin, end, [&](std::size_t i, std::size_t lane) {
-    const float v = value(i);
-    lo[lane] = v < lo[lane] ? v : lo[lane];
-    hi[lane] = v > hi[lane] ? v : hi[lane];
-  });
-  return {*std::min_element(lo, lo + kLanes), *std::max_element(hi, hi + kLanes)};
-}
-
 bool usable_size(float v) { return std::isfinite(v) && v > 0; }
 
 }  // namespace
 
-RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed) {
-  CloudSource source(cloud);
-  *this = RenderCloud(source, needed, "");
-}
-
 RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
                          const std::string& name) {
   size_ = source.size();
-  const SurfelAttributes attributes = source.attributes();
-  if (needed.groups && size_ > 0 && !attributes.group) throw_no_groups(name);
-  allocate(size_, attributes, needed);
+  allocate(size_, source.attributes(), needed, name);
   const std::size_t count = (size_ + kClusterSize - 1) / kClusterSize;
   clusters_.resize(count);
-  std::vector<ClusterTotals> totals(count);
+  std::vector<SurfelTotals> totals(count);
   Bounds box;
   const auto fill = [&] {
     parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
@@ -81,7 +35,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
       }
     });
     box = {};
-    for (const ClusterTotals& t : totals) {
+    for (const SurfelTotals& t : totals) {
       box.min = box.min.cwiseMin(t.min.cast<double>());
       box.max = box.max.cwiseMax(t.max.cast<double>());
     }
@@ -90,11 +44,13 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   if (source.recenter(box)) fill();
   origin_ = source.origin();
   // What this library has written is in order already, and has nothing that cannot be drawn.
+  const bool copies = source.attributes().source && !needed.copies;
   const bool usable =
-      std::all_of(totals.begin(), totals.end(), [](const ClusterTotals& t) { return t.usable; });
-  if (size_ > 0 && !(usable && MortonGrid(box.min.cast<float>(), box.max.cast<float>())
-                                   .in_order({x.data(), y.data(), z.data(), size_}))) {
-    gather(usable_order());
+      std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
+  if (copies || !usable ||
+      !MortonGrid(box.min.cast<float>(), box.max.cast<float>())
+           .in_order({x.data(), y.data(), z.data(), size_})) {
+    gather(drawing_order(source, copies));
     clusters_.resize((size_ + kClusterSize - 1) / kClusterSize);
     totals.resize(clusters_.size());
     parallel_for(
@@ -110,14 +66,41 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   if (!make_extent(totals)) alpha = {};
 }
 
+RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed,
+                         const std::string& name) {
+  if (cloud.tree.empty()) {
+    CloudSource source(cloud, 0, name);
+    *this = RenderCloud(source, needed, name);
+    return;
+  }
+  const std::uint32_t first = needed.levels ? 0 : cloud.tree[first_leaf(cloud.tree)].begin;
+  const CloudSource source(cloud, first, name);
+  size_ = source.size();
+  origin_ = source.origin();
+  allocate(size_, source.attributes(), needed, name);
+  parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
+    source.fill(begin, end, *this, begin);
+  });
+  const std::vector<SurfelTotals> totals = take_clusters(cloud.tree, needed.levels);
+  if (!std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; })) {
+    throw_input(name,
+                "surfels in its levels of detail have positions, variances or colours that are "
+                "not usable numbers; run surfel-lod on the original again");
+  }
+  if (!group.empty()) number_groups(name);
+  if (!make_extent(totals)) alpha = {};
+}
+
 std::vector<Array<float>*> RenderCloud::float_columns() {
   return {&x,         &y,         &z,         &normal_x,    &normal_y,    &normal_z,
           &tangent_x, &tangent_y, &tangent_z, &deviation_u, &deviation_v, &area,
           &red,       &green,     &blue,      &alpha,       &group_radius};
 }
 
+/// Makes the columns that are there and needed.
 void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
-                           const RenderColumns& needed) {
+                           const RenderColumns& needed, const std::string& name) {
+  if (needed.groups && rows > 0 && !attributes.group) throw_no_groups(name);
   const bool has_radius = needed.group_radius && attributes.group_radius;
   for (Array<float>* column : float_columns()) {
     const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
@@ -135,7 +118,7 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
 }
 
 /// Can a surfel be drawn? Counts it if not.
-bool RenderCloud::usable(std::size_t i, Dropped& dropped) const {
+bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   if (!Vec3f(x[i], y[i], z[i]).allFinite()) {
     ++dropped.position;
   } else if (!usable_size(deviation_u[i]) || (anisotropic() && !usable_size(deviation_v[i])) ||
@@ -150,14 +133,29 @@ bool RenderCloud::usable(std::size_t i, Dropped& dropped) const {
   return false;
 }
 
-/// The order of the surfels that can be drawn along the Morton curve.
-Array<std::uint32_t> RenderCloud::usable_order() {
+/// The order of the surfels that can be drawn along the Morton curve; of copies (RenderColumns) the
+/// first, if any are to be left out.
+Array<std::uint32_t> RenderCloud::drawing_order(const SurfelSource& source, bool copies) {
   Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
   std::size_t kept = 0;
   for (const std::uint32_t i : order) {
     if (usable(i, dropped_)) order[kept++] = i;
   }
   order.resize(kept);
+  if (!copies) return order;
+  Array<std::uint32_t> origin(size_);
+  source.fill_sources(0, size_, origin.data());
+  // By the place as well, since other programs' files may mean something else by `source`.
+  const auto key = [&](std::uint32_t i) { return std::tuple(origin[i], x[i], y[i], z[i]); };
+  Array<std::uint32_t> sorted = order;
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
+  });
+  std::vector<bool> is_copy(size_);
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    is_copy[sorted[i]] = key(sorted[i]) == key(sorted[i - 1]);
+  }
+  copies_ = std::erase_if(order, [&](std::uint32_t i) { return is_copy[i]; });
   return order;
 }
 
@@ -194,45 +192,28 @@ void RenderCloud::number_groups(const std::string& name) {
   for (std::uint16_t& g : group) g = static_cast<std::uint16_t>(number[g]);
 }
 
-/// Bounds the surfels [begin, end).
-ClusterTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end,
-                                        Cluster& cluster) const {
-  const auto column_range = [&](const Array<float>& column) {
-    return range_of(begin, end, [&](std::size_t i) { return column[i]; });
-  };
-  const Range position[] = {column_range(x), column_range(y), column_range(z)};
+SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
+  SurfelTotals totals;
   const Array<float>* const columns[] = {&x, &y, &z};
-  ClusterTotals totals;
   for (int axis = 0; axis < 3; ++axis) {
-    totals.min[axis] = position[axis].min;
-    totals.max[axis] = position[axis].max;
     const float* p = columns[axis]->data();
     const float* reach = deviation_u.data();
+    const ValueRange range = value_range(begin, end, [=](std::size_t i) { return p[i]; });
+    totals.min[axis] = range.min;
+    totals.max[axis] = range.max;
     totals.reach_min[axis] =
-        range_of(begin, end, [=](std::size_t i) { return p[i] - reach[i]; }).min;
+        value_range(begin, end, [=](std::size_t i) { return p[i] - reach[i]; }).min;
     totals.reach_max[axis] =
-        range_of(begin, end, [=](std::size_t i) { return p[i] + reach[i]; }).max;
+        value_range(begin, end, [=](std::size_t i) { return p[i] + reach[i]; }).max;
   }
-  cluster = {};
-  cluster.begin = static_cast<std::uint32_t>(begin);
-  cluster.end = static_cast<std::uint32_t>(end);
-  cluster.center = totals.min + (totals.max - totals.min) / 2;
-  Range deviation = column_range(deviation_u);
-  if (anisotropic()) {
-    const Range v = column_range(deviation_v);
-    deviation = {std::min(deviation.min, v.min), std::max(deviation.max, v.max)};
+  for (std::size_t i = begin; i < end; ++i) totals.deviations += larger_deviation(i);
+  const auto least = [&](const Array<float>& column) {
+    return value_range(begin, end, [&](std::size_t i) { return column[i]; }).min;
+  };
+  if (!alpha.empty()) totals.transparent = least(alpha) < 1;
+  for (const Array<float>* size : {&deviation_u, &deviation_v, &group_radius}) {
+    totals.usable = totals.usable && (size->empty() || least(*size) > 0);
   }
-  cluster.max_deviation = deviation.max;
-  float least_size = deviation.min;
-  if (!group_radius.empty()) {
-    const Range radius = column_range(group_radius);
-    cluster.max_group_radius = radius.max;
-    least_size = std::min(least_size, radius.min);
-  }
-  for (std::size_t i = begin; i < end; ++i) {
-    totals.deviations += anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
-  }
-  if (!alpha.empty()) totals.transparent = column_range(alpha).min < 1;
   // A sum of products with zero is zero unless a value is infinite or NaN.
   float zero[kLanes] = {};
   for (const Array<float>* column : {&x, &y, &z, &deviation_u, &deviation_v, &area, &red, &green,
@@ -241,61 +222,87 @@ ClusterTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end,
     const float* v = column->data();
     visit_lanes(begin, end, [&](std::size_t i, std::size_t lane) { zero[lane] += v[i] * 0.0F; });
   }
-  totals.usable =
-      least_size > 0 && std::all_of(zero, zero + kLanes, [](float v) { return v == 0; });
-
-  Vec3f sum(0, 0, 0);
-  bool all_oriented = true;
-  for (std::size_t i = begin; i < end; ++i) {
-    const Vec3f n(normal_x[i], normal_y[i], normal_z[i]);
-    sum += n;
-    all_oriented = all_oriented && !n.isZero();
-  }
-  const float* px = x.data();
-  const float* py = y.data();
-  const float* pz = z.data();
-  const Vec3f center = cluster.center;
-  const Range squared = range_of(begin, end, [=](std::size_t i) {
-    const float dx = px[i] - center.x();
-    const float dy = py[i] - center.y();
-    const float dz = pz[i] - center.z();
-    return dx * dx + (dy * dy + dz * dz);
-  });
-  // Rounding must not shrink a bound.
-  cluster.radius = std::max(0.0F, std::sqrt(squared.max)) * (1.0F + 1e-6F);
-  const Vec3f axis = unit_normal(sum);
-  if (!all_oriented || axis.isZero()) return totals;
-  const float* nx = normal_x.data();
-  const float* ny = normal_y.data();
-  const float* nz = normal_z.data();
-  const float cosine =
-      std::min(1.0F, range_of(begin, end, [=](std::size_t i) {
-                       return axis.x() * nx[i] + (axis.y() * ny[i] + axis.z() * nz[i]);
-                     }).min);
-  if (cosine > kWidestCone) {
-    cluster.cone_axis = axis;
-    cluster.cone_cosine = cosine - 1e-6F;
-  }
+  totals.usable = totals.usable && std::all_of(zero, zero + kLanes, [](float v) { return v == 0; });
   return totals;
 }
 
-/// Sums the clusters up. Returns whether some surfel is transparent.
-bool RenderCloud::make_extent(const std::vector<ClusterTotals>& totals) {
-  for (const Cluster& cluster : clusters_) {
+/// What a cluster has besides ClusterBounds.
+void RenderCloud::measure(Cluster& cluster, const SurfelTotals& totals) const {
+  // Of the cluster's own surfels; bounds of levels of detail hold all levels below. Rounding must
+  // not shrink a bound.
+  cluster.half_extent =
+      (totals.max - cluster.center).cwiseMax(cluster.center - totals.min) * (1.0F + 1e-6F);
+  if (group_radius.empty()) return;
+  cluster.max_group_radius =
+      value_range(cluster.begin, cluster.end, [&](std::size_t i) { return group_radius[i]; }).max;
+}
+
+/// Makes a cluster of the surfels [begin, end).
+SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end,
+                                       Cluster& cluster) const {
+  const float* const position[] = {x.data(), y.data(), z.data()};
+  const float* const normal[] = {normal_x.data(), normal_y.data(), normal_z.data()};
+  const auto position_at = [&](int axis, std::size_t i) { return position[axis][i]; };
+  const auto normal_at = [&](int axis, std::size_t i) { return normal[axis][i]; };
+  const float* const u = deviation_u.data();
+  const float* const v = anisotropic() ? deviation_v.data() : u;
+  const auto deviation_at = [=](std::size_t i) { return std::max(u[i], v[i]); };
+  cluster = {cluster_bounds(begin, end, position_at, normal_at, deviation_at)};
+  cluster.begin = static_cast<std::uint32_t>(begin);
+  cluster.end = static_cast<std::uint32_t>(end);
+  const SurfelTotals sums = totals(begin, end);
+  measure(cluster, sums);
+  return sums;
+}
+
+/// The clusters of the levels that are there, with the bounds that they bring. Returns their
+/// totals.
+std::vector<SurfelTotals> RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
+  const std::size_t finest = first_leaf(tree);
+  const std::size_t first = levels ? 0 : finest;
+  const std::uint32_t skipped = tree[first].begin;
+  first_finest_ = tree[finest].begin - skipped;
+  clusters_.resize(tree.size() - first);
+  std::vector<SurfelTotals> all(clusters_.size());
+  parallel_for(clusters_.size(), kBlock / kClusterSize,
+               [&](std::size_t begin, std::size_t end, int) {
+                 for (std::size_t c = begin; c < end; ++c) {
+                   const TreeCluster& from = tree[first + c];
+                   clusters_[c] = {from.bounds};
+                   clusters_[c].begin = from.begin - skipped;
+                   clusters_[c].end = from.end - skipped;
+                   all[c] = totals(clusters_[c].begin, clusters_[c].end);
+                   measure(clusters_[c], all[c]);
+                 }
+               });
+  if (levels) tree_ = tree;
+  return all;
+}
+
+float RenderCloud::larger_deviation(std::size_t i) const {
+  return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
+}
+
+/// Sums the clusters of the finest level up. Returns whether some surfel of any is transparent.
+bool RenderCloud::make_extent(const std::vector<SurfelTotals>& totals) {
+  bool transparent = false;
+  double deviations = 0;
+  for (std::size_t c = 0; c < clusters_.size(); ++c) {
+    const Cluster& cluster = clusters_[c];
+    const SurfelTotals& t = totals[c];
+    transparent = transparent || t.transparent;
+    if (cluster.begin < first_finest_) continue;
     const Vec3d center = origin_ + cluster.center.cast<double>();
     const double radius = static_cast<double>(cluster.radius) + cluster.max_deviation;
     extent_.spheres.push_back({center, radius});
-  }
-  // The box from the surfels themselves: around the spheres it would be far too large.
-  double deviations = 0;
-  bool transparent = false;
-  for (const ClusterTotals& t : totals) {
-    deviations += t.deviations;
-    transparent = transparent || t.transparent;
+    // The box from the surfels themselves: around the spheres it would be far too large.
     extent_.box.add(origin_ + t.reach_min.cast<double>());
     extent_.box.add(origin_ + t.reach_max.cast<double>());
+    deviations += t.deviations;
   }
-  if (size_ > 0) mean_deviation_ = deviations / static_cast<double>(size_);
+  if (size_ > first_finest_) {
+    mean_deviation_ = deviations / static_cast<double>(size_ - first_finest_);
+  }
   return transparent;
 }
 
@@ -307,7 +314,7 @@ std::uint64_t RenderCloud::memory_bytes() const {
     floats += column->size();
   }
   return floats * sizeof(float) + (material.size() + group.size()) * sizeof(std::uint16_t) +
-         clusters_.size() * sizeof(Cluster);
+         clusters_.size() * sizeof(Cluster) + tree_.size() * sizeof(TreeCluster);
 }
 
 }  // namespace surfel

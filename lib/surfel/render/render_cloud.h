@@ -1,32 +1,28 @@
 #pragma once
 
 #include <cstdint>
-#include <initializer_list>
+#include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/cloud/cloud.h>
+#include <surfel/cloud/usable_surfels.h>
 #include <surfel/io/camera.h>
 #include <surfel/render/surfel_source.h>
 
 namespace surfel {
 
 /// Consecutive surfels of a RenderCloud with bounds for culling.
-struct Cluster {
+struct Cluster : ClusterBounds {
   std::uint32_t begin = 0;
   std::uint32_t end = 0;
-  Vec3f center{0, 0, 0};       ///< Of a sphere around the surfels' positions.
-  float radius = 0;            ///< Of that sphere.
+  Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels at `center`.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
-  float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
-  Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
-  float cone_cosine =
-      -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
 };
 
-/// Of a cluster, what the whole cloud's figures are made of.
-struct ClusterTotals {
+/// Of consecutive surfels, what the whole cloud's figures are made of.
+struct SurfelTotals {
   Vec3f min, max;              ///< Of the positions.
   Vec3f reach_min, reach_max;  ///< The same with each surfel's deviation.
   double deviations = 0;       ///< Sum of the larger ones.
@@ -38,61 +34,64 @@ struct ClusterTotals {
 struct RenderColumns {
   bool groups = false;        ///< `group`.
   bool group_radius = false;  ///< `group_radius`, where the cloud has it.
+  /// Copies of splats, made for every group to cover the surface (SP06 section 4.2.2), which would
+  /// count twice where groups do not matter. Else the first of those with the same `source` and the
+  /// same place stays.
+  bool copies = false;
+  bool levels = false;  ///< All levels of detail, where the cloud has them: else the finest.
 };
 
 /// A cloud made ready for rendering: unusable surfels dropped, the rest sorted along a Morton
 /// curve, cut into clusters, and laid out in the columns that splat set-up streams through. Built
 /// once, rendered from any number of cameras. Does not depend on the order of the surfels in the
-/// cloud.
+/// cloud, but for which of several copies stays. A cloud with levels of detail keeps its order and
+/// its clusters.
 class SURFEL_API RenderCloud {
  public:
-  static constexpr std::uint32_t kClusterSize = 256;
+  static constexpr std::uint32_t kClusterSize = kClusterSurfels;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
   static constexpr std::size_t kPadding = 16;
   /// Surfels that are decoded at a time: they stay in a core's cache.
   static constexpr std::size_t kBlock = 8 * std::size_t{kClusterSize};
-  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
-  /// into saturation.
-  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
-
-  /// What was left out, and why.
-  struct Dropped {
-    std::size_t position = 0;  ///< Not finite.
-    std::size_t variance = 0;  ///< Variance or enlarged radius not finite, or not positive.
-    std::size_t color = 0;     ///< Colour, alpha or area not finite.
-    std::size_t total() const { return position + variance + color; }
-    void add(const Dropped& other) {
-      position += other.position;
-      variance += other.variance;
-      color += other.color;
-    }
-  };
 
   /// Most groups: a tile keeps an image of each.
   static constexpr int kMostGroups = 1024;
 
+  /// No surfels.
   RenderCloud() = default;
   /// Throws Error(kInput) if the cloud has no variance, or not the groups that are needed, or more
-  /// than kMostGroups of them. Colourless clouds are light grey. A surfel whose normal is zero
-  /// always faces the eye.
-  explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {});
-  /// The same of any source; `name` starts messages.
+  /// than kMostGroups of them, or levels of detail with surfels that cannot be drawn. Colourless
+  /// clouds are light grey. A surfel whose normal is zero always faces the eye.
+  /// `name` starts messages.
+  explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {},
+                       const std::string& name = {});
+  /// The same of any source, which has no levels of detail.
   RenderCloud(SurfelSource& source, const RenderColumns& needed, const std::string& name);
 
   std::size_t size() const { return size_; }
+  /// Of all levels of detail, parallel to tree(), if that is not empty.
   const std::vector<Cluster>& clusters() const { return clusters_; }
+  /// Levels of detail; empty without, or if they were not asked for.
+  const ClusterTree& tree() const { return tree_; }
+  /// First surfel of the finest level; all after it are of that level, too.
+  std::size_t first_finest() const { return first_finest_; }
   const Vec3d& origin() const { return origin_; }
-  const Dropped& dropped() const { return dropped_; }
+  const UnusableSurfels& dropped() const { return dropped_; }
+  /// Copies of splats that were left out.
+  std::size_t copies() const { return copies_; }
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Some surfel has alpha below 1.
   bool transparent() const { return !alpha.empty(); }
-  /// World bounds: a box, and a sphere around each cluster's discs at standard deviation 1.
+  /// World bounds: a box, and a sphere around each cluster's discs at standard deviation 1; of the
+  /// finest level.
   const SceneExtent& extent() const { return extent_; }
   /// Groups in use, SP06's K; 0 if groups were not asked for.
   int groups() const { return groups_; }
   /// Mean over the surfels of the larger standard deviation of each; 0 if there are none.
   double mean_deviation() const { return mean_deviation_; }
   std::uint64_t memory_bytes() const;
+  /// Standard deviation of a surfel along its longer axis, scene units.
+  float larger_deviation(std::size_t surfel) const;
 
   // Columns, in Morton order; the optional ones are empty where the scene does not need them.
   Array<float> x, y, z;
@@ -110,21 +109,28 @@ class SURFEL_API RenderCloud {
  private:
   friend class CloudStream;  // Fills the columns with a part of a file at a time.
 
-  void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed);
+  void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed,
+                const std::string& name);
   std::vector<Array<float>*> float_columns();
-  ClusterTotals make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const;
-  bool usable(std::size_t row, Dropped& dropped) const;
-  Array<std::uint32_t> usable_order();
+  bool usable(std::size_t row, UnusableSurfels& dropped) const;
+  SurfelTotals totals(std::size_t begin, std::size_t end) const;
+  SurfelTotals make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const;
+  void measure(Cluster& cluster, const SurfelTotals& totals) const;
+  Array<std::uint32_t> drawing_order(const SurfelSource& source, bool copies);
   void gather(const Array<std::uint32_t>& order);
   void number_groups(const std::string& name);
-  bool make_extent(const std::vector<ClusterTotals>& totals);
+  std::vector<SurfelTotals> take_clusters(const ClusterTree& tree, bool levels);
+  bool make_extent(const std::vector<SurfelTotals>& totals);
 
   std::size_t size_ = 0;
+  std::size_t first_finest_ = 0;
   int groups_ = 0;
   double mean_deviation_ = 0;
   Vec3d origin_{0, 0, 0};
   std::vector<Cluster> clusters_;
-  Dropped dropped_;
+  ClusterTree tree_;
+  UnusableSurfels dropped_;
+  std::size_t copies_ = 0;
   SceneExtent extent_;
 };
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -20,11 +21,6 @@
 namespace surfel {
 namespace {
 
-/// Where several batches are needed, the A-buffer of this many bytes is kept between them; larger
-/// pictures are rendered in horizontal bands.
-constexpr std::size_t kABufferBytes = std::size_t{1} << 30;
-/// Most tiles along a side that TileRange can name: pictures of 65,536 pixels have 4,096.
-constexpr int kMostTiles = 1 << 16;
 /// Standard deviation of the low-pass filter that stands for none, pixels: an edge-on disc keeps a
 /// width.
 constexpr double kNoLowpass = 1e-3;
@@ -46,6 +42,12 @@ struct Worker {
   std::uint64_t culled = 0;
 };
 
+/// Of the clusters that a band shows, some that are drawn together: are they the first, the last?
+struct Batch {
+  bool first = true;
+  bool last = true;
+};
+
 double lowpass_of(const RenderOptions& options) {
   return options.filter == Filter::kNone ? kNoLowpass : options.lowpass;
 }
@@ -62,7 +64,9 @@ bool blends_layers(Method method) {
 }  // namespace
 
 RenderColumns columns_of(Method method) {
-  return {.groups = needs_groups(method), .group_radius = blends_layers(method)};
+  return {.groups = needs_groups(method),
+          .group_radius = blends_layers(method),
+          .copies = blends_layers(method)};
 }
 
 double coverage_threshold(double cutoff) {
@@ -104,6 +108,8 @@ std::vector<std::string> RenderOptions::problems() const {
   check(!coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
         fmt::format("coverage-threshold is {}; it must be in (0, 1e6]",
                     coverage_threshold.value_or(0)));
+  check(!lod_error || (*lod_error >= 0 && *lod_error <= 1000),
+        fmt::format("lod-error is {}; it must be in 0..1000 pixels", lod_error.value_or(0)));
   check(batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 28),
         fmt::format("batch is {}; it must be in 256..2^28", batch));
   check(std::all_of(background.begin(), background.end(),
@@ -126,7 +132,7 @@ struct Renderer::Impl {
   std::vector<Worker> workers;
   std::optional<SplatLists> surfaces;  ///< Splats that are interpolated.
   std::optional<SplatLists> blended;   ///< Splats of layers that are blended.
-  Array<float> a_buffer;
+  Array<float> a_buffer;               ///< Of all tiles of a band, where it takes several batches.
 
   Impl(const RenderCloud& c, const Scene& s, const RenderOptions& o)
       : cloud(c), scene(s), options(o) {
@@ -149,6 +155,9 @@ struct Renderer::Impl {
     const bool groups = needs_groups(options.method);
     if (groups && cloud.size() > 0 && cloud.groups() == 0) {
       throw_input("", "the surfels have no groups; run surfel-group on them");
+    }
+    if (groups && !cloud.tree().empty()) {
+      throw_usage("levels of detail have no groups; use --lod off with methods that need them");
     }
     if (options.method == Method::kDeferred && !opaque) {
       throw_usage(
@@ -190,13 +199,16 @@ struct Renderer::Impl {
 
   /// The splats of a tile must all be there at once.
   bool whole_tiles() const { return options.method != Method::kABuffer; }
+  /// Either list has the same blocks.
+  SplatLists& any_lists() { return surfaces ? *surfaces : *blended; }
 
-  Band next_band(const Camera& camera, int y0, int rows, std::vector<VisibleCluster>& clusters,
-                 std::vector<VisibleCluster>& blended_clusters);
   LayerRule layer_rule(const Camera& camera) const;
-  void rasterize(const Camera& camera, const Band& band, const Shader& shader, bool first,
-                 bool last, Image& image);
-  void draw(TileABuffer& tile, std::size_t index, const LayerRule& rule, Worker& worker, int w);
+  int band_rows(const Camera& camera, int y0) const;
+  void rasterize(const Camera& camera, const Band& band, const BlockGrid& grid, const Batch& batch,
+                 const Shader& shader, Image& image);
+  void draw_block(const Band& band, const BlockGrid& grid, std::size_t block, const Batch& batch,
+                  const LayerRule& rule, TileABuffer& tile, Image& image, int w);
+  void draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker, int w);
   void resolve(TileABuffer& tile, const std::vector<BlendedPixel>* behind, Image& image) const;
 };
 
@@ -213,25 +225,14 @@ Renderer::Renderer(CloudStream& stream, const Scene& scene, const RenderOptions&
 }
 Renderer::~Renderer() = default;
 
-/// Rows of a frame to draw together, `rows` at most, and the clusters seen in them. Methods that
-/// take all splats of a tile at once get fewer rows where more splats than a batch are seen.
-Band Renderer::Impl::next_band(const Camera& camera, int y0, int rows,
-                               std::vector<VisibleCluster>& clusters,
-                               std::vector<VisibleCluster>& blended_clusters) {
-  rows = std::min(rows, tiles_along(camera.height - y0) * kTileSize);
-  for (;;) {
-    const Band band(camera, y0, std::min(camera.height, y0 + rows));
-    bool fits = true;
-    const auto cull = [&](std::optional<SplatLists>& lists, std::vector<VisibleCluster>& out) {
-      if (!lists) return;
-      out = lists->cull(camera, band);
-      fits = fits && lists->end_of_batch(out, 0) == out.size();
-    };
-    cull(surfaces, clusters);
-    cull(blended, blended_clusters);
-    if (fits || !whole_tiles() || rows <= kTileSize) return band;
-    rows = std::max(1, rows / kTileSize / 2) * kTileSize;
-  }
+/// Rows of the picture to draw together, from y0 on: all, unless their A-buffers are to be kept and
+/// take too much memory.
+int Renderer::Impl::band_rows(const Camera& camera, int y0) const {
+  const int rows = camera.height - y0;
+  if (!stream) return rows;
+  const std::size_t tile_row = layout.size() * sizeof(float) * tiles_along(camera.width);
+  const std::size_t most = std::max<std::size_t>(1, stream->picture_bytes() / tile_row);
+  return static_cast<int>(std::min<std::size_t>(rows, most * kTileSize));
 }
 
 /// SP06 (6): n is the least that its text allows, (d_max - d_min) / epsilon, with the footprint of
@@ -257,9 +258,10 @@ LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
   return rule;
 }
 
-/// Rasterises a tile's splats by the method, all of them but in the A-buffer.
-void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule& rule,
-                          Worker& worker, int w) {
+/// Rasterises the splats of a tile of the loaded block by the method, all of them but in the
+/// A-buffer.
+void Renderer::Impl::draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker,
+                          int w) {
   const auto composite = [&](const TileJob& job) {
     worker.images.reset(cloud.groups(), options.method == Method::kDeferred ? options.layers : 1);
     rasterize_groups(job, rule, tile, worker.images);
@@ -267,23 +269,24 @@ void Renderer::Impl::draw(TileABuffer& tile, std::size_t index, const LayerRule&
   };
   const auto blend = [&](const NearestLayer* masked) {
     worker.culled +=
-        blend_layers(blended->job(index, w), rule, cloud.groups(), masked, tile, worker.layers);
+        blend_layers(blended->job(x, y, w), rule, cloud.groups(), masked, tile, worker.layers);
   };
   switch (options.method) {
     case Method::kABuffer:
-      if (surfaces->count(index) > 0) rasterize_tile(surfaces->job(index, w), tile);
+      rasterize_tile(surfaces->job(x, y, w), tile);
       break;
     case Method::kDepthPeel:
-      worker.peeled.add(peel_tile(surfaces->job(index, w), worker.peel, tile));
+      worker.peeled.add(peel_tile(surfaces->job(x, y, w), worker.peel, tile));
       break;
     case Method::kDeferred:
-      composite(surfaces->job(index, w));
+      composite(surfaces->job(x, y, w));
       break;
     case Method::kTransparent:
       blend(nullptr);
       break;
     case Method::kTransparentHigh:
-      composite(surfaces->job(index, w));
+      composite(surfaces->job(x, y, w));
+      if (tile.shader->has_environment()) filter_normals(tile, worker.layers);
       worker.nearest.resize(kTilePixels);
       for (int pixel = 0; pixel < kTilePixels; ++pixel) {
         worker.nearest[pixel] = nearest_layer(tile, pixel);
@@ -297,14 +300,27 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
                              Image& image) const {
   const std::array<float, 4>& b = options.background;
   const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  // What a pixel without fragments shows, where that is the same for all.
+  std::optional<std::vector<float>> nothing;
+  if (!behind && !tile.shader->has_environment()) {
+    nothing = {background.red, background.green, background.blue, background.alpha};
+    if (options.aovs) {
+      constexpr float kInfinity = std::numeric_limits<float>::infinity();
+      nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
+    }
+  }
   for (int y = 0; y < tile.height; ++y) {
     for (int x = 0; x < tile.width; ++x) {
       const int pixel = tile_pixel(x, y);
+      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
+      if (nothing && tile.at(0, kWeight, pixel) == 0) {
+        std::copy(nothing->begin(), nothing->end(), out);
+        continue;
+      }
       // SP06: I = alpha C_F + (1 - alpha) C_O
       const Fragment others = behind ? (*behind)[pixel].merged() : Fragment{};
       PixelResult result = resolve_pixel(tile, pixel, &others);
       result.color.composite(background);
-      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
       out[0] = result.color.red;
       out[1] = result.color.green;
       out[2] = result.color.blue;
@@ -319,33 +335,62 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
   }
 }
 
-void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Shader& shader,
-                               bool first, bool last, Image& image) {
-  const bool keep = !(first && last);
-  if (first && keep) a_buffer.resize(layout.size() * band.tiles());
+/// Sets up the splats that a block has in the batch and draws its tiles, in several parts where they
+/// are very many. `tile` says what is the same for all tiles.
+void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::size_t block,
+                                const Batch& batch, const LayerRule& rule, TileABuffer& tile,
+                                Image& image, int w) {
+  Worker& worker = workers[w];
+  const std::size_t clusters = any_lists().clusters(block);
+  if (clusters == 0 && !batch.first && !batch.last) return;
+  const std::size_t part = whole_tiles() ? std::max<std::size_t>(1, clusters)
+                                         : options.batch / RenderCloud::kClusterSize;
+  const int first_x = grid.first_tile_x(block);
+  const int first_y = grid.first_tile_y(block);
+  const int tiles_x = std::min(1 << grid.shift, band.tiles_x - first_x);
+  const int tiles_y = std::min(1 << grid.shift, band.tiles_y - first_y);
+  // A-buffers stay from batch to batch, or from part to part; else one serves all tiles.
+  const bool batches = !(batch.first && batch.last);
+  const bool parts = clusters > part;
+  if (!batches) worker.a_buffer.resize(layout.size() * (parts ? tiles_x * tiles_y : 1));
+  const auto buffer = [&](int x, int y) {
+    if (batches) return a_buffer.data() + layout.size() * band.tile(first_x + x, first_y + y);
+    return worker.a_buffer.data() + layout.size() * (parts ? y * tiles_x + x : 0);
+  };
+  for (std::size_t begin = 0; begin == 0 || begin < clusters; begin += part) {
+    const std::size_t end = std::min(begin + part, clusters);
+    if (surfaces) surfaces->load(block, begin, end, w);
+    if (blended) blended->load(block, 0, blended->clusters(block), w);
+    for (int y = 0; y < tiles_y; ++y) {
+      for (int x = 0; x < tiles_x; ++x) {
+        tile.data = buffer(x, y);
+        if (batch.first && begin == 0) std::fill_n(tile.data, layout.size(), 0.0F);
+        tile.x0 = (first_x + x) * kTileSize;
+        tile.y0 = band.y0 + (first_y + y) * kTileSize;
+        tile.width = std::min(kTileSize, image.width - tile.x0);
+        tile.height = std::min(kTileSize, band.y1 - tile.y0);
+        tile.merges = {};
+        draw(tile, x, y, rule, worker, w);
+        if (batch.last && end == clusters) {
+          resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
+        }
+        worker.merges.add(tile.merges);
+      }
+    }
+  }
+}
+
+void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
+                               const Batch& batch, const Shader& shader, Image& image) {
+  if (batch.first && !batch.last) a_buffer.resize(layout.size() * band.tiles());
   const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
-  parallel_for(band.tiles(), 1, [&](std::size_t t, std::size_t, int w) {
-    Worker& worker = workers[w];
-    if (keep && !first && !last && surfaces->count(t) == 0) return;
+  parallel_for(grid.blocks(), 1, [&](std::size_t block, std::size_t, int w) {
     TileABuffer tile;
     tile.layout = layout;
-    if (keep) {
-      tile.data = a_buffer.data() + layout.size() * t;
-    } else {
-      worker.a_buffer.resize(layout.size());
-      tile.data = worker.a_buffer.data();
-    }
-    if (first) std::fill_n(tile.data, layout.size(), 0.0F);
-    tile.x0 = static_cast<int>(t % band.tiles_x) * kTileSize;
-    tile.y0 = band.y0 + static_cast<int>(t / band.tiles_x) * kTileSize;
-    tile.width = std::min(kTileSize, camera.width - tile.x0);
-    tile.height = std::min(kTileSize, band.y1 - tile.y0);
     tile.full_weight = full_weight;
     tile.edge_weight = edge_weight;
     tile.shader = &shader;
-    draw(tile, t, rule, worker, w);
-    if (last) resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
-    worker.merges.add(tile.merges);
+    draw_block(band, grid, block, batch, rule, tile, image, w);
   });
 }
 
@@ -372,50 +417,41 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   }
   image.data.resize(static_cast<std::size_t>(camera.width) * camera.height * image.channels.size());
 
-  // Bands only matter to pictures so large that the A-buffer may not fit its limit, and to methods
-  // that cannot draw in batches.
-  const std::size_t row_bytes = r.layout.size() * sizeof(float) * tiles_along(camera.width);
-  const int most_rows =
-      static_cast<int>(std::clamp<std::size_t>(kABufferBytes / row_bytes, 1, kMostTiles)) *
-      kTileSize;
-  std::vector<VisibleCluster> clusters;
-  std::vector<VisibleCluster> blended;
   for (int y0 = 0; y0 < camera.height;) {
     Timer timer;
-    const Band band = r.next_band(camera, y0, most_rows, clusters, blended);
+    const Band band(camera, y0, y0 + r.band_rows(camera, y0));
     y0 = band.y1;
-    stats.clusters += std::max(clusters.size(), blended.size());
+    std::vector<VisibleCluster> clusters;
+    std::vector<VisibleCluster> blended;
+    if (r.surfaces) clusters = r.surfaces->cull(camera, band);
+    if (r.blended) blended = r.blended->cull(camera, band);
+    const std::size_t seen = std::max(clusters.size(), blended.size());
+    stats.clusters += seen;
+    const BlockGrid grid(band, seen * RenderCloud::kClusterSize);
     stats.stages.add("cull", timer.milliseconds());
-    const auto draw = [&](bool first, bool last) {
-      timer.restart();
-      r.rasterize(camera, band, shader, first, last, image);
-      stats.stages.add("raster", timer.milliseconds());
-    };
-    if (r.whole_tiles()) {
-      const auto make = [&](std::optional<SplatLists>& lists,
-                            const std::vector<VisibleCluster>& seen) {
-        if (lists)
-          stats.splats += lists->make(camera, band, seen.data(), seen.size(), stats.stages);
-      };
-      make(r.surfaces, clusters);
-      make(r.blended, blended);
-      draw(true, true);
-      continue;
-    }
-    std::size_t begin = 0;
-    do {
-      const std::size_t end = r.surfaces->end_of_batch(clusters, begin);
+    // All clusters at once, unless they have to be fetched.
+    const std::size_t size =
+        r.stream ? r.stream->batch_clusters() : std::max<std::size_t>(1, clusters.size());
+    for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
+      const std::span<const VisibleCluster> rest = std::span(clusters).subspan(begin);
+      const auto batch = rest.first(std::min(size, rest.size()));
       if (r.stream) {
         timer.restart();
-        r.stream->fetch(clusters.data() + begin, end - begin);
-        r.stream->expect(clusters.data() + end, r.surfaces->end_of_batch(clusters, end) - end);
+        const auto next = rest.subspan(batch.size());
+        r.stream->fetch(batch);
+        r.stream->expect(next.first(std::min(size, next.size())));
         stats.stages.add("read", timer.milliseconds());
       }
-      stats.splats +=
-          r.surfaces->make(camera, band, clusters.data() + begin, end - begin, stats.stages);
-      draw(begin == 0, end == clusters.size());
-      begin = end;
-    } while (begin < clusters.size());
+      timer.restart();
+      if (r.surfaces) r.surfaces->bin(camera, band, grid, batch);
+      if (r.blended) r.blended->bin(camera, band, grid, blended);
+      stats.stages.add("cull", timer.milliseconds());
+      timer.restart();
+      r.rasterize(camera, band, grid,
+                  {.first = begin == 0, .last = begin + batch.size() == clusters.size()}, shader,
+                  image);
+      stats.stages.add("raster", timer.milliseconds());
+    }
   }
   MergeStatistics merges;
   PeelStatistics peeled;
@@ -425,7 +461,9 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     stats.culled += worker.culled;
   }
   for (std::optional<SplatLists>* lists : {&r.surfaces, &r.blended}) {
-    if (*lists) stats.exact_splats += (*lists)->take_exact_count();
+    if (!*lists) continue;
+    stats.splats += (*lists)->take_splat_count();
+    stats.exact_splats += (*lists)->take_exact_count();
   }
   stats.merged = merges.merged;
   const double all = merges.total_weight + merges.dropped_weight;

@@ -75,8 +75,16 @@ struct RenderOptions {
   bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.
   bool lit = true;         ///< Shade with the scene; else show the filtered texture itself.
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
-  std::size_t batch = std::size_t{1} << 20;     ///< Splats in flight at once, 256..2^28: more needs
-                                                ///< more memory, fewer more time.
+  /// Of kABuffer: surfels of a block of pixels that are set up and sorted at once, 256..2^28. The
+  /// nearest ones are drawn before the others are set up, which bounds the memory.
+  std::size_t batch = std::size_t{1} << 20;
+  /// Of clouds with levels of detail: surfels may stand for pieces of surface with this length on
+  /// the longer side, pixels, 0..1000; 0: the finest level alone. Unset: kLodError times the
+  /// low-pass filter's deviation, so that neighbours are one deviation apart.
+  std::optional<double> lod_error;
+  static constexpr double kLodError = 1.4;
+  /// lod_error with its default filled in, pixels.
+  double lod_pixels() const { return lod_error.value_or(kLodError * lowpass); }
   bool aovs = false;  ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight; not where layers are
                       ///< blended.
 
@@ -90,7 +98,7 @@ SURFEL_API RenderColumns columns_of(Method method);
 /// What one frame cost and did.
 struct FrameStatistics {
   double milliseconds = 0;
-  StageTimes stages;                  ///< cull, read (of a CloudStream), setup, bin, raster.
+  StageTimes stages;                  ///< cull, read (of a CloudStream), raster (with splat set-up).
   std::size_t clusters = 0;           ///< Drawn, of all.
   std::size_t splats = 0;             ///< Set up and inside the picture ...
   std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
@@ -103,23 +111,25 @@ struct FrameStatistics {
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that, which are left out.
 };
 
-/// Renders a cloud by screen space EWA splatting: clusters are culled and taken front to back,
-/// their splats set up, binned to tiles, and each tile is rasterised and resolved by one thread.
-/// The picture does not depend on the number of threads, nor on the order of the surfels.
+/// Renders a cloud by screen space EWA splatting: clusters are culled, sorted front to back and
+/// listed by block of pixels; one thread sets up the splats of a block, sorts them into its tiles,
+/// rasterises and resolves these. The picture does not depend on the number of threads, nor on the
+/// order of the surfels.
 ///
-/// Memory of kABuffer: 96 bytes for each of at most 2 million splats in flight, 12 bytes for each
-/// tile they touch, and the A-buffer where more splats than that are seen. The other methods need
-/// all splats of a tile at once; where more than a batch are seen, they draw the picture in
-/// horizontal bands, of one row of tiles at least. In addition each thread keeps the images of its
-/// tile: 6 KB for each group and layer of Algorithm 1, 24 KB for each group of Algorithm 2.
+/// Memory: of each thread 128 bytes for every splat of its block, 20 bytes for every tile it
+/// touches, and the A-buffer of a tile, or of a block where the splats are more than a batch. The
+/// methods other than kABuffer need all splats of a block at once, and the images of a tile: 6 KB
+/// for each group and layer of Algorithm 1, 24 KB for each group of Algorithm 2.
 class SURFEL_API Renderer {
  public:
   /// Keeps references to the cloud and the scene. Throws Error(kUsage) for options that are not
   /// usable, and for kDeferred of what is transparent; Error(kInput) if the cloud was made without
   /// columns_of(method).
   Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options);
-  /// Of a cloud that stays in its file, read anew for each picture; the same bytes as in memory.
-  /// Keeps a reference. kABuffer alone draws in batches: Error(kUsage) for other methods.
+  /// Of a cloud that stays in its file and is read anew for each picture, nearest clusters first, a
+  /// batch of the stream at a time. The A-buffers of all tiles are kept meanwhile. The same bytes as
+  /// in memory where what is seen fits into one batch; else fragments may merge in another order.
+  /// Keeps a reference. Error(kUsage) for other methods than kABuffer.
   Renderer(CloudStream& stream, const Scene& scene, const RenderOptions& options);
   ~Renderer();
   Renderer(const Renderer&) = delete;

@@ -14,6 +14,9 @@ inline constexpr int kTilePixels = kTileSize * kTileSize;
 /// pixels, from any row on: most splats need one or two of them.
 inline constexpr int kStripWidth = 4;
 
+/// Splats are set up for square blocks of tiles, 32, 64 or 128 pixels a side.
+inline constexpr int kMostBlockSize = 128;
+
 /// Place of a tile's pixel among its kTilePixels.
 constexpr int tile_pixel(int x, int y) {
   return (x / kStripWidth * kTileSize + y) * kStripWidth + x % kStripWidth;
@@ -23,24 +26,30 @@ constexpr int tile_pixel_x(int pixel) {
 }
 constexpr int tile_pixel_y(int pixel) { return pixel / kStripWidth % kTileSize; }
 
+/// Pixels of a block that the box of a splat holds, last ones included; counted from the block's
+/// first pixel.
+struct PixelBox {
+  std::uint8_t x0, y0, x1, y1;
+};
+
 /// A surfel's resampling kernel, ready to be rasterised. With dx, dy from the centre in pixels:
-/// beta = k (dx - m dy)^2 + c (dy / half_y)^2, the square completed along rows: unlike the conic's
-/// three coefficients it does not cancel when the ellipse is a long diagonal sliver.
+/// beta = k (dx - m dy)^2 + q dy^2, the square completed along rows: unlike the conic's three
+/// coefficients it does not cancel when the ellipse is a long diagonal sliver.
 /// Depth is "nearness": 1 / z in perspective, -z in orthographic projection; larger is nearer.
 /// A splat with k < 0 (kExactKernel) has an ExactSplat instead, at the same place of a parallel
-/// array: of the fields before `red` it keeps only the box (its middle and half sides) and a depth
-/// to sort by.
+/// array: of the fields before `box` it keeps only the place that the ExactSplat's functions are
+/// centred at, and a depth to sort by.
 struct alignas(64) Splat {
   float x, y;                ///< Centre, pixels.
-  float m, k;                ///< m = Sigma_xy / Sigma_yy, k = Sigma_yy / (2 |Sigma|).
+  float m, k, q;             ///< Sigma_xy / Sigma_yy, Sigma_yy / (2 |Sigma|), 1 / (2 Sigma_yy).
   float amplitude;           ///< rho_k at the centre.
   float depth;               ///< At the centre ...
   float depth_dx, depth_dy;  ///< ... and per pixel, on the tangent plane.
   float depth_range;         ///< The plane's depth is clamped to depth +- depth_range.
-  float half_x, half_y;      ///< Half the sides of the box that bounds beta < c, pixels.
+  PixelBox box;              ///< Bounds beta < c.
   float red, green, blue;    ///< Times alpha.
   float alpha;
-  std::uint32_t tag;  ///< kFrontTag, kFilteredTag; from kMaterialShift on: material.
+  std::uint32_t tag;  ///< kFrontTag and the like; from kMaterialShift on: material.
 };
 static_assert(sizeof(Splat) == 64);
 
@@ -70,11 +79,6 @@ struct SplatNormal {
   float x, y, z;
 };
 
-/// Tiles that a splat's bounding box touches, last ones included.
-struct TileRange {
-  std::uint16_t x0, y0, x1, y1;
-};
-
 /// Camera and filter, in single precision, for one frame (or one horizontal band of it).
 struct SplatView {
   float rotation[9];     ///< Row-major camera_from_world.
@@ -89,8 +93,9 @@ struct SplatView {
   float tolerance;
   float cutoff;    ///< c of beta < c.
   float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
-  float clip_x1;   ///< Splats outside of 0..clip_x1, clip_y0..clip_y1 are dropped; pixels.
-  float clip_y0, clip_y1;
+  /// Splats outside of this rectangle of at most kMostBlockSize pixels a side are dropped.
+  float clip_x0, clip_y0, clip_x1, clip_y1;
+  bool first_column, first_row;  ///< The rectangle begins where what is drawn does.
 };
 
 }  // namespace surfel

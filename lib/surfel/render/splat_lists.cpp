@@ -1,41 +1,51 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include <surfel/base/error.h>
-#include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/lod/cut.h>
 #include <surfel/render/exact_kernel.h>
 #include <surfel/render/splat_lists.h>
 
 namespace surfel {
 namespace {
 
-/// Entries of tile lists in flight that a batch may be expected to need.
-constexpr double kBatchReferences = 1 << 24;
-/// Tile histograms of all segments together, entries.
-constexpr std::size_t kHistogramEntries = std::size_t{1} << 22;
-/// Splats in flight with groups: places of their fields, in floats, fit 32 bits with a sign.
+/// A block's splats should fit a core's second-level cache, with room for what else is there.
+constexpr double kBlockSplats = 24000;
+/// Blocks that a band has at least, for the threads to share.
+constexpr std::size_t kLeastBlocks = 64;
+/// Most splats of a block: places of their fields, in floats, fit 32 bits with a sign.
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
-
-/// Makes room for `count` values, which are all filled soon; those from before are lost.
-template <class T>
-void make_room(Array<T>& array, std::size_t count) {
-  if (array.size() >= count) return;
-  array = {};  // Not beside the new one.
-  array.resize(count + count / 8);  // Batches differ a little.
-  prefer_huge_pages(array.data(), array.size() * sizeof(T));
-}
 
 }  // namespace
 
+BlockGrid::BlockGrid(const Band& band, std::size_t surfels) {
+  const auto make = [&](int s) {
+    shift = s;
+    blocks_x = (band.tiles_x + (1 << s) - 1) >> s;
+    blocks_y = (band.tiles_y + (1 << s) - 1) >> s;
+  };
+  constexpr int kMostShift = std::bit_width(static_cast<unsigned>(kMostBlockSize / kTileSize)) - 1;
+  for (int s = kMostShift; s >= 1; --s) {
+    make(s);
+    if (blocks() >= kLeastBlocks &&
+        static_cast<double>(surfels) <= kBlockSplats * static_cast<double>(blocks())) {
+      return;
+    }
+  }
+}
+
 SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
                        const SplatListOptions& lists)
-    : cloud_(cloud), scene_(scene), options_(options), lists_(lists) {}
+    : cloud_(cloud), scene_(scene), options_(options), lists_(lists) {
+  if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
+}
 
 SplatView SplatLists::view(const Camera& camera, const Band& band) const {
   SplatView view{};
@@ -62,8 +72,9 @@ SplatView SplatLists::view(const Camera& camera, const Band& band) const {
     view.tolerance =
         options_.kernel == Kernel::kAuto ? static_cast<float>(options_.kernel_tolerance) : -1.0F;
   }
-  view.clip_x1 = static_cast<float>(camera.width);
+  view.clip_x0 = 0;
   view.clip_y0 = static_cast<float>(band.y0);
+  view.clip_x1 = static_cast<float>(camera.width);
   view.clip_y1 = static_cast<float>(band.y1);
   return view;
 }
@@ -114,30 +125,96 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
     }
     return true;
   };
-  constexpr std::size_t kGrain = 1024;
-  std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
-  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    std::vector<VisibleCluster>& out = found[begin / kGrain];
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f p = rotation * clusters[i].center + translation;
-      if (!visible(clusters[i], p)) continue;
-      const float nearest = p.z() - clusters[i].radius;
-      // Estimate of a splat's side in tiles, for the size of batches only.
-      const float z = camera.orthographic ? 1.0F : std::max(nearest, 1e-6F);
-      const double side = std::min<double>(
-          std::max(band.tiles_x, band.tiles_y),
-          1 + 2 * (disc_radius(clusters[i]) * std::max(view_.focal_x, view_.focal_y) / z + filter) /
-                  kTileSize);
-      out.push_back({nearest, static_cast<std::uint32_t>(i),
-                     (clusters[i].end - clusters[i].begin) * side * side});
-    }
-  });
+  const auto in_camera = [&](std::size_t i) -> Vec3f {
+    return rotation * clusters[i].center + translation;
+  };
+  const auto seen = [&](std::uint32_t i) { return visible(clusters[i], in_camera(i)); };
+  const auto entry = [&](std::uint32_t i) {
+    const Vec3f p = in_camera(i);
+    VisibleCluster visible_cluster{p.z() - clusters[i].radius, i, 0, 0, 0, 0};
+    bound(clusters[i], p, band, visible_cluster);
+    return visible_cluster;
+  };
   std::vector<VisibleCluster> all;
-  for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  if (!cloud_.tree().empty()) {
+    for (const std::uint32_t i : level_of_detail(camera, seen)) all.push_back(entry(i));
+  } else {
+    constexpr std::size_t kGrain = 1024;
+    std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
+    parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const auto index = static_cast<std::uint32_t>(i);
+        if (seen(index)) found[begin / kGrain].push_back(entry(index));
+      }
+    });
+    for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  }
   std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
     return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
   });
   return all;
+}
+
+/// Tiles that the splats of a cluster may touch: those of its box, projected, with what a disc and
+/// the pixel filter reach beyond. `center` is in camera space.
+void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& band,
+                       VisibleCluster& out) const {
+  out.x0 = out.y0 = 0;
+  out.x1 = static_cast<std::uint16_t>(band.tiles_x - 1);
+  out.y1 = static_cast<std::uint16_t>(band.tiles_y - 1);
+  const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
+  const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
+  const float radius = disc_radius(cluster);
+  const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
+  // What reaches near the eye's plane may be seen anywhere.
+  if (!view_.orthographic && !(least_z > 0.1F * radius)) return;
+  Eigen::Array2f lo = Eigen::Array2f::Constant(std::numeric_limits<float>::infinity());
+  Eigen::Array2f hi = -lo;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3f p = center;
+    for (int axis = 0; axis < 3; ++axis) {
+      if ((corner >> axis & 1) != 0) {
+        p += half.col(axis);
+      } else {
+        p -= half.col(axis);
+      }
+    }
+    const Eigen::Array2f slope = view_.orthographic ? p.head<2>() : Vec2f(p.head<2>() / p.z());
+    lo = lo.min(slope);
+    hi = hi.max(slope);
+  }
+  // An offset (a, b) of a point at slope X and depth z moves it by (a - X b) / (z + b) at most.
+  const Eigen::Array2f reach =
+      view_.orthographic
+          ? Eigen::Array2f::Constant(radius)
+          : Eigen::Array2f((lo.abs().max(hi.abs()).square() + 1).sqrt() * (radius / least_z));
+  const Eigen::Array2f focal(view_.focal_x, view_.focal_y);
+  const Eigen::Array2f middle(view_.center_x, view_.center_y - view_.clip_y0);
+  constexpr float kRounding = 0.01F;
+  const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + kRounding;
+  const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
+  const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);
+  const Eigen::Array2f last = (focal * (hi + reach) + middle + filter).max(0.0F).min(size - 1);
+  out.x0 = static_cast<std::uint16_t>(first.x() / kTileSize);
+  out.y0 = static_cast<std::uint16_t>(first.y() / kTileSize);
+  out.x1 = static_cast<std::uint16_t>(last.x() / kTileSize);
+  out.y1 = static_cast<std::uint16_t>(last.y() / kTileSize);
+}
+
+/// The clusters to draw of a cloud with levels of detail: as coarse as lod_error allows.
+std::vector<std::uint32_t> SplatLists::level_of_detail(
+    const Camera& camera, FunctionRef<bool(std::uint32_t)> seen) const {
+  const auto error = static_cast<float>(options_.lod_pixels());
+  const float pixels_per_unit = std::max(view_.focal_x, view_.focal_y);
+  const Vec3f forward = camera.camera_from_world.row(2).cast<float>();
+  return cut_tree(cloud_.tree(), [&](std::uint32_t i) {
+    if (!seen(i)) return CutStep::kSkip;
+    const TreeCluster& cluster = cloud_.tree()[i];
+    const float z =
+        forward.dot(cluster.bounds.center) + view_.translation[2] - cluster.bounds.radius;
+    return fine_enough(cluster, z, pixels_per_unit, camera.orthographic, error) ? CutStep::kDraw
+                                                                                : CutStep::kRefine;
+  });
 }
 
 float SplatLists::disc_radius(const Cluster& cluster) const {
@@ -162,22 +239,29 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
                         from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
                         from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
                         from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area)};
-  if (!lists_.enlarged) return surfels;
-  const auto enlarge = [&](const Array<float>& deviation, Array<float>& out) {
+  const bool widened = covering_ > 0;
+  if (!lists_.enlarged && !widened) return surfels;
+  const auto change = [&](const Array<float>& deviation, Array<float>& out) {
     out.assign(RenderCloud::kClusterSize + RenderCloud::kPadding, 0.0F);
     for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-      out[i - cluster.begin] = static_cast<float>(deviation[i] * enlargement(i));
+      out[i - cluster.begin] = widened ? std::max(deviation[i], covering_deviation(i))
+                                       : static_cast<float>(deviation[i] * enlargement(i));
     }
     return out.data();
   };
-  surfels.deviation_u = enlarge(cloud_.deviation_u, worker.deviation_u);
-  if (cloud_.anisotropic()) surfels.deviation_v = enlarge(cloud_.deviation_v, worker.deviation_v);
+  surfels.deviation_u = change(cloud_.deviation_u, worker.deviation_u);
+  if (cloud_.anisotropic()) surfels.deviation_v = change(cloud_.deviation_v, worker.deviation_v);
   return surfels;
 }
 
+float SplatLists::covering_deviation(std::size_t surfel) const {
+  return surfel < cloud_.first_finest() ? std::sqrt(covering_ * cloud_.area[surfel]) : 0.0F;
+}
+
 /// Surfel in camera space, in double; an unknown normal looks at the eye.
-SurfelInCamera SplatLists::in_camera(const Camera& camera, std::size_t surfel) const {
+SurfelInCamera SplatLists::in_camera(std::size_t surfel) const {
   SurfelInCamera s;
+  const Camera& camera = *camera_;
   const Eigen::Matrix3d& rotation = camera.camera_from_world;
   s.position = rotation * (cloud_.origin() - camera.eye +
                            Vec3d(cloud_.x[surfel], cloud_.y[surfel], cloud_.z[surfel]));
@@ -185,11 +269,12 @@ SurfelInCamera SplatLists::in_camera(const Camera& camera, std::size_t surfel) c
       rotation * Vec3d(cloud_.normal_x[surfel], cloud_.normal_y[surfel], cloud_.normal_z[surfel]);
   s.normal = s.normal.isZero(0) ? Vec3d(-s.position.normalized()) : Vec3d(s.normal.normalized());
   const double scale = lists_.enlarged ? enlargement(surfel) : 1;
-  s.variance_u = std::pow(scale * cloud_.deviation_u[surfel], 2);
+  const double least = covering_deviation(surfel);
+  s.variance_u = std::pow(std::max<double>(scale * cloud_.deviation_u[surfel], least), 2);
   s.variance_v = s.variance_u;
   s.tangent = s.normal.unitOrthogonal();
   if (cloud_.anisotropic()) {
-    s.variance_v = std::pow(scale * cloud_.deviation_v[surfel], 2);
+    s.variance_v = std::pow(std::max<double>(scale * cloud_.deviation_v[surfel], least), 2);
     const Vec3d t = rotation * Vec3d(cloud_.tangent_x[surfel], cloud_.tangent_y[surfel],
                                      cloud_.tangent_z[surfel]);
     s.tangent = (t - s.normal * s.normal.dot(t)).normalized();
@@ -198,150 +283,163 @@ SurfelInCamera SplatLists::in_camera(const Camera& camera, std::size_t surfel) c
   return s;
 }
 
-/// Stores a splat, `splat` without its colour, and counts the tiles that it touches.
-void SplatLists::add_splat(const Band& band, std::size_t surfel, const Splat& splat,
-                           const TileRange& range, std::size_t at, std::vector<std::uint32_t>& seen,
-                           std::uint32_t* tile_counts) {
+void SplatLists::reserve(Worker& worker, std::size_t more) const {
+  const auto grow = [&](auto& array, std::size_t count) {
+    const std::size_t needed = count + more;
+    if (array.size() < needed) array.resize(std::max(needed, 2 * array.size()));
+  };
+  grow(worker.splats, worker.count);
+  if (lists_.normals) grow(worker.normals, worker.count);
+  if (lists_.groups) grow(worker.groups, worker.count);
+  if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count);
+  for (TileList& list : worker.tiles) grow(list.entries, list.count);
+}
+
+/// Completes the splat in the next place, which has all but its colour and material, and lists it
+/// in the tiles that it touches.
+void SplatLists::add_splat(std::size_t surfel, Worker& worker) const {
   const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
   float alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
   if (!lists_.opaque) {
     alpha *= scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
   }
-  Splat& out = splats_[at];
-  out = splat;
-  out.red = cloud_.red[surfel] * alpha;
-  out.green = cloud_.green[surfel] * alpha;
-  out.blue = cloud_.blue[surfel] * alpha;
-  out.alpha = alpha;
-  out.tag = splat.tag | material << kMaterialShift;
+  const std::size_t at = worker.count++;
+  Splat& splat = worker.splats[at];
+  splat.red = cloud_.red[surfel] * alpha;
+  splat.green = cloud_.green[surfel] * alpha;
+  splat.blue = cloud_.blue[surfel] * alpha;
+  splat.alpha = alpha;
+  splat.tag |= material << kMaterialShift;
   if (lists_.normals) {
-    normals_[at] = {cloud_.normal_x[surfel], cloud_.normal_y[surfel], cloud_.normal_z[surfel]};
+    worker.normals[at] = {cloud_.normal_x[surfel], cloud_.normal_y[surfel],
+                          cloud_.normal_z[surfel]};
   }
-  if (lists_.groups) groups_[at] = cloud_.group[surfel];
-  ranges_[at] = range;
-  seen.push_back(static_cast<std::uint32_t>(at));
-  for (int ty = range.y0; ty <= range.y1; ++ty) {
-    for (int tx = range.x0; tx <= range.x1; ++tx) ++tile_counts[ty * band.tiles_x + tx];
+  if (lists_.groups) worker.groups[at] = cloud_.group[surfel];
+  const Reference reference{static_cast<std::uint32_t>(at), splat.depth};
+  const PixelBox box = splat.box;
+  for (int y = box.y0 / kTileSize; y <= box.y1 / kTileSize; ++y) {
+    for (int x = box.x0 / kTileSize; x <= box.x1 / kTileSize; ++x) {
+      TileList& list = worker.tiles[(y << grid_.shift) + x];
+      list.entries[list.count++] = reference;
+    }
   }
 }
 
-/// Sets up a batch's clusters, `per_segment` of them at a time, and counts the tiles that each
-/// segment's splats touch. Returns how many splats are seen.
-std::size_t SplatLists::set_up(const Camera& camera, const Band& band,
-                               const VisibleCluster* clusters, std::size_t count,
-                               std::size_t per_segment) {
-  const std::size_t tiles = band.tiles();
-  // Of half the box of a kernel with twice the pixel filter's variance: half of it is the filter's.
-  const float filtered_diagonal2 = 2 * view_.cutoff * 4 * view_.lowpass2;
-  const ExactKernelView exact_view{.cutoff = options_.cutoff,
-                                   .lowpass = lists_.lowpass,
-                                   .x1 = static_cast<double>(camera.width),
-                                   .y0 = static_cast<double>(band.y0),
-                                   .y1 = static_cast<double>(band.y1)};
-  parallel_for(count, per_segment, [&](std::size_t begin, std::size_t end, int worker) {
-    const std::size_t segment = begin / per_segment;
-    std::uint32_t* tile_counts = histogram_.data() + segment * tiles;
-    std::fill_n(tile_counts, tiles, 0U);
-    std::vector<std::uint32_t>& seen = kept_[segment];
-    seen.clear();
-    SplatColumns& columns = workers_[worker].columns;
-    for (std::size_t c = begin; c < end; ++c) {
-      const Cluster& cluster = cloud_.clusters()[clusters[c].index];
-      const std::uint32_t i = cluster.begin;
-      set_up_splats(view_, columns_of(cluster, workers_[worker]), static_cast<int>(cluster.end - i),
-                    columns);
-      std::size_t at = c * RenderCloud::kClusterSize;
-      for (int v = 0; v < columns.visible_count; ++v) {
-        const int k = columns.visible[v];
-        const float diagonal2 =
-            columns.half_x[k] * columns.half_x[k] + columns.half_y[k] * columns.half_y[k];
-        const std::uint32_t tag = (columns.front[k] != 0 ? kFrontTag : 0U) |
-                                  (diagonal2 < filtered_diagonal2 ? kFilteredTag : 0U);
-        const Splat splat{columns.x[k],
-                          columns.y[k],
-                          columns.m[k],
-                          columns.k[k],
-                          columns.amplitude[k],
-                          columns.depth[k],
-                          columns.depth_dx[k],
-                          columns.depth_dy[k],
-                          columns.depth_range[k],
-                          columns.half_x[k],
-                          columns.half_y[k],
-                          0,
-                          0,
-                          0,
-                          0,
-                          tag};
-        const TileRange range{static_cast<std::uint16_t>(columns.tile_x0[k]),
-                              static_cast<std::uint16_t>(columns.tile_y0[k]),
-                              static_cast<std::uint16_t>(columns.tile_x1[k]),
-                              static_cast<std::uint16_t>(columns.tile_y1[k])};
-        add_splat(band, i + static_cast<std::size_t>(k), splat, range, at++, seen, tile_counts);
-      }
-      for (int v = 0; v < columns.exact_count; ++v) {
-        const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
-        const std::optional<ExactKernel> kernel =
-            make_exact_kernel(in_camera(camera, surfel), camera, exact_view);
-        if (!kernel) continue;
-        exact_[at] = kernel->exact;
-        add_splat(band, surfel, kernel->splat, kernel->tiles, at++, seen, tile_counts);
-        ++workers_[worker].exact_splats;
-      }
+void SplatLists::bin(const Camera& camera, const Band& band, const BlockGrid& grid,
+                     std::span<const VisibleCluster> clusters) {
+  camera_ = &camera;
+  view_ = view(camera, band);
+  grid_ = grid;
+  clusters_ = clusters.data();
+  workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
+  block_begin_.resize(grid.blocks() + 1);
+  std::fill(block_begin_.begin(), block_begin_.end(), 0U);
+  const auto for_each_block = [&](const VisibleCluster& c, const auto& body) {
+    for (int y = c.y0 >> grid.shift; y <= c.y1 >> grid.shift; ++y) {
+      for (int x = c.x0 >> grid.shift; x <= c.x1 >> grid.shift; ++x) body(y * grid.blocks_x + x);
     }
-  });
-  std::size_t seen = 0;
-  for (std::size_t s = 0; s < (count + per_segment - 1) / per_segment; ++s) seen += kept_[s].size();
-  return seen;
-}
-
-/// Writes every tile's list: splats in the order of the segments, which is that of the clusters.
-void SplatLists::bin(const Band& band, std::size_t segments) {
-  const std::size_t tiles = band.tiles();
-  // Entries become places: first within the tile's list, then in `references_`.
-  tile_begin_.resize(tiles + 1);
-  std::fill_n(tile_begin_.data(), tiles, 0U);
-  for (std::size_t i = 0; i < segments * tiles; i += tiles) {
-    for (std::size_t t = 0; t < tiles; ++t) {
-      const std::uint32_t n = histogram_[i + t];
-      histogram_[i + t] = tile_begin_[t];
-      tile_begin_[t] += n;
-    }
-  }
+  };
   std::size_t sum = 0;
-  for (std::size_t t = 0; t < tiles; ++t) {
-    const std::uint32_t n = tile_begin_[t];
-    tile_begin_[t] = static_cast<std::uint32_t>(sum);
-    sum += n;
+  for (const VisibleCluster& c : clusters) {
+    for_each_block(c, [&](int block) {
+      ++block_begin_[block];
+      ++sum;
+    });
   }
   if (sum > std::numeric_limits<std::uint32_t>::max()) {
     throw Error(ErrorKind::kNumeric, "the splats are too large on screen; move the camera back");
   }
-  tile_begin_[tiles] = static_cast<std::uint32_t>(sum);
-  make_room(references_, sum);
-  parallel_for(segments, 1, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t s = begin; s < end; ++s) {
-      std::uint32_t* cursor = histogram_.data() + s * tiles;
-      for (std::size_t t = 0; t < tiles; ++t) cursor[t] += tile_begin_[t];
-      for (const std::uint32_t splat : kept_[s]) {
-        const TileRange& range = ranges_[splat];
-        const Reference reference{splat, splats_[splat].depth};
-        for (int ty = range.y0; ty <= range.y1; ++ty) {
-          for (int tx = range.x0; tx <= range.x1; ++tx) {
-            references_[cursor[ty * band.tiles_x + tx]++] = reference;
-          }
-        }
-      }
+  std::uint32_t begin = 0;
+  for (std::uint32_t& entry : block_begin_) begin += std::exchange(entry, begin);
+  block_clusters_.resize(sum);
+  // Entries become ends, which are the beginnings one block further.
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    for_each_block(clusters[i], [&](int block) {
+      block_clusters_[block_begin_[block]++] = static_cast<std::uint32_t>(i);
+    });
+  }
+  std::copy_backward(block_begin_.begin(), block_begin_.end() - 1, block_begin_.end());
+  block_begin_[0] = 0;
+}
+
+void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int worker) {
+  Worker& w = workers_[worker];
+  if (lists_.groups && (end - begin) * RenderCloud::kClusterSize > kMostSplats) {
+    throw Error(
+        ErrorKind::kNumeric,
+        "more than 134 million surfels are seen in a few pixels, more than methods with groups "
+        "take; use --method abuffer");
+  }
+  SplatView view = view_;
+  const int tile_x = grid_.first_tile_x(block);
+  const int tile_y = grid_.first_tile_y(block);
+  view.first_column = tile_x == 0;
+  view.first_row = tile_y == 0;
+  view.clip_x0 = static_cast<float>(tile_x * kTileSize);
+  view.clip_y0 = view_.clip_y0 + static_cast<float>(tile_y * kTileSize);
+  view.clip_x1 = std::min(view_.clip_x1, view.clip_x0 + static_cast<float>(grid_.size()));
+  view.clip_y1 = std::min(view_.clip_y1, view.clip_y0 + static_cast<float>(grid_.size()));
+  const ExactKernelView exact_view{.cutoff = options_.cutoff,
+                                   .lowpass = lists_.lowpass,
+                                   .x0 = view.clip_x0,
+                                   .y0 = view.clip_y0,
+                                   .x1 = view.clip_x1,
+                                   .y1 = view.clip_y1,
+                                   .first_column = view.first_column,
+                                   .first_row = view.first_row};
+  w.count = 0;
+  w.tiles.resize(std::size_t{1} << 2 * grid_.shift);
+  for (TileList& list : w.tiles) list.count = 0;
+  const SplatColumns& columns = w.columns;
+  for (std::size_t c = begin; c < end; ++c) {
+    const std::uint32_t place = block_clusters_[block_begin_[block] + c];
+    const Cluster& cluster = cloud_.clusters()[clusters_[place].index];
+    const std::uint32_t i = cluster.begin;
+    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i), w.columns);
+    reserve(w, static_cast<std::size_t>(columns.visible_count) + columns.exact_count);
+    w.splats_seen += columns.first_count;
+    for (int v = 0; v < columns.visible_count; ++v) {
+      const int k = columns.visible[v];
+      // Field by field where it stays: a copy would wait for the stores.
+      Splat& splat = w.splats[w.count];
+      splat.x = columns.x[k];
+      splat.y = columns.y[k];
+      splat.m = columns.m[k];
+      splat.k = columns.k[k];
+      splat.q = columns.q[k];
+      splat.amplitude = columns.amplitude[k];
+      splat.depth = columns.depth[k];
+      splat.depth_dx = columns.depth_dx[k];
+      splat.depth_dy = columns.depth_dy[k];
+      splat.depth_range = columns.depth_range[k];
+      splat.box = std::bit_cast<PixelBox>(columns.box[k]);
+      splat.tag = columns.tag[k];
+      add_splat(i + static_cast<std::size_t>(k), w);
     }
-  });
+    for (int v = 0; v < columns.exact_count; ++v) {
+      const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
+      const std::optional<ExactKernel> kernel =
+          make_exact_kernel(in_camera(surfel), *camera_, exact_view);
+      if (!kernel) continue;
+      w.exact[w.count] = kernel->exact;
+      w.splats[w.count] = kernel->splat;
+      add_splat(surfel, w);
+      w.splats_seen += kernel->first ? 1 : 0;
+      w.exact_seen += kernel->first ? 1 : 0;
+    }
+  }
 }
 
 /// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
 /// key is 16 bits of the depth's place in the list's range: two stable passes of counting.
-void SplatLists::sort_front_to_back(const Reference* list, std::size_t count, Worker& worker) {
-  worker.order.resize(count);
-  worker.other.resize(count);
-  worker.keys.resize(count);
+void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
+  const std::size_t count = tile.count;
+  const Reference* list = tile.entries.data();
+  if (worker.order.size() < count) {
+    for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
+      array->resize(2 * count);
+    }
+  }
   float lo = std::numeric_limits<float>::infinity();
   float hi = -lo;
   for (std::size_t i = 0; i < count; ++i) {
@@ -359,84 +457,46 @@ void SplatLists::sort_front_to_back(const Reference* list, std::size_t count, Wo
   }
   const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
     std::uint32_t sum = 0;
-    for (std::uint32_t& entry : histogram) {
-      const std::uint32_t n = entry;
-      entry = sum;
-      sum += n;
-    }
+    for (std::uint32_t& entry : histogram) sum += std::exchange(entry, sum);
   };
   to_starts(low);
   to_starts(high);
   for (std::size_t i = 0; i < count; ++i) {
     worker.other[low[worker.keys[i] & 255]++] = static_cast<std::uint32_t>(i);
   }
-  for (const std::uint32_t i : worker.other) {
+  for (std::size_t place = 0; place < count; ++place) {
+    const std::uint32_t i = worker.other[place];
     worker.order[high[worker.keys[i] >> 8]++] = list[i].splat;
   }
 }
 
-std::size_t SplatLists::end_of_batch(const std::vector<VisibleCluster>& clusters,
-                                     std::size_t begin) const {
-  std::size_t end = begin;
-  double expected = 0;
-  while (end < clusters.size() && (end - begin + 1) * RenderCloud::kClusterSize <= options_.batch &&
-         (end == begin || expected + clusters[end].references <= kBatchReferences)) {
-    expected += clusters[end++].references;
-  }
-  return end;
-}
-
-std::size_t SplatLists::make(const Camera& camera, const Band& band, const VisibleCluster* clusters,
-                             std::size_t count, StageTimes& stages) {
-  // Enough for the threads to share the work evenly; lists do not depend on their number.
-  const std::size_t most_segments = std::clamp<std::size_t>(
-      kHistogramEntries / band.tiles(), 4, 16 * static_cast<std::size_t>(thread_count()));
-  const std::size_t per_segment =
-      std::max<std::size_t>(1, (count + most_segments - 1) / most_segments);
-  const std::size_t segments = (count + per_segment - 1) / per_segment;
-  const std::size_t capacity = count * RenderCloud::kClusterSize;
-  if (lists_.groups && capacity > kMostSplats) {
-    throw Error(
-        ErrorKind::kNumeric,
-        "more than 134 million surfels are seen at once, more than methods with groups take; "
-        "use --method abuffer");
-  }
-  workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
-  make_room(splats_, capacity);
-  make_room(ranges_, capacity);
-  if (lists_.normals) make_room(normals_, capacity);
-  if (lists_.groups) make_room(groups_, capacity);
-  if (std::isfinite(view_.tolerance)) exact_.resize(std::max(exact_.size(), capacity));
-  histogram_.resize(segments * band.tiles());
-  kept_.resize(std::max(kept_.size(), segments));
-
-  Timer timer;
-  const std::size_t seen = set_up(camera, band, clusters, count, per_segment);
-  stages.add("setup", timer.milliseconds());
-  timer.restart();
-  bin(band, segments);
-  stages.add("bin", timer.milliseconds());
-  return seen;
-}
-
-TileJob SplatLists::job(std::size_t tile, int worker) {
+TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
-  sort_front_to_back(references_.data() + tile_begin_[tile], count(tile), w);
-  return {.splats = splats_.data(),
-          .normals = lists_.normals ? normals_.data() : nullptr,
-          .exact = exact_.data(),
-          .groups = lists_.groups ? groups_.data() : nullptr,
+  const TileList& list = w.tiles[(y << grid_.shift) + x];
+  sort_front_to_back(list, w);
+  return {.splats = w.splats.data(),
+          .normals = lists_.normals ? w.normals.data() : nullptr,
+          .exact = w.exact.data(),
+          .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
-          .count = count(tile),
+          .count = list.count,
+          .box_x = x * kTileSize,
+          .box_y = y * kTileSize,
           .cutoff = view_.cutoff,
           .lowpass2 = view_.lowpass2,
           .depth_epsilon = static_cast<float>(options_.depth_epsilon),
           .opaque = lists_.opaque};
 }
 
+std::size_t SplatLists::take_splat_count() {
+  std::size_t sum = 0;
+  for (Worker& worker : workers_) sum += std::exchange(worker.splats_seen, 0);
+  return sum;
+}
+
 std::size_t SplatLists::take_exact_count() {
   std::size_t sum = 0;
-  for (Worker& worker : workers_) sum += std::exchange(worker.exact_splats, 0);
+  for (Worker& worker : workers_) sum += std::exchange(worker.exact_seen, 0);
   return sum;
 }
 

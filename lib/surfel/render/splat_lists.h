@@ -3,9 +3,10 @@
 // From surfels to the splats of every tile: culling, SS01 sections 3.3 and 4, binning, sorting.
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
-#include <surfel/base/timing.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/io/camera.h>
 #include <surfel/render/ewa_kernel.h>
@@ -31,13 +32,30 @@ struct Band {
         tiles_x(tiles_along(camera.width)),
         tiles_y(tiles_along(last_row - first_row)) {}
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * tiles_y; }
+  /// Place of the tile in column x and row y among all, row by row.
+  std::size_t tile(int x, int y) const { return static_cast<std::size_t>(y) * tiles_x + x; }
 };
 
 /// Cluster seen by the camera.
 struct VisibleCluster {
   float nearest;  ///< Least z of its surfels' bounding sphere.
   std::uint32_t index;
-  double references;  ///< Upper estimate of the tile list entries of its splats.
+  std::uint16_t x0, y0, x1, y1;  ///< Tiles of the band that its splats may touch, last included.
+};
+
+/// Square groups of tiles that a band is drawn in: as many as one worker's caches hold the splats
+/// of, so that what is set up is drawn at once and never goes to memory.
+struct BlockGrid {
+  int shift = 1;  ///< A block has 2^shift tiles a side.
+  int blocks_x = 0, blocks_y = 0;
+
+  BlockGrid() = default;
+  /// \param surfels  seen in the band, about.
+  BlockGrid(const Band& band, std::size_t surfels);
+  std::size_t blocks() const { return static_cast<std::size_t>(blocks_x) * blocks_y; }
+  int size() const { return kTileSize << shift; }  ///< Pixels.
+  int first_tile_x(std::size_t block) const { return static_cast<int>(block % blocks_x) << shift; }
+  int first_tile_y(std::size_t block) const { return static_cast<int>(block / blocks_x) << shift; }
 };
 
 /// What is drawn of a cloud, and how.
@@ -51,7 +69,7 @@ struct SplatListOptions {
       1;  ///< Standard deviation of the pixel filter; that of the RenderOptions or not.
 };
 
-/// Sets up the splats of a frame and lists them by tile, a batch of clusters at a time. Keeps its
+/// Sets up the splats of a frame and lists them by tile, a block of tiles at a time. Keeps its
 /// memory from frame to frame. Nothing depends on the number of threads, nor on the order of the
 /// surfels in the file.
 class SplatLists {
@@ -62,64 +80,79 @@ class SplatLists {
 
   /// Begins a band: the clusters that reach into it, nearest first, ties by index.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
-  /// End of the batch of clusters that starts at `begin`: as many as fit RenderOptions::batch.
-  std::size_t end_of_batch(const std::vector<VisibleCluster>& clusters, std::size_t begin) const;
+  /// Lists clusters of that band by block, in their order. They and the camera are kept by
+  /// reference.
+  void bin(const Camera& camera, const Band& band, const BlockGrid& grid,
+           std::span<const VisibleCluster> clusters);
 
-  /// Sets up the splats of `count` clusters, and lists them. Adds to the stages setup and bin.
-  /// Returns how many are seen.
-  std::size_t make(const Camera& camera, const Band& band, const VisibleCluster* clusters,
-                   std::size_t count, StageTimes& stages);
+  /// Clusters of a block.
+  std::size_t clusters(std::size_t block) const {
+    return block_begin_[block + 1] - block_begin_[block];
+  }
+  /// Sets up the splats of clusters [begin, end) of a block in the worker's memory.
+  void load(std::size_t block, std::size_t begin, std::size_t end, int worker);
+  /// The loaded splats of the tile in column x and row y of the block, nearest first. Valid until
+  /// the worker's next call.
+  TileJob job(int x, int y, int worker);
 
-  std::size_t count(std::size_t tile) const { return tile_begin_[tile + 1] - tile_begin_[tile]; }
-  /// A tile's splats, nearest first. Valid until the worker's next call.
-  TileJob job(std::size_t tile, int worker);
-
-  /// Splats with exact kernels since the last call.
+  /// Splats loaded since the last call, each counted once though it may be in several blocks ...
+  std::size_t take_splat_count();
+  /// ... and those of them with exact kernels.
   std::size_t take_exact_count();
 
  private:
-  /// A tile list's entry.
   struct Reference {
     std::uint32_t splat;
     float depth;
   };
-  /// Scratch memory of one worker.
+  /// The splats of a tile.
+  struct TileList {
+    Array<Reference> entries;
+    std::size_t count = 0;
+  };
+  /// What one worker has loaded, and scratch memory.
   struct Worker {
     SplatColumns columns;
-    Array<float> deviation_u, deviation_v;  ///< Enlarged ones of a cluster.
-    std::vector<std::uint32_t> order;
-    std::vector<std::uint32_t> other;
-    std::vector<std::uint32_t> keys;
-    std::size_t exact_splats = 0;
+    Array<float> deviation_u, deviation_v;  ///< Enlarged or widened ones of a cluster.
+    std::size_t count = 0;                  ///< Of splats.
+    Array<Splat> splats;
+    Array<SplatNormal> normals;
+    Array<std::uint16_t> groups;
+    Array<ExactSplat> exact;  ///< Where k is kExactKernel.
+    std::vector<TileList> tiles;
+    Array<std::uint32_t> order, other, keys;
+    std::size_t splats_seen = 0;
+    std::size_t exact_seen = 0;
   };
 
   SplatView view(const Camera& camera, const Band& band) const;
+  std::vector<std::uint32_t> level_of_detail(const Camera& camera,
+                                             FunctionRef<bool(std::uint32_t)> seen) const;
   float disc_radius(const Cluster& cluster) const;
+  void bound(const Cluster& cluster, const Vec3f& center, const Band& band,
+             VisibleCluster& out) const;
   double enlargement(std::size_t surfel) const;
+  /// Least standard deviation that a surfel is drawn with; 0 for those of the finest level.
+  float covering_deviation(std::size_t surfel) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
-  SurfelInCamera in_camera(const Camera& camera, std::size_t surfel) const;
-  std::size_t set_up(const Camera& camera, const Band& band, const VisibleCluster* clusters,
-                     std::size_t count, std::size_t per_segment);
-  void add_splat(const Band& band, std::size_t surfel, const Splat& splat, const TileRange& range,
-                 std::size_t at, std::vector<std::uint32_t>& seen, std::uint32_t* tile_counts);
-  void bin(const Band& band, std::size_t segments);
-  static void sort_front_to_back(const Reference* list, std::size_t count, Worker& worker);
+  SurfelInCamera in_camera(std::size_t surfel) const;
+  void reserve(Worker& worker, std::size_t more) const;
+  void add_splat(std::size_t surfel, Worker& worker) const;
+  static void sort_front_to_back(const TileList& list, Worker& worker);
 
   const RenderCloud& cloud_;
   const Scene& scene_;
   RenderOptions options_;
   SplatListOptions lists_;
-  SplatView view_{};  ///< Of the band being made.
+  /// Of levels of detail: see covering_variance(). 0: their Gaussians are drawn as they are.
+  float covering_ = 0;
+  const Camera* camera_ = nullptr;
+  const VisibleCluster* clusters_ = nullptr;
+  SplatView view_{};  ///< Of the band being drawn.
+  BlockGrid grid_;
+  Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
+  Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.
   std::vector<Worker> workers_;
-  Array<Splat> splats_;
-  Array<SplatNormal> normals_;
-  Array<std::uint16_t> groups_;
-  Array<ExactSplat> exact_;  ///< Parallel to `splats_`; where k is kExactKernel.
-  Array<TileRange> ranges_;
-  std::vector<std::vector<std::uint32_t>> kept_;  ///< Per segment: splats that are seen.
-  Array<std::uint32_t> histogram_;                ///< Segments x tiles.
-  Array<std::uint32_t> tile_begin_;
-  Array<Reference> references_;
 };
 
 }  // namespace surfel

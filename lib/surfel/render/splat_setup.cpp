@@ -61,6 +61,9 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
   constexpr float kLeastCosine = 0.1F;
   constexpr float kLeastGradientCosine = 1e-3F;
   constexpr float kInvTwoPi = 0.15915494309189535F;
+  constexpr float kLeastAmplitude = 1e-30F;
+  /// From the eye's plane, in radii: nearer discs may be seen anywhere.
+  constexpr float kLeastDistance = 0.01F;
 
   const D d;
   const hn::RebindToSigned<D> di;
@@ -73,21 +76,26 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
   const V h2 = hn::Set(d, view.lowpass2);
   const V two_c = hn::Set(d, 2.0F * view.cutoff);
   // Standard deviation of the pixel filter at distance 1.
+  const V filter_reach = hn::Sqrt(hn::Mul(two_c, h2));
   const V pixel = hn::Mul(hn::Sqrt(h2), hn::Max(inv_focal_x, inv_focal_y));
 
-  // Of the first pixel whose centre lies at or after a coordinate, or the last one at or before it.
-  // Clamped before it is converted, so that truncation rounds down.
-  constexpr float kBeforeFirst = 0.4999F;
-  constexpr float kAfterLast = -0.5F;
-  const V last_tile_x = hn::Set(d, std::ceil(view.clip_x1 / kTileSize) - 0.5F);
-  const V last_tile_y = hn::Set(d, std::ceil((view.clip_y1 - view.clip_y0) / kTileSize) - 0.5F);
-  const auto tile_of = [&](V coordinate, float offset, V last) {
-    const V tile = hn::Mul(hn::Add(coordinate, hn::Set(d, offset)), hn::Set(d, 1.0F / kTileSize));
-    return hn::ConvertTo(di, hn::Min(hn::Max(tile, zero), last));
+  const hn::RebindToUnsigned<D> du;
+  const V filtered_diagonal2 = hn::Mul(hn::Set(d, 4.0F), hn::Mul(two_c, h2));
+  // From the first pixel of the rectangle whose centre lies at or after lo, or from none left of
+  // the rectangle, to the last one at or before hi.
+  struct Pixels {
+    V unclipped, first, last;
+  };
+  const auto pixels_of = [&](V lo, V hi, float clip0, float clip1) {
+    const V offset = hn::Set(d, clip0 + 0.5F);
+    const V first = hn::Ceil(hn::Sub(lo, offset));
+    const V last = hn::Floor(hn::Sub(hi, offset));
+    return Pixels{first, hn::Max(first, zero), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
   };
 
   int visible_count = 0;
   int exact_count = 0;
+  std::size_t first_count = 0;
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
     // Camera space.
     const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
@@ -193,12 +201,32 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
         exact = hn::AndNot(affine, hn::Gt(hn::Add(p.z, depth_extent), near));
         visible = affine;
       }
+      if (!hn::AllFalse(d, exact)) {
+        // A disc that is far enough from the eye's plane is within its bounding sphere.
+        const V left = hn::Sub(p.z, disc);
+        const auto bounded = hn::Gt(left, hn::Mul(hn::Set(d, kLeastDistance), disc));
+        const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) {
+          const V bound = hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, one))),
+                                     hn::Div(disc, left), filter_reach);
+          return hn::Or(hn::Lt(hn::Add(center, bound), hn::Set(d, clip0)),
+                        hn::Gt(hn::Sub(center, bound), hn::Set(d, clip1)));
+        };
+        const auto unseen = hn::Or(outside(center_x, X, focal_x, view.clip_x0, view.clip_x1),
+                                   outside(center_y, Y, focal_y, view.clip_y0, view.clip_y1));
+        exact = hn::AndNot(hn::And(bounded, unseen), exact);
+      }
     }
-    visible = hn::And(visible, hn::Gt(hn::Add(center_x, half_x), zero));
-    visible = hn::And(visible, hn::Lt(hn::Sub(center_x, half_x), hn::Set(d, view.clip_x1)));
-    visible = hn::And(visible, hn::Gt(hn::Add(center_y, half_y), hn::Set(d, view.clip_y0)));
-    visible = hn::And(visible, hn::Lt(hn::Sub(center_y, half_y), hn::Set(d, view.clip_y1)));
-    visible = hn::And(visible, hn::Gt(amplitude, zero));
+    const V depth = kPerspective ? inv_z : hn::Neg(p.z);
+    const V depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
+    const V depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
+    const Pixels columns =
+        pixels_of(hn::Sub(center_x, half_x), hn::Add(center_x, half_x), view.clip_x0, view.clip_x1);
+    const Pixels rows =
+        pixels_of(hn::Sub(center_y, half_y), hn::Add(center_y, half_y), view.clip_y0, view.clip_y1);
+    visible = hn::And(visible,
+                      hn::And(hn::Le(columns.first, columns.last), hn::Le(rows.first, rows.last)));
+    // Edge-on ones would leave fragments without weight.
+    visible = hn::And(visible, hn::Gt(amplitude, hn::Set(d, kLeastAmplitude)));
     const auto front = hn::Lt(n_p, zero);
     if (view.cull_back) {
       visible = hn::And(visible, front);
@@ -213,19 +241,28 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     hn::Store(center_y, d, out.y + i);
     hn::Store(hn::Mul(Sigma_xy, inv_yy), d, out.m + i);
     hn::Store(hn::Mul(half, hn::Div(Sigma_yy, det_Sigma)), d, out.k + i);
+    hn::Store(hn::Mul(half, inv_yy), d, out.q + i);
     hn::Store(amplitude, d, out.amplitude + i);
-    hn::Store(kPerspective ? inv_z : hn::Neg(p.z), d, out.depth + i);
-    hn::Store(hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x), d, out.depth_dx + i);
-    hn::Store(hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y), d, out.depth_dy + i);
+    hn::Store(depth, d, out.depth + i);
+    hn::Store(depth_dx, d, out.depth_dx + i);
+    hn::Store(depth_dy, d, out.depth_dy + i);
     hn::Store(depth_reach, d, out.depth_range + i);
-    hn::Store(half_x, d, out.half_x + i);
-    hn::Store(half_y, d, out.half_y + i);
-    hn::Store(tile_of(hn::Sub(center_x, half_x), kBeforeFirst, last_tile_x), di, out.tile_x0 + i);
-    hn::Store(tile_of(hn::Add(center_x, half_x), kAfterLast, last_tile_x), di, out.tile_x1 + i);
-    const V band_y = hn::Sub(center_y, hn::Set(d, view.clip_y0));
-    hn::Store(tile_of(hn::Sub(band_y, half_y), kBeforeFirst, last_tile_y), di, out.tile_y0 + i);
-    hn::Store(tile_of(hn::Add(band_y, half_y), kAfterLast, last_tile_y), di, out.tile_y1 + i);
-    hn::Store(hn::IfThenElse(front, one, zero), d, out.front + i);
+    const auto byte_of = [&](V place) { return hn::BitCast(du, hn::ConvertTo(di, place)); };
+    const auto box = hn::Or(
+        hn::Or(byte_of(columns.first), hn::ShiftLeft<8>(byte_of(rows.first))),
+        hn::Or(hn::ShiftLeft<16>(byte_of(columns.last)), hn::ShiftLeft<24>(byte_of(rows.last))));
+    hn::Store(box, du, out.box + i);
+    const auto flag = [&](auto mask, std::uint32_t bit) {
+      return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
+    };
+    const V diagonal2 = hn::MulAdd(half_x, half_x, hn::Mul(half_y, half_y));
+    const auto tag =
+        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
+    hn::Store(tag, du, out.tag + i);
+    auto first = visible;
+    if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
+    if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
+    first_count += hn::CountTrue(d, first);
     visible_count += static_cast<int>(hn::CompressBlendedStore(index, hn::RebindMask(di, visible),
                                                                di, out.visible + visible_count));
     if (kPerspective && !hn::AllFalse(d, exact)) {
@@ -235,6 +272,7 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
   }
   out.visible_count = visible_count;
   out.exact_count = exact_count;
+  out.first_count = static_cast<int>(first_count);
 }
 
 }  // namespace

@@ -32,27 +32,27 @@ struct SurfelColumns {
 struct SplatColumns {
   static constexpr int kSize = kSetupSurfels + 16;
   alignas(64) float x[kSize], y[kSize];
-  alignas(64) float m[kSize], k[kSize];
+  alignas(64) float m[kSize], k[kSize], q[kSize];
   alignas(64) float amplitude[kSize];
   alignas(64) float depth[kSize], depth_dx[kSize], depth_dy[kSize];
   alignas(64) float depth_range[kSize];
-  alignas(64) float half_x[kSize],
-      half_y[kSize];  ///< Of the bounding box of beta < cutoff, pixels.
-  /// Tiles with pixel centres in that box, last ones included; none where first > last.
-  alignas(64) std::int32_t tile_x0[kSize], tile_y0[kSize], tile_x1[kSize], tile_y1[kSize];
-  alignas(64) float front[kSize];           ///< 1 if the front faces the eye, else 0.
+  alignas(64) std::uint32_t box[kSize];     ///< A PixelBox as bits.
+  alignas(64) std::uint32_t tag[kSize];     ///< Splat::tag without the material.
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
   /// Indices of those that need an exact kernel, ascending: nothing else of them is set here.
   alignas(64) std::int32_t exact[kSize];
   int visible_count, exact_count;
+  /// How many of the visible ones have the first pixel of their box in the picture in this
+  /// rectangle: over all of its rectangles that is every splat once.
+  int first_count;
 };
 
 /// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
 /// at run time. Arrays may be read up to the next multiple of the vector length past `count`, so
 /// columns carry padding (RenderCloud::kPadding). `visible` are those in front of the near plane as
-/// a whole disc, whose kernel reaches into the clip rectangle. `exact` are those for which the
-/// affine approximation (4) is off by more than the tolerance somewhere on the disc, and those that
-/// reach through the near plane (neither, where the tolerance is infinite).
+/// a whole disc, with pixel centres of the clip rectangle in their box. `exact` are those for which
+/// the affine approximation (4) is off by more than the tolerance somewhere on the disc, and those
+/// that reach through the near plane (neither, where the tolerance is infinite).
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
                    SplatColumns& out);
 

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/cloud/cloud.h>
 
@@ -17,6 +19,7 @@ struct SurfelAttributes {
   bool material = false;
   bool group = false;
   bool group_radius = false;
+  bool source = false;  ///< See SurfelCloud::source.
 };
 
 /// Surfels in any order, from which the columns of a RenderCloud are filled, range by range.
@@ -40,23 +43,28 @@ class SurfelSource {
   /// thread.
   virtual void fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
                     std::size_t row) const = 0;
+  /// Writes SurfelCloud::source of surfels [begin, end), which the attributes say is there.
+  virtual void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const = 0;
   /// Tells that fill() will soon be called for surfels [begin, end).
   virtual void expect(std::size_t /*begin*/, std::size_t /*end*/) const {}
 };
 
 /// Those of a cloud, to which it refers.
-class CloudSource : public SurfelSource {
+class SURFEL_API CloudSource : public SurfelSource {
  public:
-  /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance.
-  explicit CloudSource(const SurfelCloud& cloud);
+  /// From surfel `first` on. Throws Error(kInput) if the cloud's columns differ in length or it has
+  /// no variance; `name` starts messages.
+  CloudSource(const SurfelCloud& cloud, std::size_t first, const std::string& name);
 
-  std::size_t size() const override { return cloud_.size(); }
+  std::size_t size() const override { return cloud_.size() - first_; }
   SurfelAttributes attributes() const override;
   Vec3d origin() const override { return cloud_.origin; }
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
+  void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override;
 
  private:
   const SurfelCloud& cloud_;
+  std::size_t first_;
 };
 
 /// Unit length; zero where the vector has no direction.

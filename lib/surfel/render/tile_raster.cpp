@@ -17,17 +17,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// A splat and what else the loops over its pixels need: in locals, as the compiler must assume
-/// that stores to the A-buffer change any member.
-struct Drawing {
-  Splat splat;
-  SplatNormal normal;
-  V full, cutoff;
-  float* data;
-  std::size_t stride;
-  int layers;
-};
-
 template <bool kNormals, bool kOpaqueSplats>
 class Rasterizer {
  public:
@@ -35,6 +24,9 @@ class Rasterizer {
       : job_(job),
         tile_(tile),
         raster_(job, tile.x0, tile.y0),
+        data_(tile.data),
+        stride_(tile.layout.layer_stride()),
+        layers_(tile.layout.layers),
         full_(hn::Set(D(), tile.edge_weight)) {
     for (int y = 0; y < kTileSize; ++y) {
       for (int x = 0; x < kTileSize; ++x) {
@@ -46,14 +38,21 @@ class Rasterizer {
   void run() {
     // How often the tile is checked for being covered; a check costs about as much as ten splats.
     constexpr std::size_t kCheckEvery = 128;
-    float hidden = find_hidden();
-    for (std::size_t i = 0; i < job_.count; ++i) {
-      if (i % kCheckEvery == kCheckEvery - 1) hidden = find_hidden();
-      raster_.prefetch(i);
-      const std::uint32_t index = job_.order[i];
-      const Splat& splat = job_.splats[index];
-      if (splat.depth + (1 + job_.depth_epsilon) * splat.depth_range < hidden) continue;
-      draw(index, splat, kNormals ? job_.normals + index : nullptr);
+    const D d;
+    const V cutoff = hn::Set(d, raster_.cutoff());
+    for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
+      const float hidden = find_hidden();
+      raster_.draw(
+          begin, std::min(begin + kCheckEvery, job_.count), hidden,
+          [&](std::uint32_t index, std::size_t pixel, const Sample& s)
+              HWY_ATTR SURFEL_INLINE_LAMBDA {
+                // What lies within epsilon of the hiding surface may belong to it.
+                const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hn::LoadU(d, hidden_ + pixel));
+                const M inside = hn::And(seen, hn::Lt(s.beta, cutoff));
+                if (hn::AllFalse(d, inside)) return;
+                add(index, pixel, inside, hn::Mul(s.amplitude, raster_.decay(inside, s.beta)),
+                    s.depth, s.epsilon);
+              });
     }
     tile_.merges.dropped_weight += hn::GetLane(hn::SumOfLanes(D(), dropped_weight_));
   }
@@ -101,35 +100,15 @@ class Rasterizer {
                    hn::Ge(hn::LoadU(d, fragment + kAlpha * kTilePixels), hn::Set(d, kOpaqueAlpha)));
   }
 
-  void draw(std::uint32_t index, const Splat& splat, const SplatNormal* normal) {
-    const D d;
-    Drawing s;
-    s.splat = splat;
-    if constexpr (kNormals) s.normal = *normal;
-    s.full = full_;
-    s.cutoff = hn::Set(d, raster_.cutoff());
-    s.data = tile_.data;
-    s.stride = tile_.layout.layer_stride();
-    s.layers = tile_.layout.layers;
-    raster_.draw(
-        index, [&](std::size_t pixel, V beta, V depth, V epsilon, const auto& amplitude) HWY_ATTR {
-          // What lies within epsilon of the hiding surface may belong to it.
-          const M seen = hn::Ge(hn::Add(depth, epsilon), hn::LoadU(d, hidden_ + pixel));
-          const M inside = hn::And(seen, hn::Lt(beta, s.cutoff));
-          if (hn::AllFalse(d, inside)) return;
-          const V rho = hn::Mul(amplitude(), raster_.decay(inside, beta));
-          add(splat, normal, s, pixel, inside, rho, depth, epsilon);
-        });
-  }
-
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
-  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, const Drawing& s,
-                      std::size_t pixel, M open, V rho, V depth, V epsilon) {
+  HWY_INLINE void add(std::uint32_t index, std::size_t pixel, M open, V rho, V depth, V epsilon) {
     const D d;
     const hn::RebindToUnsigned<D> du;
+    const Splat& splat = job_.splats[index];
+    const SplatNormal* normal = kNormals ? job_.normals + index : nullptr;
     const auto side = hn::Set(du, kFrontTag);
-    float* fragment = s.data + pixel;
-    for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
+    float* fragment = data_ + pixel;
+    for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
       const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
       const V weighted_depth = hn::LoadU(d, fragment + kDepth * kTilePixels);
       const V tag = hn::LoadU(d, fragment + kTag * kTilePixels);
@@ -137,27 +116,33 @@ class Rasterizer {
       const V behind = hn::MulSub(depth, weight, weighted_depth);
       const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, weight));
       const M same_side = hn::RebindMask(
-          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, s.splat.tag)), side),
+          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, splat.tag)), side),
                     hn::Zero(du)));
       const M free = hn::Eq(weight, hn::Zero(d));
       const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
       if (!hn::AllFalse(d, joins)) {
         if (!hn::AllFalse(d, free)) {
-          hn::StoreU(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, s.splat.tag)), tag), d,
+          hn::StoreU(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
                      fragment + kTag * kTilePixels);
         }
-        accumulate<kNormals, kOpaqueSplats>(fragment, s.splat, s.normal,
-                                            hn::IfThenElseZero(joins, rho), depth, weight,
-                                            weighted_depth);
+        accumulate<kNormals, kOpaqueSplats>(fragment, splat, normal, hn::IfThenElseZero(joins, rho),
+                                            depth, weight, weighted_depth);
         open = hn::AndNot(joins, open);
         if (hn::AllFalse(d, open)) return;
       }
-      const M hidden = hn::And(covers(fragment, weight, s.full), hn::Lt(behind, hn::Zero(d)));
+      const M hidden = hn::And(covers(fragment, weight, full_), hn::Lt(behind, hn::Zero(d)));
       open = hn::AndNot(hidden, open);
       if (hn::AllFalse(d, open)) return;
     }
+    if (layers_ == 1) {
+      // The nearer surface stays, and most come front to back.
+      const V weight = hn::LoadU(d, data_ + kWeight * kTilePixels + pixel);
+      const V weighted_depth = hn::LoadU(d, data_ + kDepth * kTilePixels + pixel);
+      open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
+      if (hn::AllFalse(d, open)) return;
+    }
     // No layer is left in these pixels.
-    open = add_to_merged(s, pixel, open, rho, depth, epsilon);
+    open = add_to_merged(pixel, open, rho, depth, epsilon);
     if (hn::AllFalse(d, open)) return;
     HWY_ALIGN float rhos[kTileSize];
     HWY_ALIGN float depths[kTileSize];
@@ -174,11 +159,10 @@ class Rasterizer {
 
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
   /// not seen, those within a pair come too late and are dropped (and counted). Returns the others.
-  HWY_INLINE M add_to_merged(const Drawing& s, std::size_t pixel, M open, V rho, V depth,
-                             V epsilon) {
+  HWY_INLINE M add_to_merged(std::size_t pixel, M open, V rho, V depth, V epsilon) {
     const D d;
-    const float* fragment = s.data + pixel;
-    for (int layer = 0; layer < s.layers; ++layer, fragment += s.stride) {
+    const float* fragment = data_ + pixel;
+    for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
       const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
       const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
       const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
@@ -195,7 +179,10 @@ class Rasterizer {
 
   const TileJob& job_;
   TileABuffer& tile_;
-  KernelRaster raster_;
+  const KernelRaster raster_;
+  float* const data_;
+  const std::size_t stride_;
+  const int layers_;
   const V full_;
   V dropped_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];

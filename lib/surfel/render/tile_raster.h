@@ -16,6 +16,7 @@ struct TileJob {
   const std::uint16_t* groups = nullptr;  ///< Parallel to `splats`; null where they do not matter.
   const std::uint32_t* order = nullptr;   ///< Indices into them.
   std::size_t count = 0;
+  int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
   float cutoff = 1;
   float lowpass2 = 1;       ///< Variance of the low-pass filter, pixels^2.
   float depth_epsilon = 1;  ///< Depths within this many depth ranges are of one surface.

@@ -12,6 +12,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
 #include <surfel/solve/range_sums.h>
+#include <surfel/solve/symmetric_product.h>
 
 namespace surfel {
 namespace {
@@ -37,9 +38,10 @@ struct Gradient {
 
 class Solver {
  public:
-  Solver(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
+  Solver(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
          Array<Channels>& x, const SolveOptions& options)
       : matrix_(matrix),
+        product_of_(matrix),
         b_(b),
         factor_(factor),
         x_(x),
@@ -102,35 +104,36 @@ class Solver {
         sum += b_[i].square();
         x_[i] = x_[i].max(lower_).min(upper_);
         direction_[i].setZero();
-        double diagonal = 0;
-        for (std::uint64_t e = matrix_.row_begin[i]; e < matrix_.row_begin[i + 1]; ++e) {
-          if (matrix_.column[e] == i) diagonal = matrix_.value[e];
-        }
+        const double diagonal = matrix_.diagonal(i);
         inverse_diagonal_[i] = diagonal > 0 ? 1 / diagonal : 1;
       }
       return std::array{sum};
     });
     unit_ = (squares == 0).select(Channels::Ones(), squares.sqrt());
-    Array<double> largest((count_ + kUnknownGrain - 1) / kUnknownGrain);
-    parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
-      double most = 0;
-      for (std::size_t i = begin; i < end; ++i) {
-        double sum = 0;
-        for (std::uint64_t e = matrix_.row_begin[i]; e < matrix_.row_begin[i + 1]; ++e) {
-          sum += std::abs(matrix_.value[e]) * std::sqrt(inverse_diagonal_[matrix_.column[e]]);
-        }
-        most = std::max(most, sum * std::sqrt(inverse_diagonal_[i]));
-      }
-      largest[begin / kUnknownGrain] = most;
-    });
-    const double norm = count_ == 0 ? 1 : *std::max_element(largest.begin(), largest.end());
+    const double norm = scaled_norm();
     step_ = norm > 0 ? kStep / norm : 1;
+  }
+
+  /// Largest sum of a row's absolute values, scaled to a unit diagonal.
+  double scaled_norm() const {
+    Array<double> sums;
+    sums.assign(count_, 0.0);
+    for (std::size_t i = 0; i < count_; ++i) {
+      const double scale = std::sqrt(inverse_diagonal_[i]);
+      for (std::uint64_t e = matrix_.row_begin[i]; e < matrix_.row_begin[i + 1]; ++e) {
+        const std::uint32_t j = matrix_.column[e];
+        const double value = scale * std::sqrt(inverse_diagonal_[j]) * std::abs(matrix_.value[e]);
+        sums[i] += value;
+        if (j != i) sums[j] += value;
+      }
+    }
+    return count_ == 0 ? 1 : *std::max_element(sums.begin(), sums.end());
   }
 
   /// The true gradient, in units of |b|.
   void set_gradient() {
+    product_of_.multiply(x_, product_);
     parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
-      multiply_rows(matrix_, begin, end, x_.data(), product_.data() + begin);
       for (std::size_t i = begin; i < end; ++i) gradient_[i] = (product_[i] - b_[i]) / unit_;
     });
     move_.fill(Move::kConjugate);
@@ -228,8 +231,8 @@ class Solver {
 
   /// q = A p, and how long the step is.
   void multiply() {
+    product_of_.multiply(direction_, product_);
     const auto [curvature, slope] = sum_ranges<2>(count_, [&](std::size_t begin, std::size_t end) {
-      multiply_rows(matrix_, begin, end, direction_.data(), product_.data() + begin);
       std::array<Channels, 2> sums{Channels::Zero(), Channels::Zero()};
       for (std::size_t i = begin; i < end; ++i) {
         sums[0] += direction_[i] * product_[i];
@@ -277,7 +280,8 @@ class Solver {
     }
   }
 
-  const SparseMatrix& matrix_;
+  const SymmetricMatrix& matrix_;
+  SymmetricProduct product_of_;
   const Array<Channels>& b_;
   const InverseFactor& factor_;
   Array<Channels>& x_;
@@ -300,7 +304,7 @@ class Solver {
 
 }  // namespace
 
-SolveReport bounded_gradients(const SparseMatrix& matrix, const Array<Channels>& b,
+SolveReport bounded_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                               const InverseFactor& factor, Array<Channels>& x,
                               const SolveOptions& options) {
   return Solver(matrix, b, factor, x, options).run();

@@ -10,7 +10,7 @@ namespace surfel {
 /// proportioning with reduced gradient projections (MPRGP): conjugate gradients among the unknowns
 /// that are free, steps of projected gradients where these meet a bound, and steps that release
 /// unknowns from bounds where that promises more. Parameters as conjugate_gradients().
-SURFEL_API SolveReport bounded_gradients(const SparseMatrix& matrix, const Array<Channels>& b,
+SURFEL_API SolveReport bounded_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                          const InverseFactor& factor, Array<Channels>& x,
                                          const SolveOptions& options);
 

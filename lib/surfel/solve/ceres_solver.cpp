@@ -38,9 +38,10 @@ CeresReport ceres_least_squares(std::initializer_list<LeastSquaresTerm> terms, i
   return report;
 }
 
-CeresReport ceres_solve(const SparseMatrix& matrix, const Array<Channels>& b, int channels,
+CeresReport ceres_solve(const SymmetricMatrix& matrix, const Array<Channels>& b, int channels,
                         double tolerance, Array<Channels>& x) {
-  return ceres_least_squares({{.A = matrix, .f = b}}, channels, tolerance, x);
+  const SparseMatrix rows = both_triangles(matrix);
+  return ceres_least_squares({{.A = rows, .f = b}}, channels, tolerance, x);
 }
 
 CeresReport ceres_minimize(

@@ -6,6 +6,7 @@
 #include <surfel/base/function_ref.h>
 #include <surfel/solve/ceres_plugin.h>
 #include <surfel/solve/solve_report.h>
+#include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
 
@@ -30,7 +31,7 @@ SURFEL_API CeresReport ceres_least_squares(std::initializer_list<LeastSquaresTer
 
 /// Solves A x = b in the first `channels` as the least squares of its residual, by the same steps:
 /// the squared condition is what refinement has to overcome, up to some 1e7.
-SURFEL_API CeresReport ceres_solve(const SparseMatrix& matrix, const Array<Channels>& b,
+SURFEL_API CeresReport ceres_solve(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                    int channels, double tolerance, Array<Channels>& x);
 
 /// Minimises a smooth function of `x` by Ceres' L-BFGS. \param evaluate  sets cost and, where not

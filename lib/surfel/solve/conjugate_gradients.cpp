@@ -13,6 +13,7 @@
 #include <surfel/solve/bounded_gradients.h>
 #include <surfel/solve/conjugate_gradients.h>
 #include <surfel/solve/range_sums.h>
+#include <surfel/solve/symmetric_product.h>
 
 namespace surfel {
 namespace {
@@ -26,7 +27,7 @@ struct Step {
 
 class Solver {
  public:
-  Solver(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
+  Solver(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
          Array<Channels>& x, const SolveOptions& options)
       : matrix_(matrix), b_(b), factor_(factor), x_(x), options_(options), count_(b.size()) {}
 
@@ -76,8 +77,8 @@ class Solver {
 
   /// The true residual, in units of |b|. Returns its norm.
   Channels set_residual() {
+    matrix_.multiply(x_, product_);
     const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      multiply_rows(matrix_, begin, end, x_.data(), product_.data() + begin);
       Channels sum = Channels::Zero();
       for (std::size_t i = begin; i < end; ++i) {
         residual_[i] = (b_[i] - product_[i]) / unit_;
@@ -143,8 +144,8 @@ class Solver {
 
   /// q = A p. Returns p^T q.
   Channels multiply() {
+    matrix_.multiply(direction_, product_);
     return sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      multiply_rows(matrix_, begin, end, direction_.data(), product_.data() + begin);
       Channels sum = Channels::Zero();
       for (std::size_t i = begin; i < end; ++i) sum += direction_[i] * product_[i];
       return std::array{sum};
@@ -197,7 +198,7 @@ class Solver {
     report_.eigen_max = solver.eigenvalues().maxCoeff();
   }
 
-  const SparseMatrix& matrix_;
+  SymmetricProduct matrix_;
   const Array<Channels>& b_;
   const InverseFactor& factor_;
   Array<Channels>& x_;
@@ -211,7 +212,7 @@ class Solver {
 
 }  // namespace
 
-SolveReport conjugate_gradients(const SparseMatrix& matrix, const Array<Channels>& b,
+SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                 const InverseFactor& factor, Array<Channels>& x,
                                 const SolveOptions& options) {
   if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);

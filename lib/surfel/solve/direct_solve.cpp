@@ -8,18 +8,17 @@
 
 namespace surfel {
 
-Array<Channels> direct_solve(const SparseMatrix& matrix, const Array<Channels>& b) {
+Array<Channels> direct_solve(const SymmetricMatrix& matrix, const Array<Channels>& b) {
   // Rows of the lower triangle are columns of the upper one.
   using Columns = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int64_t>;
   const auto n = static_cast<Eigen::Index>(matrix.rows());
   Array<Channels> x(b.size());
   if (n == 0) return x;
   Columns upper(n, n);
-  upper.reserve(static_cast<Eigen::Index>(matrix.entries() / 2 + matrix.rows()));
+  upper.reserve(static_cast<Eigen::Index>(matrix.column.size()));
   for (Eigen::Index i = 0; i < n; ++i) {
     upper.startVec(i);
     for (std::uint64_t entry = matrix.row_begin[i]; entry < matrix.row_begin[i + 1]; ++entry) {
-      if (matrix.column[entry] > i) break;
       upper.insertBack(matrix.column[entry], i) = matrix.value[entry];
     }
   }

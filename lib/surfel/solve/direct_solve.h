@@ -1,14 +1,13 @@
 #pragma once
 
 #include <surfel/base/export.h>
-#include <surfel/solve/sparse_matrix.h>
+#include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
 
 /// Solves A x = b for all channels by the sparse factorisation A = L D L^T: exact up to rounding,
 /// but on one thread, and the memory that L takes grows faster than A. Throws Error(kNumeric) if A
 /// is not positive definite up to rounding.
-/// \param matrix  symmetric, with the entries of both triangles.
-SURFEL_API Array<Channels> direct_solve(const SparseMatrix& matrix, const Array<Channels>& b);
+SURFEL_API Array<Channels> direct_solve(const SymmetricMatrix& matrix, const Array<Channels>& b);
 
 }  // namespace surfel

@@ -20,7 +20,7 @@ namespace {
 constexpr std::size_t kMaxRowEntries = 255;  ///< A slot is a byte, and 0 means none.
 
 /// The first entry of a row whose column is at least `column`, or its end.
-std::uint64_t first_from(const SparseMatrix& matrix, std::size_t row, std::size_t column) {
+std::uint64_t first_from(const SymmetricMatrix& matrix, std::size_t row, std::size_t column) {
   const std::uint32_t* columns = matrix.column.data();
   return static_cast<std::uint64_t>(std::lower_bound(columns + matrix.row_begin[row],
                                                      columns + matrix.row_begin[row + 1], column) -
@@ -28,13 +28,11 @@ std::uint64_t first_from(const SparseMatrix& matrix, std::size_t row, std::size_
 }
 
 /// 1 / sqrt(a_ii); 1 where the diagonal is not positive.
-Array<double> inverse_roots(const SparseMatrix& matrix) {
+Array<double> inverse_roots(const SymmetricMatrix& matrix) {
   Array<double> root(matrix.rows());
   parallel_for(root.size(), kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      const std::uint64_t entry = first_from(matrix, i, i);
-      const bool found = entry < matrix.row_begin[i + 1] && matrix.column[entry] == i;
-      const double diagonal = found ? matrix.value[entry] : 0;
+      const double diagonal = matrix.diagonal(i);
       root[i] = diagonal > 0 ? 1 / std::sqrt(diagonal) : 1;
     }
   });
@@ -63,7 +61,7 @@ SparseMatrixF transposed(const SparseMatrixF& matrix) {
 /// Fills in the rows of a factor whose row_begin is set; one for each thread.
 class RowBuilder {
  public:
-  RowBuilder(const SparseMatrix& matrix, const Array<double>& root, std::size_t row_entries,
+  RowBuilder(const SymmetricMatrix& matrix, const Array<double>& root, std::size_t row_entries,
              SparseMatrixF& factor)
       : matrix_(matrix), root_(root), factor_(factor) {
     slot_.assign(matrix.rows(), 0);
@@ -121,7 +119,7 @@ class RowBuilder {
   /// Of the unknowns before `row` those most strongly coupled to it, ascending, and `row` itself.
   void find_pattern(std::size_t row) {
     neighbors_.clear();
-    const std::uint64_t end = first_from(matrix_, row, row);
+    const std::uint64_t end = matrix_.row_begin[row + 1] - 1;
     for (std::uint64_t entry = matrix_.row_begin[row]; entry < end; ++entry) {
       const std::uint32_t j = matrix_.column[entry];
       neighbors_.push_back({static_cast<float>(std::abs(matrix_.value[entry]) * root_[j]), j});
@@ -152,7 +150,7 @@ class RowBuilder {
     for (std::size_t s = 0; s < own; ++s) {
       const std::uint32_t i = pattern[s];
       // Entries outside of the pattern go to slot 0: quicker than a branch that nothing foretells.
-      const std::uint64_t end = first_from(matrix_, i, i);
+      const std::uint64_t end = matrix_.row_begin[i + 1] - 1;
       for (std::uint64_t entry = first_from(matrix_, i, pattern[0]); entry < end; ++entry) {
         slot_value_[slot_[matrix_.column[entry]]] = matrix_.value[entry];
       }
@@ -168,7 +166,7 @@ class RowBuilder {
     for (std::size_t s = 0; s < own; ++s) slot_[pattern[s]] = 0;
   }
 
-  const SparseMatrix& matrix_;
+  const SymmetricMatrix& matrix_;
   const Array<double>& root_;
   SparseMatrixF& factor_;
   std::vector<Neighbor> neighbors_;
@@ -184,10 +182,10 @@ class RowBuilder {
 InverseFactor::InverseFactor(SparseMatrixF factor)
     : factor_(std::move(factor)), transposed_(transposed(factor_)) {}
 
-InverseFactor::InverseFactor(const SparseMatrix& matrix, Preconditioner kind)
+InverseFactor::InverseFactor(const SymmetricMatrix& matrix, Preconditioner kind)
     : InverseFactor(kind == Preconditioner::kJacobi ? jacobi(matrix) : sparse_inverse(matrix)) {}
 
-InverseFactor InverseFactor::jacobi(const SparseMatrix& matrix) {
+InverseFactor InverseFactor::jacobi(const SymmetricMatrix& matrix) {
   const Array<double> root = inverse_roots(matrix);
   SparseMatrixF factor;
   factor.row_begin.resize(root.size() + 1);
@@ -202,12 +200,13 @@ InverseFactor InverseFactor::jacobi(const SparseMatrix& matrix) {
   return InverseFactor(std::move(factor));
 }
 
-std::size_t InverseFactor::default_row_entries(const SparseMatrix& matrix) {
+std::size_t InverseFactor::default_row_entries(const SymmetricMatrix& matrix) {
   const std::size_t mean = matrix.entries() / std::max<std::size_t>(1, matrix.rows());
   return std::clamp<std::size_t>((mean + 3) / 4, 8, 40);
 }
 
-InverseFactor InverseFactor::sparse_inverse(const SparseMatrix& matrix, std::size_t row_entries) {
+InverseFactor InverseFactor::sparse_inverse(const SymmetricMatrix& matrix,
+                                            std::size_t row_entries) {
   const std::size_t n = matrix.rows();
   if (row_entries == 0) row_entries = default_row_entries(matrix);
   row_entries = std::min(row_entries, kMaxRowEntries);
@@ -215,8 +214,8 @@ InverseFactor InverseFactor::sparse_inverse(const SparseMatrix& matrix, std::siz
   SparseMatrixF factor;
   factor.row_begin.assign(n + 1, 0);
   for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t preceding = first_from(matrix, i, i) - matrix.row_begin[i];
-    factor.row_begin[i + 1] = factor.row_begin[i] + std::min(preceding + 1, row_entries);
+    const std::size_t own = matrix.row_begin[i + 1] - matrix.row_begin[i];
+    factor.row_begin[i + 1] = factor.row_begin[i] + std::min(own, row_entries);
   }
   factor.column.resize(factor.row_begin[n]);
   factor.value.resize(factor.row_begin[n]);

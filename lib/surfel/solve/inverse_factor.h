@@ -2,6 +2,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/solve/sparse_product.h>
+#include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
 
@@ -15,21 +16,21 @@ enum class Preconditioner {
 /// Single precision does: A's diagonal should lie within 1e-24 and 1e24.
 class SURFEL_API InverseFactor {
  public:
-  InverseFactor(const SparseMatrix& matrix, Preconditioner kind);
+  InverseFactor(const SymmetricMatrix& matrix, Preconditioner kind);
 
   /// G = diag(A)^-1/2.
-  static InverseFactor jacobi(const SparseMatrix& matrix);
+  static InverseFactor jacobi(const SymmetricMatrix& matrix);
 
   /// G is lower triangular. Its row i minimises Kaporin's condition number of G A G^T over a
   /// pattern: i, and the unknowns before it that are most strongly coupled to it. Neighbours in
   /// space should be neighbours in the order: that of a space-filling curve does. \param
   /// row_entries  of the pattern, at most 255; 0: default_row_entries().
-  static InverseFactor sparse_inverse(const SparseMatrix& matrix, std::size_t row_entries = 0);
+  static InverseFactor sparse_inverse(const SymmetricMatrix& matrix, std::size_t row_entries = 0);
 
   /// A quarter of the matrix' mean, at least 8 and at most 40: the least total time on Gram
   /// matrices of Gaussians, whose rows grow with their condition number (56 to 220 entries, 1e2 to
   /// 1e7).
-  static std::size_t default_row_entries(const SparseMatrix& matrix);
+  static std::size_t default_row_entries(const SymmetricMatrix& matrix);
 
   std::size_t rows() const { return factor_.rows(); }
   std::size_t entries() const { return factor_.column.size(); }

@@ -18,13 +18,7 @@ struct SparseMatrixF {
 };
 
 /// y[i - begin] = row i of the matrix times x, for the rows [begin, end), on the calling thread.
-SURFEL_API void multiply_rows(const SparseMatrix& matrix, std::size_t begin, std::size_t end,
-                              const Channels* x, Channels* y);
 SURFEL_API void multiply_rows(const SparseMatrixF& matrix, std::size_t begin, std::size_t end,
                               const ChannelsF* x, ChannelsF* y);
-
-/// |b - A x| / |b| of the worst channel.
-SURFEL_API double relative_residual(const SparseMatrix& matrix, const Array<Channels>& b,
-                                    const Array<Channels>& x);
 
 }  // namespace surfel

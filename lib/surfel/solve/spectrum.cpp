@@ -11,6 +11,7 @@
 #include <surfel/base/random.h>
 #include <surfel/solve/range_sums.h>
 #include <surfel/solve/spectrum.h>
+#include <surfel/solve/symmetric_product.h>
 
 namespace surfel {
 namespace {
@@ -46,7 +47,7 @@ Eigen::Vector3d extreme_combination(const Matrix3& gram, const Matrix3& energy, 
 
 class Seeker {
  public:
-  Seeker(const SparseMatrix& matrix, const InverseFactor& factor)
+  Seeker(const SymmetricMatrix& matrix, const InverseFactor& factor)
       : matrix_(matrix), factor_(factor), count_(matrix.rows()) {
     for (Array<Channels>* vectors : {&x_, &w_, &p_, &ax_, &aw_, &ap_}) {
       vectors->assign(count_, Channels::Zero());
@@ -99,8 +100,8 @@ class Seeker {
 
   /// x = the best combination of x, w and p, with p the part of it that is not x.
   void combine() {
+    matrix_.multiply(w_, aw_);
     const auto sums = sum_ranges<12>(count_, [&](std::size_t begin, std::size_t end) {
-      multiply_rows(matrix_, begin, end, w_.data(), aw_.data() + begin);
       std::array<Channels, 12> s;
       s.fill(Channels::Zero());
       for (std::size_t i = begin; i < end; ++i) {
@@ -144,7 +145,7 @@ class Seeker {
     value_ = (norms > 0).select(energies / norms, 0);
   }
 
-  const SparseMatrix& matrix_;
+  SymmetricProduct matrix_;
   const InverseFactor& factor_;
   const std::size_t count_;
   Channels value_ = Channels::Zero();  ///< Rayleigh quotients of x.
@@ -154,7 +155,7 @@ class Seeker {
 
 }  // namespace
 
-Spectrum estimate_spectrum(const SparseMatrix& matrix, const InverseFactor& factor, int steps) {
+Spectrum estimate_spectrum(const SymmetricMatrix& matrix, const InverseFactor& factor, int steps) {
   return Seeker(matrix, factor).run(steps);
 }
 

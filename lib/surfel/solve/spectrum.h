@@ -18,7 +18,7 @@ struct Spectrum {
 /// within a few percent; `min` is negative only if the matrix is indefinite. A step costs about as
 /// much as one of conjugate_gradients(); steps end early once the estimates stand still. \param
 /// factor  of the matrix: without a good one the smallest eigenvalue is out of reach.
-SURFEL_API Spectrum estimate_spectrum(const SparseMatrix& matrix, const InverseFactor& factor,
+SURFEL_API Spectrum estimate_spectrum(const SymmetricMatrix& matrix, const InverseFactor& factor,
                                       int steps = 60);
 
 }  // namespace surfel

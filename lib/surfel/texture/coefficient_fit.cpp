@@ -9,8 +9,10 @@
 #include <surfel/solve/conjugate_gradients.h>
 #include <surfel/solve/direct_solve.h>
 #include <surfel/solve/spectrum.h>
+#include <surfel/solve/symmetric_product.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/gram_system.h>
+#include <surfel/texture/unresolved_detail.h>
 
 namespace surfel {
 namespace {
@@ -55,7 +57,7 @@ void note(const CeresReport& solved, SystemReport& report) {
 }
 
 /// Solves matrix x = b, from x on, in the first `channels`.
-void solve(const SparseMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
+void solve(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
            const TextureFitOptions& options, const std::optional<CoefficientBounds>& bounds,
            int channels, const std::function<void(double)>& progress, Array<Channels>& x,
            SystemReport& report) {
@@ -83,13 +85,9 @@ double largest(const Array<double>& values) {
 }
 
 /// Replaces R by S R S with S = mean(diag(R))^-1/2 I, whose diagonal it returns.
-Array<double> scale_by_mean_diagonal(SparseMatrix& matrix) {
+Array<double> scale_by_mean_diagonal(SymmetricMatrix& matrix) {
   double sum = 0;
-  for (std::size_t row = 0; row < matrix.rows(); ++row) {
-    for (std::uint64_t e = matrix.row_begin[row]; e < matrix.row_begin[row + 1]; ++e) {
-      if (matrix.column[e] == row) sum += matrix.value[e];
-    }
-  }
+  for (std::size_t row = 0; row < matrix.rows(); ++row) sum += matrix.diagonal(row);
   const double mean = sum / static_cast<double>(matrix.rows());
   for (double& value : matrix.value) value /= mean;
   return Array<double>(matrix.rows(), 1 / std::sqrt(mean));
@@ -151,6 +149,18 @@ struct RenderFit {
     }
     note(ceres_fit(system, f, w_0, 0, channels, options.tolerance, w), report);
     report.residual = relative_residual(system.normal_matrix, b, w);
+  }
+
+  /// Holds unresolved detail. \param w  in: where to start, out: a better place to.
+  void hold_unresolved(RenderSystem& system, const InverseFactor& factor, Array<Channels>& w,
+                       SystemReport& report) const {
+    constexpr double kRough = 1e-3;
+    SolveOptions rough;
+    rough.tolerance = std::max(kRough, options.tolerance);
+    const Array<Channels> b = system.right_side(f, w_0);
+    report.rough_iterations =
+        conjugate_gradients(system.normal_matrix, b, factor, w, rough).iterations;
+    report.unresolved = surfel::hold_unresolved(system, w, f);
   }
 
   void solve_robust(const RenderSystem& system, Array<Channels>& w, SystemReport& report) const {
@@ -237,8 +247,9 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
                 bool alpha, const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   Timer timer;
-  Quadrature quadrature = colors.quadrature;
+  Quadrature& quadrature = colors.quadrature;
   leave_out_unknown(quadrature, colors.color, colors.known);
+  Array<std::uint8_t>().swap(colors.known);
   RenderFit fit{.options = options, .f = std::move(colors.color), .channels = alpha ? 4 : 3};
   if (!alpha) {
     for (Channels& color : fit.f) color[3] = 0;
@@ -252,17 +263,30 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   tell(options, 0.5);
 
   timer.restart();
-  InverseFactor factor(render.normal_matrix, Preconditioner::kSparseInverse);
+  const auto precondition = [&] {
+    return InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
+  };
+  std::optional<InverseFactor> factor(precondition());
   report.times.add("condition", timer.milliseconds());
 
   timer.restart();
   const double solved = options.refine_variance ? 0.55 : 1;
   Array<Channels> w = fit.w_0;
+  if (render.mu > 0) {
+    // Without a minified term there is nothing that aliasing would spoil from afar.
+    fit.hold_unresolved(render, *factor, w, system);
+    if (system.unresolved > 0) {
+      factor.reset();  // Its memory first.
+      factor.emplace(precondition());
+    }
+    report.times.add("unresolved", timer.milliseconds());
+    timer.restart();
+  }
   if (options.robust) {
     fit.solve_robust(render, w, system);
     report.times.add("robust", timer.milliseconds());
   } else {
-    fit.solve(render, factor, w, system, stage(options, 0.5, solved));
+    fit.solve(render, *factor, w, system, stage(options, 0.5, solved));
     report.times.add("solve", timer.milliseconds());
   }
   if (options.refine_variance) {
@@ -279,12 +303,12 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
          .channels = fit.channels,
          .progress = stage(options, solved, 1)});
     store_variances(basis, cloud);
-    factor = InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
+    factor.emplace(precondition());
     report.times.add("variance", timer.milliseconds());
   }
 
   timer.restart();
-  const Spectrum spectrum = estimate_spectrum(render.normal_matrix, factor);
+  const Spectrum spectrum = estimate_spectrum(render.normal_matrix, *factor);
   system.eigen_min = spectrum.min;
   system.eigen_max = spectrum.max;
   report.times.add("condition", timer.milliseconds());

@@ -10,9 +10,9 @@ namespace surfel {
 /// surfel's derivatives.
 struct PointColors {
   const SurfelBasis& basis;
-  const Quadrature& quadrature;  ///< Of the basis.
-  Array<Channels> color{};       ///< Out: R, G, B, alpha.
-  Array<std::uint8_t> known{};   ///< Out: 0 where the point lies off its surfel's chart.
+  Quadrature quadrature;        ///< Of the basis.
+  Array<Channels> color{};      ///< Out: R, G, B, alpha.
+  Array<std::uint8_t> known{};  ///< Out: 0 where the point lies off its surfel's chart.
 };
 
 /// View-independent EWA [SS01 section 5]: w_k = sum_i c_i g_i / sum_i g_i over the texels i, with

@@ -421,8 +421,12 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     const int stored_y = stored_offset(y, level.y, wrap_);
     if (level.tiles) {
       fetched.resize(4, std::max<Eigen::Index>(fetched.cols(), end - begin));
-      for (int x = begin; x < end; ++x) {
-        fetched.col(x - begin) = level.texel(stored_offset(x, level.x, wrap_), stored_y);
+      if (begin >= level.x.first && end <= level.x.first + level.x.count) {
+        level.tiles->row(stored_y, begin - level.x.first, end - level.x.first, fetched.data());
+      } else {
+        for (int x = begin; x < end; ++x) {
+          fetched.col(x - begin) = level.texel(stored_offset(x, level.x, wrap_), stored_y);
+        }
       }
       const auto texel_at = [&](int x) { return fetched.col(x - begin).data(); };
       add_row(begin, end, row, texel_at, total);

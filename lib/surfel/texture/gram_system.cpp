@@ -109,15 +109,16 @@ class PairSearch {
     }
   }
 
-  /// Calls body(k, couplings) for every row k, rows in parallel.
-  template <class Body>
+  /// Calls body(k, couplings) for every row k, rows in parallel. \tparam kLower  only of functions
+  /// up to k.
+  template <bool kLower, class Body>
   void for_each_row(const Body& body) const {
     parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       Couplings couplings;
       std::vector<std::uint32_t> near;
       for (std::size_t b = begin; b < end; ++b) {
         near.clear();
-        collect(levels_[0][b], levels_.size() - 1, 0, near);
+        collect(levels_[0][b], levels_.size() - 1, 0, kLower ? b + 1 : blocks_.size(), near);
         for (std::size_t lane = 0; lane < lanes(b); ++lane) {
           const Box row = box_of(b, lane);
           couplings.count = 0;
@@ -129,7 +130,11 @@ class PairSearch {
               couple<false>(b, lane, other, couplings);
             }
           }
-          body(b * kLanes + lane, couplings);
+          const std::size_t k = b * kLanes + lane;
+          if constexpr (kLower) {
+            while (couplings.column[couplings.count - 1] > k) --couplings.count;
+          }
+          body(k, couplings);
         }
       }
     });
@@ -185,17 +190,18 @@ class PairSearch {
            (std::max(p.reach2, q.reach2) + thickness2_ / 2) * (p.major + q.major) * (1 + 1e-12);
   }
 
-  /// Blocks below box i of a level that may couple with those in `rows`, ascending.
-  void collect(const Box& rows, std::size_t level, std::size_t i,
+  /// Blocks before block `limit`, below box i of a level, that may couple with those in `rows`,
+  /// ascending.
+  void collect(const Box& rows, std::size_t level, std::size_t i, std::size_t limit,
                std::vector<std::uint32_t>& blocks) const {
     if (!may_couple(rows, levels_[level][i])) return;
     if (level == 0) {
-      blocks.push_back(static_cast<std::uint32_t>(i));
+      if (i < limit) blocks.push_back(static_cast<std::uint32_t>(i));
       return;
     }
     const std::size_t end = std::min((i + 1) * kBranching, levels_[level - 1].size());
     for (std::size_t child = i * kBranching; child < end; ++child) {
-      collect(rows, level - 1, child, blocks);
+      collect(rows, level - 1, child, limit, blocks);
     }
   }
 
@@ -272,11 +278,11 @@ class PairSearch {
   std::vector<std::vector<Box>> levels_;  ///< levels_[0] has a box for every block.
 };
 
-/// kappa^2 = (sigma / h)^2 of a function that couples with `count` others and itself within a
-/// reach: in the metric of both, pi reach^2 2 sigma^2 holds so many of density 1 / h^2. At the
+/// kappa^2 = (sigma / h)^2 of a function that couples with `count` others and itself within
+/// kMinReach: in the metric of both, pi reach^2 2 sigma^2 holds so many of density 1 / h^2. At the
 /// border of a surface it is less, but a pair takes the larger reach of the two.
-double overlap(std::size_t count, double reach2) {
-  return static_cast<double>(count) / (2 * std::numbers::pi * reach2);
+double overlap(std::size_t count) {
+  return static_cast<double>(count) / (2 * std::numbers::pi * kMinReach * kMinReach);
 }
 
 /// Squared reach that keeps the coefficients to `accuracy`. On jittered grids, kappa 0.5 to 1.5,
@@ -288,16 +294,26 @@ double overlap_reach2(double overlap, double accuracy) {
                     kMaxReach * kMaxReach);
 }
 
-/// Squared reach of every function.
-Array<double> choose_reach(PairSearch& search, std::size_t count, const GramOptions& options) {
-  Array<double> reach2;
-  reach2.assign(count, options.reach ? *options.reach * *options.reach : kMinReach * kMinReach);
-  if (options.reach) return reach2;
-  search.set_reach(reach2);
-  search.for_each_row([&](std::size_t k, const Couplings& near) {
-    reach2[k] = overlap_reach2(overlap(near.count, reach2[k]), options.accuracy);
+/// How far functions couple.
+struct Reach {
+  Array<double> squared;   ///< Of every function.
+  Array<double> left_out;  ///< GramSystem::left_out of every function.
+};
+
+Reach choose_reach(PairSearch& search, std::size_t count, const GramOptions& options) {
+  Reach reach;
+  reach.squared.assign(count, kMinReach * kMinReach);
+  reach.left_out.resize(count);
+  search.set_reach(reach.squared);
+  search.for_each_row<false>([&](std::size_t k, const Couplings& near) {
+    const double kappa2 = overlap(near.count);
+    const double reach2 =
+        options.reach ? *options.reach * *options.reach : overlap_reach2(kappa2, options.accuracy);
+    reach.squared[k] = reach2;
+    // Of a constant, the integral of the Gaussian beyond the reach.
+    reach.left_out[k] = 4 * std::numbers::pi * kappa2 * std::exp(-reach2 / 2);
   });
-  return reach2;
+  return reach;
 }
 
 /// Entries of a row. By whole blocks: Eigen's exponential is not the same function, to the last
@@ -312,14 +328,6 @@ void write_entries(double area, const Couplings& couplings, double* value) {
         (-exponent / 2).exp() * (area * other_area) / (2 * std::numbers::pi * det.sqrt());
     std::copy_n(entry.data(), std::min(kLanes, couplings.count - i), value + i);
   }
-}
-
-/// Where the diagonal entry of a row is.
-std::size_t diagonal_place(const SparseMatrix& matrix, std::size_t row) {
-  const auto begin = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[row]);
-  const auto end = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[row + 1]);
-  return static_cast<std::size_t>(std::lower_bound(begin, end, static_cast<std::uint32_t>(row)) -
-                                  matrix.column.begin());
 }
 
 }  // namespace
@@ -341,29 +349,25 @@ GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options
   if (const auto found = options.problems(); !found.empty()) throw_usage(found.front());
   PairSearch search(basis, options);
   GramSystem system;
-  const Array<double> reach2 = choose_reach(search, basis.size(), options);
-  search.set_reach(reach2);
+  const Reach reach = choose_reach(search, basis.size(), options);
+  search.set_reach(reach.squared);
+  if (basis.size() > 0) {
+    const auto [least, most] = std::minmax_element(reach.squared.begin(), reach.squared.end());
+    system.min_reach = std::sqrt(*least);
+    system.max_reach = std::sqrt(*most);
+    system.left_out = *std::max_element(reach.left_out.begin(), reach.left_out.end());
+  }
 
-  SparseMatrix& matrix = system.matrix;
-  matrix.columns = basis.size();
+  SymmetricMatrix& matrix = system.matrix;
   matrix.row_begin.resize(basis.size() + 1);
   matrix.row_begin[0] = 0;
-  search.for_each_row([&](std::size_t k, const Couplings& couplings) {
+  search.for_each_row<true>([&](std::size_t k, const Couplings& couplings) {
     matrix.row_begin[k + 1] = couplings.count;
   });
-  for (std::size_t k = 0; k < basis.size(); ++k) {
-    const double reach = std::sqrt(reach2[k]);
-    system.min_reach = k == 0 ? reach : std::min(system.min_reach, reach);
-    system.max_reach = std::max(system.max_reach, reach);
-    // Of a constant, the integral of the Gaussian beyond the reach.
-    const double beyond = 4 * std::numbers::pi * overlap(matrix.row_begin[k + 1], reach2[k]) *
-                          std::exp(-reach2[k] / 2);
-    system.left_out = std::max(system.left_out, beyond);
-  }
   std::partial_sum(matrix.row_begin.begin(), matrix.row_begin.end(), matrix.row_begin.begin());
   matrix.column.resize(matrix.row_begin.back());
   matrix.value.resize(matrix.row_begin.back());
-  search.for_each_row([&](std::size_t k, const Couplings& couplings) {
+  search.for_each_row<true>([&](std::size_t k, const Couplings& couplings) {
     const std::uint64_t begin = matrix.row_begin[k];
     std::copy_n(couplings.column.begin(), couplings.count,
                 matrix.column.begin() + static_cast<std::ptrdiff_t>(begin));
@@ -372,37 +376,21 @@ GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options
   return system;
 }
 
-Array<double> row_sums(const SparseMatrix& matrix) {
-  Array<double> sums(matrix.rows());
-  parallel_for(matrix.rows(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t row = begin; row < end; ++row) {
-      sums[row] = std::accumulate(matrix.value.data() + matrix.row_begin[row],
-                                  matrix.value.data() + matrix.row_begin[row + 1], 0.0);
-    }
-  });
-  return sums;
-}
-
-void add_to_diagonal(SparseMatrix& matrix, double lambda) {
+void add_to_diagonal(SymmetricMatrix& matrix, double lambda) {
   double sum = 0;
-  for (std::size_t row = 0; row < matrix.rows(); ++row) {
-    sum += matrix.value[diagonal_place(matrix, row)];
-  }
+  for (std::size_t row = 0; row < matrix.rows(); ++row) sum += matrix.diagonal(row);
   const double added = lambda * sum / static_cast<double>(matrix.rows());
-  for (std::size_t row = 0; row < matrix.rows(); ++row) {
-    matrix.value[diagonal_place(matrix, row)] += added;
-  }
+  for (std::size_t row = 0; row < matrix.rows(); ++row) matrix.diagonal(row) += added;
 }
 
-Array<double> scale_to_unit_diagonal(SparseMatrix& matrix) {
+Array<double> scale_to_unit_diagonal(SymmetricMatrix& matrix) {
   Array<double> scale(matrix.rows());
   for (std::size_t row = 0; row < matrix.rows(); ++row) {
-    scale[row] = 1 / std::sqrt(matrix.value[diagonal_place(matrix, row)]);
+    scale[row] = 1 / std::sqrt(matrix.diagonal(row));
   }
   parallel_for(matrix.rows(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t row = begin; row < end; ++row) {
       for (std::uint64_t i = matrix.row_begin[row]; i < matrix.row_begin[row + 1]; ++i) {
-        // The product of the two scales first: the same for both entries of a pair.
         matrix.value[i] *= scale[row] * scale[matrix.column[i]];
       }
     }

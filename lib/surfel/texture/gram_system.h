@@ -7,7 +7,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/solve/sparse_matrix.h>
+#include <surfel/solve/symmetric_matrix.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
@@ -32,7 +32,7 @@ struct SURFEL_API GramOptions {
 
 /// The matrix of SS01 (11) and how it was cut.
 struct GramSystem {
-  SparseMatrix matrix;
+  SymmetricMatrix matrix;
   double min_reach = 0;  ///< Of all surfels, standard deviations.
   double max_reach = 0;
   /// What the cut takes from a row, at most, relative to its diagonal. So much lambda restores what
@@ -40,10 +40,10 @@ struct GramSystem {
   double left_out = 0;
 };
 
-/// R_kj = <r_k, r_j> = a_k a_j G_{V_k + V_j}(u_k - u_j) [SS01 (11)], both triangles, R_kj and R_jk
-/// the same bits. Metric of a pair: that of the plane normal to n_k + n_j, onto which u_k - u_j and
-/// the kernels are projected; for that, a kernel is as thick along its normal as along its minor
-/// axis, so that an isotropic one keeps its variance however it is tilted.
+/// R_kj = <r_k, r_j> = a_k a_j G_{V_k + V_j}(u_k - u_j) [SS01 (11)]. Metric of a pair: that of the
+/// plane normal to n_k + n_j, onto which u_k - u_j and the kernels are projected; for that, a
+/// kernel is as thick along its normal as along its minor axis, so that an isotropic one keeps its
+/// variance however it is tilted.
 ///
 /// Entries are carried to where they cannot matter, not tapered: Wendland's function, which keeps R
 /// positive definite at any reach, changes the coefficients by 20 to 100 % at 10 standard
@@ -55,16 +55,12 @@ struct GramSystem {
 /// usable.
 SURFEL_API GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options = {});
 
-/// R 1, the inner products of the functions with their sum: right-hand side of the constant 1. The
-/// entries being positive, the largest bounds the spectral radius (Gershgorin).
-SURFEL_API Array<double> row_sums(const SparseMatrix& matrix);
-
 /// Adds lambda times the mean of the diagonal to it.
-SURFEL_API void add_to_diagonal(SparseMatrix& matrix, double lambda);
+SURFEL_API void add_to_diagonal(SymmetricMatrix& matrix, double lambda);
 
 /// Replaces R by S R S, S = diag(R)^-1/2, and returns the diagonal of S: R w = c becomes
 /// (S R S) y = S c, w = S y. Then the condition does not suffer from kernels of different area, and
 /// lambda is relative to each.
-SURFEL_API Array<double> scale_to_unit_diagonal(SparseMatrix& matrix);
+SURFEL_API Array<double> scale_to_unit_diagonal(SymmetricMatrix& matrix);
 
 }  // namespace surfel

@@ -379,9 +379,8 @@ void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
   }
 }
 
-/// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B. Both halves
-/// are summed in the order of the points, hence symmetric to the bit.
-SparseMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
+/// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B.
+SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
   const std::size_t columns = system.near.A.columns;
   constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
   struct Sum {
@@ -409,7 +408,7 @@ SparseMatrix normal_product(const RenderSystem& system, const Array<double>* wei
         const SparseMatrix& A = basis.A;
         for_column(basis, k, [&](std::size_t q, std::size_t entry) {
           const double d = weight_of(q);
-          for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+          for (std::size_t e = A.row_begin[q]; e <= entry; ++e) {
             std::uint32_t& at = place[A.column[e]];
             if (at == kFree) {
               at = static_cast<std::uint32_t>(row.size());
@@ -429,18 +428,8 @@ SparseMatrix normal_product(const RenderSystem& system, const Array<double>* wei
     }
     chunks[begin / kGrain] = rows.take();
   });
-  return join(std::move(chunks), columns);
-}
-
-/// (A w - f)_q, zero at uncovered points.
-Channels residual_at(const SparseMatrix& A, std::size_t q, const Array<Channels>& w,
-                     const Array<Channels>& f) {
-  if (A.row_begin[q] == A.row_begin[q + 1]) return Channels::Zero();
-  Channels r = -f[q];
-  for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-    r += A.value[e] * w[A.column[e]];
-  }
-  return r;
+  SparseMatrix lower = join(std::move(chunks), columns);
+  return {std::move(lower.row_begin), std::move(lower.column), std::move(lower.value)};
 }
 
 /// Sum of value(i) over i < count, the same for any number of threads.
@@ -453,17 +442,6 @@ Channels sum_over(std::size_t count, const Value& value) {
   Channels total = Channels::Zero();
   for (const Channels& sum : sums) total += sum;
   return total;
-}
-
-/// Calls body(value) for every diagonal entry.
-template <class Body>
-void for_diagonal(SparseMatrix& matrix, const Body& body) {
-  for (std::size_t k = 0; k < matrix.rows(); ++k) {
-    const auto begin = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[k]);
-    const auto end = matrix.column.begin() + static_cast<std::ptrdiff_t>(matrix.row_begin[k + 1]);
-    body(matrix.value[static_cast<std::size_t>(std::lower_bound(begin, end, k) -
-                                               matrix.column.begin())]);
-  }
 }
 
 /// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
@@ -554,25 +532,35 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
   }
   system.normal_matrix = normal_product(system);
   double trace = 0;
-  for_diagonal(system.normal_matrix, [&](double d) { trace += d; });
+  for (std::size_t k = 0; k < basis.size(); ++k) trace += system.normal_matrix.diagonal(k);
   const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
   system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
-  for_diagonal(system.normal_matrix, [&](double& d) { d += system.lambda; });
+  for (std::size_t k = 0; k < basis.size(); ++k) system.normal_matrix.diagonal(k) += system.lambda;
   return system;
+}
+
+Channels EvaluatedBasis::residual(std::size_t q, const Array<Channels>& w,
+                                  const Array<Channels>& f) const {
+  if (A.row_begin[q] == A.row_begin[q + 1]) return Channels::Zero();
+  Channels r = -f[q];
+  for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+    r += A.value[e] * w[A.column[e]];
+  }
+  return r;
 }
 
 Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
                                           const Array<Channels>& f) const {
   Array<Channels> residual(A.rows());
   parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t q = begin; q < end; ++q) residual[q] = residual_at(A, q, w, f);
+    for (std::size_t q = begin; q < end; ++q) residual[q] = this->residual(q, w, f);
   });
   return residual;
 }
 
 Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
   return sum_over(A.rows(),
-                  [&](std::size_t q) -> Channels { return residual_at(A, q, w, f).square(); });
+                  [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
 }
 
 Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
@@ -590,7 +578,7 @@ Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) co
 Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
                                          const Array<Channels>& w_0) const {
   Array<Channels> b = near.multiply_transposed(f);
-  for (std::size_t k = 0; k < b.size(); ++k) b[k] += lambda * w_0[k];
+  for (std::size_t k = 0; k < b.size(); ++k) b[k] += pull(k) * w_0[k];
   if (mu == 0) return b;
   const Array<Channels> minified = far.multiply_transposed(w_0);
   for (std::size_t k = 0; k < b.size(); ++k) b[k] += mu * minified[k];
@@ -598,14 +586,14 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
 }
 
 Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
-  return mu * far.residual2(w, w_0) + lambda * sum_over(w.size(), [&](std::size_t k) -> Channels {
-                                        return (w[k] - w_0[k]).square();
-                                      });
+  return mu * far.residual2(w, w_0) + sum_over(w.size(), [&](std::size_t k) -> Channels {
+           return pull(k) * (w[k] - w_0[k]).square();
+         });
 }
 
-SparseMatrix RenderSystem::weighted_normal_matrix(const Array<double>& weight) const {
-  SparseMatrix matrix = normal_product(*this, &weight);
-  for_diagonal(matrix, [&](double& d) { d += lambda; });
+SymmetricMatrix RenderSystem::weighted_normal_matrix(const Array<double>& weight) const {
+  SymmetricMatrix matrix = normal_product(*this, &weight);
+  for (std::size_t k = 0; k < matrix.rows(); ++k) matrix.diagonal(k) += pull(k);
   return matrix;
 }
 

@@ -8,7 +8,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/solve/sparse_matrix.h>
+#include <surfel/solve/symmetric_matrix.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
@@ -64,6 +64,8 @@ struct SURFEL_API EvaluatedBasis {
   Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
   Array<float> coverage;  ///< Of every point sum_j r_j(u_q), what the renderer compares with tau.
 
+  /// (A w - f)_q, zero at uncovered points.
+  Channels residual(std::size_t q, const Array<Channels>& w, const Array<Channels>& f) const;
   /// A w - f, zero at uncovered points.
   Array<Channels> residuals(const Array<Channels>& w, const Array<Channels>& f) const;
   /// |A w - f|^2 over the covered points.
@@ -74,7 +76,7 @@ struct SURFEL_API EvaluatedBasis {
 
 /// Least squares in the basis that the renderer evaluates [SS01 (9)], magnified and minified at
 /// once: the w that minimise
-///   |A w - f|^2 + mu |B w - w_0|^2 + lambda |w - w_0|^2,
+///   |A w - f|^2 + mu |B w - w_0|^2 + sum_k (lambda + held_k) |w_k - w_0k|^2,
 /// with A_qk = r_k(u_q) / sum_j r_j(u_q), the r_k truncated at c. B is the same at the functions'
 /// own positions, the r_k as wide as they are on screen where the pixel filter is about as wide as
 /// they: of variance V (1 + 1 / t), t being the share of its variance that truncation leaves a
@@ -94,20 +96,24 @@ struct SURFEL_API EvaluatedBasis {
 /// most (|A w_0 - f|^2 + mu |B w_0 - w_0|^2) / lambda. Duplicates get equal coefficients if their
 /// w_0 are; functions that reach no point keep w_0.
 struct SURFEL_API RenderSystem {
-  EvaluatedBasis near;         ///< A.
-  EvaluatedBasis far;          ///< B; empty where mu is 0.
-  SparseMatrix normal_matrix;  ///< A^T A + mu B^T B + lambda I.
+  EvaluatedBasis near;            ///< A.
+  EvaluatedBasis far;             ///< B; empty where mu is 0.
+  SymmetricMatrix normal_matrix;  ///< A^T A + mu B^T B + lambda I + diag(held).
   double mu = 0;
   double lambda = 0;
+  Array<double> held;  ///< Of every function, >= 0; empty: none is (unresolved_detail.h).
 
-  /// A^T f + mu B^T w_0 + lambda w_0. \param f  per point; ignored at uncovered ones. \param w_0
-  /// per function.
+  /// The weight of |w_k - w_0k|^2.
+  double pull(std::size_t k) const { return lambda + (held.empty() ? 0 : held[k]); }
+
+  /// A^T f + mu B^T w_0 + (lambda + held) w_0. \param f  per point; ignored at uncovered ones.
+  /// \param w_0 per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
-  /// What holds w back, mu |B w - w_0|^2 + lambda |w - w_0|^2.
+  /// What holds w back, all but the first term.
   Channels pull2(const Array<Channels>& w, const Array<Channels>& w_0) const;
-  /// A^T D A + mu B^T B + lambda I with the diagonal matrix D: the normal matrix where points count
-  /// by weights. \param weight  per point.
-  SparseMatrix weighted_normal_matrix(const Array<double>& weight) const;
+  /// A^T D A + mu B^T B + lambda I + diag(held) with the diagonal matrix D: the normal matrix where
+  /// points count by weights. \param weight  per point.
+  SymmetricMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.

@@ -9,7 +9,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
-#include <surfel/solve/sparse_product.h>
+#include <surfel/solve/symmetric_product.h>
 #include <surfel/texture/robust_fit.h>
 
 namespace surfel {
@@ -40,14 +40,16 @@ Array<double> weights(const Array<double>& length, double scale) {
   return result;
 }
 
-SparseMatrix identity_matrix(std::size_t size) {
+/// Diagonal, of the roots of the pull's weights.
+SparseMatrix pull_matrix(const RenderSystem& system, std::size_t size) {
   SparseMatrix matrix;
   matrix.columns = size;
   matrix.row_begin.resize(size + 1);
   std::iota(matrix.row_begin.begin(), matrix.row_begin.end(), std::uint64_t{0});
   matrix.column.resize(size);
   std::iota(matrix.column.begin(), matrix.column.end(), 0U);
-  matrix.value.assign(size, 1.0);
+  matrix.value.resize(size);
+  for (std::size_t k = 0; k < size; ++k) matrix.value[k] = std::sqrt(system.pull(k));
   return matrix;
 }
 
@@ -91,7 +93,7 @@ class Rounds {
   double run(double scale, const Array<double>& residual, Array<Channels>& w,
              RobustReport& report) const {
     const Array<double> weight = weights(residual, scale);
-    const SparseMatrix matrix = system_.weighted_normal_matrix(weight);
+    const SymmetricMatrix matrix = system_.weighted_normal_matrix(weight);
     const InverseFactor factor(matrix, Preconditioner::kSparseInverse);
     const Array<Channels> before = w;
     SolveOptions solve;
@@ -193,10 +195,12 @@ RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>&
 CeresReport ceres_fit(const RenderSystem& system, const Array<Channels>& f,
                       const Array<Channels>& w_0, double scale, int channels, double tolerance,
                       Array<Channels>& w) {
-  const SparseMatrix identity = identity_matrix(w.size());
+  const SparseMatrix pull = pull_matrix(system, w.size());
+  Array<Channels> pulled(w.size());
+  for (std::size_t k = 0; k < w.size(); ++k) pulled[k] = pull.value[k] * w_0[k];
   return ceres_least_squares({{.A = system.near.A, .f = f, .huber = scale},
                               {.A = system.far.A, .f = w_0, .weight = system.mu},
-                              {.A = identity, .f = w_0, .weight = system.lambda}},
+                              {.A = pull, .f = pulled}},
                              channels, tolerance, w);
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -14,12 +15,22 @@
 
 namespace surfel {
 
-/// Texel in straight R G B A of 8 bits, R G B encoded as sRGB: linear and premultiplied.
-inline Eigen::Array4f decoded_texel(const std::uint8_t* rgba) {
-  const float alpha = static_cast<float>(rgba[3]) / 255.0F;
-  return {srgb8_to_linear(rgba[0]) * alpha, srgb8_to_linear(rgba[1]) * alpha,
-          srgb8_to_linear(rgba[2]) * alpha, alpha};
-}
+/// Decodes texels in straight R G B A of 8 bits, R G B encoded as sRGB: linear and premultiplied.
+class TexelDecoder {
+ public:
+  TexelDecoder() {
+    for (std::size_t i = 0; i < linear_.size(); ++i) {
+      linear_[i] = srgb8_to_linear(static_cast<std::uint8_t>(i));
+    }
+  }
+  Eigen::Array4f operator()(const std::uint8_t* rgba) const {
+    const float alpha = static_cast<float>(rgba[3]) / 255.0F;
+    return {linear_[rgba[0]] * alpha, linear_[rgba[1]] * alpha, linear_[rgba[2]] * alpha, alpha};
+  }
+
+ private:
+  std::array<float, 256> linear_;  ///< Of every byte.
+};
 
 /// The texels of an image that are wanted, by square tiles: premultiplied floats, or as their file
 /// codes them in 8 bits, which are decoded at each use.
@@ -67,8 +78,25 @@ class TexelTiles {
   /// Premultiplied. The tile must have been stored.
   Eigen::Array4f texel(int x, int y) const {
     const std::byte* texel = tile_[index(x / kSize, y / kSize)].get() + place(x, y);
-    if (coded_) return decoded_texel(reinterpret_cast<const std::uint8_t*>(texel));
+    if (coded_) return decode_(reinterpret_cast<const std::uint8_t*>(texel));
     return Eigen::Map<const Eigen::Array4f>(reinterpret_cast<const float*>(texel));
+  }
+  /// Texels x_begin ... x_end - 1 of row y, four floats each.
+  void row(int y, int x_begin, int x_end, float* out) const {
+    for (int x = x_begin; x < x_end;) {
+      const int next = std::min(x_end, (x / kSize + 1) * kSize);
+      const std::byte* texel = tile_[index(x / kSize, y / kSize)].get() + place(x, y);
+      if (coded_) {
+        for (; x < next; ++x, texel += 4, out += 4) {
+          Eigen::Map<Eigen::Array4f> to(out);
+          to = decode_(reinterpret_cast<const std::uint8_t*>(texel));
+        }
+      } else {
+        std::memcpy(out, texel, static_cast<std::size_t>(next - x) * texel_bytes());
+        out += static_cast<std::ptrdiff_t>(next - x) * 4;
+        x = next;
+      }
+    }
   }
 
  private:
@@ -80,6 +108,7 @@ class TexelTiles {
     return static_cast<std::size_t>(y % kSize * kSize + x % kSize) * texel_bytes();
   }
 
+  TexelDecoder decode_;
   bool coded_;
   int columns_;
   int rows_;

@@ -65,6 +65,20 @@ void measure(const SurfelCloud& cloud, TextureFitReport& report) {
   }
 }
 
+/// Takes out the surfels without uv. Their colour is made up: in R w = c, neighbours would have to
+/// make up for it with coefficients of any size.
+void leave_out_without_uv(const SurfelCloud& cloud, SurfelBasis& basis) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < basis.size(); ++i) {
+    if (!cloud.uv[basis.surfel[i]].allFinite()) continue;
+    basis.function[kept] = basis.function[i];
+    basis.surfel[kept++] = basis.surfel[i];
+  }
+  basis.unusable += basis.size() - kept;
+  basis.function.resize(kept);
+  basis.surfel.resize(kept);
+}
+
 void require_usable(const TextureFitOptions& options) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
 }
@@ -123,15 +137,15 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
   if (options.kind == TextureFitKind::kEwa) {
     fit_ewa(cloud, textures, options, report);
   } else {
-    const SurfelBasis basis = make_basis(cloud);
+    SurfelBasis basis = make_basis(cloud);
     if (options.kind == TextureFitKind::kGram) {
+      leave_out_without_uv(cloud, basis);
       fit_ewa(cloud, textures, options, report);
       fit_gram(cloud, basis, report.alpha, options, report);
     } else {
       Timer timer;
-      const Quadrature quadrature = cover_surface(basis, options.points);
+      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, options.points)};
       report.times.add("points", timer.milliseconds());
-      PointColors colors{.basis = basis, .quadrature = quadrature};
       fit_ewa(cloud, textures, options, report, &colors);
       RenderSystemOptions render;
       render.cutoff = options.cutoff;
@@ -168,8 +182,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
     if (options.kind == TextureFitKind::kGram) {
       fit_gram(cloud, basis, false, options, report);
     } else {
-      const Quadrature quadrature = at_functions(basis);
-      PointColors colors{.basis = basis, .quadrature = quadrature};
+      PointColors colors{.basis = basis, .quadrature = at_functions(basis)};
       for (const std::uint32_t k : basis.surfel) {
         Channels color;
         color << cloud.color[k].cast<double>().array(), 0;

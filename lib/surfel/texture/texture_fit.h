@@ -75,14 +75,18 @@ struct SystemReport {
   double lambda = 0;          ///< By the mean of the diagonal.
   double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
   double eigen_max = 0;
-  int iterations = 0;   ///< Of conjugate gradients, or steps of Ceres; 0 for kLdlt.
-  double residual = 0;  ///< Relative, of the worst channel.
+  int iterations = 0;        ///< Of conjugate gradients, or steps of Ceres; 0 for kLdlt.
+  int rough_iterations = 0;  ///< kRender: those before that tell what is unresolved.
+  double residual = 0;       ///< Relative, of the worst channel.
   bool converged = true;
   std::size_t points = 0;     ///< kRender: quadrature points ...
   std::size_t uncovered = 0;  ///< ... that no kernel reaches, left out.
-  double error_ewa = 0;       ///< kRender: root mean square error at the points, all channels, of
-  double error = 0;           ///< w_ewa and of the fit.
-  double min_reach = 0;       ///< kGram: how far entries go, standard deviations.
+  /// kRender: unknowns held to w_ewa as the texture has detail there that surfels cannot hold
+  /// (unresolved_detail.h).
+  std::size_t unresolved = 0;
+  double error_ewa = 0;  ///< kRender: root mean square error at the points, all channels, of
+  double error = 0;      ///< w_ewa and of the fit.
+  double min_reach = 0;  ///< kGram: how far entries go, standard deviations.
   double max_reach = 0;
   std::optional<RobustReport> robust{};
   std::optional<VarianceFitReport> variance{};

@@ -150,9 +150,10 @@ class BandReader {
   const Array<float>& texels() {
     if (!is_decoded_) {
       texels_.resize(coded_.size());
+      const TexelDecoder decode;
       parallel_for(box_.pixels(), kGrain, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t i = begin; i < end; ++i) {
-          Eigen::Map<Eigen::Array4f>(texels_.data() + i * 4) = decoded_texel(coded_.data() + i * 4);
+          Eigen::Map<Eigen::Array4f>(texels_.data() + i * 4) = decode(coded_.data() + i * 4);
         }
       });
       is_decoded_ = true;

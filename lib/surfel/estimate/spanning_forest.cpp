@@ -1,0 +1,186 @@
+// Kruskal, "On the shortest spanning subtree of a graph", 1956.
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include <surfel/base/parallel.h>
+#include <surfel/base/radix_sort.h>
+#include <surfel/estimate/spanning_forest.h>
+
+namespace surfel {
+namespace {
+
+/// Edges of a block: what it works on stays in a core's second cache.
+constexpr std::size_t kBlockEdges = std::size_t{1} << 16;
+constexpr std::uint64_t kBeyondAll = std::numeric_limits<std::uint64_t>::max();
+
+/// Edges in ascending order: by length, then number.
+std::uint64_t order_key(const NeighborGraph& graph, std::size_t e) {
+  return std::uint64_t{graph.length[e]} << 48 | e;
+}
+std::size_t edge_of(std::uint64_t key) { return key & ((std::uint64_t{1} << 48) - 1); }
+
+/// What is done to one block of points, [begin, end).
+class Block {
+ public:
+  Block(const NeighborGraph& graph, std::size_t begin, std::size_t end)
+      : graph_(graph), begin_(begin), end_(end) {}
+
+  /// Appends the edges that lead out of the block to `out`.
+  void collect_leaving(std::vector<std::uint64_t>& out) const {
+    for_each_edge([&](std::size_t e, std::uint32_t to) {
+      if (!inside(to)) out.push_back(order_key(graph_, e));
+    });
+  }
+
+  /// Unites along edges within the block that are surely in the forest, and appends the others that
+  /// may be to `left`. `shortest_out` is the shortest edge to another block: of each point, and
+  /// then of each set's root. Sets are within one block.
+  void contract(FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed, SignedSets& sets,
+                Array<std::uint64_t>& shortest_out, std::vector<std::uint64_t>& left) {
+    run(left, [&](std::uint32_t from, std::uint32_t to, std::uint64_t key) {
+      // Edges come in ascending order. A shorter one within the block that leaves either set has
+      // been passed over because one to another block was shorter still.
+      const SignedSets::Root a = sets.find(from);
+      const SignedSets::Root b = sets.find(to);
+      const std::uint64_t out_a = shortest_out[a.index];
+      const std::uint64_t out_b = shortest_out[b.index];
+      if (key >= std::max(out_a, out_b)) return false;
+      shortest_out[sets.join(a, b, opposed(from, to))] = std::min(out_a, out_b);
+      return true;
+    });
+  }
+
+  /// Appends the edges within the block that may be in the forest to `left`.
+  void filter(std::vector<std::uint64_t>& left) {
+    run(left, [](std::uint32_t, std::uint32_t, std::uint64_t) { return false; });
+  }
+
+ private:
+  bool inside(std::uint32_t point) const { return point >= begin_ && point < end_; }
+
+  /// The same edge from its other end, with a lower number.
+  bool repeated(std::size_t from, std::uint32_t to) const {
+    if (to >= from) return false;
+    const auto first = graph_.to.begin() + static_cast<std::ptrdiff_t>(to * graph_.degree);
+    const auto last = first + static_cast<std::ptrdiff_t>(graph_.degree);
+    return std::find(first, last, static_cast<std::uint32_t>(from)) != last;
+  }
+
+  template <class Visit>
+  void for_each_edge(Visit&& visit) const {
+    for (std::size_t point = begin_; point < end_; ++point) {
+      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
+        const std::uint32_t to = graph_.to[e];
+        if (to != NeighborGraph::kNone && !repeated(point, to)) visit(e, to);
+      }
+    }
+  }
+
+  /// Kruskal's algorithm within the block; edges of its forest that sure(from, to, key) does not
+  /// take go to `left`.
+  template <class Sure>
+  void run(std::vector<std::uint64_t>& left, Sure&& sure) {
+    sort_inner();
+    parent_.resize(end_ - begin_);
+    for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<std::uint32_t>(i);
+    for (const std::uint32_t local : inner_) {
+      const std::size_t e = begin_ * graph_.degree + local;
+      const auto from = static_cast<std::uint32_t>(e / graph_.degree);
+      const std::uint32_t to = graph_.to[e];
+      const std::uint32_t a = root(static_cast<std::uint32_t>(from - begin_));
+      const std::uint32_t b = root(static_cast<std::uint32_t>(to - begin_));
+      if (a == b) continue;
+      parent_[std::max(a, b)] = std::min(a, b);
+      const std::uint64_t key = order_key(graph_, e);
+      if (!sure(from, to, key)) left.push_back(key);
+    }
+  }
+
+  /// The edges within the block, by length: two stable passes over its bytes.
+  void sort_inner() {
+    inner_.clear();
+    for_each_edge([&](std::size_t e, std::uint32_t to) {
+      if (inside(to)) inner_.push_back(static_cast<std::uint32_t>(e - begin_ * graph_.degree));
+    });
+    other_.resize(inner_.size());
+    for (const int shift : {0, 8}) {
+      const auto digit = [&](std::uint32_t local) {
+        return graph_.length[begin_ * graph_.degree + local] >> shift & 0xff;
+      };
+      std::array<std::uint32_t, 257> place{};
+      for (const std::uint32_t local : inner_) ++place[digit(local) + 1];
+      for (std::size_t d = 0; d < 256; ++d) place[d + 1] += place[d];
+      for (const std::uint32_t local : inner_) other_[place[digit(local)]++] = local;
+      inner_.swap(other_);
+    }
+  }
+
+  std::uint32_t root(std::uint32_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+
+  const NeighborGraph& graph_;
+  std::size_t begin_, end_;
+  std::vector<std::uint32_t> inner_, other_;  ///< Edges, counted from the block's first.
+  std::vector<std::uint32_t> parent_;         ///< Within the block, counted from its first point.
+};
+
+}  // namespace
+
+SignedSets::SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    parent_[i] = static_cast<std::uint32_t>(i);
+    opposed_[i] = 0;
+    rank_[i] = 0;
+  }
+}
+
+void unite_spanning_forest(const NeighborGraph& graph, bool joined,
+                           FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
+                           SignedSets& sets) {
+  const std::size_t points = sets.size();
+  const std::size_t grain = kBlockEdges / graph.degree;
+  const std::size_t blocks = (points + grain - 1) / grain;
+  std::vector<std::vector<std::uint64_t>> left(blocks);
+  parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
+    Block(graph, begin, end).collect_leaving(left[begin / grain]);
+  });
+  Array<std::uint64_t> shortest_out;
+  if (!joined) {
+    shortest_out.assign(points, kBeyondAll);
+    for (const auto& keys : left) {
+      for (const std::uint64_t key : keys) {
+        const std::size_t e = edge_of(key);
+        for (const std::size_t end : {e / graph.degree, std::size_t{graph.to[e]}}) {
+          shortest_out[end] = std::min(shortest_out[end], key);
+        }
+      }
+    }
+  }
+  parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
+    Block block(graph, begin, end);
+    if (joined) {
+      block.filter(left[begin / grain]);
+    } else {
+      block.contract(opposed, sets, shortest_out, left[begin / grain]);
+    }
+  });
+  shortest_out = {};
+
+  Array<std::uint64_t> keys;
+  for (auto& some : left) {
+    keys.insert(keys.end(), some.begin(), some.end());
+    some = {};
+  }
+  for (const std::uint32_t i : sorted_order(keys)) {
+    const std::size_t e = edge_of(keys[i]);
+    const auto from = static_cast<std::uint32_t>(e / graph.degree);
+    const std::uint32_t to = graph.to[e];
+    sets.unite(from, to, [&] { return opposed(from, to); });
+  }
+}
+
+}  // namespace surfel

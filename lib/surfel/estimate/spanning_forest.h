@@ -1,0 +1,86 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Disjoint sets of points [Tarjan 1975], each point with a sign relative to its set's root.
+class SURFEL_API SignedSets {
+ public:
+  explicit SignedSets(std::size_t count);
+
+  struct Root {
+    std::uint32_t index;
+    bool opposed;  ///< The point's sign is the other than its root's.
+  };
+
+  std::size_t size() const { return parent_.size(); }
+
+  /// Halves the path as it goes.
+  Root find(std::uint32_t i) {
+    bool opposed = false;
+    while (parent_[i] != i) {
+      const std::uint32_t parent = parent_[i];
+      if (parent_[parent] != parent) {
+        opposed_[i] ^= opposed_[parent];
+        parent_[i] = parent_[parent];
+      }
+      opposed ^= opposed_[i] != 0;
+      i = parent_[i];
+    }
+    return {i, opposed};
+  }
+
+  /// Joins the sets of two different roots, of points whose signs differ or not; returns the root.
+  std::uint32_t join(Root a, Root b, bool differ) {
+    if (rank_[a.index] < rank_[b.index]) std::swap(a, b);
+    if (rank_[a.index] == rank_[b.index]) ++rank_[a.index];
+    parent_[b.index] = a.index;
+    opposed_[b.index] = static_cast<std::uint8_t>(a.opposed ^ b.opposed ^ differ);
+    return a.index;
+  }
+
+  /// Calls opposed() for whether i and j have different signs, unless they are in one set already.
+  template <class Opposed>
+  void unite(std::uint32_t i, std::uint32_t j, Opposed&& opposed) {
+    const Root a = find(i);
+    const Root b = find(j);
+    if (a.index != b.index) join(a, b, opposed());
+  }
+
+ private:
+  Array<std::uint32_t> parent_;
+  Array<std::uint8_t> opposed_;
+  Array<std::uint8_t> rank_;
+};
+
+/// A graph with the same number of edges from each point: edge e leads from point e / degree to
+/// to[e]. An edge may also be there the other way round, of the same length.
+struct NeighborGraph {
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+  std::size_t degree = 0;   ///< 1 to 64.
+  Array<std::uint32_t> to;  ///< kNone: no edge.
+  Array<std::uint16_t> length;
+};
+
+/// Unites the points along the minimum spanning forest of the graph; equal lengths count as
+/// ascending with the edges' numbers, so that there is just one. `opposed` tells whether the signs
+/// of neighbours differ, and may be called in parallel. Points that `sets` holds together already
+/// stay so, as if by edges of length below zero, if `joined` says that there are any.
+///
+/// Kruskal's algorithm on what is left after blocks of successive points have been looked at, in
+/// parallel, each for itself: an edge that closes a cycle of shorter ones within its block is in no
+/// forest, and one that is the shortest of all that leave either of the sets it joins [Boruvka
+/// 1926] is, whatever the other blocks hold. Points along a space-filling curve leave little. The
+/// same for any number of threads.
+SURFEL_API void unite_spanning_forest(const NeighborGraph& graph, bool joined,
+                                      FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
+                                      SignedSets& sets);
+
+}  // namespace surfel

@@ -1,0 +1,150 @@
+#include <array>
+#include <bit>
+#include <limits>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/tree_records.h>
+
+namespace surfel {
+namespace {
+
+struct Column {
+  const char* name;
+  ScalarType type;
+};
+constexpr Column kColumns[] = {{"begin", ScalarType::kUint32},
+                               {"count", ScalarType::kUint32},
+                               {"first_child", ScalarType::kUint32},
+                               {"child_count", ScalarType::kUint32},
+                               {"level", ScalarType::kUint8},
+                               {"x", ScalarType::kFloat64},
+                               {"y", ScalarType::kFloat64},
+                               {"z", ScalarType::kFloat64},
+                               {"radius", ScalarType::kFloat32},
+                               {"spacing", ScalarType::kFloat32},
+                               {"max_deviation", ScalarType::kFloat32},
+                               {"cone_x", ScalarType::kFloat32},
+                               {"cone_y", ScalarType::kFloat32},
+                               {"cone_z", ScalarType::kFloat32},
+                               {"cone_cosine", ScalarType::kFloat32}};
+constexpr std::size_t kColumnCount = std::size(kColumns);
+using Row = std::array<double, kColumnCount>;
+
+Row to_row(const TreeCluster& c, const Vec3d& origin) {
+  const ClusterBounds& b = c.bounds;
+  const Vec3d center = origin + b.center.cast<double>();
+  return {static_cast<double>(c.begin),
+          static_cast<double>(c.end - c.begin),
+          static_cast<double>(c.first_child),
+          static_cast<double>(c.child_count),
+          static_cast<double>(c.level),
+          center.x(),
+          center.y(),
+          center.z(),
+          b.radius,
+          c.spacing,
+          b.max_deviation,
+          b.cone_axis.x(),
+          b.cone_axis.y(),
+          b.cone_axis.z(),
+          b.cone_cosine};
+}
+
+/// A count or index, whose column may be of any type.
+std::uint32_t whole(double value, const char* name, std::size_t row, const std::string& file) {
+  if (!(value >= 0 && value <= std::numeric_limits<std::uint32_t>::max())) {
+    throw_input(file, fmt::format("{} {}: {} is {}, which is out of range; run surfel-lod again",
+                                  kTreeElement, row, name, value));
+  }
+  return static_cast<std::uint32_t>(value);
+}
+
+}  // namespace
+
+std::vector<RecordColumn> tree_columns() {
+  std::vector<RecordColumn> columns;
+  std::size_t offset = 0;
+  for (const Column& column : kColumns) {
+    columns.push_back({column.name, column.type, offset});
+    offset += scalar_size(column.type);
+  }
+  return columns;
+}
+
+Array<std::byte> tree_to_records(const SurfelCloud& cloud) {
+  const std::vector<RecordColumn> columns = tree_columns();
+  const std::size_t stride = columns.back().offset + scalar_size(columns.back().type);
+  Array<std::byte> bytes(cloud.tree.size() * stride);
+  for (std::size_t i = 0; i < cloud.tree.size(); ++i) {
+    const Row row = to_row(cloud.tree[i], cloud.origin);
+    for (std::size_t k = 0; k < row.size(); ++k) {
+      visit_type(columns[k].type, [&]<class T>(T) {
+        const T value = static_cast<T>(row[k]);
+        std::memcpy(bytes.data() + i * stride + columns[k].offset, &value, sizeof(T));
+      });
+    }
+  }
+  return bytes;
+}
+
+TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
+                              const std::string& file) {
+  TreeRecords out;
+  if (table.count == 0) throw_input(file, fmt::format("element {} is empty", kTreeElement));
+  std::vector<Row> rows(table.count);
+  for (std::size_t k = 0; k < kColumnCount; ++k) {
+    const RecordColumn* column = table.find(kColumns[k].name);
+    if (!column) {
+      throw_input(file, fmt::format("element {} has no property {}; run surfel-lod again",
+                                    kTreeElement, kColumns[k].name));
+    }
+    visit_type(column->type, [&]<class T>(T) {
+      for (std::size_t i = 0; i < table.count; ++i) {
+        const std::byte* at = table.data + i * table.stride + column->offset;
+        rows[i][k] = static_cast<double>(table.swapped ? load_scalar<T, true>(at)
+                                                       : load_scalar<T, false>(at));
+      }
+    });
+  }
+  out.tree.resize(rows.size());
+  out.center.resize(rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Row& row = rows[i];
+    const auto count = [&](std::size_t k) { return whole(row[k], kColumns[k].name, i, file); };
+    const auto real = [&](std::size_t k) { return static_cast<float>(row[k]); };
+    TreeCluster& c = out.tree[i];
+    c.begin = count(0);
+    // A sum past 2^32 wraps to an end that tree_problem() refuses.
+    c.end = c.begin + count(1);
+    c.first_child = count(2);
+    c.child_count = count(3);
+    const std::uint32_t level = count(4);
+    if (level > std::numeric_limits<std::uint8_t>::max()) {
+      throw_input(file, fmt::format("{} {}: level is {}, which is out of range; run surfel-lod "
+                                    "again",
+                                    kTreeElement, i, level));
+    }
+    c.level = static_cast<std::uint8_t>(level);
+    out.center[i] = Vec3d(row[5], row[6], row[7]);
+    c.bounds.radius = real(8);
+    c.spacing = real(9);
+    c.bounds.max_deviation = real(10);
+    c.bounds.cone_axis = {real(11), real(12), real(13)};
+    c.bounds.cone_cosine = real(14);
+    if (!out.center[i].allFinite()) c.bounds.radius = std::numeric_limits<float>::quiet_NaN();
+  }
+  if (const std::string problem = tree_problem(out.tree, surfels); !problem.empty()) {
+    throw_input(file, "its levels of detail are broken: " + problem + "; run surfel-lod again");
+  }
+  return out;
+}
+
+ClusterTree recentered_tree(TreeRecords records, const Vec3d& origin) {
+  for (std::size_t i = 0; i < records.tree.size(); ++i) {
+    records.tree[i].bounds.center = (records.center[i] - origin).cast<float>();
+  }
+  return std::move(records.tree);
+}
+
+}  // namespace surfel

@@ -1,0 +1,409 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/cloud/morton.h>
+#include <surfel/lod/hierarchy.h>
+#include <surfel/lod/surfel_merge.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = std::size_t{1} << 15;
+constexpr std::size_t kClusterGrain = 8;
+
+/// A surfel while clusters are cut; `index` numbers the usable ones along the Morton curve, so that
+/// ties do not depend on the order of the cloud.
+struct Place {
+  Vec3f position;
+  std::uint32_t index;
+};
+
+/// Orders places so that each run of kClusterSurfels is compact, and so is each run of `reduction`
+/// of those, of `reduction` of those again, and so on: cut at a multiple of the largest of these
+/// sizes, across the longest side of the box.
+void split_places(Array<Place>& places, int reduction) {
+  struct Run {
+    std::size_t begin, end;  ///< In clusters.
+  };
+  std::vector<Run> runs{{0, (places.size() + kClusterSurfels - 1) / kClusterSurfels}};
+  std::vector<Run> parts;
+  while (!runs.empty()) {
+    parts.assign(2 * runs.size(), {0, 0});
+    parallel_for(runs.size(), 1, [&](std::size_t r, std::size_t, int) {
+      const Run run = runs[r];
+      const std::size_t count = run.end - run.begin;
+      if (count < 2) return;
+      std::size_t unit = 1;
+      while (unit * reduction < count) unit *= static_cast<std::size_t>(reduction);
+      const std::size_t units = (count + unit - 1) / unit;
+      const std::size_t middle = run.begin + units / 2 * unit;
+
+      const auto at = [&](std::size_t cluster) {
+        return places.begin() +
+               static_cast<std::ptrdiff_t>(std::min(places.size(), cluster * kClusterSurfels));
+      };
+      Vec3f lo = at(run.begin)->position;
+      Vec3f hi = lo;
+      std::for_each(at(run.begin), at(run.end), [&](const Place& p) {
+        lo = lo.cwiseMin(p.position);
+        hi = hi.cwiseMax(p.position);
+      });
+      Eigen::Index axis = 0;
+      (hi - lo).maxCoeff(&axis);
+      std::nth_element(
+          at(run.begin), at(middle), at(run.end), [axis](const Place& a, const Place& b) {
+            return a.position[axis] != b.position[axis] ? a.position[axis] < b.position[axis]
+                                                        : a.index < b.index;
+          });
+      parts[2 * r] = {run.begin, middle};
+      parts[2 * r + 1] = {middle, run.end};
+    });
+    runs.clear();
+    std::copy_if(parts.begin(), parts.end(), std::back_inserter(runs),
+                 [](const Run& run) { return run.end - run.begin > 1; });
+  }
+  // The algorithm's order within a cluster means nothing; the curve's does.
+  const std::size_t clusters = (places.size() + kClusterSurfels - 1) / kClusterSurfels;
+  parallel_for(clusters, kClusterGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t c = begin; c < end; ++c) {
+      const std::size_t first = c * kClusterSurfels;
+      const std::size_t last = std::min(places.size(), first + kClusterSurfels);
+      std::sort(places.begin() + static_cast<std::ptrdiff_t>(first),
+                places.begin() + static_cast<std::ptrdiff_t>(last),
+                [](const Place& a, const Place& b) { return a.index < b.index; });
+    }
+  });
+}
+
+/// One level: its clusters, and its surfels where they are merged ones. Places are within the
+/// level.
+struct Level {
+  std::vector<TreeCluster> clusters;
+  Array<MergeSurfel> surfels;
+};
+
+class Builder {
+ public:
+  Builder(const SurfelCloud& cloud, const HierarchyOptions& options, const std::string& name)
+      : cloud_(cloud), options_(options), name_(name) {}
+
+  SurfelCloud build(HierarchyReport& report);
+
+ private:
+  void order_finest(HierarchyReport& report);
+  void make_finest();
+  void make_coarser();
+  void bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const;
+  std::size_t surfels_below(std::size_t level, std::size_t cluster) const;
+  SurfelCloud assemble() const;
+  void write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const;
+
+  const SurfelCloud& cloud_;
+  const HierarchyOptions& options_;
+  const std::string& name_;
+  Array<std::uint32_t> finest_;  ///< Surfels of the cloud in the order of level 0.
+  std::vector<Level> levels_;
+};
+
+void Builder::order_finest(HierarchyReport& report) {
+  Timer timer;
+  Array<std::uint32_t> order = morton_order(cloud_.position);
+  report.dropped = remove_unusable(cloud_, false, order);
+  if (order.empty()) throw_input(name_, "holds no surfel that can be drawn");
+  report.stages.add("sort", timer.milliseconds());
+  timer.restart();
+  Array<Place> places(order.size());
+  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      places[i] = {cloud_.position[order[i]], static_cast<std::uint32_t>(i)};
+    }
+  });
+  split_places(places, options_.reduction);
+  finest_.resize(order.size());
+  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) finest_[i] = order[places[i].index];
+  });
+  report.stages.add("split", timer.milliseconds());
+}
+
+/// Largest standard deviation, and the root of the area: renderers widen kernels to that where they
+/// draw a level closer than it is meant to be seen.
+float reach_of(const MergeSurfel& s) {
+  const auto& c = s.covariance;
+  return std::sqrt(std::max({c[0] + c[3] + c[5], s.area, 0.0F}));
+}
+
+void Builder::make_finest() {
+  Level& level = levels_.emplace_back();
+  level.clusters.resize((finest_.size() + kClusterSurfels - 1) / kClusterSurfels);
+  parallel_for(level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int) {
+    std::vector<MergeSurfel> surfels;
+    for (std::size_t c = first; c < last; ++c) {
+      TreeCluster& cluster = level.clusters[c];
+      cluster.begin = static_cast<std::uint32_t>(c * kClusterSurfels);
+      cluster.end = static_cast<std::uint32_t>(
+          std::min<std::size_t>(finest_.size(), cluster.begin + kClusterSurfels));
+      surfels.clear();
+      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
+        surfels.push_back(merge_surfel(cloud_, finest_[i]));
+      }
+      double area = 0;
+      double spacing2 = 0;
+      for (const MergeSurfel& s : surfels) {
+        area += s.area;
+        spacing2 += static_cast<double>(s.area) * s.extent2;
+      }
+      cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+      cluster.bounds = cluster_bounds(
+          0, surfels.size(), [&](int axis, std::size_t i) { return surfels[i].position[axis]; },
+          [&](int axis, std::size_t i) { return surfels[i].normal[axis]; },
+          [&](std::size_t i) {
+            const TangentGaussian g = tangent_gaussian(surfels[i].covariance, surfels[i].normal);
+            return std::sqrt(std::max(g.variance_u, surfels[i].area));
+          });
+    }
+  });
+}
+
+/// Index of the first surfel of level 0 below a cluster.
+std::size_t Builder::surfels_below(std::size_t level, std::size_t cluster) const {
+  std::size_t place = cluster * kClusterSurfels;
+  for (std::size_t l = 0; l < level; ++l) place *= static_cast<std::size_t>(options_.reduction);
+  return std::min(place, finest_.size());
+}
+
+/// Sphere around all surfels of level 0 below a cluster: merged ones lie between them.
+void Builder::bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const {
+  const std::size_t begin = surfels_below(level, index);
+  const std::size_t end = surfels_below(level, index + 1);
+  const auto position = [&](std::size_t i) -> const Vec3f& { return cloud_.position[finest_[i]]; };
+  Vec3f lo = position(begin);
+  Vec3f hi = lo;
+  for (std::size_t i = begin; i < end; ++i) {
+    lo = lo.cwiseMin(position(i));
+    hi = hi.cwiseMax(position(i));
+  }
+  cluster.bounds.center = lo + (hi - lo) / 2;
+  float radius2 = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    radius2 = std::max(radius2, (position(i) - cluster.bounds.center).squaredNorm());
+  }
+  cluster.bounds.radius = std::sqrt(radius2) * (1.0F + 1e-5F);  // Means are rounded.
+}
+
+/// Cone around the cones of all children.
+void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
+  Vec3f sum(0, 0, 0);
+  for (const TreeCluster& child : children) {
+    if (child.bounds.cone_cosine < 0) return;
+    sum += child.bounds.cone_axis;
+  }
+  const float length = sum.norm();
+  if (!(length > 0)) return;
+  const Vec3f axis = sum / length;
+  float angle = 0;
+  for (const TreeCluster& child : children) {
+    angle = std::max(angle, std::acos(std::clamp(axis.dot(child.bounds.cone_axis), -1.0F, 1.0F)) +
+                                std::acos(std::min(1.0F, child.bounds.cone_cosine)));
+  }
+  const float cosine = std::cos(std::min(angle, 3.0F)) - 1e-5F;
+  if (cosine <= kWidestCone) return;
+  bounds.cone_axis = axis;
+  bounds.cone_cosine = cosine;
+}
+
+void Builder::make_coarser() {
+  const auto reduction = static_cast<std::size_t>(options_.reduction);
+  const std::size_t number = levels_.size();
+  levels_.emplace_back();
+  Level& level = levels_.back();
+  const Level& finer = levels_[number - 1];
+  level.clusters.resize((finer.clusters.size() + reduction - 1) / reduction);
+  std::uint32_t surfels = 0;
+  for (std::size_t c = 0; c < level.clusters.size(); ++c) {
+    TreeCluster& cluster = level.clusters[c];
+    cluster.level = static_cast<std::uint8_t>(number);
+    cluster.first_child = static_cast<std::uint32_t>(c * reduction);
+    cluster.child_count = static_cast<std::uint32_t>(
+        std::min(finer.clusters.size() - cluster.first_child, reduction));
+    const TreeCluster& last = finer.clusters[cluster.first_child + cluster.child_count - 1];
+    const std::size_t members = last.end - finer.clusters[cluster.first_child].begin;
+    cluster.begin = surfels;
+    surfels += static_cast<std::uint32_t>((members + reduction - 1) / reduction);
+    cluster.end = surfels;
+  }
+  level.surfels.resize(surfels);
+
+  struct Worker {
+    SurfelPartition partition;
+    std::vector<MergeSurfel> members;
+  };
+  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  parallel_for(
+      level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int w) {
+        Worker& worker = workers[w];
+        for (std::size_t c = first; c < last; ++c) {
+          TreeCluster& cluster = level.clusters[c];
+          const std::span<const TreeCluster> children(finer.clusters.data() + cluster.first_child,
+                                                      cluster.child_count);
+          worker.members.clear();
+          for (std::uint32_t i = children.front().begin; i < children.back().end; ++i) {
+            worker.members.push_back(finer.surfels.empty() ? merge_surfel(cloud_, finest_[i])
+                                                           : finer.surfels[i]);
+          }
+          worker.partition.run(worker.members, cluster.end - cluster.begin, options_.partition);
+          float reach = 0;
+          double area = 0;
+          double spacing2 = 0;
+          for (std::size_t g = 0; g < worker.partition.size(); ++g) {
+            MergeSurfel s = merged(worker.members, worker.partition.members(g));
+            s.extent2 = worker.partition.extent2(g);
+            reach = std::max(reach, reach_of(s));
+            area += s.area;
+            spacing2 += static_cast<double>(s.area) * s.extent2;
+            level.surfels[cluster.begin + g] = s;
+          }
+          cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+          cluster.bounds.max_deviation = reach;
+          for (const TreeCluster& child : children) {
+            cluster.bounds.max_deviation =
+                std::max(cluster.bounds.max_deviation, child.bounds.max_deviation);
+          }
+          bound_sphere(number, cluster, c);
+          bound_cone(cluster.bounds, children);
+        }
+      });
+}
+
+void Builder::write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const {
+  out.position[at] = s.position;
+  if (!out.normal.empty()) out.normal[at] = s.normal;
+  const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
+  // A variance of zero is no surfel: collinear members of a plane leave a sliver.
+  constexpr float kSliver = 1e-6F;
+  out.tangent[at] = g.tangent;
+  out.variance_u[at] = g.variance_u;
+  out.variance_v[at] = std::max(g.variance_v, kSliver * g.variance_u);
+  out.area[at] = s.area;
+  if (!out.color.empty()) out.color[at] = s.color;
+  if (!out.coefficient.empty()) out.coefficient[at] = s.coefficient;
+  if (!out.alpha.empty()) out.alpha[at] = s.alpha;
+  if (!out.material.empty()) out.material[at] = s.material;
+}
+
+/// The surfels of all levels, coarsest first, and their tree.
+SurfelCloud Builder::assemble() const {
+  std::size_t total = finest_.size();
+  for (const Level& level : levels_) total += level.surfels.size();
+  Array<std::uint32_t> source(total);
+  std::size_t at = 0;
+  for (auto level = levels_.rbegin(); level != levels_.rend(); ++level) {
+    for (const MergeSurfel& s : level->surfels) source[at++] = s.source;
+  }
+  std::copy(finest_.begin(), finest_.end(), source.begin() + static_cast<std::ptrdiff_t>(at));
+  SurfelCloud out = cloud_.gathered(source);
+
+  const bool anisotropic = cloud_.anisotropic();
+  if (!anisotropic) {
+    out.tangent.resize(total);
+    out.variance_u = out.variance;
+    out.variance_v = std::move(out.variance);
+  }
+  out.variance = {};
+  if (cloud_.area.empty()) out.area.resize(total);
+  out.level.resize(total);
+  parallel_for(finest_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t k = at + i;
+      if (!anisotropic) {
+        const bool oriented = !out.normal.empty() && !out.normal[k].isZero();
+        out.tangent[k] = oriented ? Vec3f(out.normal[k].unitOrthogonal()) : Vec3f::UnitX();
+      }
+      if (cloud_.area.empty()) {
+        out.area[k] =
+            anisotropic ? std::sqrt(out.variance_u[k] * out.variance_v[k]) : out.variance_u[k];
+      }
+      out.level[k] = 0;
+    }
+  });
+
+  std::size_t surfels = 0;
+  for (std::size_t l = levels_.size(); l-- > 0;) {
+    const Level& level = levels_[l];
+    parallel_for(level.surfels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        write_merged(out, surfels + i, level.surfels[i]);
+        out.level[surfels + i] = static_cast<std::uint8_t>(l);
+      }
+    });
+    const std::size_t next_level = out.tree.size() + level.clusters.size();
+    for (TreeCluster cluster : level.clusters) {
+      cluster.begin += static_cast<std::uint32_t>(surfels);
+      cluster.end += static_cast<std::uint32_t>(surfels);
+      if (cluster.child_count > 0) cluster.first_child += static_cast<std::uint32_t>(next_level);
+      out.tree.push_back(cluster);
+    }
+    surfels += l > 0 ? level.surfels.size() : finest_.size();
+  }
+  return out;
+}
+
+SurfelCloud Builder::build(HierarchyReport& report) {
+  order_finest(report);
+  Timer timer;
+  make_finest();
+  while (levels_.back().clusters.size() > 1) make_coarser();
+  report.stages.add("merge", timer.milliseconds());
+  timer.restart();
+  for (const Level& level : levels_) {
+    double area = 0;
+    double spacing2 = 0;
+    for (const TreeCluster& cluster : level.clusters) {
+      area += cluster.end - cluster.begin;
+      spacing2 += (cluster.end - cluster.begin) * std::pow(cluster.spacing, 2);
+    }
+    report.levels.push_back(level.clusters.back().end);
+    report.spacing.push_back(std::sqrt(spacing2 / area));
+    report.clusters += level.clusters.size();
+  }
+  SurfelCloud out = assemble();
+  report.stages.add("assemble", timer.milliseconds());
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::string> HierarchyOptions::problems() const {
+  std::vector<std::string> found = partition.problems();
+  if (reduction < 2 || reduction > 16) {
+    found.push_back(fmt::format("reduction is {}; it must be in 2..16", reduction));
+  }
+  return found;
+}
+
+SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
+                            HierarchyReport* report, const std::string& name) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  cloud.check_columns(name);
+  if (cloud.empty()) throw_input(name, "holds no surfel");
+  if (cloud.variance.empty() && !cloud.anisotropic()) {
+    throw_input(name,
+                "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
+                "surfel-estimate");
+  }
+  // Together with all coarser levels, 32-bit indices must do.
+  if (cloud.size() > std::numeric_limits<std::uint32_t>::max() / 2 - (1U << 20)) {
+    throw_input(name, "holds more than 2.1 billion surfels; levels of detail take no more");
+  }
+  HierarchyReport own;
+  HierarchyReport& r = report ? *report : own;
+  return Builder(cloud, options, name).build(r);
+}
+
+}  // namespace surfel

@@ -1,0 +1,176 @@
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+
+#include <surfel/lod/surfel_merge.h>
+
+namespace surfel {
+namespace {
+
+using Covariance = std::array<double, 6>;
+
+void add_outer(Covariance& c, double weight, const Vec3d& d) {
+  c[0] += weight * d.x() * d.x();
+  c[1] += weight * d.x() * d.y();
+  c[2] += weight * d.x() * d.z();
+  c[3] += weight * d.y() * d.y();
+  c[4] += weight * d.y() * d.z();
+  c[5] += weight * d.z() * d.z();
+}
+
+std::array<float, 6> to_float(const Covariance& c) {
+  std::array<float, 6> out;
+  for (std::size_t k = 0; k < c.size(); ++k) out[k] = static_cast<float>(c[k]);
+  return out;
+}
+
+/// Material of most area; groups are small, so that counting twice is faster than a table.
+std::uint16_t majority_material(std::span<const MergeSurfel> surfels,
+                                std::span<const std::uint32_t> members) {
+  std::uint16_t best = surfels[members[0]].material;
+  double best_area = -1;
+  bool all_alike = true;
+  for (const std::uint32_t i : members) all_alike = all_alike && surfels[i].material == best;
+  if (all_alike) return best;
+  for (const std::uint32_t i : members) {
+    const std::uint16_t material = surfels[i].material;
+    double area = 0;
+    for (const std::uint32_t k : members) {
+      if (surfels[k].material == material) area += surfels[k].area;
+    }
+    if (area > best_area || (area == best_area && material < best)) {
+      best = material;
+      best_area = area;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
+  MergeSurfel s{};
+  s.position = cloud.position[i];
+  s.normal = cloud.normal.empty() ? Vec3f(0, 0, 0) : cloud.normal[i];
+  const Vec3d n = s.normal.cast<double>();
+  Covariance c{};
+  float root_of_V = 0;
+  if (cloud.anisotropic()) {
+    const Vec3d wide = cloud.tangent[i].cast<double>();
+    const Vec3d across = wide - n * n.dot(wide);
+    Vec3d t = Vec3d::UnitX();
+    if (across.norm() > 0) {
+      t = across.normalized();
+    } else if (!n.isZero()) {
+      t = n.unitOrthogonal();
+    }
+    // Of an unknown normal the tangent has no meaning either: the disc is turned to the eye.
+    const Vec3d b = n.isZero() ? Vec3d(t.unitOrthogonal()) : Vec3d(n.cross(t));
+    add_outer(c, cloud.variance_u[i], t);
+    add_outer(c, cloud.variance_v[i], b);
+    if (n.isZero()) {
+      const double mean = (cloud.variance_u[i] + cloud.variance_v[i]) / 2.0;
+      c = {mean, 0, 0, mean, 0, mean};
+    }
+    root_of_V = std::sqrt(cloud.variance_u[i] * cloud.variance_v[i]);
+  } else {
+    const double v = cloud.variance[i];
+    c = {v, 0, 0, v, 0, v};
+    add_outer(c, -v, n);
+    root_of_V = cloud.variance[i];
+  }
+  s.covariance = to_float(c);
+  s.area = cloud.area.empty() ? root_of_V : std::max(0.0F, cloud.area[i]);
+  s.extent2 = s.area;
+  s.color = cloud.color.empty() ? Vec3f(0, 0, 0) : cloud.color[i];
+  s.coefficient = cloud.coefficient.empty() ? Vec3f(0, 0, 0) : cloud.coefficient[i];
+  s.alpha = cloud.alpha.empty() ? 1.0F : cloud.alpha[i];
+  s.material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[i];
+  s.source = i;
+  return s;
+}
+
+MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::uint32_t> members) {
+  if (members.size() == 1) return surfels[members[0]];
+  double total = 0;
+  for (const std::uint32_t i : members) total += surfels[i].area;
+  const auto weight_of = [&](const MergeSurfel& s) { return total > 0 ? s.area : 1.0; };
+  const double weights = total > 0 ? total : static_cast<double>(members.size());
+
+  // Offsets from a member, as positions may be large against the distances between them.
+  const Vec3d base = surfels[members[0]].position.cast<double>();
+  Vec3d mean(0, 0, 0);
+  Vec3d normal(0, 0, 0);
+  Vec3d color(0, 0, 0);
+  Vec3d coefficient(0, 0, 0);
+  double opacity = 0;
+  bool oriented = false;
+  std::uint32_t largest = members[0];
+  for (const std::uint32_t i : members) {
+    const MergeSurfel& s = surfels[i];
+    const double w = weight_of(s);
+    mean += w * (s.position.cast<double>() - base);
+    normal += w * s.normal.cast<double>();
+    color += w * s.alpha * s.color.cast<double>();
+    coefficient += w * s.alpha * s.coefficient.cast<double>();
+    opacity += w * s.alpha;
+    oriented = oriented || !s.normal.isZero();
+    if (s.area > surfels[largest].area) largest = i;
+  }
+  mean /= weights;
+
+  MergeSurfel out = surfels[largest];
+  Covariance c{};
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const std::uint32_t i : members) {
+    const MergeSurfel& s = surfels[i];
+    const double w = weight_of(s) / weights;
+    const Vec3d d = s.position.cast<double>() - base - mean;
+    for (std::size_t k = 0; k < c.size(); ++k) c[k] += w * s.covariance[k];
+    add_outer(c, w, d);
+    if (d.squaredNorm() < nearest) {
+      nearest = d.squaredNorm();
+      out.source = s.source;
+    }
+  }
+  out.position = (base + mean).cast<float>();
+  out.covariance = to_float(c);
+  const double length = normal.norm();
+  constexpr double kCancelled = 1e-3;
+  if (length > kCancelled * weights) out.normal = (normal / length).cast<float>();
+  out.area = static_cast<float>(oriented && total > 0 ? std::max(length, total / 2) : total);
+  out.alpha = static_cast<float>(opacity / weights);
+  if (opacity > 0) {
+    out.color = (color / opacity).cast<float>();
+    out.coefficient = (coefficient / opacity).cast<float>();
+  }
+  out.material = majority_material(surfels, members);
+  return out;
+}
+
+TangentGaussian tangent_gaussian(const std::array<float, 6>& covariance, const Vec3f& normal) {
+  Eigen::Matrix3d C;
+  C << covariance[0], covariance[1], covariance[2], covariance[1], covariance[3], covariance[4],
+      covariance[2], covariance[4], covariance[5];
+  if (normal.isZero()) {
+    // A disc with variance v has the eigenvalues v, v, 0; a ball v, v, v.
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(C, Eigen::EigenvaluesOnly);
+    const double v = (solver.eigenvalues()[1] + solver.eigenvalues()[2]) / 2;
+    return {Vec3f::UnitX(), static_cast<float>(v), static_cast<float>(v)};
+  }
+  const Vec3d n = normal.cast<double>();
+  const Vec3d t = n.unitOrthogonal();
+  const Vec3d b = n.cross(t);
+  const double tt = t.dot(C * t);
+  const double tb = t.dot(C * b);
+  const double bb = b.dot(C * b);
+  // Eigenvalues and the major axis of a symmetric 2x2 matrix.
+  const double mean = (tt + bb) / 2;
+  const double radius = std::hypot((tt - bb) / 2, tb);
+  const double angle = std::atan2(2 * tb, tt - bb) / 2;
+  return {(std::cos(angle) * t + std::sin(angle) * b).cast<float>(),
+          static_cast<float>(mean + radius), static_cast<float>(std::max(0.0, mean - radius))};
+}
+
+}  // namespace surfel

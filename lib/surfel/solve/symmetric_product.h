@@ -1,0 +1,39 @@
+#pragma once
+
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/solve/symmetric_matrix.h>
+
+namespace surfel {
+
+/// Products of a symmetric matrix with vectors, in parallel, from one triangle of it. Rows are
+/// worked on in ranges: what a range adds to rows before it, its halo, is kept apart, and added in
+/// the order of the ranges, so that the result does not depend on the number of threads. The halo
+/// is small where neighbours in the matrix are neighbours in the order: that of a space-filling
+/// curve does.
+class SURFEL_API SymmetricProduct {
+ public:
+  /// \param matrix  must outlive the product; its values may change.
+  explicit SymmetricProduct(const SymmetricMatrix& matrix);
+
+  /// y = A x. One product at a time.
+  void multiply(const Array<Channels>& x, Array<Channels>& y);
+
+ private:
+  void find_halos();
+
+  const SymmetricMatrix& matrix_;
+  std::vector<Array<std::uint32_t>> halo_;  ///< Of every range, the rows before it that it adds to.
+  Array<std::uint64_t> halo_begin_;         ///< Of every range its first sum, and their number.
+  Array<Channels> halo_sum_;
+  Array<std::uint64_t> incoming_begin_;  ///< Of every row, the sums that are added to it.
+  Array<std::uint64_t> incoming_;
+  std::vector<Array<std::uint32_t>> slot_;  ///< By thread: of every row its place in a halo.
+};
+
+/// |b - A x| / |b| of the worst channel.
+SURFEL_API double relative_residual(const SymmetricMatrix& matrix, const Array<Channels>& b,
+                                    const Array<Channels>& x);
+
+}  // namespace surfel

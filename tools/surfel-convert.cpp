@@ -1,0 +1,182 @@
+// surfel-convert: files of surfels in another format, moved, or joined into one.
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/cloud/join.h>
+#include <surfel/cloud/transform.h>
+#include <surfel/io/cloud_io.h>
+
+#include "tools/support/options.h"
+#include "tools/support/tool.h"
+
+namespace {
+
+struct Settings {
+  std::vector<std::string> inputs;
+  std::string output;
+  bool ascii = false;
+  std::string material;
+  surfel::JoinOptions join;
+  double scale = 1;
+  std::optional<Eigen::Vector4d> rotation;
+  surfel::Vec3d translation{0, 0, 0};
+};
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
+  app.add_option("surfels", s.inputs,
+                 "Surfels or points (PLY, PCD, text), one file or several (- = standard input)")
+      ->default_str("")
+      ->required();
+  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD; - = standard output)")
+      ->required();
+  app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
+
+  app.option_defaults()->group("Materials");
+  app.add_option("--material", s.material,
+                 "Row of the material table, 0..65535: N for all surfels, or N,N,... for those of "
+                 "each file, keep = as they are; default: keep");
+  app.add_flag("--separate-materials", s.join.separate_materials,
+               "Put the rows of each file after those of the files before it");
+
+  app.option_defaults()->group("Place of the result, in this order, about the world's origin");
+  app.add_option("--scale", s.scale, "Factor of lengths, 1e-9..1e9")->capture_default_str();
+  add_vector(app, "--rotate", s.rotation, "Axis and angle in degrees, right-handed: X,Y,Z,DEGREES");
+  add_vector(app, "--translate", s.translation, "Offset, scene units (of the result): X,Y,Z");
+  app.option_defaults()->group("Options");
+}
+
+/// Rows for so many files from "3", "3,4" or "keep,3".
+std::vector<int> parse_materials(const std::string& text, std::size_t files) {
+  std::vector<int> rows;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find(',', begin), text.size());
+    const std::string word = text.substr(begin, end - begin);
+    const bool digits =
+        !word.empty() && word.size() <= 5 &&
+        std::all_of(word.begin(), word.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
+    if (!digits && word != "keep") {
+      surfel::throw_usage(
+          fmt::format("material is '{}'; it must be a row in 0..65535, or keep, for all files or, "
+                      "parted by commas, for each",
+                      text));
+    }
+    rows.push_back(digits ? std::stoi(word) : -1);
+    begin = end + 1;
+  }
+  if (rows.size() == 1) rows.resize(files, rows.front());
+  return rows;
+}
+
+surfel::Similarity similarity(const Settings& s) {
+  surfel::Similarity out{.scale = s.scale, .translation = s.translation};
+  if (s.rotation) {
+    const surfel::Vec3d axis = s.rotation->head<3>();
+    const double angle = (*s.rotation)[3] * std::numbers::pi / 180;
+    // What has no direction stays so, and is refused as a rotation.
+    out.rotation = Eigen::AngleAxisd(angle, axis.stableNormalized());
+  }
+  return out;
+}
+
+std::string extension_of(const std::string& path) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+void check(Settings& s) {
+  if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
+  std::vector<std::string> problems = s.join.problems(s.inputs.size());
+  for (std::string& problem : similarity(s).problems()) problems.push_back(std::move(problem));
+  if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
+    problems.emplace_back("standard input can be read once only");
+  }
+  const std::string extension = extension_of(s.output);
+  if (!extension.empty() && extension != ".ply" && extension != ".pcd") {
+    problems.push_back(
+        fmt::format("{}: format not supported; surfels are written as PLY and PCD", s.output));
+  }
+  if (s.ascii && extension == ".pcd") {
+    problems.emplace_back("--ascii has no effect on PCD; leave it out");
+  }
+  surfel::tool::require_valid(problems);
+}
+
+/// Tells what joining made up or left out.
+void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport& r) {
+  for (std::size_t k = 0; k < s.inputs.size(); ++k) {
+    std::string columns;
+    for (const auto& [cloud, column] : r.filled) {
+      if (cloud == k) columns += (columns.empty() ? "" : ", ") + column;
+    }
+    if (columns.empty()) continue;
+    tool.note(fmt::format("{}: has no {}; filled in", s.inputs[k], columns));
+  }
+  if (!r.dropped.empty()) {
+    tool.note(fmt::format("{}: left out, as not all files have them: {}", s.output,
+                          fmt::join(r.dropped, ", ")));
+  }
+  if (r.basis_differs) {
+    tool.note(
+        fmt::format("{}: the files' coefficients were fitted for different cutoffs", s.output));
+  }
+}
+
+/// A loss of precision that somebody may see: files far from one another.
+void tell_rounding(const surfel::tool::Tool& tool, const Settings& s, double rounding,
+                   double extent) {
+  constexpr double kVisible = 1e-5;
+  if (rounding <= kVisible * extent) return;
+  tool.note(
+      fmt::format("{}: the files lie so far apart that positions were rounded, by {:.2g} at most; "
+                  "move them closer",
+                  s.output, rounding));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  surfel::tool::Tool tool("surfel-convert",
+                          "Converts files of surfels, moves them, and joins several into one.");
+  Settings s;
+  declare_options(tool.app(), s);
+  return tool.run(argc, argv, [&] {
+    check(s);
+    nlohmann::json& report = tool.report();
+    const surfel::Timer timer;
+    std::vector<surfel::SurfelCloud> clouds;
+    double least_extent = std::numeric_limits<double>::infinity();
+    for (const std::string& input : s.inputs) {
+      clouds.push_back(surfel::read_cloud(input));
+      report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
+      least_extent = std::min(least_extent, clouds.back().bounds().diagonal());
+    }
+    report["load_ms"] = timer.milliseconds();
+
+    surfel::JoinReport joined;
+    surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
+    tell(tool, s, joined);
+    tell_rounding(tool, s, joined.rounding, least_extent);
+    for (const auto& [k, column] : joined.filled) {
+      report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
+    }
+    report["dropped"] = joined.dropped;
+    report["rounding"] = joined.rounding;
+
+    surfel::transform_cloud(cloud, similarity(s));
+    cloud.provenance.push_back(tool.provenance());
+    surfel::write_cloud(cloud, s.output,
+                        {.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
+    report["surfels"] = cloud.size();
+    tool.note(fmt::format("{}: {} surfels", s.output, cloud.size()));
+  });
+}

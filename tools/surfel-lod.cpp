@@ -1,0 +1,80 @@
+// surfel-lod: levels of detail, so that pictures cost what their pixels cost.
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/timing.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/lod/hierarchy.h>
+
+#include "tools/support/options.h"
+#include "tools/support/surfels.h"
+#include "tools/support/tool.h"
+
+namespace {
+
+struct Settings {
+  std::string input;
+  std::string output;
+  surfel::HierarchyOptions hierarchy;
+};
+
+void declare_options(CLI::App& app, Settings& s) {
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD; - = standard input)")->required();
+  app.add_option("-o,--output", s.output,
+                 "Surfels of all levels to write (PLY; - = standard output)")
+      ->required();
+  app.option_defaults()->group("Levels");
+  app.add_option("--reduction", s.hierarchy.reduction,
+                 "Surfels of a level for one of the next coarser level, 2..16: less comes closer "
+                 "to what a picture needs, and makes a larger file")
+      ->capture_default_str();
+  app.add_option("--normal-angle", s.hierarchy.partition.normal_angle,
+                 "Normals this far from the mean of what is merged are of another sheet, degrees, "
+                 "in (0, 90]")
+      ->capture_default_str();
+  app.add_option("--sheet-weight", s.hierarchy.partition.sheet_weight,
+                 "How much more distances across the surface count than along it, 1..1000")
+      ->capture_default_str();
+  app.option_defaults()->group("Options");
+}
+
+void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
+  json["dropped"] = r.dropped.total();
+  json["levels"] = r.levels;
+  json["spacing"] = r.spacing;
+  json["clusters"] = r.clusters;
+  for (const auto& [stage, ms] : r.stages.stages()) json["stages"][stage] = ms;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  surfel::tool::Tool tool("surfel-lod",
+                          "Adds levels of detail: fewer, larger surfels for distant views.");
+  Settings s;
+  declare_options(tool.app(), s);
+  return tool.run(argc, argv, [&] {
+    surfel::tool::require_valid(s.hierarchy.problems());
+    const std::string name = s.input == "-" ? "standard input" : s.input;
+    const surfel::Timer timer;
+    surfel::HierarchyReport levels;
+    surfel::SurfelCloud result;
+    {
+      const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+      tool.report()["load_ms"] = timer.milliseconds();
+      result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
+    }
+    if (const auto& d = levels.dropped; d.total() > 0) {
+      tool.note(
+          fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
+                      "colours that are not usable numbers)",
+                      name, d.total(), d.position, d.variance, d.color));
+    }
+    report(tool.report(), levels);
+    result.provenance.push_back(tool.provenance());
+    surfel::write_cloud(result, s.output, {.no_clobber = tool.common().no_clobber});
+    tool.note(fmt::format("{}: {} surfels in {} levels of {} down to {}", s.output, result.size(),
+                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
+  });
+}
