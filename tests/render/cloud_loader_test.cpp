@@ -246,7 +246,8 @@ TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
   const Camera camera = camera_of(whole);
   const Image expected = picture(Renderer(whole, scene, options), camera);
   for (const std::size_t picture_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
-    const auto stream = CloudStream::make(source, {.batch = kCount, .picture_bytes = picture_bytes});
+    const auto stream =
+        CloudStream::make(source, {.batch = kCount, .picture_bytes = picture_bytes});
     ASSERT_NE(stream, nullptr);
     EXPECT_TRUE(picture(Renderer(*stream, scene, options), camera).data == expected.data);
   }

@@ -62,8 +62,7 @@ ClusterBounds cluster_bounds(std::size_t begin, std::size_t end, const Position&
                              const Normal& normal, const Deviation& deviation) {
   ClusterBounds bounds;
   for (int axis = 0; axis < 3; ++axis) {
-    const auto [lo, hi] =
-        value_range(begin, end, [&](std::size_t i) { return position(axis, i); });
+    const auto [lo, hi] = value_range(begin, end, [&](std::size_t i) { return position(axis, i); });
     bounds.center[axis] = lo + (hi - lo) / 2;
   }
   bounds.max_deviation = std::max(0.0F, value_range(begin, end, deviation).max);
@@ -87,11 +86,10 @@ ClusterBounds cluster_bounds(std::size_t begin, std::size_t end, const Position&
   const float length = sum.norm();
   if (!all_oriented || !(length > 0)) return bounds;
   const Vec3f axis = sum / length;
-  const float cosine =
-      std::min(1.0F, value_range(begin, end, [&](std::size_t i) {
-                       return axis.x() * normal(0, i) +
-                              (axis.y() * normal(1, i) + axis.z() * normal(2, i));
-                     }).min);
+  const float cosine = std::min(1.0F, value_range(begin, end, [&](std::size_t i) {
+                                        return axis.x() * normal(0, i) +
+                                               (axis.y() * normal(1, i) + axis.z() * normal(2, i));
+                                      }).min);
   if (cosine > kWidestCone) {
     bounds.cone_axis = axis;
     bounds.cone_cosine = cosine - 1e-6F;

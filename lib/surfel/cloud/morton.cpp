@@ -108,8 +108,8 @@ bool MortonGrid::in_order(const PointColumns& points) const {
       for (int axis = 0; axis < 3; ++axis) {
         const float* from = column[axis] + first;
         for (std::size_t i = 0; i <= n; ++i) {
-          cells[axis][i] =
-              static_cast<std::int32_t>((static_cast<double>(from[i]) - low[axis]) * cells_per_unit);
+          cells[axis][i] = static_cast<std::int32_t>((static_cast<double>(from[i]) - low[axis]) *
+                                                     cells_per_unit);
         }
       }
       for (std::size_t i = 0; i < n; ++i) {

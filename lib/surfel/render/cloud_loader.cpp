@@ -106,16 +106,17 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   const std::uint64_t picture = left / kPicturePart;
   const std::uint64_t flight = (left - picture) / kFlightBytes;
   if (flight < kLeastBatch) {
-    const std::uint64_t least =
+    const std::uint64_t streamed =
         index + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
+    const std::uint64_t least = std::min(streamed, source->size() * kSurfelBytes);
     throw_input(ply->name(),
                 fmt::format("{} surfels cannot be streamed with {} MB of --memory; give {} MB at "
                             "least",
                             source->size(), memory >> 20, (least >> 20) + 1));
   }
-  stream = CloudStream::make(
-      *source, {.batch = std::min<std::size_t>(options.batch, std::bit_floor(flight)),
-                .picture_bytes = picture});
+  stream = CloudStream::make(*source,
+                             {.batch = std::min<std::size_t>(options.batch, std::bit_floor(flight)),
+                              .picture_bytes = picture});
 }
 
 void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {

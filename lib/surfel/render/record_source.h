@@ -15,7 +15,8 @@ namespace surfel {
 /// Surfels in the records of a binary file, decoded without a SurfelCloud in between. Records are
 /// read block by block, so that a file of any size costs no memory. Only for records as this
 /// library and most others write them: little-endian; positions float or double, all else float but
-/// for colours, alpha (float, uchar, ushort), material and group (uchar, ushort), and source (uint).
+/// for colours, alpha (float, uchar, ushort), material and group (uchar, ushort), and source
+/// (uint).
 class RecordSource : public SurfelSource {
  public:
   /// Null where the records are of another form: read_cloud() reads them. Throws Error(kInput)

@@ -238,8 +238,7 @@ void RenderCloud::measure(Cluster& cluster, const SurfelTotals& totals) const {
 }
 
 /// Makes a cluster of the surfels [begin, end).
-SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end,
-                                       Cluster& cluster) const {
+SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const {
   const float* const position[] = {x.data(), y.data(), z.data()};
   const float* const normal[] = {normal_x.data(), normal_y.data(), normal_z.data()};
   const auto position_at = [&](int axis, std::size_t i) { return position[axis][i]; };

@@ -335,8 +335,8 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
   }
 }
 
-/// Sets up the splats that a block has in the batch and draws its tiles, in several parts where they
-/// are very many. `tile` says what is the same for all tiles.
+/// Sets up the splats that a block has in the batch and draws its tiles, in several parts where
+/// they are very many. `tile` says what is the same for all tiles.
 void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::size_t block,
                                 const Batch& batch, const LayerRule& rule, TileABuffer& tile,
                                 Image& image, int w) {
