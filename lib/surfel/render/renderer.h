@@ -101,7 +101,7 @@ struct FrameStatistics {
   std::size_t splats = 0;             ///< Set up and inside the picture ...
   std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
   std::uint64_t merged = 0;           ///< Pairs of fragments merged because all layers were taken.
-  double dropped_weight_share = 0;    ///< Share of the sum of rho that came too late for its merged
+  double late_weight_share = 0;       ///< Share of the sum of rho that came too late for its merged
                                       ///< surface: a bound of the error that merging made.
   int groups = 0;                     ///< SP06's K; 0 without groups.
   std::uint64_t culled = 0;           ///< Fragments culled by SP06 (6): the layer had one already.
