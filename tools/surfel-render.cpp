@@ -448,7 +448,7 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
           {"splats", frame.splats},
           {"exact_splats", frame.exact_splats},
           {"merged_fragments", frame.merged},
-          {"dropped_weight_share", frame.dropped_weight_share},
+          {"late_weight_share", frame.late_weight_share},
           {"groups", frame.groups},
           {"culled_fragments", frame.culled},
           {"peeled_layers", frame.peeled_layers},

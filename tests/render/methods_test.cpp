@@ -349,7 +349,7 @@ TEST(Methods, RimsHaveTheirCoverageWhereLayersRunOut) {
     return render_by(Method::kABuffer, shells, camera, options);
   };
   // Merged pairs taken to be inside their surfaces: 28.6 dB.
-  EXPECT_GT(psnr(with_layers(2), with_layers(16)), 30.5);
+  EXPECT_GT(psnr(with_layers(2), with_layers(16)), 31.5);
 }
 
 /// A glass ball with an environment around.

@@ -29,7 +29,7 @@ TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
     EXPECT_GT(statistics.merged, 0);
     // Planes arrive front to back, so that what is merged is complete: the error stays small.
     EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;
-    EXPECT_LT(statistics.dropped_weight_share, 0.01);
+    EXPECT_LT(statistics.late_weight_share, 0.01);
   }
 }
 

@@ -158,10 +158,10 @@ class FrontToBack {
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
   // Layers run out where surfaces end before one another, at rims. What covers them is not known
   // yet around them: taken to be inside, rims grow (by 1 dB of a head's picture); taken to be at an
-  // edge, crests that are seen at a grazing angle get holes. So half of each, as far as splats are
-  // filtered; of surfaces that cover the pixel nothing changes.
+  // edge, crests that are seen at a grazing angle get thin. So most of the way to an edge, as far
+  // as splats are filtered; of surfaces that cover the pixel nothing changes.
   const auto edge = [](const Fragment& f) {
-    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.5F : 0.0F;
+    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F;
   };
   FrontToBack pair(tile, pixel);
   pair.add(front, edge(front));
@@ -275,6 +275,19 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   const int front = in_front >= 2 ? 0 : sorted.count - 2;
   store(tile, sorted.order[front], pixel, merged(tile, sorted[front], sorted[front + 1], pixel));
   store(tile, sorted.order[front + 1], pixel, fresh);
+}
+
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
+                         const Splat& splat, const SplatNormal* normal) {
+  const float x = static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F;
+  const float y = static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F;
+  const Rgba color =
+      tile.shader->shade(contribution(rho, depth, splat, normal), x, y, tile.full_weight);
+  const float open = 1 - tile.at(layer, kAlpha, pixel);
+  tile.at(layer, kRed, pixel) += open * color.red;
+  tile.at(layer, kGreen, pixel) += open * color.green;
+  tile.at(layer, kBlue, pixel) += open * color.blue;
+  tile.at(layer, kAlpha, pixel) += open * color.alpha;
 }
 
 NearestLayer nearest_layer(TileABuffer& tile, int pixel) {

@@ -61,15 +61,15 @@ struct Rgba {
 
 /// What merging cost, summed over a frame.
 struct MergeStatistics {
-  std::uint64_t merged = 0;   ///< Pairs of fragments merged.
-  std::uint64_t dropped = 0;  ///< Contributions that came after their surface had been merged ...
-  double dropped_weight = 0;  ///< ... and the sum of their rho.
-  double total_weight = 0;    ///< Sum of rho of all fragments at the end (merged ones left out).
+  std::uint64_t merged = 0;  ///< Pairs of fragments merged.
+  std::uint64_t late = 0;    ///< Contributions that came after their surface had been merged ...
+  double late_weight = 0;    ///< ... and the sum of their rho.
+  double total_weight = 0;   ///< Sum of rho of all fragments at the end (merged ones left out).
 
   void add(const MergeStatistics& other) {
     merged += other.merged;
-    dropped += other.dropped;
-    dropped_weight += other.dropped_weight;
+    late += other.late;
+    late_weight += other.late_weight;
     total_weight += other.total_weight;
   }
 };
@@ -104,6 +104,12 @@ struct TileABuffer {
 /// With a single layer the nearer surface stays.
 void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
                        const SplatNormal* normal);
+
+/// A contribution that comes after its surface has been merged into `layer`: composites it into
+/// what the merged surfaces leave open. For opaque surfaces, where the order behind them matters
+/// less than that nothing is missing.
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
+                         const Splat& splat, const SplatNormal* normal);
 
 /// Nearest surface of a pixel.
 struct NearestLayer {

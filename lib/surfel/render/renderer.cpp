@@ -466,8 +466,8 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     stats.exact_splats += (*lists)->take_exact_count();
   }
   stats.merged = merges.merged;
-  const double all = merges.total_weight + merges.dropped_weight;
-  stats.dropped_weight_share = all > 0 ? merges.dropped_weight / all : 0;
+  const double all = merges.total_weight + merges.late_weight;
+  stats.late_weight_share = all > 0 ? merges.late_weight / all : 0;
   stats.groups = r.cloud.groups();
   stats.peeled_layers = peeled.layers;
   stats.unpeeled_pixels = peeled.unpeeled_pixels;

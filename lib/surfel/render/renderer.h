@@ -98,16 +98,16 @@ SURFEL_API RenderColumns columns_of(Method method);
 /// What one frame cost and did.
 struct FrameStatistics {
   double milliseconds = 0;
-  StageTimes stages;                ///< cull, read (of a CloudStream), raster (with splat set-up).
-  std::size_t clusters = 0;         ///< Drawn, of all.
-  std::size_t splats = 0;           ///< Set up and inside the picture ...
-  std::size_t exact_splats = 0;     ///< ... of these with perspective-exact kernels.
-  std::uint64_t merged = 0;         ///< Pairs of fragments merged because all layers were taken.
-  double dropped_weight_share = 0;  ///< Share of the sum of rho that came too late for its merged
-                                    ///< surface: a bound of the error that merging made.
-  int groups = 0;                   ///< SP06's K; 0 without groups.
-  std::uint64_t culled = 0;         ///< Fragments culled by SP06 (6): the layer had one already.
-  int peeled_layers = 0;            ///< Most layers that a tile has, of `peel` at most.
+  StageTimes stages;                  ///< cull, read (a CloudStream), raster.
+  std::size_t clusters = 0;           ///< Drawn, of all.
+  std::size_t splats = 0;             ///< Set up and inside the picture ...
+  std::size_t exact_splats = 0;       ///< ... of these with perspective-exact kernels.
+  std::uint64_t merged = 0;           ///< Pairs of fragments merged because all layers were taken.
+  double late_weight_share = 0;       ///< Share of the sum of rho that came too late for its merged
+                                      ///< surface: a bound of the error that merging made.
+  int groups = 0;                     ///< SP06's K; 0 without groups.
+  std::uint64_t culled = 0;           ///< Fragments culled by SP06 (6): the layer had one already.
+  int peeled_layers = 0;              ///< Most layers that a tile has, of `peel` at most.
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that, which are left out.
 };
 

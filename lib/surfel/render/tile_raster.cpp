@@ -27,7 +27,8 @@ class Rasterizer {
         data_(tile.data),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
-        full_(hn::Set(D(), tile.edge_weight)) {
+        full_(hn::Set(D(), tile.edge_weight)),
+        least_(hn::Set(D(), kLeastShare * tile.full_weight)) {
     for (int y = 0; y < kTileSize; ++y) {
       for (int x = 0; x < kTileSize; ++x) {
         outside_[tile_pixel(x, y)] = x < tile.width && y < tile.height ? -infinity() : infinity();
@@ -54,10 +55,13 @@ class Rasterizer {
                     s.depth, s.epsilon);
               });
     }
-    tile_.merges.dropped_weight += hn::GetLane(hn::SumOfLanes(D(), dropped_weight_));
+    tile_.merges.late_weight += hn::GetLane(hn::SumOfLanes(D(), late_weight_));
   }
 
  private:
+  /// Share of a pixel that a contribution must have to be worth merging two surfaces for.
+  static constexpr float kLeastShare = 1e-3F;
+
   static float infinity() { return __builtin_inff(); }
 
   /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
@@ -141,28 +145,23 @@ class Rasterizer {
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return;
     }
-    // No layer is left in these pixels.
-    open = add_to_merged(pixel, open, rho, depth, epsilon);
-    if (hn::AllFalse(d, open)) return;
-    HWY_ALIGN float rhos[kTileSize];
-    HWY_ALIGN float depths[kTileSize];
-    HWY_ALIGN float lanes[kTileSize];
-    hn::Store(rho, d, rhos);
-    hn::Store(depth, d, depths);
-    hn::Store(hn::IfThenElseZero(open, hn::Set(d, 1.0F)), d, lanes);
-    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      if (lanes[lane] == 0) continue;
-      insert_by_merging(tile_, static_cast<int>(pixel + lane), rhos[lane], depths[lane], splat,
-                        normal);
-    }
+    // No layer is left in these pixels. What nobody sees is not worth two surfaces merged.
+    open = hn::And(open, hn::Ge(rho, least_));
+    open = add_to_merged(splat, normal, pixel, open, rho, depth, epsilon);
+    for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
+      insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
+    });
   }
 
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
-  /// not seen, those within a pair come too late and are dropped (and counted). Returns the others.
-  HWY_INLINE M add_to_merged(std::size_t pixel, M open, V rho, V depth, V epsilon) {
+  /// not seen; those within a pair fill what it leaves open if all is opaque, and are dropped
+  /// otherwise, as their place in the pair is not known. Returns the others.
+  HWY_INLINE M add_to_merged(const Splat& splat, const SplatNormal* normal, std::size_t pixel,
+                             M open, V rho, V depth, V epsilon) {
     const D d;
     const float* fragment = data_ + pixel;
     for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
+      if (hn::AllFalse(d, open)) break;
       const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
       const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
       const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
@@ -170,11 +169,30 @@ class Rasterizer {
       const M within = hn::And(
           hn::And(open, hn::Lt(weight, hn::Zero(d))),
           hn::And(hn::Lt(hn::Sub(depth, epsilon), front), hn::Gt(hn::Add(depth, epsilon), back)));
-      tile_.merges.dropped += hn::CountTrue(d, within);
-      dropped_weight_ = hn::Add(dropped_weight_, hn::IfThenElseZero(within, rho));
+      tile_.merges.late += hn::CountTrue(d, within);
+      late_weight_ = hn::Add(late_weight_, hn::IfThenElseZero(within, rho));
       open = hn::AndNot(within, open);
+      if constexpr (kOpaqueSplats) {
+        for_each_lane(within, rho, depth, [&](std::size_t lane, float r, float z) {
+          add_to_merged_layer(tile_, layer, static_cast<int>(pixel + lane), r, z, splat, normal);
+        });
+      }
     }
     return open;
+  }
+
+  /// Calls `function(lane, rho, depth)` for the lanes of the mask, in order.
+  template <class Function>
+  static HWY_INLINE void for_each_lane(M lanes, V rho, V depth, const Function& function) {
+    const D d;
+    if (hn::AllFalse(d, lanes)) return;
+    HWY_ALIGN float rhos[kTileSize];  // 0: not of the mask, as no contribution has a rho of 0.
+    HWY_ALIGN float depths[kTileSize];
+    hn::Store(hn::IfThenElseZero(lanes, rho), d, rhos);
+    hn::Store(depth, d, depths);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      if (rhos[lane] != 0) function(lane, rhos[lane], depths[lane]);
+    }
   }
 
   const TileJob& job_;
@@ -184,7 +202,8 @@ class Rasterizer {
   const std::size_t stride_;
   const int layers_;
   const V full_;
-  V dropped_weight_ = hn::Zero(D());
+  const V least_;
+  V late_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
 };
