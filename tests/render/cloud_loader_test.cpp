@@ -242,7 +242,8 @@ TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
   CloudSource source(*cloud_, 0, "");
   const RenderCloud whole(*cloud_);
   const Scene scene;
-  const RenderOptions options{.aovs = true};
+  RenderOptions options;
+  options.aovs = true;
   const Camera camera = camera_of(whole);
   const Image expected = picture(Renderer(whole, scene, options), camera);
   for (const std::size_t picture_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
