@@ -27,8 +27,7 @@ class Rasterizer {
         data_(tile.data),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
-        full_(hn::Set(D(), tile.edge_weight)),
-        least_(hn::Set(D(), kLeastShare * tile.full_weight)) {
+        full_(hn::Set(D(), tile.edge_weight)) {
     for (int y = 0; y < kTileSize; ++y) {
       for (int x = 0; x < kTileSize; ++x) {
         outside_[tile_pixel(x, y)] = x < tile.width && y < tile.height ? -infinity() : infinity();
@@ -42,9 +41,12 @@ class Rasterizer {
     const D d;
     const V cutoff = hn::Set(d, raster_.cutoff());
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
+      const std::size_t end = std::min(begin + kCheckEvery, job_.count);
       const float hidden = find_hidden();
+      least_ = std::min(kLeastShare * tile_.full_weight,
+                        kLeastShareOfLargest * largest_amplitude(begin, end));
       raster_.draw(
-          begin, std::min(begin + kCheckEvery, job_.count), hidden,
+          begin, end, hidden,
           [&](std::uint32_t index, std::size_t pixel, const Sample& s)
               HWY_ATTR SURFEL_INLINE_LAMBDA {
                 // What lies within epsilon of the hiding surface may belong to it.
@@ -61,8 +63,20 @@ class Rasterizer {
  private:
   /// Share of a pixel that a contribution must have to be worth merging two surfaces for.
   static constexpr float kLeastShare = 1e-3F;
+  /// The same of the largest kernel around, where kernels are so many that none has such a share.
+  static constexpr float kLeastShareOfLargest = 3e-2F;
 
   static float infinity() { return __builtin_inff(); }
+
+  float largest_amplitude(std::size_t begin, std::size_t end) const {
+    float largest = 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      const Splat& splat = job_.splats[job_.order[i]];
+      // Exact ones are large on the screen, so that a few make a surface.
+      largest = std::max(largest, splat.k < 0 ? tile_.full_weight : splat.amplitude);
+    }
+    return largest;
+  }
 
   /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
   /// none), behind which nothing is seen. Returns the least of them in the tile.
@@ -146,7 +160,7 @@ class Rasterizer {
       if (hn::AllFalse(d, open)) return;
     }
     // No layer is left in these pixels. What nobody sees is not worth two surfaces merged.
-    open = hn::And(open, hn::Ge(rho, least_));
+    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_)));
     open = add_to_merged(splat, normal, pixel, open, rho, depth, epsilon);
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
@@ -202,7 +216,7 @@ class Rasterizer {
   const std::size_t stride_;
   const int layers_;
   const V full_;
-  const V least_;
+  float least_ = 0;  ///< rho of the least contribution that merges.
   V late_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
