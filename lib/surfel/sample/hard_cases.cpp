@@ -145,9 +145,9 @@ void add_point(SurfelCloud& cloud, const Vec3d& position) {
 
 HardScene grazing(const Request& r) {
   HardScene scene;
-  const Sheet sheet{.side = 24, .seed = r.seed};
+  const Sheet sheet{.side = 40, .seed = r.seed};
   add_sheet(scene.cloud, sheet, checks(4 * sheet.spacing()));
-  scene.view = orbit(2.2, r.value);
+  scene.view = orbit(2.2, r.value, 10);
   return scene;
 }
 
