@@ -105,7 +105,9 @@ Place quantised(Effort effort) {
 }  // namespace
 
 std::vector<Measurement> group_places() {
-  return {{"Saturated", saturated}, {"Unreachable", unreachable}, {"Quantised", quantised}};
+  return {{"Saturated", one<saturated>},
+          {"Unreachable", one<unreachable>},
+          {"Quantised", one<quantised>}};
 }
 
 }  // namespace surfel::test

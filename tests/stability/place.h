@@ -34,11 +34,17 @@ struct Place {
   bool within_bound(const Row& row) const;
 };
 
-/// A way to measure one.
+/// A way to measure one or more.
 struct Measurement {
   std::string name;  ///< Of its test.
-  Place (*measure)(Effort);
+  std::vector<Place> (*measure)(Effort);
 };
+
+/// A function that measures one, as a Measurement has it.
+template <Place (*measure)(Effort)>
+std::vector<Place> one(Effort effort) {
+  return {measure(effort)};
+}
 
 /// All, in the order of docs/stability.md, by the file they are in.
 std::vector<Measurement> projection_places();

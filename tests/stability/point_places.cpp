@@ -96,7 +96,7 @@ Place bad_points(Effort effort) {
     const Camera camera = case_camera(scene.view, effort);
     const Image truth = draw(true_sphere(scene.cloud), camera);
     place.rows.push_back({name, sphere_error(estimate_as_published(scene.cloud), truth, camera),
-                          sphere_error(estimate_as_ours(scene.cloud), truth, camera), 0.1});
+                          sphere_error(estimate_as_ours(scene.cloud), truth, camera), 0.03});
   }
   return place;
 }
@@ -159,8 +159,7 @@ Place density_holes(Effort effort) {
       return static_cast<double>(holes) / (image.width * image.height);
     };
     place.rows.push_back({named("density", ratio), share(with_global_size(scene.cloud, 2)),
-                          share(estimate_surfels(scene.cloud, {})), 0});
-    if (effort == Effort::kTest) break;
+                          share(estimate_surfels(scene.cloud, {})), 0.002});
   }
   return place;
 }
@@ -183,7 +182,7 @@ Place density_overlap(Effort effort) {
       return cloud_statistics(cloud).coverage.value_or(Coverage{.overlap = 1e9}).overlap;
     };
     place.rows.push_back({named("density", ratio), overlap(estimate_surfels(scene.cloud, largest)),
-                          overlap(estimate_surfels(scene.cloud, {})), 4});
+                          overlap(estimate_surfels(scene.cloud, {})), 3});
   }
   return place;
 }
@@ -191,10 +190,10 @@ Place density_overlap(Effort effort) {
 }  // namespace
 
 std::vector<Measurement> point_places() {
-  return {{"BadPoints", bad_points},
-          {"FewPoints", few_points},
-          {"DensityHoles", density_holes},
-          {"DensityOverlap", density_overlap}};
+  return {{"BadPoints", one<bad_points>},
+          {"FewPoints", one<few_points>},
+          {"DensityHoles", one<density_holes>},
+          {"DensityOverlap", one<density_overlap>}};
 }
 
 }  // namespace surfel::test

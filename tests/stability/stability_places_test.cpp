@@ -13,17 +13,23 @@ namespace {
 class StabilityPlaces : public testing::TestWithParam<Measurement> {};
 
 TEST_P(StabilityPlaces, OursKeepsItsBoundAndIsNotWorse) {
-  const Place place = GetParam().measure(Effort::kTest);
-  EXPECT_FALSE(place.rows.empty());
-  for (const Row& row : place.rows) {
-    const testing::ScopedTrace trace(__FILE__, __LINE__, row.input + " " + row.note);
-    EXPECT_TRUE(place.within_bound(row)) << row.ours << ", bound " << row.bound;
-    EXPECT_FALSE(place.worse(row)) << row.ours << ", published " << row.published;
+  for (const Place& place : GetParam().measure(Effort::kTest)) {
+    EXPECT_FALSE(place.rows.empty()) << place.title;
+    for (const Row& row : place.rows) {
+      const testing::ScopedTrace trace(__FILE__, __LINE__,
+                                       place.title + ", " + row.input + " " + row.note);
+      EXPECT_TRUE(place.within_bound(row)) << row.ours << ", bound " << row.bound;
+      EXPECT_FALSE(place.worse(row)) << row.ours << ", published " << row.published;
+    }
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(All, StabilityPlaces, testing::ValuesIn(all_places()),
-                         [](const auto& info) { return info.param.name; });
+                         [](const auto& parameter) { return parameter.param.name; });
 
 }  // namespace
+
+/// For GoogleTest.
+void PrintTo(const Measurement& measurement, std::ostream* out) { *out << measurement.name; }
+
 }  // namespace surfel::test

@@ -116,9 +116,9 @@ Place condition(Effort effort) {
   place.why =
       "the fit is to what the renderer shows, truncated and normalised, and is held to "
       "view-independent EWA where the data say nothing";
-  for (const double width : {0.25, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4}) {
+  for (const double width : {0.15, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4}) {
     if (effort == Effort::kTest && width != 1) continue;
-    add_fit_row(place, named("condition", width), 10, effort);
+    add_fit_row(place, named("condition", width), width < 0.5 ? 17 : 20, effort);
   }
   return place;
 }
@@ -129,7 +129,7 @@ Place duplicates(Effort effort) {
   place.why =
       "duplicates share their coefficient; the normal matrix is definite whatever the "
       "surfels";
-  add_fit_row(place, "duplicates:2", 10, effort);
+  add_fit_row(place, "duplicates:2", 20, effort);
   return place;
 }
 
@@ -192,10 +192,10 @@ Place uv_degenerate(Effort) {
 }  // namespace
 
 std::vector<Measurement> texture_places() {
-  return {{"Condition", condition},
-          {"Duplicates", duplicates},
-          {"Seam", seam},
-          {"UvDegenerate", uv_degenerate}};
+  return {{"Condition", one<condition>},
+          {"Duplicates", one<duplicates>},
+          {"Seam", one<seam>},
+          {"UvDegenerate", one<uv_degenerate>}};
 }
 
 }  // namespace surfel::test

@@ -473,9 +473,9 @@ HardScene flicker(const Request& r) {
   options.count = 40000;
   options.seed = r.seed;
   scene.cloud = generate_surfels(procedural_scene("terrain", r.seed, "checker", r.value), options);
-  scene.view = look(Vec3d(0.1, 0.35, 1.3), Vec3d(0, 0, 0), 40, Vec3d(0, 1, 0));
-  scene.view.width = 160;
-  scene.view.height = 120;
+  scene.view = look(Vec3d(0.1, 1.3, 1.5), Vec3d(0, 0, 0), 40, Vec3d(0, 1, 0));
+  scene.view.width = 96;
+  scene.view.height = 72;
   return scene;
 }
 
