@@ -67,8 +67,7 @@ void add_flights(Place& change, Place& error, const HardScene& scene, double cut
   };
   for (std::size_t k = 1; k < filters.size(); ++k) {
     const std::string note = fmt::format("{}, `--cutoff {}`", filters[k].second, cutoff);
-    change.rows.push_back({"flicker:64", excess(flights[k]), excess(flights[0]),
-                           cutoff == 1 || !table ? 4.0 : 1.5, note});
+    change.rows.push_back({"flicker:64", excess(flights[k]), excess(flights[0]), 4, note});
     error.rows.push_back(
         {"flicker:64", flights[k].decibels / frames, flights[0].decibels / frames, 25, note});
   }

@@ -171,7 +171,7 @@ Place density_overlap(Effort effort) {
               .published = "SS01 section 5: h the largest distance, `--variance max-distance`",
               .ours = "`surfel-estimate`",
               .why =
-                  "the largest of 16 distances reaches across several cells, and far across the "
+                  "the largest of six distances reaches across several cells, and far across the "
                   "jump; every disc over a point costs time and blurs"};
   for (const double ratio : {4.0, 100.0}) {
     if (effort == Effort::kTest && ratio != 4) continue;

@@ -40,7 +40,7 @@ CameraOptions look(const Vec3d& eye, const Vec3d& target, double fov = 40,
 }
 
 /// The focal length of such a view, pixels.
-double focal(double fov = 40) { return kSize / 2 / std::tan(fov * kPi / 360); }
+double focal(double fov = 40) { return kSize / (2 * std::tan(fov * kPi / 360)); }
 
 /// From `distance` in front of the origin, `angle` degrees off the z axis.
 CameraOptions orbit(double distance, double angle, double fov = 40) {
@@ -55,6 +55,12 @@ void add(SurfelCloud& cloud, const Vec3d& position, const Vec3d& normal, double 
   cloud.variance.push_back(static_cast<float>(area));
   cloud.area.push_back(static_cast<float>(area));
   cloud.color.push_back(color);
+}
+
+Vec3f random_color(std::uint64_t seed, std::uint64_t index) {
+  return Vec3d(random_uniform(seed, index, 3), random_uniform(seed, index, 4),
+               random_uniform(seed, index, 5))
+      .cast<float>();
 }
 
 /// A square of jittered surfels, columns x rows of them, V = h^2 I.
@@ -416,15 +422,17 @@ HardScene saturated(const Request& r) {
   return scene;
 }
 
-/// A rolling surface whose depth crosses many steps.
+/// A rolling surface whose depth crosses many steps, its splats of colours of their own.
 HardScene quantised(const Request& r) {
   HardScene scene;
   const Sheet sheet{.side = 64, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, checks(4 * sheet.spacing()));
+  add_sheet(scene.cloud, sheet, plain(Vec3f(0, 0, 0)));
+  scene.cloud.group.assign(scene.cloud.size(), 0);
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
     Vec3f& p = scene.cloud.position[i];
     p.z() = 0.1F * std::sin(3 * p.x());
     scene.cloud.normal[i] = Vec3f(-0.3F * std::cos(3 * p.x()), 0, 1).normalized();
+    scene.cloud.color[i] = random_color(r.seed, i);
   }
   scene.view = orbit(2.2, r.value);
   return scene;
@@ -457,9 +465,7 @@ HardScene slivers(const Request& r) {
     scene.cloud.tangent.push_back(Vec3d(std::cos(angle), std::sin(angle), 0).cast<float>());
     scene.cloud.variance_u.push_back(static_cast<float>(variance * r.value));
     scene.cloud.variance_v.push_back(static_cast<float>(variance / r.value));
-    scene.cloud.color[i] = Vec3d(random_uniform(r.seed, i, 3), random_uniform(r.seed, i, 4),
-                                 random_uniform(r.seed, i, 5))
-                               .cast<float>();
+    scene.cloud.color[i] = random_color(r.seed, i);
   }
   scene.cloud.variance = {};
   scene.view = orbit(2.2, 75);
@@ -519,7 +525,7 @@ const std::vector<Maker>& makers() {
       {{"uv-degenerate", "plane for textures, some surfels mirrored or without area in uv"},
        uv_degenerate},
       {{"saturated", "one group of discs at random places"}, saturated},
-      {{"quantised", "rolling checkered surface seen at NUMBER degrees", 60, 0, 85}, quantised},
+      {{"quantised", "rolling surface of one group, seen at NUMBER degrees", 60, 0, 85}, quantised},
       {{"offset", "sphere at NUMBER times (1, -1, 1)", 1e7, 0, kMost}, offset},
       {{"scale", "sphere of radius NUMBER", 1e6, 1e-6, 1e6}, scale},
       {{"flicker", "terrain with NUMBER checks across", 64, 1, 512}, flicker},
