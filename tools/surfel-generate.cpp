@@ -12,6 +12,7 @@
 #include <surfel/io/mesh.h>
 #include <surfel/io/scene.h>
 #include <surfel/sample/generate.h>
+#include <surfel/sample/hard_cases.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/sample/procedural_sky.h>
 #include <tools/support/options.h>
@@ -26,6 +27,7 @@ constexpr std::size_t kPiece = std::size_t{2} << 20;
 
 struct Request {
   std::string kind;
+  std::string hard_case;
   std::string output;
   std::string image;
   GenerateOptions surfels;
@@ -48,8 +50,16 @@ void declare(tool::Tool& tool, Request& r) {
   app.add_option("kind", r.kind,
                  fmt::format("Surface ({}), image ({}) or lat-long environment map (sky)",
                              fmt::join(procedural_scene_names(), ", "),
-                             fmt::join(procedural_texture_names(), ", ")))
-      ->required();
+                             fmt::join(procedural_texture_names(), ", ")));
+  std::string cases;
+  for (const HardCase& info : hard_cases()) {
+    cases += fmt::format("\n  {}{}: {}", info.name,
+                         info.has_value() ? fmt::format("[:{:g}]", info.value) : "", info.what);
+  }
+  app.add_option("--case", r.hard_case,
+                 "Instead of a kind, a place where methods fail, NAME or NAME:NUMBER (in brackets: "
+                 "the number unless given)" +
+                     cases);
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD; - = standard output); the picture for an image kind");
   app.add_option("--count", r.surfels.count, "Surfels, exactly");
@@ -170,6 +180,39 @@ void generate_surface(tool::Tool& tool, const Request& r) {
   }
 }
 
+void generate_hard_case(tool::Tool& tool, const Request& r) {
+  const std::string what = "--case";
+  if (!r.kind.empty()) throw_usage("--case stands instead of a kind; give one of them");
+  refuse(tool, what,
+         {"--count", "--jitter", "--variance-scale", "--resolution", "--texture", "--frequency",
+          "--size"});
+  const HardScene scene = make_hard_case(r.hard_case, r.surfels.seed);
+  if (!scene.mesh) refuse(tool, what + " " + r.hard_case, {"--mesh"});
+  if (!scene.image) refuse(tool, what + " " + r.hard_case, {"--image"});
+  if (r.output.empty() && r.image.empty() && r.mesh.empty()) {
+    throw_usage("nothing to write; name a file with --output");
+  }
+  const bool no_clobber = tool.common().no_clobber;
+  if (!r.output.empty()) {
+    SurfelCloud cloud = scene.cloud;
+    cloud.provenance.push_back(tool.provenance());
+    write_cloud(cloud, r.output, {.no_clobber = no_clobber});
+    tool.report()["surfels"] = cloud.size();
+    tool.report()["view"] = view_options(scene.view);
+    tool.note(fmt::format("{}: {} surfels; see them with surfel-render {}", r.output, cloud.size(),
+                          view_options(scene.view)));
+  }
+  if (!r.mesh.empty()) {
+    TriangleMesh mesh = *scene.mesh;
+    if (!r.image.empty()) {
+      mesh.material.push_back({"surface", Vec3f(1, 1, 1), r.image});
+      mesh.face_material.assign(mesh.face.size(), 0);
+    }
+    write_mesh(mesh, r.mesh, {.no_clobber = no_clobber});
+  }
+  if (!r.image.empty()) write_picture(tool, *scene.image, r.image);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -180,7 +223,11 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     tool::require_valid(request.surfels.problems());
     request.size_given = tool.app().get_option("--size")->count() > 0;
-    if (request.kind == kSkyName) {
+    if (!request.hard_case.empty()) {
+      generate_hard_case(tool, request);
+    } else if (request.kind.empty()) {
+      throw_usage("nothing to make; name a surface, an image, or a --case");
+    } else if (request.kind == kSkyName) {
       generate_sky(tool, request);
     } else if (is_texture(request.kind)) {
       generate_picture(tool, request);

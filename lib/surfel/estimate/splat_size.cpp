@@ -22,6 +22,11 @@ constexpr std::size_t kSmallNeighborhood = 6;
 constexpr std::size_t kSpacingNeighbors = 4;
 /// Neighbourhoods are doubled up to this many times `neighbors` where a cell stays open.
 constexpr std::size_t kMostDoublings = 3;
+/// ... and up to this many times where they do not reach so many local spacings, as at a jump of
+/// density, where the denser side takes them all. (At a border of an even surface 128 of them reach
+/// 9 spacings.)
+constexpr std::size_t kMostDoublingsAtJumps = 6;
+constexpr double kJumpReach = 4;
 /// Where an open cell ends, in local spacings.
 /// (Chosen on real scans: where leaves, branches and occlusions interrupt the surface, 0.054 % of
 /// the pixels are seen through with 0.75, 0.044 % with this. At the border of a plane areas then
@@ -125,7 +130,11 @@ class Sizer {
       reach = std::sqrt(static_cast<double>(near.back().distance2));
       if (usable) cut = cut_cell(i, near, cut, frame, worker);
       settled = usable && !open_corner(reach, spacing(near, coincident), worker);
-      if (settled || doublings == kMostDoublings || k >= search_.size()) break;
+      const bool jump = reach < kJumpReach * spacing(near, coincident);
+      if (settled || k >= search_.size() ||
+          doublings >= (jump ? kMostDoublingsAtJumps : kMostDoublings)) {
+        break;
+      }
       k *= 2;
       find_more(i, k, static_cast<float>(reach), worker.more);
       near = worker.more;
