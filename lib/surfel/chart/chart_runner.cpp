@@ -77,7 +77,8 @@ ToolRun from_report(const Json& report) {
   const bool picture = report.contains("frames") && !report["frames"].empty();
   const Json& timed = picture ? report["frames"].front() : report;
   const std::string tool = report.at("tool");
-  for (const auto& [name, ms] : timed.value("stages", Json::object()).items()) {
+  const Json stages = timed.value("stages", Json::object());
+  for (const auto& [name, ms] : stages.items()) {
     run.stages.emplace_back(tool + " " + name, ms);
     run.ms += ms.get<double>();
   }
