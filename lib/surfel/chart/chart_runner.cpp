@@ -263,7 +263,7 @@ struct ChartRunner::Impl {
   void aim(const SurfelCloud& cloud);
   void write_path(const Camera& view, const Vec3d& target);
 
-  ToolRun run_tool(const Words& words, const std::string& output, int repeat);
+  ToolRun run_tool(const Words& words, const std::string& output, const std::string& occasion);
   ToolRun run_or_fail(const Words& words, const std::string& output);
   void prepare(const ToolChain& chain);
   std::string prepared(const ToolChain& chain) const;
@@ -453,9 +453,10 @@ void ChartRunner::Impl::step(const std::string& what) {
                    share);
 }
 
-/// Runs a tool, unless the journal has that run and what it made is there.
-ToolRun ChartRunner::Impl::run_tool(const Words& words, const std::string& output, int repeat) {
-  const std::string key = fmt::format("{} #{}", shell_command(words), repeat);
+/// Runs a tool, unless the journal has its run on that occasion and what it made is there.
+ToolRun ChartRunner::Impl::run_tool(const Words& words, const std::string& output,
+                                    const std::string& occasion) {
+  const std::string key = shell_command(words) + " # " + occasion;
   if (const std::string* known = journal->find(key)) {
     const ToolRun run = from_json(Json::parse(*known));
     if (run.exit_code != 0 || output.empty() || fs::exists(path(output))) return run;
@@ -479,7 +480,7 @@ ToolRun ChartRunner::Impl::run_tool(const Words& words, const std::string& outpu
 }
 
 ToolRun ChartRunner::Impl::run_or_fail(const Words& words, const std::string& output) {
-  const ToolRun run = run_tool(words, output, 0);
+  const ToolRun run = run_tool(words, output, "");
   if (run.exit_code == kWrongUsage) throw_usage(run.message);
   if (run.exit_code != 0) throw_input("", run.message);
   return run;
@@ -642,7 +643,10 @@ void ChartRunner::Impl::measure(const Sweep& sweep,
         const ChainCommand& command = all[i].commands[c];
         const bool repeated = command.stage == Stage::kRender || command.stage == sweep.timed;
         if (repeat > first_repeat && !repeated) continue;
-        const ToolRun run = run_tool(command.words, command.output, repeated ? repeat : 0);
+        // Times are compared within a sweep: its points take turns, also those that others share.
+        const ToolRun run =
+            run_tool(command.words, command.output,
+                     repeated ? fmt::format("{} {}", sweep.name, repeat) : std::string());
         if (run.exit_code != 0) {
           // The default must work; other settings need not for every input.
           if (point.standard) throw_input("", run.message);

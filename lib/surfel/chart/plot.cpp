@@ -16,13 +16,14 @@ namespace {
 constexpr double kWidth = 800;
 constexpr double kHeight = 480;
 // Of the area between the axes, in pixels from the top left.
-constexpr double kLeft = 70;
+constexpr double kLeft = 82;
 constexpr double kRight = 785;
 constexpr double kTop = 40;
 constexpr double kBottom = 425;
 constexpr double kGlyphWidth = 6.8;  ///< Of the labels' 12 px sans-serif, a generous mean.
 constexpr double kLineHeight = 14;
-constexpr double kMarker = 7;  ///< Half the side of what a marker takes.
+constexpr double kMarker = 7;     ///< Half the side of what a marker takes.
+constexpr double kLineReach = 2;  ///< Half the side of what a point of a line takes.
 /// From here on the slowest point is so much slower than the fastest that a linear axis would crowd
 /// the fast ones.
 constexpr double kLogarithmicFrom = 4;
@@ -108,6 +109,25 @@ std::string quoted(std::string text) {
   return "'" + text + "'";
 }
 
+/// Places along the line through the points on the front, which no label should hide.
+std::vector<LabelPlace> front_line(const Plot& plot, const std::vector<LabelPlace>& at) {
+  std::vector<LabelPlace> front;
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    if (plot.points[i].front) front.push_back(at[i]);
+  }
+  std::sort(front.begin(), front.end(), [](const auto& a, const auto& b) { return a.x < b.x; });
+  std::vector<LabelPlace> line;
+  for (std::size_t i = 1; i < front.size(); ++i) {
+    const double dx = front[i].x - front[i - 1].x;
+    const double dy = front[i].y - front[i - 1].y;
+    const double steps = std::ceil(std::hypot(dx, dy) / (2 * kLineReach));
+    for (double s = 0; s < steps; ++s) {
+      line.push_back({front[i - 1].x + dx * s / steps, front[i - 1].y + dy * s / steps});
+    }
+  }
+  return line;
+}
+
 std::string script(const Plot& plot) {
   const Axis x = time_axis(plot);
   const Axis y = psnr_axis(plot);
@@ -134,7 +154,8 @@ std::string script(const Plot& plot) {
                   kBottom - (kBottom - kTop) * y.place(p.psnr)});
     widths.push_back(kGlyphWidth * static_cast<double>(p.label.size()));
   }
-  const auto labels = place_labels(at, widths, kLeft + 2, kTop + 2, kRight, kBottom - 2);
+  const auto labels =
+      place_labels(at, widths, front_line(plot, at), kLeft + 2, kTop + 2, kRight, kBottom - 2);
   const auto screen = [](double px, double py) {
     return fmt::format("screen {:.5f},{:.5f}", px / kWidth, 1 - py / kHeight);
   };
@@ -176,9 +197,13 @@ std::string script(const Plot& plot) {
 }  // namespace
 
 std::vector<LabelPlace> place_labels(const std::vector<LabelPlace>& points,
-                                     const std::vector<double>& widths, double left, double top,
-                                     double right, double bottom) {
+                                     const std::vector<double>& widths,
+                                     const std::vector<LabelPlace>& obstacles, double left,
+                                     double top, double right, double bottom) {
   std::vector<Box> taken;
+  for (const LabelPlace& o : obstacles) {
+    taken.push_back({o.x - kLineReach, o.y - kLineReach, o.x + kLineReach, o.y + kLineReach});
+  }
   for (const LabelPlace& p : points) {
     taken.push_back({p.x - kMarker, p.y - kMarker, p.x + kMarker, p.y + kMarker});
   }

@@ -27,10 +27,13 @@ struct LabelPlace {
 };
 
 /// Where the labels of points go: beside their point, inside width x height less the margins, not
-/// over one another nor over points, as long as there is room. `widths` are the texts' in pixels.
+/// over one another, over points nor over `obstacles`, as long as there is room. `widths` are the
+/// texts' in pixels.
 SURFEL_API std::vector<LabelPlace> place_labels(const std::vector<LabelPlace>& points,
-                                                const std::vector<double>& widths, double left,
-                                                double top, double right, double bottom);
+                                                const std::vector<double>& widths,
+                                                const std::vector<LabelPlace>& obstacles,
+                                                double left, double top, double right,
+                                                double bottom);
 
 /// The plot as SVG of 800 x 480 pixels, drawn by gnuplot, which is started in `folder` and leaves
 /// files there. The time's axis is logarithmic where the times are far apart. Throws Error(kIo)

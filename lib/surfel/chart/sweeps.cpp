@@ -27,11 +27,13 @@ std::vector<SweepPoint> values_of(const std::string& option, const std::vector<V
   return points;
 }
 
-Sweep cutoff() {
+Sweep cutoff(const SweepContext& c) {
   return {
       .name = "cutoff",
       .title = "Cutoff c at which kernels end",
-      .about = "The reference's kernels end at c = 4, that truncation shows as an error.",
+      .about = c.outside_truth ? "Small cutoffs are fast, large ones smooth."
+                               : "The reference's kernels end at c = 4, so that what "
+                                 "truncation does shows as an error.",
       .standard = "1",
       .base = "",
       .truth = "surfel-render --cutoff 4",
@@ -300,7 +302,7 @@ Sweep threads(const SweepContext& c) {
 }  // namespace
 
 std::vector<Sweep> all_sweeps(const SweepContext& c) {
-  return {cutoff(),      layers(c), filter(),  kernel(), depth_epsilon(), sigma(c),  fit(c),
+  return {cutoff(c),     layers(c), filter(),  kernel(), depth_epsilon(), sigma(c),  fit(c),
           neighbours(c), groups(c), method(c), lod(c),   spacing(c),      threads(c)};
 }
 
