@@ -28,8 +28,11 @@ class SurfelChart : public testing::Test {
     run({tool("surfel-from-mesh"), mesh_, "--count", "200", "-o", surfels_, "--quiet"});
   }
   RunResult chart(const Words& options) const {
-    Words command{tool("surfel-chart"), "--quick", "--size",    "16x16", "--repeats", "1",
-                  "--frames",           "0",       "--samples", "1"};
+    Words command{tool("surfel-chart"), "--quick", "--size",    "16x16",
+                  "--repeats",          "1",       "--samples", "1"};
+    if (std::count(options.begin(), options.end(), "--frames") == 0) {
+      command.insert(command.end(), {"--frames", "0"});
+    }
     command.insert(command.end(), options.begin(), options.end());
     return run(command);
   }

@@ -649,6 +649,7 @@ void ChartRunner::Impl::measure(const Sweep& sweep,
                      repeated ? fmt::format("{} {}", sweep.name, repeat) : std::string());
         if (run.exit_code != 0) {
           // The default must work; other settings need not for every input.
+          if (point.standard && run.exit_code == kWrongUsage) throw_usage(run.message);
           if (point.standard) throw_input("", run.message);
           point.refused = run.message;
           continue;
