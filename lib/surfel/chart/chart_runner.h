@@ -73,9 +73,10 @@ struct ChartSweep {
   std::string time;   ///< What the time is that of.
   std::string truth;  ///< File of the truth's picture.
   std::vector<ChartPoint> points;
-  FrontDistance standard;     ///< Of the default.
-  std::string verdict;        ///< How the default stands to the front, a sentence.
-  bool standard_off = false;  ///< It is off by more than 20 %, and by more than the times spread.
+  FrontDistance standard;  ///< Of the default.
+  std::string verdict;     ///< How the default stands to the front, a sentence.
+  bool standard_off =
+      false;  ///< It is off by more than 20 %; in time, by more than it spreads, too.
 };
 
 struct ChartReport {

@@ -22,7 +22,7 @@ constexpr double kTop = 40;
 constexpr double kBottom = 425;
 constexpr double kGlyphWidth = 6.8;  ///< Of the labels' 12 px sans-serif, a generous mean.
 constexpr double kLineHeight = 14;
-constexpr double kMarker = 7;     ///< Half the side of what a marker takes.
+constexpr double kMarker = 9;     ///< Half the side of what a marker takes.
 constexpr double kLineReach = 2;  ///< Half the side of what a point of a line takes.
 /// From here on the slowest point is so much slower than the fastest that a linear axis would crowd
 /// the fast ones.
