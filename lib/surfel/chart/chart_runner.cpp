@@ -202,7 +202,8 @@ void judge(ChartSweep& sweep) {
   const ChartPoint& sharper = *measured[sweep.standard.sharper];
   const double most = 1 + kFrontTolerance;
   // Times vary from run to run: a difference counts where they do not overlap.
-  const bool slow = sweep.standard.time > most && own.time.least > faster.time.most;
+  const bool slow = sweep.standard.time > most && own.time.least > faster.time.most &&
+                    own.time.least > most * faster.time.least;
   // Errors do not vary; the medians of the times decide.
   const bool coarse = sweep.standard.error > most;
   sweep.standard_off = slow || coarse;
