@@ -58,7 +58,9 @@ Axis time_axis(const Plot& plot) {
     axis.low = least->time_ms / margin;
     axis.high = most->time_ms * margin;
   } else {
-    axis.high = most->time_ms * 1.12;
+    const double margin = std::max(0.15 * (most->time_ms - least->time_ms), 0.06 * most->time_ms);
+    axis.low = std::max(0.0, least->time_ms - margin);
+    axis.high = most->time_ms + margin;
   }
   return axis;
 }
