@@ -1,7 +1,10 @@
 // surfel-chart, and that the tools take the settings of its sweeps.
 
+#include <set>
+
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <surfel/chart/sweeps.h>
 
 #include "support/run_tool.h"
 
@@ -68,16 +71,51 @@ TEST_F(SurfelChart, WritesAReportWhoseCommandsRepeatItsPoints) {
                           [](const std::string& name) { return name.starts_with("picture-"); }));
 }
 
-TEST_F(SurfelChart, EveryQuickSettingIsTakenByTheTools) {
+TEST(ChartSettings, AreOptionsOfTheTools) {
+  std::set<Words> commands;
+  for (const bool transparent : {false, true}) {
+    const SweepContext context{.mesh = true,
+                               .texture = true,
+                               .outside_truth = true,
+                               .transparent = transparent,
+                               .surfels = 5000,
+                               .cutoff = 1,
+                               .cores = 4};
+    std::vector<Sweep> sweeps = all_sweeps(context);
+    sweeps.emplace_back().points = recommendation_candidates(context);
+    for (const Sweep& sweep : sweeps) {
+      for (const SweepPoint& point : sweep.points) {
+        ToolChain chain;
+        chain.apply(sweep.base);
+        chain.apply(point.changes);
+        for (std::size_t i = 0; i < kStageCount; ++i) {
+          const auto stage = static_cast<Stage>(i);
+          for (const ToolOption& option : chain.options(stage)) {
+            Words command{tool(tool_name(stage))};
+            for (const std::string& word : words_of({option})) command.push_back(word);
+            command.emplace_back("--print-config");
+            commands.insert(command);
+          }
+        }
+      }
+    }
+  }
+  EXPECT_GT(commands.size(), 50U);
+  for (const Words& command : commands) {
+    EXPECT_EQ(run(command).exit_code, 0) << command[0] << " " << command[1];
+  }
+}
+
+TEST_F(SurfelChart, SettingsGoTogether) {
   const RunResult result =
-      chart({mesh_, "--image", "checker", "--count", "60", "--sweep",
-             "filter,kernel,depth-epsilon,sigma,fit,neighbours,groups,method", "-o", out_});
+      chart({mesh_, "--image", "checker", "--count", "60", "--sweep", "fit,method", "-o", out_});
   ASSERT_EQ(result.exit_code, 0) << result.errors;
   const auto sweeps = report()["sweeps"];
-  EXPECT_EQ(sweeps.size(), 8U);
+  EXPECT_EQ(sweeps.size(), 2U);
   for (const auto& sweep : sweeps) {
-    for (const auto& point : sweep["points"])
+    for (const auto& point : sweep["points"]) {
       EXPECT_FALSE(point.contains("refused")) << point.dump();
+    }
   }
 }
 
