@@ -68,6 +68,11 @@ const std::vector<Usage>& usages() {
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},
+      {"surfel-chart",
+       {"--recommend", "--max-error", "1", "--quick", "--size", "8x8", "--repeats", "1",
+        "--samples", "1", "--count", "100"},
+       "any",
+       ""},
   };
   return all;
 }

@@ -11,6 +11,8 @@ surfel_packages=(
   libceres-dev libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev
   libembree-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
   nlohmann-json3-dev
+  # surfel-chart draws its plots with it.
+  gnuplot-nox
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
 )

@@ -1,36 +1,44 @@
 #include <fstream>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include <surfel/base/memory.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 namespace surfel {
+namespace {
 
-std::uint64_t peak_memory_bytes() noexcept {
-  rusage usage{};
-  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
-}
-
-std::uint64_t available_memory_bytes() noexcept {
+/// Bytes of a line "key  number kB" of a file that the kernel makes; none if it has no such line.
+std::optional<std::uint64_t> kernel_bytes(const char* file, const std::string& wanted) noexcept {
   try {
-    std::ifstream meminfo("/proc/meminfo");
+    std::ifstream lines(file);
     std::string key;
     std::string rest;
-    while (meminfo >> key) {
-      if (key == "MemAvailable:") {
+    while (lines >> key) {
+      if (key == wanted) {
         std::uint64_t kib = 0;
-        meminfo >> kib;
+        lines >> kib;
         return kib * 1024;
       }
-      std::getline(meminfo, rest);
+      std::getline(lines, rest);
     }
   } catch (...) {  // Unreadable or out of memory: as where the system does not tell.
   }
-  return std::numeric_limits<std::uint64_t>::max();
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::uint64_t peak_memory_bytes() noexcept {
+  // Not getrusage(): its maximum is taken over from the program that started this one.
+  return kernel_bytes("/proc/self/status", "VmHWM:").value_or(0);
+}
+
+std::uint64_t available_memory_bytes() noexcept {
+  return kernel_bytes("/proc/meminfo", "MemAvailable:")
+      .value_or(std::numeric_limits<std::uint64_t>::max());
 }
 
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
