@@ -10,6 +10,7 @@
 #include <surfel/chart/chart_runner.h>
 #include <surfel/chart/plot.h>
 #include <surfel/chart/process.h>
+#include <surfel/chart/sweeps.h>
 
 #include "tools/support/options.h"
 #include "tools/support/tool.h"
@@ -141,11 +142,28 @@ class WorkFolder {
     std::error_code error;
     if (temporary_ && !mkdtemp(pattern.data())) surfel::throw_io(pattern, "cannot be made");
     if (temporary_) path_ = pattern;
+    resumed_ = fs::exists(path_, error);
+    made_outer_ = !temporary_ && !fs::exists(output, error);
     if (!temporary_) fs::create_directories(path_, error);
     if (error) surfel::throw_io(output, "cannot be made a folder: " + error.message());
   }
   ~WorkFolder() {
     if (temporary_) remove();
+  }
+  /// Runs something that works in the folder. What wrong usage ends before it begins leaves
+  /// nothing.
+  template <class Function>
+  auto run(const Function& function) const {
+    try {
+      return function();
+    } catch (const surfel::Error& error) {
+      if (error.kind() == surfel::ErrorKind::kUsage && !resumed_) {
+        remove();
+        std::error_code ignored;
+        if (made_outer_) fs::remove(fs::path(path_).parent_path(), ignored);
+      }
+      throw;
+    }
   }
   WorkFolder(const WorkFolder&) = delete;
   WorkFolder& operator=(const WorkFolder&) = delete;
@@ -157,6 +175,8 @@ class WorkFolder {
 
  private:
   bool temporary_;
+  bool resumed_ = false;  ///< The folder of an earlier run, which may go on.
+  bool made_outer_ = false;
   std::string path_;
 };
 
@@ -168,10 +188,11 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
       surfel::throw_io(path.string(), "exists already and --no-clobber is set");
     }
   }
+  surfel::require_known_sweeps(s.chart.sweeps);
   const WorkFolder work(s.output);
   surfel::ChartOptions options = s.chart;
   options.folder = work.path();
-  const surfel::ChartReport report = surfel::ChartRunner(options).run();
+  const surfel::ChartReport report = work.run([&] { return surfel::ChartRunner(options).run(); });
   surfel::write_report(report, command, work.path(), s.output, tool.common().no_clobber);
   work.remove();
   tool.report()["chart"] = surfel::report_json(report);
@@ -187,7 +208,8 @@ void recommend(Tool& tool, const Settings& s) {
   surfel::ChartOptions options = s.chart;
   options.folder = work.path();
   options.frames = 0;
-  const surfel::Recommendation found = surfel::ChartRunner(options).recommend(s.goal);
+  const surfel::Recommendation found =
+      work.run([&] { return surfel::ChartRunner(options).recommend(s.goal); });
   const surfel::ChartPoint& p = found.point;
   surfel::tool::print(fmt::format("{}\n", fmt::join(p.commands, " && ")));
   tool.report()["recommend"] = {

@@ -146,7 +146,7 @@ TEST_F(SurfelChart, RefusesWhatMakesNoSense) {
     const RunResult result = chart(options);
     EXPECT_EQ(result.exit_code, 2) << result.errors;
     EXPECT_TRUE(contains(result.errors, message)) << result.errors;
-    EXPECT_FALSE(std::filesystem::exists(out_ + "/report.html"));
+    EXPECT_FALSE(std::filesystem::exists(out_));
   };
   refused({surfels_}, "-o");
   refused({surfels_, "-o", out_, "--sweep", "colour"}, "cutoff, layers");

@@ -306,17 +306,23 @@ std::vector<Sweep> all_sweeps(const SweepContext& c) {
           neighbours(c), groups(c), method(c), lod(c),   spacing(c),      threads(c)};
 }
 
+void require_known_sweeps(const std::vector<std::string>& names) {
+  std::vector<std::string> known;
+  for (const Sweep& sweep : all_sweeps({})) known.push_back(sweep.name);
+  for (const std::string& name : names) {
+    if (std::find(known.begin(), known.end(), name) == known.end()) {
+      throw_usage(fmt::format("--sweep: '{}' is not one of {}", name, fmt::join(known, ", ")));
+    }
+  }
+}
+
 std::vector<Sweep> choose_sweeps(const std::vector<std::string>& names,
                                  const SweepContext& context) {
+  require_known_sweeps(names);
   std::vector<Sweep> all = all_sweeps(context);
-  std::string known;
-  for (const Sweep& sweep : all) known += (known.empty() ? "" : ", ") + sweep.name;
   for (const std::string& name : names) {
     const auto found = std::find_if(all.begin(), all.end(),
                                     [&](const Sweep& sweep) { return sweep.name == name; });
-    if (found == all.end()) {
-      throw_usage(fmt::format("--sweep: '{}' is not one of {}", name, known));
-    }
     if (!found->needs.empty()) {
       throw_usage(fmt::format("--sweep {} needs {}", name, found->needs));
     }

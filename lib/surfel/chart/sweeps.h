@@ -43,9 +43,12 @@ struct Sweep {
 /// All sweeps, in the order of the report.
 SURFEL_API std::vector<Sweep> all_sweeps(const SweepContext& context);
 
+/// Throws Error(kUsage) for a name that is not known; the message lists the known ones.
+SURFEL_API void require_known_sweeps(const std::vector<std::string>& names);
+
 /// The sweeps of these names, in the order of all_sweeps(); of no names, all that make sense.
-/// Throws Error(kUsage) for a name that is not known (the message lists the known ones) and for a
-/// sweep that makes no sense (it says what that needs).
+/// Throws Error(kUsage) as require_known_sweeps() does, and for a sweep that makes no sense (the
+/// message says what that needs).
 SURFEL_API std::vector<Sweep> choose_sweeps(const std::vector<std::string>& names,
                                             const SweepContext& context);
 
