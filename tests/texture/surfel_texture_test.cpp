@@ -212,8 +212,13 @@ TEST_F(SurfelTexture, NeedsLittleMemoryForALargeImage) {
     EXPECT_EQ(result.exit_code, 0) << result.errors;
     return nlohmann::json::parse(read_text(stats))["peak_memory_bytes"].get<double>();
   };
+#ifdef __SANITIZE_ADDRESS__
+  const double most = 128e6;  // What is freed is kept for a while.
+#else
+  const double most = 64e6;
+#endif
   const double base = peak(image_);
-  EXPECT_LT(peak(large) - base, 64e6);
+  EXPECT_LT(peak(large) - base, most);
 }
 
 TEST_F(SurfelTexture, RefusesImagesThatAreCutOrTooLarge) {
