@@ -69,21 +69,8 @@ void declare_options(CLI::App& app, Settings& s) {
       ->capture_default_str();
 
   app.option_defaults()->group("Camera");
-  add_vector(app, "--eye", c.camera.eye, "Eye, world coordinates; default: everything is seen");
-  add_vector(app, "--from", c.camera.from,
-             "Instead of --eye: direction from the target to the eye");
-  add_vector(app, "--target", c.camera.target, "Point looked at; default: the scene's centre");
-  add_vector(app, "--up", c.camera.up, "Direction that is up in the picture");
-  app.add_option("--fov", c.camera.fov, "Vertical field of view, degrees, in (0, 180)")
-      ->capture_default_str();
-  app.add_option("--ortho", c.camera.ortho,
-                 "Orthographic projection of this visible height, scene units, > 0");
   c.camera.width = c.camera.height = 400;
-  add_size(app, "--size", c.camera.width, c.camera.height, "Size of the pictures, pixels");
-  app.add_option("--zoom", c.camera.zoom, "Enlarges the picture about its centre, once framed, > 0")
-      ->capture_default_str();
-  app.add_flag("--frame-all", c.camera.frame_all,
-               "Move the eye along its line of sight until the whole scene is just seen");
+  add_view(app, c.camera);
 
   app.option_defaults()->group("Recommendation");
   app.add_flag("--recommend", s.recommend,

@@ -69,22 +69,9 @@ void declare_options(CLI::App& app, Settings& s) {
       ->required();
 
   app.option_defaults()->group("Camera");
-  add_vector(app, "--eye", s.camera.eye, "Eye, world coordinates; default: everything is seen");
-  add_vector(app, "--from", s.camera.from,
-             "Instead of --eye: direction from the target to the eye");
-  add_vector(app, "--target", s.camera.target, "Point looked at; default: the scene's centre");
-  add_vector(app, "--up", s.camera.up, "Direction that is up in the picture");
-  app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)")
-      ->capture_default_str();
-  app.add_option("--ortho", s.camera.ortho,
-                 "Orthographic projection of this visible height, scene units, > 0");
-  add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
+  add_view(app, s.camera);
   app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0")
       ->capture_default_str();
-  app.add_option("--zoom", s.camera.zoom, "Enlarges the picture about its centre, once framed, > 0")
-      ->capture_default_str();
-  app.add_flag("--frame-all", s.camera.frame_all,
-               "Move the eye along its line of sight until the whole scene is just seen");
   app.add_option(
       "--camera", s.camera_file,
       "Camera file (TOML); its keys win over the options above; [[camera]] = one view each");
@@ -142,7 +129,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Fragments per pixel of --method abuffer and deferred, 1..64")
       ->capture_default_str();
   app.add_option("--depth-epsilon", s.render.depth_epsilon,
-                 "Surfaces within this many footprints in depth are one, > 0")
+                 "Surfaces within this many footprints (to beta = 1) in depth are one, > 0")
       ->capture_default_str();
   app.add_option("--coverage-threshold", s.render.coverage_threshold,
                  "Sum of kernels that covers a pixel, > 0; default: by the cutoff");

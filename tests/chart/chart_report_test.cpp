@@ -63,7 +63,7 @@ class SmallReport : public testing::Test {
 };
 
 TEST_F(SmallReport, PageIsWholeAndEscaped) {
-  if (find_program("gnuplot").empty()) GTEST_SKIP() << "no gnuplot";
+  SURFEL_REQUIRE_PROGRAM("gnuplot");
   const std::string html = report_html(report_, "surfel-chart '<in>'", folder_ / "");
   for (const char* part :
        {"&lt;b&gt;&quot;a&quot; &amp; &#39;c&#39;.ply", "c &lt; 1, &quot;quoted&quot;",
@@ -103,7 +103,7 @@ TEST_F(SmallReport, CsvHasARowForEveryPoint) {
 }
 
 TEST_F(SmallReport, IsWrittenWholeOrNotAtAll) {
-  if (find_program("gnuplot").empty()) GTEST_SKIP() << "no gnuplot";
+  SURFEL_REQUIRE_PROGRAM("gnuplot");
   std::filesystem::create_directory(folder_ / "out");
   report_.sweeps[0].truth = folder_ / "none.png";
   EXPECT_ANY_THROW(write_report(report_, "", folder_ / "", folder_ / "out", false));

@@ -55,7 +55,7 @@ TEST(PlaceLabels, PutsALoneOneBesideItsPoint) {
 }
 
 TEST(PlotSvg, HoldsLabelsAxesAndUnits) {
-  if (find_program("gnuplot").empty()) GTEST_SKIP() << "no gnuplot";
+  SURFEL_REQUIRE_PROGRAM("gnuplot");
   const test::TemporaryFolder folder;
   const Plot plot{"time of the picture",
                   {{"it's <1> & \"two\"", 3, 31.5, true, false},
@@ -70,7 +70,7 @@ TEST(PlotSvg, HoldsLabelsAxesAndUnits) {
 }
 
 TEST(PlotSvg, IsLinearWhereTimesAreNear) {
-  if (find_program("gnuplot").empty()) GTEST_SKIP() << "no gnuplot";
+  SURFEL_REQUIRE_PROGRAM("gnuplot");
   const test::TemporaryFolder folder;
   const std::string svg = plot_svg({"time", {{"one", 3, 31.5, true, true}}}, folder / "");
   EXPECT_EQ(svg.find("logarithmic"), std::string::npos);

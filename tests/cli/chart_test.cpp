@@ -4,9 +4,11 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <surfel/chart/process.h>
 #include <surfel/chart/sweeps.h>
 
 #include "support/run_tool.h"
+#include "support/test_data.h"
 
 namespace surfel::test {
 namespace {
@@ -20,8 +22,7 @@ bool contains(const std::string& text, const std::string& part) {
 class SurfelChart : public testing::Test {
  protected:
   void SetUp() override {
-    // Reports are drawn by gnuplot, which is not always there.
-    if (run({"sh", "-c", "command -v gnuplot"}).exit_code != 0) GTEST_SKIP() << "no gnuplot";
+    SURFEL_REQUIRE_PROGRAM("gnuplot");  // Draws the reports.
   }
   /// A small textured square, and surfels of it, in a folder whose name needs quotes.
   SurfelChart() {

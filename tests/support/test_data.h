@@ -36,12 +36,20 @@ class TemporaryFolder {
 
 }  // namespace surfel::test
 
-/// At the start of a test that needs the real data: fails in CI where it is missing, skips
+/// At the start of a test that needs something from outside: fails in CI where it is missing, skips
 /// elsewhere.
-#define SURFEL_REQUIRE_TEST_DATA()                                                   \
-  do {                                                                               \
-    if (!std::filesystem::is_directory(surfel::test::data_folder())) {               \
-      if (std::getenv("CI")) FAIL() << "no data at " << surfel::test::data_folder(); \
-      GTEST_SKIP() << "no data at " << surfel::test::data_folder();                  \
-    }                                                                                \
+#define SURFEL_REQUIRE(condition, missing)        \
+  do {                                            \
+    if (!(condition)) {                           \
+      if (std::getenv("CI")) FAIL() << (missing); \
+      GTEST_SKIP() << (missing);                  \
+    }                                             \
   } while (false)
+
+/// The real data.
+#define SURFEL_REQUIRE_TEST_DATA()                                           \
+  SURFEL_REQUIRE(std::filesystem::is_directory(surfel::test::data_folder()), \
+                 "no data at " + surfel::test::data_folder().string())
+
+/// A program on the search path.
+#define SURFEL_REQUIRE_PROGRAM(name) SURFEL_REQUIRE(!surfel::find_program(name).empty(), "no " name)

@@ -96,4 +96,20 @@ CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& 
                   });
 }
 
+void add_view(CLI::App& app, CameraOptions& camera) {
+  add_vector(app, "--eye", camera.eye, "Eye, world coordinates; default: everything is seen");
+  add_vector(app, "--from", camera.from, "Instead of --eye: direction from the target to the eye");
+  add_vector(app, "--target", camera.target, "Point looked at; default: the scene's centre");
+  add_vector(app, "--up", camera.up, "Direction that is up in the picture");
+  app.add_option("--fov", camera.fov, "Vertical field of view, degrees, in (0, 180)")
+      ->capture_default_str();
+  app.add_option("--ortho", camera.ortho,
+                 "Orthographic projection of this visible height, scene units, > 0");
+  add_size(app, "--size", camera.width, camera.height, "Size of the picture, pixels");
+  app.add_option("--zoom", camera.zoom, "Enlarges the picture about its centre, once framed, > 0")
+      ->capture_default_str();
+  app.add_flag("--frame-all", camera.frame_all,
+               "Move the eye along its line of sight until the whole scene is just seen");
+}
+
 }  // namespace surfel::tool

@@ -9,6 +9,7 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <surfel/io/camera.h>
 
 namespace surfel::tool {
 
@@ -62,6 +63,10 @@ CLI::Option* add_vector(CLI::App& app, const std::string& names,
 /// Option for a picture's size, "WxH".
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
                       const std::string& description);
+
+/// The options that place a camera: --eye, --from, --target, --up, --fov, --ortho, --size, --zoom,
+/// --frame-all. What `camera` holds are the defaults.
+void add_view(CLI::App& app, CameraOptions& camera);
 
 /// Option for one of a set of named values; the error quotes the text and the set.
 template <class T>

@@ -71,7 +71,7 @@ class RayCaster {
         disc.area * std::exp(-beta) / (2 * std::numbers::pi * disc.deviation_u * disc.deviation_v);
     if (!(weight > 0)) return std::nullopt;
     const double reach = std::sqrt(2 * options_.cutoff) * disc.max_deviation();
-    return RayHit{z, weight, options_.depth_epsilon * reach, disc.surfel, front};
+    return RayHit{z, weight, options_.epsilon_share() * reach, disc.surfel, front};
   }
 
   const RenderCloud& cloud_;

@@ -30,7 +30,7 @@ struct ReferenceOptions {
 /// A ray meets the plane of every surfel exactly, at plane coordinates u and depth z > near. The
 /// surfel contributes r(u) = area G_V(u) where beta = 1/2 u^T V^-1 u < cutoff; planes that the ray
 /// is parallel to are not met. All contributions are sorted by depth and separated into surfaces: a
-/// side of the surface each, hits nearer to its mean depth than depth_epsilon times their disc's
+/// side of the surface each, hits nearer to its mean depth than epsilon_share() times their disc's
 /// radius sqrt(2 cutoff max V). Surfaces are normalised by the sum of r (9), shaded with their mean
 /// normal, weighed by their coverage min(1, sum of r / tau) (section 7) and composited (12). Then
 /// supersample() filters the rays of a picture with a Gaussian of standard deviation `lowpass`.

@@ -250,7 +250,7 @@ LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
   if (!camera.orthographic) nearest = std::max(nearest, camera.near);
   if (!(farthest > nearest)) return rule;
   const double z = camera.orthographic ? 1 : (nearest + farthest) / 2;
-  const double epsilon = options.depth_epsilon * std::sqrt(2 * options.cutoff) *
+  const double epsilon = options.epsilon_share() * std::sqrt(2 * options.cutoff) *
                          (cloud.mean_deviation() + lowpass_of(options) * z / camera.focal_y);
   const double n = std::clamp(std::ceil((farthest - nearest) / epsilon), 1.0, kMostSteps);
   rule.nearest = static_cast<float>(nearest);

@@ -3,7 +3,9 @@
 // Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), and Zhang,
 // Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -69,8 +71,10 @@ struct RenderOptions {
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
   int layers = 3;      ///< l: fragments per pixel of kABuffer and kDeferred, 1..64.
-  double depth_epsilon =
-      1;  ///< Contributions join a surface within this many footprints of it, > 0.
+  /// Contributions join a surface within this many footprints of it, > 0. A footprint ends at
+  /// beta = 1, or at the cutoff if that is less: what the tails of larger cutoffs reach over would
+  /// mix sheets that are far apart (20 dB of a transparent scene's at c = 4).
+  double depth_epsilon = 1;
   std::optional<double> coverage_threshold;  ///< tau, > 0; unset: coverage_threshold(cutoff).
   bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.
   bool lit = true;         ///< Shade with the scene; else show the filtered texture itself.
@@ -83,6 +87,8 @@ struct RenderOptions {
   /// low-pass filter's deviation, so that neighbours are one deviation apart.
   std::optional<double> lod_error;
   static constexpr double kLodError = 1.4;
+  /// depth_epsilon in footprints that end at the cutoff.
+  double epsilon_share() const { return depth_epsilon / std::sqrt(std::max(1.0, cutoff)); }
   /// lod_error with its default filled in, pixels.
   double lod_pixels() const { return lod_error.value_or(kLodError * lowpass); }
   bool aovs = false;  ///< Also make Z, Z.first, N.X, N.Y, N.Z and weight; not where layers are

@@ -70,7 +70,7 @@ class SourceKernels {
     const double reach = footprint(disc, center_z);
     const double z = std::clamp(t, center_z - reach, center_z + reach);
     if (!(z > camera_.near)) return std::nullopt;
-    return RayHit{z, rho, options_.depth_epsilon * reach, disc.surfel, front};
+    return RayHit{z, rho, options_.epsilon_share() * reach, disc.surfel, front};
   }
 
  private:

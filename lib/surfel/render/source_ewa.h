@@ -36,8 +36,8 @@ namespace surfel {
 /// reaches the ball around its disc: the hits are at most about twice as deep as the disc.
 ///
 /// Surfaces are separated by depth, normalised, shaded and composited as by ReferenceRenderer, but
-/// with the depth clamped to the surfel's centre +- reach, and epsilon = depth_epsilon reach, where
-/// reach is the radius of disc and pixel filter together on the plane: grazing planes run to
+/// with the depth clamped to the surfel's centre +- reach, and epsilon = epsilon_share() reach,
+/// where reach is the radius of disc and pixel filter together on the plane: grazing planes run to
 /// infinity. Of the RenderOptions the same ones apply.
 class SURFEL_API SourceEwaRenderer {
  public:

@@ -484,7 +484,7 @@ TileJob SplatLists::job(int x, int y, int worker) {
           .box_y = y * kTileSize,
           .cutoff = view_.cutoff,
           .lowpass2 = view_.lowpass2,
-          .depth_epsilon = static_cast<float>(options_.depth_epsilon),
+          .depth_epsilon = static_cast<float>(options_.epsilon_share()),
           .opaque = lists_.opaque};
 }
 
