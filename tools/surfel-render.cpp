@@ -46,6 +46,7 @@ struct Settings {
   surfel::CameraOptions camera;
   surfel::RenderOptions render;
   int turntable = 0;
+  bool explain = false;
   Shading shading = Shading::kPhong;
   Cull cull = Cull::kNone;
   Filter filter = Filter::kEwa;
@@ -185,6 +186,8 @@ void declare_options(CLI::App& app, Settings& s) {
              "= as the file says");
   add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
   app.option_defaults()->group("Options");
+  app.add_flag("--explain", s.explain,
+               "Say what was chosen for the (first) picture where there was a choice, and why");
   add_text(app, "--memory", "BYTES", "auto",
            "Memory for surfels and what a picture makes of them, such as 512M or 2G; a binary PLY "
            "file that needs more, in space-filling order or nearly, is read piece by piece, for "
@@ -250,11 +253,11 @@ void require_effect(const CLI::App& app, const Settings& s) {
   };
   if (s.reference) {
     refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--method",
-                           "--voronoi", "--peel"});
+                           "--voronoi", "--peel", "--explain"});
   }
   if (s.filter == Filter::kEwaSource) {
-    refuse("--filter ewa-source",
-           {"--kernel", "--kernel-tolerance", "--layers", "--method", "--voronoi", "--peel"});
+    refuse("--filter ewa-source", {"--kernel", "--kernel-tolerance", "--layers", "--method",
+                                   "--voronoi", "--peel", "--explain"});
   }
   switch (s.render.method) {
     case surfel::Method::kABuffer:
@@ -276,7 +279,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   if (!s.mesh.empty()) {
     refuse("--mesh",
            {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff", "--depth-epsilon",
-            "--coverage-threshold", "--method", "--voronoi", "--peel"});
+            "--coverage-threshold", "--method", "--voronoi", "--peel", "--explain"});
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
@@ -483,6 +486,51 @@ void warn(const surfel::tool::Tool& tool, const Settings& s, std::size_t picture
                   picture, frame.unpeeled_pixels, s.render.peel));
 }
 
+/// What was chosen for a picture, and why.
+void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::LoadedCloud& loaded,
+             const surfel::Camera& camera, const surfel::FrameStatistics& frame) {
+  const surfel::RenderCloud& cloud = loaded.surfels();
+  const surfel::RenderOptions& o = s.render;
+  const auto say = [&](const std::string& what, const std::string& choice) {
+    tool.note(fmt::format("{}: {}", what, choice));
+  };
+  say("memory", loaded.stream() ? "read piece by piece: the surfels are more than --memory"
+                                : "all surfels are kept");
+  if (cloud.tree().empty()) {
+    say("level of detail",
+        !loaded.has_levels()
+            ? fmt::format("none in the file; {} surfels drawn on {}x{} pixels (surfel-lod pays "
+                          "where they are many times the pixels)",
+                          frame.splats, camera.width, camera.height)
+            : "off: the finest level alone");
+  } else {
+    say("level of detail",
+        fmt::format("{} surfels drawn of {}: one may stand for {:g} pixels (--lod-error)",
+                    frame.splats, cloud.size() - cloud.first_finest(), o.lod_pixels()));
+  }
+  if (o.kernel == surfel::Kernel::kAuto && o.filter != surfel::Filter::kCircular) {
+    say("kernel", fmt::format("exact for {} of {} surfels, whose affine kernels may be off by more "
+                              "than {:g} pixels (--kernel-tolerance); affine for the others",
+                              frame.exact_splats, frame.splats, o.kernel_tolerance));
+  }
+  say("shape", cloud.anisotropic() ? "ellipses: some surfels have two variances"
+                                   : "discs: no surfel has two variances");
+  say("opacity",
+      cloud.transparent() ? "blended: some surfels have alpha below 1" : "all surfels are opaque");
+  say("normals", o.lit    ? "kept, to shade with"
+                 : o.aovs ? "kept, for the picture's channels"
+                          : "left out: nothing is shaded");
+  if (cloud.groups() > 0 && surfel::columns_of(o.method).groups) {
+    say("groups", fmt::format("{} in the file", cloud.groups()));
+  }
+  if (o.method != surfel::Method::kABuffer) return;
+  say("layers",
+      fmt::format(
+          "{} (--layers): {} times two surfaces were merged for want of one, after which "
+          "{:.1e} of the kernels came too late for theirs; up to 0.1 costs less than 0.1 dB",
+          o.layers, frame.merged, frame.late_weight_share));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -529,6 +577,9 @@ int main(int argc, char** argv) {
       };
       surfel::Image image = steps[step](views[view], frame, progress);
       warn(tool, s, view, frame);
+      if (s.explain && view == 0 && step + 1 == steps.size()) {
+        explain(tool, s, *loaded, views[view], frame);
+      }
       frames[i] = to_json(frame);
       // Only the first step must find no file: the others find its.
       queue.write(std::move(image), is_pattern(s.output) ? picture_name(s.output, view) : s.output,

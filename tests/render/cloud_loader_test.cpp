@@ -189,6 +189,23 @@ TEST(LoadedCloud, ReadsWhatIsNotDecodedDirectly) {
   EXPECT_FLOAT_EQ(LoadedCloud(doubles.path(), {}).surfels().deviation_u[0], std::sqrt(2.0F));
 }
 
+TEST(LoadedCloud, RefusesFilesWithoutAnyUsableSurfel) {
+  const TemporaryFolder folder;
+  SurfelCloud cloud = ordered("sphere", 3);
+  cloud.position.assign(3, Vec3f::Constant(kNan));
+  for (const bool ascii : {false, true}) {
+    write_cloud(cloud, folder / "nan.ply", {.ascii = ascii});
+    try {
+      LoadedCloud(folder / "nan.ply", {});
+      ADD_FAILURE() << "not refused";
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find("none of the 3 surfels can be used: 3 with positions"),
+                std::string::npos)
+          << e.what();
+    }
+  }
+}
+
 /// Every prefix of a file is refused with its name, or complete.
 TEST(LoadedCloud, RefusesTruncatedFiles) {
   const TemporaryFolder folder;

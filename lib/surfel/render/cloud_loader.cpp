@@ -135,12 +135,22 @@ LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& option
     : impl_(std::make_unique<Impl>(options)) {
   InputFile input(path);
   const std::string name = input.name();
-  if (impl_->load_records(input)) return;
-  // All levels, even if the finest is drawn alone: the picture is framed by the same clusters then.
-  constexpr CloudReadOptions kLevels{.levels = true};
-  impl_->load_cloud(
-      impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels), name);
-  impl_->ply.reset();
+  if (!impl_->load_records(input)) {
+    // All levels, even if the finest is drawn alone: the picture is framed by the same clusters
+    // then.
+    constexpr CloudReadOptions kLevels{.levels = true};
+    impl_->load_cloud(
+        impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels),
+        name);
+    impl_->ply.reset();
+  }
+  const auto& dropped = surfels().dropped();
+  if (surfels().size() == 0 && dropped.total() > 0) {
+    throw_input(name,
+                fmt::format("none of the {} surfels can be used: {} with positions, {} with "
+                            "variances, {} with colours that are not usable numbers",
+                            dropped.total(), dropped.position, dropped.variance, dropped.color));
+  }
 }
 
 LoadedCloud::~LoadedCloud() = default;

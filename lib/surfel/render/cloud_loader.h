@@ -29,9 +29,9 @@ class SURFEL_API LoadedCloud {
   /// cloud with all its levels of detail; binary PLY without these and without a SurfelCloud in
   /// between, several times as fast, faster still where the surfels stand in the file as
   /// morton_order() has them. Throws as both do; messages name the file. Throws Error(kInput) if
-  /// the surfels do not fit into the memory given and cannot be streamed: they can from a binary
-  /// PLY file of its usual types, without levels of detail and copies of splats, in which
-  /// consecutive surfels lie close together (CloudStream).
+  /// none of the surfels can be used, or if they do not fit into the memory given and cannot be
+  /// streamed: they can from a binary PLY file of its usual types, without levels of detail and
+  /// copies of splats, in which consecutive surfels lie close together (CloudStream).
   LoadedCloud(const std::string& path, const CloudLoadOptions& options);
   ~LoadedCloud();
   LoadedCloud(const LoadedCloud&) = delete;
