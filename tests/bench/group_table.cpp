@@ -21,9 +21,9 @@ using namespace surfel;
 
 /// Share of the samples of a surface that no disc of a group covers, mean of the groups. The discs
 /// have the radius `group_radius` where there is one, else that of beta < 1. A disc covers what is
-/// no further from its centre than its radius and faces the same way; `flat`: nor further from its
-/// plane than along it. Shares nothing with the cells of lib/surfel/group.
-double uncovered(const SurfelCloud& samples, const SurfelCloud& groups, bool flat) {
+/// no further from its centre than its radius and faces the same way. Shares nothing with the
+/// cells of lib/surfel/group.
+double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
   const Discs all = make_discs(groups, 1);
   std::vector<std::vector<std::uint32_t>> members;
   for (std::uint32_t i = 0; i < all.size(); ++i) {
@@ -53,10 +53,8 @@ double uncovered(const SurfelCloud& samples, const SurfelCloud& groups, bool fla
             [&](std::size_t i) {
               const Vec3f offset = place - discs.center[i];
               const float distance2 = offset.squaredNorm();
-              const float height = offset.dot(discs.normal[i]);
               found = found || (distance2 <= discs.radius[i] * discs.radius[i] &&
-                                samples.normal[s].dot(discs.normal[i]) > 0 &&
-                                (!flat || 2 * height * height <= distance2));
+                                samples.normal[s].dot(discs.normal[i]) > 0);
             });
         missed[static_cast<std::size_t>(worker)] += found ? 0 : 1;
       }
@@ -116,8 +114,7 @@ int main(int argc, char** argv) {
   if (what == "coverage" && argc == 4) {
     const SurfelCloud samples = read_cloud(argv[2]);
     const SurfelCloud groups = read_cloud(argv[3]);
-    fmt::print("{:.3f} % {:.3f} %\n", 100 * uncovered(samples, groups, false),
-               100 * uncovered(samples, groups, true));
+    fmt::print("{:.2f} %\n", 100 * uncovered(samples, groups));
     return 0;
   }
   if (what == "coloring" && argc == 5) {

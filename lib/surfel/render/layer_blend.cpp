@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include <surfel/render/layer_blend.h>
@@ -123,6 +124,7 @@ class Blender {
     if (environment) filter_nearest();
     for (int pixel = 0; pixel < kTilePixels; ++pixel) {
       for (int group = 0; group < groups; ++group) finish(state(group, pixel), groups, pixel);
+      count_layers(groups, pixel);
     }
     // With Algorithm 3 it is the nearest layer that things are seen through.
     if (environment && !masked_) filter_layers();
@@ -289,7 +291,24 @@ class Blender {
     out.color.green += s.color.green * share;
     out.color.blue += s.color.blue * share;
     out.color.alpha += s.color.alpha * share;
-    out.layers += static_cast<float>(s.layers) * share;
+  }
+
+  /// Number of a pixel's layers: the mean of the groups without the quarters of them that have the
+  /// fewest and the most, since a single large disc that sticks out of a bent surface is a layer
+  /// more, and refraction by one layer more goes elsewhere. Where that is none, of all groups.
+  void count_layers(int groups, int pixel) {
+    std::vector<int>& counts = scratch_.counts;
+    counts.clear();
+    for (int group = 0; group < groups; ++group) counts.push_back(state(group, pixel).layers);
+    const std::ptrdiff_t cut = groups / 4;
+    if (cut > 0) std::sort(counts.begin(), counts.end());
+    const auto mean = [&](std::ptrdiff_t left_out) {
+      const int sum = std::accumulate(counts.begin() + left_out, counts.end() - left_out, 0);
+      return static_cast<float>(sum) / static_cast<float>(groups - 2 * left_out);
+    };
+    BlendedPixel& out = scratch_.pixels[pixel];
+    out.layers = mean(cut);
+    if (!(out.layers > 0)) out.layers = mean(0);
   }
 
   /// What is mirrored by and seen through the layers depends on the nearest normals and on the
