@@ -181,7 +181,7 @@ body_tables() {
   echo
   echo "## Is deferred blending faster anywhere?"
   echo
-  echo "Groups of \`--overlap 0.4\`: 4 at cutoff 1, 12 at cutoff 4. \`million\` has 1,000,000 surfels, some twelve a pixel where it is seen whole."
+  echo "Groups of \`--overlap 0.4\`: 4 at cutoff 1, 12 at cutoff 4. \`million\` has 1,000,000 surfels, some eleven a pixel where it is seen whole."
   echo
   speed_table
   echo
