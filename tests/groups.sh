@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes docs/groups.md: the groups of surfel-group beside those of SP06. Needs the real data. Takes minutes.
+# Makes docs/groups.md: the groups of surfel-group beside those of SP06. Needs the real data, and a build with
+# SURFEL_BUILD_BENCH. Takes minutes.
 # Usage: tests/groups.sh [folder of the tools] [output]
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -11,12 +12,18 @@ trap 'rm -rf "$work"' EXIT
 # Mean degree = 25.1 cutoff - 1 for sigma = spacing: near SP06's 17 at c = 1.
 cutoff=(--cutoff 0.72)
 orders=(largest-first smallest-last dsatur)
+# What is timed does not wait for other programs, where that is allowed.
+first=()
+if chrt -f 50 true 2> /dev/null; then first=(chrt -f 50); fi
 
 # number KEY < JSON: the first of that name.
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
 
 # surfels NAME MESH COUNT
 surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
+
+# samples NAME MESH: to count what is covered.
+samples() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count 1000000 --seed 7 -o "$work/$1-samples.ply" --quiet; }
 
 # row NAME TEXT OPTION...: of the table, with a text in the third column.
 row() {
@@ -26,19 +33,19 @@ row() {
     tail -1 | awk -F'|' -v text="$text" '{printf "|%s|%s| %s |%s|%s|%s|%s|\n", $2, $3, text, $4, $5, $6, $7}'
 }
 
-# times NAME: at c = 1, for every order: the least wall time of five runs, and the least processor time.
+# times NAME CUTOFF: at c = 1, for every order: the least wall time of five runs, and the least processor time.
 times() {
-  local line="| $1 |" order TIMEFORMAT='%R %U %S'
+  local line= order TIMEFORMAT='%R %U %S'
   for order in "${orders[@]}"; do
     for _ in 1 2 3 4 5; do
-      { time "$tools/surfel-group" "$work/$1.ply" "${cutoff[@]}" --order "$order" -o "$work/out.ply" --stats "$work/s.json" \
-        --threads 2 --quiet; } 2>> "$work/time.txt"
+      { time "${first[@]}" "$tools/surfel-group" "$work/$1.ply" --cutoff "$2" --order "$order" -o "$work/out.ply" \
+        --stats "$work/s.json" --threads 2 --quiet; } 2>> "$work/time.txt"
     done
     line+=$(awk 'NR == 1 || $1 < wall {wall = $1} NR == 1 || $2 + $3 < cpu {cpu = $2 + $3}
       END {printf " %.2f s, %.2f s |", wall, cpu}' "$work/time.txt")
     rm "$work/time.txt"
   done
-  echo "$line $(number peak_memory_bytes < "$work/s.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
+  echo "| $1 | $(number mean_degree < "$work/s.json" | awk '{printf "%.1f", $1}') |$line $(number peak_memory_bytes < "$work/s.json" | awk '{printf "%.0f MB", $1 / 1e6}') |"
 }
 
 # fixed NAME K
@@ -53,18 +60,23 @@ fixed() {
   echo "$row"
 }
 
-# cover NAME [FIELD]: four groups that each cover the surface; what is covered, missing and overlaps, in shares of its area.
+# cover NAME [OPTION...]: four groups that each cover the surface; what is covered, missing and overlaps, in shares of its
+# area; with options by enlarge-each alone.
 cover() {
-  local method
-  for method in enlarge enlarge-each duplicate; do
-    "$tools/surfel-group" "$work/$1.ply" --groups 4 --cover $method -o "$work/out.ply" --stats "$work/s.json" --quiet
+  local name=$1 method methods=(enlarge enlarge-each duplicate)
+  shift
+  if [ $# -gt 0 ]; then methods=(enlarge-each); fi
+  for method in "${methods[@]}"; do
+    "$tools/surfel-group" "$work/$name.ply" --groups 4 --cover $method "$@" -o "$work/out.ply" --stats "$work/s.json" --quiet
     # The totals come after those of the groups, in the order of the alphabet.
     coverage() { sed -n "/\"coverage\"/,/^  }/s/^    \"$1\": \([0-9.e+-]*\).*/\1/p" "$work/s.json" | head -1; }
-    awk -v name="$1" -v method=$method -v area="$(coverage area)" -v covered="$(coverage covered_area)" \
+    local missed
+    missed=$("$tools/group_table" coverage "$work/$name-samples.ply" "$work/out.ply")
+    awk -v name="$name" -v missed="$missed" -v method="$method${*:+, \`$*\`}" -v area="$(coverage area)" -v covered="$(coverage covered_area)" \
       -v missing="$(coverage uncovered_area)" -v overlap="$(coverage overlap_area)" -v mean="$(coverage growth_mean)" \
       -v most="$(coverage growth_max)" -v added="$(coverage points_added)" -v before="$(coverage points_before)" \
-      'BEGIN {printf "| %s | %s | %.1f %% | %.2f %% | %.0f %% | %.2f, %.1f | %.0f %% |\n", name, method, 100 * covered / area,
-        100 * missing / area, 100 * overlap / area, mean, most, 100 * added / before}'
+      'BEGIN {printf "| %s | %s | %s | %.1f %% | %.2f %% | %.0f %% | %.2f, %.1f | %.0f %% |\n", name, method, missed,
+        100 * covered / area, 100 * missing / area, 100 * overlap / area, mean, most, 100 * added / before}'
   done
 }
 
@@ -112,13 +124,29 @@ TEXT
   done
   cat <<'TEXT'
 
-Wall time of the whole run at c = 1.0 with two threads, reading and writing included, its processor time over all threads, and its
-memory. The least of five runs on two cores of a machine that others used as well: the wall time is an upper bound.
+## Times
 
-| surfels | largest-first | smallest-last | dsatur | peak memory |
-|---|---|---|---|---|
+Wall time of the whole run at c = 1.0 with two threads, reading and writing included, its processor time over all threads, and its
+memory; the least of five runs. `million` is `surfel-generate sphere --count 1000000`.
+
+| surfels | mean degree | largest-first | smallest-last | dsatur | peak memory |
+|---|---|---|---|---|---|
 TEXT
-  for name in dragon bunny; do times $name; done
+  "$tools/surfel-generate" sphere --count 1000000 -o "$work/million.ply" --quiet
+  times million 0.72
+  times million 1.2
+  times dragon 0.72
+  times bunny 0.72
+  cat <<'TEXT'
+
+Beside Boost.Graph's `sequential_vertex_coloring`, one thread, in one process: least of five runs. Ours includes making the
+order (largest first), which Boost.Graph's is given, and its graph, a copy of ours.
+
+| splats | mean degree | K | Boost.Graph's K | pairs, 2 threads | colouring | Boost.Graph | ratio |
+|---|---|---|---|---|---|---|---|
+TEXT
+  "${first[@]}" "$tools/group_table" coloring "$work/million.ply" 0.72 5
+  "${first[@]}" "$tools/group_table" coloring "$work/million.ply" 1.2 5
   cat <<'TEXT'
 
 ## A fixed number of groups
@@ -136,16 +164,24 @@ TEXT
 
 ## Coverage by four groups
 
-Means over the groups, in shares of the surface's area A: what discs cover of the group's Voronoi cells, what they leave of them,
-and what they have beyond them; growth of the radii, mean and largest; splats added (SP06: 45 % on the dragon). Plane and sphere
-have the areas 1 and 4 pi. On meshes with creases the cells hold more than A: they have spikes in the splats' planes, which
-`--most-growth` leaves uncovered on purpose.
+Means over the groups. Missed: the share of a million other samples of the surface (500,000 of plane and sphere) that none of the
+group's discs that face the same way reaches, counted by a program that shares nothing with the cells. Then, in shares of the surface's
+area A, what `surfel-group` reports: what discs cover of the group's Voronoi cells, what they leave of them, and what they have beyond
+them; growth of the radii, mean and largest; splats added (SP06: 45 % on the dragon). Plane and sphere have the areas 1 and 4 pi.
 
-| surfels | method | covered | uncovered | overlap | growth | added |
-|---|---|---|---|---|---|---|
+| surfels | method | missed | covered | uncovered | overlap | growth | added |
+|---|---|---|---|---|---|---|---|
 TEXT
-  for kind in plane sphere; do "$tools/surfel-generate" $kind --count 50000 -o "$work/$kind.ply" --quiet; done
+  for kind in plane sphere; do
+    "$tools/surfel-generate" $kind --count 50000 -o "$work/$kind.ply" --quiet
+    "$tools/surfel-generate" $kind --count 500000 --seed 7 -o "$work/$kind-samples.ply" --quiet
+  done
+  samples bunny stanford_bunny.obj
+  samples dragon dragon_vrip_res2.ply
   for name in plane sphere bunny; do cover $name; done
   "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 -o "$work/dragon.ply" --quiet
   cover dragon
+  cover dragon --most-growth 1000
+  echo
+  cat "$root/tests/groups_notes.md"
 } > "$out"

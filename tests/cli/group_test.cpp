@@ -1,5 +1,7 @@
 // surfel-group: what it writes, prints and refuses.
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
@@ -154,6 +156,51 @@ TEST_F(SurfelGroup, RefusesWhatMakesNoSense) {
   EXPECT_EQ(memory.exit_code, 1);
   EXPECT_TRUE(contains(memory.errors, "sphere.ply: more than 62 pairs")) << memory.errors;
   EXPECT_FALSE(std::filesystem::exists(output));
+}
+
+TEST_F(SurfelGroup, HardInputsHaveADefinedResult) {
+  SurfelCloud cloud;
+  const auto add = [&](float x, float radius) {
+    cloud.position.push_back({x, 0, 0});
+    cloud.normal.push_back({0, 0, 1});
+    cloud.variance.push_back(radius * radius / 2);
+  };
+  const std::string input = folder_ / "hard.ply";
+  const std::string output = folder_ / "hard-groups.ply";
+  const auto run_on = [&](const Words& options) {
+    write_cloud(cloud, input);
+    Words command{tool("surfel-group"), input, "-o", output, "--quiet"};
+    command.insert(command.end(), options.begin(), options.end());
+    return run(command);
+  };
+  const Words cover{"--groups", "4", "--cover", "enlarge-each"};
+
+  add(0, 1);
+  ASSERT_EQ(run_on({}).exit_code, 0);
+  EXPECT_EQ(read_cloud(output).group[0], 0);
+  ASSERT_EQ(run_on(cover).exit_code, 0);
+  // Its border cannot be covered: it stays as it is, but for the 2 % of the reach in 16 directions.
+  EXPECT_NEAR(read_cloud(output).group_radius[0], 1, 0.021);
+
+  for (int i = 1; i < 200; ++i) add(0, 1);
+  ASSERT_EQ(run_on({}).exit_code, 0);
+  EXPECT_EQ(read_cloud(output).group[199], 199);
+  ASSERT_EQ(run_on(cover).exit_code, 0);
+
+  cloud = {};
+  for (int i = 0; i < 100; ++i) {  // 1e-6 to 1e3.
+    add(0.01F * static_cast<float>(i), std::pow(10.0F, -6 + 0.0909F * static_cast<float>(i)));
+  }
+  ASSERT_EQ(run_on({}).exit_code, 0);
+  ASSERT_EQ(run_on(cover).exit_code, 0);
+  for (const float radius : read_cloud(output).group_radius) EXPECT_TRUE(std::isfinite(radius));
+
+  // More groups than the column can number.
+  cloud = {};
+  for (int i = 0; i < 65537; ++i) add(0, 1);
+  const RunResult many = run_on({"--max-memory", "0.1"});
+  EXPECT_EQ(many.exit_code, 1);
+  EXPECT_TRUE(contains(many.errors, "splats that lie in one place")) << many.errors;
 }
 
 TEST_F(SurfelGroup, SplatsWithoutSizeAreSaid) {

@@ -375,6 +375,39 @@ TEST(Methods, GlassIsAsSmoothAsPeeledGlass) {
   EXPECT_GT(psnr(glass_ball(Method::kTransparentHigh, ball), expected), 20);
 }
 
+// A flat splat that meets the direction of a lamp would be a speck of it, where a bent surface has
+// a highlight as large as the lamp.
+TEST(Methods, GroupsMirrorALampAsOneSurface) {
+  const SurfelCloud ball = with_alpha(covered(fibonacci_sphere(2000, 1), 4), 0.1F);
+  Environment studio;
+  studio.image = "lamp";
+  studio.map = std::make_shared<const EnvironmentMap>(
+      lat_long_image(64,
+                     [](const Vec3d& d) {
+                       const bool lamp = d.dot(Vec3d(0.3, 0.4, 1).normalized()) > 0.995;
+                       return lamp ? Vec3f(50, 50, 50) : Vec3f(0.1F, 0.1F, 0.1F);
+                     }),
+      studio.image);
+  studio.visible = false;
+  Material mirror;
+  mirror.reflectivity = {0.5F, 0.5F, 0.5F};
+  Scene scene;
+  scene.materials = {mirror};
+  scene.environment = studio;
+  const auto brightest = [&](Method method) {
+    const RenderCloud surfels(ball, columns_of(method));
+    RenderOptions options;
+    options.method = method;
+    const Image image = Renderer(surfels, scene, options).render(camera_at(4, 128, 35));
+    float most = 0;
+    for (int p = 0; p < 128 * 128; ++p) most = std::max(most, image.pixel(p % 128, p / 128)[1]);
+    return most;
+  };
+  const float expected = brightest(Method::kDepthPeel);
+  EXPECT_NEAR(brightest(Method::kTransparent), expected, 0.25F * expected);
+  EXPECT_NEAR(brightest(Method::kTransparentHigh), expected, 0.25F * expected);
+}
+
 TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
   const SurfelCloud plain = with_alpha(grouped(jittered_plane(16, 1, 0.3)), 0.5F);
   Array<std::uint32_t> order(plain.size());
@@ -394,6 +427,12 @@ TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
     EXPECT_EQ(largest_difference(render_by(method, copies, camera), expected), 0);
     EXPECT_EQ(largest_difference(render_by(method, shuffled(copies), camera), expected), 0);
   }
+  SurfelCloud opaque = copies;
+  opaque.alpha.clear();
+  SurfelCloud once = plain;
+  once.alpha.clear();
+  EXPECT_EQ(render_by(Method::kDeferred, opaque, camera).data,
+            render_by(Method::kDeferred, once, camera).data);
   // What shares its source alone, as scans do whose files mean something else by it, stays.
   copies.source.assign(copies.size(), 5);
   EXPECT_EQ(RenderCloud(copies).copies(), copies.size() - plain.size());

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include <surfel/render/layer_blend.h>
@@ -94,6 +95,16 @@ void for_each_around(const TileABuffer& tile, int pixel, Visit&& visit) {
   }
 }
 
+Vec3f normal_of(const Fragment& f) {
+  return {f.channel[kNormalX], f.channel[kNormalY], f.channel[kNormalZ]};
+}
+
+/// Normals further apart than this are of different surfaces, or sides of a crease.
+bool alike(const Vec3f& a, const Vec3f& b) {
+  constexpr float kCosine = 0.5F;
+  return a.dot(b) > kCosine * a.norm() * b.norm();
+}
+
 class Blender {
  public:
   Blender(const TileJob& job, const LayerRule& rule, const NearestLayer* masked,
@@ -107,10 +118,16 @@ class Blender {
     (job_, tile_.x0, tile_.y0,
      [&](std::uint32_t index, const LayerFragment& fragment) { take(index, fragment); });
     for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      for (int group = 0; group < groups; ++group) add_nearest(state(group, pixel), pixel);
+    }
+    const bool environment = tile_.shader->has_environment();
+    if (environment) filter_nearest();
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
       for (int group = 0; group < groups; ++group) finish(state(group, pixel), groups, pixel);
+      count_layers(groups, pixel);
     }
     // With Algorithm 3 it is the nearest layer that things are seen through.
-    if (tile_.shader->has_environment() && !masked_) filter();
+    if (environment && !masked_) filter_layers();
     return culled_;
   }
 
@@ -218,61 +235,120 @@ class Blender {
     return out;
   }
 
-  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
-    return tile_.shader->shade(fragment(index, depth),
-                               static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
+  Rgba shaded(const Fragment& fragment, int pixel) const {
+    return tile_.shader->shade(fragment, static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
                                static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
+  }
+  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
+    return shaded(fragment(index, depth), pixel);
+  }
+
+  /// Which of a pixel's sides has the nearer pending layer; null where nothing is pending.
+  static Pending* nearer(State& s) {
+    Pending& back = s.side[0];
+    Pending& front = s.side[1];
+    if (back.splat < 0 && front.splat < 0) return nullptr;
+    if (front.splat < 0) return &back;
+    return back.splat >= 0 && back.depth > front.depth ? &back : &front;
+  }
+
+  /// Adds a group's nearest layer to the pixel's.
+  void add_nearest(State& s, int pixel) {
+    const Pending* near = nearer(s);
+    if (!near) return;
+    // Of the groups' flat splats the ones that are seen near their centres count most, and those at
+    // their rims nothing: the mean normal has no steps there, nor has what is seen through it.
+    const float inside = 1 - near->key * near->key;
+    add(scratch_.pixels[pixel].nearest, std::max(kLeastWeight, inside * inside),
+        fragment(static_cast<std::uint32_t>(near->splat), near->depth));
+  }
+
+  /// Colour of a group's nearest layer. What it mirrors, it mirrors with the mean normal of all
+  /// groups, whose length says how much the surface bends there: a flat splat mirrors a single
+  /// direction, and where that is a lamp's the whole splat is a speck of light.
+  Rgba shaded_nearest(const Pending& near, int pixel) const {
+    Fragment out = fragment(static_cast<std::uint32_t>(near.splat), near.depth);
+    if (!tile_.shader->has_environment()) return shaded(out, pixel);
+    const Fragment& all = scratch_.pixels[pixel].nearest;
+    const Vec3f mean = normal_of(all) / all.channel[kWeight];
+    if (alike(normal_of(out), mean)) {
+      for (int c = 0; c < 3; ++c) out.channel[kNormalX + c] = mean[c];
+    }
+    return shaded(out, pixel);
   }
 
   /// Blends what is pending, and adds a group's share to the mean.
   void finish(State& s, int groups, int pixel) {
-    Pending* far = &s.side[0];
-    Pending* near = &s.side[1];
-    if (far->splat >= 0 && near->splat >= 0 && far->depth > near->depth) std::swap(far, near);
-    if (near->splat < 0) std::swap(far, near);
-    if (near->splat < 0) return;
-    BlendedPixel& out = scratch_.pixels[pixel];
-    // Of the groups' flat splats the ones that are seen near their centres count most, and those at
-    // their rims nothing: the mean normal has no steps there, nor has what is seen through it.
-    const float inside = 1 - near->key * near->key;
-    add(out.nearest, std::max(kLeastWeight, inside * inside),
-        fragment(static_cast<std::uint32_t>(near->splat), near->depth));
-    if (far->splat >= 0) flush(s, *far, pixel);
-    flush(s, *near, pixel);
+    Pending* near = nearer(s);
+    if (!near) return;
+    Pending& far = near == &s.side[0] ? s.side[1] : s.side[0];
+    if (far.splat >= 0) flush(s, far, pixel);
+    over(s, shaded_nearest(*near, pixel));
+    ++s.layers;
     const float share = 1.0F / static_cast<float>(groups);
+    BlendedPixel& out = scratch_.pixels[pixel];
     out.color.red += s.color.red * share;
     out.color.green += s.color.green * share;
     out.color.blue += s.color.blue * share;
     out.color.alpha += s.color.alpha * share;
-    out.layers += static_cast<float>(s.layers) * share;
   }
 
-  /// What is seen through the layers depends on the nearest normals and on the number of layers,
-  /// steeply; both have steps of single groups and pixels, which other methods' pixel filter evens
-  /// out. The same filter here, as far as the tile reaches.
-  void filter() {
+  /// Number of a pixel's layers: the mean of the groups without the quarters of them that have the
+  /// fewest and the most, since a single large disc that sticks out of a bent surface is a layer
+  /// more, and refraction by one layer more goes elsewhere. Where that is none, of all groups.
+  void count_layers(int groups, int pixel) {
+    std::vector<int>& counts = scratch_.counts;
+    counts.clear();
+    for (int group = 0; group < groups; ++group) counts.push_back(state(group, pixel).layers);
+    const std::ptrdiff_t cut = groups / 4;
+    if (cut > 0) std::sort(counts.begin(), counts.end());
+    const auto mean = [&](std::ptrdiff_t left_out) {
+      const int sum = std::accumulate(counts.begin() + left_out, counts.end() - left_out, 0);
+      return static_cast<float>(sum) / static_cast<float>(groups - 2 * left_out);
+    };
+    BlendedPixel& out = scratch_.pixels[pixel];
+    out.layers = mean(cut);
+    if (!(out.layers > 0)) out.layers = mean(0);
+  }
+
+  /// What is mirrored by and seen through the layers depends on the nearest normals and on the
+  /// number of layers, steeply; both have steps of single groups and pixels, which other methods'
+  /// pixel filter evens out. The same filter here, as far as the tile reaches.
+  void filter_nearest() {
     scratch_.filtered.resize(kTilePixels);
     for (int pixel = 0; pixel < kTilePixels; ++pixel) {
       const BlendedPixel& own = scratch_.pixels[pixel];
       BlendedPixel& out = scratch_.filtered[pixel];
       out = own;
-      if (!(own.layers > 0)) continue;
-      out.layers = 0;
+      if (!(own.nearest.channel[kWeight] > 0)) continue;
       out.nearest = {};
       out.nearest.channel[kTag] = own.nearest.channel[kTag];
-      float shares = 0;
       for_each_around(tile_, pixel, [&](int around, float share) {
-        const BlendedPixel& other = scratch_.pixels[around];
-        if (!(other.layers > 0)) return;
-        out.layers += share * other.layers;
-        shares += share;
+        const Fragment& other = scratch_.pixels[around].nearest;
+        if (!(other.channel[kWeight] > 0)) return;
         // The mean of each pixel counts by the share alone.
-        const float part = share / other.nearest.channel[kWeight];
+        const float part = share / other.channel[kWeight];
         for (int c = 0; c <= kNormalZ; ++c) {
-          if (c != kTag) out.nearest.channel[c] += part * other.nearest.channel[c];
+          if (c != kTag) out.nearest.channel[c] += part * other.channel[c];
         }
       });
-      out.layers /= shares;
+    }
+    scratch_.pixels.swap(scratch_.filtered);
+  }
+
+  void filter_layers() {
+    scratch_.filtered = scratch_.pixels;
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      if (!(scratch_.pixels[pixel].layers > 0)) continue;
+      float layers = 0;
+      float shares = 0;
+      for_each_around(tile_, pixel, [&](int around, float share) {
+        const float other = scratch_.pixels[around].layers;
+        if (!(other > 0)) return;
+        layers += share * other;
+        shares += share;
+      });
+      scratch_.filtered[pixel].layers = layers / shares;
     }
     scratch_.pixels.swap(scratch_.filtered);
   }
@@ -307,8 +383,6 @@ Fragment BlendedPixel::merged() const {
 }
 
 void filter_normals(TileABuffer& tile, LayerScratch& scratch) {
-  // Normals further apart than this cosine are of different surfaces, or sides of a crease.
-  constexpr float kAlike = 0.5F;
   const auto sum_at = [&](int pixel) {
     return Vec3f(tile.at(0, kNormalX, pixel), tile.at(0, kNormalY, pixel),
                  tile.at(0, kNormalZ, pixel));
@@ -322,7 +396,7 @@ void filter_normals(TileABuffer& tile, LayerScratch& scratch) {
     float weights = 0;
     for_each_around(tile, pixel, [&](int around, float share) {
       const Vec3f other = sum_at(around);
-      if (!(own.dot(other) > kAlike * own.norm() * other.norm()) && around != pixel) return;
+      if (!alike(own, other) && around != pixel) return;
       sum += share * other;
       weights += share * tile.at(0, kWeight, around);
     });

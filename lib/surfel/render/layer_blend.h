@@ -16,7 +16,8 @@ namespace surfel {
 /// What the layers of a pixel come to: the mean of the groups' images.
 struct BlendedPixel {
   Rgba color;          ///< Premultiplied.
-  float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3.
+  float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3, of the
+                       ///< groups but those with the fewest and the most.
   Fragment nearest{};  ///< Sums over the groups' nearest fragments, weighted by how
                        ///< near to their splats' centres they are.
 
@@ -46,6 +47,7 @@ class LayerScratch {
   std::vector<BlendedPixel> pixels;    ///< kTilePixels.
   std::vector<BlendedPixel> filtered;  ///< The same, while they are made.
   std::vector<Vec3f> normals;          ///< kTilePixels.
+  std::vector<int> counts;             ///< Layers of a pixel by groups.
 };
 
 /// Algorithm 3's nearest layer, before it is shaded: the pixel filter for its normals, as far as
