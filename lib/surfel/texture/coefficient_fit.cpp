@@ -96,6 +96,7 @@ Array<double> scale_by_mean_diagonal(SymmetricMatrix& matrix) {
 /// Takes out the points without colour.
 void leave_out_unknown(Quadrature& quadrature, Array<Channels>& color,
                        const Array<std::uint8_t>& known) {
+  if (std::find(known.begin(), known.end(), 0) == known.end()) return;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < quadrature.functions(); ++i) {
     const std::size_t begin = quadrature.begin[i];
@@ -139,9 +140,9 @@ struct RenderFit {
   Array<Channels> w_0{};
   int channels;
 
-  void solve(const RenderSystem& system, const InverseFactor& factor, Array<Channels>& w,
-             SystemReport& report, const std::function<void(double)>& progress = {}) const {
-    const Array<Channels> b = system.right_side(f, w_0);
+  void solve(const RenderSystem& system, const Array<Channels>& b, const InverseFactor& factor,
+             Array<Channels>& w, SystemReport& report,
+             const std::function<void(double)>& progress = {}) const {
     if (options.solver != FitSolver::kCeres) {
       surfel::solve(system.normal_matrix, b, factor, options, options.bounds, channels, progress, w,
                     report);
@@ -151,16 +152,20 @@ struct RenderFit {
     report.residual = relative_residual(system.normal_matrix, b, w);
   }
 
-  /// Holds unresolved detail. \param w  in: where to start, out: a better place to.
-  void hold_unresolved(RenderSystem& system, const InverseFactor& factor, Array<Channels>& w,
+  /// Holds unresolved detail. \param b  the right side, which follows. \param w  in: where to
+  /// start, out: a better place to.
+  void hold_unresolved(RenderSystem& system, Array<Channels>& b, Array<Channels>& w,
                        SystemReport& report) const {
-    constexpr double kRough = 1e-3;
+    constexpr double kRough = 5e-5;
+    constexpr std::size_t kFewEntries = 6;
     SolveOptions rough;
     rough.tolerance = std::max(kRough, options.tolerance);
-    const Array<Channels> b = system.right_side(f, w_0);
+    // The matrix is about to change: a better factor would take longer than the steps it saves.
+    const InverseFactor factor = InverseFactor::sparse_inverse(system.normal_matrix, kFewEntries);
     report.rough_iterations =
         conjugate_gradients(system.normal_matrix, b, factor, w, rough).iterations;
     report.unresolved = surfel::hold_unresolved(system, w, f);
+    for (std::size_t k = 0; k < system.held.size(); ++k) b[k] += system.held[k] * w_0[k];
   }
 
   void solve_robust(const RenderSystem& system, Array<Channels>& w, SystemReport& report) const {
@@ -258,35 +263,30 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   RenderSystem render = assemble_render_system(colors.basis, quadrature, render_options);
   system.functions = colors.basis.size();
   system.points = quadrature.size();
+  if (!options.refine_variance) Array<Vec2f>().swap(quadrature.offset);
   system.lambda = render_options.regularization;
   report.times.add("assembly", timer.milliseconds());
   tell(options, 0.5);
 
   timer.restart();
-  const auto precondition = [&] {
-    return InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
-  };
-  std::optional<InverseFactor> factor(precondition());
-  report.times.add("condition", timer.milliseconds());
-
-  timer.restart();
   const double solved = options.refine_variance ? 0.55 : 1;
   Array<Channels> w = fit.w_0;
+  Array<Channels> b = render.right_side(fit.f, fit.w_0);
   if (render.mu > 0) {
     // Without a minified term there is nothing that aliasing would spoil from afar.
-    fit.hold_unresolved(render, *factor, w, system);
-    if (system.unresolved > 0) {
-      factor.reset();  // Its memory first.
-      factor.emplace(precondition());
-    }
+    fit.hold_unresolved(render, b, w, system);
     report.times.add("unresolved", timer.milliseconds());
     timer.restart();
   }
+  InverseFactor factor(render.normal_matrix, Preconditioner::kSparseInverse);
+  report.times.add("condition", timer.milliseconds());
+
+  timer.restart();
   if (options.robust) {
     fit.solve_robust(render, w, system);
     report.times.add("robust", timer.milliseconds());
   } else {
-    fit.solve(render, *factor, w, system, stage(options, 0.5, solved));
+    fit.solve(render, b, factor, w, system, stage(options, 0.5, solved));
     report.times.add("solve", timer.milliseconds());
   }
   if (options.refine_variance) {
@@ -296,19 +296,20 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
     system.variance = refine_variance(
         basis, quadrature, fit.f, fit.w_0, render, w,
         [&](const RenderSystem& of, Array<Channels>& x) {
-          fit.solve(of, InverseFactor(of.normal_matrix, Preconditioner::kSparseInverse), x, system);
+          fit.solve(of, of.right_side(fit.f, fit.w_0),
+                    InverseFactor(of.normal_matrix, Preconditioner::kSparseInverse), x, system);
         },
         {.cutoff = render_options.cutoff,
          .coverage = options.coverage,
          .channels = fit.channels,
          .progress = stage(options, solved, 1)});
     store_variances(basis, cloud);
-    factor.emplace(precondition());
+    factor = InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
     report.times.add("variance", timer.milliseconds());
   }
 
   timer.restart();
-  const Spectrum spectrum = estimate_spectrum(render.normal_matrix, *factor);
+  const Spectrum spectrum = estimate_spectrum(render.normal_matrix, factor, kSpectrumSteps);
   system.eigen_min = spectrum.min;
   system.eigen_max = spectrum.max;
   report.times.add("condition", timer.milliseconds());

@@ -111,9 +111,9 @@ struct RowKernel {
   /// \param decay     1 / (2 variance) along the row. \param step  exp(-2 decay).
   /// \param exponent  at the kernel's centre in the row.
   RowKernel(double d, double decay, double step, double exponent) {
-    const Eigen::Array2d e = Eigen::Array2d(-d * d * decay - exponent, -(2 * d + 1) * decay).exp();
-    const double next = e[1];
-    value = {e[0], e[0] * next};
+    const double first = std::exp(-d * d * decay - exponent);
+    const double next = std::exp(-(2 * d + 1) * decay);
+    value = {first, first * next};
     const double skip_one = next * next * step;
     ratio = {skip_one, skip_one * step * step};
     ratio_step = (step * step) * (step * step);
@@ -402,7 +402,9 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     y_begin = std::max(y_begin, level.y.first);
     y_end = std::min(y_end, level.y.first + level.y.count);
   }
-  Eigen::Array<float, 4, Eigen::Dynamic> fetched;  // The row's texels out of their tiles.
+  // The row's texels out of their tiles. To allocate it for each kernel would take a tenth of the
+  // time.
+  thread_local Eigen::Array<float, 4, Eigen::Dynamic> fetched;
   for (int y = y_begin; y < y_end; ++y) {
     const double dy = y + 0.5 - center_y;
     const double exponent = dy * dy * marginal_decay;
@@ -420,7 +422,7 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     const RowKernel row(begin + 0.5 - row_center, decay, step, exponent);
     const int stored_y = stored_offset(y, level.y, wrap_);
     if (level.tiles) {
-      fetched.resize(4, std::max<Eigen::Index>(fetched.cols(), end - begin));
+      if (fetched.cols() < end - begin) fetched.resize(4, end - begin);
       if (begin >= level.x.first && end <= level.x.first + level.x.count) {
         level.tiles->row(stored_y, begin - level.x.first, end - level.x.first, fetched.data());
       } else {

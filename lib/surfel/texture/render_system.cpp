@@ -254,7 +254,10 @@ class Assembler {
     parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int w) {
       Worker& worker = workers[static_cast<std::size_t>(w)];
       const std::size_t chunk = begin / kGrain;
-      for (std::size_t i = begin; i < end; ++i) uncovered[chunk] += add_rows(i, worker);
+      for (std::size_t i = begin; i < end; ++i) {
+        if ((i - begin) % kOwners == 0) find_candidates(i, std::min(end, i + kOwners), worker);
+        uncovered[chunk] += add_rows(i, worker);
+      }
       rows[chunk] = worker.rows.take();
       reaching[chunk] = worker.reaching.take();
     });
@@ -269,7 +272,15 @@ class Assembler {
   }
 
  private:
+  static constexpr std::size_t kOwners = 4;  ///< That share a search; divides kGrain.
+
+  struct Candidate {
+    Vec3d position;
+    double reach;
+    std::uint32_t index;
+  };
   struct Worker {
+    std::vector<Candidate> candidates;
     std::vector<SeenFunction> seen;
     std::vector<char> reaches;
     RowChunk rows;
@@ -279,15 +290,11 @@ class Assembler {
   /// Adds the rows of one owner's points, and a row of the functions that reach any of them.
   /// \return the number of uncovered points.
   std::size_t add_rows(std::size_t i, Worker& worker) const {
-    auto& [seen, reaches, rows, reaching] = worker;
+    auto& [candidates, seen, reaches, rows, reaching] = worker;
     const SurfelBasis::Function& owner = basis_.function[i];
     const std::size_t begin = quadrature_.begin[i];
     const std::size_t end = quadrature_.begin[i + 1];
-    double radius2 = 0;
-    for (std::size_t q = begin; q < end; ++q) {
-      radius2 = std::max(radius2, quadrature_.offset[q].cast<double>().squaredNorm());
-    }
-    find_seen(owner, std::sqrt(radius2), worker);
+    find_seen(owner, std::sqrt(radius2_of(i)), worker);
     std::size_t uncovered = 0;
     for (std::size_t q = begin; q < end; ++q) {
       const Vec3d at(1, quadrature_.offset[q].x(), quadrature_.offset[q].y());
@@ -321,18 +328,52 @@ class Assembler {
   /// The functions that may reach a point within `radius` of the owner.
   void find_seen(const SurfelBasis::Function& owner, double radius, Worker& worker) const {
     worker.seen.clear();
-    tree_.meeting(owner.position, radius, [&](std::size_t k) {
+    for (const Candidate& candidate : worker.candidates) {
+      const double limit = radius + candidate.reach;
+      if ((candidate.position - owner.position).squaredNorm() > limit * limit) continue;
       SeenFunction seen;
-      if (!see(owner, basis_.function[k], cutoff_, seen)) return;
+      if (!see(owner, basis_.function[candidate.index], cutoff_, seen)) continue;
       // By how much at most (u, v) changes from the owner's position to a point.
       const double change =
           radius * std::sqrt(seen.u.tail<2>().squaredNorm() + seen.v.tail<2>().squaredNorm());
       const double nearest = std::sqrt(seen.u[0] * seen.u[0] + seen.v[0] * seen.v[0]) - change;
-      if (nearest > 0 && nearest * nearest > 2 * cutoff_) return;
-      seen.index = static_cast<std::uint32_t>(k);
+      if (nearest > 0 && nearest * nearest > 2 * cutoff_) continue;
+      seen.index = candidate.index;
       worker.seen.push_back(seen);
-    });
+    }
     worker.reaches.assign(worker.seen.size(), 0);
+  }
+
+  /// The furthest of a function's points, squared.
+  double radius2_of(std::size_t i) const {
+    double radius2 = 0;
+    for (std::size_t q = quadrature_.begin[i]; q < quadrature_.begin[i + 1]; ++q) {
+      radius2 = std::max(radius2, quadrature_.offset[q].cast<double>().squaredNorm());
+    }
+    return radius2;
+  }
+
+  /// What may reach any point of the owners [begin, end), in ascending order: neighbours in the
+  /// order share one descent of the tree.
+  void find_candidates(std::size_t begin, std::size_t end, Worker& worker) const {
+    Vec3d min = basis_.function[begin].position;
+    Vec3d max = min;
+    for (std::size_t i = begin; i < end; ++i) {
+      min = min.cwiseMin(basis_.function[i].position);
+      max = max.cwiseMax(basis_.function[i].position);
+    }
+    const Vec3d center = (min + max) / 2;
+    double radius = 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      radius = std::max(radius,
+                        (basis_.function[i].position - center).norm() + std::sqrt(radius2_of(i)));
+    }
+    worker.candidates.clear();
+    tree_.meeting(center, radius * (1 + 1e-9), [&](std::size_t k) {
+      const SurfelBasis::Function& f = basis_.function[k];
+      worker.candidates.push_back(
+          {f.position, reach_of(f, kPlanarReach2 * cutoff_), static_cast<std::uint32_t>(k)});
+    });
   }
 
   void transpose(const std::vector<RowChunk>& reaching, EvaluatedBasis& result) const {

@@ -10,10 +10,10 @@ constexpr std::size_t kGrain = 1 << 11;
 /// Share from which on functions are held, and from which on entirely. Measured on checkers, c = 1
 /// to 4, sigma = 0.5 to 1 h: squares of 1.1 h leave 0.75 to 1, of 1.6 h 0.2 to 0.9, of 2.2 h up to
 /// 0.3, larger ones less. At 2.2 h there is up to 8 dB to be gained, at 1.6 h more to be lost.
-constexpr double kFirstShare = 0.3;
-constexpr double kFullShare = 0.5;
+constexpr double kFirstShare = 0.2;
+constexpr double kFullShare = 0.3;
 /// Of the mean diagonal: what is left of w - w_0 there is some hundredth.
-constexpr double kFullHold = 10;
+constexpr double kFullHold = 100;
 /// Variance that is none: a hundredth of the range of colours, squared.
 constexpr double kNoVariance = 1e-4;
 
