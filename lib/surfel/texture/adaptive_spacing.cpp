@@ -183,7 +183,8 @@ SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
     });
     stage("choose");
     const bool reached = !options.max_error || cut.error() <= *options.max_error;
-    if ((reached && cut.finest_samples <= kFinestShare * cut.samples) || 4 * wanted > static_cast<double>(options.most_probes)) {
+    if ((reached && cut.finest_samples <= kFinestShare * cut.samples) ||
+        4 * wanted > static_cast<double>(options.most_probes)) {
       SizingField field = graded(tree, cut);
       out.probes = probes.size();
       out.cells = cut.cells.size();

@@ -24,7 +24,7 @@ struct SURFEL_API AdaptiveSpacingOptions {
   std::optional<double> unit_deviation;
   double variance_scale = 1;  ///< Of the samples: MeshSampleOptions.
   std::uint64_t seed = 1;
-  std::size_t most_probes = 1 << 21;  ///< Places to look at, at least 32768 are.
+  std::size_t most_probes = 1 << 21;          ///< Places to look at, at least 32768 are.
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
