@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -7,6 +9,9 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/mesh.h>
 #include <surfel/sample/mesh_sampler.h>
+#include <surfel/texture/adaptive_spacing.h>
+#include <surfel/texture/texture_source.h>
+#include <tools/support/options.h>
 #include <tools/support/tool.h>
 
 namespace {
@@ -18,6 +23,9 @@ struct Request {
   std::string output;
   MeshSampleOptions options;
   double crease_angle_deg = MeshSampleOptions{}.crease_angle * 180 / std::numbers::pi;
+  bool adaptive = false;
+  AdaptiveSpacingOptions adapt;
+  TextureSourceOptions texture;
 };
 
 void declare(tool::Tool& tool, Request& r) {
@@ -37,6 +45,81 @@ void declare(tool::Tool& tool, Request& r) {
   app.add_option("--crease-angle", r.crease_angle_deg,
                  "Faces that meet at a larger angle share no normal, where the mesh has none of "
                  "its own; degrees");
+
+  app.option_defaults()->group("Adaptive spacing");
+  app.add_flag("--adaptive", r.adaptive,
+               "Small surfels where texture or shape have detail, large ones elsewhere; with "
+               "--max-error or --count");
+  app.add_option("--max-error", r.adapt.max_error,
+                 "Of --adaptive: the fewest surfels whose error is this: root mean square over the "
+                 "surface, seen from near, of the colour's error (linear light, 1 = black against "
+                 "white) together with the shape's (in units of --unit-deviation)");
+  app.add_option("--unit-deviation", r.adapt.unit_deviation,
+                 "Of --adaptive: distance between surfels and surface that counts as much as black "
+                 "against white, scene units; default: 1/30 of the bounding box's diagonal");
+  app.add_option("--image", r.texture.image,
+                 "Of --adaptive: the image that the surfels are going to get, as in "
+                 "surfel-texture; default: those of the mesh's materials");
+  tool::add_choice(
+      app, "--wrap", r.texture.wrap,
+      {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
+      "Of --adaptive: what lies beyond the image's borders");
+  app.option_defaults()->group("Options");
+}
+
+void check(const CLI::App& app, const Request& r) {
+  std::vector<std::string> problems;
+  if (r.adaptive) {
+    problems = r.adapt.problems();
+    if (r.options.spacing) {
+      problems.emplace_back("--spacing has no effect with --adaptive; give --max-error or --count");
+    }
+  } else {
+    for (const char* option : {"--max-error", "--unit-deviation", "--image", "--wrap"}) {
+      if (app.get_option(option)->count() == 0) continue;
+      problems.push_back(fmt::format("{} has no effect without --adaptive; leave it out", option));
+    }
+    const std::vector<std::string> sampling = r.options.problems();
+    problems.insert(problems.end(), sampling.begin(), sampling.end());
+  }
+  tool::require_valid(problems);
+}
+
+/// The mesh's spacing, adapted to its detail.
+SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
+                  const tool::Tool& tool) {
+  const bool textured = !r.texture.image.empty() ||
+                        (!mesh.wedge_uv.empty() &&
+                         std::any_of(mesh.material.begin(), mesh.material.end(),
+                                     [](const MeshMaterial& m) { return !m.texture.empty(); }));
+  std::optional<TextureSet> textures;
+  if (textured) textures = load_textures(r.texture, &mesh, r.mesh);
+  AdaptiveSpacingReport report;
+  SizingField field =
+      adaptive_spacing(mesh, textures ? &*textures : nullptr, r.adapt, &report, r.mesh);
+  json["adaptive"] = {{"probes", report.probes},
+                      {"cells", report.cells},
+                      {"unit_deviation", report.unit_deviation},
+                      {"error", report.error},
+                      {"color_error", report.color_error},
+                      {"shape_error", report.shape_error},
+                      {"least_spacing", report.least_spacing},
+                      {"largest_spacing", report.largest_spacing},
+                      {"reached", report.reached}};
+  for (const auto& [name, milliseconds] : report.times.stages()) {
+    json["stages"][name] = milliseconds;
+  }
+  tool.note(
+      fmt::format("{}: expected error {:.3g} (colour {:.3g}, shape {:.3g} of {:.3g} units), "
+                  "spacing {:.3g} to {:.3g}",
+                  r.mesh, report.error, report.color_error, report.shape_error,
+                  report.unit_deviation, report.least_spacing, report.largest_spacing));
+  if (!report.reached) {
+    tool.note(
+        fmt::format("{}: the error stays above {:.3g} at the finest spacing that is looked at",
+                    r.mesh, *r.adapt.max_error));
+  }
+  return field;
 }
 
 void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampleReport& report) {
@@ -82,10 +165,20 @@ int main(int argc, char** argv) {
   declare(tool, request);
   return tool.run(argc, argv, [&] {
     request.options.crease_angle = request.crease_angle_deg * std::numbers::pi / 180;
-    tool::require_valid(request.options.problems());
+    request.adapt.count = request.options.count;
+    request.adapt.seed = request.options.seed;
+    request.adapt.variance_scale = request.options.variance_scale;
+    check(tool.app(), request);
     Timer timer;
     const TriangleMesh mesh = read_mesh(request.mesh);
     tool.report()["load_ms"] = timer.milliseconds();
+    std::optional<SizingField> field;
+    if (request.adaptive) {
+      field = adapt(mesh, request, tool.report(), tool);
+      request.options.field = &*field;
+      if (!request.options.count) request.options.spacing = 1;
+      tool::require_valid(request.options.problems());
+    }
     MeshSampleReport report;
     SurfelCloud cloud = sample_mesh(mesh, request.options, &report, request.mesh);
     cloud.provenance.push_back(tool.provenance());

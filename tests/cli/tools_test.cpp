@@ -316,6 +316,27 @@ TEST(Tools, ReadAndWritePipes) {
   EXPECT_TRUE(read_text(direct) == read_text(piped));
 }
 
+TEST(Tools, AdaptiveSpacingTakesAnErrorOrACount) {
+  const TemporaryFolder folder;
+  const std::string output = folder / "out.ply";
+  const Words command{tool("surfel-from-mesh"), Inputs::get().mesh, "-o", output};
+  const RunResult made = run(command + Words{"--adaptive", "--max-error", "0.1", "--image",
+                                             "checker:4", "--stats", folder / "s.json"});
+  EXPECT_EQ(made.exit_code, 0) << made.errors;
+  EXPECT_TRUE(contains(made.errors, "expected error")) << made.errors;
+  EXPECT_TRUE(contains(read_text(folder / "s.json"), "\"color_error\""));
+  EXPECT_EQ(run(command + Words{"--adaptive", "--count", "300"}).exit_code, 0);
+  for (const Words& wrong : {Words{"--adaptive"},
+                             {"--adaptive", "--spacing", "0.1"},
+                             {"--adaptive", "--max-error", "0"},
+                             {"--adaptive", "--max-error", "0.1", "--count", "10"},
+                             {"--spacing", "0.1", "--max-error", "0.1"},
+                             {"--spacing", "0.1", "--image", "checker"}}) {
+    EXPECT_EQ(run(command + wrong).exit_code, 2) << wrong.back();
+  }
+  EXPECT_EQ(run(command + Words{"--adaptive", "--count", "10", "--image", "no.png"}).exit_code, 1);
+}
+
 TEST(Tools, MalformedTexturesAreRefused) {
   SURFEL_REQUIRE_TEST_DATA();
   const TemporaryFolder folder;

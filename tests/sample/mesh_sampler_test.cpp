@@ -307,6 +307,65 @@ TEST(SampleMesh, RealMeshesAreCoveredSheetBySheet) {
   real_mesh_is_sampled_soundly("meshes/fandisk.obj", 20000, 4);
 }
 
+/// Fine near the corner (-1, -1) of the plane.
+SizingField corner_field() {
+  return {{{Vec3f(-1, -1, 0), Vec3f(-0.9f, -0.9f, 0), 0.01f}}, 0.35, 0.2};
+}
+
+TEST(SampleMesh, SpacingFollowsAField) {
+  const TriangleMesh mesh = surface("plane", 3);
+  const SizingField field = corner_field();
+  MeshSampleOptions options = by_spacing(1);
+  options.field = &field;
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, options, &report);
+  EXPECT_NEAR(total(cloud.area), 4, 1e-4);
+  EXPECT_NEAR(report.spacing, std::sqrt(4 / samples(cloud)), 1e-9);
+  double in_field = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const double h = field.at(cloud.position[i]);
+    EXPECT_NEAR(std::sqrt(cloud.variance[i]), h, 0.15 * h);
+    in_field += cloud.area[i] / (h * h);
+    // No closer than the smaller one's radius of conflict.
+    double least = INFINITY;
+    for (std::size_t j = 0; j < cloud.size(); ++j) {
+      if (j == i) continue;
+      const double other = std::sqrt(std::min(cloud.variance[i], cloud.variance[j]));
+      least = std::min(least, (cloud.position[i] - cloud.position[j]).norm() / other);
+    }
+    EXPECT_GE(least, 0.8);
+  }
+  EXPECT_NEAR(samples(cloud), in_field, 0.1 * in_field);
+  // All is covered: every place is within a sample's own radius of coverage.
+  constexpr int kPlaces = 300;
+  for (int i = 0; i < kPlaces * kPlaces; ++i) {
+    const Vec3f p((static_cast<float>(i % kPlaces) + 0.5f) * 2 / kPlaces - 1,
+                  (static_cast<float>(i / kPlaces) + 0.5f) * 2 / kPlaces - 1, 0);
+    double nearest = INFINITY;
+    for (std::size_t j = 0; j < cloud.size(); ++j) {
+      nearest =
+          std::min<double>(nearest, (cloud.position[j] - p).norm() / std::sqrt(cloud.variance[j]));
+    }
+    ASSERT_LE(nearest, 1.0) << p.transpose();
+  }
+}
+
+TEST(SampleMesh, CountInAFieldIsExactAndTheSameForAnyThreads) {
+  const TriangleMesh mesh = surface("plane", 20);
+  const SizingField field = corner_field();
+  MeshSampleOptions options = by_count(2345);
+  options.field = &field;
+  set_thread_count(1);
+  const SurfelCloud one = sample_mesh(mesh, options);
+  set_thread_count(5);
+  const SurfelCloud five = sample_mesh(mesh, options);
+  set_thread_count(0);
+  ASSERT_EQ(one.size(), 2345u);
+  ASSERT_EQ(five.size(), 2345u);
+  EXPECT_EQ(0, std::memcmp(one.position.data(), five.position.data(), one.size() * sizeof(Vec3f)));
+  EXPECT_EQ(0, std::memcmp(one.area.data(), five.area.data(), one.size() * sizeof(float)));
+}
+
 TEST(SampleMesh, MessagesNameTheFile) {
   try {
     sample_mesh(surface("plane", 3), by_spacing(1e-7), nullptr, "plane.obj");

@@ -69,12 +69,47 @@ void check_columns(const TriangleMesh& mesh, const std::string& name) {
   check(mesh.face_material.size(), mesh.face.size(), "faces' materials");
 }
 
-/// Throws where sampling at this spacing is beyond memory or precision.
-void check_feasible(const FaceMeasures& m, double spacing, const std::string& name) {
-  const double samples = m.total_area / (spacing * spacing);
-  // Chunks have edges of 2.5 to 5 spacings; a face is one at least, a sliver a row of them.
-  const double chunks =
-      static_cast<double>(m.area.size()) + samples / 2.5 + m.total_edge / (1.25 * spacing);
+/// Area of the mesh in units of the field's spacing squared, by quadrature.
+double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const SizingField& field) {
+  if (field.least() == field.largest()) return m.total_area / (field.least() * field.least());
+  constexpr double kMostParts = 64;
+  Array<double> in_field(mesh.face.size());
+  parallel_for(in_field.size(), 1 << 8, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t f = begin; f < end; ++f) {
+      const std::array<Vec3d, 3> corner = corners(mesh, f);
+      double edge = 0;
+      for (int k = 0; k < 3; ++k) edge = std::max(edge, (corner[(k + 1) % 3] - corner[k]).norm());
+      const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3;
+      const double parts = edge / field.at(middle.cast<float>());
+      const int n = static_cast<int>(std::clamp(std::ceil(parts), 1.0, kMostParts));
+      double sum = 0;
+      // Centroids of the upright ones of the n^2 equal triangles.
+      for (int i = 0; i < n; ++i) {
+        for (int j = 0; i + j < n; ++j) {
+          const Vec3d p = corner[0] + (i + 1 / 3.0) / n * (corner[1] - corner[0]) +
+                          (j + 1 / 3.0) / n * (corner[2] - corner[0]);
+          const double spacing = field.at(p.cast<float>());
+          sum += 1 / (spacing * spacing);
+        }
+      }
+      in_field[f] = m.area[f] * sum * 2 / (n * (n + 1));
+    }
+  });
+  double total = 0;
+  for (const double a : in_field) total += a;
+  return total;
+}
+
+/// Throws where sampling at this spacing, in units of the field's, is beyond memory or precision.
+void check_feasible(const FaceMeasures& m, const SizingField& field, double area_in_field,
+                    double factor, const std::string& name) {
+  const double spacing = factor * field.least();
+  const double samples = area_in_field / (factor * factor);
+  // Chunks have edges of 2.5 to 5 spacings, of 1 to 2 where it varies; a face is one at least, a
+  // sliver a row of them.
+  const double chunks_per_sample = field.gradient() > 0 ? 2 : 0.4;
+  const double chunks = static_cast<double>(m.area.size()) + samples * chunks_per_sample +
+                        m.total_edge / (1.25 * factor * field.largest());
   const double bytes = 300 * samples + 150 * chunks;
   if (samples > static_cast<double>(kMostSamples) ||
       bytes > static_cast<double>(available_memory_bytes())) {
@@ -97,6 +132,7 @@ void check_feasible(const FaceMeasures& m, double spacing, const std::string& na
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
 std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
                                           const Array<std::uint32_t>& rings, const FaceMeasures& m,
+                                          const SizingField& field, double area_in_field,
                                           std::size_t count, std::uint64_t seed,
                                           const std::string& name, double& spacing) {
   const auto wanted = static_cast<double>(count);
@@ -105,11 +141,11 @@ std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
   double fine = 0;
   double coarse = std::numeric_limits<double>::infinity();
   std::unique_ptr<PoissonDisk> disk;
-  spacing = 1.01 * std::sqrt(m.total_area / wanted);
+  spacing = 1.01 * std::sqrt(area_in_field / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
-    check_feasible(m, spacing, name);
+    check_feasible(m, field, area_in_field, spacing, name);
     disk.reset();
-    disk = std::make_unique<PoissonDisk>(mesh, rings, spacing, seed);
+    disk = std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
     const auto made = static_cast<double>(disk->size());
     if (made <= wanted && made >= 0.97 * wanted - 1) break;
     (made > wanted ? fine : coarse) = spacing;
@@ -121,7 +157,7 @@ std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
   }
   if (static_cast<double>(disk->size()) > wanted && !std::isinf(coarse)) {
     spacing = coarse;
-    disk = std::make_unique<PoissonDisk>(mesh, rings, spacing, seed);
+    disk = std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
   }
   disk->fill(count);
   return disk;
@@ -299,13 +335,17 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   const Array<std::uint32_t> component = face_components(rings);
   stage("topology");
 
+  const SizingField uniform(1);
+  const SizingField& field = options.field ? *options.field : uniform;
+  const double in_field = area_in_field(mesh, faces, field);
   std::unique_ptr<PoissonDisk> disk;
   if (options.count) {
-    disk = sample_count(mesh, rings, faces, *options.count, options.seed, name, out.spacing);
+    disk = sample_count(mesh, rings, faces, field, in_field, *options.count, options.seed, name,
+                        out.spacing);
   } else {
     out.spacing = *options.spacing;
-    check_feasible(faces, out.spacing, name);
-    disk = std::make_unique<PoissonDisk>(mesh, rings, out.spacing, options.seed);
+    check_feasible(faces, field, in_field, out.spacing, name);
+    disk = std::make_unique<PoissonDisk>(mesh, rings, field, out.spacing, options.seed);
   }
   stage("sample");
   const Array<SurfaceSample> samples = disk->samples();
@@ -328,11 +368,12 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   double sampled_area = 0;
   for (const SurfaceSample& sample : samples) sampled_area += sample.area;
   const double to_exact = faces.total_area / sampled_area;
-  const double cell = out.spacing * out.spacing;
   const double scale2 = options.variance_scale * options.variance_scale;
   parallel_for(samples.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       const SurfaceSample& sample = samples[i];
+      const double spacing = out.spacing * sample.size;
+      const double cell = spacing * spacing;
       cloud.position[i] = sample.position;
       cloud.area[i] = static_cast<float>(to_exact * sample.area);
       cloud.variance[i] =
@@ -342,6 +383,8 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   });
   stage("attributes");
 
+  if (options.field)
+    out.spacing = std::sqrt(faces.total_area / static_cast<double>(samples.size()));
   out.faces = mesh.face.size();
   out.degenerate_faces = mesh.degenerate_faces + faces.degenerate;
   out.flat_uv_faces = count_flat_uv(mesh);

@@ -11,12 +11,17 @@
 #include <surfel/base/timing.h>
 #include <surfel/cloud/cloud.h>
 #include <surfel/io/mesh.h>
+#include <surfel/sample/sizing_field.h>
 
 namespace surfel {
 
 struct SURFEL_API MeshSampleOptions {
   std::optional<double> spacing;     ///< Root of the area per sample, scene units, > 0. Either
   std::optional<std::size_t> count;  ///< this or the number of samples, 1 to 2^28, is given.
+  /// Spacing that varies, or null. `spacing` and what the report says of it are then in units of
+  /// the field's, so that 1 is the field as it is. Its gradient times those is at most
+  /// PoissonDisk::kMaxGradient.
+  const SizingField* field = nullptr;
   std::uint64_t seed = 1;
   bool flat = false;          ///< Normals of the faces instead of smooth ones.
   double variance_scale = 1;  ///< Standard deviation of the kernels in units of the spacing, > 0;
@@ -47,10 +52,10 @@ struct MeshSampleReport {
 /// ones that keep 0.62 spacings fill the number up exactly. Where that cannot be (more components
 /// than samples; no room left) the number is the nearest that was found.
 ///
-/// Columns: position, normal, variance = (variance_scale * spacing)^2 (of a component smaller than
-/// spacing^2: its area instead), area (the samples' areas sum to the mesh's), uv, dpdu and dpdv
-/// where the mesh has uv; color where it has vertex colours or materials without texture; material
-/// where it has more than one. The mesh's origin is kept.
+/// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller
+/// than spacing^2: its area instead), area (the samples' areas sum to the mesh's), uv, dpdu and
+/// dpdv where the mesh has uv; color where it has vertex colours or materials without texture;
+/// material where it has more than one. The mesh's origin is kept.
 ///
 /// `name` is the mesh's file, to start messages with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would

@@ -17,6 +17,8 @@ namespace {
 /// far end) + kSheetRadius away; twice that is less than a block's side.
 constexpr double kChunkEdge = 5;
 constexpr double kBlockSide = 16;
+/// Where the spacing varies, it is linear over a chunk.
+constexpr double kGradedChunkEdge = 2;
 static_assert(2 * (2 * kChunkEdge * 2 / 3 + PoissonDisk::kSheetRadius) < kBlockSide);
 
 using Triangle = std::array<Vec3f, 3>;
@@ -81,17 +83,16 @@ Facing facing(const Vec3f& normal, const Vec3f& other) {
 
 class PoissonDisk::Impl {
  public:
-  Impl(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor, double spacing,
-       std::uint64_t seed)
+  Impl(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor, const SizingField& field,
+       double spacing, std::uint64_t seed)
       : seed_(seed),
         spacing_(spacing),
-        conflict2_(square(kConflictRadius * spacing)),
-        aside_conflict2_(square(kAsideRadius * spacing)),
-        coverage_(static_cast<float>(kCoverageRadius * spacing)),
-        coverage2_(coverage_ * coverage_),
-        sheet2_(square(kSheetRadius * spacing)),
-        surface_(make_surface_chunks(mesh, neighbor, kChunkEdge * spacing, kBlockSide * spacing)) {
-    prepare_chunks();
+        largest_(static_cast<float>(field.largest())),
+        gap_((kCoverageRadius - kConflictRadius) / (1 + spacing * field.gradient())),
+        surface_(make_surface_chunks(
+            mesh, neighbor, field, (field.gradient() > 0 ? kGradedChunkEdge : kChunkEdge) * spacing,
+            kBlockSide * field.largest() * spacing)) {
+    prepare_chunks(field);
     for (const std::vector<std::uint32_t>& blocks : surface_.phase) {
       parallel_for(blocks.size(), 1, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t i = begin; i < end; ++i) sample_block(blocks[i]);
@@ -107,11 +108,11 @@ class PoissonDisk::Impl {
     std::vector<double> area_up_to(surface_.chunk.size());
     double area = 0;
     for (std::size_t c = 0; c < area_up_to.size(); ++c) {
-      area += surface_.chunk[c].area();
+      const double coarser = largest_ / grade_[c].at_corner;
+      area += surface_.chunk[c].area() * coarser * coarser;
       area_up_to[c] = area;
     }
     Walk walk;
-    const float radius2 = aside_conflict2_;
     const std::uint64_t attempts = 1000 * (count - size_) + 10000;
     for (std::uint64_t i = 0; i < attempts && size_ < count; ++i) {
       const auto at = std::upper_bound(area_up_to.begin(), area_up_to.end(),
@@ -123,10 +124,12 @@ class PoissonDisk::Impl {
           point_in(surface_.chunk[chunk].corner, fraction(bits, 0), fraction(bits, 1));
       const bool free =
           std::all_of(reach_[chunk].begin(), reach_[chunk].end(), [&](std::uint32_t entry) {
-            return (slot_[entry & ~kAsideBit] - dart).squaredNorm() >= radius2;
+            const std::uint32_t slot = entry & ~kAsideBit;
+            return (slot_[slot] - dart).squaredNorm() >= radius2(kAsideRadius, size_of_[slot]);
           });
-      if (!free || find_conflict(walk, chunk, dart, radius2) != kNoSlot) continue;
-      add_sample(walk, chunk, dart);
+      const float size = size_at(chunk, dart);
+      if (!free || find_conflict(walk, chunk, dart, size, kAsideRadius) != kNoSlot) continue;
+      add_sample(walk, chunk, dart, size);
       ++size_;
     }
   }
@@ -163,7 +166,7 @@ class PoissonDisk::Impl {
           const std::uint32_t slot = first_slot_[c] + k;
           out[first_sample[c] + k] = {slot_[slot], surface_.chunk[c].face,
                                       static_cast<float>(static_cast<double>(share[slot]) * unit),
-                                      nearest_distance(c, slot)};
+                                      nearest_distance(c, slot), size_of_[slot]};
         }
       }
     });
@@ -177,11 +180,22 @@ class PoissonDisk::Impl {
 
   static float square(double x) { return static_cast<float>(x * x); }
 
+  /// Square of a radius in units of the spacing, for a sample of this size.
+  float radius2(double radius, float size) const { return square(radius * spacing_ * size); }
+
   /// A sample as the triangles near it see it.
   struct Neighbor {
     Vec3f position;
     float conflict2;  ///< Square of the distance that a dart must keep.
+    float coverage;   ///< Radius.
     bool agrees;      ///< Faces the same way, and so may cover.
+  };
+
+  /// The field over a chunk: linear.
+  struct Grade {
+    float at_corner;  ///< Corner 0.
+    Vec3f slope;
+    float least;
   };
 
   /// Chunks that a point reaches over the surface.
@@ -200,11 +214,13 @@ class PoissonDisk::Impl {
   };
 
   struct NearestShare {
-    std::vector<double> area;  ///< Of the chunk's points nearest to each sample that it sees.
+    std::vector<double> area;  ///< Of the chunk's points nearest to each sample that it sees,
+                               ///< in units of the sample's size.
     std::vector<Vec3f> position;
+    std::vector<float> per_size2;
   };
 
-  void prepare_chunks() {
+  void prepare_chunks(const SizingField& field) {
     const std::size_t n = surface_.chunk.size();
     first_slot_.resize(n + 1);
     normal_.resize(n);
@@ -212,16 +228,44 @@ class PoissonDisk::Impl {
     full_.assign(n, 0);
     visited_.assign(n, 0);
     reach_.resize(n);
+    grade_.resize(n);
     parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t c = begin; c < end; ++c) {
         const SurfaceChunk& chunk = surface_.chunk[c];
-        first_slot_[c + 1] = packing_bound(chunk, kAsideRadius * spacing_);
+        grade_[c] = grade(chunk, field);
+        first_slot_[c + 1] = packing_bound(chunk, kAsideRadius * spacing_ * grade_[c].least);
         normal_[c] = chunk.normal();
       }
     });
     first_slot_[0] = 0;
     for (std::size_t c = 0; c < n; ++c) first_slot_[c + 1] += first_slot_[c];
     slot_.resize(first_slot_[n]);
+    size_of_.resize(first_slot_[n]);
+  }
+
+  static Grade grade(const SurfaceChunk& chunk, const SizingField& field) {
+    const std::array<Vec3f, 3>& corner = chunk.corner;
+    std::array<double, 3> size{};
+    for (int k = 0; k < 3; ++k) size[k] = field.at(corner[k]);
+    Grade out{static_cast<float>(size[0]), Vec3f::Zero(),
+              static_cast<float>(std::min({size[0], size[1], size[2]}))};
+    const Vec3d a = (corner[1] - corner[0]).cast<double>();
+    const Vec3d b = (corner[2] - corner[0]).cast<double>();
+    const Vec3d normal = a.cross(b);
+    const double length2 = normal.squaredNorm();
+    if (length2 > 0) {
+      const Vec3d slope =
+          ((size[1] - size[0]) * b - (size[2] - size[0]) * a).cross(normal) / length2;
+      out.slope = slope.cast<float>();
+    }
+    return out;
+  }
+
+  /// The field at a point of the chunk.
+  float size_at(std::uint32_t chunk, const Vec3f& p) const {
+    const Grade& g = grade_[chunk];
+    const float size = g.at_corner + g.slope.dot(p - surface_.chunk[chunk].corner[0]);
+    return std::max(size, g.least);
   }
 
   void sample_block(std::uint32_t block) {
@@ -247,7 +291,9 @@ class PoissonDisk::Impl {
   }
 
   Neighbor seen(std::uint32_t slot, bool agrees) const {
-    return {slot_[slot], agrees ? conflict2_ : aside_conflict2_, agrees};
+    const float size = size_of_[slot];
+    return {slot_[slot], radius2(agrees ? kConflictRadius : kAsideRadius, size),
+            static_cast<float>(kCoverageRadius * spacing_ * size), agrees};
   }
 
   /// Throws darts into the triangle until it is covered. The samples that may matter are those of
@@ -259,20 +305,21 @@ class PoissonDisk::Impl {
     for (const Vec3f& corner : triangle) {
       radius2 = std::max(radius2, (corner - center).squaredNorm());
     }
-    const float reach2 = square(coverage_ + std::sqrt(radius2));
+    const float radius = std::sqrt(radius2);
     const std::size_t begin = darts.list.size();
     bool full = false;     // No dart can be taken here.
     bool covered = false;  // One is welcome, but not needed.
     const auto consider = [&](std::uint32_t i) {
       const Neighbor& sample = darts.pool[i];
       const float center2 = (sample.position - center).squaredNorm();
-      if (center2 > reach2) return;
+      if (center2 > square(sample.coverage + radius)) return;
       darts.list.push_back(i);
       // A ball that holds the corners holds the centroid.
-      if (center2 > coverage2_) return;
+      const float coverage2 = sample.coverage * sample.coverage;
+      if (center2 > coverage2) return;
       const float corner2 = furthest_corner2(sample.position, triangle);
       full = full || corner2 <= sample.conflict2;
-      covered = covered || (sample.agrees && corner2 <= coverage2_);
+      covered = covered || (sample.agrees && corner2 <= coverage2);
     };
     for (std::size_t k = list_begin; k < list_end && !full; ++k) consider(darts.list[k]);
     const std::size_t pool = darts.pool.size();
@@ -287,8 +334,11 @@ class PoissonDisk::Impl {
     const std::uint64_t bits = random_bits(seed_, darts.chunk, ++darts.thrown);
     const Vec3f dart = point_in(triangle, fraction(bits, 0), fraction(bits, 1));
     const std::size_t end = darts.list.size();
-    const bool taken = !conflicts(darts, begin, end, dart) && take(darts, dart);
-    if (covered || (taken && furthest_corner2(dart, triangle) <= coverage2_)) return;
+    const float size = size_at(darts.chunk, dart);
+    const bool taken = !conflicts(darts, begin, end, dart) && take(darts, dart, size);
+    if (covered) return;
+    const auto coverage = static_cast<float>(kCoverageRadius * spacing_ * size);
+    if (taken && furthest_corner2(dart, triangle) <= coverage * coverage) return;
     int longest = 0;
     float length2 = 0;
     for (int k = 0; k < 3; ++k) {
@@ -298,7 +348,7 @@ class PoissonDisk::Impl {
         longest = k;
       }
     }
-    if (!taken && length2 <= square((kCoverageRadius - kConflictRadius) * spacing_)) return;
+    if (!taken && length2 <= radius2(gap_, size)) return;
     const Vec3f middle = (triangle[longest] + triangle[(longest + 1) % 3]) / 2;
     std::array<Triangle, 2> half{triangle, triangle};
     half[0][(longest + 1) % 3] = middle;
@@ -318,10 +368,11 @@ class PoissonDisk::Impl {
 
   /// Makes the dart a sample, unless one that did not reach the dart's chunk is reached from it: a
   /// connection may lie inside the one's ball and not inside the other's.
-  bool take(Darts& darts, const Vec3f& dart) {
-    const std::uint32_t blocker = find_conflict(darts.walk, darts.chunk, dart, conflict2_);
+  bool take(Darts& darts, const Vec3f& dart, float size) {
+    const std::uint32_t blocker =
+        find_conflict(darts.walk, darts.chunk, dart, size, kConflictRadius);
     if (blocker == kNoSlot) {
-      const std::uint32_t slot = add_sample(darts.walk, darts.chunk, dart);
+      const std::uint32_t slot = add_sample(darts.walk, darts.chunk, dart, size);
       darts.pool.push_back(seen(slot, true));
       return true;
     }
@@ -332,9 +383,13 @@ class PoissonDisk::Impl {
   }
 
   /// Walks from the chunk to all that faces connect to it inside the sheet's ball around `p`.
-  /// Returns a sample there (with kAsideBit) that is too close, closer than the square root of
-  /// `agree2` if it faces the same way, than kAsideRadius if aside; or kNoSlot.
-  std::uint32_t find_conflict(Walk& walk, std::uint32_t start, const Vec3f& p, float agree2) {
+  /// Returns a sample there (with kAsideBit) that is too close, closer than the radius `agree` if
+  /// it faces the same way, than kAsideRadius if aside; or kNoSlot.
+  std::uint32_t find_conflict(Walk& walk, std::uint32_t start, const Vec3f& p, float size,
+                              double agree) {
+    const float sheet2 = radius2(kSheetRadius, size);
+    const auto coverage = static_cast<float>(kCoverageRadius * spacing_ * size);
+    const float coverage2 = coverage * coverage;
     walk.chunks.assign(1, start);
     walk.near.clear();
     visited_[start] = 1;
@@ -346,24 +401,24 @@ class PoissonDisk::Impl {
       for (int k = 0; k < 3; ++k) {
         const float edge2 = segment_distance2(p, c.corner[k], c.corner[(k + 1) % 3]);
         closest2 = std::min(closest2, edge2);
-        if (edge2 <= sheet2_) visit_around(3 * at + k, walk);
+        if (edge2 <= sheet2) visit_around(3 * at + k, walk);
       }
-      walk.near.push_back(at == start || closest2 <= coverage2_ ||
-                          hovers_over(p, c.corner, coverage2_));
-      if (used_[at] > 0) blocker = too_close(at, p, normal_[start], agree2);
+      walk.near.push_back(at == start || closest2 <= coverage2 ||
+                          hovers_over(p, c.corner, coverage2));
+      if (used_[at] > 0) blocker = too_close(at, p, normal_[start], agree);
     }
     for (const std::uint32_t chunk : walk.chunks) visited_[chunk] = 0;
     return blocker;
   }
 
   std::uint32_t too_close(std::uint32_t chunk, const Vec3f& p, const Vec3f& normal,
-                          float agree2) const {
+                          double agree) const {
     const Facing side = facing(normal, normal_[chunk]);
     if (side == Facing::kOpposed) return kNoSlot;
-    const float limit2 = side == Facing::kAgree ? agree2 : aside_conflict2_;
+    const double radius = side == Facing::kAgree ? agree : kAsideRadius;
     for (std::uint32_t k = 0; k < used_[chunk]; ++k) {
       const std::uint32_t slot = first_slot_[chunk] + k;
-      if ((slot_[slot] - p).squaredNorm() < limit2) {
+      if ((slot_[slot] - p).squaredNorm() < radius2(radius, size_of_[slot])) {
         return side == Facing::kAgree ? slot : slot | kAsideBit;
       }
     }
@@ -384,9 +439,12 @@ class PoissonDisk::Impl {
 
   /// Takes the sample whose walk (find_conflict) this is, and announces it to the chunks that it
   /// reached; returns its slot.
-  std::uint32_t add_sample(const Walk& walk, std::uint32_t chunk, const Vec3f& p) {
+  std::uint32_t add_sample(const Walk& walk, std::uint32_t chunk, const Vec3f& p, float size) {
     const std::uint32_t slot = first_slot_[chunk] + used_[chunk]++;
     slot_[slot] = p;
+    size_of_[slot] = size;
+    const float conflict2 = radius2(kConflictRadius, size);
+    const float aside_conflict2 = radius2(kAsideRadius, size);
     for (std::size_t i = 0; i < walk.chunks.size(); ++i) {
       if (!walk.near[i]) continue;
       const std::uint32_t at = walk.chunks[i];
@@ -395,20 +453,25 @@ class PoissonDisk::Impl {
       const bool agrees = side == Facing::kAgree || at == chunk;
       reach_[at].push_back(agrees ? slot : slot | kAsideBit);
       if (furthest_corner2(p, surface_.chunk[at].corner) <=
-          (agrees ? conflict2_ : aside_conflict2_)) {
+          (agrees ? conflict2 : aside_conflict2)) {
         full_[at] = 1;
       }
     }
     return slot;
   }
 
-  /// Area of the chunk's points by the sample of reach_[chunk] that is nearest, by quadrature.
+  /// Area of the chunk's points by the sample of reach_[chunk] that is nearest in units of its
+  /// size, by quadrature.
   void share_area(std::size_t chunk, NearestShare& nearest) const {
     const SurfaceChunk& c = surface_.chunk[chunk];
     nearest.area.assign(reach_[chunk].size(), 0);
     nearest.position.clear();
+    nearest.per_size2.clear();
     for (const std::uint32_t entry : reach_[chunk]) {
-      nearest.position.push_back(slot_[entry & ~kAsideBit]);
+      const std::uint32_t slot = entry & ~kAsideBit;
+      nearest.position.push_back(slot_[slot]);
+      const float finer = largest_ / size_of_[slot];
+      nearest.per_size2.push_back(finer * finer);
     }
     if (nearest.position.empty()) return;
     float edge = 0;
@@ -416,7 +479,8 @@ class PoissonDisk::Impl {
       edge = std::max(edge, (c.corner[(k + 1) % 3] - c.corner[k]).norm());
     }
     constexpr double kPointsPerSpacing = 1.5;
-    const int n = std::max(1, static_cast<int>(std::ceil(kPointsPerSpacing * edge / spacing_)));
+    const double spacing = spacing_ * grade_[chunk].least;
+    const int n = std::max(1, static_cast<int>(std::ceil(kPointsPerSpacing * edge / spacing)));
     const double part = c.area() / (n * n);
     const Vec3f u = (c.corner[1] - c.corner[0]) / static_cast<float>(n);
     const Vec3f v = (c.corner[2] - c.corner[0]) / static_cast<float>(n);
@@ -425,7 +489,7 @@ class PoissonDisk::Impl {
       std::size_t best = 0;
       float best2 = std::numeric_limits<float>::infinity();
       for (std::size_t k = 0; k < nearest.position.size(); ++k) {
-        const float d2 = (nearest.position[k] - p).squaredNorm();
+        const float d2 = (nearest.position[k] - p).squaredNorm() * nearest.per_size2[k];
         if (d2 < best2) {
           best2 = d2;
           best = k;
@@ -453,12 +517,16 @@ class PoissonDisk::Impl {
 
   std::uint64_t seed_;
   double spacing_;
-  float conflict2_, aside_conflict2_, coverage_, coverage2_, sheet2_;
+  float largest_;  ///< Of the field.
+  double gap_;  ///< Between the radii of coverage and conflict of a sample that rejects a dart, in
+                ///< spacings where the dart fell.
   SurfaceChunks surface_;
   std::size_t size_ = 0;
   Array<Vec3f> normal_;              ///< Of the chunks; zero where degenerate.
   Array<std::uint32_t> first_slot_;  ///< Each chunk has room for as many samples as fit.
   Array<Vec3f> slot_;                ///< Positions.
+  Array<float> size_of_;             ///< The field at the slots' samples.
+  Array<Grade> grade_;               ///< Of the chunks.
   Array<std::uint16_t> used_;        ///< Slots taken, per chunk.
   Array<std::uint8_t> full_;         ///< One sample leaves no room in the chunk.
   Array<std::uint8_t> visited_;      ///< By the walk that is under way.
@@ -467,8 +535,8 @@ class PoissonDisk::Impl {
 };
 
 PoissonDisk::PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
-                         double spacing, std::uint64_t seed)
-    : impl_(std::make_unique<Impl>(mesh, neighbor, spacing, seed)) {}
+                         const SizingField& field, double spacing, std::uint64_t seed)
+    : impl_(std::make_unique<Impl>(mesh, neighbor, field, spacing, seed)) {}
 PoissonDisk::~PoissonDisk() = default;
 std::size_t PoissonDisk::size() const { return impl_->size(); }
 void PoissonDisk::fill(std::size_t count) { impl_->fill(count); }

@@ -7,6 +7,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/io/mesh.h>
+#include <surfel/sample/sizing_field.h>
 
 namespace surfel {
 
@@ -17,6 +18,7 @@ struct SurfaceSample {
   float area;          ///< Surface nearer to it than to any other sample of its sheet.
   float nearest;       ///< Distance to the nearest other sample of its sheet; infinity if that is
                        ///< further than the coverage radius.
+  float size;          ///< The field there, in units of the spacing.
 };
 
 /// Poisson-disk samples over a whole surface by dart throwing with subdivision (White, Cline,
@@ -34,6 +36,9 @@ struct SurfaceSample {
 /// Darts keep kConflictRadius from the samples of their sheet; a triangle is finished when all of
 /// it is within kCoverageRadius of one of them. The gap between the two makes the subdivision end:
 /// a triangle no larger than the gap is covered by the sample that rejects its dart.
+///
+/// Where the spacing varies, a sample's radii are those of the spacing at its own place, whatever
+/// the spacing is where a dart falls.
 class SURFEL_API PoissonDisk {
  public:
   /// In units of the spacing h. A set saturated at the conflict radius r has 1.436 r^2 of surface
@@ -47,18 +52,21 @@ class SURFEL_API PoissonDisk {
   /// Faces agree from this cosine on; below the other one they are opposed and independent.
   static constexpr float kAgreeCosine = 0.5f;
   static constexpr float kOpposedCosine = -0.17f;
+  static constexpr double kMaxGradient = 0.42;
 
   /// \param neighbor  as of make_surface_chunks().
+  /// \param field     spacing by place, in units of `spacing`. Its gradient is at most
+  ///                  kMaxGradient: beyond, samples would not see each other.
   /// Samples the whole surface. The same for any number of threads.
-  PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor, double spacing,
-              std::uint64_t seed);
+  PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
+              const SizingField& field, double spacing, std::uint64_t seed);
   ~PoissonDisk();
   PoissonDisk(const PoissonDisk&) = delete;
   PoissonDisk& operator=(const PoissonDisk&) = delete;
 
   std::size_t size() const;
-  /// Adds samples at random places that keep kAsideRadius from all others, up to `count` in all;
-  /// fewer where there is no more room.
+  /// Adds samples at random places, as dense as the others, that keep kAsideRadius from them, up to
+  /// `count` in all; fewer where there is no more room.
   void fill(std::size_t count);
   /// The samples with their areas, in the order of a space-filling curve through blocks.
   Array<SurfaceSample> samples() const;

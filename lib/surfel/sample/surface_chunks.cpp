@@ -58,20 +58,41 @@ ChildEdge find_edge(const SplitPattern& pattern, int a, int b) {
   return {-1, -1};
 }
 
+/// Whether an edge is longer than allowed: the same for both directions, to the last bit.
+class EdgeLimit {
+ public:
+  EdgeLimit(const SizingField& spacing, double edge_spacings)
+      : spacing_(spacing), edge_spacings_(edge_spacings) {}
+
+  bool exceeded(const Vec3f& a, const Vec3f& b) const {
+    const double length2 = (b - a).squaredNorm();
+    const auto longer = [&](double spacing) {
+      const double limit = edge_spacings_ * spacing;
+      return length2 > limit * limit;
+    };
+    if (longer(spacing_.largest())) return true;
+    if (!longer(spacing_.least())) return false;
+    return longer(spacing_.at((a + b) / 2)) || longer(spacing_.at(a)) || longer(spacing_.at(b));
+  }
+
+ private:
+  const SizingField& spacing_;
+  double edge_spacings_;
+};
+
 /// One halving of all edges longer than a limit.
 class RefinementRound {
  public:
-  RefinementRound(const Array<SurfaceChunk>& chunks, double longest_edge) : chunks_(chunks) {
+  RefinementRound(const Array<SurfaceChunk>& chunks, const EdgeLimit& limit) : chunks_(chunks) {
     const std::size_t n = chunks.size();
     mask_.resize(n);
-    const double limit = longest_edge * longest_edge;
     parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         mask_[i] = 0;
         for (int k = 0; k < 3; ++k) {
-          // The same for both directions of the edge, to the last bit.
-          const Vec3f edge = chunks[i].corner[(k + 1) % 3] - chunks[i].corner[k];
-          if (edge.squaredNorm() > limit) mask_[i] |= static_cast<std::uint8_t>(1 << k);
+          if (limit.exceeded(chunks[i].corner[k], chunks[i].corner[(k + 1) % 3])) {
+            mask_[i] |= static_cast<std::uint8_t>(1 << k);
+          }
         }
       }
     });
@@ -190,10 +211,12 @@ double SurfaceChunk::area() const { return area_vector(*this).norm(); }
 Vec3f SurfaceChunk::normal() const { return area_vector(*this).normalized().cast<float>(); }
 
 SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
-                                  double longest_edge, double block_side) {
+                                  const SizingField& spacing, double edge_spacings,
+                                  double block_side) {
   Array<SurfaceChunk> chunks = whole_faces(mesh, neighbor);
+  const EdgeLimit limit(spacing, edge_spacings);
   for (;;) {
-    const RefinementRound round(chunks, longest_edge);
+    const RefinementRound round(chunks, limit);
     if (!round.anything_to_do()) break;
     Array<SurfaceChunk> children = round.children();
     chunks = std::move(children);

@@ -9,6 +9,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/io/mesh.h>
+#include <surfel/sample/sizing_field.h>
 
 namespace surfel {
 
@@ -34,13 +35,15 @@ struct SurfaceChunks {
   std::array<std::vector<std::uint32_t>, 8> phase;
 };
 
-/// Refines `mesh` until no edge is longer than `longest_edge` (edges are halved, alike on both
-/// sides, so that neighbours fit), and sorts the chunks by the block of side `block_side` that
-/// holds their centroid. Chunks of zero area are kept: they connect their neighbours.
-/// \param neighbor  3 * face + edge of the next face around edge k of face f at [3 f + k], or
+/// Refines `mesh` until no edge is longer than `edge_spacings` times the spacing at its ends and
+/// its middle (edges are halved, alike on both sides, so that neighbours fit), and sorts the chunks
+/// by the block of side `block_side` that holds their centroid. Chunks of zero area are kept: they
+/// connect their neighbours. \param neighbor  3 * face + edge of the next face around edge k of
+/// face f at [3 f + k], or
 ///                  SurfaceChunk::kBorder; rings as in SurfaceChunk.
 SURFEL_API SurfaceChunks make_surface_chunks(const TriangleMesh& mesh,
                                              const Array<std::uint32_t>& neighbor,
-                                             double longest_edge, double block_side);
+                                             const SizingField& spacing, double edge_spacings,
+                                             double block_side);
 
 }  // namespace surfel

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// A box and the spacing that samples in it should not exceed.
+struct SizingCell {
+  Vec3f min;
+  Vec3f max;
+  float spacing;  ///< > 0, finite.
+};
+
+/// Spacing of samples as a function of the place: the largest one that exceeds no cell's inside it,
+/// nor changes by more than `gradient` over a distance of 1,
+///   h(p) = min(largest, min_k h_k + gradient |p - cell k|),
+/// so that neighbouring samples have similar sizes.
+class SURFEL_API SizingField {
+ public:
+  /// Everywhere the same.
+  explicit SizingField(double spacing);
+  /// \param cells    may overlap. \param gradient  >= 0. \param largest  > 0.
+  SizingField(const std::vector<SizingCell>& cells, double gradient, double largest);
+
+  double at(const Vec3f& p) const;
+  double least() const { return least_; }
+  double largest() const { return largest_; }
+  double gradient() const { return gradient_; }
+
+ private:
+  /// Bounds of the cells [begin, end) of the tree's order; the halves of the range are its children
+  /// 2 i + 1 and 2 i + 2.
+  struct Node {
+    Vec3f min;
+    Vec3f max;
+    float spacing;  ///< The least.
+  };
+
+  void build(std::size_t node, std::size_t begin, std::size_t end);
+  void lower(std::size_t node, std::size_t begin, std::size_t end, const Vec3f& p,
+             double& spacing) const;
+  double bound(const Node& cell, const Vec3f& p) const;
+
+  double least_;
+  double largest_;
+  double gradient_ = 0;
+  std::vector<Node> cell_;  ///< In the tree's order.
+  std::vector<Node> tree_;
+};
+
+}  // namespace surfel

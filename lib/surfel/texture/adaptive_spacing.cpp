@@ -1,0 +1,202 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/sample/detail_tree.h>
+#include <surfel/sample/mesh_edges.h>
+#include <surfel/sample/mesh_sampler.h>
+#include <surfel/texture/adaptive_spacing.h>
+
+namespace surfel {
+namespace {
+
+/// As much as samples that see each other allow, with some left for a count's factor: 0.2 to 0.6
+/// give the same error for the same number of surfels within 0.3 dB, larger ones the smaller.
+constexpr double kGradient = 0.35;
+constexpr double kFewestProbes = 1 << 15;
+/// Share of the samples in cells as small as they come that calls for a closer look.
+constexpr double kFinestShare = 0.05;
+/// Probes at which the samples that a field makes are counted.
+constexpr std::size_t kCountProbes = 50000;
+constexpr int kBisections = 40;
+
+double surface_area(const TriangleMesh& mesh) {
+  double sum = 0;
+  for (const auto& face : mesh.face) {
+    const Vec3d a = mesh.position[face[0]].cast<double>();
+    const Vec3d b = mesh.position[face[1]].cast<double>();
+    const Vec3d c = mesh.position[face[2]].cast<double>();
+    sum += (b - a).cross(c - a).norm() / 2;
+  }
+  return sum;
+}
+
+double diagonal(const TriangleMesh& mesh) {
+  Vec3f low = mesh.position[mesh.face.front()[0]];
+  Vec3f high = low;
+  for (const auto& face : mesh.face) {
+    for (const std::uint32_t v : face) {
+      low = low.cwiseMin(mesh.position[v]);
+      high = high.cwiseMax(mesh.position[v]);
+    }
+  }
+  return (high - low).cast<double>().norm();
+}
+
+/// Edges that have a face on one side alone, in pieces no longer than `longest`.
+std::vector<BorderPiece> border_pieces(const TriangleMesh& mesh, const Array<std::uint32_t>& rings,
+                                       double longest) {
+  std::vector<BorderPiece> pieces;
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    for (int k = 0; k < 3; ++k) {
+      if (rings[3 * f + k] != kBorderEdge) continue;
+      const Vec3f& a = mesh.position[mesh.face[f][k]];
+      const Vec3f& b = mesh.position[mesh.face[f][(k + 1) % 3]];
+      const float length = (b - a).norm();
+      const int n = static_cast<int>(std::ceil(length / longest));
+      for (int i = 0; i < n; ++i) {
+        const float t = (static_cast<float>(i) + 0.5f) / static_cast<float>(n);
+        pieces.push_back({a + t * (b - a), length / static_cast<float>(n)});
+      }
+    }
+  }
+  return pieces;
+}
+
+/// Uniform samples of the mesh with their colours as fine as the texture has them.
+std::vector<SurfaceProbe> look(const TriangleMesh& mesh, TextureSet* textures, double spacing,
+                               std::uint64_t seed, const std::string& name) {
+  MeshSampleOptions sampling;
+  sampling.spacing = spacing;
+  sampling.seed = seed;
+  SurfelCloud cloud = sample_mesh(mesh, sampling, nullptr, name);
+  const Array<Vec3f>* color = &cloud.color;
+  if (textures) {
+    // The reconstruction kernel alone.
+    std::fill(cloud.variance.begin(), cloud.variance.end(), 0.0f);
+    fit_texture(cloud, *textures, {}, name);
+    color = &cloud.coefficient;
+  }
+  std::vector<SurfaceProbe> probes(cloud.size());
+  for (std::size_t i = 0; i < probes.size(); ++i) {
+    const float alpha = cloud.alpha.empty() ? 1 : cloud.alpha[i];
+    probes[i] = {cloud.position[i], cloud.normal[i],
+                 color->empty() ? Vec3f(0, 0, 0) : Vec3f(alpha * (*color)[i])};
+  }
+  return probes;
+}
+
+SizingField graded(const DetailTree& tree, const DetailTree::Cut& cut) {
+  return {cut.cells, kGradient, tree.largest_spacing()};
+}
+
+/// Samples that the field makes of the surface.
+double sample_count(const SizingField& field, const std::vector<SurfaceProbe>& probes,
+                    double area) {
+  const std::size_t stride = probes.size() / kCountProbes + 1;
+  const std::size_t n = (probes.size() + stride - 1) / stride;
+  Array<double> per_area(n);
+  parallel_for(n, 1 << 10, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const double h = field.at(probes[i * stride].position);
+      per_area[i] = 1 / (h * h);
+    }
+  });
+  double sum = 0;
+  for (const double x : per_area) sum += x;
+  return area * sum / static_cast<double>(n);
+}
+
+/// The cut at the highest price where `fine_enough` holds, or at the lowest price of all.
+template <class Test>
+DetailTree::Cut dearest(const DetailTree& tree, const Test& fine_enough) {
+  double low = std::log(tree.lowest_price());
+  double high = std::log(tree.highest_price());
+  DetailTree::Cut best = tree.cut(std::exp(high));
+  if (fine_enough(best)) return best;
+  best = tree.cut(std::exp(low));
+  if (!fine_enough(best)) return best;
+  for (int i = 0; i < kBisections && high - low > 1e-3; ++i) {
+    const double middle = (low + high) / 2;
+    DetailTree::Cut cut = tree.cut(std::exp(middle));
+    if (fine_enough(cut)) {
+      low = middle;
+      best = std::move(cut);
+    } else {
+      high = middle;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+std::vector<std::string> AdaptiveSpacingOptions::problems() const {
+  std::vector<std::string> found;
+  if (max_error.has_value() == count.has_value()) {
+    found.emplace_back("either max-error or count must be given, and not both");
+  }
+  if (max_error && !(*max_error > 0 && std::isfinite(*max_error))) {
+    found.push_back(fmt::format("max-error is {}; it must be positive", *max_error));
+  }
+  if (count && *count < 1) found.emplace_back("count is 0; it must be at least 1");
+  if (unit_deviation && !(*unit_deviation > 0 && std::isfinite(*unit_deviation))) {
+    found.push_back(fmt::format("unit-deviation is {}; it must be positive", *unit_deviation));
+  }
+  if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
+    found.push_back(fmt::format("variance-scale is {}; it must be positive", variance_scale));
+  }
+  return found;
+}
+
+SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
+                             const AdaptiveSpacingOptions& options, AdaptiveSpacingReport* report,
+                             const std::string& name) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  AdaptiveSpacingReport unused;
+  AdaptiveSpacingReport& out = report ? *report : unused;
+  out = {};
+  const double area = surface_area(mesh);
+  if (!(area > 0)) {
+    throw_input(name, "the mesh has no area; there is nothing to sample");
+  }
+  out.unit_deviation = options.unit_deviation.value_or(diagonal(mesh) / 30);
+  const Array<std::uint32_t> rings = edge_rings(mesh);
+  Timer timer;
+  const auto stage = [&](const char* done) {
+    out.times.add(done, timer.milliseconds());
+    timer.restart();
+  };
+  for (double wanted = kFewestProbes;; wanted *= 4) {
+    const double spacing = std::sqrt(area / wanted);
+    const std::vector<SurfaceProbe> probes = look(mesh, textures, spacing, options.seed, name);
+    stage("look");
+    const DetailTree tree(probes, border_pieces(mesh, rings, spacing),
+                          {area, spacing, out.unit_deviation, options.variance_scale});
+    const DetailTree::Cut cut = dearest(tree, [&](const DetailTree::Cut& tried) {
+      if (options.max_error) return tried.error() <= *options.max_error;
+      const auto count = static_cast<double>(*options.count);
+      return tried.samples >= count || sample_count(graded(tree, tried), probes, area) >= count;
+    });
+    stage("choose");
+    const bool reached = !options.max_error || cut.error() <= *options.max_error;
+    if ((reached && cut.finest_samples <= kFinestShare * cut.samples) ||
+        4 * wanted > static_cast<double>(options.most_probes)) {
+      SizingField field = graded(tree, cut);
+      out.probes = probes.size();
+      out.cells = cut.cells.size();
+      out.error = cut.error();
+      out.color_error = cut.color_error;
+      out.shape_error = cut.shape_error;
+      out.least_spacing = field.least();
+      out.largest_spacing = field.largest();
+      out.reached = reached;
+      return field;
+    }
+  }
+}
+
+}  // namespace surfel

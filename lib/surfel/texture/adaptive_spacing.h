@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/timing.h>
+#include <surfel/io/mesh.h>
+#include <surfel/sample/sizing_field.h>
+#include <surfel/texture/texture_fit.h>
+
+namespace surfel {
+
+struct SURFEL_API AdaptiveSpacingOptions {
+  /// Root mean square over the surface of the error of colour (per channel, linear light, 0 to 1)
+  /// and of shape (distance / unit_deviation) together, > 0. Either
+  std::optional<double> max_error;
+  std::optional<std::size_t> count;  ///< this or the number of samples to place best, >= 1.
+  /// Distance between surfels and surface, scene units, > 0, that counts as much as black against
+  /// white. Unset: 1/30 of the bounding box's diagonal.
+  std::optional<double> unit_deviation;
+  double variance_scale = 1;  ///< Of the samples: MeshSampleOptions.
+  std::uint64_t seed = 1;
+  std::size_t most_probes = 1 << 21;          ///< Places to look at, at least 32768 are.
+  std::vector<std::string> problems() const;  ///< Empty if usable.
+};
+
+/// What adaptive_spacing() met and chose.
+struct AdaptiveSpacingReport {
+  std::size_t probes = 0;     ///< Places where the surface was looked at.
+  std::size_t cells = 0;      ///< Of which each has a spacing.
+  double unit_deviation = 0;  ///< Scene units.
+  double error = 0;           ///< Expected: the root of the sum of the squares of
+  double color_error = 0;     ///< these two; the second
+  double shape_error = 0;     ///< in units of unit_deviation.
+  double least_spacing = 0;
+  double largest_spacing = 0;
+  bool reached = true;  ///< Else not even the finest spacing that was looked at meets max_error.
+  StageTimes times;
+};
+
+/// The spacing that gives a mesh the error asked for with the fewest samples, or the least error
+/// with a number of them: small where texture, vertex colours or shape have detail (detail_tree.h
+/// says what errors are), large elsewhere, changing by at most 0.35 per unit of distance in
+/// between, which only lowers the error. The errors are those of coefficients by view-independent
+/// EWA, drawn at cutoff 1, seen from near; `render` fits come out better.
+///
+/// The mesh is looked at in uniform samples, four times as many each time until few of the surfels
+/// would go where detail is as fine as they are. Cost: about 8 microseconds of one core a probe.
+/// \param textures  of the mesh (load_textures()), or null: its own colours alone.
+/// Throws Error as sample_mesh() and fit_texture() do. The same for any number of threads.
+SURFEL_API SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
+                                        const AdaptiveSpacingOptions& options,
+                                        AdaptiveSpacingReport* report = nullptr,
+                                        const std::string& name = {});
+
+}  // namespace surfel
