@@ -104,16 +104,15 @@ SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
                       {"color_error", report.color_error},
                       {"shape_error", report.shape_error},
                       {"least_spacing", report.least_spacing},
-                      {"largest_spacing", report.largest_spacing},
                       {"reached", report.reached}};
   for (const auto& [name, milliseconds] : report.times.stages()) {
     json["stages"][name] = milliseconds;
   }
   tool.note(
       fmt::format("{}: expected error {:.3g} (colour {:.3g}, shape {:.3g} of {:.3g} units), "
-                  "spacing {:.3g} to {:.3g}",
+                  "spacing from {:.3g} up",
                   r.mesh, report.error, report.color_error, report.shape_error,
-                  report.unit_deviation, report.least_spacing, report.largest_spacing));
+                  report.unit_deviation, report.least_spacing));
   if (!report.reached) {
     tool.note(
         fmt::format("{}: the error stays above {:.3g} at the finest spacing that is looked at",

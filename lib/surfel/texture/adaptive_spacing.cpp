@@ -192,7 +192,6 @@ SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
       out.color_error = cut.color_error;
       out.shape_error = cut.shape_error;
       out.least_spacing = field.least();
-      out.largest_spacing = field.largest();
       out.reached = reached;
       return field;
     }

@@ -36,8 +36,7 @@ struct AdaptiveSpacingReport {
   double error = 0;           ///< Expected: the root of the sum of the squares of
   double color_error = 0;     ///< these two; the second
   double shape_error = 0;     ///< in units of unit_deviation.
-  double least_spacing = 0;
-  double largest_spacing = 0;
+  double least_spacing = 0;   ///< Scene units.
   bool reached = true;  ///< Else not even the finest spacing that was looked at meets max_error.
   StageTimes times;
 };
@@ -46,10 +45,10 @@ struct AdaptiveSpacingReport {
 /// with a number of them: small where texture, vertex colours or shape have detail (detail_tree.h
 /// says what errors are), large elsewhere, changing by at most 0.35 per unit of distance in
 /// between, which only lowers the error. The errors are those of coefficients by view-independent
-/// EWA, drawn at cutoff 1, seen from near; `render` fits come out better.
+/// EWA, drawn at cutoff 1, seen from near.
 ///
 /// The mesh is looked at in uniform samples, four times as many each time until few of the surfels
-/// would go where detail is as fine as they are. Cost: about 8 microseconds of one core a probe.
+/// would go where detail is as fine as they are.
 /// \param textures  of the mesh (load_textures()), or null: its own colours alone.
 /// Throws Error as sample_mesh() and fit_texture() do. The same for any number of threads.
 SURFEL_API SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
