@@ -516,7 +516,7 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
   say("shape", cloud.anisotropic() ? "ellipses: some surfels have two variances"
                                    : "discs: no surfel has two variances");
   say("opacity",
-      cloud.transparent() ? "blended: some surfels have alpha below 1" : "all surfels are opaque");
+      cloud.transparent() ? "some surfels have alpha below 1" : "no surfel has alpha below 1");
   say("normals", o.lit    ? "kept, to shade with"
                  : o.aovs ? "kept, for the picture's channels"
                           : "left out: nothing is shaded");
@@ -525,10 +525,9 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
   }
   if (o.method != surfel::Method::kABuffer) return;
   say("layers",
-      fmt::format(
-          "{} (--layers): {} times two surfaces were merged for want of one, after which "
-          "{:.1e} of the kernels came too late for theirs; up to 0.1 costs less than 0.1 dB",
-          o.layers, frame.merged, frame.late_weight_share));
+      fmt::format("{} (--layers): {} times two surfaces were merged for want of one, after which "
+                  "{:.1e} of the kernels came too late for theirs",
+                  o.layers, frame.merged, frame.late_weight_share));
 }
 
 }  // namespace
