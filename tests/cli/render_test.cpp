@@ -78,6 +78,8 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--mesh", s.mesh, "--reference"},
         Words{"--mesh", s.mesh, "--cutoff", "2"},
         Words{s.surfels, "--refraction", "single"},
+        Words{s.surfels, "--reference", "--explain"},
+        Words{"--mesh", s.mesh, "--explain"},
         Words{s.surfels, "--scene", glass, "--shading", "none", "--refraction", "single"},
         Words{}}) {
     Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
@@ -86,6 +88,27 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
     EXPECT_EQ(result.exit_code, 2) << result.errors;
     EXPECT_FALSE(std::filesystem::exists(s.folder / "refused.png"));
   }
+}
+
+TEST(Render, ExplainsItsChoicesOnce) {
+  const Square& s = Square::get();
+  const auto explanation = [&](const Words& options) {
+    Words command{
+        tool("surfel-render"), s.surfels, "--explain", "--size", "64x64", "--turntable", "2", "-o",
+        s.folder / "t%d.png"};
+    command.insert(command.end(), options.begin(), options.end());
+    return run(command).errors;
+  };
+  const std::string lit = explanation({"--eye", "0,-0.02,0.01"});
+  for (const char* part : {"memory: all surfels are kept", "level of detail: none in the file",
+                           "shape: discs", "opacity: no surfel", "normals: kept", "layers: 3"}) {
+    const std::size_t first = lit.find(part);
+    EXPECT_NE(first, std::string::npos) << part << " in " << lit;
+    EXPECT_EQ(lit.find(part, first + 1), std::string::npos) << part;
+  }
+  // So near to the square that affine kernels are wrong.
+  EXPECT_EQ(lit.find("kernel: exact for 0 of"), std::string::npos) << lit;
+  EXPECT_NE(explanation({"--shading", "none"}).find("normals: left out"), std::string::npos);
 }
 
 TEST(Render, EveryMethodSeesTheSamePicture) {

@@ -44,6 +44,26 @@ TEST(Transparency, SlantedStackKeepsItsOrder) {
   EXPECT_LT(worst_error(image, stack.expected), kOneInByte);
 }
 
+TEST(Transparency, SheetsAreToldApartWhateverTheCutoff) {
+  // Discs of radius 0.18, which cut off at 4 reach 0.35; sheets 0.25 apart.
+  const SurfelCloud near = jittered_plane(24, 1.5, 0.25, 1);
+  const SurfelCloud far = jittered_plane(24, 1.5, 0.25, 2, -0.25);
+  SurfelCloud cloud;
+  for (const SurfelCloud* sheet : {&near, &far}) {
+    for (std::size_t i = 0; i < sheet->size(); ++i) {
+      add_surfel(cloud, sheet->position[i], sheet->normal[i], sheet->variance[i], sheet->area[i],
+                 {1, 1, 1});
+    }
+  }
+  cloud.alpha.assign(cloud.size(), 0.5F);
+  for (const double cutoff : {1.0, 4.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    const Image image = render_unlit(cloud, camera_at(2.5, 96, 20), options);
+    EXPECT_LT(worst_error(image, {0.75F, 0.75F, 0.75F, 0.75F}), kOneInByte) << cutoff;
+  }
+}
+
 TEST(Transparency, BackgroundShowsThroughByItsAlpha) {
   const Stack stack = stacked_planes(1);
   RenderOptions options;
