@@ -12,7 +12,7 @@ trap 'rm -rf "$work"' EXIT
 
 # Surfels for the three distances: the picture shows as many as it can hold at that spacing.
 spot() {
-  "$bin/surfel-from-mesh" "$data/textured/spot/spot_triangulated.obj" --count "$1" --quiet -o - |
+  "$bin/surfel-from-mesh" "$data/textured/spot/spot_triangulated.obj" --count "$1" --variance-scale 1 --quiet -o - |
     "$bin/surfel-texture" - --image "$data/textured/spot/spot_texture.png" --quiet -o "$work/$1.ply"
 }
 spot 2000

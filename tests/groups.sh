@@ -20,7 +20,7 @@ if chrt -f 50 true 2> /dev/null; then first=(chrt -f 50); fi
 number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
 
 # surfels NAME MESH COUNT
-surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" -o "$work/$1.ply" --quiet; }
+surfels() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count "$3" --variance-scale 1 -o "$work/$1.ply" --quiet; }
 
 # samples NAME MESH: to count what is covered.
 samples() { "$tools/surfel-from-mesh" "$data/meshes/$2" --count 1000000 --seed 7 -o "$work/$1-samples.ply" --quiet; }
@@ -179,7 +179,7 @@ TEXT
   samples bunny stanford_bunny.obj
   samples dragon dragon_vrip_res2.ply
   for name in plane sphere bunny; do cover $name; done
-  "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 -o "$work/dragon.ply" --quiet
+  "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 --variance-scale 1 -o "$work/dragon.ply" --quiet
   cover dragon
   cover dragon --most-growth 1000
   echo

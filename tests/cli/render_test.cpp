@@ -22,7 +22,8 @@ struct Square {
                "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
                "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
     const std::string plain = folder / "plain.ply";
-    run({tool("surfel-from-mesh"), mesh, "--spacing", "0.02", "-o", plain, "--quiet"});
+    run({tool("surfel-from-mesh"), mesh, "--spacing", "0.02", "--variance-scale", "1", "-o", plain,
+         "--quiet"});
     run({tool("surfel-texture"), plain, "--image", "checker:2", "-o", surfels, "--quiet"});
   }
   static const Square& get() {

@@ -146,11 +146,12 @@ TEST(SampleMesh, ComponentsBelowTheSpacingHaveASampleEach) {
   std::vector<double> area(50, 0);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (cloud.position[i].x() < 1.5f) {
-      EXPECT_FLOAT_EQ(cloud.variance[i], static_cast<float>(kSpacing * kSpacing));
+      constexpr double kSigma = MeshSampleOptions::kVarianceScale * kSpacing;
+      EXPECT_FLOAT_EQ(cloud.variance[i], static_cast<float>(kSigma * kSigma));
       continue;
     }
     area[static_cast<int>((cloud.position[i].x() - 1.999f) / 0.01f)] += cloud.area[i];
-    EXPECT_LE(cloud.variance[i], 6.1e-6f);
+    EXPECT_LE(cloud.variance[i], 3e-6f);
   }
   for (const double a : area) EXPECT_NEAR(a, 6e-6, 1e-8);
 }
@@ -230,7 +231,7 @@ TEST(SampleMesh, InterpolatesAttributesOnThePlane) {
     EXPECT_LT((cloud.dpdu[i] - Vec3f(2, 0, 0)).norm(), 1e-4);
     EXPECT_LT((cloud.dpdv[i] - Vec3f(0, 2, 0)).norm(), 1e-4);
     EXPECT_LT((cloud.normal[i] - Vec3f(0, 0, 1)).norm(), 1e-6);
-    EXPECT_FLOAT_EQ(cloud.variance[i], 0.0025f);
+    EXPECT_FLOAT_EQ(cloud.variance[i], 0.0025f * 0.49f);
   }
 }
 
@@ -317,6 +318,7 @@ TEST(SampleMesh, SpacingFollowsAField) {
   const SizingField field = corner_field();
   MeshSampleOptions options = by_spacing(1);
   options.field = &field;
+  options.variance_scale = 1;  // So that the variance tells the spacing.
   MeshSampleReport report;
   const SurfelCloud cloud = sample_mesh(mesh, options, &report);
   EXPECT_NEAR(total(cloud.area), 4, 1e-4);

@@ -119,13 +119,7 @@ TEST_P(ConjugateGradients, ReportsIndefiniteMatrices) {
 TEST_P(ConjugateGradients, TellsEigenvaluesOfPreconditionedMatrix) {
   const System system = gaussian_gram(20, 0.6);
   const InverseFactor factor(system.matrix, GetParam());
-  const SparseMatrixF& g = factor.factor();
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(g.rows(), g.rows());
-  for (std::size_t i = 0; i < g.rows(); ++i) {
-    for (std::uint64_t e = g.row_begin[i]; e < g.row_begin[i + 1]; ++e) {
-      rows(i, g.column[e]) = static_cast<double>(g.value[e]);
-    }
-  }
+  const Eigen::MatrixXd rows = dense(factor);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> truth(rows * dense(system.matrix) *
                                                              rows.transpose());
   Array<Channels> x = zeros(system.b.size());

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <surfel/base/random.h>
-#include <surfel/solve/symmetric_matrix.h>
+#include <surfel/solve/inverse_factor.h>
 
 namespace surfel::test {
 
@@ -111,6 +111,19 @@ inline SymmetricMatrix sparse(const Eigen::MatrixXd& matrix) {
 inline Eigen::MatrixXd dense(const Array<Channels>& x) {
   Eigen::MatrixXd result(x.size(), 4);
   for (std::size_t i = 0; i < x.size(); ++i) result.row(i) = x[i].transpose();
+  return result;
+}
+
+/// G, written out.
+inline Eigen::MatrixXd dense(const InverseFactor& factor) {
+  const std::size_t n = factor.rows();
+  Eigen::MatrixXd result(n, n);
+  Array<ChannelsF> x(n), y(n);
+  for (std::size_t j = 0; j < n; ++j) {
+    for (std::size_t i = 0; i < n; ++i) x[i].setConstant(i == j ? 1.0F : 0.0F);
+    factor.multiply(0, n, x.data(), y.data());
+    for (std::size_t i = 0; i < n; ++i) result(i, j) = static_cast<double>(y[i][0]);
+  }
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/chart/sweeps.h>
+#include <surfel/sample/mesh_sampler.h>
 
 namespace surfel {
 namespace {
@@ -105,12 +106,12 @@ Sweep sigma(const SweepContext& c) {
   Sweep sweep{.name = "sigma",
               .title = "Standard deviation of the kernels by the spacing",
               .about = "Narrow kernels are sharp and leave holes, wide ones blur and cost time.",
-              .standard = "1",
+              .standard = fmt::format("{:g}", MeshSampleOptions::kVarianceScale),
               .base = "",
               .truth = "",
               .points = values_of(
                   "surfel-from-mesh --variance-scale",
-                  {{"0.5", kQuick}, {"0.6"}, {"0.7", kQuick}, {"0.85"}, {"1.2"}, {"1.5", kQuick}}),
+                  {{"0.5", kQuick}, {"0.6"}, {"0.85"}, {"1", kQuick}, {"1.2"}, {"1.5", kQuick}}),
               .needs = ""};
   if (!c.mesh) sweep.needs = "a mesh to sample, as the kernels of given surfels are what they are";
   return sweep;

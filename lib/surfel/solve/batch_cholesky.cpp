@@ -50,10 +50,9 @@ HWY_INLINE void factorize(std::size_t n, double* a) {
   }
 }
 
-/// Solves L^T g = e_n.
-HWY_INLINE void substitute_back(std::size_t n, const double* a, double* g) {
+/// Row `last` of L^-1: solves L^T g = e_last.
+HWY_INLINE void substitute_back(std::size_t last, const double* a, double* g) {
   const D d;
-  const std::size_t last = n - 1;
   hn::Store(hn::Load(d, a + batch_entry(last, last)), d, g + last * kCholeskyBatch);
   for (std::size_t j = 0; j < last; ++j) hn::Store(hn::Zero(d), d, g + j * kCholeskyBatch);
   for (std::size_t i = last; i > 0; --i) {
@@ -69,10 +68,12 @@ HWY_INLINE void substitute_back(std::size_t n, const double* a, double* g) {
 
 }  // namespace
 
-void last_inverse_rows_simd(std::size_t n, double* matrices, double* row) {
+void last_inverse_rows_simd(std::size_t n, std::size_t count, double* matrices, double* rows) {
   for (std::size_t lane = 0; lane < kCholeskyBatch; lane += hn::Lanes(D())) {
     factorize(n, matrices + lane);
-    substitute_back(n, matrices + lane, row + lane);
+    for (std::size_t r = 0; r < count; ++r) {
+      substitute_back(n - count + r, matrices + lane, rows + r * n * kCholeskyBatch + lane);
+    }
   }
 }
 
@@ -85,8 +86,8 @@ namespace surfel {
 
 HWY_EXPORT(last_inverse_rows_simd);
 
-void last_inverse_rows(std::size_t n, double* matrices, double* row) {
-  if (n > 0) HWY_DYNAMIC_DISPATCH(last_inverse_rows_simd)(n, matrices, row);
+void last_inverse_rows(std::size_t n, std::size_t count, double* matrices, double* rows) {
+  HWY_DYNAMIC_DISPATCH(last_inverse_rows_simd)(n, count, matrices, rows);
 }
 
 }  // namespace surfel

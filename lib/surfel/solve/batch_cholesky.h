@@ -14,9 +14,10 @@ constexpr std::size_t batch_entry(std::size_t i, std::size_t j) {
   return (i * (i + 1) / 2 + j) * kCholeskyBatch;
 }
 
-/// For a batch of symmetric matrices A = L L^T: the last row of L^-1, whose entry i of the first
-/// matrix is row[i * kCholeskyBatch]. Overwrites the matrices. Where one is not positive definite,
-/// the row's last entry is not finite.
-SURFEL_API void last_inverse_rows(std::size_t n, double* matrices, double* row);
+/// For a batch of symmetric matrices A = L L^T of n rows: the last `count` <= n rows of L^-1.
+/// Entry j of row n - count + r of the first matrix is rows[(r n + j) kCholeskyBatch]; behind the
+/// diagonal rows are undefined. Overwrites the matrices. From where one is not positive definite,
+/// the diagonal entries are not finite.
+SURFEL_API void last_inverse_rows(std::size_t n, std::size_t count, double* matrices, double* rows);
 
 }  // namespace surfel

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -17,7 +19,9 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kMaxRowEntries = 255;  ///< A slot is a byte, and 0 means none.
+constexpr std::size_t kMaxRowEntries = 240;  ///< With a block more it fits into a byte.
+constexpr std::size_t kBlockGrain = 64;
+static_assert(kBlockGrain % kCholeskyBatch == 0 && kUnknownGrain % kBlockRows == 0);
 
 /// The first entry of a row whose column is at least `column`, or its end.
 std::uint64_t first_from(const SymmetricMatrix& matrix, std::size_t row, std::size_t column) {
@@ -39,73 +43,85 @@ Array<double> inverse_roots(const SymmetricMatrix& matrix) {
   return root;
 }
 
-SparseMatrixF transposed(const SparseMatrixF& matrix) {
-  const std::size_t n = matrix.rows();
-  SparseMatrixF result;
-  result.row_begin.assign(n + 1, 0);
-  result.column.resize(matrix.column.size());
-  result.value.resize(matrix.value.size());
-  for (const std::uint32_t column : matrix.column) ++result.row_begin[column + 1];
-  for (std::size_t i = 0; i < n; ++i) result.row_begin[i + 1] += result.row_begin[i];
-  Array<std::uint64_t> next(result.row_begin.begin(), result.row_begin.end() - 1);
-  for (std::size_t i = 0; i < n; ++i) {
-    for (std::uint64_t entry = matrix.row_begin[i]; entry < matrix.row_begin[i + 1]; ++entry) {
-      const std::uint64_t to = next[matrix.column[entry]]++;
-      result.column[to] = static_cast<std::uint32_t>(i);
-      result.value[to] = matrix.value[entry];
-    }
-  }
-  return result;
-}
-
-/// Fills in the rows of a factor whose row_begin is set; one for each thread.
-class RowBuilder {
+/// Fills in the blocks of a factor; one for each thread.
+class BlockBuilder {
  public:
-  RowBuilder(const SymmetricMatrix& matrix, const Array<double>& root, std::size_t row_entries,
-             SparseMatrixF& factor)
-      : matrix_(matrix), root_(root), factor_(factor) {
+  /// \param before  unknowns before a block that its rows may couple with, at most.
+  BlockBuilder(const SymmetricMatrix& matrix, const Array<double>& root, std::size_t before)
+      : matrix_(matrix), root_(root), before_(before) {
+    const std::size_t size = before + kBlockRows;
     slot_.assign(matrix.rows(), 0);
-    slot_value_.assign(row_entries + 1, 0);
-    slot_root_.resize(row_entries);
-    matrices_.resize(batch_entry(row_entries, 0));
-    rows_.resize(row_entries * kCholeskyBatch);
+    slot_value_.assign(size + 1, 0);
+    slot_root_.resize(size);
+    matrices_.resize(batch_entry(size, 0));
+    rows_.resize(size * kBlockRows * kCholeskyBatch);
   }
 
-  /// Rows [begin, begin + count), at most kCholeskyBatch.
-  void build(std::size_t begin, std::size_t count) {
-    std::size_t size = 0;
-    for (std::size_t row = begin; row < begin + count; ++row) {
-      size = std::max(size, entries(row));
-    }
-    for (std::size_t lane = 0; lane < kCholeskyBatch; ++lane) {
-      const std::size_t own = lane < count ? entries(begin + lane) : 0;
-      set_identity(size - own, lane);
-      if (own == 0) continue;
-      find_pattern(begin + lane);
-      gather(begin + lane, size - own, lane);
-    }
-    last_inverse_rows(size, matrices_.data(), rows_.data());
-    for (std::size_t lane = 0; lane < count; ++lane) {
-      const std::uint64_t first = factor_.row_begin[begin + lane];
-      const std::size_t own = entries(begin + lane);
-      const double* row = rows_.data() + (size - own) * kCholeskyBatch + lane;
-      // Where the matrix is not positive definite, the diagonal has to do.
-      const bool broken = !std::isfinite(row[(own - 1) * kCholeskyBatch]);
-      for (std::size_t s = 0; s < own; ++s) {
-        const double value = broken ? (s + 1 == own ? 1 : 0) : row[s * kCholeskyBatch];
-        factor_.value[first + s] = static_cast<float>(value * root_[factor_.column[first + s]]);
+  /// Of the unknowns before a block those most strongly coupled to any of its rows, ascending.
+  /// Valid until the next call.
+  std::span<const std::uint32_t> find_pattern(std::size_t block) {
+    neighbors_.clear();
+    const std::size_t first = block * kBlockRows;
+    const std::size_t end = std::min(first + kBlockRows, matrix_.rows());
+    if (place_.empty()) place_.assign(matrix_.rows(), kNowhere);
+    for (std::size_t row = first; row < end; ++row) {
+      for (std::uint64_t entry = matrix_.row_begin[row]; matrix_.column[entry] < first; ++entry) {
+        const std::uint32_t j = matrix_.column[entry];
+        const auto strength =
+            static_cast<float>(std::abs(matrix_.value[entry]) * root_[j] * root_[row]);
+        if (place_[j] == kNowhere) {
+          place_[j] = static_cast<std::uint32_t>(neighbors_.size());
+          neighbors_.push_back({strength, j});
+        } else {
+          float& strongest = neighbors_[place_[j]].strength;
+          strongest = std::max(strongest, strength);
+        }
       }
     }
+    for (const Neighbor& neighbor : neighbors_) place_[neighbor.index] = kNowhere;
+    if (neighbors_.size() > before_) {
+      const auto stronger = [](const Neighbor& a, const Neighbor& b) {
+        return a.strength != b.strength ? a.strength > b.strength : a.index < b.index;
+      };
+      std::nth_element(neighbors_.begin(),
+                       neighbors_.begin() + static_cast<std::ptrdiff_t>(before_), neighbors_.end(),
+                       stronger);
+      neighbors_.resize(before_);
+    }
+    pattern_.clear();
+    for (const Neighbor& neighbor : neighbors_) pattern_.push_back(neighbor.index);
+    std::sort(pattern_.begin(), pattern_.end());
+    return pattern_;
+  }
+
+  /// The values of blocks [begin, begin + count), at most kCholeskyBatch, whose columns are set.
+  void build(BlockMatrixF& factor, std::size_t begin, std::size_t count) {
+    std::size_t size = kBlockRows;
+    for (std::size_t block = begin; block < begin + count; ++block) {
+      size = std::max(size, columns_of(factor, block).size());
+    }
+    for (std::size_t lane = 0; lane < kCholeskyBatch; ++lane) {
+      if (lane < count) {
+        gather(columns_of(factor, begin + lane), size, lane);
+      } else {
+        set_identity(size, lane);
+      }
+    }
+    last_inverse_rows(size, kBlockRows, matrices_.data(), rows_.data());
+    for (std::size_t lane = 0; lane < count; ++lane) write(factor, begin + lane, size, lane);
   }
 
  private:
+  static constexpr std::uint32_t kNowhere = static_cast<std::uint32_t>(-1);
+
   struct Neighbor {
     float strength;
     std::uint32_t index;
   };
 
-  std::size_t entries(std::size_t row) const {
-    return factor_.row_begin[row + 1] - factor_.row_begin[row];
+  static std::span<const std::uint32_t> columns_of(const BlockMatrixF& factor, std::size_t block) {
+    const std::uint64_t begin = factor.block_begin[block];
+    return {factor.column.data() + begin, factor.block_begin[block + 1] - begin};
   }
 
   /// The first rows of a lane's matrix, where its pattern is smaller than others of the batch.
@@ -116,33 +132,12 @@ class RowBuilder {
     }
   }
 
-  /// Of the unknowns before `row` those most strongly coupled to it, ascending, and `row` itself.
-  void find_pattern(std::size_t row) {
-    neighbors_.clear();
-    const std::uint64_t end = matrix_.row_begin[row + 1] - 1;
-    for (std::uint64_t entry = matrix_.row_begin[row]; entry < end; ++entry) {
-      const std::uint32_t j = matrix_.column[entry];
-      neighbors_.push_back({static_cast<float>(std::abs(matrix_.value[entry]) * root_[j]), j});
-    }
-    const std::size_t wanted = entries(row) - 1;
-    if (neighbors_.size() > wanted) {
-      const auto stronger = [](const Neighbor& a, const Neighbor& b) {
-        return a.strength != b.strength ? a.strength > b.strength : a.index < b.index;
-      };
-      std::nth_element(neighbors_.begin(), neighbors_.begin() + static_cast<std::ptrdiff_t>(wanted),
-                       neighbors_.end(), stronger);
-    }
-    std::uint32_t* pattern = factor_.column.data() + factor_.row_begin[row];
-    for (std::size_t s = 0; s < wanted; ++s) pattern[s] = neighbors_[s].index;
-    std::sort(pattern, pattern + wanted);
-    pattern[wanted] = static_cast<std::uint32_t>(row);
-  }
-
   /// The matrix' part of the pattern's rows and columns, scaled to a unit diagonal, as the last
-  /// rows of a lane.
-  void gather(std::size_t row, std::size_t offset, std::size_t lane) {
-    const std::uint32_t* pattern = factor_.column.data() + factor_.row_begin[row];
-    const std::size_t own = entries(row);
+  /// rows of a lane of `size` rows.
+  void gather(std::span<const std::uint32_t> pattern, std::size_t size, std::size_t lane) {
+    const std::size_t own = pattern.size();
+    const std::size_t offset = size - own;
+    set_identity(offset, lane);
     for (std::size_t s = 0; s < own; ++s) {
       slot_[pattern[s]] = static_cast<std::uint8_t>(s + 1);
       slot_root_[s] = root_[pattern[s]];
@@ -163,68 +158,117 @@ class RowBuilder {
       }
       out[s * kCholeskyBatch] = 1;
     }
-    for (std::size_t s = 0; s < own; ++s) slot_[pattern[s]] = 0;
+    for (const std::uint32_t column : pattern) slot_[column] = 0;
+  }
+
+  /// A block's rows, the last of L^-1, scaled back.
+  void write(BlockMatrixF& factor, std::size_t block, std::size_t size, std::size_t lane) const {
+    const std::span<const std::uint32_t> pattern = columns_of(factor, block);
+    const std::size_t rows = factor.rows_of(block);
+    const std::size_t before = pattern.size() - rows;
+    float* value = factor.value.data() + factor.block_begin[block] * kBlockRows;
+    std::fill_n(value, pattern.size() * kBlockRows, 0.0F);
+    for (std::size_t r = 0; r < rows; ++r) {
+      const double* row =
+          rows_.data() + ((kBlockRows - rows + r) * size + size - pattern.size()) * kCholeskyBatch +
+          lane;
+      const std::size_t diagonal = before + r;
+      // Where the matrix is not positive definite, the diagonal has to do.
+      const bool broken = !std::isfinite(row[diagonal * kCholeskyBatch]);
+      for (std::size_t s = broken ? diagonal : 0; s <= diagonal; ++s) {
+        const double entry = broken ? 1 : row[s * kCholeskyBatch];
+        value[s * kBlockRows + r] = static_cast<float>(entry * root_[pattern[s]]);
+      }
+    }
   }
 
   const SymmetricMatrix& matrix_;
   const Array<double>& root_;
-  SparseMatrixF& factor_;
+  std::size_t before_;
   std::vector<Neighbor> neighbors_;
-  Array<std::uint8_t> slot_;  ///< Of every unknown its place in the pattern, from 1 on, or 0.
-  Array<double> slot_value_;  ///< Zero between rows, but for slot 0.
+  std::vector<std::uint32_t> pattern_;
+  Array<std::uint32_t> place_;  ///< Of every unknown its place in neighbors_.
+  Array<std::uint8_t> slot_;    ///< Of every unknown its place in the pattern, from 1 on, or 0.
+  Array<double> slot_value_;    ///< Zero between rows, but for slot 0.
   Array<double> slot_root_;
   Array<double> matrices_;
   Array<double> rows_;
 };
 
+/// A factor whose blocks couple their own rows and the unknowns before(block).
+template <class Before>
+void set_columns(BlockMatrixF& factor, const Before& before) {
+  factor.block_begin.assign(factor.blocks() + 1, 0);
+  for (std::size_t b = 0; b < factor.blocks(); ++b) {
+    factor.block_begin[b + 1] = factor.block_begin[b] + before(b).size() + factor.rows_of(b);
+  }
+  factor.column.resize(factor.block_begin.back());
+  factor.value.resize(factor.column.size() * kBlockRows);
+  for (std::size_t b = 0; b < factor.blocks(); ++b) {
+    const std::span<const std::uint32_t> columns = before(b);
+    std::uint32_t* out =
+        std::copy(columns.begin(), columns.end(), factor.column.data() + factor.block_begin[b]);
+    std::iota(out, out + factor.rows_of(b), static_cast<std::uint32_t>(b * kBlockRows));
+  }
+}
+
 }  // namespace
 
-InverseFactor::InverseFactor(SparseMatrixF factor)
-    : factor_(std::move(factor)), transposed_(transposed(factor_)) {}
+InverseFactor::InverseFactor(BlockMatrixF factor) : factor_(std::move(factor)) {
+  factor_.list_places();
+}
 
 InverseFactor::InverseFactor(const SymmetricMatrix& matrix, Preconditioner kind)
     : InverseFactor(kind == Preconditioner::kJacobi ? jacobi(matrix) : sparse_inverse(matrix)) {}
 
 InverseFactor InverseFactor::jacobi(const SymmetricMatrix& matrix) {
   const Array<double> root = inverse_roots(matrix);
-  SparseMatrixF factor;
-  factor.row_begin.resize(root.size() + 1);
-  factor.column.resize(root.size());
-  factor.value.resize(root.size());
+  BlockMatrixF factor;
+  factor.rows = matrix.rows();
+  set_columns(factor, [](std::size_t) { return std::span<const std::uint32_t>(); });
+  std::fill(factor.value.begin(), factor.value.end(), 0.0F);
   for (std::size_t i = 0; i < root.size(); ++i) {
-    factor.row_begin[i] = i;
-    factor.column[i] = static_cast<std::uint32_t>(i);
-    factor.value[i] = static_cast<float>(root[i]);
+    factor.value[i * kBlockRows + i % kBlockRows] = static_cast<float>(root[i]);
   }
-  factor.row_begin[root.size()] = root.size();
   return InverseFactor(std::move(factor));
 }
 
 std::size_t InverseFactor::default_row_entries(const SymmetricMatrix& matrix) {
   const std::size_t mean = matrix.entries() / std::max<std::size_t>(1, matrix.rows());
-  return std::clamp<std::size_t>((mean + 3) / 4, 8, 40);
+  return std::clamp<std::size_t>(mean / 3, 8, 64);
 }
 
 InverseFactor InverseFactor::sparse_inverse(const SymmetricMatrix& matrix,
                                             std::size_t row_entries) {
-  const std::size_t n = matrix.rows();
   if (row_entries == 0) row_entries = default_row_entries(matrix);
-  row_entries = std::min(row_entries, kMaxRowEntries);
+  // A row has half of its own block's entries on average.
+  const std::size_t before =
+      std::clamp(row_entries, kBlockRows / 2, kMaxRowEntries) - kBlockRows / 2;
   const Array<double> root = inverse_roots(matrix);
-  SparseMatrixF factor;
-  factor.row_begin.assign(n + 1, 0);
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t own = matrix.row_begin[i + 1] - matrix.row_begin[i];
-    factor.row_begin[i + 1] = factor.row_begin[i] + std::min(own, row_entries);
-  }
-  factor.column.resize(factor.row_begin[n]);
-  factor.value.resize(factor.row_begin[n]);
-  std::vector<std::unique_ptr<RowBuilder>> builders(static_cast<std::size_t>(thread_count()));
-  parallel_for(n, kUnknownGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    std::unique_ptr<RowBuilder>& builder = builders[static_cast<std::size_t>(worker)];
-    if (!builder) builder = std::make_unique<RowBuilder>(matrix, root, row_entries, factor);
-    for (std::size_t row = begin; row < end; row += kCholeskyBatch) {
-      builder->build(row, std::min(kCholeskyBatch, end - row));
+  BlockMatrixF factor;
+  factor.rows = matrix.rows();
+  std::vector<std::unique_ptr<BlockBuilder>> builders(static_cast<std::size_t>(thread_count()));
+  const auto builder_of = [&](int worker) -> BlockBuilder& {
+    std::unique_ptr<BlockBuilder>& builder = builders[static_cast<std::size_t>(worker)];
+    if (!builder) builder = std::make_unique<BlockBuilder>(matrix, root, before);
+    return *builder;
+  };
+  Array<std::uint32_t> pattern(factor.blocks() * before);
+  Array<std::uint32_t> found(factor.blocks());
+  parallel_for(factor.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    for (std::size_t b = begin; b < end; ++b) {
+      const std::span<const std::uint32_t> columns = builder_of(worker).find_pattern(b);
+      found[b] = static_cast<std::uint32_t>(columns.size());
+      std::copy(columns.begin(), columns.end(),
+                pattern.begin() + static_cast<std::ptrdiff_t>(b * before));
+    }
+  });
+  set_columns(factor, [&](std::size_t b) {
+    return std::span<const std::uint32_t>(pattern.data() + b * before, found[b]);
+  });
+  parallel_for(factor.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    for (std::size_t b = begin; b < end; b += kCholeskyBatch) {
+      builder_of(worker).build(factor, b, std::min(kCholeskyBatch, end - b));
     }
   });
   return InverseFactor(std::move(factor));

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <surfel/base/export.h>
-#include <surfel/solve/sparse_product.h>
+#include <surfel/solve/block_product.h>
 #include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
@@ -22,35 +22,35 @@ class SURFEL_API InverseFactor {
   static InverseFactor jacobi(const SymmetricMatrix& matrix);
 
   /// G is lower triangular. Its row i minimises Kaporin's condition number of G A G^T over a
-  /// pattern: i, and the unknowns before it that are most strongly coupled to it. Neighbours in
-  /// space should be neighbours in the order: that of a space-filling curve does. \param
-  /// row_entries  of the pattern, at most 255; 0: default_row_entries().
+  /// pattern: i, the rows before it in its block of kBlockRows, and those unknowns before the block
+  /// that are most strongly coupled to it. Neighbours in space should be neighbours in the order:
+  /// that of a space-filling curve does. \param row_entries  of the pattern, on average, at most
+  /// 240; 0: default_row_entries().
   static InverseFactor sparse_inverse(const SymmetricMatrix& matrix, std::size_t row_entries = 0);
 
-  /// A quarter of the matrix' mean, at least 8 and at most 40: the least total time on Gram
-  /// matrices of Gaussians, whose rows grow with their condition number (56 to 220 entries, 1e2 to
-  /// 1e7).
+  /// A third of the matrix' mean, at least 8 and at most 64: the least total time on Gram matrices
+  /// of Gaussians, whose rows grow with their condition number (56 to 320 entries, 1e2 to 1e7).
   static std::size_t default_row_entries(const SymmetricMatrix& matrix);
 
-  std::size_t rows() const { return factor_.rows(); }
-  std::size_t entries() const { return factor_.column.size(); }
-  const SparseMatrixF& factor() const { return factor_; }
+  std::size_t rows() const { return factor_.rows; }
+  /// Stored, of all rows.
+  std::size_t entries() const { return factor_.value.size(); }
 
-  /// y[i - begin] = (G x)_i for the rows [begin, end), on the calling thread.
+  /// y[i - begin] = (G x)_i for the rows [begin, end), on the calling thread. `begin` is a multiple
+  /// of kBlockRows, and so is `end` or it is rows().
   void multiply(std::size_t begin, std::size_t end, const ChannelsF* x, ChannelsF* y) const {
     multiply_rows(factor_, begin, end, x, y);
   }
-  /// The same for G^T.
+  /// The same for G^T, and any rows.
   void multiply_transposed(std::size_t begin, std::size_t end, const ChannelsF* x,
                            ChannelsF* y) const {
-    multiply_rows(transposed_, begin, end, x, y);
+    multiply_columns(factor_, begin, end, x, y);
   }
 
  private:
-  explicit InverseFactor(SparseMatrixF factor);
+  explicit InverseFactor(BlockMatrixF factor);
 
-  SparseMatrixF factor_;
-  SparseMatrixF transposed_;
+  BlockMatrixF factor_;
 };
 
 }  // namespace surfel

@@ -9,6 +9,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh.h>
+#include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/sizing_field.h>
 #include <surfel/texture/texture_fit.h>
 
@@ -22,7 +23,7 @@ struct SURFEL_API AdaptiveSpacingOptions {
   /// Distance between surfels and surface, scene units, > 0, that counts as much as black against
   /// white. Unset: 1/30 of the bounding box's diagonal.
   std::optional<double> unit_deviation;
-  double variance_scale = 1;  ///< Of the samples: MeshSampleOptions.
+  double variance_scale = MeshSampleOptions::kVarianceScale;  ///< Of the samples.
   std::uint64_t seed = 1;
   std::size_t most_probes = 1 << 21;          ///< Places to look at, at least 32768 are.
   std::vector<std::string> problems() const;  ///< Empty if usable.

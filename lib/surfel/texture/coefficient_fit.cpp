@@ -21,7 +21,7 @@ namespace {
 /// times as large as the colours, and single precision does not hold them.
 constexpr double kMostCondition = 1e6;
 /// What the condition is needed for does not need it closely.
-constexpr int kSpectrumSteps = 20;
+constexpr int kSpectrumSteps = 12;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
   Array<Channels> w(basis.size());
@@ -156,8 +156,8 @@ struct RenderFit {
   /// start, out: a better place to.
   void hold_unresolved(RenderSystem& system, Array<Channels>& b, Array<Channels>& w,
                        SystemReport& report) const {
-    constexpr double kRough = 5e-5;
-    constexpr std::size_t kFewEntries = 6;
+    constexpr double kRough = 1e-5;
+    constexpr std::size_t kFewEntries = 16;
     SolveOptions rough;
     rough.tolerance = std::max(kRough, options.tolerance);
     // The matrix is about to change: a better factor would take longer than the steps it saves.

@@ -34,7 +34,7 @@ struct Quadrature {
 /// plane than along it, is another sheet. Duplicates share their cell, and each has points in it.
 /// \param points  per function, 1..256. The picture loses 0.15 dB against 64 points with 12, 0.3 dB
 ///                with 8, 0.8 dB with 4; time and memory grow with them.
-SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 12);
+SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 6);
 
 /// The functions' own positions: colour samples are known nowhere else.
 SURFEL_API Quadrature at_functions(const SurfelBasis& basis);

@@ -52,7 +52,7 @@ struct SURFEL_API TextureFitOptions {
   std::optional<CoefficientBounds>
       bounds{};       ///< Coefficients stay within; kConjugateGradients only.
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
-  int points = 12;    ///< kRender: quadrature points a surfel, 1 to 256.
+  int points = 6;     ///< kRender: quadrature points a surfel, 1 to 256.
   /// kRender: outliers count by their distance instead of its square (robust_fit.h), and there is
   /// no minified term (render_system.h), which would hold the fit to coefficients with outliers;
   /// needs kConjugateGradients, which are reweighted, or kCeres, which is the reference; no bounds.
