@@ -4,15 +4,15 @@
 # Usage: tests/fits.sh [section...], the folder of the tools in SURFEL_BIN. Sections:
 #   figure     SS01 figure 6, seconds           quality    checkers on a plane, minutes
 #   views      far and near, a minute           stability  where fits may fail, seconds
-#   meshes     real textured meshes, minutes    timing     up to 4 million surfels, some 10 minutes
-#                                                          and 14 GB: on an idle machine
+#   meshes     real textured meshes, minutes    options    one by one on the cow, a minute
+#   timing     up to 4 million surfels, some 10 minutes and 14 GB: on an idle machine
 # All of them if none is named; what is not made again stays as it stands in docs/texture.md.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 tools=${SURFEL_BIN:-$root/build/release/bin}
 data=${SURFEL_TEST_DATA:-$root/../shared/data}
 page=$root/docs/texture.md
-all=(figure quality views stability meshes timing)
+all=(figure quality views stability meshes options timing)
 fits=(ewa gram render)
 command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install openimageio-tools" >&2; exit 1; }
 work=$(mktemp -d)
@@ -95,12 +95,57 @@ meshes() {
 
 PSNR of sRGB values inside the silhouette, 400 x 400 pixels, of the rendered surfels against the ray-traced textured mesh
 (`surfel-render --mesh`); whole time of `surfel-texture`, reading and writing included, with 2 threads. Surfels of
-`surfel-from-mesh`, sigma = spacing.
+`surfel-from-mesh`, sigma = 0.7 spacings (its default).
 
 | mesh | surfels | c | ewa | gram | render |
 |---|---|---|---|---|---|
 TEXT
   mesh_rows spot "$data/textured/spot/spot_triangulated.obj" "$data/textured/spot/spot_texture.png" 0.6,0.3,-1
+  mesh_rows head "$data/textured/head_scan/lee_perry_smith.obj" "$data/textured/head_scan/lee_perry_smith_color.jpg" 0.3,0.1,1
+  mesh_rows scissors "$data/textured/scissors/scissors.obj" "$data/textured/scissors/scissors_texture.png" 0.3,1,0.5
+}
+
+# option_row NAME OPTION...: the cow, whole and at four times the size.
+option_row() {
+  local row="| $1 |" zoom
+  shift
+  local TIMEFORMAT=%R
+  { time "$tools/surfel-texture" "$work/s.ply" --mesh "$spot.obj" --image "$spot.png" "$@" -o "$work/t.ply" \
+    --stats "$work/t.json" --quiet; } 2> "$work/seconds"
+  for zoom in 1 4; do
+    local view=(--from 0.6,0.3,-1 --size 400x400 --shading none --zoom $zoom --quiet)
+    [ -f "$work/truth$zoom.exr" ] ||
+      "$tools/surfel-render" "$work/s.ply" --mesh "$spot.obj" --image "$spot.png" -o "$work/truth$zoom.exr" "${view[@]}"
+    "$tools/surfel-render" "$work/t.ply" -o "$work/t.exr" "${view[@]}"
+    row+=$(printf ' %.2f |' "$("$tools/surfel-compare" "$work/t.exr" "$work/truth$zoom.exr" --inside --json | number psnr)")
+  done
+  echo "$row $(tr -d ' \n' < "$work/t.json" | sed 's/.*"coefficient_max":\[\([^],]*\).*"coefficient_min":\[\([^],]*\).*/\2 \1/' |
+    awk '{printf "%.2f .. %.2f", $1, $2}') | $(sed 's/ *"iterations": *//' <<< "$(number iterations < "$work/t.json")") | $(cat "$work/seconds") s |"
+}
+
+options() {
+  spot=$work/spot
+  cp "$data/textured/spot/spot_triangulated.obj" "$spot.obj"
+  cp "$data/textured/spot/spot_texture.png" "$spot.png"
+  "$tools/surfel-from-mesh" "$spot.obj" --count 20000 -o "$work/s.ply" --quiet
+  cat <<'TEXT'
+## What each option is for
+
+The cow, 20,000 surfels of `surfel-from-mesh`, c = 1: PSNR as above, whole and at four times the size; range of the red coefficients (the
+texture's is 0 to 1); iterations of the solver; whole process.
+
+| options of surfel-texture | whole | near | range | iterations | time |
+|---|---|---|---|---|---|
+TEXT
+  option_row '`--fit ewa`' --fit ewa
+  option_row '`--fit render` (lambda 0.03, tolerance 1e-5)' --fit render
+  local value
+  for value in 0.001 0.01 0.1 0.3 1; do option_row "\`--fit render --lambda $value\`" --fit render --lambda $value; done
+  for value in 1e-3 1e-8; do option_row "\`--fit render --tolerance $value\`" --fit render --tolerance $value; done
+  option_row '`--fit render --bounds 0,1`' --fit render --bounds 0,1
+  option_row '`--fit render --refine-variance`' --fit render --refine-variance
+  option_row '`--fit render --solver ldlt`' --fit render --solver ldlt
+  option_row '`--fit render --solver ceres`' --fit render --solver ceres
 }
 
 timing() {

@@ -8,6 +8,12 @@
 #   -n N       runs of each, of which the best counts (default 3)
 #   -c COUNTS  points of the clouds (default "1000000 4000000")
 #
+#   render     frames, by Z: the loop that puts every point into one pixel of a z-buffer; Embree's discs
+#   lod        the same with levels of detail, and growth from 1 to 32 million surfels (a few minutes, 5 GB of disk)
+#   files      reading and whole processes, beside cat
+#   memory     200 million surfels at --memory 2G (ten minutes, 8 GB of disk)
+#   neighbors, estimate   beside FLANN, nanoflann, PCL
+#
 # A section is a function section_NAME that calls `row` for each of its rows and is named in `sections`.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -15,7 +21,7 @@ bin=build/release/bin
 out=docs/speed.md
 runs=3
 counts="1000000 4000000"
-sections=(neighbors estimate)
+sections=(render lod files memory neighbors estimate)
 while getopts o:n:c: option; do
   case $option in
     o) out=$OPTARG ;;
@@ -56,6 +62,140 @@ row() {
     "$(calc "$peer / $ours")" "$(calc "$(best "$4" cpu_ms) / $(best "$2" cpu_ms)")" "$5" "$6" "$7" "$8"
 }
 
+# times_row WORK OURS PEER_NAME PEER UNIT MUST AIM BOUND COMMAND: a row that says how many times the peer's
+# milliseconds ours are.
+times_row() {
+  printf '| %s | %.1f ms | %s %.1f ms | %s %s | - | %s | %s | %s | `%s` |\n' "$1" "$2" "$3" "$4" \
+    "$(calc "$2 / $4" 1)" "$5" "$6" "$7" "$8" "$9"
+}
+
+views=6
+# frames THREADS FILE OPTION...: mean of the least times of each view but the first, which touches the memory.
+frames() {
+  local threads=$1 file=$2 i
+  shift 2
+  rm -f "$work/frames".*
+  for ((i = 0; i < runs; ++i)); do
+    "$bin/surfel-render" "$file" -o "$work/frame_%02d.png" --turntable $views --size 512x512 --shading none \
+      --threads "$threads" --quiet --stats "$work/frames.json" "$@"
+    sed -n 's/^      "ms": \(.*\),/\1/p' "$work/frames.json" > "$work/frames.$i"
+  done
+  paste "$work/frames".[0-9]* | awk 'NR > 1 { least = $1; for (i = 2; i <= NF; ++i) if ($i < least) least = $i
+    sum += least } END { printf "%.2f", sum / (NR - 1) }'
+}
+# peers FILE NAME: mean over the same views of what render_peers prints under that name.
+peers() {
+  local view
+  if [[ ! -f $1.peers ]]; then
+    for ((view = 1; view < views; ++view)); do
+      "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 --repeats "$((runs + 1))"
+    done > "$1.peers"
+  fi
+  awk -v name="$2" '$1 == name { sum += $5; ++n } END { printf "%.2f", sum / n }' "$1.peers"
+}
+# frame_rows WORK FILE MUST AIM BOUND OPTION...: by Z, and by one thread.
+frame_rows() {
+  local name=$1 file=$2 must=$3 aim=$4 bound=$5 z two one command
+  shift 5
+  command="surfel-render ${file##*/} --size 512x512 $*"
+  z=$(peers "$file" z-buffer)
+  two=$(frames 2 "$file" "$@")
+  one=$(frames 1 "$file" "$@")
+  times_row "$name" "$two" "one pixel a point" "$z" Z "$must" "$aim" "$bound" "$command"
+  printf '| the same, by 1 thread | %.1f ms | 1 thread %.1f ms | %s x | - | 1.7 x | 1.95 x | %s | `%s` |\n' \
+    "$two" "$one" "$(calc "$one / $two")" "blocks of unequal work" "$command --threads 1"
+}
+
+make_sphere() { [[ -f $work/sphere.ply ]] || "$bin/surfel-generate" sphere --count 1000000 -o "$work/sphere.ply" --quiet; }
+make_terrain() {
+  [[ -f $work/terrain.ply ]] || "$bin/surfel-generate" terrain --count 4782011 -o "$work/terrain.ply" --quiet
+}
+
+section_render() {
+  local spp options="--layers 1 --cull back" bound="arithmetic of the footprints"
+  make_sphere
+  make_terrain
+  "$bin/surfel-generate" transparent --count 987552 -o "$work/transparent.ply" --quiet
+  # shellcheck disable=SC2086 # Words of options.
+  {
+    frame_rows "sphere, 1,000,000, one layer" "$work/sphere.ply" "3.5 Z" "2 Z" "$bound" $options
+    for spp in 1 4; do
+      local ours theirs
+      ours=$(frames 2 "$work/sphere.ply" $options)
+      theirs=$(peers "$work/sphere.ply" "embree-trace-${spp}spp")
+      [[ -z $theirs ]] || printf '| the same, by Embree, %s rays a pixel | %.1f ms | Embree, trace alone %.1f ms | %s x | - | %s | %s | %s | `%s` |\n' \
+        "$spp" "$ours" "$theirs" "$(calc "$theirs / $ours")" "$([[ $spp = 1 ]] && echo "4 x" || echo -)" \
+        "$([[ $spp = 1 ]] && echo "6 x" || echo -)" "$bound" "render_peers sphere.ply"
+    done
+  }
+  frame_rows "terrain, 4,782,011, 3 layers" "$work/terrain.ply" "6 Z" "4 Z" "$bound; the A-buffer" --lod off
+  frame_rows "transparent, 987,552, 3 layers" "$work/transparent.ply" "8 Z" "5 Z" "$bound; fragments" --layers 3
+}
+
+section_lod() {
+  local count before ms psnr
+  make_terrain
+  "$bin/surfel-lod" "$work/terrain.ply" -o "$work/terrain-lod.ply" --quiet
+  cp "$work/terrain.ply.peers" "$work/terrain-lod.ply.peers" 2> /dev/null || { peers "$work/terrain.ply" z-buffer > /dev/null
+    cp "$work/terrain.ply.peers" "$work/terrain-lod.ply.peers"; }
+  for lod in on off; do
+    "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --shading none --lod $lod --quiet
+  done
+  psnr=$("$bin/surfel-compare" "$work/lod-on.exr" "$work/lod-off.exr" --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p')
+  frame_rows "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$work/terrain-lod.ply" \
+    "1.5 Z" "0.8 Z" "arithmetic of the footprints" --lod on
+  before=
+  for count in 1 2 4 8 16 32; do
+    "$bin/surfel-generate" terrain --count ${count}000000 --no-uv -o "$work/grow.ply" --quiet
+    "$bin/surfel-lod" "$work/grow.ply" -o "$work/grow-lod.ply" --quiet
+    rm "$work/grow.ply"
+    ms=$(frames 2 "$work/grow-lod.ply" --lod on)
+    [[ -z $before ]] || printf '| terrain, %s M, --lod on, by half as many | %.1f ms | half %.1f ms | %s | - | 1.3 x | 1 x | %s | `%s` |\n' \
+      $count "$ms" "$before" "grows $(calc "$ms / $before") x" "pixels" "surfel-render grow-lod.ply --lod on"
+    before=$ms
+    rm "$work/grow-lod.ply"
+  done
+}
+
+# cat_ms FILE: least time of cat FILE > /dev/null.
+cat_ms() {
+  local i
+  for ((i = 0; i < runs + 2; ++i)); do run cat "$1"; done > "$work/cat"
+  best "$work/cat" ms
+}
+section_files() {
+  local i kind cat
+  make_terrain
+  "$bin/surfel-generate" terrain --count 4782011 --no-uv -o "$work/terrain-plain.ply" --quiet
+  for kind in terrain terrain-plain; do
+    cat=$(cat_ms "$work/$kind.ply")
+    rm -f "$work/whole" "$work/load"
+    for ((i = 0; i < runs; ++i)); do
+      run "$bin/surfel-render" "$work/$kind.ply" -o "$work/whole.png" --size 512x512 --stats "$work/whole.json" --quiet \
+        >> "$work/whole"
+      sed -n 's/^  "load_ms": \(.*\),/ms \1 cpu_ms 0/p' "$work/whole.json" >> "$work/load"
+    done
+    local about
+    about=$([[ $kind = terrain ]] && echo "with uv and derivatives" || echo "without uv")
+    times_row "binary PLY of 4,782,011 read, ready to render, $about" "$(best "$work/load" ms)" "cat" "$cat" x "3 x" "2 x" \
+      "first touch of memory" "surfel-render --stats"
+    times_row "whole surfel-render, PLY to PNG, $about" "$(best "$work/whole" ms)" "cat" "$cat" x "8 x" "4 x" \
+      "the frame" "surfel-render $kind.ply -o whole.png --size 512x512"
+  done
+}
+
+section_memory() {
+  local cat peak
+  "$bin/surfel-generate" terrain --no-uv --count 200000000 -o "$work/big.ply" --quiet
+  cat=$(cat_ms "$work/big.ply")
+  run "$bin/surfel-render" "$work/big.ply" --memory 2G -o "$work/big.png" --size 512x512 --stats "$work/big.json" --quiet \
+    > "$work/big.times"
+  peak=$(sed -n 's/^  "peak_memory_bytes": \([0-9]*\).*/\1/p' "$work/big.json")
+  times_row "200,000,000 surfels at --memory 2G, peak $((peak / 1000000)) MB (must 2500)" "$(best "$work/big.times" ms)" cat "$cat" x \
+    done "2 x" "arithmetic of the footprints" "surfel-render big.ply --memory 2G --size 512x512"
+  rm "$work/big.ply"
+}
+
 # k = 16 of all points, in random order and along the curve, beside FLANN and nanoflann.
 section_neighbors() {
   local order count peer threads must aim log=$work/times command="neighbors_bench --work neighbors"
@@ -87,7 +227,7 @@ section_estimate() {
     [[ $count == 1000000 ]] && must="4 x" aim="8 x"
     [[ $count == 4000000 ]] && must="5 x" aim="10 x"
     "$bin/neighbors_bench" --count $count --write "$work/points.ply"
-    rm -f "$log".*
+    rm -f "$log" "$log".*
     for ((i = 0; i < runs; ++i)); do
       "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
       for orient in mst none; do
