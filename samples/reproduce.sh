@@ -58,7 +58,8 @@ if [[ -z ${SURFEL_BIN:-} ]]; then
   surfel_install_packages
   surfel_build release
 fi
-bin=$(realpath "${SURFEL_BIN:-$surfel_root/build/release/bin}")
+bin=$(realpath -m "${SURFEL_BIN:-$surfel_root/build/release/bin}")
+[[ -x $bin/surfel-render ]] || fail 1 "$bin: has no surfel-render; set SURFEL_BIN to the folder of the tools, or to nothing to build them"
 PATH=$bin:$PATH
 page=$(realpath -m "$page")
 mkdir -p "$(dirname "$page")"
@@ -80,7 +81,7 @@ run() {
   commands+=$1$'\n'
   [[ -z ${made[$1]:-} ]] || return 0
   made[$1]=1
-  eval "$1" > "$work/log" 2>&1 || fail 1 "$(printf 'this failed: %s\n' "$1" | cat - "$work/log")"
+  eval "$1" > "$work/log" 2>&1 || fail 1 "this failed: $1"$'\n'"$(< "$work/log")"
 }
 
 # of COUNT: as many surfels as PART leaves of so many.
@@ -115,8 +116,9 @@ about() { printf '<p><b>The paper:</b> %s</p>\n<p><b>Here:</b> %s</p>\n' "$1" "$
 # tile PICTURE TEXT: one of a row of pictures between `tiles` and `end_tiles`.
 tiles() { echo '<div class="tiles">'; }
 tile() {
+  local plain=${2//<code>/}
   printf '<figure><img alt="%s" src="data:image/png;base64,%s"><figcaption>%s</figcaption></figure>\n' \
-    "${2//<*>/}" "$(base64 -w0 "$1")" "$2"
+    "${plain//<\/code>/}" "$(base64 -w0 "$1")" "$2"
 }
 end_tiles() { echo '</div>'; }
 
@@ -246,6 +248,9 @@ ROWS
 
 body_view="--from 0.1,0.25,1 --fov 30 --frame-all $white"
 
+# surfels MESH COUNT FILE: kernels as wide as the spacing, so that discs overlap as the paper's do.
+surfels() { run "surfel-from-mesh data/meshes/$1 --count $(of "$2") --variance-scale 1 -o $3"; }
+
 # with_balls BODY PLACE...: BODY-balls.ply, with balls, each SCALE@X,Y,Z, and BODY-balls-g.ply in groups.
 with_balls() {
   local body=$1 place files="" materials=0 count=0
@@ -263,7 +268,7 @@ make_sp06_1() {
   about "Transparent and opaque objects together by (a) the single-pass algorithm (Algorithm 2) and (b) the two-pass one (Algorithm 3); a body that
     reflects and refracts its environment, (c) at its nearest surface alone and (d) at every one." \
     "A bunny of $(of 150000) points with three balls inside, four groups; in (c) and (d) the body is of glass."
-  run "surfel-from-mesh data/meshes/stanford_bunny.obj --count $(of 150000) -o body.ply"
+  surfels stanford_bunny.obj 150000 body.ply
   with_balls body 0.024@-0.042,0.072,0.004 0.019@0.006,0.068,0.006 0.015@-0.06,0.135,0.004
   local view="$body_view --size 400x400"
   run "surfel-render body-balls-g.ply --method transparent --scene configs/scene-balls.toml $view -o 1a.png"
@@ -285,8 +290,8 @@ make_sp06_8() {
     "A dragon of $(of 300000) points; the A-buffer is our standard blending. K is the number of groups; PSNR of the whole picture against the A-buffer; last,
     what differs at 0.4, ten times amplified. The specks along rims: a group keeps one fragment of a pixel, so that what lies behind a rim is
     lost with few groups."
-  run "surfel-from-mesh data/meshes/dragon_vrip_res2.ply --count $(of 300000) -o dragon.ply"
-  local view="$body_view --size 360x360" overlap
+  surfels dragon_vrip_res2.ply 300000 dragon.ply
+  local view="$body_view --zoom 1.55 --size 360x260" overlap
   run "surfel-render dragon.ply $view -o 8.png"
   tiles
   tile 8.png "standard blending (A-buffer)"
@@ -304,18 +309,18 @@ make_sp06_8() {
 make_sp06_9() {
   about "Splats that overlap within a group, rasterised and shaded: in (a) and (b) the nearest fragment wins, and flaps of splats hide others; in (c) and
     (d) the one nearest to its splat's centre wins (equation 10), which gives facets like Voronoi cells." \
-    "A bunny of $(of 20000) points near by. Top row, rasterisation: all splats in one group, so that every pixel shows one splat alone.
+    "An armadillo of $(of 12000) points near by. Top row, rasterisation: all splats in one group, so that every pixel shows one splat alone.
     Bottom row, shading: groups with c = 0.4, blended. Left: the nearest fragment wins; middle: equation 10, with steps of depth; right: our
     default, which compares depths with epsilon and has no steps."
-  run "surfel-from-mesh data/meshes/stanford_bunny.obj --count $(of 20000) -o few.ply"
-  run "surfel-group few.ply --groups 1 -o few-1.ply"
-  run "surfel-group few.ply --overlap 0.4 -o few-0.4.ply"
-  local groups voronoi view="--from 0.1,0.25,1 --frame-all --zoom 2.6 --size 340x340 $white"
+  surfels armadillo.ply 12000 coarse.ply
+  run "surfel-group coarse.ply --groups 1 -o coarse-1.ply"
+  run "surfel-group coarse.ply --overlap 0.4 -o coarse-0.4.ply"
+  local groups voronoi view="--from 0.4,0.2,1 --frame-all --zoom 3 --size 340x340 $white"
   local -A name=([1]="one group" [0.4]="c = 0.4")
   for groups in 1 0.4; do
     tiles
     for voronoi in off quantised windowed; do
-      run "surfel-render few-$groups.ply --method deferred --voronoi $voronoi $view -o 9-$groups-$voronoi.png"
+      run "surfel-render coarse-$groups.ply --method deferred --voronoi $voronoi $view -o 9-$groups-$voronoi.png"
       tile "9-$groups-$voronoi.png" "${name[$groups]}, <code>--voronoi $voronoi</code>"
     done
     end_tiles
@@ -327,7 +332,7 @@ make_sp06_11() {
     cover it better. Duplicating points so that four groups cover the dragon adds 45 % to its points." \
     "The first group of a bunny of $(of 20000) points: splats are transparent, so that they are brighter where they overlap. Below, in shares of the
     surface's area and as means over the groups, what they cover of their Voronoi cells and leave open, and what they have beyond them."
-  run "surfel-from-mesh data/meshes/stanford_bunny.obj --count $(of 20000) -o few.ply"
+  surfels stanford_bunny.obj 20000 few.ply
   local groups view="--from 0.1,0.25,1 --frame-all --zoom 2.5 --size 400x400 --cull back --background 0,0,0,1"
   tiles
   for groups in 8 4; do
@@ -344,7 +349,7 @@ make_sp06_11() {
   coverage_row "bunny, K = 4" 11-4-none.json
   run "surfel-group few.ply --groups 4 --cover enlarge-each -o few-e.ply --stats 11-enlarged.json"
   coverage_row "bunny, K = 4, a radius for every splat (<code>--cover enlarge-each</code>)" 11-enlarged.json
-  run "surfel-from-mesh data/meshes/dragon_vrip_res2.ply --count $(of 100000) -o dragon-100k.ply"
+  surfels dragon_vrip_res2.ply 100000 dragon-100k.ply
   run "surfel-group dragon-100k.ply --groups 4 --cover duplicate -o dragon-d.ply --stats 11-duplicated.json"
   coverage_row "dragon, $(of 100000) points, K = 4, duplicated (<code>--cover duplicate</code>; the paper: 45 % added)" 11-duplicated.json
   end_table
@@ -367,17 +372,17 @@ make_sp06_12() {
     "A dragon of $(of 300000) points in four groups; PSNR of the whole picture against depth peeling. Top row: groups that cover the surface, by
     <code>--cover enlarge-each</code>; bottom row: the same groups as they are. The mottles are enlarged discs that stick out at creases and count
     as one more layer."
-  run "surfel-from-mesh data/meshes/dragon_vrip_res2.ply --count $(of 300000) -o dragon.ply"
+  surfels dragon_vrip_res2.ply 300000 dragon.ply
   run "surfel-group dragon.ply --groups 4 --cover enlarge-each -o dragon-covered.ply"
   run "surfel-group dragon.ply --groups 4 -o dragon-plain.ply"
   local scene="--scene configs/scene-balls.toml" groups
-  local view="$scene $body_view --size 360x360"
+  local view="$scene $body_view --zoom 1.55 --size 360x260"
   run "surfel-render dragon.ply --method depth-peel --peel 16 $view -o 12a.png"
   for groups in covered plain; do
     run "surfel-render dragon-$groups.ply --method transparent-high $view -o 12b-$groups.png"
     run "surfel-render dragon-$groups.ply --method transparent $view -o 12c-$groups.png"
     tiles
-    tile 12a.png "a) depth peeling"
+    [[ $groups == plain ]] || tile 12a.png "a) depth peeling"
     compare "12b-$groups.png" 12a.png
     tile "12b-$groups.png" "b) Algorithm 3, <code>transparent-high</code>, $psnr"
     compare "12c-$groups.png" 12a.png
@@ -402,9 +407,9 @@ make_sp06_13() {
   about "Small opaque balls bounce about a transparent body, by (a) Algorithm 2 and (b) Algorithm 3: opaque and transparent things are composited
     correctly, and the single pass does well unless seen from very near." \
     "An armadillo of $(of 200000) points with a ball inside and four around it; PSNR of the whole picture against depth peeling."
-  run "surfel-from-mesh data/meshes/armadillo.ply --count $(of 200000) -o armadillo.ply"
+  surfels armadillo.ply 200000 armadillo.ply
   with_balls armadillo 0.10@0,0.02,0 0.07@0.26,-0.08,-0.1 0.06@-0.26,0,0.35 0.05@-0.12,-0.42,-0.12 0.05@0.15,-0.3,0.25
-  local view="--scene configs/scene-balls.toml --from 0.4,0.2,1 --fov 30 --frame-all --zoom 1.2 $white --size 360x360"
+  local view="--scene configs/scene-balls.toml --from 0.4,0.2,1 --fov 30 --frame-all $white --size 360x360"
   run "surfel-render armadillo-balls-g.ply --method transparent $view -o 13a.png"
   run "surfel-render armadillo-balls-g.ply --method transparent-high $view -o 13b.png"
   run "surfel-render armadillo-balls.ply --method depth-peel --peel 16 $view -o 13.png"
@@ -421,7 +426,7 @@ make_sp06_14() {
   about "Glass with Fresnel reflection and chromatic dispersion, with refraction (a) at the nearest layer alone and (b) at all of them; close-ups show the
     further refractions and the stronger absorption." \
     "A glass bunny of $(of 150000) points in four groups, whole and near by."
-  run "surfel-from-mesh data/meshes/stanford_bunny.obj --count $(of 150000) -o body.ply"
+  surfels stanford_bunny.obj 150000 body.ply
   run "surfel-group body.ply --groups 4 --cover enlarge-each -o body-g.ply"
   local zoom refraction
   local -A name=([single]="a) the nearest layer refracts" [multi]="b) all layers refract")
@@ -461,7 +466,7 @@ make_sp06_table1() {
     [bunny]="17 / 31 / 18.6|12 / 23 / 13.6|9 / 14 / 7.1|5 / 7 / 2.3")
   local theirs ours mesh count values
   while read -r theirs ours mesh count; do
-    run "surfel-from-mesh data/meshes/$mesh --count $(of "$count") -o table-$ours.ply"
+    surfels $mesh $count table-$ours.ply
     run "surfel-group table-$ours.ply $splats --print-table > table-$ours.txt"
     IFS='|' read -ra values <<< "${paper[$ours]}"
     row "paper: ${theirs/_/ }" "${count%000}K" "${values[@]}"
@@ -480,7 +485,7 @@ make_sp06_table2() {
   local -A paper=([head]="0.96 1.2 1.4" [dragon]="15.04 19.70 22.62" [armadillo]="32.65 32.11 37.76" [bunny]="65.68 52.96 70.37")
   local theirs ours mesh count values standard loose
   while read -r theirs ours mesh count; do
-    run "surfel-from-mesh data/meshes/$mesh --count $(of "$count") -o table-$ours.ply"
+    surfels $mesh $count table-$ours.ply
     run "surfel-group table-$ours.ply $splats --overlap 0.8 -o table-$ours-0.8.ply"
     run "surfel-group table-$ours.ply $splats --overlap 0.4 -o table-$ours-0.4.ply"
     rate "table-$ours.ply" "$splats --size 512x512"
@@ -510,20 +515,19 @@ head_of_page() {
 body { font: 16px/1.45 sans-serif; max-width: 1120px; margin: 1.5em auto; padding: 0 1em; color: #222; }
 h2 { margin: 2.5em 0 0.5em; border-top: 1px solid #bbb; padding-top: 0.7em; font-size: 1.3em; }
 p { max-width: 62em; margin: 0.5em 0; }
-.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 0.8em 0; }
-figure { margin: 0; }
-img { display: block; max-width: 100%; }
-figcaption { font-size: 0.85em; max-width: 30em; }
-.tiles figure { width: min-content; min-width: 195px; }
+.tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 0.8em 0; }
+figure { display: table; margin: 0; }
+img { display: block; }
+figcaption { display: table-caption; caption-side: bottom; font-size: 0.85em; }
 table { border-collapse: collapse; margin: 0.8em 0; font-size: 0.92em; }
 th, td { border: 1px solid #ccc; padding: 0.25em 0.6em; text-align: left; }
 th { background: #f2f2f2; }
-pre { background: #f6f6f6; border: 1px solid #ddd; padding: 0.6em; font-size: 0.78em; overflow: auto; max-height: 16em; }
+pre { background: #f6f6f6; border: 1px solid #ddd; padding: 0.6em; font-size: 0.78em; white-space: pre-wrap; overflow: auto; max-height: 16em; }
 </style>
 <h1>Two papers, made again</h1>
 <p>Figures and tables of <b>SS01</b>, Zwicker, Pfister, van Baar and Gross, <i>Surface Splatting</i>, 2001, and of <b>SP06</b>, Zhang and Pajarola,
-<i>Single-Pass Point Rendering and Transparent Shading</i>, 2006, by $(surfel-render --version | html) with surfaces of its own and freely
-available meshes. All pictures and numbers were made in one run of <code>samples/reproduce.sh</code> on $machine$(
+<i>Single-Pass Point Rendering and Transparent Shading</i>, 2006, by Surfelkit $(surfel-render --version | sed 's/.* //') with surfaces of its own and the
+meshes of its test data. All pictures and numbers were made in one run of <code>samples/reproduce.sh</code> on $machine$(
     [[ $part == 1 ]] || echo ", with $part of the surfels"). PSNR is of sRGB values.</p>
 <p>The commands run as they stand, after</p>
 <pre>$(printf 'mkdir again && cd again\nln -s %q data\nln -s %q configs\nPATH=%q:$PATH\n' "$data" "$surfel_root/configs" "$bin" | html)</pre>
