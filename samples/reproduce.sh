@@ -179,25 +179,24 @@ VIEWS
 }
 
 make_ss01_7() {
-  about "A geometric object of semi-transparent surfaces that intersect, blended back to front in most places; the close-up shows that
-    surfaces are mixed about the lines where they intersect." \
+  about "A geometric object of semi-transparent surfaces that intersect, blended back to front in most places. The close-up shows that
+    surfaces are mixed about the lines where they intersect; more points would avoid it." \
     "Two shells, a ring and two panes through one another and a red ball inside, $(of 200000) points, eight layers. The close-up is of the ring where it
-    passes through the outer shell and a pane: the pale strips are surfaces within epsilon of one another, taken for one, as in
-    the paper. A smaller epsilon makes them narrower. Last, the truth: every ray cast, all surfaces sorted."
+    passes through the outer shell and a pane: the pale strips are surfaces within epsilon of one another, taken for one. A smaller
+    epsilon makes them narrower, and so do more points."
   run "surfel-generate transparent --count $(of 200000) -o transparent.ply"
-  local view="--from 0,0.15,1 --size 320x320 --cutoff 2 $white"
+  run "surfel-generate transparent --count $(of 2000000) -o transparent-more.ply"
+  local view="--layers 8 --from 0,0.15,1 --size 320x320 --cutoff 2 $white"
   local near="--target=-0.75,0.1,0 --zoom 7 $view"
-  run "surfel-render transparent.ply --layers 8 --zoom 1.3 $view -o transparent.png"
-  run "surfel-render transparent.ply --layers 8 $near -o transparent-near.png"
-  run "surfel-render transparent.ply --layers 8 --depth-epsilon 0.5 $near -o transparent-narrow.png"
-  run "surfel-render transparent.ply --reference --samples 2 $near -o transparent-truth.png"
+  run "surfel-render transparent.ply --zoom 1.3 $view -o 7.png"
+  run "surfel-render transparent.ply $near -o 7-near.png"
+  run "surfel-render transparent.ply --depth-epsilon 0.5 $near -o 7-epsilon.png"
+  run "surfel-render transparent-more.ply $near -o 7-more.png"
   tiles
-  tile transparent.png "the whole object"
-  compare transparent-near.png transparent-truth.png
-  tile transparent-near.png "close-up, $psnr"
-  compare transparent-narrow.png transparent-truth.png
-  tile transparent-narrow.png "with <code>--depth-epsilon 0.5</code>, $psnr"
-  tile transparent-truth.png "the truth"
+  tile 7.png "the whole object"
+  tile 7-near.png "close-up"
+  tile 7-epsilon.png "with <code>--depth-epsilon 0.5</code>"
+  tile 7-more.png "with $(of 2000000) points"
   end_tiles
 }
 
@@ -291,7 +290,7 @@ make_sp06_8() {
     what differs at 0.4, ten times amplified. The specks along rims: a group keeps one fragment of a pixel, so that what lies behind a rim is
     lost with few groups."
   surfels dragon_vrip_res2.ply 300000 dragon.ply
-  local view="$body_view --zoom 1.55 --size 360x260" overlap
+  local view="$body_view --zoom 1.15 --size 360x260" overlap
   run "surfel-render dragon.ply $view -o 8.png"
   tiles
   tile 8.png "standard blending (A-buffer)"
@@ -369,14 +368,15 @@ coverage_row() {
 make_sp06_12() {
   about "A transparent model by (a) depth peeling, which composites every layer correctly, (b) Algorithm 3, virtually without a difference, and
     (c) Algorithm 2, with artifacts that are hardly visible. The text gives the frame rates below, without naming the model." \
-    "A dragon of $(of 300000) points in four groups; PSNR of the whole picture against depth peeling. Top row: groups that cover the surface, by
-    <code>--cover enlarge-each</code>; bottom row: the same groups as they are. The mottles are enlarged discs that stick out at creases and count
+    "A dragon of $(of 300000) points in four groups; PSNR of the whole picture against depth peeling. First groups that cover the surface, by
+    <code>--cover enlarge-each</code>; then the same groups as they are. The mottles are enlarged discs that stick out at creases and count
     as one more layer."
   surfels dragon_vrip_res2.ply 300000 dragon.ply
   run "surfel-group dragon.ply --groups 4 --cover enlarge-each -o dragon-covered.ply"
   run "surfel-group dragon.ply --groups 4 -o dragon-plain.ply"
   local scene="--scene configs/scene-balls.toml" groups
-  local view="$scene $body_view --zoom 1.55 --size 360x260"
+  local -A name=([covered]="covering groups" [plain]="groups as they are")
+  local view="$scene $body_view --zoom 1.15 --size 360x260"
   run "surfel-render dragon.ply --method depth-peel --peel 16 $view -o 12a.png"
   for groups in covered plain; do
     run "surfel-render dragon-$groups.ply --method transparent-high $view -o 12b-$groups.png"
@@ -384,9 +384,9 @@ make_sp06_12() {
     tiles
     [[ $groups == plain ]] || tile 12a.png "a) depth peeling"
     compare "12b-$groups.png" 12a.png
-    tile "12b-$groups.png" "b) Algorithm 3, <code>transparent-high</code>, $psnr"
+    tile "12b-$groups.png" "b) Algorithm 3, ${name[$groups]}, $psnr"
     compare "12c-$groups.png" 12a.png
-    tile "12c-$groups.png" "c) Algorithm 2, <code>transparent</code>, $psnr"
+    tile "12c-$groups.png" "c) Algorithm 2, ${name[$groups]}, $psnr"
     end_tiles
   done
   table "frames per second" "paper, $paper_machine" "here, 512 &times; 512, $machine"
@@ -457,7 +457,7 @@ make_sp06_table1() {
   about "Groups K by largest-first colouring of the graph of overlapping splats, with the largest and the mean degree of the graph, for factors c
     by which overlaps are relaxed: K falls quickly with c." \
     "Meshes of ours with as many points. Degrees depend on how large splats are, which the paper does not say; at <code>$splats</code> the
-    mean degree is near the paper's. The largest, and K with it, is where sheets lie close together."
+    mean degree is near the paper's. The largest degree, and K with it, comes from where sheets lie close together."
   table "K / largest / mean degree" "points" "c = 1.0" "c = 0.8" "c = 0.6" "c = 0.4"
   local -A paper=(
     [head]="18 / 37 / 17.2|14 / 31 / 11.6|11 / 24 / 9.4|7 / 8 / 3.9"
@@ -466,7 +466,7 @@ make_sp06_table1() {
     [bunny]="17 / 31 / 18.6|12 / 23 / 13.6|9 / 14 / 7.1|5 / 7 / 2.3")
   local theirs ours mesh count values
   while read -r theirs ours mesh count; do
-    surfels $mesh $count table-$ours.ply
+    surfels "$mesh" "$count" "table-$ours.ply"
     run "surfel-group table-$ours.ply $splats --print-table > table-$ours.txt"
     IFS='|' read -ra values <<< "${paper[$ours]}"
     row "paper: ${theirs/_/ }" "${count%000}K" "${values[@]}"
@@ -485,7 +485,7 @@ make_sp06_table2() {
   local -A paper=([head]="0.96 1.2 1.4" [dragon]="15.04 19.70 22.62" [armadillo]="32.65 32.11 37.76" [bunny]="65.68 52.96 70.37")
   local theirs ours mesh count values standard loose
   while read -r theirs ours mesh count; do
-    surfels $mesh $count table-$ours.ply
+    surfels "$mesh" "$count" "table-$ours.ply"
     run "surfel-group table-$ours.ply $splats --overlap 0.8 -o table-$ours-0.8.ply"
     run "surfel-group table-$ours.ply $splats --overlap 0.4 -o table-$ours-0.4.ply"
     rate "table-$ours.ply" "$splats --size 512x512"
