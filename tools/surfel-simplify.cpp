@@ -66,9 +66,7 @@ void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
   json["shape_error"] = r.error.shape;
   json["max_distance"] = r.error.max_distance;
   json["uncovered"] = r.uncovered;
-  json["widened"] = r.widened;
   json["reached"] = r.reached;
-  json["anisotropic"] = r.anisotropic;
   json["rounds"] = r.rounds;
   json["left_out"] = r.left_out;
   for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;

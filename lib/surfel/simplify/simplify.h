@@ -55,10 +55,8 @@ struct SimplifyReport {
   std::size_t no_normal = 0;   ///< Kept as they are, as they face no side.
   double unit_deviation = 0;   ///< Scene units.
   SimplifyError error;         ///< Measured.
-  std::size_t uncovered = 0;   ///< Places that were covered and now are not: measured, then closed.
-  std::size_t widened = 0;     ///< Surfels that were enlarged for it.
+  std::size_t uncovered = 0;   ///< Places that were covered and that merging left a gap at: closed.
   bool reached = true;         ///< count: that many. max_error: met with fewer surfels than before.
-  bool anisotropic = false;    ///< The result is.
   int rounds = 0;              ///< Times that a simplified cloud was made and measured.
   std::vector<std::string> left_out;  ///< Columns that say nothing of merged surfels.
   StageTimes times;
@@ -72,9 +70,9 @@ struct SimplifyReport {
 /// 2. Seeds: a Poisson-disk subset with that spacing; every surfel joins the nearest on its sheet
 ///    (sheet_clusters.h). What faces differently or has another material is never merged.
 /// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A cluster
-///    of one stays as it is, or is enlarged.
-/// 4. Sizes: discs, or ellipses where at least a tenth of the cells are long, that just close the
-///    surface at the cutoff (splat_size.h), enlarged where a place was covered and is not.
+///    of one stays as it is.
+/// 4. Sizes: Gaussians of the kind that the cloud has that just cover their cluster's places at the
+///    cutoff (covering_gaussian.h), with more weight where a place was covered and is not.
 /// 5. Coefficients: least squares in the renderer's basis (render_system.h) against the colours
 ///    that the cloud shows at all of its surfels' places.
 /// With max_error, the errors are then measured, and steps 2 to 5 repeated with another spacing,
