@@ -1,6 +1,7 @@
 // surfel-simplify: fewer surfels for the same look.
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
@@ -22,7 +23,8 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   app.add_option("surfels", s.input, "Surfels with normals (PLY, PCD; - = standard input)")
       ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (PLY; - = standard output)")->required();
+  app.add_option("-o,--output", s.output, "Surfels to write (PLY; - = standard output)")
+      ->required();
 
   app.option_defaults()->group("How few");
   app.add_option("--max-error", s.simplify.max_error,
@@ -30,7 +32,10 @@ void declare_options(CLI::App& app, Settings& s) {
                  "mean square over the surface, seen from near, of the errors of colour (linear "
                  "light, 1 = black against white), of shading (of a surface lit by --light) and "
                  "of shape (in units of --unit-deviation) together");
-  app.add_option("--count", s.simplify.count, "Exactly this many surfels, with the least error");
+  app.add_option(
+      "--count", s.simplify.count,
+      "Exactly this many surfels, with the least error; more where that many sheets or materials "
+      "have to be told apart");
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "
@@ -72,6 +77,41 @@ void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
   for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
 }
 
+/// What became of the input that was not asked for.
+void tell(const surfel::tool::Tool& tool, const std::string& name, const Settings& s,
+          const surfel::SimplifyReport& r) {
+  if (const auto& d = r.dropped; d.total() > 0) {
+    tool.note(
+        fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
+                    "colours that are not usable numbers)",
+                    name, d.total(), d.position, d.variance, d.color));
+  }
+  if (r.no_normal > 0) {
+    tool.note(
+        fmt::format("{}: {} of {} surfels have no normal: kept as they are; surfel-estimate "
+                    "gives them one",
+                    name, r.no_normal, r.surfels));
+  }
+  if (!r.left_out.empty()) {
+    tool.note(
+        fmt::format("{}: {} left out, as groups do not outlast merging; surfel-group makes "
+                    "them anew",
+                    name, fmt::join(r.left_out, ", ")));
+  }
+  if (r.reached) return;
+  if (s.simplify.max_error) {
+    tool.note(fmt::format("{}: nothing can be merged with an error of {:.3g}: all surfels kept",
+                          name, *s.simplify.max_error));
+  } else if (*s.simplify.count > r.surfels) {
+    tool.note(fmt::format("{}: has no more than {} surfels: all kept", name, r.surfels));
+  } else {
+    tool.note(
+        fmt::format("{}: {} surfels instead of {}: what faces differently is not merged; a "
+                    "larger --normal-angle leaves fewer",
+                    name, r.result, *s.simplify.count));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -92,12 +132,13 @@ int main(int argc, char** argv) {
       result = surfel::simplify_surfels(cloud, s.simplify, &done, name);
     }
     report(tool.report(), done);
+    tell(tool, name, s, done);
     result.provenance.push_back(tool.provenance());
     surfel::write_cloud(result, s.output, {.no_clobber = tool.common().no_clobber});
-    tool.note(fmt::format("{}: {} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-                          "shape {:.3g} of {:.3g} units)",
-                          s.output, done.result, done.surfels, done.error.total(),
-                          done.error.color, done.error.shading, done.error.shape,
-                          done.unit_deviation));
+    tool.note(
+        fmt::format("{}: {} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+                    "shape {:.3g} of {:.3g} units)",
+                    s.output, done.result, done.surfels, done.error.total(), done.error.color,
+                    done.error.shading, done.error.shape, done.unit_deviation));
   });
 }

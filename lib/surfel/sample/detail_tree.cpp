@@ -208,7 +208,8 @@ class DetailTree::Builder {
 
   void add_node(std::uint64_t code, int level, std::uint32_t first, const CellMoments& moments,
                 const Errors& children) {
-    Node node{corner(code), level, first, area_per_weight_ * moments.weight(), moments.probes(), {}, {}};
+    Node node{corner(code),     level, first, area_per_weight_ * moments.weight(),
+              moments.probes(), {},    {}};
     const double sigma = tree_.side(level) / kCellSigmas;
     node.own.color = area_per_weight_ * moments.color_residuals();
     const double unit2 = tree_.options_.unit_deviation * tree_.options_.unit_deviation;

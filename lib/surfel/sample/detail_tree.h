@@ -15,10 +15,10 @@ namespace surfel {
 struct SurfaceProbe {
   Vec3f position;
   Vec3f normal;
-  Vec3f color;               ///< Linear light.
-  float alpha = 1;           ///< Opacity: a further channel of colour.
-  Vec3f shading{0, 0, 0};    ///< Three further channels: what of the light follows the normal.
-  float weight = 1;          ///< Of all, its share of the surface; >= 0.
+  Vec3f color;             ///< Linear light.
+  float alpha = 1;         ///< Opacity: a further channel of colour.
+  Vec3f shading{0, 0, 0};  ///< Three further channels: what of the light follows the normal.
+  float weight = 1;        ///< Of all, its share of the surface; >= 0.
 };
 
 /// A piece of an open border.
@@ -33,11 +33,11 @@ struct BorderPiece {
 /// Cells of an octree stand for kernels of standard deviation sigma = side / kCellSigmas. A cell's
 /// error is, as an integral over the surface in it,
 /// - of colour: the sum of the squares over the channels, divided by three, of what the best affine
-///   function of the place leaves. Between a smooth texture and a sharp edge that is, with kCellSigmas = 4, what a
-///   Gaussian blur of variance 1.42 sigma^2 takes away, that of view-independent EWA drawn at
-///   cutoff 1: with curvature c'' of the colour 0.36 against 0.50 c''^2 sigma^4, for a step of
-///   height 1 0.25 sigma against 0.28 sigma per length, and both the variance where detail is finer
-///   than the kernel;
+///   function of the place leaves. Between a smooth texture and a sharp edge that is, with
+///   kCellSigmas = 4, what a Gaussian blur of variance 1.42 sigma^2 takes away, that of
+///   view-independent EWA drawn at cutoff 1: with curvature c'' of the colour 0.36 against 0.50
+///   c''^2 sigma^4, for a step of height 1 0.25 sigma against 0.28 sigma per length, and both the
+///   variance where detail is finer than the kernel;
 /// - of the shape: the mean squared distance from the best plane (0.6 sigma^2 over the radius of
 ///   curvature in the mean), and at open borders, beyond which kernels reach, sigma^2 in a strip of
 ///   sigma / 2; in units of `unit_deviation`, the distance that counts as much as black against

@@ -30,8 +30,7 @@ Axes second_moments(const Vec3d& t, const Vec3d& b, const Vec3f& position,
     const Vec3d d = (place.position - position).cast<double>();
     const double x = d.dot(t);
     const double y = d.dot(b);
-    const double weight =
-        total > 0 ? place.area / total : 1.0 / static_cast<double>(places.size());
+    const double weight = total > 0 ? place.area / total : 1.0 / static_cast<double>(places.size());
     tt += weight * (x * x + place.area / 12.0);
     bb += weight * (y * y + place.area / 12.0);
     tb += weight * x * y;

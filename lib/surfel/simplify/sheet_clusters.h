@@ -44,7 +44,6 @@ struct SheetClusters {
 /// Depends on nothing but these and `random_seed`. Sequential: 0.5 s for a million surfels.
 SURFEL_API SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                                         const Array<float>& radius, const SheetRules& rules,
-                                        std::uint64_t random_seed,
-                                        std::size_t fill_to = 0);
+                                        std::uint64_t random_seed, std::size_t fill_to = 0);
 
 }  // namespace surfel

@@ -35,8 +35,8 @@ constexpr double kVarianceScale = 0.5;
 constexpr std::size_t kCountProbes = 50000;
 /// An error this close below the one asked for is not improved upon.
 constexpr double kCloseEnough = 0.93;
-constexpr int kMostRounds = 6;
-constexpr int kMostCounts = 8;
+constexpr int kMostRounds = 8;
+constexpr int kMostCounts = 12;
 /// Counts this close below the one asked for are filled up.
 constexpr double kFillShare = 0.96;
 /// Most factor of the area of what leaves a place uncovered.
@@ -177,9 +177,12 @@ DetailTree Simplifier::make_tree() {
   const auto weight = static_cast<float>(options_.light * brightness_);
   for (std::size_t i = 0; i < probes.size(); ++i) {
     const auto alpha = static_cast<float>(target_.color[i][3]);
-    probes[i] = {cloud_.position[i], cloud_.normal[i],
-                 alpha * target_.color[i].head<3>().matrix().cast<float>(), alpha,
-                 weight * target_.normal[i], area_[i]};
+    probes[i] = {cloud_.position[i],
+                 cloud_.normal[i],
+                 alpha * target_.color[i].head<3>().matrix().cast<float>(),
+                 alpha,
+                 weight * target_.normal[i],
+                 area_[i]};
   }
   const double spacing = std::sqrt(total_area_ / static_cast<double>(probes.size()));
   DetailTree tree(probes, {},
@@ -215,25 +218,32 @@ double Simplifier::estimated_count(const SizingField& field) const {
   return sum / static_cast<double>(n) * static_cast<double>(cloud_.size());
 }
 
-/// The cut at the highest price where `fine_enough` holds, or at the lowest price of all.
+/// Two choices of cells next to each other.
+struct Bracket {
+  DetailTree::Cut coarse;  ///< At the highest price of all, or not fine enough ...
+  DetailTree::Cut fine;    ///< ... where this is, or is at the lowest price of all.
+};
+
 template <class Test>
-DetailTree::Cut dearest(const DetailTree& tree, const Test& fine_enough) {
+Bracket bracket(const DetailTree& tree, const Test& fine_enough) {
+  constexpr double kClose = 0.02;
   double low = std::log(tree.lowest_price());
   double high = std::log(tree.highest_price());
-  DetailTree::Cut best = tree.cut(std::exp(high));
-  if (fine_enough(best)) return best;
-  best = tree.cut(std::exp(low));
-  while (high - low > 0.02) {
+  Bracket out{tree.cut(std::exp(high)), {}};
+  if (fine_enough(out.coarse)) return {out.coarse, out.coarse};
+  out.fine = tree.cut(std::exp(low));
+  while (high - low > kClose) {
     const double middle = (low + high) / 2;
     DetailTree::Cut cut = tree.cut(std::exp(middle));
     if (fine_enough(cut)) {
       low = middle;
-      best = std::move(cut);
+      out.fine = std::move(cut);
     } else {
       high = middle;
+      out.coarse = std::move(cut);
     }
   }
-  return best;
+  return out;
 }
 
 Attempt Simplifier::as_it_is() const {
@@ -246,17 +256,20 @@ Attempt Simplifier::with_count(const DetailTree& tree) {
   const std::size_t wanted = *options_.count;
   report_.reached = wanted <= cloud_.size();
   if (wanted >= cloud_.size()) return as_it_is();
-  const DetailTree::Cut cut = dearest(tree, [&](const DetailTree::Cut& tried) {
+  const Bracket cuts = bracket(tree, [&](const DetailTree::Cut& tried) {
     const auto count = static_cast<double>(wanted);
     return estimated_count({tried.cells, kGradient, tree.largest_spacing()}) >= count;
   });
-  const Array<float> radius = radii(tree, cut);
+  const Array<float> radius = radii(tree, cuts.coarse);
   stage("choose");
   tell(0.2);
   // Radii that leave room for almost as many as wanted; the rest is filled in.
   const auto scaled = [&](double factor, std::size_t fill_to) {
     Array<float> r(radius.size());
-    for (std::size_t i = 0; i < r.size(); ++i) r[i] = static_cast<float>(factor) * radius[i];
+    for (std::size_t i = 0; i < r.size(); ++i) {
+      // Where the coarsest cells are too fine, surfels that were to be kept are merged, too.
+      r[i] = static_cast<float>(std::max(factor * radius[i], (factor - 1) * std::sqrt(area_[i])));
+    }
     return cluster_sheets(cloud_, *search_, r, options_.sheets, options_.seed, fill_to);
   };
   double factor = 1;
@@ -287,25 +300,36 @@ Attempt Simplifier::with_count(const DetailTree& tree) {
 Attempt Simplifier::with_error(const DetailTree& tree) {
   const double wanted = *options_.max_error;
   double expected = wanted;
+  double largest = kSeedRadius * tree.largest_spacing();
   std::optional<Attempt> best;
   for (int round = 0; round < kMostRounds; ++round) {
     const DetailTree::Cut cut =
-        dearest(tree, [&](const DetailTree::Cut& tried) { return tried.error() <= expected; });
-    const Array<float> radius = radii(tree, cut);
+        bracket(tree, [&](const DetailTree::Cut& tried) { return tried.error() <= expected; }).fine;
+    Array<float> radius = radii(tree, cut);
+    const double coarsest = *std::max_element(radius.begin(), radius.end());
+    for (float& r : radius) r = std::min(r, static_cast<float>(largest));
     stage("choose");
     SheetClusters clusters =
         cluster_sheets(cloud_, *search_, radius, options_.sheets, options_.seed);
     stage("cluster");
     if (clusters.size() == cloud_.size()) break;
     Attempt tried = attempt(std::move(clusters));
-    const double error = tried.error.total();
     tell((round + 1.0) / kMostRounds);
+    const double error = tried.error.total();
     if (error <= wanted && (!best || tried.cloud.size() < best->cloud.size())) {
       best = std::move(tried);
       if (error >= kCloseEnough * wanted) break;
     }
-    const double step = error > 0 ? (1 + kCloseEnough) / 2 * wanted / error : 4;
-    expected *= std::clamp(step, 0.25, 4.0);
+    const double step =
+        std::clamp(error > 0 ? (1 + kCloseEnough) / 2 * wanted / error : 4, 0.25, 4.0);
+    if (cut.error() < error / 2) {
+      // Cells know nothing of what happens at borders, and where colours change evenly over the
+      // whole surface: all surfels are limited instead.
+      if (step > 1 && largest >= coarsest) break;
+      largest = std::min(largest, coarsest) * step;
+    } else {
+      expected *= step;
+    }
   }
   report_.reached = best.has_value();
   return best ? std::move(*best) : as_it_is();
@@ -367,8 +391,8 @@ SurfelCloud Simplifier::merge(const SheetClusters& clusters) const {
 }
 
 /// Variances and areas; what was not merged keeps its own. Gaussians are of the kind that the cloud
-/// has: ellipses for pieces of even surfaces gain nothing that would be worth the columns. (Cow, 3 %
-/// and 10 % of its surfels: PSNR within 0.2 dB of discs'.)
+/// has: ellipses for pieces of even surfaces gain nothing that would be worth the columns. (Cow, 3
+/// % and 10 % of its surfels: PSNR within 0.2 dB of discs'.)
 void Simplifier::size(const SheetClusters& clusters, SurfelCloud& out) const {
   if (out.area.empty()) out.area.resize(out.size());
   parallel_for(out.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -418,8 +442,7 @@ Simplifier::Places Simplifier::places_on(const Attempt& a) const {
 /// variances would be of no use: the same area is then spread more thinly.)
 void Simplifier::close_gaps(Places& places, Attempt& a) const {
   const auto threshold = static_cast<float>(coverage_threshold(options_.cutoff));
-  const EvaluatedBasis evaluated =
-      evaluate_basis(places.basis, places.quadrature, options_.cutoff);
+  const EvaluatedBasis evaluated = evaluate_basis(places.basis, places.quadrature, options_.cutoff);
   for (std::size_t k = 0; k < places.basis.size(); ++k) {
     float least = threshold;
     for (std::size_t q = places.quadrature.begin[k]; q < places.quadrature.begin[k + 1]; ++q) {
@@ -484,7 +507,8 @@ SimplifyError Simplifier::measure(const ShownSurface& shown) const {
     Channels d = shown.color[i] - target_.color[i];
     d.head<3>() *= target_.color[i][3];
     color += weight * d.square().sum() / 3;
-    shading += weight * static_cast<double>((shown.normal[i] - target_.normal[i]).squaredNorm()) / 3;
+    shading +=
+        weight * static_cast<double>((shown.normal[i] - target_.normal[i]).squaredNorm()) / 3;
     const double distance = shown.height[i] - target_.height[i];
     shape += weight * distance * distance;
     out.max_distance = std::max(out.max_distance, std::abs(distance));

@@ -48,16 +48,16 @@ struct SimplifyError {
 
 /// What simplify() met and made.
 struct SimplifyReport {
-  UnusableSurfels dropped;     ///< Left out.
-  std::size_t surfels = 0;     ///< Usable ones, before ...
-  std::size_t merged = 0;      ///< ... of which so many were merged with others ...
-  std::size_t result = 0;      ///< ... and surfels there are now.
-  std::size_t no_normal = 0;   ///< Kept as they are, as they face no side.
-  double unit_deviation = 0;   ///< Scene units.
-  SimplifyError error;         ///< Measured.
-  std::size_t uncovered = 0;   ///< Places that were covered and that merging left a gap at: closed.
-  bool reached = true;         ///< count: that many. max_error: met with fewer surfels than before.
-  int rounds = 0;              ///< Times that a simplified cloud was made and measured.
+  UnusableSurfels dropped;    ///< Left out.
+  std::size_t surfels = 0;    ///< Usable ones, before ...
+  std::size_t merged = 0;     ///< ... of which so many were merged with others ...
+  std::size_t result = 0;     ///< ... and surfels there are now.
+  std::size_t no_normal = 0;  ///< Kept as they are, as they face no side.
+  double unit_deviation = 0;  ///< Scene units.
+  SimplifyError error;        ///< Measured.
+  std::size_t uncovered = 0;  ///< Places that were covered and that merging left a gap at: closed.
+  bool reached = true;        ///< count: that many. max_error: met with fewer surfels than before.
+  int rounds = 0;             ///< Times that a simplified cloud was made and measured.
   std::vector<std::string> left_out;  ///< Columns that say nothing of merged surfels.
   StageTimes times;
 };
@@ -69,7 +69,8 @@ struct SimplifyReport {
 ///    where it is spent (detail_tree.h, sizing_field.h).
 /// 2. Seeds: a Poisson-disk subset with that spacing; every surfel joins the nearest on its sheet
 ///    (sheet_clusters.h). What faces differently or has another material is never merged.
-/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A cluster
+/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A
+/// cluster
 ///    of one stays as it is.
 /// 4. Sizes: Gaussians of the kind that the cloud has that just cover their cluster's places at the
 ///    cutoff (covering_gaussian.h), with more weight where a place was covered and is not.
