@@ -32,10 +32,11 @@ void declare_options(CLI::App& app, Settings& s) {
                  "mean square over the surface, seen from near, of the errors of colour (linear "
                  "light, 1 = black against white), of shading (of a surface lit by --light) and "
                  "of shape (in units of --unit-deviation) together");
-  app.add_option(
-      "--count", s.simplify.count,
-      "Exactly this many surfels, with the least error; more where that many sheets or materials "
-      "have to be told apart");
+  app.add_option("--count", s.simplify.count,
+                 "Exactly this many surfels, with the least error; more where that many sheets or "
+                 "materials "
+                 "have to be told apart")
+      ->check(CLI::PositiveNumber);
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "
