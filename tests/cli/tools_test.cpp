@@ -432,8 +432,9 @@ TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
   const RunResult text = run({tool("surfel-info"), Inputs::get().surfels});
   EXPECT_TRUE(contains(text.output, "spacing"));
   EXPECT_TRUE(contains(text.output, "surfel-from-mesh"));
-  EXPECT_TRUE(contains(text.output, "\nneeds                nothing\n")) << text.output;
-  EXPECT_TRUE(surfels["needs"].empty());
+  EXPECT_TRUE(contains(text.output, "\nneeds colors         none, but u, v")) << text.output;
+  ASSERT_EQ(surfels["needs"].size(), 1U);
+  EXPECT_EQ(surfels["needs"][0]["topic"], "colors");
   TemporaryFolder folder;
   write_text(folder / "raw.xyz", "0 0 0\n1 0 0\n0 1 0\n");
   const std::string raw = run({tool("surfel-info"), folder / "raw.xyz"}).output;
