@@ -98,9 +98,9 @@ run() {
   done
 }
 
-# picture FILE OUTPUT: the lion's head and chest.
+# picture FILE OUTPUT: the lion's head.
 picture() {
-  "$tools/surfel-render" "$1" -o "$work/$2" --eye=-9.5,10.5,0.8 --target=-2.9,3.5,0 --up=0,0,1 --fov 14 --size 400x400 \
+  "$tools/surfel-render" "$1" -o "$work/$2" --eye=-5.3,-5.1,0.8 --target=-2.9,3.6,0 --up=0,0,1 --fov 15 --size 400x400 \
     --shading none --background 1,1,1,1 --quiet
 }
 
