@@ -8,6 +8,7 @@
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image.h>
 #include <surfel/io/mesh.h>
+#include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
 
@@ -64,6 +65,11 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
   out["comments"] = cloud.comments;
+  out["needs"] = Json::array();
+  for (const surfel::CloudNeed& need : surfel::cloud_needs(cloud, s, options, file)) {
+    out["needs"].push_back(
+        {{"topic", need.topic}, {"measure", need.measure}, {"command", need.command}});
+  }
   return out;
 }
 
@@ -153,6 +159,12 @@ std::string for_people(const Json& description) {
       line(key, property_list(value));
     } else if (key == "provenance" || key == "comments") {
       for (const Json& item : value) line(key, text(item));
+    } else if (key == "needs") {
+      if (value.empty()) line(key, "nothing");
+      for (const Json& need : value) {
+        line("needs " + text(need["topic"]), text(need["measure"]));
+        line("", text(need["command"]));
+      }
     } else {
       line(key, text(value));
     }
@@ -164,7 +176,8 @@ std::string for_people(const Json& description) {
 
 int main(int argc, char** argv) {
   Tool tool("surfel-info",
-            "Tells what is in a file of surfels, a mesh or an image, and whether it is sound.");
+            "Tells what is in a file of surfels, a mesh or an image, whether it is sound, and what "
+            "surfels need.");
   std::string file;
   bool json = false;
   surfel::CloudStatisticsOptions options;

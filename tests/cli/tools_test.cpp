@@ -65,6 +65,7 @@ const std::vector<Usage>& usages() {
       {"surfel-group", {}, "surfels", ".ply"},
       {"surfel-convert", {"--scale", "2"}, "surfels", ".ply"},
       {"surfel-lod", {}, "surfels", ".ply"},
+      {"surfel-simplify", {"--max-error", "0.05"}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},
@@ -431,6 +432,15 @@ TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
   const RunResult text = run({tool("surfel-info"), Inputs::get().surfels});
   EXPECT_TRUE(contains(text.output, "spacing"));
   EXPECT_TRUE(contains(text.output, "surfel-from-mesh"));
+  EXPECT_TRUE(contains(text.output, "\nneeds colors         none, but u, v")) << text.output;
+  ASSERT_EQ(surfels["needs"].size(), 1U);
+  EXPECT_EQ(surfels["needs"][0]["topic"], "colors");
+  TemporaryFolder folder;
+  write_text(folder / "raw.xyz", "0 0 0\n1 0 0\n0 1 0\n");
+  const std::string raw = run({tool("surfel-info"), folder / "raw.xyz"}).output;
+  EXPECT_TRUE(contains(raw, "\nneeds normals        none")) << raw;
+  EXPECT_TRUE(contains(raw, " surfel-estimate " + (folder / "raw.xyz") + " -o OUT\n")) << raw;
+  EXPECT_EQ(describe(folder / "raw.xyz")["needs"][1]["topic"], "variance");
 }
 
 TEST(SurfelInfo, ReadsTrickyFilesOfSupportedFormats) {

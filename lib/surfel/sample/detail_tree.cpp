@@ -20,6 +20,8 @@ constexpr double kOpposedCosine = -0.17;
 /// error are left to the spacing that the others leave them: most of a cell that an edge crosses.
 constexpr int kTrimmedLevels = 2;
 constexpr double kIdleShare = 0.1;
+/// Spacing where all surfels are kept, in units of the finest one.
+constexpr double kKeptSpacing = 1e-3;
 
 std::size_t side_of(const Vec3f& normal) {
   int axis = 0;
@@ -27,20 +29,27 @@ std::size_t side_of(const Vec3f& normal) {
   return 2 * static_cast<std::size_t>(axis) + (normal[axis] < 0 ? 1 : 0);
 }
 
+/// What a surfel is to show at a place: colour, opacity, and what follows the normal.
+constexpr int kChannels = 7;
+using ChannelVector = Eigen::Matrix<double, kChannels, 1>;
+
 /// Sums over probes, about a point that all share.
 struct Moments {
   double n = 0;
+  double weight = 0;
   Vec3d normal = Vec3d::Zero();
   Vec3d x = Vec3d::Zero();
   Eigen::Matrix3d xx = Eigen::Matrix3d::Zero();
-  Vec3d c = Vec3d::Zero();
-  Eigen::Matrix3d xc = Eigen::Matrix3d::Zero();
+  ChannelVector c = ChannelVector::Zero();
+  Eigen::Matrix<double, 3, kChannels> xc = Eigen::Matrix<double, 3, kChannels>::Zero();
   double cc = 0;
 
   void add(const SurfaceProbe& probe) {
     const Vec3d p = probe.position.cast<double>();
-    const Vec3d color = probe.color.cast<double>();
+    ChannelVector color;
+    color << probe.color.cast<double>(), probe.alpha, probe.shading.cast<double>();
     n += 1;
+    weight += probe.weight;
     normal += probe.normal.cast<double>();
     x += p;
     xx += p * p.transpose();
@@ -51,6 +60,7 @@ struct Moments {
 
   void add(const Moments& other) {
     n += other.n;
+    weight += other.weight;
     normal += other.normal;
     x += other.x;
     xx += other.xx;
@@ -61,8 +71,8 @@ struct Moments {
 
   Eigen::Matrix3d covariance() const { return xx / n - (x / n) * (x / n).transpose(); }
 
-  /// Mean square over probes and channels of what an affine function of the place leaves of the
-  /// colour; few probes are left to a constant.
+  /// Mean over the probes of a third of the squares of all channels of what an affine function of
+  /// the place leaves of them; few probes are left to a constant.
   double color_residual() const {
     if (n < 2) return 0;
     const double about_mean = std::max(0.0, cc / n - (c / n).squaredNorm()) / 3;
@@ -70,7 +80,7 @@ struct Moments {
     Eigen::Matrix3d M = covariance();
     // What lies in a plane has no extent along its normal.
     M += (1e-9 * M.trace() + 1e-300) * Eigen::Matrix3d::Identity();
-    const Eigen::Matrix3d C = xc / n - (x / n) * (c / n).transpose();
+    const Eigen::Matrix<double, 3, kChannels> C = xc / n - (x / n) * (c / n).transpose();
     const double explained = (C.transpose() * M.inverse() * C).trace() / 3;
     return std::max(0.0, about_mean - explained) * n / (n - 3);
   }
@@ -97,10 +107,15 @@ struct CellMoments {
     for (const Moments& m : side) n += m.n;
     return n;
   }
-  /// Sums over the probes.
+  double weight() const {
+    double sum = 0;
+    for (const Moments& m : side) sum += m.weight;
+    return sum;
+  }
+  /// Sums over the probes, by their weights.
   double color_residuals() const {
     double sum = 0;
-    for (const Moments& m : side) sum += m.n * m.color_residual();
+    for (const Moments& m : side) sum += m.weight * m.color_residual();
     return sum;
   }
   double plane_residuals() const {
@@ -112,7 +127,7 @@ struct CellMoments {
         const double cosine = m.normal.normalized().dot(other.normal.normalized());
         if (other.n > 0 && cosine >= kOpposedCosine) sheet.add(other);
       }
-      sum += m.n * sheet.plane_residual();
+      sum += m.weight * sheet.plane_residual();
     }
     return sum;
   }
@@ -139,6 +154,12 @@ Sorted sort_into_leaves(const std::vector<T>& things, const Vec3f& low, double l
   return out;
 }
 
+double total_weight(const std::vector<SurfaceProbe>& probes) {
+  double sum = 0;
+  for (const SurfaceProbe& probe : probes) sum += probe.weight;
+  return sum;
+}
+
 }  // namespace
 
 /// Makes the nodes, children before their parents.
@@ -154,7 +175,7 @@ class DetailTree::Builder {
                                 [](const SurfaceProbe& p) { return p.position; })),
         piece_(sort_into_leaves(border, low, tree.leaf_side_,
                                 [](const BorderPiece& b) { return b.middle; })),
-        area_per_probe_(tree.options_.area / static_cast<double>(probes.size())) {}
+        area_per_weight_(tree.options_.area / total_weight(probes)) {}
 
   void build(int levels) { node(0, levels, 0, probes_.size()); }
 
@@ -187,19 +208,22 @@ class DetailTree::Builder {
 
   void add_node(std::uint64_t code, int level, std::uint32_t first, const CellMoments& moments,
                 const Errors& children) {
-    Node node{corner(code), level, first, area_per_probe_ * moments.probes(), {}, {}};
+    Node node{corner(code),     level, first, area_per_weight_ * moments.weight(),
+              moments.probes(), {},    {}};
     const double sigma = tree_.side(level) / kCellSigmas;
-    node.own.color = area_per_probe_ * moments.color_residuals();
+    node.own.color = area_per_weight_ * moments.color_residuals();
     const double unit2 = tree_.options_.unit_deviation * tree_.options_.unit_deviation;
     const double strip = moments.border * sigma / 2;
-    node.own.shape = (area_per_probe_ * moments.plane_residuals() + strip * sigma * sigma) / unit2;
+    node.own.shape = (area_per_weight_ * moments.plane_residuals() + strip * sigma * sigma) / unit2;
     node.halved = {std::sqrt(node.own.color * children.color),
                    std::sqrt(node.own.shape * children.shape)};
     tree_.node_.push_back(node);
   }
 
   SurfaceProbe about_low(const SurfaceProbe& probe) const {
-    return {probe.position - low_, probe.normal, probe.color};
+    SurfaceProbe moved = probe;
+    moved.position -= low_;
+    return moved;
   }
 
   std::size_t upper(std::size_t begin, std::size_t end, std::uint64_t code) const {
@@ -235,7 +259,7 @@ class DetailTree::Builder {
   DetailTree& tree_;
   Sorted probe_;
   Sorted piece_;
-  double area_per_probe_;
+  double area_per_weight_;
 };
 
 DetailTree::DetailTree(const std::vector<SurfaceProbe>& probes,
@@ -300,7 +324,13 @@ DetailTree::Cut DetailTree::cut(double price) const {
     const double samples = node.area / (h * h);
     choice[i] = Choice::kOwn;
     cost[i] = node.own.sum() / measured_area() + price * samples;
-    if (node.level == 0) continue;
+    if (node.level == 0) {
+      if (options_.keep && price * node.probes < cost[i]) {
+        choice[i] = Choice::kKeep;
+        cost[i] = price * node.probes;
+      }
+      continue;
+    }
     const double halved = node.halved.sum() / measured_area() + price * 2 * samples;
     if (halved < cost[i]) {
       choice[i] = Choice::kHalved;
@@ -321,6 +351,13 @@ DetailTree::Cut DetailTree::cut(double price) const {
     const Node& node = node_[i - 1];
     if (choice[i - 1] == Choice::kDivide) {
       --i;
+      continue;
+    }
+    if (choice[i - 1] == Choice::kKeep) {
+      add_cells(i - 1, static_cast<float>(kKeptSpacing * spacing(node)), 0, out.cells);
+      out.samples += node.probes / kOctrees;
+      out.finest_samples += node.probes / kOctrees;
+      i = node.first;
       continue;
     }
     const bool halved = choice[i - 1] == Choice::kHalved;

@@ -11,11 +11,14 @@
 
 namespace surfel {
 
-/// What is known of a surface at one place, of many that stand for equal shares of its area.
+/// What is known of a surface at one place.
 struct SurfaceProbe {
   Vec3f position;
   Vec3f normal;
-  Vec3f color;  ///< Linear light.
+  Vec3f color;             ///< Linear light.
+  float alpha = 1;         ///< Opacity: a further channel of colour.
+  Vec3f shading{0, 0, 0};  ///< Three further channels: what of the light follows the normal.
+  float weight = 1;        ///< Of all, its share of the surface; >= 0.
 };
 
 /// A piece of an open border.
@@ -29,12 +32,12 @@ struct BorderPiece {
 ///
 /// Cells of an octree stand for kernels of standard deviation sigma = side / kCellSigmas. A cell's
 /// error is, as an integral over the surface in it,
-/// - of colour: the mean square over the channels of what the best affine function of the place
-///   leaves. Between a smooth texture and a sharp edge that is, with kCellSigmas = 4, what a
-///   Gaussian blur of variance 1.42 sigma^2 takes away, that of view-independent EWA drawn at
-///   cutoff 1: with curvature c'' of the colour 0.36 against 0.50 c''^2 sigma^4, for a step of
-///   height 1 0.25 sigma against 0.28 sigma per length, and both the variance where detail is finer
-///   than the kernel;
+/// - of colour: the sum of the squares over the channels, divided by three, of what the best affine
+///   function of the place leaves. Between a smooth texture and a sharp edge that is, with
+///   kCellSigmas = 4, what a Gaussian blur of variance 1.42 sigma^2 takes away, that of
+///   view-independent EWA drawn at cutoff 1: with curvature c'' of the colour 0.36 against 0.50
+///   c''^2 sigma^4, for a step of height 1 0.25 sigma against 0.28 sigma per length, and both the
+///   variance where detail is finer than the kernel;
 /// - of the shape: the mean squared distance from the best plane (0.6 sigma^2 over the radius of
 ///   curvature in the mean), and at open borders, beyond which kernels reach, sigma^2 in a strip of
 ///   sigma / 2; in units of `unit_deviation`, the distance that counts as much as black against
@@ -51,6 +54,9 @@ class SURFEL_API DetailTree {
     double probe_spacing;   ///< Root of the area per probe. The smallest sigma is the same.
     double unit_deviation;  ///< Scene units.
     double variance_scale;  ///< sigma in units of the spacing.
+    /// The probes are surfels, which may stay as they are: in the smallest cells that costs one
+    /// sample a probe, and makes no error.
+    bool keep = false;
   };
 
   /// \param probes  at least one, in any order.
@@ -89,13 +95,14 @@ class SURFEL_API DetailTree {
     int level;  ///< Of the cell: its side is leaf_side * 2^level.
     std::uint32_t first;
     double area;
+    double probes;  ///< Their number.
     Errors own;     ///< Integrals, with the cell's sigma ...
     Errors halved;  ///< ... and with sigma / sqrt 2, between the cell's and its children's.
   };
   class Builder;
   static constexpr int kOctrees = 2;
   /// What a node does at a price.
-  enum class Choice : std::uint8_t { kDivide, kOwn, kHalved };
+  enum class Choice : std::uint8_t { kDivide, kOwn, kHalved, kKeep };
 
   /// Cells of the parts of a node that need its spacing.
   void add_cells(std::size_t index, float spacing, int levels,

@@ -559,6 +559,11 @@ std::vector<std::string> RenderSystemOptions::problems() const {
   return found;
 }
 
+EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadrature,
+                              double cutoff) {
+  return Assembler(basis, quadrature, cutoff).run();
+}
+
 RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
                                     const RenderSystemOptions& options) {
   for (const std::string& problem : options.problems()) throw_usage(problem);

@@ -116,6 +116,10 @@ struct SURFEL_API RenderSystem {
   SymmetricMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
+/// The basis at the points alone: kernels end at `cutoff`, > 0. The same for any number of threads.
+SURFEL_API EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadrature,
+                                         double cutoff);
+
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.
 SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,
                                                const Quadrature& quadrature,

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/cloud/cloud.h>
+#include <surfel/estimate/neighbor_search.h>
+
+namespace surfel {
+
+/// What must not get into one cluster.
+struct SheetRules {
+  double normal_angle = 40;  ///< Normals further than this from the seed's, degrees, in (0, 90].
+  /// How much more a distance along the seed's normal counts than one along the surface, >= 1.
+  double sheet_weight = 3;
+};
+
+/// Surfels in groups around seeds, which are some of them. Every surfel is in one.
+struct SheetClusters {
+  Array<std::uint32_t> seed;    ///< Of every cluster, ascending.
+  Array<std::uint64_t> begin;   ///< Of every cluster its first member, and the number of surfels.
+  Array<std::uint32_t> member;  ///< Ascending in every cluster.
+
+  std::size_t size() const { return seed.size(); }
+  std::span<const std::uint32_t> members(std::size_t cluster) const {
+    return {member.data() + begin[cluster], member.data() + begin[cluster + 1]};
+  }
+};
+
+/// Seeds such that every surfel is within a seed's radius of it, on its sheet, and none within
+/// another's: a Poisson-disk subset by dart throwing in random order. On one sheet are surfels of
+/// one material, whose normals are within normal_angle of each other, distances being
+///   d^2 = |along the seed's tangent plane|^2 + (sheet_weight height above it)^2.
+/// A surfel joins the seed with the least d / radius. One without a normal stays alone.
+///
+/// \param cloud   usable surfels with normals, in the order of a space-filling curve.
+/// \param search  over its positions.
+/// \param radius  of every surfel if it becomes a seed, scene units, >= 0.
+/// \param fill_to  if there are fewer seeds than that, surfels at smaller and smaller distances are
+///                made seeds as well, until there are that many, or no others.
+/// Depends on nothing but these and `random_seed`. Sequential: 0.5 s for a million surfels.
+SURFEL_API SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
+                                        const Array<float>& radius, const SheetRules& rules,
+                                        std::uint64_t random_seed, std::size_t fill_to = 0);
+
+}  // namespace surfel
