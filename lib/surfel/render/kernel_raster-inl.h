@@ -72,24 +72,29 @@ class KernelRaster {
   float cutoff() const { return job_.cutoff * scale_; }
 
   /// Calls visit(splat's index, first pixel, Sample) for every vector of pixels that the box of a
-  /// splat in [begin, end) of the order meets, in that order; but for splats that lie behind the
-  /// depth `hidden` with all that is within epsilon of them.
+  /// splat in [begin, end) of the order meets, pixel by pixel in that order; but for splats that lie
+  /// behind all of the vector's depths in the plane `hidden`, which may be null, with all that is
+  /// within epsilon of them.
   template <class Visit>
-  HWY_INLINE void draw(std::size_t begin, std::size_t end, float hidden, const Visit& visit) const {
-    // Vectors are listed first and visited then: the loops over a splat's columns and rows end
-    // after one or two rounds, which costs more than the round itself where it is guessed wrong.
-    HWY_ALIGN Place places[kPlaces + kMostPlaces];
-    while (begin < end) {
-      std::size_t count = 0;
-      for (; begin < end && count <= kPlaces; ++begin) {
-        prefetch(begin);
-        const std::uint32_t index = job_.order[begin];
-        const Splat& splat = job_.splats[index];
-        if (splat.depth + (1 + job_.depth_epsilon) * splat.depth_range < hidden) continue;
-        count += list(index, splat, places + count);
-      }
-      for (std::size_t p = 0; p < count; ++p) {
-        visit(places[p].splat, places[p].pixel, sample(places[p]));
+  HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
+                       const Visit& visit) const {
+    // Vector by vector: what is visited stays in the first-level cache, store and load again meet
+    // the same addresses, and branches go the way that they went for the splat before.
+    HWY_ALIGN Lists lists;
+    hide(hidden, lists);
+    for (; begin < end; begin += kListed) {
+      list(begin, std::min(begin + kListed, end), lists);
+      for (std::uint32_t v = 0; v < kVectors; ++v) {
+        const std::size_t pixel = v * hn::MaxLanes(D());
+        const D d;
+        const V x = hn::Add(hn::Load(d, kColumnOfLane),
+                            hn::Set(d, x0_ + static_cast<float>(tile_pixel_x(static_cast<int>(pixel)))));
+        const V y = hn::Add(hn::Load(d, kRowOfLane),
+                            hn::Set(d, y0_ + static_cast<float>(tile_pixel_y(static_cast<int>(pixel)))));
+        const std::uint32_t* index = lists.splats[v];
+        for (const std::uint32_t* last = index + lists.count[v]; index < last; ++index) {
+          visit(*index, pixel, sample(*index, x, y));
+        }
       }
     }
   }
@@ -102,15 +107,30 @@ class KernelRaster {
   }
 
  private:
-  /// A vector of pixels that the box of a splat meets.
-  struct Place {
-    std::uint32_t splat;
-    std::uint32_t pixel;  ///< The first.
-    float dx, dy;         ///< Its offset from the splat's centre.
+  /// Vectors of a tile, and how many there are in a column of them.
+  static constexpr std::uint32_t kVectors = kTilePixels / (kColumns * kRows);
+  static constexpr int kVectorsDown = kTileSize / kRows;
+  /// Splats that are listed at once: as many as the first-level cache holds.
+  static constexpr std::size_t kListed = 256;
+
+  /// For every vector of the tile, the splats whose boxes it meets, in order.
+  struct Lists {
+    std::uint32_t splats[kVectors][kListed + 1];  ///< One more is written than counted.
+    std::uint32_t count[kVectors];
+    float hidden[kVectors];  ///< The least depth that hides.
+    float least;             ///< Of all.
   };
-  static constexpr std::size_t kPlaces = 240;
-  /// Most of one splat.
-  static constexpr std::size_t kMostPlaces = kTilePixels / (kColumns * kRows);
+
+  static void hide(const float* hidden, Lists& lists) {
+    const D d;
+    lists.least = hidden ? __builtin_inff() : -__builtin_inff();
+    std::fill_n(lists.hidden, kVectors, lists.least);
+    if (!hidden) return;
+    for (std::uint32_t v = 0; v < kVectors; ++v) {
+      lists.hidden[v] = hn::GetLane(hn::MinOfLanes(d, hn::Load(d, hidden + v * hn::MaxLanes(d))));
+      lists.least = std::min(lists.least, lists.hidden[v]);
+    }
+  }
 
   /// A tile's splats are strewn over the block.
   HWY_INLINE void prefetch(std::size_t place) const {
@@ -121,41 +141,49 @@ class KernelRaster {
     if (job_.normals) hwy::Prefetch(job_.normals + index);
   }
 
-  /// Lists the vectors of a splat, a column of them after the other. Returns how many.
-  HWY_INLINE std::size_t list(std::uint32_t index, const Splat& splat, Place* out) const {
+  /// Lists the splats [begin, end) of the order.
+  HWY_INLINE void list(std::size_t begin, std::size_t end, Lists& lists) const {
+    std::fill_n(lists.count, kVectors, 0U);
     const auto within = [](int pixel, int origin) {
       return std::min(std::max(pixel - origin, 0), kTileSize - 1);
     };
-    const int first_row = within(splat.box.y0, job_.box_y);
-    const int first = within(splat.box.x0, job_.box_x) / kColumns;
-    const int last = within(splat.box.x1, job_.box_x) / kColumns;
-    // As few vectors as hold the rows, moved up where the last would leave the tile.
-    const int height = (within(splat.box.y1, job_.box_y) - first_row + kRows) / kRows * kRows;
-    const int top = std::min(first_row, kTileSize - height);
-    const auto put = [&](int column, int row, std::size_t at) {
-      out[at] = {index, static_cast<std::uint32_t>(tile_pixel(column * kColumns, row)),
-                 static_cast<float>(column * kColumns) + x0_ - splat.x,
-                 static_cast<float>(row) + y0_ - splat.y};
-    };
-    // Nearly all are small: no branch on whether one has a second column.
-    if (height == kRows && last - first <= 1) {
-      put(first, top, 0);
-      put(last, top, 1);
-      return static_cast<std::size_t>(1 + last - first);
+    for (; begin < end; ++begin) {
+      prefetch(begin);
+      const std::uint32_t index = job_.order[begin];
+      const Splat& splat = job_.splats[index];
+      const float reach = splat.depth + (1 + job_.depth_epsilon) * splat.depth_range;
+      if (reach < lists.least) continue;
+      const int left = within(splat.box.x0, job_.box_x) / kColumns;
+      const int right = within(splat.box.x1, job_.box_x) / kColumns;
+      const int top = within(splat.box.y0, job_.box_y) / kRows;
+      const int bottom = within(splat.box.y1, job_.box_y) / kRows;
+      const auto put = [&](int column, int row, bool counts) {
+        const int v = column * kVectorsDown + row;
+        lists.splats[v][lists.count[v]] = index;
+        lists.count[v] += static_cast<std::uint32_t>(counts & (reach >= lists.hidden[v]));
+      };
+      // Nearly all are small: no branch on whether there is a second column or row, which costs
+      // more than what it saves where it is guessed wrong.
+      if (right - left <= 1 && bottom - top <= 1) {
+        put(left, top, true);
+        put(right, top, right != left);
+        put(left, bottom, bottom != top);
+        put(right, bottom, (right != left) & (bottom != top));
+        continue;
+      }
+      for (int column = left; column <= right; ++column) {
+        for (int row = top; row <= bottom; ++row) put(column, row, true);
+      }
     }
-    std::size_t count = 0;
-    for (int column = first; column <= last; ++column) {
-      for (int row = top; row < top + height; row += kRows) put(column, row, count++);
-    }
-    return count;
   }
 
-  HWY_INLINE Sample sample(const Place& place) const {
+  /// A splat at a vector of pixels with their centres at (x, y).
+  HWY_INLINE Sample sample(std::uint32_t index, V x, V y) const {
     const D d;
-    const Splat& splat = job_.splats[place.splat];
-    const V dx = hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, place.dx));
-    const V dy = hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, place.dy));
-    if (HWY_UNLIKELY(splat.k < 0)) return exact(job_.exact[place.splat], dx, dy);
+    const Splat& splat = job_.splats[index];
+    const V dx = hn::Sub(x, hn::Set(d, splat.x));
+    const V dy = hn::Sub(y, hn::Set(d, splat.y));
+    if (HWY_UNLIKELY(splat.k < 0)) return exact(job_.exact[index], dx, dy);
     const V depth = hn::Set(d, splat.depth);
     const V range = hn::Set(d, splat.depth_range);
     const V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
@@ -223,11 +251,11 @@ HWY_INLINE void accumulate(float* fragment, const Splat& splat, const SplatNorma
                            V depth, V weight, V weighted_depth) {
   const D d;
   const auto add_to = [&](int channel, float value) HWY_ATTR {
-    float* plane = fragment + channel * kTilePixels;
-    hn::StoreU(hn::MulAdd(rho, hn::Set(d, value), hn::LoadU(d, plane)), d, plane);
+    float* plane = fragment + channel * kPatchPixels;
+    hn::Store(hn::MulAdd(rho, hn::Set(d, value), hn::Load(d, plane)), d, plane);
   };
-  hn::StoreU(hn::Add(weight, rho), d, fragment + kWeight * kTilePixels);
-  hn::StoreU(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kTilePixels);
+  hn::Store(hn::Add(weight, rho), d, fragment + kWeight * kPatchPixels);
+  hn::Store(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kPatchPixels);
   add_to(kRed, splat.red);
   add_to(kGreen, splat.green);
   add_to(kBlue, splat.blue);

@@ -24,7 +24,6 @@ class Rasterizer {
       : job_(job),
         tile_(tile),
         raster_(job, tile.x0, tile.y0),
-        data_(tile.data),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
         full_(hn::Set(D(), tile.edge_weight)) {
@@ -37,20 +36,20 @@ class Rasterizer {
 
   void run() {
     // How often the tile is checked for being covered; a check costs about as much as ten splats.
-    constexpr std::size_t kCheckEvery = 128;
+    constexpr std::size_t kCheckEvery = 256;
     const D d;
     const V cutoff = hn::Set(d, raster_.cutoff());
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
-      const float hidden = find_hidden();
+      find_hidden();
       least_ = std::min(kLeastShare * tile_.full_weight,
                         kLeastShareOfLargest * largest_amplitude(begin, end));
       raster_.draw(
-          begin, end, hidden,
+          begin, end, hidden_,
           [&](std::uint32_t index, std::size_t pixel, const Sample& s)
               HWY_ATTR SURFEL_INLINE_LAMBDA {
                 // What lies within epsilon of the hiding surface may belong to it.
-                const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hn::LoadU(d, hidden_ + pixel));
+                const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hn::Load(d, hidden_ + pixel));
                 const M inside = hn::And(seen, hn::Lt(s.beta, cutoff));
                 if (hn::AllFalse(d, inside)) return;
                 add(index, pixel, inside, hn::Mul(s.amplitude, raster_.decay(inside, s.beta)),
@@ -79,24 +78,21 @@ class Rasterizer {
   }
 
   /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
-  /// none), behind which nothing is seen. Returns the least of them in the tile.
-  float find_hidden() {
+  /// none), behind which nothing is seen.
+  void find_hidden() {
     const D d;
-    V least = hn::Set(d, infinity());
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       V hidden = hn::Load(d, outside_ + pixel);
       for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-        const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
-        const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
-        const V depth = hn::Load(d, fragment + kDepth * kTilePixels);
+        const float* fragment = tile_.fragment(layer, pixel);
+        const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+        const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
         hidden = hn::IfThenElse(covers(fragment, weight, full_),
                                 hn::Max(hidden, hn::Div(depth, weight)), hidden);
         hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
       }
       hn::Store(hidden, d, hidden_ + pixel);
-      least = hn::Min(least, hidden);
     }
-    return hn::GetLane(hn::MinOfLanes(d, least));
   }
 
   /// Fragments that nothing behind is seen through.
@@ -105,7 +101,7 @@ class Rasterizer {
     // Merged fragments have a negative weight and never pass.
     M full = hn::Ge(weight, full_weight);
     if constexpr (!kOpaqueSplats) {
-      const V alpha = hn::LoadU(d, fragment + kAlpha * kTilePixels);
+      const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
       full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, kOpaqueAlpha))));
     }
     return full;
@@ -115,7 +111,7 @@ class Rasterizer {
   static M covers_merged(const float* fragment, V weight) {
     const D d;
     return hn::And(hn::Lt(weight, hn::Zero(d)),
-                   hn::Ge(hn::LoadU(d, fragment + kAlpha * kTilePixels), hn::Set(d, kOpaqueAlpha)));
+                   hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
@@ -125,11 +121,11 @@ class Rasterizer {
     const Splat& splat = job_.splats[index];
     const SplatNormal* normal = kNormals ? job_.normals + index : nullptr;
     const auto side = hn::Set(du, kFrontTag);
-    float* fragment = data_ + pixel;
+    float* fragment = tile_.fragment(0, pixel);
     for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
-      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
-      const V weighted_depth = hn::LoadU(d, fragment + kDepth * kTilePixels);
-      const V tag = hn::LoadU(d, fragment + kTag * kTilePixels);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
+      const V tag = hn::Load(d, fragment + kTag * kPatchPixels);
       // depth - fragment's depth, times the fragment's weight, to save the division.
       const V behind = hn::MulSub(depth, weight, weighted_depth);
       const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, weight));
@@ -140,8 +136,8 @@ class Rasterizer {
       const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
       if (!hn::AllFalse(d, joins)) {
         if (!hn::AllFalse(d, free)) {
-          hn::StoreU(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
-                     fragment + kTag * kTilePixels);
+          hn::Store(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
+                     fragment + kTag * kPatchPixels);
         }
         accumulate<kNormals, kOpaqueSplats>(fragment, splat, normal, hn::IfThenElseZero(joins, rho),
                                             depth, weight, weighted_depth);
@@ -154,8 +150,9 @@ class Rasterizer {
     }
     if (layers_ == 1) {
       // The nearer surface stays, and most come front to back.
-      const V weight = hn::LoadU(d, data_ + kWeight * kTilePixels + pixel);
-      const V weighted_depth = hn::LoadU(d, data_ + kDepth * kTilePixels + pixel);
+      const float* first = tile_.fragment(0, pixel);
+      const V weight = hn::Load(d, first + kWeight * kPatchPixels);
+      const V weighted_depth = hn::Load(d, first + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return;
     }
@@ -173,12 +170,12 @@ class Rasterizer {
   HWY_INLINE M add_to_merged(const Splat& splat, const SplatNormal* normal, std::size_t pixel,
                              M open, V rho, V depth, V epsilon) {
     const D d;
-    const float* fragment = data_ + pixel;
+    const float* fragment = tile_.fragment(0, pixel);
     for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
       if (hn::AllFalse(d, open)) break;
-      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
-      const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
-      const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V front = hn::Load(d, fragment + kDepth * kPatchPixels);
+      const V back = hn::Load(d, fragment + kBack * kPatchPixels);
       open = hn::AndNot(hn::And(covers_merged(fragment, weight), hn::Lt(depth, front)), open);
       const M within = hn::And(
           hn::And(open, hn::Lt(weight, hn::Zero(d))),
@@ -212,7 +209,6 @@ class Rasterizer {
   const TileJob& job_;
   TileABuffer& tile_;
   const KernelRaster raster_;
-  float* const data_;
   const std::size_t stride_;
   const int layers_;
   const V full_;
