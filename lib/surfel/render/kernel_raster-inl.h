@@ -56,54 +56,174 @@ struct Sample {
   V amplitude;  ///< rho where beta is 0.
 };
 
-/// Evaluates the splats of one tile at its pixels, a vector at a time.
-class KernelRaster {
+/// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps a
+/// copy of its own in registers: what is behind a reference has to be read again after every store.
+class SplatSampler {
  public:
-  KernelRaster(const TileJob& job, int x0, int y0)
-      : job_(job), x0_(static_cast<float>(x0) + 0.5F), y0_(static_cast<float>(y0) + 0.5F) {
+  explicit SplatSampler(const TileJob& job)
+      : splats_(job.splats),
+        exact_(job.exact),
+        lowpass2_(job.lowpass2),
+        depth_epsilon_(job.depth_epsilon) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     while (job.cutoff * scale_ > 1) {
       scale_ /= 2;
       ++squarings_;
     }
+    cutoff_ = job.cutoff * scale_;
   }
 
-  /// What visitors compare scaled betas with: pixels are inside where beta is less.
-  float cutoff() const { return job_.cutoff * scale_; }
-
-  /// Calls visit(splat's index, first pixel, Sample) for every vector of pixels that the box of a
-  /// splat in [begin, end) of the order meets, pixel by pixel in that order; but for splats that lie
-  /// behind all of the vector's depths in the plane `hidden`, which may be null, with all that is
-  /// within epsilon of them.
-  template <class Visit>
-  HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
-                       const Visit& visit) const {
-    // Vector by vector: what is visited stays in the first-level cache, store and load again meet
-    // the same addresses, and branches go the way that they went for the splat before.
-    HWY_ALIGN Lists lists;
-    hide(hidden, lists);
-    for (; begin < end; begin += kListed) {
-      list(begin, std::min(begin + kListed, end), lists);
-      for (std::uint32_t v = 0; v < kVectors; ++v) {
-        const std::size_t pixel = v * hn::MaxLanes(D());
-        const D d;
-        const V x = hn::Add(hn::Load(d, kColumnOfLane),
-                            hn::Set(d, x0_ + static_cast<float>(tile_pixel_x(static_cast<int>(pixel)))));
-        const V y = hn::Add(hn::Load(d, kRowOfLane),
-                            hn::Set(d, y0_ + static_cast<float>(tile_pixel_y(static_cast<int>(pixel)))));
-        const std::uint32_t* index = lists.splats[v];
-        for (const std::uint32_t* last = index + lists.count[v]; index < last; ++index) {
-          visit(*index, pixel, sample(*index, x, y));
-        }
-      }
-    }
-  }
+  /// What scaled betas are compared with: pixels are inside where beta is less.
+  float cutoff() const { return cutoff_; }
 
   /// exp(-beta) from a scaled beta where `inside`; 1 elsewhere.
   HWY_INLINE V decay(M inside, V beta) const {
     V rho = exp_minus(hn::IfThenElseZero(inside, beta));
     for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
     return rho;
+  }
+
+  /// A splat at a vector of pixels with their centres at (x, y).
+  HWY_INLINE Sample at(std::uint32_t index, V x, V y) const {
+    const D d;
+    const Splat& splat = splats_[index];
+    const V dx = hn::Sub(x, hn::Set(d, splat.x));
+    const V dy = hn::Sub(y, hn::Set(d, splat.y));
+    Sample s;
+    if (HWY_UNLIKELY(splat.k < 0)) {
+      // Field by field: what a call returns lies in memory.
+      const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_, scale_}, dx, dy);
+      s.beta = e.beta;
+      s.depth = e.depth;
+      s.epsilon = e.epsilon;
+      s.amplitude = e.amplitude;
+      return s;
+    }
+    const V depth = hn::Set(d, splat.depth);
+    const V range = hn::Set(d, splat.depth_range);
+    const V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
+                               hn::MulAdd(hn::Set(d, splat.depth_dy), dy, depth));
+    const V e = hn::NegMulAdd(hn::Set(d, splat.m), dy, dx);
+    s.beta = hn::Mul(hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
+                                hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy)),
+                     hn::Set(d, scale_));
+    s.depth = hn::Min(hn::Max(plane, hn::Sub(depth, range)), hn::Add(depth, range));
+    s.epsilon = hn::Mul(range, hn::Set(d, depth_epsilon_));
+    s.amplitude = hn::Set(d, splat.amplitude);
+    return s;
+  }
+
+ private:
+  struct Filtering {
+    float lowpass2, depth_epsilon, scale;
+  };
+
+  /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
+  /// affine one's code, as few splats come here.
+  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx, V dy) {
+    const D d;
+    const V h2 = hn::Set(d, filtering.lowpass2);
+    const V one = hn::Set(d, 1.0F);
+    const auto affine = [&](const float* f) HWY_ATTR {
+      return hn::MulAdd(hn::Set(d, f[1]), dx, hn::MulAdd(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
+    };
+    // Plane coordinates of the hit, and z times their gradients on screen: J^-1 at this pixel.
+    const V plane = affine(exact.depth);
+    const V z = hn::Div(one, plane);
+    const V u = hn::Mul(affine(exact.u), z);
+    const V v = hn::Mul(affine(exact.v), z);
+    const V ux = hn::NegMulAdd(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
+    const V uy = hn::NegMulAdd(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
+    const V vx = hn::NegMulAdd(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
+    const V vy = hn::NegMulAdd(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
+    // |I + h^2 J^-1 J^-T| and beta of (8), both as sums of positive terms.
+    const auto sum2 = [](V a, V b) HWY_ATTR { return hn::MulAdd(a, a, hn::Mul(b, b)); };
+    const V filter = hn::Mul(h2, hn::Mul(z, z));
+    const V cross = hn::Mul(filter, hn::MulSub(ux, vy, hn::Mul(uy, vx)));
+    const V det =
+        hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
+    const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
+    const V inv_det = hn::Div(one, det);
+    const V beta =
+        hn::Mul(hn::Mul(hn::Set(d, 0.5F * filtering.scale), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
+    const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
+    Sample s;
+    s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
+    s.depth = hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
+    s.epsilon = hn::Mul(hn::Mul(hn::Set(d, filtering.depth_epsilon), s.depth),
+                        hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
+                                            hn::Set(d, exact.pixel2))));
+    s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
+    return s;
+  }
+
+  const Splat* splats_;
+  const ExactSplat* exact_;
+  float lowpass2_, depth_epsilon_;
+  float scale_ = 1;  ///< 2^-n, applied to beta and the cutoff.
+  float cutoff_;
+  int squarings_ = 0;  ///< n.
+};
+
+/// A vector of pixels, and the splats whose boxes it meets.
+struct PixelSplats {
+  std::size_t pixel;  ///< The first.
+  V x, y;             ///< Centres in the picture.
+  const std::uint32_t* begin;
+  const std::uint32_t* end;
+};
+
+/// Finds the pixels of one tile that its splats meet.
+class KernelRaster {
+ public:
+  KernelRaster(const TileJob& job, int x0, int y0)
+      : job_(job),
+        sampler_(job),
+        x0_(static_cast<float>(x0) + 0.5F),
+        y0_(static_cast<float>(y0) + 0.5F) {}
+
+  const SplatSampler& sampler() const { return sampler_; }
+
+  /// Calls visit(PixelSplats) for vectors of pixels and those splats in [begin, end) of the order
+  /// whose boxes they meet, in that order for every pixel; but for splats that lie behind all of
+  /// the vector's depths in the plane `hidden`, which may be null, with all that is within epsilon
+  /// of them.
+  ///
+  /// Vector by vector: what is drawn stays in the first-level cache, and branches go the way that
+  /// they went for the splat before.
+  template <class Visit>
+  HWY_INLINE void for_each_vector(std::size_t begin, std::size_t end, const float* hidden,
+                                  const Visit& visit) const {
+    const D d;
+    HWY_ALIGN Lists lists;
+    hide(hidden, lists);
+    for (; begin < end; begin += kListed) {
+      list(begin, std::min(begin + kListed, end), lists);
+      for (std::uint32_t v = 0; v < kVectors; ++v) {
+        if (lists.count[v] == 0) continue;
+        const int pixel = static_cast<int>(v) * kColumns * kRows;
+        const auto x = static_cast<float>(tile_pixel_x(pixel));
+        const auto y = static_cast<float>(tile_pixel_y(pixel));
+        visit(PixelSplats{static_cast<std::size_t>(pixel),
+                          hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, x0_ + x)),
+                          hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y0_ + y)), lists.splats[v],
+                          lists.splats[v] + lists.count[v]});
+      }
+    }
+  }
+
+  /// The same with visit(splat's index, first pixel, Sample).
+  template <class Visit>
+  HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
+                       const Visit& visit) const {
+    for_each_vector(begin, end, hidden, [&](const PixelSplats& list) HWY_ATTR {
+      const SplatSampler sampler = sampler_;
+      const V x = list.x;
+      const V y = list.y;
+      for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
+        visit(*index, list.pixel, sampler.at(*index, x, y));
+      }
+    });
   }
 
  private:
@@ -177,71 +297,9 @@ class KernelRaster {
     }
   }
 
-  /// A splat at a vector of pixels with their centres at (x, y).
-  HWY_INLINE Sample sample(std::uint32_t index, V x, V y) const {
-    const D d;
-    const Splat& splat = job_.splats[index];
-    const V dx = hn::Sub(x, hn::Set(d, splat.x));
-    const V dy = hn::Sub(y, hn::Set(d, splat.y));
-    if (HWY_UNLIKELY(splat.k < 0)) return exact(job_.exact[index], dx, dy);
-    const V depth = hn::Set(d, splat.depth);
-    const V range = hn::Set(d, splat.depth_range);
-    const V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
-                               hn::MulAdd(hn::Set(d, splat.depth_dy), dy, depth));
-    const V e = hn::NegMulAdd(hn::Set(d, splat.m), dy, dx);
-    Sample s;
-    s.beta = hn::Mul(hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
-                                hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy)),
-                     hn::Set(d, scale_));
-    s.depth = hn::Min(hn::Max(plane, hn::Sub(depth, range)), hn::Add(depth, range));
-    s.epsilon = hn::Mul(range, hn::Set(d, job_.depth_epsilon));
-    s.amplitude = hn::Set(d, splat.amplitude);
-    return s;
-  }
-
-  /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
-  /// affine one's code, as few splats come here.
-  HWY_NOINLINE Sample exact(const ExactSplat& exact, V dx, V dy) const {
-    const D d;
-    const V h2 = hn::Set(d, job_.lowpass2);
-    const V one = hn::Set(d, 1.0F);
-    const auto affine = [&](const float* f) HWY_ATTR {
-      return hn::MulAdd(hn::Set(d, f[1]), dx, hn::MulAdd(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
-    };
-    // Plane coordinates of the hit, and z times their gradients on screen: J^-1 at this pixel.
-    const V plane = affine(exact.depth);
-    const V z = hn::Div(one, plane);
-    const V u = hn::Mul(affine(exact.u), z);
-    const V v = hn::Mul(affine(exact.v), z);
-    const V ux = hn::NegMulAdd(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
-    const V uy = hn::NegMulAdd(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
-    const V vx = hn::NegMulAdd(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
-    const V vy = hn::NegMulAdd(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
-    // |I + h^2 J^-1 J^-T| and beta of (8), both as sums of positive terms.
-    const auto sum2 = [](V a, V b) HWY_ATTR { return hn::MulAdd(a, a, hn::Mul(b, b)); };
-    const V filter = hn::Mul(h2, hn::Mul(z, z));
-    const V cross = hn::Mul(filter, hn::MulSub(ux, vy, hn::Mul(uy, vx)));
-    const V det =
-        hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
-    const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
-    const V inv_det = hn::Div(one, det);
-    const V beta =
-        hn::Mul(hn::Mul(hn::Set(d, 0.5F * scale_), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
-    const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
-    Sample s;
-    s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
-    s.depth = hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
-    s.epsilon = hn::Mul(hn::Mul(hn::Set(d, job_.depth_epsilon), s.depth),
-                        hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
-                                            hn::Set(d, exact.pixel2))));
-    s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
-    return s;
-  }
-
   const TileJob& job_;
-  float x0_, y0_;      ///< Centre of the tile's first pixel in the picture.
-  float scale_ = 1;    ///< 2^-n, applied to beta and the cutoff.
-  int squarings_ = 0;  ///< n.
+  SplatSampler sampler_;
+  float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
 };
 
 /// Adds a contribution to a vector of fragments, `fragment` being the first one's weight; rho is

@@ -37,24 +37,13 @@ class Rasterizer {
   void run() {
     // How often the tile is checked for being covered; a check costs about as much as ten splats.
     constexpr std::size_t kCheckEvery = 256;
-    const D d;
-    const V cutoff = hn::Set(d, raster_.cutoff());
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
       find_hidden();
       least_ = std::min(kLeastShare * tile_.full_weight,
                         kLeastShareOfLargest * largest_amplitude(begin, end));
-      raster_.draw(
-          begin, end, hidden_,
-          [&](std::uint32_t index, std::size_t pixel, const Sample& s)
-              HWY_ATTR SURFEL_INLINE_LAMBDA {
-                // What lies within epsilon of the hiding surface may belong to it.
-                const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hn::Load(d, hidden_ + pixel));
-                const M inside = hn::And(seen, hn::Lt(s.beta, cutoff));
-                if (hn::AllFalse(d, inside)) return;
-                add(index, pixel, inside, hn::Mul(s.amplitude, raster_.decay(inside, s.beta)),
-                    s.depth, s.epsilon);
-              });
+      raster_.for_each_vector(begin, end, hidden_,
+                              [&](const PixelSplats& list) HWY_ATTR { draw(list); });
     }
     tile_.merges.late_weight += hn::GetLane(hn::SumOfLanes(D(), late_weight_));
   }
@@ -115,48 +104,79 @@ class Rasterizer {
   }
 
   /// Accumulate or separate, SS01 section 6, for a vector of pixels.
-  HWY_INLINE void add(std::uint32_t index, std::size_t pixel, M open, V rho, V depth, V epsilon) {
+  HWY_NOINLINE void draw(const PixelSplats& list) {
     const D d;
     const hn::RebindToUnsigned<D> du;
+    const SplatSampler sampler = raster_.sampler();
+    const Splat* const splats = job_.splats;
+    const SplatNormal* const normals = job_.normals;
+    const int layers = layers_;
+    const std::size_t stride = tile_.layout.layer_stride();
+    float* const first = tile_.fragment(0, list.pixel);
+    const V x = list.x;
+    const V y = list.y;
+    const V cutoff = hn::Set(d, sampler.cutoff());
+    const V hidden_depth = hn::Load(d, hidden_ + list.pixel);
+    const V full = hn::Set(d, tile_.edge_weight);
+    const auto side = hn::Set(du, kFrontTag);
+    for (const std::uint32_t* i = list.begin; i < list.end; ++i) {
+      const std::uint32_t index = *i;
+      const Splat& splat = splats[index];
+      const Sample s = sampler.at(index, x, y);
+      // What lies within epsilon of the hiding surface may belong to it.
+      const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden_depth);
+      M open = hn::And(seen, hn::Lt(s.beta, cutoff));
+      if (hn::AllFalse(d, open)) continue;
+      const V rho = hn::Mul(s.amplitude, sampler.decay(open, s.beta));
+      float* fragment = first;
+      for (int layer = 0; layer < layers; ++layer, fragment += stride) {
+        const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+        const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
+        const V tag = hn::Load(d, fragment + kTag * kPatchPixels);
+        // depth - fragment's depth, times the fragment's weight, to save the division.
+        const V behind = hn::MulSub(s.depth, weight, weighted_depth);
+        const M near = hn::Lt(hn::Abs(behind), hn::Mul(s.epsilon, weight));
+        const M same_side = hn::RebindMask(
+            d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, splat.tag)), side),
+                      hn::Zero(du)));
+        const M free = hn::Eq(weight, hn::Zero(d));
+        const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
+        if (!hn::AllFalse(d, joins)) {
+          if (!hn::AllFalse(d, free)) {
+            hn::Store(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
+                      fragment + kTag * kPatchPixels);
+          }
+          accumulate<kNormals, kOpaqueSplats>(fragment, splat, normals + index,
+                                              hn::IfThenElseZero(joins, rho), s.depth, weight,
+                                              weighted_depth);
+          open = hn::AndNot(joins, open);
+          if (hn::AllFalse(d, open)) break;
+        }
+        const M hidden = hn::And(covers(fragment, weight, full), hn::Lt(behind, hn::Zero(d)));
+        open = hn::AndNot(hidden, open);
+        if (hn::AllFalse(d, open)) break;
+      }
+      if (HWY_UNLIKELY(!hn::AllFalse(d, open))) {
+        add_without_layer(index, list.pixel, open, rho, s.depth, s.epsilon);
+      }
+    }
+  }
+
+  /// Contributions for which no layer is left in their pixels.
+  HWY_NOINLINE void add_without_layer(std::uint32_t index, std::size_t pixel, M open, V rho, V depth,
+                                      V epsilon) {
+    const D d;
     const Splat& splat = job_.splats[index];
     const SplatNormal* normal = kNormals ? job_.normals + index : nullptr;
-    const auto side = hn::Set(du, kFrontTag);
-    float* fragment = tile_.fragment(0, pixel);
-    for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
-      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
-      const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
-      const V tag = hn::Load(d, fragment + kTag * kPatchPixels);
-      // depth - fragment's depth, times the fragment's weight, to save the division.
-      const V behind = hn::MulSub(depth, weight, weighted_depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, weight));
-      const M same_side = hn::RebindMask(
-          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, splat.tag)), side),
-                    hn::Zero(du)));
-      const M free = hn::Eq(weight, hn::Zero(d));
-      const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
-      if (!hn::AllFalse(d, joins)) {
-        if (!hn::AllFalse(d, free)) {
-          hn::Store(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
-                     fragment + kTag * kPatchPixels);
-        }
-        accumulate<kNormals, kOpaqueSplats>(fragment, splat, normal, hn::IfThenElseZero(joins, rho),
-                                            depth, weight, weighted_depth);
-        open = hn::AndNot(joins, open);
-        if (hn::AllFalse(d, open)) return;
-      }
-      const M hidden = hn::And(covers(fragment, weight, full_), hn::Lt(behind, hn::Zero(d)));
-      open = hn::AndNot(hidden, open);
-      if (hn::AllFalse(d, open)) return;
-    }
     if (layers_ == 1) {
       // The nearer surface stays, and most come front to back.
-      const float* first = tile_.fragment(0, pixel);
-      const V weight = hn::Load(d, first + kWeight * kPatchPixels);
-      const V weighted_depth = hn::Load(d, first + kDepth * kPatchPixels);
+      const float* fragment = tile_.fragment(0, pixel);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return;
     }
-    // No layer is left in these pixels. What nobody sees is not worth two surfaces merged.
+    // What nobody sees is not worth two surfaces merged.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_)));
     open = add_to_merged(splat, normal, pixel, open, rho, depth, epsilon);
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
