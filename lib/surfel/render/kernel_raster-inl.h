@@ -10,6 +10,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
@@ -40,10 +42,6 @@ HWY_INLINE V exp_minus(V x) {
   p = hn::MulAdd(p, x, hn::Set(d, -0.999967851F));
   return hn::MulAdd(p, x, hn::Set(d, 0.999999554F));
 }
-
-/// A vector holds this many columns and rows of a strip of the tile.
-inline constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
-inline constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
 
 HWY_ALIGN inline constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
 HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
@@ -173,6 +171,11 @@ struct PixelSplats {
   const std::uint32_t* end;
 };
 
+/// Binary logarithms: floats of a Splat, pixels along a patch.
+inline constexpr int kSplatShift = 4;
+inline constexpr int kPatchShift = 2;
+static_assert(sizeof(Splat) == sizeof(float) << kSplatShift && kStripWidth == 1 << kPatchShift);
+
 /// Finds the pixels of one tile that its splats meet.
 class KernelRaster {
  public:
@@ -199,15 +202,15 @@ class KernelRaster {
     hide(hidden, lists);
     for (; begin < end; begin += kListed) {
       list(begin, std::min(begin + kListed, end), lists);
-      for (std::uint32_t v = 0; v < kVectors; ++v) {
-        if (lists.count[v] == 0) continue;
-        const int pixel = static_cast<int>(v) * kColumns * kRows;
+      for (int pixel = 0; pixel < kTilePixels; pixel += static_cast<int>(hn::MaxLanes(d))) {
+        const int patch = pixel / kPatchPixels;
+        if (lists.count[patch] == 0) continue;
         const auto x = static_cast<float>(tile_pixel_x(pixel));
         const auto y = static_cast<float>(tile_pixel_y(pixel));
         visit(PixelSplats{static_cast<std::size_t>(pixel),
                           hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, x0_ + x)),
-                          hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y0_ + y)), lists.splats[v],
-                          lists.splats[v] + lists.count[v]});
+                          hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y0_ + y)),
+                          lists.splats[patch], lists.splats[patch] + lists.count[patch]});
       }
     }
   }
@@ -227,72 +230,90 @@ class KernelRaster {
   }
 
  private:
-  /// Vectors of a tile, and how many there are in a column of them.
-  static constexpr std::uint32_t kVectors = kTilePixels / (kColumns * kRows);
-  static constexpr int kVectorsDown = kTileSize / kRows;
+  static constexpr int kPatches = kTilePixels / kPatchPixels;
   /// Splats that are listed at once: as many as the first-level cache holds.
   static constexpr std::size_t kListed = 256;
 
-  /// For every vector of the tile, the splats whose boxes it meets, in order.
+  /// For every patch of the tile, the splats whose boxes it meets, in order.
   struct Lists {
-    std::uint32_t splats[kVectors][kListed + 1];  ///< One more is written than counted.
-    std::uint32_t count[kVectors];
-    float hidden[kVectors];  ///< The least depth that hides.
+    std::uint32_t splats[kPatches][kListed + kTileSize];  ///< A vector past the end is written.
+    std::size_t count[kPatches];
+    float hidden[kPatches];  ///< The least depth that hides.
     float least;             ///< Of all.
   };
 
   static void hide(const float* hidden, Lists& lists) {
     const D d;
     lists.least = hidden ? __builtin_inff() : -__builtin_inff();
-    std::fill_n(lists.hidden, kVectors, lists.least);
+    std::fill_n(lists.hidden, kPatches, lists.least);
     if (!hidden) return;
-    for (std::uint32_t v = 0; v < kVectors; ++v) {
-      lists.hidden[v] = hn::GetLane(hn::MinOfLanes(d, hn::Load(d, hidden + v * hn::MaxLanes(d))));
-      lists.least = std::min(lists.least, lists.hidden[v]);
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::MaxLanes(d)) {
+      float& patch = lists.hidden[pixel / kPatchPixels];
+      patch = std::min(patch, hn::GetLane(hn::MinOfLanes(d, hn::Load(d, hidden + pixel))));
+      lists.least = std::min(lists.least, patch);
     }
   }
 
   /// A tile's splats are strewn over the block.
-  HWY_INLINE void prefetch(std::size_t place) const {
-    constexpr std::size_t kPrefetchAhead = 16;
-    if (place + kPrefetchAhead >= job_.count) return;
-    const std::uint32_t index = job_.order[place + kPrefetchAhead];
-    hwy::Prefetch(job_.splats + index);
-    if (job_.normals) hwy::Prefetch(job_.normals + index);
+  HWY_INLINE void prefetch(std::size_t begin) const {
+    const std::size_t end = std::min(begin + hn::MaxLanes(D()), job_.count);
+    for (; begin < end; ++begin) {
+      const std::uint32_t index = job_.order[begin];
+      hwy::Prefetch(job_.splats + index);
+      if (job_.normals) hwy::Prefetch(job_.normals + index);
+    }
   }
 
-  /// Lists the splats [begin, end) of the order.
-  HWY_INLINE void list(std::size_t begin, std::size_t end, Lists& lists) const {
-    std::fill_n(lists.count, kVectors, 0U);
-    const auto within = [](int pixel, int origin) {
-      return std::min(std::max(pixel - origin, 0), kTileSize - 1);
-    };
-    for (; begin < end; ++begin) {
-      prefetch(begin);
-      const std::uint32_t index = job_.order[begin];
-      const Splat& splat = job_.splats[index];
-      const float reach = splat.depth + (1 + job_.depth_epsilon) * splat.depth_range;
-      if (reach < lists.least) continue;
-      const int left = within(splat.box.x0, job_.box_x) / kColumns;
-      const int right = within(splat.box.x1, job_.box_x) / kColumns;
-      const int top = within(splat.box.y0, job_.box_y) / kRows;
-      const int bottom = within(splat.box.y1, job_.box_y) / kRows;
-      const auto put = [&](int column, int row, bool counts) {
-        const int v = column * kVectorsDown + row;
-        lists.splats[v][lists.count[v]] = index;
-        lists.count[v] += static_cast<std::uint32_t>(counts & (reach >= lists.hidden[v]));
+  /// Lists the splats [begin, end) of the order, a vector of them at a time: which patches they
+  /// meet are the bits of a number.
+  void list(std::size_t begin, std::size_t end, Lists& lists) const {
+    constexpr std::size_t kPrefetchAhead = 16;
+    const D d;
+    const hn::RebindToSigned<D> di;
+    const hn::RebindToUnsigned<D> du;
+    using Unsigned = hn::Vec<decltype(du)>;
+    const auto* fields = reinterpret_cast<const float*>(job_.splats);
+    const auto* boxes = reinterpret_cast<const std::int32_t*>(job_.splats);
+    const V share = hn::Set(d, 1 + job_.depth_epsilon);
+    std::fill_n(lists.count, kPatches, std::size_t{0});
+    for (; begin < end; begin += hn::MaxLanes(d)) {
+      prefetch(begin + kPrefetchAhead);
+      const auto exists = hn::FirstN(du, end - begin);
+      const Unsigned index = hn::IfThenElseZero(exists, hn::LoadU(du, job_.order + begin));
+      const auto place = hn::BitCast(di, hn::ShiftLeft<kSplatShift>(index));
+      const auto field = [&](std::size_t offset) HWY_ATTR {
+        return hn::GatherIndex(d, fields + offset / sizeof(float), place);
       };
-      // Nearly all are small: no branch on whether there is a second column or row, which costs
-      // more than what it saves where it is guessed wrong.
-      if (right - left <= 1 && bottom - top <= 1) {
-        put(left, top, true);
-        put(right, top, right != left);
-        put(left, bottom, bottom != top);
-        put(right, bottom, (right != left) & (bottom != top));
-        continue;
-      }
-      for (int column = left; column <= right; ++column) {
-        for (int row = top; row <= bottom; ++row) put(column, row, true);
+      const V reach = hn::MulAdd(share, field(offsetof(Splat, depth_range)),
+                                 field(offsetof(Splat, depth)));
+      const auto box = hn::BitCast(
+          du, hn::GatherIndex(di, boxes + offsetof(Splat, box) / sizeof(float), place));
+      const auto patch_of = [&](Unsigned pixel, int origin) HWY_ATTR {
+        const auto in_tile = hn::Sub(hn::BitCast(di, hn::And(pixel, hn::Set(du, 255))),
+                                     hn::Set(di, origin));
+        return hn::ShiftRight<kPatchShift>(hn::BitCast(
+            du, hn::Min(hn::Max(in_tile, hn::Zero(di)), hn::Set(di, kTileSize - 1))));
+      };
+      const Unsigned left = patch_of(box, job_.box_x);
+      const Unsigned top = patch_of(hn::ShiftRight<8>(box), job_.box_y);
+      const Unsigned right = patch_of(hn::ShiftRight<16>(box), job_.box_x);
+      const Unsigned bottom = patch_of(hn::ShiftRight<24>(box), job_.box_y);
+      const auto bits = [&](Unsigned from, Unsigned to, std::uint32_t step) HWY_ATTR {
+        return hn::Sub(hn::Shl(hn::Set(du, 1U << step), to), hn::Shl(hn::Set(du, 1), from));
+      };
+      static_assert(kPatches == 16 && kTileSize / kStripWidth == 4);
+      const Unsigned rows = bits(top, bottom, 1);
+      const Unsigned columns = hn::And(
+          bits(hn::ShiftLeft<2>(left), hn::ShiftLeft<2>(right), 4), hn::Set(du, 0x1111));
+      const auto seen = hn::And(exists, hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.least))));
+      const Unsigned patches = hn::IfThenElseZero(seen, hn::Mul(rows, columns));
+      if (hn::AllFalse(du, seen)) continue;
+      for (int p = 0; p < kPatches; ++p) {
+        const auto meets =
+            hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
+                    hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
+        hn::StoreU(hn::Compress(index, meets), du, lists.splats[p] + lists.count[p]);
+        lists.count[p] += hn::CountTrue(du, meets);
       }
     }
   }

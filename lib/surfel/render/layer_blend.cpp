@@ -115,6 +115,7 @@ class Blender {
     scratch_.pixels.assign(kTilePixels, BlendedPixel{});
     scratch_.order.assign(std::make_reverse_iterator(job_.order + job_.count),
                           std::make_reverse_iterator(job_.order));
+    scratch_.order.resize(job_.count + kTileSize);
     TileJob back_to_front = job_;
     back_to_front.order = scratch_.order.data();
     HWY_DYNAMIC_DISPATCH(for_each_fragment_simd)

@@ -435,9 +435,9 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
 void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
   const std::size_t count = tile.count;
   const Reference* list = tile.entries.data();
-  if (worker.order.size() < count) {
+  if (worker.order.size() < count + kTileSize) {
     for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
-      array->resize(2 * count);
+      array->resize(2 * count + kTileSize);
     }
   }
   float lo = std::numeric_limits<float>::infinity();
