@@ -119,13 +119,12 @@ class Peeler {
       const V rho = hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(joins, s.beta)));
       const Splat& splat = job_.splats[index];
       float* fragment = tile_.fragment(layer, pixel);
-      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      FragmentSums<kNormals, kOpaqueSplats> sums(fragment);
       float* tags = fragment + kTag * kPatchPixels;
-      const M fresh = hn::And(hn::Eq(weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
+      const M fresh = hn::And(hn::Eq(sums.weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
       hn::BlendedStore(hn::BitCast(d, hn::Set(du, splat.tag)), fresh, d, tags);
-      accumulate<kNormals, kOpaqueSplats>(fragment, splat,
-                                          kNormals ? job_.normals + index : nullptr, rho, s.depth,
-                                          weight, hn::Load(d, fragment + kDepth * kPatchPixels));
+      sums.add(splat, kNormals ? job_.normals + index : nullptr, rho, s.depth);
+      sums.store(fragment);
     });
   }
 

@@ -323,28 +323,57 @@ class KernelRaster {
   float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
 };
 
-/// Adds a contribution to a vector of fragments, `fragment` being the first one's weight; rho is
-/// zero where a pixel does not take part. The fragments' old weights and weighted depths are given.
+/// A vector of unmerged fragments, but for their tags: see FragmentChannel.
 template <bool kNormals, bool kOpaqueSplats>
-HWY_INLINE void accumulate(float* fragment, const Splat& splat, const SplatNormal* normal, V rho,
-                           V depth, V weight, V weighted_depth) {
-  const D d;
-  const auto add_to = [&](int channel, float value) HWY_ATTR {
-    float* plane = fragment + channel * kPatchPixels;
-    hn::Store(hn::MulAdd(rho, hn::Set(d, value), hn::Load(d, plane)), d, plane);
-  };
-  hn::Store(hn::Add(weight, rho), d, fragment + kWeight * kPatchPixels);
-  hn::Store(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kPatchPixels);
-  add_to(kRed, splat.red);
-  add_to(kGreen, splat.green);
-  add_to(kBlue, splat.blue);
-  if constexpr (!kOpaqueSplats) add_to(kAlpha, splat.alpha);
-  if constexpr (kNormals) {
-    add_to(kNormalX, normal->x);
-    add_to(kNormalY, normal->y);
-    add_to(kNormalZ, normal->z);
+struct FragmentSums {
+  V weight, depth, red, green, blue, alpha, normal_x, normal_y, normal_z;
+
+  /// `fragment` is the first one's weight.
+  HWY_INLINE explicit FragmentSums(const float* fragment) {
+    for_each_channel([&](int channel, V& sum) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sum = hn::Load(D(), fragment + channel * kPatchPixels);
+    });
   }
-}
+  HWY_INLINE void store(float* fragment) {
+    for_each_channel([&](int channel, const V& sum) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      hn::Store(sum, D(), fragment + channel * kPatchPixels);
+    });
+  }
+
+  /// Adds a contribution; rho is zero where a pixel does not take part.
+  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, V rho, V at_depth) {
+    const auto add_to = [&](V& sum, float value) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sum = hn::MulAdd(rho, hn::Set(D(), value), sum);
+    };
+    weight = hn::Add(weight, rho);
+    depth = hn::MulAdd(rho, at_depth, depth);
+    add_to(red, splat.red);
+    add_to(green, splat.green);
+    add_to(blue, splat.blue);
+    if constexpr (!kOpaqueSplats) add_to(alpha, splat.alpha);
+    if constexpr (kNormals) {
+      add_to(normal_x, normal->x);
+      add_to(normal_y, normal->y);
+      add_to(normal_z, normal->z);
+    }
+  }
+
+ private:
+  template <class Body>
+  HWY_INLINE void for_each_channel(const Body& body) {
+    body(kWeight, weight);
+    body(kDepth, depth);
+    body(kRed, red);
+    body(kGreen, green);
+    body(kBlue, blue);
+    if constexpr (!kOpaqueSplats) body(kAlpha, alpha);
+    if constexpr (kNormals) {
+      body(kNormalX, normal_x);
+      body(kNormalY, normal_y);
+      body(kNormalZ, normal_z);
+    }
+  }
+};
 
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel

@@ -103,71 +103,109 @@ class Rasterizer {
                    hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
-  /// Accumulate or separate, SS01 section 6, for a vector of pixels.
+  /// What a splat adds to a vector of pixels.
+  struct Contribution {
+    V rho;  ///< 0 in pixels that it does not add to.
+    V depth, epsilon;
+    std::uint32_t splat;
+  };
+
+  /// Adds splats to a vector of pixels, in steps over some of them at a time: what one splat waits
+  /// for, or a branch guessed wrong, then costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
-    const D d;
-    const hn::RebindToUnsigned<D> du;
-    const SplatSampler sampler = raster_.sampler();
-    const Splat* const splats = job_.splats;
-    const SplatNormal* const normals = job_.normals;
-    const int layers = layers_;
-    const std::size_t stride = tile_.layout.layer_stride();
-    float* const first = tile_.fragment(0, list.pixel);
-    const V x = list.x;
-    const V y = list.y;
-    const V cutoff = hn::Set(d, sampler.cutoff());
-    const V hidden_depth = hn::Load(d, hidden_ + list.pixel);
-    const V full = hn::Set(d, tile_.edge_weight);
-    const auto side = hn::Set(du, kFrontTag);
-    for (const std::uint32_t* i = list.begin; i < list.end; ++i) {
-      const std::uint32_t index = *i;
-      const Splat& splat = splats[index];
-      const Sample s = sampler.at(index, x, y);
-      // What lies within epsilon of the hiding surface may belong to it.
-      const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden_depth);
-      M open = hn::And(seen, hn::Lt(s.beta, cutoff));
-      if (hn::AllFalse(d, open)) continue;
-      const V rho = hn::Mul(s.amplitude, sampler.decay(open, s.beta));
-      float* fragment = first;
-      for (int layer = 0; layer < layers; ++layer, fragment += stride) {
-        const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
-        const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
-        const V tag = hn::Load(d, fragment + kTag * kPatchPixels);
-        // depth - fragment's depth, times the fragment's weight, to save the division.
-        const V behind = hn::MulSub(s.depth, weight, weighted_depth);
-        const M near = hn::Lt(hn::Abs(behind), hn::Mul(s.epsilon, weight));
-        const M same_side = hn::RebindMask(
-            d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, splat.tag)), side),
-                      hn::Zero(du)));
-        const M free = hn::Eq(weight, hn::Zero(d));
-        const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
-        if (!hn::AllFalse(d, joins)) {
-          if (!hn::AllFalse(d, free)) {
-            hn::Store(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
-                      fragment + kTag * kPatchPixels);
-          }
-          accumulate<kNormals, kOpaqueSplats>(fragment, splat, normals + index,
-                                              hn::IfThenElseZero(joins, rho), s.depth, weight,
-                                              weighted_depth);
-          open = hn::AndNot(joins, open);
-          if (hn::AllFalse(d, open)) break;
+    constexpr std::ptrdiff_t kBatch = 64;
+    Contribution batch[kBatch];
+    for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
+      const std::size_t count =
+          evaluate(list, begin, std::min(list.end, begin + kBatch), batch);
+      const std::size_t left = join_layers(list.pixel, batch, count);
+      for (std::size_t i = 0; i < left; ++i) {
+        // The one before may have made a layer that this one belongs to.
+        if (i == 0 || join_layers(list.pixel, batch + i, 1) > 0) {
+          add_without_layer(list.pixel, batch[i]);
         }
-        const M hidden = hn::And(covers(fragment, weight, full), hn::Lt(behind, hn::Zero(d)));
-        open = hn::AndNot(hidden, open);
-        if (hn::AllFalse(d, open)) break;
-      }
-      if (HWY_UNLIKELY(!hn::AllFalse(d, open))) {
-        add_without_layer(index, list.pixel, open, rho, s.depth, s.epsilon);
       }
     }
   }
 
-  /// Contributions for which no layer is left in their pixels.
-  HWY_NOINLINE void add_without_layer(std::uint32_t index, std::size_t pixel, M open, V rho, V depth,
-                                      V epsilon) {
+  /// The contributions of the splats [begin, end) that are seen; returns how many.
+  std::size_t evaluate(const PixelSplats& list, const std::uint32_t* begin,
+                       const std::uint32_t* end, Contribution* out) const {
     const D d;
-    const Splat& splat = job_.splats[index];
-    const SplatNormal* normal = kNormals ? job_.normals + index : nullptr;
+    const SplatSampler sampler = raster_.sampler();
+    const V x = list.x;
+    const V y = list.y;
+    const V cutoff = hn::Set(d, sampler.cutoff());
+    const V hidden = hn::Load(d, hidden_ + list.pixel);
+    std::size_t count = 0;
+    for (; begin < end; ++begin) {
+      const Sample s = sampler.at(*begin, x, y);
+      // What lies within epsilon of the hiding surface may belong to it.
+      const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
+      const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
+      const V rho = hn::Mul(s.amplitude, sampler.decay(open, s.beta));
+      out[count] = {hn::IfThenElseZero(open, rho), s.depth, s.epsilon, *begin};
+      count += hn::AllFalse(d, open) ? 0 : 1;
+    }
+    return count;
+  }
+
+  /// Accumulate or separate, SS01 section 6, layer by layer: a layer's sums depend on those
+  /// contributions alone that no layer before it has taken. Leaves those for which there is no
+  /// layer, in the pixels where there is none, and returns how many.
+  std::size_t join_layers(std::size_t pixel, Contribution* batch, std::size_t count) {
+    const D d;
+    const hn::RebindToUnsigned<D> du;
+    const Splat* const splats = job_.splats;
+    const SplatNormal* const normals = job_.normals;
+    const V full = hn::Set(d, tile_.edge_weight);
+    const auto side = hn::Set(du, kFrontTag);
+    for (int layer = 0; layer < layers_ && count > 0; ++layer) {
+      float* const fragment = tile_.fragment(layer, pixel);
+      FragmentSums<kNormals, kOpaqueSplats> sums(fragment);
+      auto tag = hn::BitCast(du, hn::Load(d, fragment + kTag * kPatchPixels));
+      std::size_t left = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        const Contribution& c = batch[i];
+        const Splat& splat = splats[c.splat];
+        const V rho = c.rho;
+        const V depth = c.depth;
+        const V epsilon = c.epsilon;
+        const auto splat_tag = hn::Set(du, splat.tag);
+        // depth - fragment's depth, times the fragment's weight, to save the division. Merged
+        // fragments have a negative weight, and no contribution is near them, nor hidden by them.
+        const V behind = hn::MulSub(depth, sums.weight, sums.depth);
+        const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums.weight));
+        const M same_side = hn::RebindMask(
+            d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
+        const M free = hn::Eq(sums.weight, hn::Zero(d));
+        const M joins = hn::Or(free, hn::And(near, same_side));
+        M full_there = hn::Ge(sums.weight, full);
+        if constexpr (!kOpaqueSplats) {
+          full_there = hn::And(full_there, hn::Ge(sums.alpha, hn::Mul(sums.weight, hn::Set(d, kOpaqueAlpha))));
+        }
+        const M hidden = hn::And(full_there, hn::Lt(behind, hn::Zero(d)));
+        tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
+        sums.add(splat, normals + c.splat, hn::IfThenElseZero(joins, rho), depth);
+        const V rest = hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
+        batch[left] = {rest, depth, epsilon, c.splat};
+        left += hn::AllTrue(d, hn::Eq(rest, hn::Zero(d))) ? 0 : 1;
+      }
+      sums.store(fragment);
+      hn::Store(hn::BitCast(d, tag), d, fragment + kTag * kPatchPixels);
+      count = left;
+    }
+    return count;
+  }
+
+  /// A contribution for which no layer is left in its pixels.
+  HWY_NOINLINE void add_without_layer(std::size_t pixel, const Contribution& c) {
+    const D d;
+    const Splat& splat = job_.splats[c.splat];
+    const SplatNormal* normal = kNormals ? job_.normals + c.splat : nullptr;
+    const V rho = c.rho;
+    const V depth = c.depth;
+    M open = hn::Gt(rho, hn::Zero(d));
     if (layers_ == 1) {
       // The nearer surface stays, and most come front to back.
       const float* fragment = tile_.fragment(0, pixel);
@@ -178,7 +216,7 @@ class Rasterizer {
     }
     // What nobody sees is not worth two surfaces merged.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_)));
-    open = add_to_merged(splat, normal, pixel, open, rho, depth, epsilon);
+    open = add_to_merged(splat, normal, pixel, open, rho, depth, c.epsilon);
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
     });
