@@ -238,7 +238,9 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
   SurfelColumns surfels{from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
                         from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
                         from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
-                        from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area)};
+                        from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
+                        from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
+                        from(cloud_.alpha)};
   const bool widened = covering_ > 0;
   if (!lists_.enlarged && !widened) return surfels;
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
@@ -295,21 +297,21 @@ void SplatLists::reserve(Worker& worker, std::size_t more) const {
   for (TileList& list : worker.tiles) grow(list.entries, list.count);
 }
 
-/// Completes the splat in the next place, which has all but its colour and material, and lists it
-/// in the tiles that it touches.
+/// Completes the splat in the next place, which has all but what its material gives it, and lists
+/// it in the tiles that it touches.
 void SplatLists::add_splat(std::size_t surfel, Worker& worker) const {
-  const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
-  float alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
-  if (!lists_.opaque) {
-    alpha *= scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
-  }
   const std::size_t at = worker.count++;
   Splat& splat = worker.splats[at];
-  splat.red = cloud_.red[surfel] * alpha;
-  splat.green = cloud_.green[surfel] * alpha;
-  splat.blue = cloud_.blue[surfel] * alpha;
-  splat.alpha = alpha;
+  const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
   splat.tag |= material << kMaterialShift;
+  if (!lists_.opaque) {
+    const float opacity =
+        scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
+    splat.red *= opacity;
+    splat.green *= opacity;
+    splat.blue *= opacity;
+    splat.alpha *= opacity;
+  }
   if (lists_.normals) {
     worker.normals[at] = {cloud_.normal_x[surfel], cloud_.normal_y[surfel],
                           cloud_.normal_z[surfel]};
@@ -400,20 +402,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     w.splats_seen += columns.first_count;
     for (int v = 0; v < columns.visible_count; ++v) {
       const int k = columns.visible[v];
-      // Field by field where it stays: a copy would wait for the stores.
-      Splat& splat = w.splats[w.count];
-      splat.x = columns.x[k];
-      splat.y = columns.y[k];
-      splat.m = columns.m[k];
-      splat.k = columns.k[k];
-      splat.q = columns.q[k];
-      splat.amplitude = columns.amplitude[k];
-      splat.depth = columns.depth[k];
-      splat.depth_dx = columns.depth_dx[k];
-      splat.depth_dy = columns.depth_dy[k];
-      splat.depth_range = columns.depth_range[k];
-      splat.box = std::bit_cast<PixelBox>(columns.box[k]);
-      splat.tag = columns.tag[k];
+      columns.copy(k, w.splats[w.count]);
       add_splat(i + static_cast<std::size_t>(k), w);
     }
     for (int v = 0; v < columns.exact_count; ++v) {
@@ -422,7 +411,12 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
           make_exact_kernel(in_camera(surfel), *camera_, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
-      w.splats[w.count] = kernel->splat;
+      Splat& splat = w.splats[w.count];
+      splat = kernel->splat;
+      splat.alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
+      splat.red = cloud_.red[surfel] * splat.alpha;
+      splat.green = cloud_.green[surfel] * splat.alpha;
+      splat.blue = cloud_.blue[surfel] * splat.alpha;
       add_splat(surfel, w);
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
