@@ -297,32 +297,52 @@ void SplatLists::reserve(Worker& worker, std::size_t more) const {
   for (TileList& list : worker.tiles) grow(list.entries, list.count);
 }
 
-/// Completes the splat in the next place, which has all but what its material gives it, and lists
-/// it in the tiles that it touches.
-void SplatLists::add_splat(std::size_t surfel, Worker& worker) const {
-  const std::size_t at = worker.count++;
-  Splat& splat = worker.splats[at];
-  const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
-  splat.tag |= material << kMaterialShift;
-  if (!lists_.opaque) {
-    const float opacity =
-        scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
-    splat.red *= opacity;
-    splat.green *= opacity;
-    splat.blue *= opacity;
-    splat.alpha *= opacity;
+/// Completes the splats from `begin` on, which have all but what their materials give them, and
+/// lists them in the tiles that they touch. `surfels` has their surfels.
+void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const {
+  const std::size_t count = worker.count - begin;
+  Splat* const splats = worker.splats.data() + begin;
+  for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
+    splats[i].tag |= std::uint32_t{cloud_.material[surfels[i]]} << kMaterialShift;
+  }
+  for (std::size_t i = 0; i < count && !lists_.opaque; ++i) {
+    const std::size_t material = splats[i].tag >> kMaterialShift;
+    const float opacity = scene_.materials[std::min(material, scene_.materials.size() - 1)].opacity;
+    for (float* channel :
+         {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
+      *channel *= opacity;
+    }
   }
   if (lists_.normals) {
-    worker.normals[at] = {cloud_.normal_x[surfel], cloud_.normal_y[surfel],
-                          cloud_.normal_z[surfel]};
+    SplatNormal* const normals = worker.normals.data() + begin;
+    const float* const x = cloud_.normal_x.data();
+    const float* const y = cloud_.normal_y.data();
+    const float* const z = cloud_.normal_z.data();
+    for (std::size_t i = 0; i < count; ++i) {
+      normals[i] = {x[surfels[i]], y[surfels[i]], z[surfels[i]]};
+    }
   }
-  if (lists_.groups) worker.groups[at] = cloud_.group[surfel];
-  const Reference reference{static_cast<std::uint32_t>(at), splat.depth};
-  const PixelBox box = splat.box;
-  for (int y = box.y0 / kTileSize; y <= box.y1 / kTileSize; ++y) {
-    for (int x = box.x0 / kTileSize; x <= box.x1 / kTileSize; ++x) {
-      TileList& list = worker.tiles[(y << grid_.shift) + x];
+  for (std::size_t i = 0; i < count && lists_.groups; ++i) {
+    worker.groups[begin + i] = cloud_.group[surfels[i]];
+  }
+  TileList* const tiles = worker.tiles.data();
+  for (std::size_t i = 0; i < count; ++i) {
+    const Reference reference{static_cast<std::uint32_t>(begin + i), splats[i].depth};
+    const auto put = [&](int x, int y) {
+      TileList& list = tiles[(y << grid_.shift) + x];
       list.entries[list.count++] = reference;
+    };
+    const PixelBox box = splats[i].box;
+    const int x0 = box.x0 / kTileSize;
+    const int y0 = box.y0 / kTileSize;
+    const int x1 = box.x1 / kTileSize;
+    const int y1 = box.y1 / kTileSize;
+    if (x0 == x1 && y0 == y1) {  // Most, where splats are small.
+      put(x0, y0);
+      continue;
+    }
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) put(x, y);
     }
   }
 }
@@ -400,10 +420,14 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i), w.columns);
     reserve(w, static_cast<std::size_t>(columns.visible_count) + columns.exact_count);
     w.splats_seen += columns.first_count;
+    const std::size_t first = w.count;
+    std::array<std::uint32_t, 2 * RenderCloud::kClusterSize> surfels;
+    const auto next = [&](std::int32_t k) -> Splat& {
+      surfels[w.count - first] = i + static_cast<std::uint32_t>(k);
+      return w.splats[w.count++];
+    };
     for (int v = 0; v < columns.visible_count; ++v) {
-      const int k = columns.visible[v];
-      columns.copy(k, w.splats[w.count]);
-      add_splat(i + static_cast<std::size_t>(k), w);
+      columns.copy(columns.visible[v], next(columns.visible[v]));
     }
     for (int v = 0; v < columns.exact_count; ++v) {
       const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
@@ -411,28 +435,30 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
           make_exact_kernel(in_camera(surfel), *camera_, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
-      Splat& splat = w.splats[w.count];
+      Splat& splat = next(columns.exact[v]);
       splat = kernel->splat;
       splat.alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
       splat.red = cloud_.red[surfel] * splat.alpha;
       splat.green = cloud_.green[surfel] * splat.alpha;
       splat.blue = cloud_.blue[surfel] * splat.alpha;
-      add_splat(surfel, w);
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
     }
+    add_splats(first, surfels.data(), w);
   }
 }
 
 /// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
-/// key is 16 bits of the depth's place in the list's range: two stable passes of counting.
+/// key is the depth's place in the list's range, in about as many steps as there are splats: one
+/// stable pass of counting.
 void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
+  constexpr std::size_t kLeastSteps = 256;
+  constexpr std::size_t kMostSteps = 8192;
   const std::size_t count = tile.count;
   const Reference* list = tile.entries.data();
   if (worker.order.size() < count + kTileSize) {
-    for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
-      array->resize(2 * count + kTileSize);
-    }
+    worker.order.resize(2 * count + kTileSize);
+    worker.keys.resize(2 * count);
   }
   float lo = std::numeric_limits<float>::infinity();
   float hi = -lo;
@@ -440,27 +466,20 @@ void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
     lo = std::min(lo, list[i].depth);
     hi = std::max(hi, list[i].depth);
   }
-  const float scale = hi > lo ? 65535.0F / (hi - lo) : 0.0F;
-  std::array<std::uint32_t, 256> low{};
-  std::array<std::uint32_t, 256> high{};
+  const std::size_t steps = std::clamp(std::bit_ceil(count), kLeastSteps, kMostSteps);
+  const auto last = static_cast<float>(steps - 1);
+  const float scale = hi > lo ? last / (hi - lo) : 0.0F;
+  std::array<std::uint32_t, kMostSteps> starts;
+  std::fill_n(starts.begin(), steps, 0U);
   for (std::size_t i = 0; i < count; ++i) {
-    const auto key = static_cast<std::uint32_t>(std::min(65535.0F, (hi - list[i].depth) * scale));
+    const auto key = static_cast<std::uint32_t>(std::min(last, (hi - list[i].depth) * scale));
     worker.keys[i] = key;
-    ++low[key & 255];
-    ++high[key >> 8];
+    ++starts[key];
   }
-  const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
-    std::uint32_t sum = 0;
-    for (std::uint32_t& entry : histogram) sum += std::exchange(entry, sum);
-  };
-  to_starts(low);
-  to_starts(high);
+  std::uint32_t sum = 0;
+  for (std::size_t step = 0; step < steps; ++step) sum += std::exchange(starts[step], sum);
   for (std::size_t i = 0; i < count; ++i) {
-    worker.other[low[worker.keys[i] & 255]++] = static_cast<std::uint32_t>(i);
-  }
-  for (std::size_t place = 0; place < count; ++place) {
-    const std::uint32_t i = worker.other[place];
-    worker.order[high[worker.keys[i] >> 8]++] = list[i].splat;
+    worker.order[starts[worker.keys[i]]++] = list[i].splat;
   }
 }
 

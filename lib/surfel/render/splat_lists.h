@@ -120,7 +120,7 @@ class SplatLists {
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     std::vector<TileList> tiles;
-    Array<std::uint32_t> order, other, keys;
+    Array<std::uint32_t> order, keys;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
   };
@@ -137,7 +137,7 @@ class SplatLists {
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(std::size_t surfel) const;
   void reserve(Worker& worker, std::size_t more) const;
-  void add_splat(std::size_t surfel, Worker& worker) const;
+  void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
   static void sort_front_to_back(const TileList& list, Worker& worker);
 
   const RenderCloud& cloud_;
