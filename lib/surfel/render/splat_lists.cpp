@@ -231,16 +231,21 @@ double SplatLists::enlargement(std::size_t surfel) const {
   return cloud_.group_radius[surfel] / (std::sqrt(2 * options_.cutoff) * deviation);
 }
 
-SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
+SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
   const auto from = [&](const Array<float>& column) {
     return column.empty() ? nullptr : column.data() + cluster.begin;
   };
-  SurfelColumns surfels{from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
+  return {from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
                         from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
                         from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
                         from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
                         from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
                         from(cloud_.alpha)};
+}
+
+/// The same with the deviations that they are drawn with.
+SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
+  SurfelColumns surfels = surfel_columns(cluster);
   const bool widened = covering_ > 0;
   if (!lists_.enlarged && !widened) return surfels;
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
@@ -413,11 +418,16 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.tiles.resize(std::size_t{1} << 2 * grid_.shift);
   for (TileList& list : w.tiles) list.count = 0;
   const SplatColumns& columns = w.columns;
+  const auto cluster_at = [&](std::size_t c) -> const Cluster& {
+    return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
+  };
   for (std::size_t c = begin; c < end; ++c) {
-    const std::uint32_t place = block_clusters_[block_begin_[block] + c];
-    const Cluster& cluster = cloud_.clusters()[clusters_[place].index];
+    const Cluster& cluster = cluster_at(c);
     const std::uint32_t i = cluster.begin;
-    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i), w.columns);
+    std::optional<SurfelColumns> ahead;
+    if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
+    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
+                  ahead ? &*ahead : nullptr, w.columns);
     reserve(w, static_cast<std::size_t>(columns.visible_count) + columns.exact_count);
     w.splats_seen += columns.first_count;
     const std::size_t first = w.count;

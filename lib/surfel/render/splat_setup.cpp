@@ -11,6 +11,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/render/splat_setup.cpp"
 #include <hwy/foreach_target.h>
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -55,7 +56,8 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
 }
 
 template <bool kPerspective, bool kAnisotropic>
-void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColumns& out) {
+void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
+            SplatColumns& out) {
   /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
   /// growing: a grazing plane runs to infinity.
   constexpr float kLeastCosine = 0.1F;
@@ -93,10 +95,22 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     return Pixels{first, hn::Max(first, zero), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
   };
 
+  const float* ahead[sizeof(SurfelColumns) / sizeof(const float*)];
+  int ahead_count = 0;
+  if (next) {
+    for (const float* column :
+         {next->x, next->y, next->z, next->normal_x, next->normal_y, next->normal_z,
+          next->deviation_u, next->deviation_v, next->tangent_x, next->tangent_y, next->tangent_z,
+          next->area, next->red, next->green, next->blue, next->alpha}) {
+      if (column) ahead[ahead_count++] = column;
+    }
+  }
+
   int visible_count = 0;
   int exact_count = 0;
   std::size_t first_count = 0;
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
+    for (int column = 0; column < ahead_count; ++column) hwy::Prefetch(ahead[column] + i);
     // Camera space.
     const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
     Vec3 p = rotate(view.rotation, world);
@@ -279,14 +293,14 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
 }  // namespace
 
 void set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
-                        SplatColumns& out) {
+                        const SurfelColumns* next, SplatColumns& out) {
   const bool anisotropic = in.tangent_x != nullptr;
   if (view.orthographic) {
-    anisotropic ? set_up<false, true>(view, in, count, out)
-                : set_up<false, false>(view, in, count, out);
+    anisotropic ? set_up<false, true>(view, in, count, next, out)
+                : set_up<false, false>(view, in, count, next, out);
   } else {
-    anisotropic ? set_up<true, true>(view, in, count, out)
-                : set_up<true, false>(view, in, count, out);
+    anisotropic ? set_up<true, true>(view, in, count, next, out)
+                : set_up<true, false>(view, in, count, next, out);
   }
 }
 
@@ -300,8 +314,8 @@ namespace surfel {
 HWY_EXPORT(set_up_splats_simd);
 
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   SplatColumns& out) {
-  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, out);
+                   const SurfelColumns* next, SplatColumns& out) {
+  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, next, out);
 }
 
 }  // namespace surfel

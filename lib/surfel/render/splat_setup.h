@@ -60,7 +60,9 @@ struct SplatColumns {
 /// a whole disc, with pixel centres of the clip rectangle in their box. `exact` are those for which
 /// the affine approximation (4) is off by more than the tolerance somewhere on the disc, and those
 /// that reach through the near plane (neither, where the tolerance is infinite).
+/// `next` are those of the next call, or null: they are fetched from memory meanwhile, as clusters
+/// follow one another in depth, not in memory.
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   SplatColumns& out);
+                   const SurfelColumns* next, SplatColumns& out);
 
 }  // namespace surfel
