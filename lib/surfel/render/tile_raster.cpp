@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include <surfel/render/tile_raster.h>
 
@@ -40,8 +42,8 @@ class Rasterizer {
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
       find_hidden();
-      least_ = std::min(kLeastShare * tile_.full_weight,
-                        kLeastShareOfLargest * largest_amplitude(begin, end));
+      least_.reset();
+      drawn_ = {begin, end};
       raster_.for_each_vector(begin, end, hidden_,
                               [&](const PixelSplats& list) HWY_ATTR { draw(list); });
     }
@@ -56,9 +58,18 @@ class Rasterizer {
 
   static float infinity() { return __builtin_inff(); }
 
-  float largest_amplitude(std::size_t begin, std::size_t end) const {
+  /// rho of the least contribution that merges, of the splats being drawn.
+  float least_to_merge() {
+    if (!least_) {
+      least_ = std::min(kLeastShare * tile_.full_weight, kLeastShareOfLargest * largest_amplitude());
+    }
+    return *least_;
+  }
+
+  /// Of the splats being drawn.
+  float largest_amplitude() const {
     float largest = 0;
-    for (std::size_t i = begin; i < end; ++i) {
+    for (std::size_t i = drawn_.first; i < drawn_.second; ++i) {
       const Splat& splat = job_.splats[job_.order[i]];
       // Exact ones are large on the screen, so that a few make a surface.
       largest = std::max(largest, splat.k < 0 ? tile_.full_weight : splat.amplitude);
@@ -230,7 +241,7 @@ class Rasterizer {
       if (hn::AllFalse(d, open)) return open;
     }
     // What nobody sees is not worth two surfaces merged.
-    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_)));
+    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
     open = add_to_merged(splat, normal, pixel, open, rho, depth, c.epsilon);
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
@@ -286,7 +297,8 @@ class Rasterizer {
   const std::size_t stride_;
   const int layers_;
   const V full_;
-  float least_ = 0;  ///< rho of the least contribution that merges.
+  std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Of the order.
+  std::optional<float> least_;                       ///< See least_to_merge().
   V late_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
