@@ -261,7 +261,8 @@ void run(const Settings& s) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app("A frame, and what it is measured against: the one-pixel z-buffer loop, Embree's discs");
+  CLI::App app(
+      "A frame, and what it is measured against: the one-pixel z-buffer loop, Embree's discs");
   app.add_option("cloud", s.cloud, "Surfels (PLY)")->required();
   tool::add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
   app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));

@@ -116,7 +116,8 @@ class Peeler {
         joins = hn::AndNot(hn::Ge(reach, hn::Load(d, plane(added, side) + pixel)), joins);
       }
       if (hn::AllFalse(d, joins)) return;
-      const V rho = hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(joins, s.beta)));
+      const V rho =
+          hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(joins, s.beta)));
       const Splat& splat = job_.splats[index];
       float* fragment = tile_.fragment(layer, pixel);
       FragmentSums<kNormals, kOpaqueSplats> sums(fragment);

@@ -250,7 +250,8 @@ void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
       // The weight is to be the sum of all kernels.
       const V scale = hn::Div(all, sum[kWeight]);
       const auto put = [&](int channel, V value) HWY_ATTR {
-        hn::Store(hn::IfThenElseZero(open, value), d, tile.fragment(layer, pixel) + channel * kPatchPixels);
+        hn::Store(hn::IfThenElseZero(open, value), d,
+                  tile.fragment(layer, pixel) + channel * kPatchPixels);
       };
       const int last = kNormals ? kNormalZ : kAlpha;
       for (int c = 0; c <= last; ++c) {

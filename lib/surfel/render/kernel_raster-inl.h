@@ -54,8 +54,9 @@ struct Sample {
   V amplitude;  ///< rho where beta is 0.
 };
 
-/// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps a
-/// copy of its own in registers: what is behind a reference has to be read again after every store.
+/// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps
+/// a copy of its own in registers: what is behind a reference has to be read again after every
+/// store.
 class SplatSampler {
  public:
   explicit SplatSampler(const TileJob& job)
@@ -118,7 +119,8 @@ class SplatSampler {
 
   /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
   /// affine one's code, as few splats come here.
-  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx, V dy) {
+  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx,
+                                   V dy) {
     const D d;
     const V h2 = hn::Set(d, filtering.lowpass2);
     const V one = hn::Set(d, 1.0F);
@@ -142,8 +144,8 @@ class SplatSampler {
         hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
     const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
     const V inv_det = hn::Div(one, det);
-    const V beta =
-        hn::Mul(hn::Mul(hn::Set(d, 0.5F * filtering.scale), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
+    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F * filtering.scale), inv_det),
+                           hn::MulAdd(filter, skew, sum2(u, v)));
     const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
     Sample s;
     s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
@@ -284,15 +286,15 @@ class KernelRaster {
       const auto field = [&](std::size_t offset) HWY_ATTR {
         return hn::GatherIndex(d, fields + offset / sizeof(float), place);
       };
-      const V reach = hn::MulAdd(share, field(offsetof(Splat, depth_range)),
-                                 field(offsetof(Splat, depth)));
-      const auto box = hn::BitCast(
-          du, hn::GatherIndex(di, boxes + offsetof(Splat, box) / sizeof(float), place));
+      const V reach =
+          hn::MulAdd(share, field(offsetof(Splat, depth_range)), field(offsetof(Splat, depth)));
+      const auto box =
+          hn::BitCast(du, hn::GatherIndex(di, boxes + offsetof(Splat, box) / sizeof(float), place));
       const auto patch_of = [&](Unsigned pixel, int origin) HWY_ATTR {
-        const auto in_tile = hn::Sub(hn::BitCast(di, hn::And(pixel, hn::Set(du, 255))),
-                                     hn::Set(di, origin));
-        return hn::ShiftRight<kPatchShift>(hn::BitCast(
-            du, hn::Min(hn::Max(in_tile, hn::Zero(di)), hn::Set(di, kTileSize - 1))));
+        const auto in_tile =
+            hn::Sub(hn::BitCast(di, hn::And(pixel, hn::Set(du, 255))), hn::Set(di, origin));
+        return hn::ShiftRight<kPatchShift>(
+            hn::BitCast(du, hn::Min(hn::Max(in_tile, hn::Zero(di)), hn::Set(di, kTileSize - 1))));
       };
       const Unsigned left = patch_of(box, job_.box_x);
       const Unsigned top = patch_of(hn::ShiftRight<8>(box), job_.box_y);
@@ -303,15 +305,14 @@ class KernelRaster {
       };
       static_assert(kPatches == 16 && kTileSize / kStripWidth == 4);
       const Unsigned rows = bits(top, bottom, 1);
-      const Unsigned columns = hn::And(
-          bits(hn::ShiftLeft<2>(left), hn::ShiftLeft<2>(right), 4), hn::Set(du, 0x1111));
+      const Unsigned columns =
+          hn::And(bits(hn::ShiftLeft<2>(left), hn::ShiftLeft<2>(right), 4), hn::Set(du, 0x1111));
       const auto seen = hn::And(exists, hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.least))));
       const Unsigned patches = hn::IfThenElseZero(seen, hn::Mul(rows, columns));
       if (hn::AllFalse(du, seen)) continue;
       for (int p = 0; p < kPatches; ++p) {
-        const auto meets =
-            hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
-                    hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
+        const auto meets = hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
+                                   hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
         hn::StoreU(hn::Compress(index, meets), du, lists.splats[p] + lists.count[p]);
         lists.count[p] += hn::CountTrue(du, meets);
       }

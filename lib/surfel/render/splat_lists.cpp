@@ -236,11 +236,11 @@ SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
     return column.empty() ? nullptr : column.data() + cluster.begin;
   };
   return {from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
-                        from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
-                        from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
-                        from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
-                        from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
-                        from(cloud_.alpha)};
+          from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
+          from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
+          from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
+          from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
+          from(cloud_.alpha)};
 }
 
 /// The same with the deviations that they are drawn with.
@@ -313,8 +313,7 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   for (std::size_t i = 0; i < count && !lists_.opaque; ++i) {
     const std::size_t material = splats[i].tag >> kMaterialShift;
     const float opacity = scene_.materials[std::min(material, scene_.materials.size() - 1)].opacity;
-    for (float* channel :
-         {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
+    for (float* channel : {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
       *channel *= opacity;
     }
   }

@@ -10,8 +10,8 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/render/splat_setup.cpp"
-#include <hwy/foreach_target.h>
 #include <hwy/cache_control.h>
+#include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -184,8 +184,7 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
     // divided by the cosine.
     const V deviation = hn::Max(deviation_u, deviation_v);
-    const V inv_cosine =
-        hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
+    const V inv_cosine = hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
     const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, p.z) : pixel, inv_cosine);
     const V reach = hn::Sqrt(
         hn::Mul(two_c, hn::MulAdd(deviation, deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
@@ -263,9 +262,8 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     const auto tag =
         hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
     const V alpha = in.alpha ? hn::LoadU(d, in.alpha + i) : one;
-    const auto color = [&](const float* column) HWY_ATTR {
-      return hn::Mul(hn::LoadU(d, column + i), alpha);
-    };
+    const auto color = [&](const float* column)
+                           HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
     const auto store = [&](int quarter, V first, V second, V third, V fourth) HWY_ATTR {
       hn::StoreInterleaved4(first, second, third, fourth, d, out.quarters[quarter][i]);
     };

@@ -61,7 +61,8 @@ class Rasterizer {
   /// rho of the least contribution that merges, of the splats being drawn.
   float least_to_merge() {
     if (!least_) {
-      least_ = std::min(kLeastShare * tile_.full_weight, kLeastShareOfLargest * largest_amplitude());
+      least_ =
+          std::min(kLeastShare * tile_.full_weight, kLeastShareOfLargest * largest_amplitude());
     }
     return *least_;
   }
@@ -127,9 +128,13 @@ class Rasterizer {
     constexpr std::ptrdiff_t kBatch = 16;
     Contribution batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
-      std::size_t count = evaluate(list, begin, std::min(list.end, begin + kBatch), batch);
-      while ((count = join_layers(list.pixel, batch, count)) > 0) {
-        count = add_without_layers(list.pixel, batch, count);
+      const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
+      const std::size_t left = join_layers(list.pixel, batch, evaluate(list, begin, end, batch));
+      for (std::size_t i = 0; i < left; ++i) {
+        // The one before may have made a layer that this one belongs to.
+        if (i == 0 || join_layers(list.pixel, batch + i, 1) > 0) {
+          add_without_layer(list.pixel, batch[i]);
+        }
       }
     }
   }
@@ -182,13 +187,14 @@ class Rasterizer {
         // fragments have a negative weight, and no contribution is near them, nor hidden by them.
         const V behind = hn::MulSub(depth, sums.weight, sums.depth);
         const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums.weight));
-        const M same_side = hn::RebindMask(
-            d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
+        const M same_side =
+            hn::RebindMask(d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
         const M free = hn::Eq(sums.weight, hn::Zero(d));
         const M joins = hn::Or(free, hn::And(near, same_side));
         M full_there = hn::Ge(sums.weight, full);
         if constexpr (!kOpaqueSplats) {
-          full_there = hn::And(full_there, hn::Ge(sums.alpha, hn::Mul(sums.weight, hn::Set(d, kOpaqueAlpha))));
+          full_there = hn::And(full_there,
+                               hn::Ge(sums.alpha, hn::Mul(sums.weight, hn::Set(d, kOpaqueAlpha))));
         }
         const M hidden = hn::And(full_there, hn::Lt(behind, hn::Zero(d)));
         tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
@@ -204,41 +210,21 @@ class Rasterizer {
     return count;
   }
 
-  /// Adds contributions for which no layer is left in their pixels; but for those in pixels whose
-  /// layers have changed by now: they may belong to what is new there. Leaves these, and returns how
-  /// many.
-  HWY_NOINLINE std::size_t add_without_layers(std::size_t pixel, Contribution* batch,
-                                              std::size_t count) {
-    const D d;
-    M changed = hn::FirstN(d, 0);
-    std::size_t left = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      const M open = hn::Gt(batch[i].rho, hn::Zero(d));
-      if (hn::AllFalse(d, hn::And(open, changed))) {
-        changed = hn::Or(changed, add_without_layer(pixel, batch[i], open));
-      } else {
-        changed = hn::Or(changed, open);
-        batch[left++] = batch[i];
-      }
-    }
-    return left;
-  }
-
-  /// Adds a contribution for which no layer is left in the pixels of the mask. Returns those whose
-  /// layers it changes.
-  HWY_INLINE M add_without_layer(std::size_t pixel, const Contribution& c, M open) {
+  /// Adds a contribution for which no layer is left in its pixels.
+  HWY_NOINLINE void add_without_layer(std::size_t pixel, const Contribution& c) {
     const D d;
     const Splat& splat = job_.splats[c.splat];
     const SplatNormal* normal = kNormals ? job_.normals + c.splat : nullptr;
     const V rho = c.rho;
     const V depth = c.depth;
+    M open = hn::Gt(rho, hn::Zero(d));
     if (layers_ == 1) {
       // The nearer surface stays, and most come front to back.
       const float* fragment = tile_.fragment(0, pixel);
       const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
       const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
-      if (hn::AllFalse(d, open)) return open;
+      if (hn::AllFalse(d, open)) return;
     }
     // What nobody sees is not worth two surfaces merged.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
@@ -246,7 +232,6 @@ class Rasterizer {
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
     });
-    return open;
   }
 
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
