@@ -458,16 +458,14 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
 }
 
 /// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
-/// key is the depth's place in the list's range, in about as many steps as there are splats: one
-/// stable pass of counting.
+/// key is 16 bits of the depth's place in the list's range: two stable passes of counting.
 void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
-  constexpr std::size_t kLeastSteps = 256;
-  constexpr std::size_t kMostSteps = 8192;
   const std::size_t count = tile.count;
   const Reference* list = tile.entries.data();
   if (worker.order.size() < count + kTileSize) {
-    worker.order.resize(2 * count + kTileSize);
-    worker.keys.resize(2 * count);
+    for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
+      array->resize(2 * count + kTileSize);
+    }
   }
   float lo = std::numeric_limits<float>::infinity();
   float hi = -lo;
@@ -475,20 +473,27 @@ void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
     lo = std::min(lo, list[i].depth);
     hi = std::max(hi, list[i].depth);
   }
-  const std::size_t steps = std::clamp(std::bit_ceil(count), kLeastSteps, kMostSteps);
-  const auto last = static_cast<float>(steps - 1);
-  const float scale = hi > lo ? last / (hi - lo) : 0.0F;
-  std::array<std::uint32_t, kMostSteps> starts;
-  std::fill_n(starts.begin(), steps, 0U);
+  const float scale = hi > lo ? 65535.0F / (hi - lo) : 0.0F;
+  std::array<std::uint32_t, 256> low{};
+  std::array<std::uint32_t, 256> high{};
   for (std::size_t i = 0; i < count; ++i) {
-    const auto key = static_cast<std::uint32_t>(std::min(last, (hi - list[i].depth) * scale));
+    const auto key = static_cast<std::uint32_t>(std::min(65535.0F, (hi - list[i].depth) * scale));
     worker.keys[i] = key;
-    ++starts[key];
+    ++low[key & 255];
+    ++high[key >> 8];
   }
-  std::uint32_t sum = 0;
-  for (std::size_t step = 0; step < steps; ++step) sum += std::exchange(starts[step], sum);
+  const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
+    std::uint32_t sum = 0;
+    for (std::uint32_t& entry : histogram) sum += std::exchange(entry, sum);
+  };
+  to_starts(low);
+  to_starts(high);
   for (std::size_t i = 0; i < count; ++i) {
-    worker.order[starts[worker.keys[i]]++] = list[i].splat;
+    worker.other[low[worker.keys[i] & 255]++] = static_cast<std::uint32_t>(i);
+  }
+  for (std::size_t place = 0; place < count; ++place) {
+    const std::uint32_t i = worker.other[place];
+    worker.order[high[worker.keys[i] >> 8]++] = list[i].splat;
   }
 }
 

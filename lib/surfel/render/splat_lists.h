@@ -120,7 +120,7 @@ class SplatLists {
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     std::vector<TileList> tiles;
-    Array<std::uint32_t> order, keys;
+    Array<std::uint32_t> order, other, keys;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
   };
