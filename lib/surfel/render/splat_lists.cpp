@@ -390,11 +390,11 @@ void SplatLists::bin(const Camera& camera, const Band& band, const BlockGrid& gr
 
 void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int worker) {
   Worker& w = workers_[worker];
-  if (lists_.groups && (end - begin) * RenderCloud::kClusterSize > kMostSplats) {
+  if ((end - begin) * RenderCloud::kClusterSize > kMostSplats) {
     throw Error(
         ErrorKind::kNumeric,
-        "more than 134 million surfels are seen in a few pixels, more than methods with groups "
-        "take; use --method abuffer");
+        "more than 134 million surfels are seen in a few pixels, more than this method draws; "
+        "use --method abuffer");
   }
   SplatView view = view_;
   const int tile_x = grid_.first_tile_x(block);

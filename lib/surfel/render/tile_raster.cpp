@@ -37,7 +37,8 @@ class Rasterizer {
   }
 
   void run() {
-    // How often the tile is checked for being covered; a check costs about as much as ten splats.
+    // How often the tile is checked for being covered; a check costs about as much as a dozen
+    // splats.
     constexpr std::size_t kCheckEvery = 256;
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
@@ -88,7 +89,8 @@ class Rasterizer {
         const float* fragment = tile_.fragment(layer, pixel);
         const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
         const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
-        hidden = hn::IfThenElse(covers(fragment, weight, full_),
+        const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
+        hidden = hn::IfThenElse(covers(weight, alpha, full_),
                                 hn::Max(hidden, hn::Div(depth, weight)), hidden);
         hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
       }
@@ -96,16 +98,12 @@ class Rasterizer {
     }
   }
 
-  /// Fragments that nothing behind is seen through.
-  static M covers(const float* fragment, V weight, V full_weight) {
-    const D d;
-    // Merged fragments have a negative weight and never pass.
-    M full = hn::Ge(weight, full_weight);
-    if constexpr (!kOpaqueSplats) {
-      const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
-      full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, kOpaqueAlpha))));
-    }
-    return full;
+  /// Fragments that nothing behind is seen through. Merged ones have a negative weight and never
+  /// pass.
+  static HWY_INLINE M covers(V weight, V alpha, V full_weight) {
+    const M full = hn::Ge(weight, full_weight);
+    if constexpr (kOpaqueSplats) return full;
+    return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
   }
 
   /// Merged fragments that nothing behind is seen through.
@@ -169,7 +167,7 @@ class Rasterizer {
     const hn::RebindToUnsigned<D> du;
     const Splat* const splats = job_.splats;
     const SplatNormal* const normals = job_.normals;
-    const V full = hn::Set(d, tile_.edge_weight);
+    const V full = full_;
     const auto side = hn::Set(du, kFrontTag);
     for (int layer = 0; layer < layers_ && count > 0; ++layer) {
       float* const fragment = tile_.fragment(layer, pixel);
@@ -191,12 +189,8 @@ class Rasterizer {
             hn::RebindMask(d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
         const M free = hn::Eq(sums.weight, hn::Zero(d));
         const M joins = hn::Or(free, hn::And(near, same_side));
-        M full_there = hn::Ge(sums.weight, full);
-        if constexpr (!kOpaqueSplats) {
-          full_there = hn::And(full_there,
-                               hn::Ge(sums.alpha, hn::Mul(sums.weight, hn::Set(d, kOpaqueAlpha))));
-        }
-        const M hidden = hn::And(full_there, hn::Lt(behind, hn::Zero(d)));
+        const V alpha = kOpaqueSplats ? sums.weight : sums.alpha;
+        const M hidden = hn::And(covers(sums.weight, alpha, full), hn::Lt(behind, hn::Zero(d)));
         tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
         sums.add(splat, normals + c.splat, hn::IfThenElseZero(joins, rho), depth);
         const V rest = hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
