@@ -123,7 +123,7 @@ class Rasterizer {
   /// Adds splats to a vector of pixels, in steps over some of them at a time: what one splat waits
   /// for, or a branch guessed wrong, then costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
-    constexpr std::ptrdiff_t kBatch = 16;
+    constexpr std::ptrdiff_t kBatch = 8;
     Contribution batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
