@@ -1,11 +1,14 @@
-// What surfel-render is measured against, on the same cloud and camera: Z, the one-pixel z-buffer
-// loop over all points in space-filling order, and Embree's oriented discs (nearest hit, coherent
-// packets of 16 rays, no blending). Prints one line a measure: name, threads, milliseconds, the
-// best of --repeats; `covered` is the number of pixels with something in them.
+// A frame of ours and what it is measured against, on the same cloud and camera: Z, the one-pixel
+// z-buffer loop over all points in space-filling order, and Embree's oriented discs (nearest hit,
+// coherent packets of 16 rays, no blending). Prints one line a measure: name, threads,
+// milliseconds, the best of --repeats, in turns for ours and Z; `covered` is the number of pixels
+// with something in them.
 //
 // Usage: render_peers CLOUD [--size WxH] [--threads N] [--repeats N] [--turntable N --view I]
+//                     [--layers N] [--cull-back] [--unlit] [--no-embree]
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -19,6 +22,7 @@
 #include <surfel/io/camera.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/render/render_cloud.h>
+#include <surfel/render/renderer.h>
 
 #include "bench/z_buffer.h"
 #include "tools/support/options.h"
@@ -38,17 +42,25 @@ struct Settings {
   int repeats = 15;
   int turntable = 0;
   int view = 0;
+  RenderOptions render;
+  bool embree = true;
 };
 
-/// Least time of `repeats` calls, in milliseconds; the first one, which touches the memory for the
-/// first time, does not count where there are more.
-template <class Work>
-double best_of(int repeats, Work&& work) {
-  double best = std::numeric_limits<double>::infinity();
+/// Least times of `repeats` calls of each of several works in turns, in milliseconds; the first
+/// ones, which touch the memory for the first time, do not count where there are more.
+template <class... Work>
+std::array<double, sizeof...(Work)> best_of(int repeats, Work&&... works) {
+  std::array<double, sizeof...(Work)> best;
+  best.fill(std::numeric_limits<double>::infinity());
   for (int i = 0; i < repeats; ++i) {
-    const Timer timer;
-    work();
-    if (i > 0 || repeats == 1) best = std::min(best, timer.milliseconds());
+    std::size_t which = 0;
+    const auto time = [&](auto& work) {
+      const Timer timer;
+      work();
+      double& least = best[which++];
+      if (i > 0 || repeats == 1) least = std::min(least, timer.milliseconds());
+    };
+    (time(works), ...);
   }
   return best;
 }
@@ -63,7 +75,8 @@ float largest_variance(const SurfelCloud& cloud, std::size_t i) {
   return cloud.variance.empty() ? 0 : cloud.variance[i];
 }
 
-void z_buffer(const Settings& s, const SurfelCloud& cloud, const Camera& camera) {
+void ours_and_z_buffer(const Settings& s, const SurfelCloud& cloud, const RenderCloud& surfels,
+                       const Camera& camera) {
   if (camera.orthographic) throw_usage("the z-buffer loop is for perspective cameras");
   Array<bench::ZPoint> points(cloud.size());
   const Array<Vec3f>* color = cloud.render_color();
@@ -90,9 +103,19 @@ void z_buffer(const Settings& s, const SurfelCloud& cloud, const Camera& camera)
   c.width = camera.width;
   c.height = camera.height;
   bench::ZBufferLoop loop(c, s.threads);
-  const double ms = best_of(s.repeats, [&] { loop.run(points.data(), points.size()); });
+  const Scene scene;
+  Renderer renderer(surfels, scene, s.render);
+  Image image;
+  const auto [ours, z] = best_of(
+      s.repeats, [&] { image = renderer.render(camera); },
+      [&] { loop.run(points.data(), points.size()); });
+  std::size_t covered = 0;
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) covered += image.pixel(x, y)[3] > 0 ? 1 : 0;
+  }
+  print("surfelkit", s.threads, ours, fmt::format("covered {} Z {:.2f}", covered, ours / z));
   const auto& pixels = loop.pixels();
-  print("z-buffer", s.threads, ms,
+  print("z-buffer", s.threads, z,
         fmt::format("covered {}", pixels.size() - std::count(pixels.begin(), pixels.end(), 0U)));
 }
 
@@ -200,7 +223,7 @@ void embree(const Settings& s, const SurfelCloud& cloud, const Camera& camera) {
   const Owned<RTCDevice> device(
       rtcNewDevice(fmt::format("threads={},hugepages=1", s.threads).c_str()));
   Owned<RTCScene> scene;
-  const double build = best_of(std::min(s.repeats, 3), [&] {
+  const auto [build] = best_of(std::min(s.repeats, 3), [&] {
     scene.reset();
     scene = disc_scene(device.get(), cloud);
   });
@@ -208,7 +231,7 @@ void embree(const Settings& s, const SurfelCloud& cloud, const Camera& camera) {
   std::vector<float> picture(std::size_t{3} * camera.width * camera.height);
   for (const int samples : {1, 4}) {
     std::size_t covered = 0;
-    const double ms = best_of(s.repeats, [&] {
+    const auto [ms] = best_of(s.repeats, [&] {
       covered = trace(scene.get(), cloud, camera, samples, s.threads, picture);
     });
     print(fmt::format("embree-trace-{}spp", samples), s.threads, ms,
@@ -223,13 +246,14 @@ void run(const Settings& s) {
   SurfelCloud cloud = read_cloud(s.cloud);
   Array<std::uint32_t> order = morton_order(cloud.position);
   std::erase_if(order, [&](std::uint32_t i) { return !cloud.position[i].allFinite(); });
-  const SceneExtent extent = RenderCloud(cloud).extent();
+  const RenderCloud surfels(cloud);
+  const SceneExtent extent = surfels.extent();
   cloud = cloud.gathered(order);
   const Camera camera = s.turntable > 0 ? turntable(s.camera, extent, s.turntable).at(s.view)
                                         : make_camera(s.camera, extent);
-  z_buffer(s, cloud, camera);
+  ours_and_z_buffer(s, cloud, surfels, camera);
 #ifdef SURFEL_HAVE_EMBREE
-  embree(s, cloud, camera);
+  if (s.embree) embree(s, cloud, camera);
 #endif
 }
 
@@ -238,7 +262,7 @@ void run(const Settings& s) {
 int main(int argc, char** argv) {
   Settings s;
   CLI::App app(
-      "What surfel-render is measured against: the one-pixel z-buffer loop, Embree's discs");
+      "A frame, and what it is measured against: the one-pixel z-buffer loop, Embree's discs");
   app.add_option("cloud", s.cloud, "Surfels (PLY)")->required();
   tool::add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
   app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));
@@ -250,6 +274,10 @@ int main(int argc, char** argv) {
   app.add_option("--view", s.view, "Which of them, from 0")
       ->needs(turntable)
       ->check(CLI::Range(0, 99999));
+  app.add_option("--layers", s.render.layers, "Fragments per pixel")->capture_default_str();
+  app.add_flag("--cull-back", s.render.cull_back, "Leave out surfels that face away");
+  app.add_flag("!--unlit", s.render.lit, "No shading");
+  app.add_flag("!--no-embree", s.embree, "Z and ours alone");
   CLI11_PARSE(app, argc, argv);
   if (s.threads == 0) s.threads = thread_count();
   try {

@@ -10,13 +10,16 @@
 namespace surfel {
 namespace {
 
-Fragment load(TileABuffer& tile, int layer, int pixel) {
-  Fragment fragment{};
-  for (int c = 0; c < tile.layout.channels(); ++c) fragment.channel[c] = tile.at(layer, c, pixel);
+/// In place: a copy would wait for the stores.
+void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
+  const float* from = tile.fragment(layer, static_cast<std::size_t>(pixel));
+  for (int c = 0; c <= kBack; ++c) fragment.channel[c] = from[c * kPatchPixels];
+  for (int c = kNormalX; c <= kNormalZ; ++c) {
+    fragment.channel[c] = tile.layout.normals ? from[c * kPatchPixels] : 0.0F;
+  }
   if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
     fragment.channel[kAlpha] = fragment.channel[kWeight];
   }
-  return fragment;
 }
 
 bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
@@ -212,7 +215,7 @@ struct Sorted {
     std::array<float, kMost> depth;
     for (int layer = 0; layer < tile.layout.layers; ++layer) {
       if (tile.at(layer, kWeight, pixel) == 0) break;
-      fragment[layer] = load(tile, layer, pixel);
+      load(tile, layer, pixel, fragment[layer]);
       depth[layer] = front_depth(fragment[layer]);
       int place = count++;
       for (; place > 0 && depth[order[place - 1]] < depth[layer]; --place) {

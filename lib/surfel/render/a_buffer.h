@@ -11,7 +11,7 @@
 namespace surfel {
 
 /// What a fragment keeps of a surface in a pixel (SS01 table 1): sums over the contributions of one
-/// surface, each weighted by its resampling kernel rho. One plane of kTilePixels floats each.
+/// surface, each weighted by its resampling kernel rho. kPatchPixels floats each.
 enum FragmentChannel : int {
   kWeight,  ///< Sum of rho; 0 = free; shaded and merged: how many surfaces it holds, negative.
   kDepth,   ///< Sum of rho * depth; merged: the nearest fragment's depth.
@@ -29,15 +29,18 @@ enum FragmentChannel : int {
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 
-/// Shape of a tile's A-buffer: layers x channels x kTilePixels floats.
+/// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. What a vector of
+/// pixels needs lies together: planes of a whole tile would be a power of two apart, which caches
+/// and the order of loads behind stores suffer from.
 struct ABufferLayout {
   int layers = 1;
   bool normals = false;
   bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, but for merged fragments.
 
   int channels() const { return normals ? kNormalZ + 1 : kBack + 1; }
-  std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kTilePixels; }
-  std::size_t size() const { return layer_stride() * static_cast<std::size_t>(layers); }
+  std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kPatchPixels; }
+  std::size_t patch_stride() const { return layer_stride() * static_cast<std::size_t>(layers); }
+  std::size_t size() const { return patch_stride() * (kTilePixels / kPatchPixels); }
 };
 
 /// One fragment of one pixel, by value.
@@ -89,9 +92,13 @@ struct TileABuffer {
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
+  /// Weight of a fragment: the other channels follow at distances of kPatchPixels.
+  float* fragment(int layer, std::size_t pixel) const {
+    return data + layout.patch_stride() * (pixel / kPatchPixels) +
+           layout.layer_stride() * static_cast<std::size_t>(layer) + pixel % kPatchPixels;
+  }
   float& at(int layer, int channel, int pixel) {
-    return data[layout.layer_stride() * static_cast<std::size_t>(layer) +
-                static_cast<std::size_t>(channel) * kTilePixels + static_cast<std::size_t>(pixel)];
+    return fragment(layer, static_cast<std::size_t>(pixel))[channel * kPatchPixels];
   }
 };
 

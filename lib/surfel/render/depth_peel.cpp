@@ -65,13 +65,13 @@ class Peeler {
   template <class Body>
   HWY_INLINE void for_each_fragment(const Body& body) const {
     const D d;
-    const V cutoff = hn::Set(d, raster_.cutoff());
-    raster_.draw(0, job_.count, none(),
+    const V cutoff = hn::Set(d, raster_.sampler().cutoff());
+    raster_.draw(0, job_.count, nullptr,
                  [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
                    const std::uint32_t side = job_.splats[index].tag & kFrontTag;
                    const M left = hn::And(hn::Lt(s.beta, cutoff),
                                           hn::Lt(hn::Add(s.depth, s.epsilon),
-                                                 hn::LoadU(d, plane(kPeeled, side) + pixel)));
+                                                 hn::Load(d, plane(kPeeled, side) + pixel)));
                    if (hn::AllFalse(d, left)) return;
                    body(index, side, pixel, left, s);
                  });
@@ -85,8 +85,8 @@ class Peeler {
     for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left,
                           const Sample& s) HWY_ATTR {
       float* next = plane(kNext, side) + pixel;
-      const V old = hn::LoadU(d, next);
-      hn::StoreU(hn::IfThenElse(left, hn::Max(old, s.depth), old), d, next);
+      const V old = hn::Load(d, next);
+      hn::Store(hn::IfThenElse(left, hn::Max(old, s.depth), old), d, next);
     });
     std::size_t found = 0;
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
@@ -104,40 +104,39 @@ class Peeler {
 
   /// Adds the fragments left that reach the plane `anchor`, but those that have been added as they
   /// reach the plane `added`, if that is another.
-  void add_reaching(float* fragments, Plane anchor, Plane added) {
+  void add_reaching(int layer, Plane anchor, Plane added) {
     const D d;
     const hn::RebindToUnsigned<D> du;
     for_each_fragment([&](std::uint32_t index, std::uint32_t side, std::size_t pixel, M left,
                           const Sample& s) HWY_ATTR {
       const V reach = hn::Add(s.depth, s.epsilon);
-      const V nearest = hn::LoadU(d, plane(anchor, side) + pixel);
+      const V nearest = hn::Load(d, plane(anchor, side) + pixel);
       M joins = hn::And(left, hn::And(hn::Ge(reach, nearest), hn::Gt(nearest, hn::Set(d, none()))));
       if (added != anchor) {
-        joins = hn::AndNot(hn::Ge(reach, hn::LoadU(d, plane(added, side) + pixel)), joins);
+        joins = hn::AndNot(hn::Ge(reach, hn::Load(d, plane(added, side) + pixel)), joins);
       }
       if (hn::AllFalse(d, joins)) return;
-      const V rho = hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.decay(joins, s.beta)));
+      const V rho =
+          hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(joins, s.beta)));
       const Splat& splat = job_.splats[index];
-      float* fragment = fragments + pixel;
-      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
-      float* tags = fragment + kTag * kTilePixels;
-      const M fresh = hn::And(hn::Eq(weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
+      float* fragment = tile_.fragment(layer, pixel);
+      FragmentSums<kNormals, kOpaqueSplats> sums(fragment);
+      float* tags = fragment + kTag * kPatchPixels;
+      const M fresh = hn::And(hn::Eq(sums.weight, hn::Zero(d)), hn::Gt(rho, hn::Zero(d)));
       hn::BlendedStore(hn::BitCast(d, hn::Set(du, splat.tag)), fresh, d, tags);
-      accumulate<kNormals, kOpaqueSplats>(fragment, splat,
-                                          kNormals ? job_.normals + index : nullptr, rho, s.depth,
-                                          weight, hn::LoadU(d, fragment + kDepth * kTilePixels));
+      sums.add(splat, kNormals ? job_.normals + index : nullptr, rho, s.depth);
+      sums.store(fragment);
     });
   }
 
   void add_layer(int layer) {
     const D d;
-    float* fragments = tile_.data + tile_.layout.layer_stride() * static_cast<std::size_t>(layer);
-    add_reaching(fragments, kNext, kNext);
+    add_reaching(layer, kNext, kNext);
     // The nearest fragment alone would let the far ones of a surface that is steep or noisy fall
     // off as another layer: what reaches the mean depth of those that joined belongs to them.
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-      const V mean = hn::Div(hn::Load(d, fragments + kDepth * kTilePixels + pixel),
-                             hn::Load(d, fragments + kWeight * kTilePixels + pixel));
+      const V mean = hn::Div(hn::Load(d, tile_.fragment(layer, pixel) + kDepth * kPatchPixels),
+                             hn::Load(d, tile_.fragment(layer, pixel) + kWeight * kPatchPixels));
       for (std::uint32_t side = 0; side < 2; ++side) {
         // Rounding must not move the mean in front of what it is the mean of.
         const V next = hn::Load(d, plane(kNext, side) + pixel);
@@ -145,13 +144,13 @@ class Peeler {
                   plane(kMean, side) + pixel);
       }
     }
-    add_reaching(fragments, kMean, kNext);
+    add_reaching(layer, kMean, kNext);
     // What has been peeled; behind an opaque surface that covers its pixel all has.
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-      const V weight = hn::Load(d, fragments + kWeight * kTilePixels + pixel);
+      const V weight = hn::Load(d, tile_.fragment(layer, pixel) + kWeight * kPatchPixels);
       M closed = hn::Ge(weight, hn::Set(d, tile_.edge_weight));
       if constexpr (!kOpaqueSplats) {
-        const V alpha = hn::Load(d, fragments + kAlpha * kTilePixels + pixel);
+        const V alpha = hn::Load(d, tile_.fragment(layer, pixel) + kAlpha * kPatchPixels);
         closed = hn::And(closed, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, kOpaqueAlpha))));
       }
       for (std::uint32_t side = 0; side < 2; ++side) {

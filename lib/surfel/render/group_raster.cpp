@@ -35,12 +35,11 @@ HWY_INLINE M same_side(Entry a, Entry b) {
 }
 
 /// Of every pixel, the depth that a splat must reach for something of it to be seen: that of the
-/// nearest surface, where it covers the pixel; minus infinity where it does not. Returns the least.
-float find_hidden(GroupImages& images, const TileABuffer& weights, const float* outside,
-                  float* hidden) {
+/// nearest surface, where it covers the pixel; minus infinity where it does not.
+void find_hidden(GroupImages& images, const TileABuffer& weights, const float* outside,
+                 float* hidden) {
   const D d;
   const hn::RebindToUnsigned<D> du;
-  V least = hn::Set(d, __builtin_inff());
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     V nearest = hn::Set(d, -__builtin_inff());
     auto nearest_entry = hn::Zero(du);
@@ -62,12 +61,10 @@ float find_hidden(GroupImages& images, const TileABuffer& weights, const float* 
       weight = hn::Add(weight, hn::IfThenElseZero(joins, sum));
     }
     const M covered = hn::Ge(weight, hn::Set(d, weights.edge_weight));
-    const V h = hn::Max(hn::IfThenElse(covered, nearest, hn::Set(d, -__builtin_inff())),
-                        hn::Load(d, outside + pixel));
-    hn::Store(h, d, hidden + pixel);
-    least = hn::Min(least, h);
+    hn::Store(hn::Max(hn::IfThenElse(covered, nearest, hn::Set(d, -__builtin_inff())),
+                      hn::Load(d, outside + pixel)),
+              d, hidden + pixel);
   }
-  return hn::GetLane(hn::MinOfLanes(d, least));
 }
 
 /// Number of the step of SP06 (6) that a depth is in, counted from the nearest.
@@ -91,7 +88,7 @@ HWY_INLINE void insert(GroupImages& images, int group, std::size_t pixel, M open
   for (int layer = 0; layer < images.layers(); ++layer) {
     float* fragment = images.plane(images.image(group, layer), 0) + pixel;
     const auto load = [&](GroupImages::Channel c)
-                          HWY_ATTR { return hn::LoadU(d, fragment + c * kTilePixels); };
+                          HWY_ATTR { return hn::Load(d, fragment + c * kTilePixels); };
     const auto store = [&](GroupImages::Channel c, V value, M where) HWY_ATTR {
       hn::BlendedStore(value, where, d, fragment + c * kTilePixels);
     };
@@ -140,24 +137,23 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
   const D d;
   const hn::RebindToUnsigned<D> du;
   const KernelRaster raster(job, weights.x0, weights.y0);
-  const V cutoff = hn::Set(d, raster.cutoff());
-  const V inv_cutoff = hn::Set(d, 1 / raster.cutoff());
+  const V cutoff = hn::Set(d, raster.sampler().cutoff());
+  const V inv_cutoff = hn::Set(d, 1 / raster.sampler().cutoff());
   HWY_ALIGN float outside[kTilePixels];
   HWY_ALIGN float hidden[kTilePixels];
   for (int p = 0; p < kTilePixels; ++p) {
     const bool inside = tile_pixel_x(p) < weights.width && tile_pixel_y(p) < weights.height;
     hidden[p] = outside[p] = inside ? -__builtin_inff() : __builtin_inff();
   }
-  float least = -__builtin_inff();
   for (std::size_t begin = 0; begin < job.count; begin += kCheckEvery) {
-    if (skip_hidden && begin > 0) least = find_hidden(images, weights, outside, hidden);
-    raster.draw(begin, std::min(begin + kCheckEvery, job.count), least,
+    if (skip_hidden && begin > 0) find_hidden(images, weights, outside, hidden);
+    raster.draw(begin, std::min(begin + kCheckEvery, job.count), hidden,
                 [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
                   const V reach = hn::Add(s.depth, s.epsilon);
                   const M inside =
-                      hn::And(hn::Lt(s.beta, cutoff), hn::Ge(reach, hn::LoadU(d, hidden + pixel)));
+                      hn::And(hn::Lt(s.beta, cutoff), hn::Ge(reach, hn::Load(d, hidden + pixel)));
                   if (hn::AllFalse(d, inside)) return;
-                  const V rho = hn::Mul(s.amplitude, raster.decay(inside, s.beta));
+                  const V rho = hn::Mul(s.amplitude, raster.sampler().decay(inside, s.beta));
                   V key = s.beta;  // Its root orders fragments alike.
                   if constexpr (kVoronoi == Voronoi::kQuantised) {
                     key = hn::Add(depth_step(rule, s.depth), hn::Sqrt(hn::Mul(s.beta, inv_cutoff)));
@@ -254,7 +250,8 @@ void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
       // The weight is to be the sum of all kernels.
       const V scale = hn::Div(all, sum[kWeight]);
       const auto put = [&](int channel, V value) HWY_ATTR {
-        hn::Store(hn::IfThenElseZero(open, value), d, &tile.at(layer, channel, 0) + pixel);
+        hn::Store(hn::IfThenElseZero(open, value), d,
+                  tile.fragment(layer, pixel) + channel * kPatchPixels);
       };
       const int last = kNormals ? kNormalZ : kAlpha;
       for (int c = 0; c <= last; ++c) {

@@ -10,6 +10,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
@@ -41,10 +43,6 @@ HWY_INLINE V exp_minus(V x) {
   return hn::MulAdd(p, x, hn::Set(d, 0.999999554F));
 }
 
-/// A vector holds this many columns and rows of a strip of the tile.
-inline constexpr int kColumns = std::min<int>(hn::MaxLanes(D()), kStripWidth);
-inline constexpr int kRows = static_cast<int>(hn::MaxLanes(D())) / kColumns;
-
 HWY_ALIGN inline constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
 HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
@@ -56,43 +54,26 @@ struct Sample {
   V amplitude;  ///< rho where beta is 0.
 };
 
-/// Evaluates the splats of one tile at its pixels, a vector at a time.
-class KernelRaster {
+/// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps
+/// a copy of its own in registers: what is behind a reference has to be read again after every
+/// store.
+class SplatSampler {
  public:
-  KernelRaster(const TileJob& job, int x0, int y0)
-      : job_(job), x0_(static_cast<float>(x0) + 0.5F), y0_(static_cast<float>(y0) + 0.5F) {
+  explicit SplatSampler(const TileJob& job)
+      : splats_(job.splats),
+        exact_(job.exact),
+        lowpass2_(job.lowpass2),
+        depth_epsilon_(job.depth_epsilon) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     while (job.cutoff * scale_ > 1) {
       scale_ /= 2;
       ++squarings_;
     }
+    cutoff_ = job.cutoff * scale_;
   }
 
-  /// What visitors compare scaled betas with: pixels are inside where beta is less.
-  float cutoff() const { return job_.cutoff * scale_; }
-
-  /// Calls visit(splat's index, first pixel, Sample) for every vector of pixels that the box of a
-  /// splat in [begin, end) of the order meets, in that order; but for splats that lie behind the
-  /// depth `hidden` with all that is within epsilon of them.
-  template <class Visit>
-  HWY_INLINE void draw(std::size_t begin, std::size_t end, float hidden, const Visit& visit) const {
-    // Vectors are listed first and visited then: the loops over a splat's columns and rows end
-    // after one or two rounds, which costs more than the round itself where it is guessed wrong.
-    HWY_ALIGN Place places[kPlaces + kMostPlaces];
-    while (begin < end) {
-      std::size_t count = 0;
-      for (; begin < end && count <= kPlaces; ++begin) {
-        prefetch(begin);
-        const std::uint32_t index = job_.order[begin];
-        const Splat& splat = job_.splats[index];
-        if (splat.depth + (1 + job_.depth_epsilon) * splat.depth_range < hidden) continue;
-        count += list(index, splat, places + count);
-      }
-      for (std::size_t p = 0; p < count; ++p) {
-        visit(places[p].splat, places[p].pixel, sample(places[p]));
-      }
-    }
-  }
+  /// What scaled betas are compared with: pixels are inside where beta is less.
+  float cutoff() const { return cutoff_; }
 
   /// exp(-beta) from a scaled beta where `inside`; 1 elsewhere.
   HWY_INLINE V decay(M inside, V beta) const {
@@ -101,81 +82,47 @@ class KernelRaster {
     return rho;
   }
 
- private:
-  /// A vector of pixels that the box of a splat meets.
-  struct Place {
-    std::uint32_t splat;
-    std::uint32_t pixel;  ///< The first.
-    float dx, dy;         ///< Its offset from the splat's centre.
-  };
-  static constexpr std::size_t kPlaces = 240;
-  /// Most of one splat.
-  static constexpr std::size_t kMostPlaces = kTilePixels / (kColumns * kRows);
-
-  /// A tile's splats are strewn over the block.
-  HWY_INLINE void prefetch(std::size_t place) const {
-    constexpr std::size_t kPrefetchAhead = 16;
-    if (place + kPrefetchAhead >= job_.count) return;
-    const std::uint32_t index = job_.order[place + kPrefetchAhead];
-    hwy::Prefetch(job_.splats + index);
-    if (job_.normals) hwy::Prefetch(job_.normals + index);
-  }
-
-  /// Lists the vectors of a splat, a column of them after the other. Returns how many.
-  HWY_INLINE std::size_t list(std::uint32_t index, const Splat& splat, Place* out) const {
-    const auto within = [](int pixel, int origin) {
-      return std::min(std::max(pixel - origin, 0), kTileSize - 1);
-    };
-    const int first_row = within(splat.box.y0, job_.box_y);
-    const int first = within(splat.box.x0, job_.box_x) / kColumns;
-    const int last = within(splat.box.x1, job_.box_x) / kColumns;
-    // As few vectors as hold the rows, moved up where the last would leave the tile.
-    const int height = (within(splat.box.y1, job_.box_y) - first_row + kRows) / kRows * kRows;
-    const int top = std::min(first_row, kTileSize - height);
-    const auto put = [&](int column, int row, std::size_t at) {
-      out[at] = {index, static_cast<std::uint32_t>(tile_pixel(column * kColumns, row)),
-                 static_cast<float>(column * kColumns) + x0_ - splat.x,
-                 static_cast<float>(row) + y0_ - splat.y};
-    };
-    // Nearly all are small: no branch on whether one has a second column.
-    if (height == kRows && last - first <= 1) {
-      put(first, top, 0);
-      put(last, top, 1);
-      return static_cast<std::size_t>(1 + last - first);
-    }
-    std::size_t count = 0;
-    for (int column = first; column <= last; ++column) {
-      for (int row = top; row < top + height; row += kRows) put(column, row, count++);
-    }
-    return count;
-  }
-
-  HWY_INLINE Sample sample(const Place& place) const {
+  /// A splat at a vector of pixels with their centres at (x, y).
+  HWY_INLINE Sample at(std::uint32_t index, V x, V y) const {
     const D d;
-    const Splat& splat = job_.splats[place.splat];
-    const V dx = hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, place.dx));
-    const V dy = hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, place.dy));
-    if (HWY_UNLIKELY(splat.k < 0)) return exact(job_.exact[place.splat], dx, dy);
+    const Splat& splat = splats_[index];
+    const V dx = hn::Sub(x, hn::Set(d, splat.x));
+    const V dy = hn::Sub(y, hn::Set(d, splat.y));
+    Sample s;
+    if (HWY_UNLIKELY(splat.k < 0)) {
+      // Field by field: what a call returns lies in memory.
+      const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_, scale_}, dx, dy);
+      s.beta = e.beta;
+      s.depth = e.depth;
+      s.epsilon = e.epsilon;
+      s.amplitude = e.amplitude;
+      return s;
+    }
     const V depth = hn::Set(d, splat.depth);
     const V range = hn::Set(d, splat.depth_range);
     const V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
                                hn::MulAdd(hn::Set(d, splat.depth_dy), dy, depth));
     const V e = hn::NegMulAdd(hn::Set(d, splat.m), dy, dx);
-    Sample s;
     s.beta = hn::Mul(hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
                                 hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy)),
                      hn::Set(d, scale_));
     s.depth = hn::Min(hn::Max(plane, hn::Sub(depth, range)), hn::Add(depth, range));
-    s.epsilon = hn::Mul(range, hn::Set(d, job_.depth_epsilon));
+    s.epsilon = hn::Mul(range, hn::Set(d, depth_epsilon_));
     s.amplitude = hn::Set(d, splat.amplitude);
     return s;
   }
 
+ private:
+  struct Filtering {
+    float lowpass2, depth_epsilon, scale;
+  };
+
   /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
   /// affine one's code, as few splats come here.
-  HWY_NOINLINE Sample exact(const ExactSplat& exact, V dx, V dy) const {
+  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx,
+                                   V dy) {
     const D d;
-    const V h2 = hn::Set(d, job_.lowpass2);
+    const V h2 = hn::Set(d, filtering.lowpass2);
     const V one = hn::Set(d, 1.0F);
     const auto affine = [&](const float* f) HWY_ATTR {
       return hn::MulAdd(hn::Set(d, f[1]), dx, hn::MulAdd(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
@@ -197,47 +144,237 @@ class KernelRaster {
         hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
     const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
     const V inv_det = hn::Div(one, det);
-    const V beta =
-        hn::Mul(hn::Mul(hn::Set(d, 0.5F * scale_), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
+    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F * filtering.scale), inv_det),
+                           hn::MulAdd(filter, skew, sum2(u, v)));
     const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
     Sample s;
     s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
     s.depth = hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
-    s.epsilon = hn::Mul(hn::Mul(hn::Set(d, job_.depth_epsilon), s.depth),
+    s.epsilon = hn::Mul(hn::Mul(hn::Set(d, filtering.depth_epsilon), s.depth),
                         hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
                                             hn::Set(d, exact.pixel2))));
     s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
     return s;
   }
 
-  const TileJob& job_;
-  float x0_, y0_;      ///< Centre of the tile's first pixel in the picture.
-  float scale_ = 1;    ///< 2^-n, applied to beta and the cutoff.
+  const Splat* splats_;
+  const ExactSplat* exact_;
+  float lowpass2_, depth_epsilon_;
+  float scale_ = 1;  ///< 2^-n, applied to beta and the cutoff.
+  float cutoff_;
   int squarings_ = 0;  ///< n.
 };
 
-/// Adds a contribution to a vector of fragments, `fragment` being the first one's weight; rho is
-/// zero where a pixel does not take part. The fragments' old weights and weighted depths are given.
-template <bool kNormals, bool kOpaqueSplats>
-HWY_INLINE void accumulate(float* fragment, const Splat& splat, const SplatNormal* normal, V rho,
-                           V depth, V weight, V weighted_depth) {
-  const D d;
-  const auto add_to = [&](int channel, float value) HWY_ATTR {
-    float* plane = fragment + channel * kTilePixels;
-    hn::StoreU(hn::MulAdd(rho, hn::Set(d, value), hn::LoadU(d, plane)), d, plane);
-  };
-  hn::StoreU(hn::Add(weight, rho), d, fragment + kWeight * kTilePixels);
-  hn::StoreU(hn::MulAdd(rho, depth, weighted_depth), d, fragment + kDepth * kTilePixels);
-  add_to(kRed, splat.red);
-  add_to(kGreen, splat.green);
-  add_to(kBlue, splat.blue);
-  if constexpr (!kOpaqueSplats) add_to(kAlpha, splat.alpha);
-  if constexpr (kNormals) {
-    add_to(kNormalX, normal->x);
-    add_to(kNormalY, normal->y);
-    add_to(kNormalZ, normal->z);
+/// A vector of pixels, and the splats whose boxes it meets.
+struct PixelSplats {
+  std::size_t pixel;  ///< The first.
+  V x, y;             ///< Centres in the picture.
+  const std::uint32_t* begin;
+  const std::uint32_t* end;
+};
+
+/// Binary logarithms: floats of a Splat, pixels along a patch.
+inline constexpr int kSplatShift = 4;
+inline constexpr int kPatchShift = 2;
+static_assert(sizeof(Splat) == sizeof(float) << kSplatShift && kStripWidth == 1 << kPatchShift);
+
+/// Finds the pixels of one tile that its splats meet.
+class KernelRaster {
+ public:
+  KernelRaster(const TileJob& job, int x0, int y0)
+      : job_(job),
+        sampler_(job),
+        x0_(static_cast<float>(x0) + 0.5F),
+        y0_(static_cast<float>(y0) + 0.5F) {}
+
+  const SplatSampler& sampler() const { return sampler_; }
+
+  /// Calls visit(PixelSplats) for vectors of pixels and those splats in [begin, end) of the order
+  /// whose boxes they meet, in that order for every pixel; but for splats that lie behind all of
+  /// the vector's depths in the plane `hidden`, which may be null, with all that is within epsilon
+  /// of them.
+  ///
+  /// Vector by vector: what is drawn stays in the first-level cache, and branches go the way that
+  /// they went for the splat before.
+  template <class Visit>
+  HWY_INLINE void for_each_vector(std::size_t begin, std::size_t end, const float* hidden,
+                                  const Visit& visit) const {
+    const D d;
+    HWY_ALIGN Lists lists;
+    hide(hidden, lists);
+    for (; begin < end; begin += kListed) {
+      list(begin, std::min(begin + kListed, end), lists);
+      for (int pixel = 0; pixel < kTilePixels; pixel += static_cast<int>(hn::MaxLanes(d))) {
+        const int patch = pixel / kPatchPixels;
+        if (lists.count[patch] == 0) continue;
+        const auto x = static_cast<float>(tile_pixel_x(pixel));
+        const auto y = static_cast<float>(tile_pixel_y(pixel));
+        visit(PixelSplats{static_cast<std::size_t>(pixel),
+                          hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, x0_ + x)),
+                          hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y0_ + y)),
+                          lists.splats[patch], lists.splats[patch] + lists.count[patch]});
+      }
+    }
   }
-}
+
+  /// The same with visit(splat's index, first pixel, Sample).
+  template <class Visit>
+  HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
+                       const Visit& visit) const {
+    for_each_vector(begin, end, hidden, [&](const PixelSplats& list) HWY_ATTR {
+      const SplatSampler sampler = sampler_;
+      const V x = list.x;
+      const V y = list.y;
+      for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
+        visit(*index, list.pixel, sampler.at(*index, x, y));
+      }
+    });
+  }
+
+ private:
+  static constexpr int kPatches = kTilePixels / kPatchPixels;
+  /// Splats that are listed at once: as many as the first-level cache holds.
+  static constexpr std::size_t kListed = 256;
+
+  /// For every patch of the tile, the splats whose boxes it meets, in order.
+  struct Lists {
+    std::uint32_t splats[kPatches][kListed + kTileSize];  ///< A vector past the end is written.
+    std::size_t count[kPatches];
+    float hidden[kPatches];  ///< The least depth that hides.
+    float least;             ///< Of all.
+  };
+
+  static void hide(const float* hidden, Lists& lists) {
+    const D d;
+    lists.least = hidden ? __builtin_inff() : -__builtin_inff();
+    std::fill_n(lists.hidden, kPatches, lists.least);
+    if (!hidden) return;
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::MaxLanes(d)) {
+      float& patch = lists.hidden[pixel / kPatchPixels];
+      patch = std::min(patch, hn::GetLane(hn::MinOfLanes(d, hn::Load(d, hidden + pixel))));
+      lists.least = std::min(lists.least, patch);
+    }
+  }
+
+  /// A tile's splats are strewn over the block.
+  HWY_INLINE void prefetch(std::size_t begin) const {
+    const std::size_t end = std::min(begin + hn::MaxLanes(D()), job_.count);
+    for (; begin < end; ++begin) {
+      const std::uint32_t index = job_.order[begin];
+      hwy::Prefetch(job_.splats + index);
+      if (job_.normals) hwy::Prefetch(job_.normals + index);
+    }
+  }
+
+  /// Lists the splats [begin, end) of the order, a vector of them at a time: which patches they
+  /// meet are the bits of a number.
+  void list(std::size_t begin, std::size_t end, Lists& lists) const {
+    constexpr std::size_t kPrefetchAhead = 16;
+    const D d;
+    const hn::RebindToSigned<D> di;
+    const hn::RebindToUnsigned<D> du;
+    using Unsigned = hn::Vec<decltype(du)>;
+    const auto* fields = reinterpret_cast<const float*>(job_.splats);
+    const auto* boxes = reinterpret_cast<const std::int32_t*>(job_.splats);
+    const V share = hn::Set(d, 1 + job_.depth_epsilon);
+    std::fill_n(lists.count, kPatches, std::size_t{0});
+    for (; begin < end; begin += hn::MaxLanes(d)) {
+      prefetch(begin + kPrefetchAhead);
+      const auto exists = hn::FirstN(du, end - begin);
+      const Unsigned index = hn::IfThenElseZero(exists, hn::LoadU(du, job_.order + begin));
+      const auto place = hn::BitCast(di, hn::ShiftLeft<kSplatShift>(index));
+      const auto field = [&](std::size_t offset) HWY_ATTR {
+        return hn::GatherIndex(d, fields + offset / sizeof(float), place);
+      };
+      const V reach =
+          hn::MulAdd(share, field(offsetof(Splat, depth_range)), field(offsetof(Splat, depth)));
+      const auto box =
+          hn::BitCast(du, hn::GatherIndex(di, boxes + offsetof(Splat, box) / sizeof(float), place));
+      const auto patch_of = [&](Unsigned pixel, int origin) HWY_ATTR {
+        const auto in_tile =
+            hn::Sub(hn::BitCast(di, hn::And(pixel, hn::Set(du, 255))), hn::Set(di, origin));
+        return hn::ShiftRight<kPatchShift>(
+            hn::BitCast(du, hn::Min(hn::Max(in_tile, hn::Zero(di)), hn::Set(di, kTileSize - 1))));
+      };
+      const Unsigned left = patch_of(box, job_.box_x);
+      const Unsigned top = patch_of(hn::ShiftRight<8>(box), job_.box_y);
+      const Unsigned right = patch_of(hn::ShiftRight<16>(box), job_.box_x);
+      const Unsigned bottom = patch_of(hn::ShiftRight<24>(box), job_.box_y);
+      const auto bits = [&](Unsigned from, Unsigned to, std::uint32_t step) HWY_ATTR {
+        return hn::Sub(hn::Shl(hn::Set(du, 1U << step), to), hn::Shl(hn::Set(du, 1), from));
+      };
+      static_assert(kPatches == 16 && kTileSize / kStripWidth == 4);
+      const Unsigned rows = bits(top, bottom, 1);
+      const Unsigned columns =
+          hn::And(bits(hn::ShiftLeft<2>(left), hn::ShiftLeft<2>(right), 4), hn::Set(du, 0x1111));
+      const auto seen = hn::And(exists, hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.least))));
+      const Unsigned patches = hn::IfThenElseZero(seen, hn::Mul(rows, columns));
+      if (hn::AllFalse(du, seen)) continue;
+      for (int p = 0; p < kPatches; ++p) {
+        const auto meets = hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
+                                   hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
+        hn::StoreU(hn::Compress(index, meets), du, lists.splats[p] + lists.count[p]);
+        lists.count[p] += hn::CountTrue(du, meets);
+      }
+    }
+  }
+
+  const TileJob& job_;
+  SplatSampler sampler_;
+  float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
+};
+
+/// A vector of unmerged fragments, but for their tags: see FragmentChannel.
+template <bool kNormals, bool kOpaqueSplats>
+struct FragmentSums {
+  V weight, depth, red, green, blue, alpha, normal_x, normal_y, normal_z;
+
+  /// `fragment` is the first one's weight.
+  HWY_INLINE explicit FragmentSums(const float* fragment) {
+    for_each_channel([&](int channel, V& sum) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sum = hn::Load(D(), fragment + channel * kPatchPixels);
+    });
+  }
+  HWY_INLINE void store(float* fragment) {
+    for_each_channel([&](int channel, const V& sum) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      hn::Store(sum, D(), fragment + channel * kPatchPixels);
+    });
+  }
+
+  /// Adds a contribution; rho is zero where a pixel does not take part.
+  HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, V rho, V at_depth) {
+    const auto add_to = [&](V& sum, float value) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sum = hn::MulAdd(rho, hn::Set(D(), value), sum);
+    };
+    weight = hn::Add(weight, rho);
+    depth = hn::MulAdd(rho, at_depth, depth);
+    add_to(red, splat.red);
+    add_to(green, splat.green);
+    add_to(blue, splat.blue);
+    if constexpr (!kOpaqueSplats) add_to(alpha, splat.alpha);
+    if constexpr (kNormals) {
+      add_to(normal_x, normal->x);
+      add_to(normal_y, normal->y);
+      add_to(normal_z, normal->z);
+    }
+  }
+
+ private:
+  template <class Body>
+  HWY_INLINE void for_each_channel(const Body& body) {
+    body(kWeight, weight);
+    body(kDepth, depth);
+    body(kRed, red);
+    body(kGreen, green);
+    body(kBlue, blue);
+    if constexpr (!kOpaqueSplats) body(kAlpha, alpha);
+    if constexpr (kNormals) {
+      body(kNormalX, normal_x);
+      body(kNormalY, normal_y);
+      body(kNormalZ, normal_z);
+    }
+  }
+};
 
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <utility>
 
@@ -37,32 +38,30 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-/// Calls take(splat's index, its fragment) back to front.
+/// Calls take(splat's index, its fragment) for a job's splats in their order in every pixel.
 void for_each_fragment_simd(
     const TileJob& job, int x0, int y0,
     FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
   const D d;
   const KernelRaster raster(job, x0, y0);
-  const V cutoff = hn::Set(d, raster.cutoff());
-  const V inv_cutoff = hn::Set(d, 1 / raster.cutoff());
+  const V cutoff = hn::Set(d, raster.sampler().cutoff());
+  const V inv_cutoff = hn::Set(d, 1 / raster.sampler().cutoff());
   HWY_ALIGN float depths[kTileSize];
   HWY_ALIGN float epsilons[kTileSize];
   HWY_ALIGN float keys[kTileSize];
-  for (std::size_t i = job.count; i-- > 0;) {
-    const auto store = [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
-      const M inside = hn::Lt(s.beta, cutoff);
-      if (hn::AllFalse(d, inside)) return;
-      hn::Store(s.depth, d, depths);
-      hn::Store(s.epsilon, d, epsilons);
-      hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(s.beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
-                keys);
-      for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-        if (keys[lane] < 0) continue;
-        take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
-      }
-    };
-    raster.draw(i, i + 1, -__builtin_inff(), store);
-  }
+  const auto store = [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+    const M inside = hn::Lt(s.beta, cutoff);
+    if (hn::AllFalse(d, inside)) return;
+    hn::Store(s.depth, d, depths);
+    hn::Store(s.epsilon, d, epsilons);
+    hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(s.beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
+              keys);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      if (keys[lane] < 0) continue;
+      take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
+    }
+  };
+  raster.draw(0, job.count, nullptr, store);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -114,8 +113,13 @@ class Blender {
   std::uint64_t run(int groups) {
     scratch_.states.assign(static_cast<std::size_t>(groups) * kTilePixels, State{});
     scratch_.pixels.assign(kTilePixels, BlendedPixel{});
+    scratch_.order.assign(std::make_reverse_iterator(job_.order + job_.count),
+                          std::make_reverse_iterator(job_.order));
+    scratch_.order.resize(job_.count + kTileSize);
+    TileJob back_to_front = job_;
+    back_to_front.order = scratch_.order.data();
     HWY_DYNAMIC_DISPATCH(for_each_fragment_simd)
-    (job_, tile_.x0, tile_.y0,
+    (back_to_front, tile_.x0, tile_.y0,
      [&](std::uint32_t index, const LayerFragment& fragment) { take(index, fragment); });
     for (int pixel = 0; pixel < kTilePixels; ++pixel) {
       for (int group = 0; group < groups; ++group) add_nearest(state(group, pixel), pixel);

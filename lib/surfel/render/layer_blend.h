@@ -48,6 +48,7 @@ class LayerScratch {
   std::vector<BlendedPixel> filtered;  ///< The same, while they are made.
   std::vector<Vec3f> normals;          ///< kTilePixels.
   std::vector<int> counts;             ///< Layers of a pixel by groups.
+  std::vector<std::uint32_t> order;    ///< Splats of the tile, farthest first.
 };
 
 /// Algorithm 3's nearest layer, before it is shaded: the pixel filter for its normals, as far as

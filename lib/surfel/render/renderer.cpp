@@ -110,8 +110,8 @@ std::vector<std::string> RenderOptions::problems() const {
                     coverage_threshold.value_or(0)));
   check(!lod_error || (*lod_error >= 0 && *lod_error <= 1000),
         fmt::format("lod-error is {}; it must be in 0..1000 pixels", lod_error.value_or(0)));
-  check(batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 28),
-        fmt::format("batch is {}; it must be in 256..2^28", batch));
+  check(batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 27),
+        fmt::format("batch is {}; it must be in 256..2^27", batch));
   check(std::all_of(background.begin(), background.end(),
                     [](float v) { return std::isfinite(v) && v >= 0; }) &&
             background[3] <= 1,

@@ -79,7 +79,7 @@ struct RenderOptions {
   bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.
   bool lit = true;         ///< Shade with the scene; else show the filtered texture itself.
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
-  /// Of kABuffer: surfels of a block of pixels that are set up and sorted at once, 256..2^28. The
+  /// Of kABuffer: surfels of a block of pixels that are set up and sorted at once, 256..2^27. The
   /// nearest ones are drawn before the others are set up, which bounds the memory.
   std::size_t batch = std::size_t{1} << 20;
   /// Of clouds with levels of detail: surfels may stand for pieces of surface with this length on

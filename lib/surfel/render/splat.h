@@ -13,6 +13,8 @@ inline constexpr int kTilePixels = kTileSize * kTileSize;
 /// A tile's pixels are stored in vertical strips of this width, so that a vector of 16 holds 4 x 4
 /// pixels, from any row on: most splats need one or two of them.
 inline constexpr int kStripWidth = 4;
+/// Square patches of a tile whose pixels follow one another.
+inline constexpr int kPatchPixels = kStripWidth * kStripWidth;
 
 /// Splats are set up for square blocks of tiles, 32, 64 or 128 pixels a side.
 inline constexpr int kMostBlockSize = 128;

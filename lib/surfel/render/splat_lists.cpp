@@ -231,14 +231,21 @@ double SplatLists::enlargement(std::size_t surfel) const {
   return cloud_.group_radius[surfel] / (std::sqrt(2 * options_.cutoff) * deviation);
 }
 
-SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
+SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
   const auto from = [&](const Array<float>& column) {
     return column.empty() ? nullptr : column.data() + cluster.begin;
   };
-  SurfelColumns surfels{from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
-                        from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
-                        from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
-                        from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area)};
+  return {from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
+          from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
+          from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
+          from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
+          from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
+          from(cloud_.alpha)};
+}
+
+/// The same with the deviations that they are drawn with.
+SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
+  SurfelColumns surfels = surfel_columns(cluster);
   const bool widened = covering_ > 0;
   if (!lists_.enlarged && !widened) return surfels;
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
@@ -295,32 +302,51 @@ void SplatLists::reserve(Worker& worker, std::size_t more) const {
   for (TileList& list : worker.tiles) grow(list.entries, list.count);
 }
 
-/// Completes the splat in the next place, which has all but its colour and material, and lists it
-/// in the tiles that it touches.
-void SplatLists::add_splat(std::size_t surfel, Worker& worker) const {
-  const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[surfel];
-  float alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
-  if (!lists_.opaque) {
-    alpha *= scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
+/// Completes the splats from `begin` on, which have all but what their materials give them, and
+/// lists them in the tiles that they touch. `surfels` has their surfels.
+void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const {
+  const std::size_t count = worker.count - begin;
+  Splat* const splats = worker.splats.data() + begin;
+  for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
+    splats[i].tag |= std::uint32_t{cloud_.material[surfels[i]]} << kMaterialShift;
   }
-  const std::size_t at = worker.count++;
-  Splat& splat = worker.splats[at];
-  splat.red = cloud_.red[surfel] * alpha;
-  splat.green = cloud_.green[surfel] * alpha;
-  splat.blue = cloud_.blue[surfel] * alpha;
-  splat.alpha = alpha;
-  splat.tag |= material << kMaterialShift;
+  for (std::size_t i = 0; i < count && !lists_.opaque; ++i) {
+    const std::size_t material = splats[i].tag >> kMaterialShift;
+    const float opacity = scene_.materials[std::min(material, scene_.materials.size() - 1)].opacity;
+    for (float* channel : {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
+      *channel *= opacity;
+    }
+  }
   if (lists_.normals) {
-    worker.normals[at] = {cloud_.normal_x[surfel], cloud_.normal_y[surfel],
-                          cloud_.normal_z[surfel]};
+    SplatNormal* const normals = worker.normals.data() + begin;
+    const float* const x = cloud_.normal_x.data();
+    const float* const y = cloud_.normal_y.data();
+    const float* const z = cloud_.normal_z.data();
+    for (std::size_t i = 0; i < count; ++i) {
+      normals[i] = {x[surfels[i]], y[surfels[i]], z[surfels[i]]};
+    }
   }
-  if (lists_.groups) worker.groups[at] = cloud_.group[surfel];
-  const Reference reference{static_cast<std::uint32_t>(at), splat.depth};
-  const PixelBox box = splat.box;
-  for (int y = box.y0 / kTileSize; y <= box.y1 / kTileSize; ++y) {
-    for (int x = box.x0 / kTileSize; x <= box.x1 / kTileSize; ++x) {
-      TileList& list = worker.tiles[(y << grid_.shift) + x];
+  for (std::size_t i = 0; i < count && lists_.groups; ++i) {
+    worker.groups[begin + i] = cloud_.group[surfels[i]];
+  }
+  TileList* const tiles = worker.tiles.data();
+  for (std::size_t i = 0; i < count; ++i) {
+    const Reference reference{static_cast<std::uint32_t>(begin + i), splats[i].depth};
+    const auto put = [&](int x, int y) {
+      TileList& list = tiles[(y << grid_.shift) + x];
       list.entries[list.count++] = reference;
+    };
+    const PixelBox box = splats[i].box;
+    const int x0 = box.x0 / kTileSize;
+    const int y0 = box.y0 / kTileSize;
+    const int x1 = box.x1 / kTileSize;
+    const int y1 = box.y1 / kTileSize;
+    if (x0 == x1 && y0 == y1) {  // Most, where splats are small.
+      put(x0, y0);
+      continue;
+    }
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) put(x, y);
     }
   }
 }
@@ -364,11 +390,11 @@ void SplatLists::bin(const Camera& camera, const Band& band, const BlockGrid& gr
 
 void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int worker) {
   Worker& w = workers_[worker];
-  if (lists_.groups && (end - begin) * RenderCloud::kClusterSize > kMostSplats) {
+  if ((end - begin) * RenderCloud::kClusterSize > kMostSplats) {
     throw Error(
         ErrorKind::kNumeric,
-        "more than 134 million surfels are seen in a few pixels, more than methods with groups "
-        "take; use --method abuffer");
+        "more than 134 million surfels are seen in a few pixels, more than this method draws; "
+        "use --method abuffer");
   }
   SplatView view = view_;
   const int tile_x = grid_.first_tile_x(block);
@@ -391,30 +417,26 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.tiles.resize(std::size_t{1} << 2 * grid_.shift);
   for (TileList& list : w.tiles) list.count = 0;
   const SplatColumns& columns = w.columns;
+  const auto cluster_at = [&](std::size_t c) -> const Cluster& {
+    return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
+  };
   for (std::size_t c = begin; c < end; ++c) {
-    const std::uint32_t place = block_clusters_[block_begin_[block] + c];
-    const Cluster& cluster = cloud_.clusters()[clusters_[place].index];
+    const Cluster& cluster = cluster_at(c);
     const std::uint32_t i = cluster.begin;
-    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i), w.columns);
+    std::optional<SurfelColumns> ahead;
+    if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
+    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
+                  ahead ? &*ahead : nullptr, w.columns);
     reserve(w, static_cast<std::size_t>(columns.visible_count) + columns.exact_count);
     w.splats_seen += columns.first_count;
+    const std::size_t first = w.count;
+    std::array<std::uint32_t, 2 * RenderCloud::kClusterSize> surfels;
+    const auto next = [&](std::int32_t k) -> Splat& {
+      surfels[w.count - first] = i + static_cast<std::uint32_t>(k);
+      return w.splats[w.count++];
+    };
     for (int v = 0; v < columns.visible_count; ++v) {
-      const int k = columns.visible[v];
-      // Field by field where it stays: a copy would wait for the stores.
-      Splat& splat = w.splats[w.count];
-      splat.x = columns.x[k];
-      splat.y = columns.y[k];
-      splat.m = columns.m[k];
-      splat.k = columns.k[k];
-      splat.q = columns.q[k];
-      splat.amplitude = columns.amplitude[k];
-      splat.depth = columns.depth[k];
-      splat.depth_dx = columns.depth_dx[k];
-      splat.depth_dy = columns.depth_dy[k];
-      splat.depth_range = columns.depth_range[k];
-      splat.box = std::bit_cast<PixelBox>(columns.box[k]);
-      splat.tag = columns.tag[k];
-      add_splat(i + static_cast<std::size_t>(k), w);
+      columns.copy(columns.visible[v], next(columns.visible[v]));
     }
     for (int v = 0; v < columns.exact_count; ++v) {
       const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
@@ -422,11 +444,16 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
           make_exact_kernel(in_camera(surfel), *camera_, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
-      w.splats[w.count] = kernel->splat;
-      add_splat(surfel, w);
+      Splat& splat = next(columns.exact[v]);
+      splat = kernel->splat;
+      splat.alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
+      splat.red = cloud_.red[surfel] * splat.alpha;
+      splat.green = cloud_.green[surfel] * splat.alpha;
+      splat.blue = cloud_.blue[surfel] * splat.alpha;
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
     }
+    add_splats(first, surfels.data(), w);
   }
 }
 
@@ -435,9 +462,9 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
 void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
   const std::size_t count = tile.count;
   const Reference* list = tile.entries.data();
-  if (worker.order.size() < count) {
+  if (worker.order.size() < count + kTileSize) {
     for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
-      array->resize(2 * count);
+      array->resize(2 * count + kTileSize);
     }
   }
   float lo = std::numeric_limits<float>::infinity();

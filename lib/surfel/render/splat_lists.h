@@ -134,10 +134,11 @@ class SplatLists {
   double enlargement(std::size_t surfel) const;
   /// Least standard deviation that a surfel is drawn with; 0 for those of the finest level.
   float covering_deviation(std::size_t surfel) const;
+  SurfelColumns surfel_columns(const Cluster& cluster) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(std::size_t surfel) const;
   void reserve(Worker& worker, std::size_t more) const;
-  void add_splat(std::size_t surfel, Worker& worker) const;
+  void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
   static void sort_front_to_back(const TileList& list, Worker& worker);
 
   const RenderCloud& cloud_;

@@ -10,6 +10,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/render/splat_setup.cpp"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -55,7 +56,8 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
 }
 
 template <bool kPerspective, bool kAnisotropic>
-void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColumns& out) {
+void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
+            SplatColumns& out) {
   /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
   /// growing: a grazing plane runs to infinity.
   constexpr float kLeastCosine = 0.1F;
@@ -93,10 +95,22 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     return Pixels{first, hn::Max(first, zero), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
   };
 
+  const float* ahead[sizeof(SurfelColumns) / sizeof(const float*)];
+  int ahead_count = 0;
+  if (next) {
+    for (const float* column :
+         {next->x, next->y, next->z, next->normal_x, next->normal_y, next->normal_z,
+          next->deviation_u, next->deviation_v, next->tangent_x, next->tangent_y, next->tangent_z,
+          next->area, next->red, next->green, next->blue, next->alpha}) {
+      if (column) ahead[ahead_count++] = column;
+    }
+  }
+
   int visible_count = 0;
   int exact_count = 0;
   std::size_t first_count = 0;
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
+    for (int column = 0; column < ahead_count; ++column) hwy::Prefetch(ahead[column] + i);
     // Camera space.
     const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
     Vec3 p = rotate(view.rotation, world);
@@ -106,7 +120,8 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     const V inv_z = kPerspective ? hn::Div(one, p.z) : one;
     const V X = kPerspective ? hn::Mul(p.x, inv_z) : zero;
     const V Y = kPerspective ? hn::Mul(p.y, inv_z) : zero;
-    const V inv_distance = kPerspective ? hn::Div(one, hn::Sqrt(dot(p, p))) : one;
+    const V distance = kPerspective ? hn::Sqrt(dot(p, p)) : one;
+    const V inv_distance = kPerspective ? hn::Div(one, distance) : one;
 
     // An unknown normal looks at the eye.
     Vec3 n = rotate(view.rotation, {hn::LoadU(d, in.normal_x + i), hn::LoadU(d, in.normal_y + i),
@@ -157,21 +172,20 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
       det_Sigma = hn::Mul(Sigma_xx, Sigma_xx);
     }
     const V inv_yy = hn::Div(one, Sigma_yy);
+    const V inv_det = hn::Div(one, det_Sigma);
     const V amplitude =
-        hn::Div(hn::Mul(hn::Mul(hn::LoadU(d, in.area + i), hn::Set(d, kInvTwoPi)), det_J),
-                hn::Sqrt(det_Sigma));
+        hn::Mul(hn::Mul(hn::Mul(hn::LoadU(d, in.area + i), hn::Set(d, kInvTwoPi)), det_J),
+                hn::Sqrt(inv_det));
 
     // Depth plane: see depth_plane(). n . p = n_ray * p.z.
     const V n_p = kPerspective ? hn::Mul(n_ray, p.z) : n.z;
-    const V cosine = kPerspective ? hn::Mul(hn::Abs(n_p), inv_distance) : hn::Abs(n.z);
-    const V least = kPerspective ? hn::Div(hn::Set(d, kLeastGradientCosine), inv_distance)
-                                 : hn::Set(d, kLeastGradientCosine);
+    const V least = hn::Mul(hn::Set(d, kLeastGradientCosine), distance);
     const V inv_np = hn::Div(one, hn::CopySign(hn::Max(hn::Abs(n_p), least), n_p));
     // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
     // divided by the cosine.
     const V deviation = hn::Max(deviation_u, deviation_v);
-    const V pixel_on_plane = hn::Div(kPerspective ? hn::Mul(pixel, p.z) : pixel,
-                                     hn::Max(cosine, hn::Set(d, kLeastCosine)));
+    const V inv_cosine = hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
+    const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, p.z) : pixel, inv_cosine);
     const V reach = hn::Sqrt(
         hn::Mul(two_c, hn::MulAdd(deviation, deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
     const V depth_reach = hn::Mul(reach, hn::Mul(inv_z, inv_z));  // dz / z^2, of d = 1 / z
@@ -237,28 +251,27 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
     visible = hn::And(visible, exists);
     exact = hn::And(exact, exists);
 
-    hn::Store(center_x, d, out.x + i);
-    hn::Store(center_y, d, out.y + i);
-    hn::Store(hn::Mul(Sigma_xy, inv_yy), d, out.m + i);
-    hn::Store(hn::Mul(half, hn::Div(Sigma_yy, det_Sigma)), d, out.k + i);
-    hn::Store(hn::Mul(half, inv_yy), d, out.q + i);
-    hn::Store(amplitude, d, out.amplitude + i);
-    hn::Store(depth, d, out.depth + i);
-    hn::Store(depth_dx, d, out.depth_dx + i);
-    hn::Store(depth_dy, d, out.depth_dy + i);
-    hn::Store(depth_reach, d, out.depth_range + i);
     const auto byte_of = [&](V place) { return hn::BitCast(du, hn::ConvertTo(di, place)); };
     const auto box = hn::Or(
         hn::Or(byte_of(columns.first), hn::ShiftLeft<8>(byte_of(rows.first))),
         hn::Or(hn::ShiftLeft<16>(byte_of(columns.last)), hn::ShiftLeft<24>(byte_of(rows.last))));
-    hn::Store(box, du, out.box + i);
     const auto flag = [&](auto mask, std::uint32_t bit) {
       return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
     };
     const V diagonal2 = hn::MulAdd(half_x, half_x, hn::Mul(half_y, half_y));
     const auto tag =
         hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
-    hn::Store(tag, du, out.tag + i);
+    const V alpha = in.alpha ? hn::LoadU(d, in.alpha + i) : one;
+    const auto color = [&](const float* column)
+                           HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
+    const auto store = [&](int quarter, V first, V second, V third, V fourth) HWY_ATTR {
+      hn::StoreInterleaved4(first, second, third, fourth, d, out.quarters[quarter][i]);
+    };
+    store(0, center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
+          hn::Mul(half, hn::Mul(Sigma_yy, inv_det)));
+    store(1, hn::Mul(half, inv_yy), amplitude, depth, depth_dx);
+    store(2, depth_dy, depth_reach, hn::BitCast(d, box), color(in.red));
+    store(3, color(in.green), color(in.blue), alpha, hn::BitCast(d, tag));
     auto first = visible;
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
     if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
@@ -278,14 +291,14 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, SplatColu
 }  // namespace
 
 void set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
-                        SplatColumns& out) {
+                        const SurfelColumns* next, SplatColumns& out) {
   const bool anisotropic = in.tangent_x != nullptr;
   if (view.orthographic) {
-    anisotropic ? set_up<false, true>(view, in, count, out)
-                : set_up<false, false>(view, in, count, out);
+    anisotropic ? set_up<false, true>(view, in, count, next, out)
+                : set_up<false, false>(view, in, count, next, out);
   } else {
-    anisotropic ? set_up<true, true>(view, in, count, out)
-                : set_up<true, false>(view, in, count, out);
+    anisotropic ? set_up<true, true>(view, in, count, next, out)
+                : set_up<true, false>(view, in, count, next, out);
   }
 }
 
@@ -299,8 +312,8 @@ namespace surfel {
 HWY_EXPORT(set_up_splats_simd);
 
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   SplatColumns& out) {
-  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, out);
+                   const SurfelColumns* next, SplatColumns& out) {
+  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, next, out);
 }
 
 }  // namespace surfel

@@ -3,6 +3,7 @@
 // SS01 sections 3.3 and 4, for a cluster of surfels at a time.
 
 #include <cstdint>
+#include <cstring>
 
 #include <surfel/render/splat.h>
 
@@ -25,19 +26,18 @@ struct SurfelColumns {
   const float* tangent_y;
   const float* tangent_z;
   const float* area;
+  const float* red;
+  const float* green;
+  const float* blue;
+  const float* alpha;
 };
 
-/// What set-up computes, in columns; only entries named in `visible` mean anything. Room for one
-/// vector past the end.
+/// What set-up computes; only entries named in `visible` mean anything. Room for one vector past
+/// the end.
 struct SplatColumns {
   static constexpr int kSize = kSetupSurfels + 16;
-  alignas(64) float x[kSize], y[kSize];
-  alignas(64) float m[kSize], k[kSize], q[kSize];
-  alignas(64) float amplitude[kSize];
-  alignas(64) float depth[kSize], depth_dx[kSize], depth_dy[kSize];
-  alignas(64) float depth_range[kSize];
-  alignas(64) std::uint32_t box[kSize];     ///< A PixelBox as bits.
-  alignas(64) std::uint32_t tag[kSize];     ///< Splat::tag without the material.
+  /// Four fields of a Splat each, in its order. Material and what it changes are not there yet.
+  alignas(64) float quarters[4][kSize][4];
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
   /// Indices of those that need an exact kernel, ascending: nothing else of them is set here.
   alignas(64) std::int32_t exact[kSize];
@@ -45,6 +45,13 @@ struct SplatColumns {
   /// How many of the visible ones have the first pixel of their box in the picture in this
   /// rectangle: over all of its rectangles that is every splat once.
   int first_count;
+
+  void copy(int index, Splat& to) const {
+    for (int i = 0; i < 4; ++i) {
+      std::memcpy(reinterpret_cast<char*>(&to) + i * sizeof(quarters[i][index]), quarters[i][index],
+                  sizeof(quarters[i][index]));
+    }
+  }
 };
 
 /// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
@@ -53,7 +60,9 @@ struct SplatColumns {
 /// a whole disc, with pixel centres of the clip rectangle in their box. `exact` are those for which
 /// the affine approximation (4) is off by more than the tolerance somewhere on the disc, and those
 /// that reach through the near plane (neither, where the tolerance is infinite).
+/// `next` are those of the next call, or null: they are fetched from memory meanwhile, as clusters
+/// follow one another in depth, not in memory.
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   SplatColumns& out);
+                   const SurfelColumns* next, SplatColumns& out);
 
 }  // namespace surfel

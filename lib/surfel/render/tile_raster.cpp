@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include <surfel/render/tile_raster.h>
 
@@ -24,7 +26,6 @@ class Rasterizer {
       : job_(job),
         tile_(tile),
         raster_(job, tile.x0, tile.y0),
-        data_(tile.data),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
         full_(hn::Set(D(), tile.edge_weight)) {
@@ -36,26 +37,16 @@ class Rasterizer {
   }
 
   void run() {
-    // How often the tile is checked for being covered; a check costs about as much as ten splats.
-    constexpr std::size_t kCheckEvery = 128;
-    const D d;
-    const V cutoff = hn::Set(d, raster_.cutoff());
+    // How often the tile is checked for being covered; a check costs about as much as a dozen
+    // splats.
+    constexpr std::size_t kCheckEvery = 256;
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
-      const float hidden = find_hidden();
-      least_ = std::min(kLeastShare * tile_.full_weight,
-                        kLeastShareOfLargest * largest_amplitude(begin, end));
-      raster_.draw(
-          begin, end, hidden,
-          [&](std::uint32_t index, std::size_t pixel, const Sample& s)
-              HWY_ATTR SURFEL_INLINE_LAMBDA {
-                // What lies within epsilon of the hiding surface may belong to it.
-                const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hn::LoadU(d, hidden_ + pixel));
-                const M inside = hn::And(seen, hn::Lt(s.beta, cutoff));
-                if (hn::AllFalse(d, inside)) return;
-                add(index, pixel, inside, hn::Mul(s.amplitude, raster_.decay(inside, s.beta)),
-                    s.depth, s.epsilon);
-              });
+      find_hidden();
+      least_.reset();
+      drawn_ = {begin, end};
+      raster_.for_each_vector(begin, end, hidden_,
+                              [&](const PixelSplats& list) HWY_ATTR { draw(list); });
     }
     tile_.merges.late_weight += hn::GetLane(hn::SumOfLanes(D(), late_weight_));
   }
@@ -68,9 +59,19 @@ class Rasterizer {
 
   static float infinity() { return __builtin_inff(); }
 
-  float largest_amplitude(std::size_t begin, std::size_t end) const {
+  /// rho of the least contribution that merges, of the splats being drawn.
+  float least_to_merge() {
+    if (!least_) {
+      least_ =
+          std::min(kLeastShare * tile_.full_weight, kLeastShareOfLargest * largest_amplitude());
+    }
+    return *least_;
+  }
+
+  /// Of the splats being drawn.
+  float largest_amplitude() const {
     float largest = 0;
-    for (std::size_t i = begin; i < end; ++i) {
+    for (std::size_t i = drawn_.first; i < drawn_.second; ++i) {
       const Splat& splat = job_.splats[job_.order[i]];
       // Exact ones are large on the screen, so that a few make a surface.
       largest = std::max(largest, splat.k < 0 ? tile_.full_weight : splat.amplitude);
@@ -79,89 +80,149 @@ class Rasterizer {
   }
 
   /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
-  /// none), behind which nothing is seen. Returns the least of them in the tile.
-  float find_hidden() {
+  /// none), behind which nothing is seen.
+  void find_hidden() {
     const D d;
-    V least = hn::Set(d, infinity());
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       V hidden = hn::Load(d, outside_ + pixel);
       for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-        const float* fragment = tile_.data + tile_.layout.layer_stride() * layer + pixel;
-        const V weight = hn::Load(d, fragment + kWeight * kTilePixels);
-        const V depth = hn::Load(d, fragment + kDepth * kTilePixels);
-        hidden = hn::IfThenElse(covers(fragment, weight, full_),
+        const float* fragment = tile_.fragment(layer, pixel);
+        const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+        const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
+        const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
+        hidden = hn::IfThenElse(covers(weight, alpha, full_),
                                 hn::Max(hidden, hn::Div(depth, weight)), hidden);
         hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
       }
       hn::Store(hidden, d, hidden_ + pixel);
-      least = hn::Min(least, hidden);
     }
-    return hn::GetLane(hn::MinOfLanes(d, least));
   }
 
-  /// Fragments that nothing behind is seen through.
-  static M covers(const float* fragment, V weight, V full_weight) {
-    const D d;
-    // Merged fragments have a negative weight and never pass.
-    M full = hn::Ge(weight, full_weight);
-    if constexpr (!kOpaqueSplats) {
-      const V alpha = hn::LoadU(d, fragment + kAlpha * kTilePixels);
-      full = hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(d, kOpaqueAlpha))));
-    }
-    return full;
+  /// Fragments that nothing behind is seen through. Merged ones have a negative weight and never
+  /// pass.
+  static HWY_INLINE M covers(V weight, V alpha, V full_weight) {
+    const M full = hn::Ge(weight, full_weight);
+    if constexpr (kOpaqueSplats) return full;
+    return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
   }
 
   /// Merged fragments that nothing behind is seen through.
   static M covers_merged(const float* fragment, V weight) {
     const D d;
     return hn::And(hn::Lt(weight, hn::Zero(d)),
-                   hn::Ge(hn::LoadU(d, fragment + kAlpha * kTilePixels), hn::Set(d, kOpaqueAlpha)));
+                   hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
-  /// Accumulate or separate, SS01 section 6, for a vector of pixels.
-  HWY_INLINE void add(std::uint32_t index, std::size_t pixel, M open, V rho, V depth, V epsilon) {
+  /// What a splat adds to a vector of pixels.
+  struct Contribution {
+    V rho;  ///< 0 in pixels that it does not add to.
+    V depth, epsilon;
+    std::uint32_t splat;
+  };
+
+  /// Adds splats to a vector of pixels, in steps over some of them at a time: what one splat waits
+  /// for, or a branch guessed wrong, then costs no more than its own step.
+  HWY_NOINLINE void draw(const PixelSplats& list) {
+    constexpr std::ptrdiff_t kBatch = 8;
+    Contribution batch[kBatch];
+    for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
+      const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
+      const std::size_t left = join_layers(list.pixel, batch, evaluate(list, begin, end, batch));
+      for (std::size_t i = 0; i < left; ++i) {
+        // The one before may have made a layer that this one belongs to.
+        if (i == 0 || join_layers(list.pixel, batch + i, 1) > 0) {
+          add_without_layer(list.pixel, batch[i]);
+        }
+      }
+    }
+  }
+
+  /// The contributions of the splats [begin, end) that are seen; returns how many.
+  std::size_t evaluate(const PixelSplats& list, const std::uint32_t* begin,
+                       const std::uint32_t* end, Contribution* out) const {
+    const D d;
+    const SplatSampler sampler = raster_.sampler();
+    const V x = list.x;
+    const V y = list.y;
+    const V cutoff = hn::Set(d, sampler.cutoff());
+    const V hidden = hn::Load(d, hidden_ + list.pixel);
+    std::size_t count = 0;
+    for (; begin < end; ++begin) {
+      const Sample s = sampler.at(*begin, x, y);
+      // What lies within epsilon of the hiding surface may belong to it.
+      const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
+      const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
+      const V rho = hn::Mul(s.amplitude, sampler.decay(open, s.beta));
+      out[count] = {hn::IfThenElseZero(open, rho), s.depth, s.epsilon, *begin};
+      count += hn::AllFalse(d, open) ? 0 : 1;
+    }
+    return count;
+  }
+
+  /// Accumulate or separate, SS01 section 6, layer by layer: a layer's sums depend on those
+  /// contributions alone that no layer before it has taken. Leaves those for which there is no
+  /// layer, in the pixels where there is none, and returns how many.
+  std::size_t join_layers(std::size_t pixel, Contribution* batch, std::size_t count) {
     const D d;
     const hn::RebindToUnsigned<D> du;
-    const Splat& splat = job_.splats[index];
-    const SplatNormal* normal = kNormals ? job_.normals + index : nullptr;
+    const Splat* const splats = job_.splats;
+    const SplatNormal* const normals = job_.normals;
+    const V full = full_;
     const auto side = hn::Set(du, kFrontTag);
-    float* fragment = data_ + pixel;
-    for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
-      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
-      const V weighted_depth = hn::LoadU(d, fragment + kDepth * kTilePixels);
-      const V tag = hn::LoadU(d, fragment + kTag * kTilePixels);
-      // depth - fragment's depth, times the fragment's weight, to save the division.
-      const V behind = hn::MulSub(depth, weight, weighted_depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, weight));
-      const M same_side = hn::RebindMask(
-          d, hn::Eq(hn::And(hn::Xor(hn::BitCast(du, tag), hn::Set(du, splat.tag)), side),
-                    hn::Zero(du)));
-      const M free = hn::Eq(weight, hn::Zero(d));
-      const M joins = hn::And(open, hn::Or(free, hn::And(near, same_side)));
-      if (!hn::AllFalse(d, joins)) {
-        if (!hn::AllFalse(d, free)) {
-          hn::StoreU(hn::IfThenElse(free, hn::BitCast(d, hn::Set(du, splat.tag)), tag), d,
-                     fragment + kTag * kTilePixels);
-        }
-        accumulate<kNormals, kOpaqueSplats>(fragment, splat, normal, hn::IfThenElseZero(joins, rho),
-                                            depth, weight, weighted_depth);
-        open = hn::AndNot(joins, open);
-        if (hn::AllFalse(d, open)) return;
+    for (int layer = 0; layer < layers_ && count > 0; ++layer) {
+      float* const fragment = tile_.fragment(layer, pixel);
+      FragmentSums<kNormals, kOpaqueSplats> sums(fragment);
+      auto tag = hn::BitCast(du, hn::Load(d, fragment + kTag * kPatchPixels));
+      std::size_t left = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        const Contribution& c = batch[i];
+        const Splat& splat = splats[c.splat];
+        const V rho = c.rho;
+        const V depth = c.depth;
+        const V epsilon = c.epsilon;
+        const auto splat_tag = hn::Set(du, splat.tag);
+        // depth - fragment's depth, times the fragment's weight, to save the division. Merged
+        // fragments have a negative weight, and no contribution is near them, nor hidden by them.
+        const V behind = hn::MulSub(depth, sums.weight, sums.depth);
+        const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums.weight));
+        const M same_side =
+            hn::RebindMask(d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
+        const M free = hn::Eq(sums.weight, hn::Zero(d));
+        const M joins = hn::Or(free, hn::And(near, same_side));
+        const V alpha = kOpaqueSplats ? sums.weight : sums.alpha;
+        const M hidden = hn::And(covers(sums.weight, alpha, full), hn::Lt(behind, hn::Zero(d)));
+        tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
+        sums.add(splat, normals + c.splat, hn::IfThenElseZero(joins, rho), depth);
+        const V rest = hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
+        batch[left] = {rest, depth, epsilon, c.splat};
+        left += hn::AllTrue(d, hn::Eq(rest, hn::Zero(d))) ? 0 : 1;
       }
-      const M hidden = hn::And(covers(fragment, weight, full_), hn::Lt(behind, hn::Zero(d)));
-      open = hn::AndNot(hidden, open);
-      if (hn::AllFalse(d, open)) return;
+      sums.store(fragment);
+      hn::Store(hn::BitCast(d, tag), d, fragment + kTag * kPatchPixels);
+      count = left;
     }
+    return count;
+  }
+
+  /// Adds a contribution for which no layer is left in its pixels.
+  HWY_NOINLINE void add_without_layer(std::size_t pixel, const Contribution& c) {
+    const D d;
+    const Splat& splat = job_.splats[c.splat];
+    const SplatNormal* normal = kNormals ? job_.normals + c.splat : nullptr;
+    const V rho = c.rho;
+    const V depth = c.depth;
+    M open = hn::Gt(rho, hn::Zero(d));
     if (layers_ == 1) {
       // The nearer surface stays, and most come front to back.
-      const V weight = hn::LoadU(d, data_ + kWeight * kTilePixels + pixel);
-      const V weighted_depth = hn::LoadU(d, data_ + kDepth * kTilePixels + pixel);
+      const float* fragment = tile_.fragment(0, pixel);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return;
     }
-    // No layer is left in these pixels. What nobody sees is not worth two surfaces merged.
-    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_)));
-    open = add_to_merged(splat, normal, pixel, open, rho, depth, epsilon);
+    // What nobody sees is not worth two surfaces merged.
+    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
+    open = add_to_merged(splat, normal, pixel, open, rho, depth, c.epsilon);
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
     });
@@ -173,12 +234,12 @@ class Rasterizer {
   HWY_INLINE M add_to_merged(const Splat& splat, const SplatNormal* normal, std::size_t pixel,
                              M open, V rho, V depth, V epsilon) {
     const D d;
-    const float* fragment = data_ + pixel;
+    const float* fragment = tile_.fragment(0, pixel);
     for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
       if (hn::AllFalse(d, open)) break;
-      const V weight = hn::LoadU(d, fragment + kWeight * kTilePixels);
-      const V front = hn::LoadU(d, fragment + kDepth * kTilePixels);
-      const V back = hn::LoadU(d, fragment + kBack * kTilePixels);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V front = hn::Load(d, fragment + kDepth * kPatchPixels);
+      const V back = hn::Load(d, fragment + kBack * kPatchPixels);
       open = hn::AndNot(hn::And(covers_merged(fragment, weight), hn::Lt(depth, front)), open);
       const M within = hn::And(
           hn::And(open, hn::Lt(weight, hn::Zero(d))),
@@ -212,11 +273,11 @@ class Rasterizer {
   const TileJob& job_;
   TileABuffer& tile_;
   const KernelRaster raster_;
-  float* const data_;
   const std::size_t stride_;
   const int layers_;
   const V full_;
-  float least_ = 0;  ///< rho of the least contribution that merges.
+  std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Of the order.
+  std::optional<float> least_;                       ///< See least_to_merge().
   V late_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
