@@ -7,6 +7,7 @@
 #   -o FILE    instead of docs/speed.md
 #   -n N       runs of each, of which the best counts (default 3)
 #   -c COUNTS  points of the clouds (default "1000000 4000000")
+#   -p PREFIX  words before every command that is timed: "chrt -f 50" keeps other programs from disturbing
 #
 #   render     frames, by Z: the loop that puts every point into one pixel of a z-buffer; Embree's discs
 #   lod        the same with levels of detail, and growth from 1 to 32 million surfels (a few minutes, 5 GB of disk)
@@ -21,12 +22,14 @@ bin=build/release/bin
 out=docs/speed.md
 runs=3
 counts="1000000 4000000"
+prefix=()
 sections=(render lod files memory neighbors estimate)
-while getopts o:n:c: option; do
+while getopts o:n:c:p: option; do
   case $option in
     o) out=$OPTARG ;;
     n) runs=$OPTARG ;;
     c) counts=$OPTARG ;;
+    p) read -ra prefix <<< "$OPTARG" ;;
     *) exit 2 ;;
   esac
 done
@@ -46,7 +49,7 @@ calc() { awk "BEGIN { printf \"%.${2:-2}f\", $1 }"; }
 # run COMMAND...: "ms WALL cpu_ms ALL-THREADS" of a whole process.
 run() {
   local TIMEFORMAT='ms %R cpu_ms %U+%S' line
-  line=$({ time "$@" > /dev/null 2>&3; } 3>&2 2>&1)
+  line=$({ time "${prefix[@]}" "$@" > /dev/null 2>&3; } 3>&2 2>&1)
   awk '{ split($4, cpu, "+"); printf "ms %.1f cpu_ms %.1f\n", 1e3 * $2, 1e3 * (cpu[1] + cpu[2]) }' <<< "$line"
 }
 # best FILE FIELD: the least value of a field over the lines of a file.
@@ -76,7 +79,7 @@ frames() {
   shift 2
   rm -f "$work/frames".*
   for ((i = 0; i < runs; ++i)); do
-    "$bin/surfel-render" "$file" -o "$work/frame_%02d.png" --turntable $views --size 512x512 --shading none \
+    "${prefix[@]}" "$bin/surfel-render" "$file" -o "$work/frame_%02d.png" --turntable $views --size 512x512 --shading none \
       --threads "$threads" --quiet --stats "$work/frames.json" "$@"
     sed -n 's/^      "ms": \(.*\),/\1/p' "$work/frames.json" > "$work/frames.$i"
   done
@@ -88,7 +91,8 @@ peers() {
   local view
   if [[ ! -f $1.peers ]]; then
     for ((view = 1; view < views; ++view)); do
-      "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 --repeats "$((runs + 1))"
+      "${prefix[@]}" "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 \
+        --repeats "$((runs + 1))" --unlit $([[ $1 == */sphere.ply ]] || echo --no-embree)
     done > "$1.peers"
   fi
   awk -v name="$2" '$1 == name { sum += $5; ++n } END { printf "%.2f", sum / n }' "$1.peers"
@@ -201,7 +205,7 @@ section_neighbors() {
   local order count peer threads must aim log=$work/times command="neighbors_bench --work neighbors"
   for order in random morton; do
     for count in $counts; do
-      "$bin/neighbors_bench" --work neighbors --count $count --order $order --repeats "$runs" > "$log"
+      "${prefix[@]}" "$bin/neighbors_bench" --work neighbors --count $count --order $order --repeats "$runs" > "$log"
       for peer in surfelkit flann nanoflann; do grep " $peer " "$log" > "$log.$peer" || true; done
       for peer in flann nanoflann; do
         must=- aim=-
@@ -214,7 +218,7 @@ section_neighbors() {
   done
   command="neighbors_bench --work our-neighbors --count $count"
   for threads in 1 2; do
-    "$bin"/$command --repeats "$runs" --threads $threads > "$log.$threads"
+    "${prefix[@]}" "$bin"/$command --repeats "$runs" --threads $threads > "$log.$threads"
   done
   row "the same on 2 threads, by 1 thread" "$log.2" "1 thread" "$log.1" "1.7 x" "1.95 x" "memory" "$command --threads 1"
 }
@@ -229,7 +233,7 @@ section_estimate() {
     "$bin/neighbors_bench" --count $count --write "$work/points.ply"
     rm -f "$log" "$log".*
     for ((i = 0; i < runs; ++i)); do
-      "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
+      "${prefix[@]}" "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
       for orient in mst none; do
         run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet >> "$log.$orient"
       done
