@@ -86,28 +86,38 @@ frames() {
   paste "$work/frames".[0-9]* | awk 'NR > 1 { least = $1; for (i = 2; i <= NF; ++i) if ($i < least) least = $i
     sum += least } END { printf "%.2f", sum / (NR - 1) }'
 }
-# peers FILE NAME: mean over the same views of what render_peers prints under that name.
+# peers FILE: mean of Z over the same views.
 peers() {
   local view
-  if [[ ! -f $1.peers ]]; then
-    for ((view = 1; view < views; ++view)); do
-      "${prefix[@]}" "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 \
-        --repeats "$((runs + 1))" --unlit $([[ $1 == */sphere.ply ]] || echo --no-embree)
-    done > "$1.peers"
-  fi
-  awk -v name="$2" '$1 == name { sum += $5; ++n } END { printf "%.2f", sum / n }' "$1.peers"
+  for ((view = 1; view < views; ++view)); do
+    "${prefix[@]}" "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 \
+      --repeats "$((runs + 1))" --unlit --no-embree
+  done | awk '$1 == "z-buffer" { sum += $5; ++n } END { printf "%.2f", sum / n }'
 }
-# frame_rows WORK FILE MUST AIM BOUND OPTION...: by Z, and by one thread.
-frame_rows() {
-  local name=$1 file=$2 must=$3 aim=$4 bound=$5 z two one command
-  shift 5
-  command="surfel-render ${file##*/} --size 512x512 $*"
-  z=$(peers "$file" z-buffer)
-  two=$(frames 2 "$file" "$@")
-  one=$(frames 1 "$file" "$@")
-  times_row "$name" "$two" "one pixel a point" "$z" Z "$must" "$aim" "$bound" "$command"
+# thread_row TWO ONE BOUND COMMAND
+thread_row() {
   printf '| the same, by 1 thread | %.1f ms | 1 thread %.1f ms | %s x | - | 1.7 x | 1.95 x | %s | `%s` |\n' \
-    "$two" "$one" "$(calc "$one / $two")" "blocks of unequal work" "$command --threads 1"
+    "$1" "$2" "$(calc "$2 / $1")" "$3" "$4 --threads 1"
+}
+# frame_rows WORK FILE MUST AIM BOUND OPTION...: a frame of render_peers by Z, by one thread, and by Embree's discs.
+frame_rows() {
+  local name=$1 file=$2 must=$3 aim=$4 bound=$5 threads spp two
+  shift 5
+  local command=(render_peers "${file##*/}" --size 512x512 --unlit "$@")
+  for threads in 1 2; do
+    "${prefix[@]}" "$bin/render_peers" "$file" "${command[@]:2}" --threads $threads --repeats $((3 * runs)) > "$work/peers.$threads"
+  done
+  # time_of THREADS NAME
+  time_of() { awk -v name="$2" '$1 == name { print $5 }' "$work/peers.$1"; }
+  two=$(time_of 2 surfelkit)
+  times_row "$name" "$two" "one pixel a point" "$(time_of 2 z-buffer)" Z "$must" "$aim" "$bound" "${command[*]}"
+  thread_row "$two" "$(time_of 1 surfelkit)" "blocks of unequal work" "${command[*]}"
+  [[ -n $(time_of 2 embree-trace-1spp) ]] || return 0
+  for spp in 1 4; do
+    printf '| the same, by Embree, rays a pixel: %s | %.1f ms | trace alone %.1f ms | %s x | - | %s | %s | `%s` |\n' \
+      $spp "$two" "$(time_of 2 embree-trace-${spp}spp)" "$(calc "$(time_of 2 embree-trace-${spp}spp) / $two")" \
+      "$([[ $spp = 1 ]] && echo "4 x | 6 x" || echo "- | -")" "$bound" "${command[*]}"
+  done
 }
 
 make_sphere() { [[ -f $work/sphere.ply ]] || "$bin/surfel-generate" sphere --count 1000000 -o "$work/sphere.ply" --quiet; }
@@ -116,38 +126,28 @@ make_terrain() {
 }
 
 section_render() {
-  local spp options="--layers 1 --cull back" bound="arithmetic of the footprints"
+  local bound="arithmetic of the footprints"
   make_sphere
   make_terrain
   "$bin/surfel-generate" transparent --count 987552 -o "$work/transparent.ply" --quiet
-  # shellcheck disable=SC2086 # Words of options.
-  {
-    frame_rows "sphere, 1,000,000, one layer" "$work/sphere.ply" "3.5 Z" "2 Z" "$bound" $options
-    for spp in 1 4; do
-      local ours theirs
-      ours=$(frames 2 "$work/sphere.ply" $options)
-      theirs=$(peers "$work/sphere.ply" "embree-trace-${spp}spp")
-      [[ -z $theirs ]] || printf '| the same, by Embree, %s rays a pixel | %.1f ms | Embree, trace alone %.1f ms | %s x | - | %s | %s | %s | `%s` |\n' \
-        "$spp" "$ours" "$theirs" "$(calc "$theirs / $ours")" "$([[ $spp = 1 ]] && echo "4 x" || echo -)" \
-        "$([[ $spp = 1 ]] && echo "6 x" || echo -)" "$bound" "render_peers sphere.ply"
-    done
-  }
-  frame_rows "terrain, 4,782,011, 3 layers" "$work/terrain.ply" "6 Z" "4 Z" "$bound; the A-buffer" --lod off
-  frame_rows "transparent, 987,552, 3 layers" "$work/transparent.ply" "8 Z" "5 Z" "$bound; fragments" --layers 3
+  frame_rows "sphere, 1,000,000, one layer" "$work/sphere.ply" "3.5 Z" "2 Z" "$bound" --layers 1 --cull-back
+  frame_rows "terrain, 4,782,011, 3 layers" "$work/terrain.ply" "6 Z" "4 Z" "$bound; the A-buffer" --layers 3 --no-embree
+  frame_rows "transparent, 987,552, 3 layers" "$work/transparent.ply" "8 Z" "5 Z" "$bound; tests against layers" --layers 3 --no-embree
 }
 
 section_lod() {
-  local count before ms psnr
+  local count before ms psnr lod command
   make_terrain
   "$bin/surfel-lod" "$work/terrain.ply" -o "$work/terrain-lod.ply" --quiet
-  cp "$work/terrain.ply.peers" "$work/terrain-lod.ply.peers" 2> /dev/null || { peers "$work/terrain.ply" z-buffer > /dev/null
-    cp "$work/terrain.ply.peers" "$work/terrain-lod.ply.peers"; }
   for lod in on off; do
     "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --shading none --lod $lod --quiet
   done
   psnr=$("$bin/surfel-compare" "$work/lod-on.exr" "$work/lod-off.exr" --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p')
-  frame_rows "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$work/terrain-lod.ply" \
-    "1.5 Z" "0.8 Z" "arithmetic of the footprints" --lod on
+  ms=$(frames 2 "$work/terrain-lod.ply" --lod on)
+  command="surfel-render terrain-lod.ply --turntable $views --size 512x512 --lod on"
+  times_row "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$ms" "one pixel a point" \
+    "$(peers "$work/terrain.ply")" Z "1.5 Z" "0.8 Z" "arithmetic of the footprints" "$command"
+  thread_row "$ms" "$(frames 1 "$work/terrain-lod.ply" --lod on)" "blocks of unequal work" "$command"
   before=
   for count in 1 2 4 8 16 32; do
     "$bin/surfel-generate" terrain --count ${count}000000 --no-uv -o "$work/grow.ply" --quiet
@@ -196,7 +196,7 @@ section_memory() {
     > "$work/big.times"
   peak=$(sed -n 's/^  "peak_memory_bytes": \([0-9]*\).*/\1/p' "$work/big.json")
   times_row "200,000,000 surfels at --memory 2G, peak $((peak / 1000000)) MB (must 2500)" "$(best "$work/big.times" ms)" cat "$cat" x \
-    done "2 x" "arithmetic of the footprints" "surfel-render big.ply --memory 2G --size 512x512"
+    "done" "2 x" "arithmetic of the footprints" "surfel-render big.ply --memory 2G --size 512x512"
   rm "$work/big.ply"
 }
 
