@@ -121,7 +121,7 @@ seam_table() {
 
 # A bunny with three balls inside; `balls` and `balls-g`, in groups.
 make_balls() {
-  "$tools/surfel-from-mesh" "$data/meshes/stanford_bunny.obj" --count 150000 -o "$work/body.ply" --quiet
+  "$tools/surfel-from-mesh" "$data/meshes/stanford_bunny.obj" --count 150000 --variance-scale 1 -o "$work/body.ply" --quiet
   "$tools/surfel-generate" sphere --count 20000 -o "$work/ball.ply" --quiet
   local files=()
   while read -r name scale place; do
@@ -149,7 +149,7 @@ body_tables() {
   local view=(--size 400x400 --threads 2 --quiet --from "0.1,0.25,1" --fov 30 --frame-all)
   local frames=3 scene
   make_balls
-  "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 -o "$work/dragon.ply" --quiet
+  "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 --variance-scale 1 -o "$work/dragon.ply" --quiet
   "$tools/surfel-group" "$work/dragon.ply" --groups 4 --cover enlarge-each -o "$work/dragon-g.ply" --quiet
   echo "| picture | against depth peeling | frame |"
   echo "|---|---|---|"
@@ -209,7 +209,7 @@ Above: `transparent`, `transparent-high`, depth peeling with `configs/scene-ball
 `transparent-high` with `--refraction single` and `multi`, and depth peeling, `multi`. The first picture is made by
 
 ```
-surfel-from-mesh stanford_bunny.obj --count 150000 -o body.ply
+surfel-from-mesh stanford_bunny.obj --count 150000 --variance-scale 1 -o body.ply
 surfel-generate sphere --count 20000 -o ball.ply
 surfel-convert ball.ply --scale 0.024 --translate=-0.042,0.072,0.004 -o large.ply    # and two more
 surfel-convert body.ply large.ply middle.ply small.ply --material 0,1,1,1 -o balls.ply
