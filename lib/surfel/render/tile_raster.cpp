@@ -192,7 +192,8 @@ class Rasterizer {
         const V alpha = kOpaqueSplats ? sums.weight : sums.alpha;
         const M hidden = hn::And(covers(sums.weight, alpha, full), hn::Lt(behind, hn::Zero(d)));
         tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
-        sums.add(splat, normals + c.splat, hn::IfThenElseZero(joins, rho), depth);
+        sums.add(splat, kNormals ? normals + c.splat : nullptr, hn::IfThenElseZero(joins, rho),
+                 depth);
         const V rest = hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
         batch[left] = {rest, depth, epsilon, c.splat};
         left += hn::AllTrue(d, hn::Eq(rest, hn::Zero(d))) ? 0 : 1;

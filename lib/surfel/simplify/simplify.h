@@ -69,9 +69,8 @@ struct SimplifyReport {
 ///    where it is spent (detail_tree.h, sizing_field.h).
 /// 2. Seeds: a Poisson-disk subset with that spacing; every surfel joins the nearest on its sheet
 ///    (sheet_clusters.h). What faces differently or has another material is never merged.
-/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A
-/// cluster
-///    of one stays as it is.
+/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. One of a
+///    single surfel stays as it is.
 /// 4. Sizes: Gaussians of the kind that the cloud has that just cover their cluster's places at the
 ///    cutoff (covering_gaussian.h), with more weight where a place was covered and is not.
 /// 5. Coefficients: least squares in the renderer's basis (render_system.h) against the colours

@@ -32,8 +32,8 @@ struct Quadrature {
 /// surface is minified. The cell ends at 0.95 spacings (the square root of the area; drawn out as V
 /// is) where there are no neighbours. What faces the other way, or lies further from the tangent
 /// plane than along it, is another sheet. Duplicates share their cell, and each has points in it.
-/// \param points  per function, 1..256. The picture loses 0.15 dB against 64 points with 12, 0.3 dB
-///                with 8, 0.8 dB with 4; time and memory grow with them.
+/// \param points  per function, 1..256; time and memory grow with them. Checkers and a textured
+///                mesh lose up to 0.15 dB with 6 against 12, and 0.05 dB with 12 against 64.
 SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 6);
 
 /// The functions' own positions: colour samples are known nowhere else.
