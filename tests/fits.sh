@@ -114,10 +114,10 @@ option_row() {
     --stats "$work/t.json" --quiet; } 2> "$work/seconds"
   for zoom in 1 4; do
     local view=(--from 0.6,0.3,-1 --size 400x400 --shading none --zoom $zoom --quiet)
-    [ -f "$work/truth$zoom.exr" ] ||
-      "$tools/surfel-render" "$work/s.ply" --mesh "$spot.obj" --image "$spot.png" -o "$work/truth$zoom.exr" "${view[@]}"
+    # Framed anew: sizes of surfels, which frame the picture, may be fitted.
+    "$tools/surfel-render" "$work/t.ply" --mesh "$spot.obj" --image "$spot.png" -o "$work/truth.exr" "${view[@]}"
     "$tools/surfel-render" "$work/t.ply" -o "$work/t.exr" "${view[@]}"
-    row+=$(printf ' %.2f |' "$("$tools/surfel-compare" "$work/t.exr" "$work/truth$zoom.exr" --inside --json | number psnr)")
+    row+=$(printf ' %.2f |' "$("$tools/surfel-compare" "$work/t.exr" "$work/truth.exr" --inside --json | number psnr)")
   done
   echo "$row $(tr -d ' \n' < "$work/t.json" | sed 's/.*"coefficient_max":\[\([^],]*\).*"coefficient_min":\[\([^],]*\).*/\2 \1/' |
     awk '{printf "%.2f .. %.2f", $1, $2}') | $(sed 's/ *"iterations": *//' <<< "$(number iterations < "$work/t.json")") | $(cat "$work/seconds") s |"

@@ -91,9 +91,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--cutoff", s.fit.cutoff,
                  "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16")
       ->capture_default_str();
-  app.add_option("--points", s.fit.points,
-                 "Of --fit render: points of the surface a surfel that are fitted, 1..256")
-      ->capture_default_str();
+  app.add_option(
+      "--points", s.fit.points,
+      "Of --fit render: points of the surface a surfel that are fitted, 1..256; default: "
+      "6, 12 with --refine-variance");
   tool::add_text(app, "--robust", "X", "",
                  "Of --fit render: residuals longer than this, linear R G B, are outliers and "
                  "count by their length instead of its square (Huber's loss), > 0, or auto: twice "

@@ -104,7 +104,8 @@ std::vector<std::string> TextureFitOptions::problems() const {
   check(kind != TextureFitKind::kRender || lambda != 0.0,
         "lambda is 0; the render fit needs more, as points may not reach every surfel");
   check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be 0.1 to 16", cutoff));
-  check(points >= 1 && points <= 256, fmt::format("points is {}; it must be 1 to 256", points));
+  check(!points || (*points >= 1 && *points <= 256),
+        fmt::format("points is {}; it must be 1 to 256", points.value_or(0)));
   check(!bounds || (std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
                     bounds->lower < bounds->upper),
         "bounds must be two numbers, the lower first");
@@ -144,7 +145,8 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       fit_gram(cloud, basis, report.alpha, options, report);
     } else {
       Timer timer;
-      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, options.points)};
+      const int points = options.points.value_or(options.refine_variance ? 12 : 6);
+      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points)};
       report.times.add("points", timer.milliseconds());
       fit_ewa(cloud, textures, options, report, &colors);
       RenderSystemOptions render;

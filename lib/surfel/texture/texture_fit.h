@@ -52,7 +52,9 @@ struct SURFEL_API TextureFitOptions {
   std::optional<CoefficientBounds>
       bounds{};       ///< Coefficients stay within; kConjugateGradients only.
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
-  int points = 6;     ///< kRender: quadrature points a surfel, 1 to 256.
+  /// kRender: quadrature points a surfel, 1 to 256. Unset: 6; 12 with refine_variance, which has a
+  /// size to find for every surfel as well and gains 0.3 to 0.5 dB by them.
+  std::optional<int> points{};
   /// kRender: outliers count by their distance instead of its square (robust_fit.h), and there is
   /// no minified term (render_system.h), which would hold the fit to coefficients with outliers;
   /// needs kConjugateGradients, which are reweighted, or kCeres, which is the reference; no bounds.
