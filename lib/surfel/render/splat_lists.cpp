@@ -299,7 +299,10 @@ void SplatLists::reserve(Worker& worker, std::size_t more) const {
   if (lists_.normals) grow(worker.normals, worker.count);
   if (lists_.groups) grow(worker.groups, worker.count);
   if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count);
-  for (TileList& list : worker.tiles) grow(list.entries, list.count);
+  for (TileList& list : worker.tiles) {
+    grow(list.splats, list.count);
+    grow(list.depths, list.count + kTileSize);
+  }
 }
 
 /// Completes the splats from `begin` on, which have all but what their materials give them, and
@@ -331,10 +334,10 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   }
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
-    const Reference reference{static_cast<std::uint32_t>(begin + i), splats[i].depth};
     const auto put = [&](int x, int y) {
       TileList& list = tiles[(y << grid_.shift) + x];
-      list.entries[list.count++] = reference;
+      list.splats[list.count] = static_cast<std::uint32_t>(begin + i);
+      list.depths[list.count++] = splats[i].depth;
     };
     const PixelBox box = splats[i].box;
     const int x0 = box.x0 / kTileSize;
@@ -416,7 +419,6 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.count = 0;
   w.tiles.resize(std::size_t{1} << 2 * grid_.shift);
   for (TileList& list : w.tiles) list.count = 0;
-  const SplatColumns& columns = w.columns;
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
   };
@@ -425,26 +427,25 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     const std::uint32_t i = cluster.begin;
     std::optional<SurfelColumns> ahead;
     if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
+    reserve(w, RenderCloud::kClusterSize);
+    SetUpSplats& set_up = w.set_up;
     set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
-                  ahead ? &*ahead : nullptr, w.columns);
-    reserve(w, static_cast<std::size_t>(columns.visible_count) + columns.exact_count);
-    w.splats_seen += columns.first_count;
+                  ahead ? &*ahead : nullptr, w.splats.data() + w.count, set_up);
+    w.splats_seen += static_cast<std::size_t>(set_up.first_count);
     const std::size_t first = w.count;
-    std::array<std::uint32_t, 2 * RenderCloud::kClusterSize> surfels;
-    const auto next = [&](std::int32_t k) -> Splat& {
-      surfels[w.count - first] = i + static_cast<std::uint32_t>(k);
-      return w.splats[w.count++];
-    };
-    for (int v = 0; v < columns.visible_count; ++v) {
-      columns.copy(columns.visible[v], next(columns.visible[v]));
+    std::array<std::uint32_t, RenderCloud::kClusterSize> surfels;
+    for (int v = 0; v < set_up.visible_count; ++v) {
+      surfels[v] = i + static_cast<std::uint32_t>(set_up.visible[v]);
     }
-    for (int v = 0; v < columns.exact_count; ++v) {
-      const std::size_t surfel = i + static_cast<std::size_t>(columns.exact[v]);
+    w.count += static_cast<std::size_t>(set_up.visible_count);
+    for (int v = 0; v < set_up.exact_count; ++v) {
+      const std::size_t surfel = i + static_cast<std::size_t>(set_up.exact[v]);
       const std::optional<ExactKernel> kernel =
           make_exact_kernel(in_camera(surfel), *camera_, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
-      Splat& splat = next(columns.exact[v]);
+      surfels[w.count - first] = static_cast<std::uint32_t>(surfel);
+      Splat& splat = w.splats[w.count++];
       splat = kernel->splat;
       splat.alpha = cloud_.alpha.empty() ? 1.0F : cloud_.alpha[surfel];
       splat.red = cloud_.red[surfel] * splat.alpha;
@@ -457,50 +458,11 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   }
 }
 
-/// Indices of the splats of `list`, nearest first, splats of equal depth in the list's order. The
-/// key is 16 bits of the depth's place in the list's range: two stable passes of counting.
-void SplatLists::sort_front_to_back(const TileList& tile, Worker& worker) {
-  const std::size_t count = tile.count;
-  const Reference* list = tile.entries.data();
-  if (worker.order.size() < count + kTileSize) {
-    for (Array<std::uint32_t>* array : {&worker.order, &worker.other, &worker.keys}) {
-      array->resize(2 * count + kTileSize);
-    }
-  }
-  float lo = std::numeric_limits<float>::infinity();
-  float hi = -lo;
-  for (std::size_t i = 0; i < count; ++i) {
-    lo = std::min(lo, list[i].depth);
-    hi = std::max(hi, list[i].depth);
-  }
-  const float scale = hi > lo ? 65535.0F / (hi - lo) : 0.0F;
-  std::array<std::uint32_t, 256> low{};
-  std::array<std::uint32_t, 256> high{};
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto key = static_cast<std::uint32_t>(std::min(65535.0F, (hi - list[i].depth) * scale));
-    worker.keys[i] = key;
-    ++low[key & 255];
-    ++high[key >> 8];
-  }
-  const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
-    std::uint32_t sum = 0;
-    for (std::uint32_t& entry : histogram) sum += std::exchange(entry, sum);
-  };
-  to_starts(low);
-  to_starts(high);
-  for (std::size_t i = 0; i < count; ++i) {
-    worker.other[low[worker.keys[i] & 255]++] = static_cast<std::uint32_t>(i);
-  }
-  for (std::size_t place = 0; place < count; ++place) {
-    const std::uint32_t i = worker.other[place];
-    worker.order[high[worker.keys[i] >> 8]++] = list[i].splat;
-  }
-}
-
 TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
   const TileList& list = w.tiles[(y << grid_.shift) + x];
-  sort_front_to_back(list, w);
+  if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
+  sort_front_to_back(list.depths.data(), list.splats.data(), list.count, w.sort, w.order.data());
   return {.splats = w.splats.data(),
           .normals = lists_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),

@@ -9,6 +9,7 @@
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/io/camera.h>
+#include <surfel/render/depth_sort.h>
 #include <surfel/render/ewa_kernel.h>
 #include <surfel/render/render_cloud.h>
 #include <surfel/render/renderer.h>
@@ -101,18 +102,15 @@ class SplatLists {
   std::size_t take_exact_count();
 
  private:
-  struct Reference {
-    std::uint32_t splat;
-    float depth;
-  };
   /// The splats of a tile.
   struct TileList {
-    Array<Reference> entries;
+    Array<std::uint32_t> splats;
+    Array<float> depths;
     std::size_t count = 0;
   };
   /// What one worker has loaded, and scratch memory.
   struct Worker {
-    SplatColumns columns;
+    SetUpSplats set_up;
     Array<float> deviation_u, deviation_v;  ///< Enlarged or widened ones of a cluster.
     std::size_t count = 0;                  ///< Of splats.
     Array<Splat> splats;
@@ -120,7 +118,8 @@ class SplatLists {
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     std::vector<TileList> tiles;
-    Array<std::uint32_t> order, other, keys;
+    DepthSortScratch sort;
+    Array<std::uint32_t> order;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
   };
@@ -139,7 +138,6 @@ class SplatLists {
   SurfelInCamera in_camera(std::size_t surfel) const;
   void reserve(Worker& worker, std::size_t more) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
-  static void sort_front_to_back(const TileList& list, Worker& worker);
 
   const RenderCloud& cloud_;
   const Scene& scene_;

@@ -3,8 +3,10 @@
 // ewa_kernel.cpp holds the same in plain double.
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <utility>
 
 #include <surfel/render/splat_setup.h>
 
@@ -55,9 +57,51 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
           hn::Mul(sign, hn::Mul(hn::Mul(n.x, n.y), a)), hn::Neg(hn::Mul(sign, n.x))};
 }
 
+#if HWY_TARGET == HWY_SCALAR
+/// Stores four fields that follow one another in a Splat, for every lane's splat.
+HWY_INLINE void store_quarter(int quarter, V a, V b, V c, V e, Splat* const* to) {
+  const D d;
+  float* const fields = reinterpret_cast<float*>(*to) + std::ptrdiff_t{4} * quarter;
+  for (const auto& [v, i] : {std::pair(a, 0), std::pair(b, 1), std::pair(c, 2), std::pair(e, 3)}) {
+    hn::StoreU(v, d, fields + i);
+  }
+}
+#else
+/// Stores every block of four lanes at the given place, in floats, of the splat of its first lane.
+template <class Tag>
+HWY_INLINE void store_blocks(hn::Vec<Tag> v, Tag d, std::ptrdiff_t place, Splat* const* to) {
+  if constexpr (hn::MaxLanes(Tag()) == 4) {
+    hn::StoreU(v, d, reinterpret_cast<float*>(*to) + place);
+  } else {
+    const hn::Half<Tag> half;
+    store_blocks(hn::LowerHalf(half, v), half, place, to);
+    store_blocks(hn::UpperHalf(half, v), half, place, to + hn::MaxLanes(half));
+  }
+}
+
+/// Stores four fields that follow one another in a Splat, for every lane's splat: rows become
+/// columns in registers, block by block.
+HWY_INLINE void store_quarter(int quarter, V a, V b, V c, V e, Splat* const* to) {
+  const D d;
+  const hn::RepartitionToWide<D> pairs;
+  const auto zip = [&](V even, V odd, bool upper) HWY_ATTR {
+    return hn::BitCast(
+        pairs, upper ? hn::InterleaveUpper(d, even, odd) : hn::InterleaveLower(d, even, odd));
+  };
+  for (int half = 0; half < 2; ++half) {
+    const auto ab = zip(a, b, half != 0);
+    const auto ce = zip(c, e, half != 0);
+    Splat* const* const splats = to + std::ptrdiff_t{2} * half;
+    const std::ptrdiff_t place = std::ptrdiff_t{4} * quarter;
+    store_blocks(hn::BitCast(d, hn::InterleaveLower(pairs, ab, ce)), d, place, splats);
+    store_blocks(hn::BitCast(d, hn::InterleaveUpper(pairs, ab, ce)), d, place, splats + 1);
+  }
+}
+#endif
+
 template <bool kPerspective, bool kAnisotropic>
 void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
-            SplatColumns& out) {
+            Splat* splats, SetUpSplats& out) {
   /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
   /// growing: a grazing plane runs to infinity.
   constexpr float kLeastCosine = 0.1F;
@@ -106,6 +150,7 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     }
   }
 
+  Splat dropped;
   int visible_count = 0;
   int exact_count = 0;
   std::size_t first_count = 0;
@@ -264,14 +309,19 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     const V alpha = in.alpha ? hn::LoadU(d, in.alpha + i) : one;
     const auto color = [&](const float* column)
                            HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
-    const auto store = [&](int quarter, V first, V second, V third, V fourth) HWY_ATTR {
-      hn::StoreInterleaved4(first, second, third, fourth, d, out.quarters[quarter][i]);
-    };
-    store(0, center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
-          hn::Mul(half, hn::Mul(Sigma_yy, inv_det)));
-    store(1, hn::Mul(half, inv_yy), amplitude, depth, depth_dx);
-    store(2, depth_dy, depth_reach, hn::BitCast(d, box), color(in.red));
-    store(3, color(in.green), color(in.blue), alpha, hn::BitCast(d, tag));
+    // Where the splat of each lane goes; those that are not visible, to one that nobody reads.
+    Splat* to[kTileSize];
+    HWY_ALIGN std::int32_t taken[kTileSize];
+    hn::Store(hn::VecFromMask(di, hn::RebindMask(di, visible)), di, taken);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      to[lane] = taken[lane] != 0 ? splats : &dropped;
+      splats -= taken[lane];
+    }
+    store_quarter(0, center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
+                  hn::Mul(half, hn::Mul(Sigma_yy, inv_det)), to);
+    store_quarter(1, hn::Mul(half, inv_yy), amplitude, depth, depth_dx, to);
+    store_quarter(2, depth_dy, depth_reach, hn::BitCast(d, box), color(in.red), to);
+    store_quarter(3, color(in.green), color(in.blue), alpha, hn::BitCast(d, tag), to);
     auto first = visible;
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
     if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
@@ -291,14 +341,14 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
 }  // namespace
 
 void set_up_splats_simd(const SplatView& view, const SurfelColumns& in, int count,
-                        const SurfelColumns* next, SplatColumns& out) {
+                        const SurfelColumns* next, Splat* splats, SetUpSplats& out) {
   const bool anisotropic = in.tangent_x != nullptr;
   if (view.orthographic) {
-    anisotropic ? set_up<false, true>(view, in, count, next, out)
-                : set_up<false, false>(view, in, count, next, out);
+    anisotropic ? set_up<false, true>(view, in, count, next, splats, out)
+                : set_up<false, false>(view, in, count, next, splats, out);
   } else {
-    anisotropic ? set_up<true, true>(view, in, count, next, out)
-                : set_up<true, false>(view, in, count, next, out);
+    anisotropic ? set_up<true, true>(view, in, count, next, splats, out)
+                : set_up<true, false>(view, in, count, next, splats, out);
   }
 }
 
@@ -312,8 +362,8 @@ namespace surfel {
 HWY_EXPORT(set_up_splats_simd);
 
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   const SurfelColumns* next, SplatColumns& out) {
-  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, next, out);
+                   const SurfelColumns* next, Splat* splats, SetUpSplats& out) {
+  HWY_DYNAMIC_DISPATCH(set_up_splats_simd)(view, surfels, count, next, splats, out);
 }
 
 }  // namespace surfel

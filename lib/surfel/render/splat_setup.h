@@ -3,7 +3,6 @@
 // SS01 sections 3.3 and 4, for a cluster of surfels at a time.
 
 #include <cstdint>
-#include <cstring>
 
 #include <surfel/render/splat.h>
 
@@ -32,12 +31,9 @@ struct SurfelColumns {
   const float* alpha;
 };
 
-/// What set-up computes; only entries named in `visible` mean anything. Room for one vector past
-/// the end.
-struct SplatColumns {
+/// Which surfels set-up made splats of. Room for one vector past the end.
+struct SetUpSplats {
   static constexpr int kSize = kSetupSurfels + 16;
-  /// Four fields of a Splat each, in its order. Material and what it changes are not there yet.
-  alignas(64) float quarters[4][kSize][4];
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
   /// Indices of those that need an exact kernel, ascending: nothing else of them is set here.
   alignas(64) std::int32_t exact[kSize];
@@ -45,13 +41,6 @@ struct SplatColumns {
   /// How many of the visible ones have the first pixel of their box in the picture in this
   /// rectangle: over all of its rectangles that is every splat once.
   int first_count;
-
-  void copy(int index, Splat& to) const {
-    for (int i = 0; i < 4; ++i) {
-      std::memcpy(reinterpret_cast<char*>(&to) + i * sizeof(quarters[i][index]), quarters[i][index],
-                  sizeof(quarters[i][index]));
-    }
-  }
 };
 
 /// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
@@ -62,7 +51,8 @@ struct SplatColumns {
 /// that reach through the near plane (neither, where the tolerance is infinite).
 /// `next` are those of the next call, or null: they are fetched from memory meanwhile, as clusters
 /// follow one another in depth, not in memory.
+/// \param splats  those of the visible ones, but for their materials and what these change
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   const SurfelColumns* next, SplatColumns& out);
+                   const SurfelColumns* next, Splat* splats, SetUpSplats& out);
 
 }  // namespace surfel
