@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <utility>
 
 #include <surfel/render/depth_sort.h>
@@ -16,8 +17,9 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Keys of depths: 0 is the largest, 65535 the least. Writes whole vectors.
-void make_depth_keys_simd(const float* depths, std::size_t count, std::uint32_t* keys) {
+/// Keys of depths: 0 is the largest, `most_key` the least. Writes whole vectors.
+void make_depth_keys_simd(const float* depths, std::size_t count, float most_key,
+                          std::uint32_t* keys) {
   const hn::CappedTag<float, kTileSize> d;
   const hn::RebindToUnsigned<decltype(d)> du;
   const hn::RebindToSigned<decltype(d)> di;
@@ -37,8 +39,8 @@ void make_depth_keys_simd(const float* depths, std::size_t count, std::uint32_t*
     hi = std::max(hi, depths[i]);
   }
   const auto nearest = hn::Set(d, hi);
-  const auto last = hn::Set(d, 65535.0F);
-  const auto scale = hn::Set(d, hi > lo ? 65535.0F / (hi - lo) : 0.0F);
+  const auto last = hn::Set(d, most_key);
+  const auto scale = hn::Set(d, hi > lo ? most_key / (hi - lo) : 0.0F);
   for (i = 0; i < count; i += lanes) {
     const auto place = hn::Mul(hn::Sub(nearest, hn::LoadU(d, depths + i)), scale);
     hn::StoreU(hn::BitCast(du, hn::ConvertTo(di, hn::Min(place, last))), du, keys + i);
@@ -55,35 +57,21 @@ namespace surfel {
 HWY_EXPORT(make_depth_keys_simd);
 
 void sort_front_to_back(const float* depths, const std::uint32_t* splats, std::size_t count,
-                        DepthSortScratch& scratch, std::uint32_t* order) {
+                        Array<std::uint32_t>& keys, std::uint32_t* order) {
+  constexpr std::size_t kLeastSteps = 512;
+  constexpr std::size_t kMostSteps = 2048;
   if (count == 0) return;
-  if (scratch.keys.size() < count + kTileSize) {
-    scratch.keys.resize(2 * count + kTileSize);
-    scratch.by_low_byte.resize(2 * count + kTileSize);
-  }
-  std::uint32_t* const keys = scratch.keys.data();
-  std::uint64_t* const by_low_byte = scratch.by_low_byte.data();
-  HWY_DYNAMIC_DISPATCH(make_depth_keys_simd)(depths, count, keys);
-  // Two stable passes of counting.
-  std::array<std::uint32_t, 256> low{};
-  std::array<std::uint32_t, 256> high{};
-  for (std::size_t i = 0; i < count; ++i) {
-    ++low[keys[i] & 255];
-    ++high[keys[i] >> 8];
-  }
-  const auto to_starts = [](std::array<std::uint32_t, 256>& histogram) {
-    std::uint32_t sum = 0;
-    for (std::uint32_t& entry : histogram) sum += std::exchange(entry, sum);
-  };
-  to_starts(low);
-  to_starts(high);
-  for (std::size_t i = 0; i < count; ++i) {
-    by_low_byte[low[keys[i] & 255]++] = std::uint64_t{splats[i]} << 8 | keys[i] >> 8;
-  }
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::uint64_t entry = by_low_byte[i];
-    order[high[entry & 255]++] = static_cast<std::uint32_t>(entry >> 8);
-  }
+  if (keys.size() < count + kTileSize) keys.resize(2 * count + kTileSize);
+  const std::size_t steps = std::clamp(std::bit_ceil(count), kLeastSteps, kMostSteps);
+  HWY_DYNAMIC_DISPATCH(make_depth_keys_simd)
+  (depths, count, static_cast<float>(steps - 1), keys.data());
+  // A stable pass of counting.
+  std::array<std::uint32_t, kMostSteps> places;
+  std::fill_n(places.begin(), steps, 0U);
+  for (std::size_t i = 0; i < count; ++i) ++places[keys[i]];
+  std::uint32_t sum = 0;
+  for (std::size_t step = 0; step < steps; ++step) sum += std::exchange(places[step], sum);
+  for (std::size_t i = 0; i < count; ++i) order[places[keys[i]]++] = splats[i];
 }
 
 }  // namespace surfel

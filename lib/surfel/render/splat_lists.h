@@ -118,8 +118,7 @@ class SplatLists {
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     std::vector<TileList> tiles;
-    DepthSortScratch sort;
-    Array<std::uint32_t> order;
+    Array<std::uint32_t> depth_keys, order;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
   };
