@@ -65,7 +65,7 @@ class Peeler {
   template <class Body>
   HWY_INLINE void for_each_fragment(const Body& body) const {
     const D d;
-    const V cutoff = hn::Set(d, raster_.sampler().cutoff());
+    const V cutoff = hn::Set(d, job_.cutoff);
     raster_.draw(0, job_.count, nullptr,
                  [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
                    const std::uint32_t side = job_.splats[index].tag & kFrontTag;
@@ -117,7 +117,7 @@ class Peeler {
       }
       if (hn::AllFalse(d, joins)) return;
       const V rho =
-          hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(joins, s.beta)));
+          hn::IfThenElseZero(joins, hn::Mul(s.amplitude, raster_.sampler().decay(s.beta)));
       const Splat& splat = job_.splats[index];
       float* fragment = tile_.fragment(layer, pixel);
       FragmentSums<kNormals, kOpaqueSplats> sums(fragment);

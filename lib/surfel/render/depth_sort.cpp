@@ -56,22 +56,51 @@ namespace surfel {
 
 HWY_EXPORT(make_depth_keys_simd);
 
-void sort_front_to_back(const float* depths, const std::uint32_t* splats, std::size_t count,
-                        Array<std::uint32_t>& keys, std::uint32_t* order) {
-  constexpr std::size_t kLeastSteps = 512;
-  constexpr std::size_t kMostSteps = 2048;
-  if (count == 0) return;
-  if (keys.size() < count + kTileSize) keys.resize(2 * count + kTileSize);
-  const std::size_t steps = std::clamp(std::bit_ceil(count), kLeastSteps, kMostSteps);
-  HWY_DYNAMIC_DISPATCH(make_depth_keys_simd)
-  (depths, count, static_cast<float>(steps - 1), keys.data());
-  // A stable pass of counting.
+namespace {
+
+constexpr int kKeyBits = 11;
+constexpr std::size_t kMostSteps = std::size_t{1} << kKeyBits;
+
+/// A stable pass of counting: calls put(place, i) for the i of [0, count) with their places by
+/// key_of(i) < steps <= kMostSteps.
+template <class KeyOf, class Put>
+void sort_by_counting(std::size_t count, std::size_t steps, const KeyOf& key_of, const Put& put) {
   std::array<std::uint32_t, kMostSteps> places;
   std::fill_n(places.begin(), steps, 0U);
-  for (std::size_t i = 0; i < count; ++i) ++places[keys[i]];
+  for (std::size_t i = 0; i < count; ++i) ++places[key_of(i)];
   std::uint32_t sum = 0;
   for (std::size_t step = 0; step < steps; ++step) sum += std::exchange(places[step], sum);
-  for (std::size_t i = 0; i < count; ++i) order[places[keys[i]]++] = splats[i];
+  for (std::size_t i = 0; i < count; ++i) put(places[key_of(i)]++, static_cast<std::uint32_t>(i));
+}
+
+}  // namespace
+
+void sort_front_to_back(const float* depths, const std::uint32_t* splats, std::size_t count,
+                        DepthOrder how, DepthSortScratch& scratch, std::uint32_t* order) {
+  constexpr std::size_t kLeastSteps = 512;
+  if (count == 0) return;
+  const bool fine = how == DepthOrder::kFine;
+  const auto room = [&](Array<std::uint32_t>& array) {
+    if (array.size() < count + kTileSize) array.resize(2 * count + kTileSize);
+    return array.data();
+  };
+  std::uint32_t* const keys = room(scratch.keys);
+  const std::size_t steps =
+      fine ? kMostSteps * kMostSteps : std::clamp(std::bit_ceil(count), kLeastSteps, kMostSteps);
+  HWY_DYNAMIC_DISPATCH(make_depth_keys_simd)(depths, count, static_cast<float>(steps - 1), keys);
+  if (!fine) {
+    sort_by_counting(
+        count, steps, [&](std::size_t i) { return keys[i]; },
+        [&](std::uint32_t place, std::uint32_t i) { order[place] = splats[i]; });
+    return;
+  }
+  std::uint32_t* const by_low_bits = room(scratch.by_low_bits);
+  sort_by_counting(
+      count, kMostSteps, [&](std::size_t i) { return keys[i] & (kMostSteps - 1); },
+      [&](std::uint32_t place, std::uint32_t i) { by_low_bits[place] = i; });
+  sort_by_counting(
+      count, kMostSteps, [&](std::size_t i) { return keys[by_low_bits[i]] >> kKeyBits; },
+      [&](std::uint32_t place, std::uint32_t i) { order[place] = splats[by_low_bits[i]]; });
 }
 
 }  // namespace surfel

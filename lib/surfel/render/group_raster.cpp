@@ -137,8 +137,8 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
   const D d;
   const hn::RebindToUnsigned<D> du;
   const KernelRaster raster(job, weights.x0, weights.y0);
-  const V cutoff = hn::Set(d, raster.sampler().cutoff());
-  const V inv_cutoff = hn::Set(d, 1 / raster.sampler().cutoff());
+  const V cutoff = hn::Set(d, job.cutoff);
+  const V inv_cutoff = hn::Set(d, 1 / job.cutoff);
   HWY_ALIGN float outside[kTilePixels];
   HWY_ALIGN float hidden[kTilePixels];
   for (int p = 0; p < kTilePixels; ++p) {
@@ -153,7 +153,7 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
                   const M inside =
                       hn::And(hn::Lt(s.beta, cutoff), hn::Ge(reach, hn::Load(d, hidden + pixel)));
                   if (hn::AllFalse(d, inside)) return;
-                  const V rho = hn::Mul(s.amplitude, raster.sampler().decay(inside, s.beta));
+                  const V rho = hn::Mul(s.amplitude, raster.sampler().decay(s.beta));
                   V key = s.beta;  // Its root orders fragments alike.
                   if constexpr (kVoronoi == Voronoi::kQuantised) {
                     key = hn::Add(depth_step(rule, s.depth), hn::Sqrt(hn::Mul(s.beta, inv_cutoff)));

@@ -9,6 +9,7 @@
 #endif
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -31,24 +32,17 @@ using M = hn::Mask<D>;
 #undef SURFEL_INLINE_LAMBDA
 #define SURFEL_INLINE_LAMBDA __attribute__((always_inline))
 
-/// exp(-x) for x in [0, 1]: the polynomial of degree 5 that interpolates it at Chebyshev's nodes,
-/// whose relative error is below 1.1e-6.
-HWY_INLINE V exp_minus(V x) {
-  const D d;
-  V p = hn::Set(d, -0.00509972763F);
-  p = hn::MulAdd(p, x, hn::Set(d, 0.0383389223F));
-  p = hn::MulAdd(p, x, hn::Set(d, -0.165012717F));
-  p = hn::MulAdd(p, x, hn::Set(d, 0.499620874F));
-  p = hn::MulAdd(p, x, hn::Set(d, -0.999967851F));
-  return hn::MulAdd(p, x, hn::Set(d, 0.999999554F));
-}
+/// exp(-x) for x in [0, 1]: coefficients of the polynomial of degree 5 that interpolates it at
+/// Chebyshev's nodes, whose relative error is below 1.1e-6.
+inline constexpr float kExpMinus[] = {0.999999554F,  -0.999967851F, 0.499620874F,
+                                      -0.165012717F, 0.0383389223F, -0.00509972763F};
 
 HWY_ALIGN inline constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
 HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
 /// A splat at a vector of pixels: what its kernel and its plane are there.
 struct Sample {
-  V beta;       ///< Scaled, see KernelRaster::cutoff().
+  V beta;       ///< Less than the cutoff inside.
   V depth;      ///< Of the plane, within the kernel's reach.
   V epsilon;    ///< Depths within this are of one surface.
   V amplitude;  ///< rho where beta is 0.
@@ -62,22 +56,27 @@ class SplatSampler {
   explicit SplatSampler(const TileJob& job)
       : splats_(job.splats),
         exact_(job.exact),
+        depth_epsilon_(hn::Set(D(), job.depth_epsilon)),
         lowpass2_(job.lowpass2),
-        depth_epsilon_(job.depth_epsilon) {
+        cutoff_(job.cutoff) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
-    while (job.cutoff * scale_ > 1) {
-      scale_ /= 2;
-      ++squarings_;
-    }
-    cutoff_ = job.cutoff * scale_;
+    float scale = 1;
+    for (; job.cutoff * scale > 1; scale /= 2) ++squarings_;
+    float power = 1;
+    for (int i = 0; i < 6; ++i, power *= scale) exp_minus_[i] = kExpMinus[i] * power;
   }
 
-  /// What scaled betas are compared with: pixels are inside where beta is less.
-  float cutoff() const { return cutoff_; }
-
-  /// exp(-beta) from a scaled beta where `inside`; 1 elsewhere.
-  HWY_INLINE V decay(M inside, V beta) const {
-    V rho = exp_minus(hn::IfThenElseZero(inside, beta));
+  /// exp(-beta) where beta is less than the cutoff; something between 0 and 1 elsewhere.
+  HWY_INLINE V decay(V beta) const {
+    const D d;
+    const auto c = [&](int i) HWY_ATTR { return hn::Set(d, exp_minus_[i]); };
+    // Estrin's scheme: what comes next waits for the result.
+    const V x = hn::Min(beta, hn::Set(d, cutoff_));
+    const V x2 = hn::Mul(x, x);
+    const V low = hn::MulAdd(c(1), x, c(0));
+    const V middle = hn::MulAdd(c(3), x, c(2));
+    const V high = hn::MulAdd(c(5), x, c(4));
+    V rho = hn::MulAdd(hn::MulAdd(high, x2, middle), x2, low);
     for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
     return rho;
   }
@@ -89,32 +88,33 @@ class SplatSampler {
     const V dx = hn::Sub(x, hn::Set(d, splat.x));
     const V dy = hn::Sub(y, hn::Set(d, splat.y));
     Sample s;
-    if (HWY_UNLIKELY(splat.k < 0)) {
+    // As an integer: a float that has been loaded is spread over a vector at a cost, one in memory
+    // for nothing.
+    if (HWY_UNLIKELY(std::bit_cast<std::int32_t>(splat.k) < 0)) {
       // Field by field: what a call returns lies in memory.
-      const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_, scale_}, dx, dy);
+      const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_}, dx, dy);
       s.beta = e.beta;
       s.depth = e.depth;
       s.epsilon = e.epsilon;
       s.amplitude = e.amplitude;
       return s;
     }
-    const V depth = hn::Set(d, splat.depth);
     const V range = hn::Set(d, splat.depth_range);
-    const V plane = hn::MulAdd(hn::Set(d, splat.depth_dx), dx,
-                               hn::MulAdd(hn::Set(d, splat.depth_dy), dy, depth));
+    const V slope =
+        hn::MulAdd(hn::Set(d, splat.depth_dx), dx, hn::Mul(hn::Set(d, splat.depth_dy), dy));
     const V e = hn::NegMulAdd(hn::Set(d, splat.m), dy, dx);
-    s.beta = hn::Mul(hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
-                                hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy)),
-                     hn::Set(d, scale_));
-    s.depth = hn::Min(hn::Max(plane, hn::Sub(depth, range)), hn::Add(depth, range));
-    s.epsilon = hn::Mul(range, hn::Set(d, depth_epsilon_));
+    s.beta = hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
+                        hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy));
+    s.depth = hn::Add(hn::Min(hn::Max(slope, hn::Neg(range)), range), hn::Set(d, splat.depth));
+    s.epsilon = hn::Mul(range, depth_epsilon_);
     s.amplitude = hn::Set(d, splat.amplitude);
     return s;
   }
 
  private:
   struct Filtering {
-    float lowpass2, depth_epsilon, scale;
+    float lowpass2;
+    V depth_epsilon;
   };
 
   /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
@@ -144,13 +144,13 @@ class SplatSampler {
         hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
     const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
     const V inv_det = hn::Div(one, det);
-    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F * filtering.scale), inv_det),
-                           hn::MulAdd(filter, skew, sum2(u, v)));
+    const V beta =
+        hn::Mul(hn::Mul(hn::Set(d, 0.5F), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
     const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
     Sample s;
     s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
     s.depth = hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
-    s.epsilon = hn::Mul(hn::Mul(hn::Set(d, filtering.depth_epsilon), s.depth),
+    s.epsilon = hn::Mul(hn::Mul(filtering.depth_epsilon, s.depth),
                         hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
                                             hn::Set(d, exact.pixel2))));
     s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
@@ -159,10 +159,10 @@ class SplatSampler {
 
   const Splat* splats_;
   const ExactSplat* exact_;
-  float lowpass2_, depth_epsilon_;
-  float scale_ = 1;  ///< 2^-n, applied to beta and the cutoff.
-  float cutoff_;
-  int squarings_ = 0;  ///< n.
+  V depth_epsilon_;
+  float lowpass2_, cutoff_;
+  float exp_minus_[6];  ///< kExpMinus for beta / 2^n.
+  int squarings_ = 0;   ///< n.
 };
 
 /// A vector of pixels, and the splats whose boxes it meets.

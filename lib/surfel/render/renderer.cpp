@@ -165,11 +165,14 @@ struct Renderer::Impl {
           "are transparent; use --method transparent-high");
     }
     if (options.method != Method::kTransparent) {
-      surfaces.emplace(cloud, scene, options,
-                       SplatListOptions{.normals = layout.normals,
-                                        .groups = groups,
-                                        .opaque = opaque,
-                                        .lowpass = lowpass_of(options)});
+      surfaces.emplace(
+          cloud, scene, options,
+          SplatListOptions{
+              .normals = layout.normals,
+              .groups = groups,
+              .opaque = opaque,
+              .order = options.method == Method::kABuffer ? DepthOrder::kCoarse : DepthOrder::kFine,
+              .lowpass = lowpass_of(options)});
     }
     if (blends_layers(options.method)) {
       blended.emplace(cloud, scene, options,

@@ -462,7 +462,7 @@ TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
   const TileList& list = w.tiles[(y << grid_.shift) + x];
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
-  sort_front_to_back(list.depths.data(), list.splats.data(), list.count, w.depth_keys,
+  sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
   return {.splats = w.splats.data(),
           .normals = lists_.normals ? w.normals.data() : nullptr,

@@ -61,9 +61,10 @@ struct BlockGrid {
 
 /// What is drawn of a cloud, and how.
 struct SplatListOptions {
-  bool normals = false;  ///< Splats carry their normals.
-  bool groups = false;   ///< Splats carry their groups.
-  bool opaque = true;    ///< No surfel, nor material, has an opacity below 1.
+  bool normals = false;                  ///< Splats carry their normals.
+  bool groups = false;                   ///< Splats carry their groups.
+  bool opaque = true;                    ///< No surfel, nor material, has an opacity below 1.
+  DepthOrder order = DepthOrder::kFine;  ///< Of a tile's splats.
   /// Discs have the enlarged radius of their group (SP06 section 4.2.2) instead of their own.
   bool enlarged = false;
   double lowpass =
@@ -118,7 +119,8 @@ class SplatLists {
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     std::vector<TileList> tiles;
-    Array<std::uint32_t> depth_keys, order;
+    DepthSortScratch sort;
+    Array<std::uint32_t> order;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
   };

@@ -120,96 +120,140 @@ class Rasterizer {
     std::uint32_t splat;
   };
 
-  /// Adds splats to a vector of pixels, in steps over some of them at a time: what one splat waits
-  /// for, or a branch guessed wrong, then costs no more than its own step.
+  /// A layer's fragments in a vector of pixels, unmerged ones but for their tags.
+  class Layer {
+   public:
+    Layer(float* fragment, V full)
+        : fragment_(fragment),
+          sums_(fragment),
+          tag_(hn::BitCast(Tags(), hn::Load(D(), fragment + kTag * kPatchPixels))),
+          full_(full) {}
+
+    /// Accumulate or separate, SS01 section 6: adds a contribution where it belongs to the layer's
+    /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
+    /// added or the layer hides it.
+    HWY_INLINE V take(const Contribution& c, const Splat& splat, const SplatNormal* normal) {
+      const D d;
+      const auto splat_tag = hn::Set(Tags(), splat.tag);
+      // depth - fragment's depth, times the fragment's weight, to save the division. Merged
+      // fragments have a negative weight, and no contribution is near them, nor hidden by them.
+      const V behind = hn::MulSub(c.depth, sums_.weight, sums_.depth);
+      const M near = hn::Lt(hn::Abs(behind), hn::Mul(c.epsilon, sums_.weight));
+      const M same_side = hn::RebindMask(
+          d,
+          hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));
+      const M free = hn::Eq(sums_.weight, hn::Zero(d));
+      const M joins = hn::Or(free, hn::And(near, same_side));
+      const V alpha = kOpaqueSplats ? sums_.weight : sums_.alpha;
+      const M hidden = hn::And(covers(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
+      tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
+      sums_.add(splat, normal, hn::IfThenElseZero(joins, c.rho), c.depth);
+      return hn::IfThenZeroElse(hn::Or(joins, hidden), c.rho);
+    }
+
+    HWY_INLINE void store() {
+      sums_.store(fragment_);
+      hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
+    }
+
+   private:
+    using Tags = hn::RebindToUnsigned<D>;
+
+    float* fragment_;
+    FragmentSums<kNormals, kOpaqueSplats> sums_;
+    hn::Vec<Tags> tag_;
+    V full_;
+  };
+
+  static HWY_INLINE bool is_zero(V v) { return hn::AllTrue(D(), hn::Eq(v, hn::Zero(D()))); }
+
+  const SplatNormal* normal_of(std::uint32_t splat) const {
+    return kNormals ? job_.normals + splat : nullptr;
+  }
+
+  /// Adds splats to a vector of pixels, in steps over some of them at a time, layer by layer: a
+  /// layer's sums depend on those contributions alone that no layer before it has taken, and what
+  /// one splat waits for, or a branch guessed wrong, costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
-    constexpr std::ptrdiff_t kBatch = 8;
+    constexpr std::ptrdiff_t kBatch = 32;
     Contribution batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
-      const std::size_t left = join_layers(list.pixel, batch, evaluate(list, begin, end, batch));
-      for (std::size_t i = 0; i < left; ++i) {
-        // The one before may have made a layer that this one belongs to.
-        if (i == 0 || join_layers(list.pixel, batch + i, 1) > 0) {
-          add_without_layer(list.pixel, batch[i]);
-        }
-      }
+      place(list.pixel, batch, join_nearest(list, begin, end, batch));
     }
   }
 
-  /// The contributions of the splats [begin, end) that are seen; returns how many.
-  std::size_t evaluate(const PixelSplats& list, const std::uint32_t* begin,
-                       const std::uint32_t* end, Contribution* out) const {
+  /// Adds contributions that are not the nearest layer's.
+  HWY_INLINE void place(std::size_t pixel, Contribution* batch, std::size_t count) {
+    // One by one they take longer, but they must where each may make a layer for the next.
+    constexpr std::size_t kTogether = 16;
+    int first = 1;
+    for (std::size_t begin = 0; begin < count; begin += kTogether) {
+      Contribution* const some = batch + begin;
+      const std::size_t left = join_layers(pixel, first, some, std::min(kTogether, count - begin));
+      bool made = false;
+      for (std::size_t i = 0; i < left; ++i) {
+        if (made && join_layers(pixel, 0, some + i, 1) == 0) continue;
+        made = add_without_layer(pixel, some[i]) || made;
+      }
+      if (made) first = 0;
+    }
+  }
+
+  /// Evaluates the splats [begin, end) where they are seen, and adds them to the nearest layer.
+  /// Leaves what is another's and returns how many these are.
+  HWY_INLINE std::size_t join_nearest(const PixelSplats& list, const std::uint32_t* begin,
+                                      const std::uint32_t* end, Contribution* out) const {
     const D d;
     const SplatSampler sampler = raster_.sampler();
+    const Splat* const splats = job_.splats;
     const V x = list.x;
     const V y = list.y;
-    const V cutoff = hn::Set(d, sampler.cutoff());
+    const V cutoff = hn::Set(d, job_.cutoff);
     const V hidden = hn::Load(d, hidden_ + list.pixel);
-    std::size_t count = 0;
+    Layer layer(tile_.fragment(0, list.pixel), full_);
+    std::size_t left = 0;
     for (; begin < end; ++begin) {
       const Sample s = sampler.at(*begin, x, y);
       // What lies within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
-      const V rho = hn::Mul(s.amplitude, sampler.decay(open, s.beta));
-      out[count] = {hn::IfThenElseZero(open, rho), s.depth, s.epsilon, *begin};
-      count += hn::AllFalse(d, open) ? 0 : 1;
+      Contribution c{hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta))), s.depth,
+                     s.epsilon, *begin};
+      c.rho = layer.take(c, splats[*begin], normal_of(*begin));
+      out[left] = c;
+      left += is_zero(c.rho) ? 0 : 1;
     }
-    return count;
+    layer.store();
+    return left;
   }
 
-  /// Accumulate or separate, SS01 section 6, layer by layer: a layer's sums depend on those
-  /// contributions alone that no layer before it has taken. Leaves those for which there is no
-  /// layer, in the pixels where there is none, and returns how many.
-  std::size_t join_layers(std::size_t pixel, Contribution* batch, std::size_t count) {
-    const D d;
-    const hn::RebindToUnsigned<D> du;
+  /// Adds contributions to the layers from the given one on. Leaves those for which there is none,
+  /// in the pixels where there is none, and returns how many these are.
+  HWY_INLINE std::size_t join_layers(std::size_t pixel, int which, Contribution* batch,
+                                     std::size_t count) const {
     const Splat* const splats = job_.splats;
-    const SplatNormal* const normals = job_.normals;
-    const V full = full_;
-    const auto side = hn::Set(du, kFrontTag);
-    for (int layer = 0; layer < layers_ && count > 0; ++layer) {
-      float* const fragment = tile_.fragment(layer, pixel);
-      FragmentSums<kNormals, kOpaqueSplats> sums(fragment);
-      auto tag = hn::BitCast(du, hn::Load(d, fragment + kTag * kPatchPixels));
+    for (; which < layers_ && count > 0; ++which) {
+      Layer layer(tile_.fragment(which, pixel), full_);
       std::size_t left = 0;
       for (std::size_t i = 0; i < count; ++i) {
-        const Contribution& c = batch[i];
-        const Splat& splat = splats[c.splat];
-        const V rho = c.rho;
-        const V depth = c.depth;
-        const V epsilon = c.epsilon;
-        const auto splat_tag = hn::Set(du, splat.tag);
-        // depth - fragment's depth, times the fragment's weight, to save the division. Merged
-        // fragments have a negative weight, and no contribution is near them, nor hidden by them.
-        const V behind = hn::MulSub(depth, sums.weight, sums.depth);
-        const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums.weight));
-        const M same_side =
-            hn::RebindMask(d, hn::Eq(hn::And(hn::Xor(tag, splat_tag), side), hn::Zero(du)));
-        const M free = hn::Eq(sums.weight, hn::Zero(d));
-        const M joins = hn::Or(free, hn::And(near, same_side));
-        const V alpha = kOpaqueSplats ? sums.weight : sums.alpha;
-        const M hidden = hn::And(covers(sums.weight, alpha, full), hn::Lt(behind, hn::Zero(d)));
-        tag = hn::IfThenElse(hn::RebindMask(du, free), splat_tag, tag);
-        sums.add(splat, kNormals ? normals + c.splat : nullptr, hn::IfThenElseZero(joins, rho),
-                 depth);
-        const V rest = hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
-        batch[left] = {rest, depth, epsilon, c.splat};
-        left += hn::AllTrue(d, hn::Eq(rest, hn::Zero(d))) ? 0 : 1;
+        Contribution c = batch[i];
+        c.rho = layer.take(c, splats[c.splat], normal_of(c.splat));
+        batch[left] = c;
+        left += is_zero(c.rho) ? 0 : 1;
       }
-      sums.store(fragment);
-      hn::Store(hn::BitCast(d, tag), d, fragment + kTag * kPatchPixels);
+      layer.store();
       count = left;
     }
     return count;
   }
 
-  /// Adds a contribution for which no layer is left in its pixels.
-  HWY_NOINLINE void add_without_layer(std::size_t pixel, const Contribution& c) {
+  /// Adds a contribution for which no layer is left in its pixels. Returns whether that has made a
+  /// layer in some pixel.
+  HWY_NOINLINE bool add_without_layer(std::size_t pixel, const Contribution& c) {
     const D d;
     const Splat& splat = job_.splats[c.splat];
-    const SplatNormal* normal = kNormals ? job_.normals + c.splat : nullptr;
+    const SplatNormal* normal = normal_of(c.splat);
     const V rho = c.rho;
     const V depth = c.depth;
     M open = hn::Gt(rho, hn::Zero(d));
@@ -219,7 +263,7 @@ class Rasterizer {
       const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
       const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
-      if (hn::AllFalse(d, open)) return;
+      if (hn::AllFalse(d, open)) return false;
     }
     // What nobody sees is not worth two surfaces merged.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
@@ -227,6 +271,7 @@ class Rasterizer {
     for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
     });
+    return !hn::AllFalse(d, open);
   }
 
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
