@@ -165,6 +165,29 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     const V inv_z = kPerspective ? hn::Div(one, p.z) : one;
     const V X = kPerspective ? hn::Mul(p.x, inv_z) : zero;
     const V Y = kPerspective ? hn::Mul(p.y, inv_z) : zero;
+    const V center_x = hn::MulAdd(focal_x, kPerspective ? X : p.x, hn::Set(d, view.center_x));
+    const V center_y = hn::MulAdd(focal_y, kPerspective ? Y : p.y, hn::Set(d, view.center_y));
+    const V deviation_u = hn::LoadU(d, in.deviation_u + i);
+    const V deviation_v = kAnisotropic ? hn::LoadU(d, in.deviation_v + i) : deviation_u;
+    const V deviation = hn::Max(deviation_u, deviation_v);
+    const V disc = hn::Mul(hn::Sqrt(two_c), deviation);
+
+    // Most clusters that reach over the rectangle's edge have surfels far outside of it. A disc
+    // that is not near the eye's plane is within its bounding sphere; see outside() below.
+    if (!view.circular) {
+      const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) HWY_ATTR {
+        const V wide = hn::MulAdd(slope, slope, one);  // >= sqrt(slope^2 + 1)
+        const V reach = hn::MulAdd(hn::Mul(focal, hn::Mul(inv_z, disc)),
+                                   hn::Mul(hn::Set(d, 4.0F / 3), wide), filter_reach);
+        return hn::Or(hn::Lt(hn::Add(center, reach), hn::Set(d, clip0)),
+                      hn::Gt(hn::Sub(center, reach), hn::Set(d, clip1)));
+      };
+      const auto unseen = hn::Or(outside(center_x, X, focal_x, view.clip_x0, view.clip_x1),
+                                 outside(center_y, Y, focal_y, view.clip_y0, view.clip_y1));
+      const auto far = hn::Lt(hn::Mul(hn::Set(d, 4.0F), disc), p.z);
+      if (hn::AllTrue(d, hn::And(unseen, far))) continue;
+    }
+
     const V distance = kPerspective ? hn::Sqrt(dot(p, p)) : one;
     const V inv_distance = kPerspective ? hn::Div(one, distance) : one;
 
@@ -178,8 +201,6 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.z, to_eye) : hn::Neg(one), n.z);
 
     // Columns of J V^(1/2): see screen_from_tangent_jacobian().
-    const V deviation_u = hn::LoadU(d, in.deviation_u + i);
-    const V deviation_v = kAnisotropic ? hn::LoadU(d, in.deviation_v + i) : deviation_u;
     Vec3 t;
     if constexpr (kAnisotropic) {
       t = rotate(view.rotation, {hn::LoadU(d, in.tangent_x + i), hn::LoadU(d, in.tangent_y + i),
@@ -228,21 +249,17 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     const V inv_np = hn::Div(one, hn::CopySign(hn::Max(hn::Abs(n_p), least), n_p));
     // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
     // divided by the cosine.
-    const V deviation = hn::Max(deviation_u, deviation_v);
     const V inv_cosine = hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
     const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, p.z) : pixel, inv_cosine);
     const V reach = hn::Sqrt(
         hn::Mul(two_c, hn::MulAdd(deviation, deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
     const V depth_reach = hn::Mul(reach, hn::Mul(inv_z, inv_z));  // dz / z^2, of d = 1 / z
 
-    const V center_x = hn::MulAdd(focal_x, kPerspective ? X : p.x, hn::Set(d, view.center_x));
-    const V center_y = hn::MulAdd(focal_y, kPerspective ? Y : p.y, hn::Set(d, view.center_y));
     const V half_x = hn::Sqrt(hn::Mul(two_c, Sigma_xx));
     const V half_y = hn::Sqrt(hn::Mul(two_c, Sigma_yy));
 
     // Where the disc reaches through the near plane, the affine approximation (4) has no meaning.
     // Comparisons are false for NaN.
-    const V disc = hn::Mul(hn::Sqrt(two_c), deviation);
     const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
     const V depth_extent = hn::Mul(disc, sine);
     const V near = hn::Set(d, view.near);
