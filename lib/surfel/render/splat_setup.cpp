@@ -189,16 +189,17 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     }
 
     const V distance = kPerspective ? hn::Sqrt(dot(p, p)) : one;
-    const V inv_distance = kPerspective ? hn::Div(one, distance) : one;
 
     // An unknown normal looks at the eye.
     Vec3 n = rotate(view.rotation, {hn::LoadU(d, in.normal_x + i), hn::LoadU(d, in.normal_y + i),
                                     hn::LoadU(d, in.normal_z + i)});
     const auto unknown = hn::Eq(dot(n, n), zero);
-    const V to_eye = hn::Neg(inv_distance);
-    n.x = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.x, to_eye) : zero, n.x);
-    n.y = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.y, to_eye) : zero, n.y);
-    n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.z, to_eye) : hn::Neg(one), n.z);
+    if (HWY_UNLIKELY(!hn::AllFalse(d, unknown))) {
+      const V to_eye = hn::Div(hn::Set(d, -1.0F), distance);
+      n.x = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.x, to_eye) : zero, n.x);
+      n.y = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.y, to_eye) : zero, n.y);
+      n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.z, to_eye) : hn::Neg(one), n.z);
+    }
 
     // Columns of J V^(1/2): see screen_from_tangent_jacobian().
     Vec3 t;
@@ -260,30 +261,38 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
 
     // Where the disc reaches through the near plane, the affine approximation (4) has no meaning.
     // Comparisons are false for NaN.
-    const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
-    const V depth_extent = hn::Mul(disc, sine);
     const V near = hn::Set(d, view.near);
+    const V tolerance = hn::Set(d, view.tolerance);
+    const V size2 = hn::Mul(two_c, hn::Add(xx, yy));
     auto exact = hn::FirstN(d, 0);
-    auto visible = hn::Gt(hn::Sub(p.z, depth_extent), near);
+    auto visible = hn::Not(exact);
+    // Most are so small that the angle to the line of sight need not be known for what follows.
+    const V least_z = hn::Sub(p.z, disc);
+    auto small = hn::Gt(least_z, near);
     if constexpr (kPerspective) {
+      const V most_error = hn::Mul(tolerance, least_z);
+      small = hn::And(small,
+                      hn::Le(hn::Mul(size2, hn::Mul(disc, disc)), hn::Mul(most_error, most_error)));
+    }
+    if (view.tolerance < 0 || !hn::AllTrue(d, small)) {
+      const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
+      const V depth_extent = hn::Mul(disc, sine);
+      visible = hn::Gt(hn::Sub(p.z, depth_extent), near);
       // A point of the disc that is nearer than the centre by the share e of its depth is projected
       // 1 / (1 - e) times as far from the centre as (4) says: off by e / (1 - e) of that.
-      const V size = hn::Sqrt(hn::Mul(two_c, hn::Add(xx, yy)));
-      const V error_z = hn::Mul(size, depth_extent);
-      const V tolerance = hn::Set(d, view.tolerance);
-      const auto affine =
-          hn::And(visible, hn::Le(error_z, hn::Mul(tolerance, hn::Sub(p.z, depth_extent))));
-      if (view.tolerance < std::numeric_limits<float>::infinity()) {
+      if (kPerspective && view.tolerance < std::numeric_limits<float>::infinity()) {
+        const V error_z = hn::Mul(hn::Sqrt(size2), depth_extent);
+        const auto affine =
+            hn::And(visible, hn::Le(error_z, hn::Mul(tolerance, hn::Sub(p.z, depth_extent))));
         exact = hn::AndNot(affine, hn::Gt(hn::Add(p.z, depth_extent), near));
         visible = affine;
       }
       if (!hn::AllFalse(d, exact)) {
         // A disc that is far enough from the eye's plane is within its bounding sphere.
-        const V left = hn::Sub(p.z, disc);
-        const auto bounded = hn::Gt(left, hn::Mul(hn::Set(d, kLeastDistance), disc));
+        const auto bounded = hn::Gt(least_z, hn::Mul(hn::Set(d, kLeastDistance), disc));
         const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) {
           const V bound = hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, one))),
-                                     hn::Div(disc, left), filter_reach);
+                                     hn::Div(disc, least_z), filter_reach);
           return hn::Or(hn::Lt(hn::Add(center, bound), hn::Set(d, clip0)),
                         hn::Gt(hn::Sub(center, bound), hn::Set(d, clip1)));
         };
