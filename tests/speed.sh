@@ -73,26 +73,14 @@ times_row() {
 }
 
 views=6
-# frames THREADS FILE OPTION...: mean of the least times of each view but the first, which touches the memory.
+# frames THREADS FILE [LOD_FILE]: means over views all around of a frame's milliseconds and of Z's.
 frames() {
-  local threads=$1 file=$2 i
-  shift 2
-  rm -f "$work/frames".*
-  for ((i = 0; i < runs; ++i)); do
-    "${prefix[@]}" "$bin/surfel-render" "$file" -o "$work/frame_%02d.png" --turntable $views --size 512x512 --shading none \
-      --threads "$threads" --quiet --stats "$work/frames.json" "$@"
-    sed -n 's/^      "ms": \(.*\),/\1/p' "$work/frames.json" > "$work/frames.$i"
-  done
-  paste "$work/frames".[0-9]* | awk 'NR > 1 { least = $1; for (i = 2; i <= NF; ++i) if ($i < least) least = $i
-    sum += least } END { printf "%.2f", sum / (NR - 1) }'
-}
-# peers FILE: mean of Z over the same views.
-peers() {
   local view
-  for ((view = 1; view < views; ++view)); do
-    "${prefix[@]}" "$bin/render_peers" "$1" --size 512x512 --turntable $views --view $view --threads 2 \
-      --repeats "$((runs + 1))" --unlit --no-embree
-  done | awk '$1 == "z-buffer" { sum += $5; ++n } END { printf "%.2f", sum / n }'
+  for ((view = 0; view < views; ++view)); do
+    "${prefix[@]}" "$bin/render_peers" "$2" --size 512x512 --turntable $views --view $view --threads "$1" \
+      --repeats "$((2 * runs))" --unlit --no-embree ${3:+--lod "$3"}
+  done | awk '{ sum[$1] += $5; ++n[$1] } END {
+    printf "%.2f %.2f", sum["surfelkit"] / n["surfelkit"], sum["z-buffer"] / n["z-buffer"] }'
 }
 # thread_row TWO ONE BOUND COMMAND
 thread_row() {
@@ -136,28 +124,28 @@ section_render() {
 }
 
 section_lod() {
-  local count before ms psnr lod command
+  local count before ms one z psnr lod command
   make_terrain
   "$bin/surfel-lod" "$work/terrain.ply" -o "$work/terrain-lod.ply" --quiet
   for lod in on off; do
     "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --shading none --lod $lod --quiet
   done
   psnr=$("$bin/surfel-compare" "$work/lod-on.exr" "$work/lod-off.exr" --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p')
-  ms=$(frames 2 "$work/terrain-lod.ply" --lod on)
-  command="surfel-render terrain-lod.ply --turntable $views --size 512x512 --lod on"
+  read -r ms z < <(frames 2 "$work/terrain.ply" "$work/terrain-lod.ply")
+  command="render_peers terrain.ply --lod terrain-lod.ply --size 512x512 --turntable $views --unlit"
   times_row "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$ms" "one pixel a point" \
-    "$(peers "$work/terrain.ply")" Z "1.5 Z" "0.8 Z" "arithmetic of the footprints" "$command"
-  thread_row "$ms" "$(frames 1 "$work/terrain-lod.ply" --lod on)" "blocks of unequal work" "$command"
+    "$z" Z "1.5 Z" "0.8 Z" "arithmetic of the footprints" "$command"
+  read -r one z < <(frames 1 "$work/terrain.ply" "$work/terrain-lod.ply")
+  thread_row "$ms" "$one" "blocks of unequal work" "$command"
   before=
   for count in 1 2 4 8 16 32; do
     "$bin/surfel-generate" terrain --count ${count}000000 --no-uv -o "$work/grow.ply" --quiet
     "$bin/surfel-lod" "$work/grow.ply" -o "$work/grow-lod.ply" --quiet
-    rm "$work/grow.ply"
-    ms=$(frames 2 "$work/grow-lod.ply" --lod on)
+    read -r ms z < <(views=1 frames 2 "$work/grow.ply" "$work/grow-lod.ply")
     [[ -z $before ]] || printf '| terrain, %s M, --lod on, by half as many | %.1f ms | half %.1f ms | %s | - | 1.3 x | 1 x | %s | `%s` |\n' \
-      $count "$ms" "$before" "grows $(calc "$ms / $before") x" "pixels" "surfel-render grow-lod.ply --lod on"
+      $count "$ms" "$before" "grows $(calc "$ms / $before") x" "pixels" "render_peers grow.ply --lod grow-lod.ply --size 512x512 --unlit"
     before=$ms
-    rm "$work/grow-lod.ply"
+    rm "$work/grow.ply" "$work/grow-lod.ply"
   done
 }
 

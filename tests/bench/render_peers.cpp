@@ -5,7 +5,7 @@
 // with something in them.
 //
 // Usage: render_peers CLOUD [--size WxH] [--threads N] [--repeats N] [--turntable N --view I]
-//                     [--layers N] [--cull-back] [--unlit] [--no-embree]
+//                     [--layers N] [--cull-back] [--unlit] [--no-embree] [--lod LEVELS]
 
 #include <algorithm>
 #include <array>
@@ -37,6 +37,7 @@ using namespace surfel;
 
 struct Settings {
   std::string cloud;
+  std::string lod;
   CameraOptions camera;
   int threads = 0;
   int repeats = 15;
@@ -246,7 +247,11 @@ void run(const Settings& s) {
   SurfelCloud cloud = read_cloud(s.cloud);
   Array<std::uint32_t> order = morton_order(cloud.position);
   std::erase_if(order, [&](std::uint32_t i) { return !cloud.position[i].allFinite(); });
-  const RenderCloud surfels(cloud);
+  const RenderCloud surfels = s.lod.empty()
+                                  ? RenderCloud(cloud)
+                                  : RenderCloud(read_cloud(s.lod, CloudReadOptions{.levels = true}),
+                                                {.levels = true}, s.lod);
+  if (!s.lod.empty() && surfels.tree().empty()) throw_input(s.lod, "has no levels of detail");
   const SceneExtent extent = surfels.extent();
   cloud = cloud.gathered(order);
   const Camera camera = s.turntable > 0 ? turntable(s.camera, extent, s.turntable).at(s.view)
@@ -277,6 +282,7 @@ int main(int argc, char** argv) {
   app.add_option("--layers", s.render.layers, "Fragments per pixel")->capture_default_str();
   app.add_flag("--cull-back", s.render.cull_back, "Leave out surfels that face away");
   app.add_flag("!--unlit", s.render.lit, "No shading");
+  app.add_option("--lod", s.lod, "The same surfels with levels of detail, drawn instead of them");
   app.add_flag("!--no-embree", s.embree, "Z and ours alone");
   CLI11_PARSE(app, argc, argv);
   if (s.threads == 0) s.threads = thread_count();
