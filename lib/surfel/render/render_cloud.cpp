@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
 #include <surfel/cloud/morton.h>
 #include <surfel/render/render_cloud.h>
@@ -112,7 +111,6 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
       continue;
     }
     column->resize(rows + kPadding);
-    prefer_huge_pages(column->data(), rows * sizeof(float));
     std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(rows), kPadding, 0.0F);
   }
   if (attributes.material) material.resize(rows);
@@ -167,7 +165,6 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
   const auto gather_column = [&](auto& column, std::size_t padding) {
     if (column.empty()) return;
     std::remove_reference_t<decltype(column)> gathered(size_ + padding);
-    prefer_huge_pages(gathered.data(), size_ * sizeof(gathered[0]));
     parallel_for(size_, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) gathered[i] = column[order[i]];
     });
