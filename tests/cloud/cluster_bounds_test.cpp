@@ -15,7 +15,7 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-/// Surfels around a point with normals around an axis; NaN after the last.
+/// Surfels around a point, normals in one octant; NaN after the last.
 struct Surfels {
   std::array<std::vector<float>, 9> column;
   std::vector<float> alpha;
@@ -26,7 +26,7 @@ struct Surfels {
       column[c].assign(n + kColumnPadding, kNan);
       for (std::size_t i = 0; i < n; ++i) {
         const auto random = static_cast<float>(random_uniform(c, i));
-        column[c][i] = c < 3 ? 100 + random : c < 6 ? random - 0.2F : 0.1F + random;
+        column[c][i] = c < 3 ? 100 + random : c < 6 ? random + 0.2F : 0.1F + random;
       }
     }
     for (std::size_t i = 0; i < n; ++i) {

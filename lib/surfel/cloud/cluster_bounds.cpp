@@ -96,8 +96,8 @@ HWY_INLINE void bound_normals(const ClusterColumns& s, ClusterBounds& bounds) {
                              hn::Set(Wide(), axis[2])};
   Range cosines;
   for_each_group<Wide>(s.count, [&](const Group<Wide>& group) {
-    cosines.add(dot(along, {group.load(s.normal[0]), group.load(s.normal[1]),
-                            group.load(s.normal[2])}));
+    cosines.add(
+        dot(along, {group.load(s.normal[0]), group.load(s.normal[1]), group.load(s.normal[2])}));
   });
   const float cosine = std::min(1.0F, cosines.min());
   if (cosine > kWidestCone) {
@@ -174,8 +174,8 @@ SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* alpha,
     totals.reach_max[axis] = reaches_up[axis].max();
   }
   totals.deviations = (deviations[0] + deviations[1]) + (deviations[2] + deviations[3]);
-  totals.usable = hn::AllTrue(Wide(), all_positive) &&
-                  hn::AllTrue(Wide(), hn::Eq(zeros, hn::Zero(Wide())));
+  totals.usable =
+      hn::AllTrue(Wide(), all_positive) && hn::AllTrue(Wide(), hn::Eq(zeros, hn::Zero(Wide())));
   totals.transparent = alpha && alphas.min() < 1;
   return totals;
 }

@@ -12,10 +12,14 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#ifndef SURFEL_CLOUD_MORTON_IN_ORDER_ONCE  // This file is compiled once for each instruction set.
-#define SURFEL_CLOUD_MORTON_IN_ORDER_ONCE
+HWY_BEFORE_NAMESPACE();
 namespace surfel {
+namespace HWY_NAMESPACE {
 namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<double, 8>;
+using I = hn::Rebind<std::int32_t, D>;
 
 /// May point i + 1 follow point i?
 bool pair_in_order(const MortonGrid& grid, const PointColumns& points, std::size_t i) {
@@ -26,19 +30,6 @@ bool pair_in_order(const MortonGrid& grid, const PointColumns& points, std::size
   return !(key(i + 1) < key(i));
 }
 
-}  // namespace
-}  // namespace surfel
-#endif
-
-HWY_BEFORE_NAMESPACE();
-namespace surfel {
-namespace HWY_NAMESPACE {
-namespace {
-
-namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<double, 8>;
-using I = hn::Rebind<std::int32_t, D>;
-
 /// Along one axis, the cells of points and by which bits those of the next points differ.
 struct Step {
   hn::Vec<I> differing, rise;
@@ -46,8 +37,8 @@ struct Step {
   HWY_INLINE Step(const float* column, double low, double cells_per_unit) {
     const auto cell = [&](const float* from) {
       const hn::Vec<D> p = hn::PromoteTo(D(), hn::LoadU(hn::Rebind<float, D>(), from));
-      return hn::DemoteTo(
-          I(), hn::Mul(hn::Sub(p, hn::Set(D(), low)), hn::Set(D(), cells_per_unit)));
+      return hn::DemoteTo(I(),
+                          hn::Mul(hn::Sub(p, hn::Set(D(), low)), hn::Set(D(), cells_per_unit)));
     };
     const hn::Vec<I> here = cell(column);
     const hn::Vec<I> next = cell(column + 1);

@@ -242,9 +242,8 @@ void RecordSource::decode(const std::byte* records, std::size_t count, RenderClo
   const auto copy = [&](Column column, auto* to) {
     const Field from{records + column->offset, table_.stride};
     visit_small(column->type, [&]<class T>(T) {
-      from.copy<T>(count, to, [](T value) {
-        return static_cast<std::remove_pointer_t<decltype(to)>>(value);
-      });
+      from.copy<T>(count, to,
+                   [](T value) { return static_cast<std::remove_pointer_t<decltype(to)>>(value); });
     });
   };
   if (!cloud.material.empty()) copy(material_, cloud.material.data() + row);
