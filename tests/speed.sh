@@ -163,6 +163,8 @@ section_files() {
     cat=$(cat_ms "$work/$kind.ply")
     rm -f "$work/whole" "$work/load"
     for ((i = 0; i < runs; ++i)); do
+      # A file that is replaced is written to the disk first, and that waits for others who use it.
+      rm -f "$work/whole.png" "$work/whole.json"
       run "$bin/surfel-render" "$work/$kind.ply" -o "$work/whole.png" --size 512x512 --stats "$work/whole.json" --quiet \
         >> "$work/whole"
       sed -n 's/^  "load_ms": \(.*\),/ms \1 cpu_ms 0/p' "$work/whole.json" >> "$work/load"

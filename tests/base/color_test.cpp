@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -40,6 +42,17 @@ TEST(Color, RoundsTo8BitsExactlyAtTheThresholds) {
     for (int step = 0; step < 5; ++step, linear = std::nextafter(linear, 2.0F)) {
       EXPECT_EQ(linear_to_srgb8(linear), encode_rounded(linear, 255)) << i << " " << linear;
     }
+  }
+}
+
+/// Between two neighbours among these and the thresholds the encoder does the same: with them every
+/// float is tested.
+TEST(Color, RoundsTo8BitsExactlyWhereStepsOfItsTableMeet) {
+  for (std::uint32_t step = 0; step <= 0x7f80; ++step) {
+    const auto first = std::bit_cast<float>(step << 16);
+    const float last = std::nextafter(first, -1.0F);
+    EXPECT_EQ(linear_to_srgb8(first), encode_rounded(std::min(first, 2.0F), 255)) << first;
+    EXPECT_EQ(linear_to_srgb8(last), encode_rounded(std::clamp(last, 0.0F, 2.0F), 255)) << last;
   }
 }
 

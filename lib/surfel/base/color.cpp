@@ -1,5 +1,7 @@
 #include <array>
+#include <bit>
 #include <cmath>
+#include <limits>
 
 #include <surfel/base/color.h>
 
@@ -14,20 +16,46 @@ double encode(double linear) {
   return linear <= 0.0031308 ? linear * 12.92 : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
 }
 
-/// For every 8-bit value, the least float of linear light that rounds to it. Encoding by a search
-/// in it costs no pow() and rounds exactly.
-const std::array<float, 256>& thresholds() {
-  static const std::array<float, 256> table = [] {
-    std::array<float, 256> t{};
+/// Encodes to 8 bits without pow(), rounded exactly: floats are looked up by exponent and first 7
+/// bits of the mantissa. As such a step of floats is at most 1/128 of their size and the curve
+/// reaches its next value after 1/112 at the earliest, a step has two values at most.
+class Srgb8Encoder {
+ public:
+  Srgb8Encoder() noexcept {
+    // For every 8-bit value, the least float of linear light that rounds to it.
+    std::array<float, 257> threshold{};
     for (int i = 1; i < 256; ++i) {
-      const double threshold = decode((i - 0.5) / 255);
-      t[i] = static_cast<float>(threshold);
-      if (t[i] < threshold) t[i] = std::nextafter(t[i], 2.0F);
+      const double exact = decode((i - 0.5) / 255);
+      threshold[i] = static_cast<float>(exact);
+      if (threshold[i] < exact) threshold[i] = std::nextafter(threshold[i], 2.0F);
     }
-    return t;
-  }();
-  return table;
-}
+    threshold[256] = std::numeric_limits<float>::infinity();
+    int value = 0;
+    for (std::uint32_t i = 0; i < kSteps; ++i) {
+      while (std::bit_cast<float>((kFirst + i) << kShift) >= threshold[value + 1]) ++value;
+      steps_[i] = {threshold[value + 1], value};
+    }
+  }
+
+  std::uint8_t operator()(float linear) const noexcept {
+    // Also NaN.
+    if (!(linear >= std::bit_cast<float>(kFirst << kShift))) return 0;
+    if (linear >= 1) return 255;
+    const Step& step = steps_[(std::bit_cast<std::uint32_t>(linear) >> kShift) - kFirst];
+    return static_cast<std::uint8_t>(step.value + static_cast<int>(linear >= step.next));
+  }
+
+ private:
+  static constexpr int kShift = 16;
+  /// From 2^-13, which is below the first threshold, to 1.
+  static constexpr std::uint32_t kFirst = std::bit_cast<std::uint32_t>(0x1p-13F) >> kShift;
+  static constexpr std::uint32_t kSteps = (std::bit_cast<std::uint32_t>(1.0F) >> kShift) - kFirst;
+  struct Step {
+    float next;  ///< Least float of the value after it.
+    int value;   ///< Of the step's first float.
+  };
+  std::array<Step, kSteps> steps_;
+};
 
 }  // namespace
 
@@ -49,13 +77,8 @@ float srgb8_to_linear(std::uint8_t value) noexcept {
 }
 
 std::uint8_t linear_to_srgb8(float linear) noexcept {
-  if (!(linear > 0)) return 0;
-  const auto& t = thresholds();
-  int value = 0;
-  for (int step = 128; step > 0; step /= 2) {
-    if (linear >= t[value + step]) value += step;
-  }
-  return static_cast<std::uint8_t>(value);
+  static const Srgb8Encoder encoder;
+  return encoder(linear);
 }
 
 float srgb16_to_linear(std::uint16_t value) noexcept {

@@ -1,14 +1,21 @@
 #include <fstream>
 #include <limits>
+#include <new>
 #include <optional>
 #include <string>
 
 #include <surfel/base/memory.h>
 #include <sys/mman.h>
-#include <unistd.h>
 
 namespace surfel {
 namespace {
+
+constexpr std::size_t kHugePage = std::size_t{2} << 20;
+constexpr std::size_t kCacheLine = 64;
+
+std::align_val_t array_alignment(std::size_t bytes) noexcept {
+  return std::align_val_t{bytes >= kHugePage ? kHugePage : kCacheLine};
+}
 
 /// Bytes of a line "key  number kB" of a file that the kernel makes; none if it has no such line.
 std::optional<std::uint64_t> kernel_bytes(const char* file, const std::string& wanted) noexcept {
@@ -41,13 +48,15 @@ std::uint64_t available_memory_bytes() noexcept {
       .value_or(std::numeric_limits<std::uint64_t>::max());
 }
 
-void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
-  constexpr std::size_t kSmall = std::size_t{8} << 20;
-  if (bytes < kSmall) return;
-  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-  const auto begin = (reinterpret_cast<std::uintptr_t>(data) + page - 1) / page * page;
-  const auto end = (reinterpret_cast<std::uintptr_t>(data) + bytes) / page * page;
-  madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+void* allocate_array(std::size_t bytes) {
+  void* data = ::operator new(bytes, array_alignment(bytes));
+  // An advice: nothing is lost where it is not taken.
+  if (bytes >= kHugePage) madvise(data, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
+  return data;
+}
+
+void free_array(void* data, std::size_t bytes) noexcept {
+  ::operator delete(data, array_alignment(bytes));
 }
 
 }  // namespace surfel

@@ -14,9 +14,13 @@ SURFEL_API std::uint64_t peak_memory_bytes() noexcept;
 /// is refused before anything is allocated. The largest value where the system does not tell.
 SURFEL_API std::uint64_t available_memory_bytes() noexcept;
 
-/// Asks for memory that was allocated but not touched yet to come in huge pages: a column of
-/// millions of values is then filled with hundreds of page faults instead of tens of thousands. An
-/// advice, without effect on small memory and where the system does not take it.
-SURFEL_API void prefer_huge_pages(void* data, std::size_t bytes) noexcept;
+/// Memory for large arrays of plain values, which begins at a cache line, as SIMD code wants it.
+/// From the size of a huge page on it begins at one and comes in such, where the system gives them:
+/// millions of values are then filled with hundreds of page faults instead of tens of thousands.
+/// What is left after the last whole huge page comes in small ones, so that no more memory is taken
+/// than is touched. Throws std::bad_alloc.
+SURFEL_API void* allocate_array(std::size_t bytes);
+/// Gives it back; `bytes` as allocated.
+SURFEL_API void free_array(void* data, std::size_t bytes) noexcept;
 
 }  // namespace surfel

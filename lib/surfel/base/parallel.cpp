@@ -21,7 +21,11 @@ std::atomic<int> g_thread_count{0};
 std::atomic<bool> g_interrupt{false};
 thread_local bool t_inside_loop = false;
 
-int cores() noexcept { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+/// Asked for once: the system opens and reads a file for each answer.
+int cores() noexcept {
+  static const int count = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return count;
+}
 
 void throw_if_interrupted() {
   if (interrupt_requested()) throw Error(ErrorKind::kInterrupted, "interrupted");

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/memory.h>
+
 namespace surfel {
 
 using Vec2f = Eigen::Vector2f;
@@ -14,13 +16,12 @@ using Vec2d = Eigen::Vector2d;
 using Vec3d = Eigen::Vector3d;
 
 /// Allocator whose resize() leaves plain values uninitialised: an array that is filled by several
-/// threads is touched once, and its pages are spread by the threads that fill them. Memory starts
-/// at a cache line, as SIMD code wants it.
+/// threads is touched once, and its pages are spread by the threads that fill them. See
+/// allocate_array() for the memory.
 template <class T>
 class UninitializedAllocator {
  public:
   using value_type = T;
-  static constexpr std::align_val_t kAlignment{64};
 
   UninitializedAllocator() noexcept = default;
   template <class U>
@@ -28,9 +29,9 @@ class UninitializedAllocator {
 
   T* allocate(std::size_t count) {
     if (count > static_cast<std::size_t>(-1) / 2 / sizeof(T)) throw std::bad_alloc();
-    return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
+    return static_cast<T*>(allocate_array(count * sizeof(T)));
   }
-  void deallocate(T* p, std::size_t /*count*/) noexcept { ::operator delete(p, kAlignment); }
+  void deallocate(T* p, std::size_t count) noexcept { free_array(p, count * sizeof(T)); }
 
   template <class U>
   void construct(U* p) noexcept {

@@ -115,7 +115,6 @@ void Reader::allocate(Array<T>& to, std::size_t values) {
                                    table_.count, available_ >> 20));
   }
   to.resize(values);
-  prefer_huge_pages(to.data(), values * sizeof(T));
 }
 
 void Reader::run(const Copies& copies) const {

@@ -1,5 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -139,6 +140,27 @@ float reach_of(const MergeSurfel& s) {
   return std::sqrt(std::max({c[0] + c[3] + c[5], s.area, 0.0F}));
 }
 
+/// Bounds of a cluster's surfels, drawn as widely as they have to be to cover their areas.
+ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
+  constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
+  std::array<float, 7 * kSize> columns{};
+  const auto column = [&](std::size_t i) { return columns.data() + i * kSize; };
+  for (std::size_t i = 0; i < surfels.size(); ++i) {
+    const MergeSurfel& s = surfels[i];
+    for (int axis = 0; axis < 3; ++axis) {
+      column(axis)[i] = s.position[axis];
+      column(3 + axis)[i] = s.normal[axis];
+    }
+    const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
+    column(6)[i] = std::sqrt(std::max(g.variance_u, s.area));
+  }
+  return cluster_bounds({.position = {column(0), column(1), column(2)},
+                         .normal = {column(3), column(4), column(5)},
+                         .deviation_u = column(6),
+                         .deviation_v = column(6),
+                         .count = surfels.size()});
+}
+
 void Builder::make_finest() {
   Level& level = levels_.emplace_back();
   level.clusters.resize((finest_.size() + kClusterSurfels - 1) / kClusterSurfels);
@@ -160,13 +182,7 @@ void Builder::make_finest() {
         spacing2 += static_cast<double>(s.area) * s.extent2;
       }
       cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
-      cluster.bounds = cluster_bounds(
-          0, surfels.size(), [&](int axis, std::size_t i) { return surfels[i].position[axis]; },
-          [&](int axis, std::size_t i) { return surfels[i].normal[axis]; },
-          [&](std::size_t i) {
-            const TangentGaussian g = tangent_gaussian(surfels[i].covariance, surfels[i].normal);
-            return std::sqrt(std::max(g.variance_u, surfels[i].area));
-          });
+      cluster.bounds = bounds_of(surfels);
     }
   });
 }

@@ -40,6 +40,8 @@ class RecordSource : public SurfelSource {
   RecordSource(const InputFile& file, const RecordTable& table) : file_(file), table_(table) {}
   bool find_columns();
   Bounds measure() const;
+  void decode(const std::byte* records, std::size_t count, RenderCloud& cloud,
+              std::size_t row) const;
   template <class T>
   void fill_positions(const std::byte* records, std::size_t count, RenderCloud& cloud,
                       std::size_t row) const;

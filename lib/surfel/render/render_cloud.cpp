@@ -1,10 +1,11 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <span>
 #include <tuple>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
 #include <surfel/cloud/morton.h>
 #include <surfel/render/render_cloud.h>
@@ -110,7 +111,6 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
       continue;
     }
     column->resize(rows + kPadding);
-    prefer_huge_pages(column->data(), rows * sizeof(float));
     std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(rows), kPadding, 0.0F);
   }
   if (attributes.material) material.resize(rows);
@@ -165,7 +165,6 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
   const auto gather_column = [&](auto& column, std::size_t padding) {
     if (column.empty()) return;
     std::remove_reference_t<decltype(column)> gathered(size_ + padding);
-    prefer_huge_pages(gathered.data(), size_ * sizeof(gathered[0]));
     parallel_for(size_, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) gathered[i] = column[order[i]];
     });
@@ -192,38 +191,30 @@ void RenderCloud::number_groups(const std::string& name) {
   for (std::uint16_t& g : group) g = static_cast<std::uint16_t>(number[g]);
 }
 
+ClusterColumns RenderCloud::columns(std::size_t begin, std::size_t end) const {
+  const auto from = [&](const Array<float>& column) { return column.data() + begin; };
+  return {.position = {from(x), from(y), from(z)},
+          .normal = {from(normal_x), from(normal_y), from(normal_z)},
+          .deviation_u = from(deviation_u),
+          .deviation_v = from(anisotropic() ? deviation_v : deviation_u),
+          .count = end - begin};
+}
+
 SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
-  SurfelTotals totals;
-  const Array<float>* const columns[] = {&x, &y, &z};
-  for (int axis = 0; axis < 3; ++axis) {
-    const float* p = columns[axis]->data();
-    const float* reach = deviation_u.data();
-    const ValueRange range = value_range(begin, end, [=](std::size_t i) { return p[i]; });
-    totals.min[axis] = range.min;
-    totals.max[axis] = range.max;
-    totals.reach_min[axis] =
-        value_range(begin, end, [=](std::size_t i) { return p[i] - reach[i]; }).min;
-    totals.reach_max[axis] =
-        value_range(begin, end, [=](std::size_t i) { return p[i] + reach[i]; }).max;
-  }
-  for (std::size_t i = begin; i < end; ++i) totals.deviations += larger_deviation(i);
-  const auto least = [&](const Array<float>& column) {
-    return value_range(begin, end, [&](std::size_t i) { return column[i]; }).min;
+  const Array<float>* const finite[] = {&x,   &y,     &z,    &deviation_u, &deviation_v, &area,
+                                        &red, &green, &blue, &alpha,       &group_radius};
+  const Array<float>* const positive[] = {&deviation_u, &deviation_v, &group_radius};
+  const float* pointers[std::size(finite) + std::size(positive)];
+  // Those that are there.
+  const auto pick = [&](std::span<const Array<float>* const> columns, const float** to) {
+    std::size_t count = 0;
+    for (const Array<float>* column : columns) {
+      if (!column->empty()) to[count++] = column->data() + begin;
+    }
+    return std::span<const float* const>(to, count);
   };
-  if (!alpha.empty()) totals.transparent = least(alpha) < 1;
-  for (const Array<float>* size : {&deviation_u, &deviation_v, &group_radius}) {
-    totals.usable = totals.usable && (size->empty() || least(*size) > 0);
-  }
-  // A sum of products with zero is zero unless a value is infinite or NaN.
-  float zero[kLanes] = {};
-  for (const Array<float>* column : {&x, &y, &z, &deviation_u, &deviation_v, &area, &red, &green,
-                                     &blue, &alpha, &group_radius}) {
-    if (column->empty()) continue;
-    const float* v = column->data();
-    visit_lanes(begin, end, [&](std::size_t i, std::size_t lane) { zero[lane] += v[i] * 0.0F; });
-  }
-  totals.usable = totals.usable && std::all_of(zero, zero + kLanes, [](float v) { return v == 0; });
-  return totals;
+  return surfel_totals(columns(begin, end), alpha.empty() ? nullptr : alpha.data() + begin,
+                       pick(positive, pointers + std::size(finite)), pick(finite, pointers));
 }
 
 /// What a cluster has besides ClusterBounds.
@@ -232,21 +223,14 @@ void RenderCloud::measure(Cluster& cluster, const SurfelTotals& totals) const {
   // not shrink a bound.
   cluster.half_extent =
       (totals.max - cluster.center).cwiseMax(cluster.center - totals.min) * (1.0F + 1e-6F);
-  if (group_radius.empty()) return;
-  cluster.max_group_radius =
-      value_range(cluster.begin, cluster.end, [&](std::size_t i) { return group_radius[i]; }).max;
+  for (std::uint32_t i = cluster.begin; i < cluster.end && !group_radius.empty(); ++i) {
+    cluster.max_group_radius = std::max(cluster.max_group_radius, group_radius[i]);
+  }
 }
 
 /// Makes a cluster of the surfels [begin, end).
 SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const {
-  const float* const position[] = {x.data(), y.data(), z.data()};
-  const float* const normal[] = {normal_x.data(), normal_y.data(), normal_z.data()};
-  const auto position_at = [&](int axis, std::size_t i) { return position[axis][i]; };
-  const auto normal_at = [&](int axis, std::size_t i) { return normal[axis][i]; };
-  const float* const u = deviation_u.data();
-  const float* const v = anisotropic() ? deviation_v.data() : u;
-  const auto deviation_at = [=](std::size_t i) { return std::max(u[i], v[i]); };
-  cluster = {cluster_bounds(begin, end, position_at, normal_at, deviation_at)};
+  cluster = {cluster_bounds(columns(begin, end))};
   cluster.begin = static_cast<std::uint32_t>(begin);
   cluster.end = static_cast<std::uint32_t>(end);
   const SurfelTotals sums = totals(begin, end);

@@ -21,15 +21,6 @@ struct Cluster : ClusterBounds {
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
 };
 
-/// Of consecutive surfels, what the whole cloud's figures are made of.
-struct SurfelTotals {
-  Vec3f min, max;              ///< Of the positions.
-  Vec3f reach_min, reach_max;  ///< The same with each surfel's deviation.
-  double deviations = 0;       ///< Sum of the larger ones.
-  bool usable = true;          ///< Every surfel can be drawn.
-  bool transparent = false;    ///< Some alpha is below 1.
-};
-
 /// Optional columns of a RenderCloud: most pictures do without.
 struct RenderColumns {
   bool groups = false;        ///< `group`.
@@ -50,7 +41,7 @@ class SURFEL_API RenderCloud {
  public:
   static constexpr std::uint32_t kClusterSize = kClusterSurfels;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
-  static constexpr std::size_t kPadding = 16;
+  static constexpr std::size_t kPadding = kColumnPadding;
   /// Surfels that are decoded at a time: they stay in a core's cache.
   static constexpr std::size_t kBlock = 8 * std::size_t{kClusterSize};
 
@@ -113,6 +104,7 @@ class SURFEL_API RenderCloud {
                 const std::string& name);
   std::vector<Array<float>*> float_columns();
   bool usable(std::size_t row, UnusableSurfels& dropped) const;
+  ClusterColumns columns(std::size_t begin, std::size_t end) const;
   SurfelTotals totals(std::size_t begin, std::size_t end) const;
   SurfelTotals make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const;
   void measure(Cluster& cluster, const SurfelTotals& totals) const;

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Where surfels lie and which way they look, for culling.
+struct ClusterBounds {
+  Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
+  float radius = 0;          ///< Of that sphere.
+  float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
+  Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
+  float cone_cosine =
+      -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
+};
+
+/// Cosine below which a cone of normals is of no use for culling.
+inline constexpr float kWidestCone = 0.05F;
+
+/// Floats that may be read past the end of every column, whatever they are.
+inline constexpr std::size_t kColumnPadding = 16;
+
+/// Columns of `count` surfels, padded by kColumnPadding.
+struct ClusterColumns {
+  const float* position[3];
+  const float* normal[3];    ///< Unit, or zero = unknown.
+  const float* deviation_u;  ///< Standard deviations, scene units; the same column twice where
+  const float* deviation_v;  ///< they are equal.
+  std::size_t count;
+};
+
+/// Bounds of surfels. Values that are NaN bound nothing.
+SURFEL_API ClusterBounds cluster_bounds(const ClusterColumns& surfels);
+
+/// Of surfels, what the whole cloud's figures are made of.
+struct SurfelTotals {
+  Vec3f min, max;              ///< Of the positions that are not NaN; infinite if there is none.
+  Vec3f reach_min, reach_max;  ///< The same with each surfel's deviation_u.
+  double deviations = 0;       ///< Sum of the larger ones.
+  bool usable = true;          ///< What must be positive or finite is.
+  bool transparent = false;    ///< Some alpha is below 1.
+};
+
+/// \param alpha     may be null.
+/// \param positive  columns whose values must be above 0,
+/// \param finite    and finite.
+SURFEL_API SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* alpha,
+                                      std::span<const float* const> positive,
+                                      std::span<const float* const> finite);
+
+}  // namespace surfel
