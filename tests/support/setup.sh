@@ -10,7 +10,7 @@ surfel_packages=(
   # Libraries that the project links (design: which does what).
   libceres-dev libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev
   libembree-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
-  nlohmann-json3-dev zlib1g-dev
+  nlohmann-json3-dev
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # Tests and checks.
