@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/memory.h>
+
 namespace surfel {
 
 using Vec2f = Eigen::Vector2f;
@@ -15,7 +17,8 @@ using Vec3d = Eigen::Vector3d;
 
 /// Allocator whose resize() leaves plain values uninitialised: an array that is filled by several
 /// threads is touched once, and its pages are spread by the threads that fill them. Memory starts
-/// at a cache line, as SIMD code wants it.
+/// at a cache line, as SIMD code wants it, and comes in huge pages where it is large: to touch it
+/// for the first time page by page takes longer than to fill it.
 template <class T>
 class UninitializedAllocator {
  public:
@@ -28,7 +31,9 @@ class UninitializedAllocator {
 
   T* allocate(std::size_t count) {
     if (count > static_cast<std::size_t>(-1) / 2 / sizeof(T)) throw std::bad_alloc();
-    return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
+    void* memory = ::operator new(count * sizeof(T), kAlignment);
+    prefer_huge_pages(memory, count * sizeof(T));
+    return static_cast<T*>(memory);
   }
   void deallocate(T* p, std::size_t /*count*/) noexcept { ::operator delete(p, kAlignment); }
 
