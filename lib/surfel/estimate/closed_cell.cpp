@@ -44,30 +44,32 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
     return hn::MulAdd(x, hn::Set(d, axis.x()),
                       hn::MulAdd(y, hn::Set(d, axis.y()), hn::Mul(z, hn::Set(d, axis.z()))));
   };
+  const float* position = surface.position.data()->data();
+  const float* normal = surface.normal.data()->data();
+  const auto place = [](std::size_t index) { return static_cast<std::int32_t>(3 * index); };
   for (; !near.empty(); near = near.subspan(std::min(kWidth, near.size()))) {
-    // Offsets and normals. What is not there is at the origin, where the point itself is, too.
-    alignas(64) float offset[3][kWidth] = {};
-    alignas(64) float normal[3][kWidth] = {};
-    for (std::size_t k = 0; k < std::min(kWidth, near.size()); ++k) {
-      const Vec3f& p = surface.position[near[k].index];
-      const Vec3f& m = surface.normal[near[k].index];
-      for (int axis = 0; axis < 3; ++axis) {
-        offset[axis][k] = p[axis] - origin[axis];
-        normal[axis][k] = m[axis];
-      }
+    // The point itself stands for what is not there.
+    alignas(64) std::int32_t places[kWidth];
+    for (std::size_t k = 0; k < kWidth; ++k) {
+      places[k] = place(k < near.size() ? near[k].index : i);
     }
     for (std::size_t k = 0; k < kWidth; k += hn::Lanes(d)) {
-      const V ox = hn::Mul(hn::Load(d, offset[0] + k), hn::Set(d, scale));
-      const V oy = hn::Mul(hn::Load(d, offset[1] + k), hn::Set(d, scale));
-      const V oz = hn::Mul(hn::Load(d, offset[2] + k), hn::Set(d, scale));
+      const auto at = hn::Load(hn::RebindToSigned<D>(), places + k);
+      const auto offset = [&](int axis) HWY_ATTR {
+        const V p = hn::GatherIndex(d, position + axis, at);
+        return hn::Mul(hn::Sub(p, hn::Set(d, origin[axis])), hn::Set(d, scale));
+      };
+      const V ox = offset(0);
+      const V oy = offset(1);
+      const V oz = offset(2);
       const V x = dot(cell.a, ox, oy, oz);
       const V y = dot(cell.b, ox, oy, oz);
       const V height = dot(n, ox, oy, oz);
       const V length2 = hn::MulAdd(x, x, hn::Mul(y, y));
       auto on_surface = hn::And(hn::Gt(length2, zero), hn::Le(hn::Mul(height, height), length2));
       if (surface.oriented) {
-        const V product = dot(n, hn::Load(d, normal[0] + k), hn::Load(d, normal[1] + k),
-                              hn::Load(d, normal[2] + k));
+        const V product = dot(n, hn::GatherIndex(d, normal, at), hn::GatherIndex(d, normal + 1, at),
+                              hn::GatherIndex(d, normal + 2, at));
         on_surface = hn::And(on_surface, hn::Ge(product, zero));
       }
       hn::StoreU(hn::Compress(x, on_surface), d, cell.x + cell.neighbors);
@@ -109,12 +111,16 @@ struct Sums {
 /// False if they do not close.
 bool intersect(std::size_t count, ClosedCell& cell) {
   constexpr float kFar = 1e18F;
+  /// Below this sines are rounding, and their reciprocals may be infinite.
+  constexpr float kLeast = 1e-30F;
   /// Of the radius; rounding tears edges 1e-5 apart at most, but for slivers.
   constexpr float kLargestGap = 1e-4F;
   const D d;
   const V zero = hn::Zero(d);
   const V half = hn::Set(d, 0.5F);
   const V far = hn::Set(d, kFar);
+  const V two = hn::Set(d, 2.0F);
+  const V least = hn::Set(d, kLeast);
   const V lanes = hn::Iota(d, 0);
   alignas(64) float kept_x[ClosedCell::kRoom];
   alignas(64) float kept_y[ClosedCell::kRoom];
@@ -125,6 +131,7 @@ bool intersect(std::size_t count, ClosedCell& cell) {
     const V y = hn::Load(d, cell.bound_y + j);
     // A place on the bisector of p is p / 2 + t (-p.y, p.x). It is no further from the origin than
     // from q if t cross(p, q - p) <= q.(q - p) / 2.
+    const V place = hn::Add(lanes, hn::Set(d, static_cast<float>(j)));
     V low = hn::Neg(far);
     V high = far;
     for (std::size_t k = 0; k < count; ++k) {
@@ -133,15 +140,17 @@ bool intersect(std::size_t count, ClosedCell& cell) {
       const V ex = hn::Sub(qx, x);
       const V ey = hn::Sub(qy, y);
       const V numerator = hn::MulAdd(qx, ex, hn::Mul(qy, ey));
-      // Zero is added so that none is negative: parallel bisectors bound all or nothing.
-      const V denominator = hn::Add(hn::MulSub(x, ey, hn::Mul(y, ex)), zero);
-      // Of neighbours at one place in the plane the first has the edge.
-      const auto same = hn::And(hn::Eq(ex, zero), hn::Eq(ey, zero));
-      const V first = hn::IfThenElse(hn::Lt(hn::Set(d, static_cast<float>(k)),
-                                            hn::Add(lanes, hn::Set(d, static_cast<float>(j)))),
-                                     hn::Neg(far), far);
-      const V t = hn::IfThenElse(same, first, hn::Div(numerator, denominator));
-      const auto rising = hn::Ge(denominator, zero);
+      const V denominator = hn::MulSub(x, ey, hn::Mul(y, ex));
+      // One step of Newton's method on 12 bits or more costs a third of a division.
+      const V estimate = hn::ApproximateReciprocal(denominator);
+      const V inverse = hn::Mul(estimate, hn::NegMulAdd(denominator, estimate, two));
+      // Parallel bisectors bound all or nothing; of neighbours at one place in the plane the first
+      // has the edge.
+      const auto parallel = hn::Le(hn::Abs(denominator), least);
+      const V order = hn::Sub(hn::Set(d, static_cast<float>(k)), place);
+      const V side = hn::IfThenElse(hn::Eq(numerator, zero), order, numerator);
+      const V t = hn::IfThenElse(parallel, hn::CopySign(far, side), hn::Mul(numerator, inverse));
+      const auto rising = hn::Or(parallel, hn::Gt(denominator, zero));
       high = hn::IfThenElse(rising, hn::Min(high, t), high);
       low = hn::IfThenElse(rising, low, hn::Max(low, t));
     }
@@ -267,7 +276,11 @@ HWY_EXPORT(extend);
 
 CellState measure_cell(const CellSurface& surface, std::size_t i, std::span<const Neighbor> near,
                        const CellLimits& limits, ClosedCell& cell) {
-  if (near.size() > ClosedCell::kMostNeighbors) return CellState::kOpen;
+  // Coordinates are gathered by places of 32 bits.
+  constexpr std::size_t kMostPoints = std::numeric_limits<std::int32_t>::max() / 3;
+  if (near.size() > ClosedCell::kMostNeighbors || surface.position.size() > kMostPoints) {
+    return CellState::kOpen;
+  }
   return HWY_DYNAMIC_DISPATCH(measure)(surface, i, near, limits, cell);
 }
 

@@ -105,7 +105,7 @@ class Sizer {
     VoronoiCell cell;
     double half_side = 0;     ///< Of the square that the cell started as.
     std::vector<Vec2d> flat;  ///< Neighbours on the surface, in the tangent plane.
-    std::vector<Neighbor> more;
+    std::vector<Neighbor> more, within;
   };
 
   /// Does point j bound the cell of point i? Not what faces the other way, nor what lies further
@@ -117,6 +117,13 @@ class Sizer {
 
   void size_point(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
     if (size_closed(i, near, worker)) return;
+    std::size_t doublings = 0;
+    if (near.size() < search_.size()) {
+      find_more(i, 2 * near.size(), std::sqrt(near.back().distance2), worker.more);
+      near = worker.more;
+      if (size_closed(i, near, worker)) return;
+      doublings = 1;
+    }
     std::size_t coincident = coincident_points(near);
     // Enough others to tell the spacing, and a cell that those further away cannot cut.
     const bool known = !normal_[i].isZero(0);
@@ -126,7 +133,7 @@ class Sizer {
     double reach = 0;
     bool settled = false;
     std::size_t cut = 0;  // Neighbours that the cell is cut by.
-    for (std::size_t k = near.size(), doublings = 0;; ++doublings) {
+    for (std::size_t k = near.size();; ++doublings) {
       const bool usable = known && near.size() >= coincident + 2;
       reach = std::sqrt(static_cast<double>(near.back().distance2));
       if (usable) cut = cut_cell(i, near, cut, frame, worker);
@@ -176,12 +183,12 @@ class Sizer {
       const float reach2 = near.back().distance2;
       const double radius = cell.unit * std::sqrt(static_cast<double>(cell.radius2));
       limits.reach = static_cast<float>(2 * kRounding * radius);
-      search_.within(position_[i], limits.reach, ClosedCell::kMostNeighbors, worker.more);
-      if (worker.more.size() == ClosedCell::kMostNeighbors) return false;
+      search_.within(position_[i], limits.reach, ClosedCell::kMostNeighbors, worker.within);
+      if (worker.within.size() == ClosedCell::kMostNeighbors) return false;
       const auto further =
-          std::partition_point(worker.more.begin(), worker.more.end(),
+          std::partition_point(worker.within.begin(), worker.within.end(),
                                [&](const Neighbor& n) { return n.distance2 < reach2; });
-      state = extend_cell(surface, i, std::span(further, worker.more.end()), limits, cell);
+      state = extend_cell(surface, i, std::span(further, worker.within.end()), limits, cell);
     }
     if (state != CellState::kClosed) return false;
     spacing_[i] = static_cast<float>(spacing);
@@ -312,11 +319,12 @@ class Sizer {
     const double r = std::sqrt(half * half + xy * xy);
     const double across = std::max((mean - r) / (mean + r), 1 / (kMostElongated * kMostElongated));
     if (r > 0) shape.axis = (half > 0 ? Vec2d(half + r, xy) : Vec2d(xy, r - half)).normalized();
+    const double stretch = 1 / across;
     double along2 = 0;
     for (std::size_t k = 0; k < count; ++k) {
       const Vec2d corner = corners(k);
       const double u = corner.dot(shape.axis);
-      along2 = std::max(along2, u * u + (corner.squaredNorm() - u * u) / across);
+      along2 = std::max(along2, u * u + (corner.squaredNorm() - u * u) * stretch);
     }
     shape.half_axes2 = margin2 * along2 * Vec2d(1, across);
     return shape;
@@ -350,7 +358,7 @@ class Sizer {
     int largest = 0;
     tangent.cwiseAbs().maxCoeff(&largest);
     if (tangent[largest] < 0) tangent = -tangent;
-    out_.tangent[i] = tangent.normalized().cast<float>();
+    out_.tangent[i] = tangent.cast<float>();
     out_.variance_u[i] = static_cast<float>(shape.half_axes2[0] / two_c);
     out_.variance_v[i] = static_cast<float>(shape.half_axes2[1] / two_c);
   }
