@@ -42,7 +42,7 @@ struct ClosedCell {
 enum class CellState : std::uint8_t {
   kClosed,       ///< Known: no other point can cut it, and the surface goes on at each corner.
   kBeyondReach,  ///< Closed, but points beyond the reach may cut it.
-  kOpen,         ///< The surface ends at a corner, or it cannot be told. Nothing is set.
+  kOpen,  ///< The surface ends at a corner, or it cannot be told: the cell's values mean nothing.
 };
 
 /// The points that cells are of.

@@ -119,6 +119,7 @@ class Sizer {
     if (size_closed(i, near, worker)) return;
     std::size_t doublings = 0;
     if (near.size() < search_.size()) {
+      // Of random points 3 in 100 need that many to see that the surface goes on around them.
       find_more(i, 2 * near.size(), std::sqrt(near.back().distance2), worker.more);
       near = worker.more;
       if (size_closed(i, near, worker)) return;
@@ -166,8 +167,8 @@ class Sizer {
     store(i, near, coincident, area, shape_of(worker.cell), frame);
   }
 
-  /// Sizes a point whose cell is closed and of few neighbours, as nearly all are; false if it may
-  /// not be, and nothing is done.
+  /// Sizes a point whose cell is closed, as nearly all are, the fast way: the same but for
+  /// rounding. False if the cell may be open, and nothing is done.
   bool size_closed(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
     const std::size_t coincident = coincident_points(near);
     if (normal_[i].isZero(0) || near.size() < coincident + 2) return false;
