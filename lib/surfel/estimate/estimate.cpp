@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <limits>
-#include <memory>
 #include <numeric>
 
 #include <surfel/base/error.h>
@@ -26,15 +25,6 @@ Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
   });
   return out;
 }
-
-/// What is known of a point in the end. As one record it is fetched from a random place once, not
-/// once for each column.
-struct alignas(64) Record {
-  Vec3f normal, tangent;
-  float variance, variance_u, variance_v;
-  float area, curvature, confidence;
-  PointFlag flag;
-};
 
 /// Turns the order of points along the curve into that of the file: `order` becomes the points that
 /// are left, ascending; returned is the place of each along the curve.
@@ -121,9 +111,9 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   if (!options.normals.adaptive && options.normals.radius == 0) {
     shared = std::max(shared, static_cast<std::size_t>(std::min(options.normals.k, kMostShared)));
   }
-  auto search = std::make_unique<NeighborLists>(*tree, position, shared);
+  const NeighborLists search(*tree, position, shared);
   lap("search tree");
-  NormalEstimate normals = estimate_normals(position, *search, options.normals);
+  NormalEstimate normals = estimate_normals(position, search, options.normals);
   r.flagged = normals.flagged;
   r.extended = normals.extended;
   r.mean_neighbors = std::accumulate(normals.neighbors.begin(), normals.neighbors.end(), 0.0) /
@@ -133,30 +123,17 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
     previous = gathered(cloud.normal, order);
   }
-  r.orientation = orient_normals(position, cloud.origin, *search, previous, options.orientation,
-                                 normals.normal);
+  r.orientation =
+      orient_normals(position, cloud.origin, search, previous, options.orientation, normals.normal);
   lap("orientation");
   const SplatSizes sizes =
       estimate_splat_sizes(position, normals.normal,
-                           options.orientation.method != Orientation::kNone, *search, options.size);
+                           options.orientation.method != Orientation::kNone, search, options.size);
   r.border = sizes.border;
   r.capped = sizes.capped;
   r.anisotropic = !sizes.tangent.empty();
   lap("sizes");
 
-  search.reset();
-  Array<Record> records(order.size());
-  parallel_for(records.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      Record& to = records[i];
-      to = {normals.normal[i],    Vec3f::Zero(),         sizes.variance[i], 0, 0, sizes.area[i],
-            normals.curvature[i], normals.confidence[i], normals.flag[i]};
-      if (!r.anisotropic) continue;
-      to.tangent = sizes.tangent[i];
-      to.variance_u = sizes.variance_u[i];
-      to.variance_v = sizes.variance_v[i];
-    }
-  });
   // Back to the order of the file.
   const Array<std::uint32_t> place = file_order(cloud.size(), order);
   SurfelCloud out = cloud.gathered(order);
@@ -173,19 +150,19 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
   parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      const Record& from = records[place[i]];
-      out.normal[i] = from.normal;
-      out.area[i] = from.area;
+      const std::uint32_t from = place[i];
+      out.normal[i] = normals.normal[from];
+      out.area[i] = sizes.area[from];
       if (r.anisotropic) {
-        out.tangent[i] = from.tangent;
-        out.variance_u[i] = from.variance_u;
-        out.variance_v[i] = from.variance_v;
+        out.tangent[i] = sizes.tangent[from];
+        out.variance_u[i] = sizes.variance_u[from];
+        out.variance_v[i] = sizes.variance_v[from];
       } else {
-        out.variance[i] = from.variance;
+        out.variance[i] = sizes.variance[from];
       }
-      curvature[i] = from.curvature;
-      confidence[i] = from.confidence;
-      flag[i] = from.flag;
+      curvature[i] = normals.curvature[from];
+      confidence[i] = normals.confidence[from];
+      flag[i] = normals.flag[from];
     }
   });
   lap("gather");

@@ -145,11 +145,14 @@ class Block {
 }  // namespace
 
 SignedSets::SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
-  for (std::size_t i = 0; i < count; ++i) {
-    parent_[i] = static_cast<std::uint32_t>(i);
-    opposed_[i] = 0;
-    rank_[i] = 0;
-  }
+  constexpr std::size_t kGrain = 1 << 16;
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      parent_[i] = static_cast<std::uint32_t>(i);
+      opposed_[i] = 0;
+      rank_[i] = 0;
+    }
+  });
 }
 
 void unite_spanning_forest(const NeighborGraph& graph, bool joined,
