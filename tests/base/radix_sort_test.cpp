@@ -46,6 +46,12 @@ TEST(RadixSort, KeepsTheOrderOfEqualKeys) {
   }
 }
 
+TEST(RadixSort, DividesWhatIsNearlyAllInOneBucket) {
+  Array<std::uint64_t> keys = random_keys(600000, 0xffffff);
+  keys[300000] = ~std::uint64_t{0};
+  expect_sorted(keys);
+}
+
 TEST(RadixSort, OrdersSortedAndReversedKeys) {
   Array<std::uint64_t> keys(70000);
   for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = i << 20;

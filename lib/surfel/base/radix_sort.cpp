@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <limits>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -13,13 +16,108 @@ namespace {
 constexpr int kDigitBits = 11;
 constexpr std::size_t kBuckets = std::size_t{1} << kDigitBits;
 using Histogram = std::array<std::uint32_t, kBuckets>;
+/// Up to here inserting one after the other is faster than to count digits.
+constexpr std::size_t kFew = 24;
+/// Buckets from here on are divided in parallel.
+constexpr std::size_t kMany = std::size_t{1} << 18;
 
 struct Item {
   std::uint64_t key;
   std::uint32_t index;
 };
 
-std::size_t digit(std::uint64_t key, int shift) { return (key >> shift) & (kBuckets - 1); }
+/// The digits by which keys are divided: the highest bits in which they differ.
+struct Digits {
+  int shift, bits;
+
+  Digits(std::uint64_t differing, int most)
+      : shift(std::max(0, static_cast<int>(std::bit_width(differing)) - most)),
+        bits(static_cast<int>(std::bit_width(differing)) - shift) {}
+  std::size_t count() const { return std::size_t{1} << bits; }
+  std::size_t of(std::uint64_t key) const { return (key >> shift) & (count() - 1); }
+};
+
+/// Puts the indices of `count` items in order. Both arrays are of that length and are left as they
+/// happen to be.
+void sort_few(Item* items, std::size_t count, std::uint32_t* order) {
+  for (std::size_t i = 1; i < count; ++i) {
+    const Item item = items[i];
+    std::size_t to = i;
+    for (; to > 0 && items[to - 1].key > item.key; --to) items[to] = items[to - 1];
+    items[to] = item;
+  }
+  for (std::size_t i = 0; i < count; ++i) order[i] = items[i].index;
+}
+
+void sort_alone(Item* items, Item* other, std::size_t count, std::uint32_t* order) {
+  std::uint64_t differing = 0;
+  if (count > kFew) {
+    for (std::size_t i = 0; i < count; ++i) differing |= items[i].key ^ items[0].key;
+  }
+  if (differing == 0) {
+    sort_few(items, count, order);
+    return;
+  }
+  // A few items a bucket.
+  const Digits digits(differing,
+                      std::clamp(static_cast<int>(std::bit_width(count)) - 2, 3, kDigitBits));
+  Histogram end;
+  std::fill_n(end.begin(), digits.count(), 0U);
+  for (std::size_t i = 0; i < count; ++i) ++end[digits.of(items[i].key)];
+  std::exclusive_scan(end.begin(), end.begin() + static_cast<std::ptrdiff_t>(digits.count()),
+                      end.begin(), 0U);
+  for (std::size_t i = 0; i < count; ++i) other[end[digits.of(items[i].key)]++] = items[i];
+  for (std::size_t d = 0, begin = 0; d < digits.count(); begin = end[d++]) {
+    sort_alone(other + begin, items + begin, end[d] - begin, order + begin);
+  }
+}
+
+/// The same by all threads.
+void sort_together(Item* items, Item* other, std::size_t n, std::uint32_t* order) {
+  const std::size_t grain = std::max<std::size_t>(1 << 14, n / 64 + 1);
+  const std::size_t blocks = (n + grain - 1) / grain;
+  std::vector<std::uint64_t> varying(blocks, 0);
+  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) varying[begin / grain] |= items[i].key ^ items[0].key;
+  });
+  std::uint64_t differing = 0;
+  for (const std::uint64_t bits : varying) differing |= bits;
+  const Digits digits(differing, kDigitBits);
+
+  std::vector<Histogram> histograms(blocks);
+  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
+    Histogram& h = histograms[begin / grain];
+    h.fill(0);
+    for (std::size_t i = begin; i < end; ++i) ++h[digits.of(items[i].key)];
+  });
+  std::vector<std::size_t> start(digits.count() + 1);
+  std::uint32_t sum = 0;
+  for (std::size_t d = 0; d < digits.count(); ++d) {
+    start[d] = sum;
+    for (Histogram& h : histograms) sum += std::exchange(h[d], sum);
+  }
+  start.back() = sum;
+  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
+    Histogram& h = histograms[begin / grain];
+    for (std::size_t i = begin; i < end; ++i) other[h[digits.of(items[i].key)]++] = items[i];
+  });
+
+  const auto bucket = [&](std::size_t d, auto&& sort) {
+    sort(other + start[d], items + start[d], start[d + 1] - start[d], order + start[d]);
+  };
+  const auto divided = [&](std::size_t d) {
+    return start[d + 1] - start[d] > kMany && digits.shift > 0;
+  };
+  for (std::size_t d = 0; d < digits.count(); ++d) {
+    if (divided(d)) bucket(d, sort_together);
+  }
+  constexpr std::size_t kBucketGrain = 8;
+  parallel_for(digits.count(), kBucketGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t d = begin; d < end; ++d) {
+      if (!divided(d)) bucket(d, sort_alone);
+    }
+  });
+}
 
 }  // namespace
 
@@ -45,43 +143,10 @@ Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
 
   Array<Item> items(n);
   Array<Item> other(n);
-  std::vector<std::uint64_t> varying(blocks, 0);
   parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
-    std::uint64_t bits = 0;
-    for (std::size_t i = begin; i < end; ++i) {
-      items[i] = {keys[i], static_cast<std::uint32_t>(i)};
-      bits |= keys[i] ^ keys[0];
-    }
-    varying[begin / grain] = bits;
+    for (std::size_t i = begin; i < end; ++i) items[i] = {keys[i], static_cast<std::uint32_t>(i)};
   });
-  std::uint64_t bits = 0;
-  for (const std::uint64_t b : varying) bits |= b;
-
-  std::vector<Histogram> histograms(blocks);
-  for (int shift = 0; shift < 64; shift += kDigitBits) {
-    if (digit(bits, shift) == 0) continue;
-    parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
-      Histogram& h = histograms[begin / grain];
-      h.fill(0);
-      for (std::size_t i = begin; i < end; ++i) ++h[digit(items[i].key, shift)];
-    });
-    std::uint32_t sum = 0;
-    for (std::size_t d = 0; d < kBuckets; ++d) {
-      for (Histogram& h : histograms) {
-        const std::uint32_t count = h[d];
-        h[d] = sum;
-        sum += count;
-      }
-    }
-    parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
-      Histogram& h = histograms[begin / grain];
-      for (std::size_t i = begin; i < end; ++i) other[h[digit(items[i].key, shift)]++] = items[i];
-    });
-    items.swap(other);
-  }
-  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) order[i] = items[i].index;
-  });
+  sort_together(items.data(), other.data(), n, order.data());
   return order;
 }
 

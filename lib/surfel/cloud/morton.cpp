@@ -30,15 +30,23 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
     const Vec3f q = at(b);
     return std::make_tuple(p.x(), p.y(), p.z(), a) < std::make_tuple(q.x(), q.y(), q.z(), b);
   };
-  for (std::size_t begin = 0; begin < n;) {
-    std::size_t end = begin + 1;
-    while (end < n && keys[order[end]] == keys[order[begin]]) ++end;
-    if (end - begin > 1 && at(order[begin]).allFinite()) {
-      std::sort(order.begin() + static_cast<std::ptrdiff_t>(begin),
-                order.begin() + static_cast<std::ptrdiff_t>(end), before);
+  // Each range orders the cells that begin in it, and looks at keys alone beyond its end.
+  Array<std::uint64_t> sorted(n);
+  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) sorted[i] = keys[order[i]];
+  });
+  parallel_for(n, kGrain, [&](std::size_t range_begin, std::size_t range_end, int) {
+    for (std::size_t i = range_begin; i < range_end; ++i) {
+      if (i + 1 == n || sorted[i] != sorted[i + 1] || (i > 0 && sorted[i] == sorted[i - 1]))
+        continue;
+      std::size_t end = i + 2;
+      while (end < n && sorted[end] == sorted[i]) ++end;
+      if (at(order[i]).allFinite()) {
+        std::sort(order.begin() + static_cast<std::ptrdiff_t>(i),
+                  order.begin() + static_cast<std::ptrdiff_t>(end), before);
+      }
     }
-    begin = end;
-  }
+  });
   return order;
 }
 

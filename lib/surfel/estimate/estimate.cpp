@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <cstring>
+#include <limits>
 #include <numeric>
 
 #include <surfel/base/error.h>
@@ -26,27 +26,32 @@ Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
   return out;
 }
 
-/// Values of points order[0], order[1], ... as a column in the order of the file, `rank[i]` being
-/// the place of point i there.
-template <class T>
-Array<T> in_file_order(const Array<T>& values, const Array<std::uint32_t>& rank) {
-  Array<T> out(values.size());
-  parallel_for(values.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) out[rank[i]] = values[i];
+/// Turns the order of points along the curve into that of the file: `order` becomes the points that
+/// are left, ascending; returned is the place of each along the curve.
+Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) {
+  constexpr std::uint32_t kRemoved = std::numeric_limits<std::uint32_t>::max();
+  Array<std::uint32_t> place(count);
+  if (order.size() < count) place.assign(count, kRemoved);
+  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) place[order[i]] = static_cast<std::uint32_t>(i);
   });
-  return out;
+  std::size_t kept = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (place[i] == kRemoved) continue;
+    order[kept] = i;
+    place[kept++] = place[i];
+  }
+  place.resize(kept);
+  return place;
 }
 
+/// Adds a property, in place of one of its name, and returns its values.
 template <class T>
-void set_extra(SurfelCloud& cloud, const std::string& name, ScalarType type,
-               const Array<T>& values) {
+T* add_extra(SurfelCloud& cloud, const std::string& name, ScalarType type) {
   std::erase_if(cloud.extra, [&](const ExtraProperty& p) { return p.name == name; });
-  ExtraProperty property;
-  property.name = name;
-  property.type = type;
-  property.data.resize(values.size() * sizeof(T));
-  if (!values.empty()) std::memcpy(property.data.data(), values.data(), property.data.size());
-  cloud.extra.push_back(std::move(property));
+  ExtraProperty& property = cloud.extra.emplace_back(ExtraProperty{name, type, {}});
+  property.data.resize(cloud.size() * sizeof(T));
+  return reinterpret_cast<T*>(property.data.data());
 }
 
 }  // namespace
@@ -130,35 +135,36 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   lap("sizes");
 
   // Back to the order of the file.
-  Array<std::uint8_t> kept;
-  kept.assign(cloud.size(), 0);
-  for (const std::uint32_t i : order) kept[i] = 1;
-  Array<std::uint32_t> by_file;
-  by_file.reserve(order.size());
-  Array<std::uint32_t> place(cloud.size());
-  for (std::uint32_t i = 0; i < cloud.size(); ++i) {
-    place[i] = static_cast<std::uint32_t>(by_file.size());
-    if (kept[i] != 0) by_file.push_back(i);
-  }
-  const Array<std::uint32_t> rank = gathered(place, order);
-  SurfelCloud out = cloud.gathered(by_file);
-  out.normal = in_file_order(normals.normal, rank);
-  out.variance = {};
-  out.tangent = {};
-  out.variance_u = {};
-  out.variance_v = {};
-  if (r.anisotropic) {
-    out.tangent = in_file_order(sizes.tangent, rank);
-    out.variance_u = in_file_order(sizes.variance_u, rank);
-    out.variance_v = in_file_order(sizes.variance_v, rank);
-  } else {
-    out.variance = in_file_order(sizes.variance, rank);
-  }
-  out.area = in_file_order(sizes.area, rank);
-  set_extra(out, "curvature", ScalarType::kFloat32, in_file_order(normals.curvature, rank));
-  set_extra(out, "confidence", ScalarType::kFloat32, in_file_order(normals.confidence, rank));
+  const Array<std::uint32_t> place = file_order(cloud.size(), order);
+  SurfelCloud out = cloud.gathered(order);
+  const std::size_t count = out.size();
+  out.normal.resize(count);
+  out.area.resize(count);
+  out.variance.resize(r.anisotropic ? 0 : count);
+  out.tangent.resize(r.anisotropic ? count : 0);
+  out.variance_u.resize(r.anisotropic ? count : 0);
+  out.variance_v.resize(r.anisotropic ? count : 0);
+  auto* curvature = add_extra<float>(out, "curvature", ScalarType::kFloat32);
+  auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
   static_assert(sizeof(PointFlag) == 1);
-  set_extra(out, "flag", ScalarType::kUint8, in_file_order(normals.flag, rank));
+  auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t from = place[i];
+      out.normal[i] = normals.normal[from];
+      out.area[i] = sizes.area[from];
+      if (r.anisotropic) {
+        out.tangent[i] = sizes.tangent[from];
+        out.variance_u[i] = sizes.variance_u[from];
+        out.variance_v[i] = sizes.variance_v[from];
+      } else {
+        out.variance[i] = sizes.variance[from];
+      }
+      curvature[i] = normals.curvature[from];
+      confidence[i] = normals.confidence[from];
+      flag[i] = normals.flag[from];
+    }
+  });
   lap("gather");
   if (options.search == SearchMethod::kFlannApproximate) {
     const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;

@@ -1,4 +1,4 @@
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/normals.h>
+#include <surfel/estimate/plane_fit.h>
 
 namespace surfel {
 namespace {
@@ -38,13 +39,17 @@ struct Moments {
     yy += d.y() * d.y(), yz += d.y() * d.z(), zz += d.z() * d.z();
   }
 
-  Eigen::Matrix3d covariance() const {
-    const double cxy = xy - x * y / n;
-    const double cxz = xz - x * z / n;
-    const double cyz = yz - y * z / n;
-    Eigen::Matrix3d c;
-    c << xx - x * x / n, cxy, cxz, cxy, yy - y * y / n, cyz, cxz, cyz, zz - z * z / n;
-    return c / n;
+  /// Trace of the covariance.
+  double variance() const { return (xx + yy + zz - (x * x + y * y + z * z) / n) / n; }
+
+  /// The covariance.
+  void store(std::size_t i, PlaneBatch& batch) const {
+    batch.xx[i] = (xx - x * x / n) / n;
+    batch.xy[i] = (xy - x * y / n) / n;
+    batch.xz[i] = (xz - x * z / n) / n;
+    batch.yy[i] = (yy - y * y / n) / n;
+    batch.yz[i] = (yz - y * z / n) / n;
+    batch.zz[i] = (zz - z * z / n) / n;
   }
 };
 
@@ -70,24 +75,10 @@ struct Plane {
   }
 };
 
-/// The points are not all at one place.
-Plane fit_plane(const Moments& moments) {
-  const Eigen::Matrix3d c = moments.covariance();
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
-  // The closed form is several times faster, but loses half of the digits where eigenvalues come
-  // close. The residual bounds its error, in radians times the gap; the Rayleigh quotient has twice
-  // as many digits as the vector.
-  solver.computeDirect(c);
-  Vec3d normal = solver.eigenvectors().col(0);
-  double lowest = normal.dot(c * normal);
-  const double residual = (c * normal - lowest * normal).norm();
-  if (!(residual <= 1e-9 * (solver.eigenvalues()[1] - lowest))) {
-    solver.compute(c);
-    normal = solver.eigenvectors().col(0);
-    lowest = solver.eigenvalues()[0];
-  }
-  const Vec3d lambda(lowest, solver.eigenvalues()[1], solver.eigenvalues()[2]);
-  return {normal, lambda.cwiseMax(0), moments.n};
+Plane plane_of(const PlaneBatch& batch, std::size_t i, double n) {
+  return {{batch.normal[0][i], batch.normal[1][i], batch.normal[2][i]},
+          {batch.lambda[0][i], batch.lambda[1][i], batch.lambda[2][i]},
+          n};
 }
 
 /// What a neighbourhood gave.
@@ -97,13 +88,13 @@ struct Result {
   Plane plane{};  ///< Set if the flag is kGood or kThin.
 };
 
-/// Estimates one point after the other.
+/// What neighbourhoods say about single points.
 class Estimator {
  public:
   Estimator(const Array<Vec3f>& points, const NeighborSearch& search, const NormalOptions& options)
-      : points_(points), search_(search), adaptive_(options.adaptive) {
+      : points_(points), search_(search) {
     // In steps of sqrt(2); the last one is k_max.
-    if (!adaptive_) return;
+    if (!options.adaptive) return;
     const auto most = static_cast<std::size_t>(options.k_max);
     for (double k = options.k_min; k < options.k_max; k *= std::sqrt(2.0)) {
       sizes_.push_back(static_cast<std::size_t>(std::lround(k)));
@@ -112,8 +103,28 @@ class Estimator {
     sizes_.push_back(most);
   }
 
-  Result estimate(std::size_t i, std::span<const Neighbor> neighbors) const {
-    return adaptive_ ? of_best_size(i, neighbors) : of_all(i, neighbors);
+  Moments moments(std::size_t i, std::span<const Neighbor> neighbors) const {
+    Moments moments;
+    for (const Neighbor& neighbor : neighbors) moments.add(offset(i, neighbor));
+    return moments;
+  }
+
+  /// Why no plane fits, if so.
+  std::optional<PointFlag> planeless(std::size_t i, const Moments& moments) const {
+    if (moments.n < 3) return PointFlag::kTooFew;
+    if (!(moments.variance() > least_variance(i))) return PointFlag::kCoincident;
+    return std::nullopt;
+  }
+
+  Result of_plane(std::size_t i, const Plane& plane) const {
+    Result result{PointFlag::kGood, static_cast<std::size_t>(plane.n), plane};
+    const Vec3d& lambda = plane.lambda;
+    if (!(lambda[1] > std::max(least_variance(i), kLineShare * lambda[2]))) {
+      result.flag = PointFlag::kCollinear;
+    } else if (plane.thin()) {
+      result.flag = PointFlag::kThin;
+    }
+    return result;
   }
 
   /// Whether more neighbours may help; not if all points are neighbours already.
@@ -127,40 +138,8 @@ class Estimator {
     do {
       search_.nearest(points_[i], std::min(2 * found, kMostExtended), scratch);
       found = scratch.size();
-      result = of_all(i, scratch);
+      result = classified(i, moments(i, scratch));
     } while (extensible(result, found));
-    return result;
-  }
-
- private:
-  Vec3d offset(std::size_t i, const Neighbor& neighbor) const {
-    return points_[neighbor.index].cast<double>() - points_[i].cast<double>();
-  }
-
-  Result of_all(std::size_t i, std::span<const Neighbor> neighbors) const {
-    Moments moments;
-    for (const Neighbor& neighbor : neighbors) moments.add(offset(i, neighbor));
-    return classified(i, moments);
-  }
-
-  Result classified(std::size_t i, const Moments& moments) const {
-    Result result;
-    result.neighbors = static_cast<std::size_t>(moments.n);
-    if (moments.n < 3) return result;
-    // Extents below the rounding of the coordinates are not the points' own.
-    const double rounding = 0x1p-24 * static_cast<double>(points_[i].cwiseAbs().maxCoeff());
-    const double least = rounding * rounding;
-    if (!(moments.covariance().trace() > least)) {
-      result.flag = PointFlag::kCoincident;
-      return result;
-    }
-    result.plane = fit_plane(moments);
-    const Vec3d& lambda = result.plane.lambda;
-    if (!(lambda[1] > std::max(least, kLineShare * lambda[2]))) {
-      result.flag = PointFlag::kCollinear;
-    } else {
-      result.flag = result.plane.thin() ? PointFlag::kThin : PointFlag::kGood;
-    }
     return result;
   }
 
@@ -202,9 +181,29 @@ class Estimator {
     return best;
   }
 
+ private:
+  Vec3d offset(std::size_t i, const Neighbor& neighbor) const {
+    return points_[neighbor.index].cast<double>() - points_[i].cast<double>();
+  }
+
+  /// Extents below the rounding of the coordinates are not the points' own.
+  double least_variance(std::size_t i) const {
+    const double rounding = 0x1p-24 * static_cast<double>(points_[i].cwiseAbs().maxCoeff());
+    return rounding * rounding;
+  }
+
+  Result classified(std::size_t i, const Moments& moments) const {
+    if (const auto flag = planeless(i, moments)) {
+      return {*flag, static_cast<std::size_t>(moments.n), {}};
+    }
+    PlaneBatch batch;
+    moments.store(0, batch);
+    fit_planes(1, batch);
+    return of_plane(i, plane_of(batch, 0, moments.n));
+  }
+
   const Array<Vec3f>& points_;
   const NeighborSearch& search_;
-  bool adaptive_;
   std::vector<std::size_t> sizes_;  ///< Ascending.
 };
 
@@ -271,19 +270,46 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     std::vector<Neighbor> scratch;
     std::array<std::size_t, kPointFlags> flagged{};
     std::size_t extended = 0;
+    // Neighbourhoods whose planes are fitted together.
+    PlaneBatch planes;
+    std::array<std::size_t, PlaneBatch::kSize> point{}, found{};
+    std::size_t pending = 0;
   };
   std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
   const Estimator estimator(points, search, options);
   const bool by_radius = options.radius > 0;
-  const auto body = [&](std::size_t i, std::span<const Neighbor> neighbors, int worker) {
-    Worker& w = workers[static_cast<std::size_t>(worker)];
-    Result result = estimator.estimate(i, neighbors);
-    if (!by_radius && estimator.extensible(result, neighbors.size())) {
-      result = estimator.extended(i, neighbors.size(), w.scratch);
+  const auto finish = [&](std::size_t i, std::size_t found, Result result, Worker& w) {
+    if (!by_radius && estimator.extensible(result, found)) {
+      result = estimator.extended(i, found, w.scratch);
       ++w.extended;
     }
     store(result, i, out);
     ++w.flagged[static_cast<std::size_t>(result.flag)];
+  };
+  const auto fit_pending = [&](Worker& w) {
+    fit_planes(w.pending, w.planes);
+    for (std::size_t k = 0; k < w.pending; ++k) {
+      const auto size = static_cast<double>(w.found[k]);
+      finish(w.point[k], w.found[k], estimator.of_plane(w.point[k], plane_of(w.planes, k, size)),
+             w);
+    }
+    w.pending = 0;
+  };
+  const auto body = [&](std::size_t i, std::span<const Neighbor> neighbors, int worker) {
+    Worker& w = workers[static_cast<std::size_t>(worker)];
+    if (options.adaptive) {
+      finish(i, neighbors.size(), estimator.of_best_size(i, neighbors), w);
+      return;
+    }
+    const Moments moments = estimator.moments(i, neighbors);
+    if (const auto flag = estimator.planeless(i, moments)) {
+      finish(i, neighbors.size(), {*flag, neighbors.size(), {}}, w);
+      return;
+    }
+    moments.store(w.pending, w.planes);
+    w.point[w.pending] = i;
+    w.found[w.pending++] = neighbors.size();
+    if (w.pending == PlaneBatch::kSize) fit_pending(w);
   };
   if (by_radius) {
     search.for_each_within(static_cast<float>(options.radius), kMostNeighbors, body);
@@ -291,7 +317,8 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     search.for_each_nearest(static_cast<std::size_t>(options.adaptive ? options.k_max : options.k),
                             body);
   }
-  for (const Worker& w : workers) {
+  for (Worker& w : workers) {
+    fit_pending(w);
     for (std::size_t f = 0; f < kPointFlags; ++f) out.flagged[f] += w.flagged[f];
     out.extended += w.extended;
   }

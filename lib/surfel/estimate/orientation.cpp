@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -28,6 +29,16 @@ constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
 constexpr int kJoinRounds = 8;
 
+/// How many of the numbers below `count` there are that `holds` says yes to.
+template <class Holds>
+std::size_t count_where(std::size_t count, const Holds& holds) {
+  std::vector<std::size_t> found((count + kGrain - 1) / kGrain);
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) found[begin / kGrain] += holds(i) ? 1 : 0;
+  });
+  return std::accumulate(found.begin(), found.end(), std::size_t{0});
+}
+
 class Spreader {
  public:
   Spreader(const Array<Vec3f>& position, const NeighborSearch& search, Array<Vec3f>& normal)
@@ -47,19 +58,22 @@ class Spreader {
   /// Turns the normals of each part to one side, whichever that is unless points are settled.
   void spread(std::size_t neighbors) {
     join_neighbors(neighbors);
-    for (int round = 0; round < kJoinRounds; ++round) {
-      if (!join_parts()) break;
-    }
-    const SignedSets::Root right =
-        settled_ == kNone ? SignedSets::Root{kNone, false} : sets_.find(settled_);
-    for (std::uint32_t i = 0; i < position_.size(); ++i) {
-      const SignedSets::Root root = sets_.find(i);
-      if (root.opposed != (root.index == right.index && right.opposed)) normal_[i] = -normal_[i];
-    }
+    look_up();
+    for (int round = 0; round < kJoinRounds && parts_ > 1 && join_parts(); ++round) look_up();
+    const bool right_opposed = settled_ != kNone && opposed_[settled_] != 0;
+    const std::uint32_t right = settled_ == kNone ? kNone : part_[settled_];
+    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        if ((opposed_[i] != 0) != (part_[i] == right && right_opposed)) normal_[i] = -normal_[i];
+      }
+    });
   }
 
   bool known(std::size_t i) const { return !normal_[i].isZero(0); }
-  std::uint32_t part(std::uint32_t i) { return sets_.find(i).index; }
+  /// Of each point, one point of its part, the same for all of them. Set by spread().
+  const Array<std::uint32_t>& part() const { return part_; }
+  /// How many parts there are, besides points without a normal.
+  std::size_t parts() const { return parts_; }
 
  private:
   /// In 0..1, see orient_normals(), or kNoEdge.
@@ -114,25 +128,29 @@ class Spreader {
         sets_);
   }
 
+  /// Finds the part of every point.
+  void look_up() {
+    part_.resize(position_.size());
+    opposed_.resize(position_.size());
+    parts_ = count_where(position_.size(), [&](std::size_t i) {
+      const SignedSets::Root root = sets_.root(static_cast<std::uint32_t>(i));
+      part_[i] = root.index;
+      opposed_[i] = root.opposed ? 1 : 0;
+      return root.index == i && known(i);
+    });
+  }
+
   /// Joins parts to others near them. Did any?
   bool join_parts() {
     const std::size_t count = position_.size();
-    Array<std::uint32_t> part_of(count);
     Array<std::uint32_t> size;  // Of the part whose root this is.
     size.assign(count, 0);
+    for (std::size_t i = 0; i < count; ++i) size[part_[i]] += known(i) ? 1 : 0;
     // The largest part, the one of the lowest point where several are, waits for the others to come
     // to it.
-    std::size_t parts = 0;
-    for (std::uint32_t i = 0; i < count; ++i) {
-      part_of[i] = part(i);
-      if (known(i) && size[part_of[i]]++ == 0) ++parts;
-    }
-    if (parts < 2) return false;
     std::uint32_t largest = kNone;
     for (std::uint32_t i = 0; i < count; ++i) {
-      if (known(i) && (largest == kNone || size[part_of[i]] > size[largest])) {
-        largest = part_of[i];
-      }
+      if (known(i) && (largest == kNone || size[part_[i]] > size[largest])) largest = part_[i];
     }
     struct Join {
       float weight;
@@ -142,11 +160,11 @@ class Spreader {
     parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
       std::vector<Neighbor> near;
       for (std::size_t i = begin; i < end; ++i) {
-        if (!known(i) || part_of[i] == largest) continue;
+        if (!known(i) || part_[i] == largest) continue;
         search_.nearest(position_[i], kJoinNeighbors, near);
         Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
         for (const Neighbor& n : near) {
-          if (!known(n.index) || part_of[n.index] == part_of[i]) continue;
+          if (!known(n.index) || part_[n.index] == part_[i]) continue;
           const float w = weight(i, n.index);
           if (w < best.weight) {
             best.weight = w;
@@ -172,6 +190,9 @@ class Spreader {
   Array<Vec3f>& normal_;
   SignedSets sets_;
   std::uint32_t settled_ = kNone;
+  Array<std::uint32_t> part_;
+  Array<std::uint8_t> opposed_;  ///< To that point of the part which part_ names.
+  std::size_t parts_ = 0;
 };
 
 /// Directions that the extreme points of a part are looked for in.
@@ -193,29 +214,37 @@ std::vector<Vec3f> probes(Orientation method) {
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
                 std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {
   const std::size_t count = position.size();
-  // Parts numbered in the order of their first points.
-  Array<std::uint32_t> number;
-  number.assign(count, kNone);
+  Array<std::uint32_t> number(count);
   std::uint32_t parts = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    if (!normal[i].isZero(0) && number[part[i]] == kNone) number[part[i]] = parts++;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (part[i] == i) number[i] = parts++;
   }
-  const std::vector<Vec3f> directions = probes(method);
-  std::vector<std::vector<std::uint32_t>> extreme(directions.size());
-  parallel_for(directions.size(), 1, [&](std::size_t begin, std::size_t, int) {
-    const Vec3f& d = directions[begin];
-    std::vector<std::uint32_t>& most = extreme[begin];
-    most.assign(parts, kNone);
-    for (std::uint32_t i = 0; i < count; ++i) {
-      if (normal[i].isZero(0)) continue;
-      std::uint32_t& at = most[number[part[i]]];
-      if (at == kNone || position[i].dot(d) > position[at].dot(d)) at = i;
-    }
-  });
   std::vector<double> vote(parts);
-  for (std::size_t p = 0; p < directions.size(); ++p) {
+  for (const Vec3f& d : probes(method)) {
+    // The furthest point of each part; of several, the first.
+    const auto further = [&](std::uint32_t i, std::uint32_t j) {
+      const float a = position[i].dot(d);
+      const float b = position[j].dot(d);
+      return a > b || (a == b && i < j);
+    };
+    const auto keep_further = [&](std::uint32_t i, std::uint32_t& at) {
+      if (at == kNone || further(i, at)) at = i;
+    };
+    std::vector<std::vector<std::uint32_t>> extreme(static_cast<std::size_t>(thread_count()));
+    for (auto& most : extreme) most.assign(parts, kNone);
+    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
+      auto& most = extreme[static_cast<std::size_t>(worker)];
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!normal[i].isZero(0))
+          keep_further(static_cast<std::uint32_t>(i), most[number[part[i]]]);
+      }
+    });
     for (std::uint32_t n = 0; n < parts; ++n) {
-      vote[n] += static_cast<double>(normal[extreme[p][n]].dot(directions[p]));
+      std::uint32_t at = kNone;
+      for (const auto& most : extreme) {
+        if (most[n] != kNone) keep_further(most[n], at);
+      }
+      if (at != kNone) vote[n] += static_cast<double>(normal[at].dot(d));
     }
   }
   parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -256,8 +285,11 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
   OrientationReport report;
   const std::size_t count = position.size();
   // Turning a normal changes the sign of its x, of a zero too.
-  std::vector<bool> before(count);
-  for (std::size_t i = 0; i < count; ++i) before[i] = std::signbit(normal[i].x());
+  Array<std::uint8_t> before(count);
+  const auto negative = [&](std::size_t i) { return std::signbit(normal[i].x()) ? 1 : 0; };
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) before[i] = static_cast<std::uint8_t>(negative(i));
+  });
   switch (options.method) {
     case Orientation::kNone:
       break;
@@ -279,21 +311,17 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
       Spreader spreader(position, search, normal);
       if (options.method == Orientation::kAlign) spreader.settle(align(previous, normal));
       spreader.spread(static_cast<std::size_t>(options.neighbors));
-      Array<std::uint32_t> part(count);
-      for (std::uint32_t i = 0; i < count; ++i) {
-        part[i] = spreader.part(i);
-        if (part[i] == i && spreader.known(i)) ++report.components;
-      }
+      report.components = spreader.parts();
+      const Array<std::uint32_t>& part = spreader.part();
       const std::uint32_t settled = spreader.settled() == kNone ? kNone : part[spreader.settled()];
       turn_parts(position, part, settled, options.method, normal);
       break;
     }
   }
-  for (std::size_t i = 0; i < count; ++i) {
-    const bool unknown = normal[i].isZero(0);
-    report.unknown += unknown ? 1 : 0;
-    report.flipped += !unknown && std::signbit(normal[i].x()) != before[i] ? 1 : 0;
-  }
+  const auto unknown = [&](std::size_t i) { return normal[i].isZero(0); };
+  report.unknown = count_where(count, unknown);
+  report.flipped =
+      count_where(count, [&](std::size_t i) { return !unknown(i) && negative(i) != before[i]; });
   return report;
 }
 

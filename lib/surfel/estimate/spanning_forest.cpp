@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
 #include <vector>
 
 #include <surfel/base/parallel.h>
@@ -29,9 +30,14 @@ class Block {
 
   /// Appends the edges that lead out of the block to `out`.
   void collect_leaving(std::vector<std::uint64_t>& out) const {
-    for_each_edge([&](std::size_t e, std::uint32_t to) {
-      if (!inside(to)) out.push_back(order_key(graph_, e));
-    });
+    for (std::size_t point = begin_; point < end_; ++point) {
+      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
+        const std::uint32_t to = graph_.to[e];
+        if (to != NeighborGraph::kNone && !inside(to) && !repeated(point, to)) {
+          out.push_back(order_key(graph_, e));
+        }
+      }
+    }
   }
 
   /// Unites along edges within the block that are surely in the forest, and appends the others that
@@ -60,22 +66,13 @@ class Block {
  private:
   bool inside(std::uint32_t point) const { return point >= begin_ && point < end_; }
 
-  /// The same edge from its other end, with a lower number.
+  /// Is the same edge there from its other end, with a lower number? Without a branch that depends
+  /// on the points' order, which no processor guesses.
   bool repeated(std::size_t from, std::uint32_t to) const {
-    if (to >= from) return false;
-    const auto first = graph_.to.begin() + static_cast<std::ptrdiff_t>(to * graph_.degree);
-    const auto last = first + static_cast<std::ptrdiff_t>(graph_.degree);
-    return std::find(first, last, static_cast<std::uint32_t>(from)) != last;
-  }
-
-  template <class Visit>
-  void for_each_edge(Visit&& visit) const {
-    for (std::size_t point = begin_; point < end_; ++point) {
-      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
-        const std::uint32_t to = graph_.to[e];
-        if (to != NeighborGraph::kNone && !repeated(point, to)) visit(e, to);
-      }
-    }
+    const std::uint32_t* other = graph_.to.data() + to * graph_.degree;
+    unsigned listed = 0;
+    for (std::size_t k = 0; k < graph_.degree; ++k) listed |= other[k] == from ? 1U : 0U;
+    return (static_cast<unsigned>(to < from) & listed) != 0;
   }
 
   /// Kruskal's algorithm within the block; edges of its forest that sure(from, to, key) does not
@@ -85,34 +82,48 @@ class Block {
     sort_inner();
     parent_.resize(end_ - begin_);
     for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<std::uint32_t>(i);
-    for (const std::uint32_t local : inner_) {
-      const std::size_t e = begin_ * graph_.degree + local;
-      const auto from = static_cast<std::uint32_t>(e / graph_.degree);
+    const auto degree = static_cast<std::uint32_t>(graph_.degree);
+    std::size_t trees = parent_.size();
+    for (auto next = inner_.begin(); next != inner_.end() && trees > 1; ++next) {
+      const std::uint32_t local = *next & kLocal;
+      const std::size_t e = begin_ * degree + local;
+      const std::uint32_t from = local / degree;
       const std::uint32_t to = graph_.to[e];
-      const std::uint32_t a = root(static_cast<std::uint32_t>(from - begin_));
+      const std::uint32_t a = root(from);
       const std::uint32_t b = root(static_cast<std::uint32_t>(to - begin_));
       if (a == b) continue;
+      --trees;
       parent_[std::max(a, b)] = std::min(a, b);
       const std::uint64_t key = order_key(graph_, e);
-      if (!sure(from, to, key)) left.push_back(key);
+      if (!sure(static_cast<std::uint32_t>(begin_ + from), to, key)) left.push_back(key);
     }
   }
 
   /// The edges within the block, by length: two stable passes over its bytes.
   void sort_inner() {
-    inner_.clear();
-    for_each_edge([&](std::size_t e, std::uint32_t to) {
-      if (inside(to)) inner_.push_back(static_cast<std::uint32_t>(e - begin_ * graph_.degree));
-    });
-    other_.resize(inner_.size());
-    for (const int shift : {0, 8}) {
-      const auto digit = [&](std::uint32_t local) {
-        return graph_.length[begin_ * graph_.degree + local] >> shift & 0xff;
-      };
-      std::array<std::uint32_t, 257> place{};
-      for (const std::uint32_t local : inner_) ++place[digit(local) + 1];
-      for (std::size_t d = 0; d < 256; ++d) place[d + 1] += place[d];
-      for (const std::uint32_t local : inner_) other_[place[digit(local)]++] = local;
+    const std::size_t first = begin_ * graph_.degree;
+    inner_.resize((end_ - begin_) * graph_.degree);
+    std::size_t count = 0;
+    std::array<std::array<std::uint32_t, 256>, 2> place{};
+    for (std::size_t point = begin_; point < end_; ++point) {
+      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
+        const std::uint32_t to = graph_.to[e];
+        if (!inside(to)) continue;
+        const std::uint32_t length = graph_.length[e];
+        inner_[count] = length << 16 | static_cast<std::uint32_t>(e - first);
+        const std::uint32_t once = repeated(point, to) ? 0 : 1;
+        place[0][length & 0xff] += once;
+        place[1][length >> 8] += once;
+        count += once;
+      }
+    }
+    inner_.resize(count);
+    other_.resize(count);
+    for (const unsigned pass : {0U, 1U}) {
+      std::exclusive_scan(place[pass].begin(), place[pass].end(), place[pass].begin(), 0U);
+      for (const std::uint32_t edge : inner_) {
+        other_[place[pass][edge >> (16 + 8 * pass) & 0xff]++] = edge;
+      }
       inner_.swap(other_);
     }
   }
@@ -124,18 +135,24 @@ class Block {
 
   const NeighborGraph& graph_;
   std::size_t begin_, end_;
-  std::vector<std::uint32_t> inner_, other_;  ///< Edges, counted from the block's first.
-  std::vector<std::uint32_t> parent_;         ///< Within the block, counted from its first point.
+  /// Edges: length in the upper half, number, counted from the block's first, in the lower one.
+  Array<std::uint32_t> inner_, other_;
+  static constexpr std::uint32_t kLocal = 0xffff;
+  static_assert(kBlockEdges <= kLocal + 1);
+  std::vector<std::uint32_t> parent_;  ///< Within the block, counted from its first point.
 };
 
 }  // namespace
 
 SignedSets::SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
-  for (std::size_t i = 0; i < count; ++i) {
-    parent_[i] = static_cast<std::uint32_t>(i);
-    opposed_[i] = 0;
-    rank_[i] = 0;
-  }
+  constexpr std::size_t kGrain = 1 << 16;
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      parent_[i] = static_cast<std::uint32_t>(i);
+      opposed_[i] = 0;
+      rank_[i] = 0;
+    }
+  });
 }
 
 void unite_spanning_forest(const NeighborGraph& graph, bool joined,

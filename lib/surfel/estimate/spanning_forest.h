@@ -37,6 +37,13 @@ class SURFEL_API SignedSets {
     return {i, opposed};
   }
 
+  /// The same without shortening paths, for several threads at once.
+  Root root(std::uint32_t i) const {
+    bool opposed = false;
+    for (; parent_[i] != i; i = parent_[i]) opposed ^= opposed_[i] != 0;
+    return {i, opposed};
+  }
+
   /// Joins the sets of two different roots, of points whose signs differ or not; returns the root.
   std::uint32_t join(Root a, Root b, bool differ) {
     if (rank_[a.index] < rank_[b.index]) std::swap(a, b);
