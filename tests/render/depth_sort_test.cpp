@@ -68,5 +68,15 @@ TEST(DepthSortTies, EqualDepthsStayInOrder) {
   }
 }
 
+TEST(DepthSortTies, DepthsThatNearlyAgreeAreSortedSomehow) {
+  std::vector<float> depths(40, 0.0F);
+  for (std::size_t i = 0; i < depths.size(); i += 3) depths[i] = 1e-42F;
+  for (const DepthOrder how : {DepthOrder::kCoarse, DepthOrder::kFine}) {
+    std::vector<std::uint32_t> order = sorted(depths, how);
+    std::sort(order.begin(), order.end());
+    for (std::size_t i = 0; i < order.size(); ++i) EXPECT_EQ(order[i], i);
+  }
+}
+
 }  // namespace
 }  // namespace surfel

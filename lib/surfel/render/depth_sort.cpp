@@ -40,7 +40,9 @@ void make_depth_keys_simd(const float* depths, std::size_t count, float most_key
   }
   const auto nearest = hn::Set(d, hi);
   const auto last = hn::Set(d, most_key);
-  const auto scale = hn::Set(d, hi > lo ? most_key / (hi - lo) : 0.0F);
+  // Not 0, nor so little that the scale is infinite.
+  const float range = std::max(hi - lo, 1e-30F);
+  const auto scale = hn::Set(d, most_key / range);
   for (i = 0; i < count; i += lanes) {
     const auto place = hn::Mul(hn::Sub(nearest, hn::LoadU(d, depths + i)), scale);
     hn::StoreU(hn::BitCast(du, hn::ConvertTo(di, hn::Min(place, last))), du, keys + i);
