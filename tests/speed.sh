@@ -251,7 +251,7 @@ done
 {
   echo "# Speed: measured"
   echo
-  echo "Made by \`tests/speed.sh\`: best of $runs runs, Surfelkit and its peers in turns, $(nproc) threads,"
+  echo "Made by \`tests/speed.sh\`: best of $runs runs or more, Surfelkit and its peers in turns, $(nproc) threads,"
   echo "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1). Ratio: the peer's time by ours;"
   echo "ratio of work: of all cores' time, which a shared machine disturbs less."
   for section in "${sections[@]}"; do
