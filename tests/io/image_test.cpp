@@ -502,7 +502,7 @@ TEST(Image, TexturesAndEnvironments) {
 }
 
 /// PNG is encoded without OpenImageIO, which takes long to load.
-TEST(WriteImage, PngReadsAsThatOfOpenImageIo) {
+TEST(WriteImage, PngIsByteForByteThatOfOpenImageIo) {
   const TemporaryFolder folder;
   const auto by_plugin =
       reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
@@ -518,15 +518,8 @@ TEST(WriteImage, PngReadsAsThatOfOpenImageIo) {
       options.metadata = {{"Software", "a test"}};
       write_image(image, folder / "ours.png", options);
       by_plugin(image, folder / "theirs.png", options);
-      const Image ours = read_image(folder / "ours.png", true);
-      const Image theirs = read_image(folder / "theirs.png", true);
-      EXPECT_EQ(ours.channels, theirs.channels);
-      EXPECT_EQ(ours.data, theirs.data) << width << "x" << height << (opaque ? " opaque" : "");
-      const std::vector<char> bytes = bytes_of(folder / "ours.png");
-      const std::string text = "tEXtSoftware" + std::string(1, '\0') + "a test";
-      EXPECT_NE(std::search(bytes.begin(), bytes.end(), text.begin(), text.end()), bytes.end());
-      EXPECT_LE(static_cast<double>(bytes.size()),
-                1.05 * static_cast<double>(bytes_of(folder / "theirs.png").size()));
+      EXPECT_TRUE(bytes_of(folder / "ours.png") == bytes_of(folder / "theirs.png"))
+          << width << "x" << height << (opaque ? " opaque" : "");
     }
   }
 }

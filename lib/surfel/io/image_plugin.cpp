@@ -20,6 +20,7 @@
 #include <surfel/io/image_encoding.h>
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
+#include <surfel/io/png_writer.h>
 
 namespace surfel {
 namespace {
@@ -407,6 +408,7 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
   spec.attribute("oiio:ColorSpace", floats ? "Linear" : "sRGB");
   if (encoding == Encoding::kStraight8) spec.attribute("oiio:UnassociatedAlpha", 1);
   for (const auto& [key, value] : options.metadata) spec.attribute(key, value);
+  spec.attribute("png:compressionLevel", kPngCompressionLevel);
   // Without it, OpenImageIO stamps the current time.
   spec.attribute("DateTime", "");
   // libtiff has to read a file back to append Exif tags, which output in memory does not allow.
