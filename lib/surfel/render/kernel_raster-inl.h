@@ -9,7 +9,6 @@
 #endif
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -69,14 +68,9 @@ class SplatSampler {
   /// exp(-beta) where beta is less than the cutoff; something between 0 and 1 elsewhere.
   HWY_INLINE V decay(V beta) const {
     const D d;
-    const auto c = [&](int i) HWY_ATTR { return hn::Set(d, exp_minus_[i]); };
-    // Estrin's scheme: what comes next waits for the result.
     const V x = hn::Min(beta, hn::Set(d, cutoff_));
-    const V x2 = hn::Mul(x, x);
-    const V low = hn::MulAdd(c(1), x, c(0));
-    const V middle = hn::MulAdd(c(3), x, c(2));
-    const V high = hn::MulAdd(c(5), x, c(4));
-    V rho = hn::MulAdd(hn::MulAdd(high, x2, middle), x2, low);
+    V rho = hn::Set(d, exp_minus_[5]);
+    for (int i = 4; i >= 0; --i) rho = hn::MulAdd(rho, x, hn::Set(d, exp_minus_[i]));
     for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
     return rho;
   }
@@ -88,9 +82,7 @@ class SplatSampler {
     const V dx = hn::Sub(x, hn::Set(d, splat.x));
     const V dy = hn::Sub(y, hn::Set(d, splat.y));
     Sample s;
-    // As an integer: a float that has been loaded is spread over a vector at a cost, one in memory
-    // for nothing.
-    if (HWY_UNLIKELY(std::bit_cast<std::int32_t>(splat.k) < 0)) {
+    if (HWY_UNLIKELY(splat.k < 0)) {
       // Field by field: what a call returns lies in memory.
       const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_}, dx, dy);
       s.beta = e.beta;

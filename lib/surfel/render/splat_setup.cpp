@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
-#include <utility>
 
 #include <surfel/render/splat_setup.h>
 
@@ -56,48 +56,6 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
   return {hn::MulAdd(hn::Mul(sign, hn::Mul(n.x, n.x)), a, one),
           hn::Mul(sign, hn::Mul(hn::Mul(n.x, n.y), a)), hn::Neg(hn::Mul(sign, n.x))};
 }
-
-#if HWY_TARGET == HWY_SCALAR
-/// Stores four fields that follow one another in a Splat, for every lane's splat.
-HWY_INLINE void store_quarter(int quarter, V a, V b, V c, V e, Splat* const* to) {
-  const D d;
-  float* const fields = reinterpret_cast<float*>(*to) + std::ptrdiff_t{4} * quarter;
-  for (const auto& [v, i] : {std::pair(a, 0), std::pair(b, 1), std::pair(c, 2), std::pair(e, 3)}) {
-    hn::StoreU(v, d, fields + i);
-  }
-}
-#else
-/// Stores every block of four lanes at the given place, in floats, of the splat of its first lane.
-template <class Tag>
-HWY_INLINE void store_blocks(hn::Vec<Tag> v, Tag d, std::ptrdiff_t place, Splat* const* to) {
-  if constexpr (hn::MaxLanes(Tag()) == 4) {
-    hn::StoreU(v, d, reinterpret_cast<float*>(*to) + place);
-  } else {
-    const hn::Half<Tag> half;
-    store_blocks(hn::LowerHalf(half, v), half, place, to);
-    store_blocks(hn::UpperHalf(half, v), half, place, to + hn::MaxLanes(half));
-  }
-}
-
-/// Stores four fields that follow one another in a Splat, for every lane's splat: rows become
-/// columns in registers, block by block.
-HWY_INLINE void store_quarter(int quarter, V a, V b, V c, V e, Splat* const* to) {
-  const D d;
-  const hn::RepartitionToWide<D> pairs;
-  const auto zip = [&](V even, V odd, bool upper) HWY_ATTR {
-    return hn::BitCast(
-        pairs, upper ? hn::InterleaveUpper(d, even, odd) : hn::InterleaveLower(d, even, odd));
-  };
-  for (int half = 0; half < 2; ++half) {
-    const auto ab = zip(a, b, half != 0);
-    const auto ce = zip(c, e, half != 0);
-    Splat* const* const splats = to + std::ptrdiff_t{2} * half;
-    const std::ptrdiff_t place = std::ptrdiff_t{4} * quarter;
-    store_blocks(hn::BitCast(d, hn::InterleaveLower(pairs, ab, ce)), d, place, splats);
-    store_blocks(hn::BitCast(d, hn::InterleaveUpper(pairs, ab, ce)), d, place, splats + 1);
-  }
-}
-#endif
 
 template <bool kPerspective, bool kAnisotropic>
 void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
@@ -335,19 +293,26 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     const V alpha = in.alpha ? hn::LoadU(d, in.alpha + i) : one;
     const auto color = [&](const float* column)
                            HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
-    // Where the splat of each lane goes; those that are not visible, to one that nobody reads.
-    Splat* to[kTileSize];
+    // Four fields that follow one another in a Splat, of every lane.
+    constexpr std::size_t kQuarter = sizeof(Splat) / 4;
+    HWY_ALIGN float quarters[4][4 * kTileSize];
+    hn::StoreInterleaved4(center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
+                          hn::Mul(half, hn::Mul(Sigma_yy, inv_det)), d, quarters[0]);
+    hn::StoreInterleaved4(hn::Mul(half, inv_yy), amplitude, depth, depth_dx, d, quarters[1]);
+    hn::StoreInterleaved4(depth_dy, depth_reach, hn::BitCast(d, box), color(in.red), d,
+                          quarters[2]);
+    hn::StoreInterleaved4(color(in.green), color(in.blue), alpha, hn::BitCast(d, tag), d,
+                          quarters[3]);
     HWY_ALIGN std::int32_t taken[kTileSize];
     hn::Store(hn::VecFromMask(di, hn::RebindMask(di, visible)), di, taken);
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      to[lane] = taken[lane] != 0 ? splats : &dropped;
+      // Those that are not visible go where nobody reads.
+      auto* const to = reinterpret_cast<std::byte*>(taken[lane] != 0 ? splats : &dropped);
+      for (std::size_t q = 0; q < 4; ++q) {
+        std::memcpy(to + q * kQuarter, quarters[q] + 4 * lane, kQuarter);
+      }
       splats -= taken[lane];
     }
-    store_quarter(0, center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
-                  hn::Mul(half, hn::Mul(Sigma_yy, inv_det)), to);
-    store_quarter(1, hn::Mul(half, inv_yy), amplitude, depth, depth_dx, to);
-    store_quarter(2, depth_dy, depth_reach, hn::BitCast(d, box), color(in.red), to);
-    store_quarter(3, color(in.green), color(in.blue), alpha, hn::BitCast(d, tag), to);
     auto first = visible;
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
     if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
