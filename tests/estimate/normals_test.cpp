@@ -73,20 +73,17 @@ SurfelCloud noisy_surface(const std::string& kind, double noise) {
 /// What holds for every estimate of anything.
 void expect_sound(const NormalEstimate& e, std::size_t count) {
   ASSERT_EQ(e.normal.size(), count);
-  ASSERT_EQ(e.curvature.size(), count);
-  ASSERT_EQ(e.confidence.size(), count);
-  ASSERT_EQ(e.flag.size(), count);
-  ASSERT_EQ(e.neighbors.size(), count);
+  ASSERT_EQ(e.quality.size(), count);
   std::array<std::size_t, kPointFlags> flagged{};
   for (std::size_t i = 0; i < count; ++i) {
-    ++flagged[static_cast<std::size_t>(e.flag[i])];
-    if (e.flag[i] == PointFlag::kGood || e.flag[i] == PointFlag::kThin) {
+    ++flagged[static_cast<std::size_t>(e.quality[i].flag)];
+    if (e.quality[i].flag == PointFlag::kGood || e.quality[i].flag == PointFlag::kThin) {
       ASSERT_NEAR(e.normal[i].norm(), 1, 1e-6) << i;
     } else {
       ASSERT_TRUE(e.normal[i].isZero(0)) << i;
     }
-    ASSERT_TRUE(e.curvature[i] >= 0 && e.curvature[i] <= 0.33334F) << i;
-    ASSERT_TRUE(e.confidence[i] >= 0 && e.confidence[i] <= 1) << i;
+    ASSERT_TRUE(e.quality[i].curvature >= 0 && e.quality[i].curvature <= 0.33334F) << i;
+    ASSERT_TRUE(e.quality[i].confidence >= 0 && e.quality[i].confidence <= 1) << i;
   }
   EXPECT_EQ(flagged, e.flagged);
 }
@@ -122,8 +119,10 @@ TEST(Normals, PlaneIsExactAtAnyScaleAndPlace) {
       Array<Vec3f> truth;
       truth.assign(points.size(), frame.col(2).cast<float>());
       EXPECT_LT(angles(e.normal, truth).percentile_99, 1e-3);
-      EXPECT_LT(*std::max_element(e.curvature.begin(), e.curvature.end()), 1e-10F);
-      EXPECT_GT(*std::min_element(e.confidence.begin(), e.confidence.end()), 0.9999F);
+      for (const NormalQuality& quality : e.quality) {
+        EXPECT_LT(quality.curvature, 1e-10F);
+        EXPECT_GT(quality.confidence, 0.9999F);
+      }
     }
   }
   // The offsets are a 4000th of the coordinates: what is left are the roundings of these.
@@ -162,9 +161,9 @@ TEST(Normals, CurvatureIsThatOfASphericalCap) {
   const NormalEstimate e = normals_of(sphere.position, {.k = k});
   const double r2 = k * static_cast<double>(sphere.area[0]) / std::numbers::pi;
   double sum = 0;
-  for (const float c : e.curvature) sum += static_cast<double>(c);
+  for (const NormalQuality& q : e.quality) sum += static_cast<double>(q.curvature);
   const double expected = r2 / 48 / (0.5 + r2 / 48);
-  EXPECT_NEAR(sum / static_cast<double>(e.curvature.size()), expected, 0.03 * expected);
+  EXPECT_NEAR(sum / static_cast<double>(e.quality.size()), expected, 0.03 * expected);
 }
 
 TEST(Normals, AdaptiveSizeTakesNoiseAwayAndIsNoWorseWithout) {
@@ -189,7 +188,7 @@ TEST(Normals, ConfidenceIsTheErrorThatThereIs) {
     double predicted2 = 0;
     double found2 = 0;
     for (std::size_t i = 0; i < cloud.size(); ++i) {
-      predicted2 += std::pow(1 - e.confidence[i], 2);
+      predicted2 += std::pow(1 - e.quality[i].confidence, 2);
       found2 += e.normal[i].cross(cloud.normal[i]).squaredNorm();
     }
     EXPECT_NEAR(std::sqrt(predicted2 / found2), 1, 0.15) << noise;
@@ -227,7 +226,7 @@ TEST(Normals, FewPointsAreFlagged) {
     expect_sound(triangle, 3);
     EXPECT_EQ(triangle.count(PointFlag::kGood), 3U);
     EXPECT_NEAR(triangle.normal[0].z(), 1, 1e-6);
-    EXPECT_EQ(triangle.confidence[0], 0);  // Three points fit a plane wherever they are.
+    EXPECT_EQ(triangle.quality[0].confidence, 0);  // Three points fit a plane wherever they are.
   }
 }
 
@@ -301,8 +300,8 @@ TEST(Normals, IsolatedPointsHaveNoNeighborsWithinTheRadius) {
   points.emplace_back(50.0F, 0.0F, 0.0F);
   const NormalEstimate e = normals_of(points, {.radius = 0.1});
   expect_sound(e, points.size());
-  EXPECT_EQ(e.flag.back(), PointFlag::kTooFew);
-  EXPECT_EQ(e.neighbors.back(), 1);
+  EXPECT_EQ(e.quality.back().flag, PointFlag::kTooFew);
+  EXPECT_EQ(e.quality.back().neighbors, 1);
   EXPECT_EQ(e.count(PointFlag::kGood), points.size() - 1);
 }
 
@@ -320,10 +319,7 @@ TEST(Normals, SameBytesForAnyNumberOfThreads) {
       set_thread_count(threads);
       const NormalEstimate many = normals_of(cloud.position, options);
       EXPECT_TRUE(same(one.normal, many.normal));
-      EXPECT_TRUE(same(one.curvature, many.curvature));
-      EXPECT_TRUE(same(one.confidence, many.confidence));
-      EXPECT_TRUE(same(one.flag, many.flag));
-      EXPECT_TRUE(same(one.neighbors, many.neighbors));
+      EXPECT_TRUE(one.quality == many.quality);
       EXPECT_EQ(one.flagged, many.flagged);
       EXPECT_EQ(one.extended, many.extended);
     }

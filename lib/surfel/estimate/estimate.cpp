@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <numeric>
 
 #include <surfel/base/error.h>
@@ -104,35 +105,47 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     lap("outliers");
   }
 
-  const auto tree = make_neighbor_search(position, options.search);
+  auto tree = make_neighbor_search(position, options.search);
   // All stages go over the same neighbourhoods, but for large or adaptive ones of the normals.
   std::size_t shared =
       static_cast<std::size_t>(std::max(options.size.neighbors, options.orientation.neighbors + 1));
   if (!options.normals.adaptive && options.normals.radius == 0) {
     shared = std::max(shared, static_cast<std::size_t>(std::min(options.normals.k, kMostShared)));
   }
-  const NeighborLists search(*tree, position, shared);
+  auto search = std::make_unique<const NeighborLists>(*tree, position, shared);
   lap("search tree");
-  NormalEstimate normals = estimate_normals(position, search, options.normals);
+  NormalEstimate normals = estimate_normals(position, *search, options.normals);
   r.flagged = normals.flagged;
   r.extended = normals.extended;
-  r.mean_neighbors = std::accumulate(normals.neighbors.begin(), normals.neighbors.end(), 0.0) /
+  r.mean_neighbors = std::transform_reduce(
+                         normals.quality.begin(), normals.quality.end(), 0.0, std::plus<>(),
+                         [](const NormalQuality& q) { return static_cast<double>(q.neighbors); }) /
                      static_cast<double>(order.size());
   lap("neighbors and normals");
   Array<Vec3f> previous;
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
     previous = gathered(cloud.normal, order);
   }
-  r.orientation =
-      orient_normals(position, cloud.origin, search, previous, options.orientation, normals.normal);
+  r.orientation = orient_normals(position, cloud.origin, *search, previous, options.orientation,
+                                 normals.normal);
   lap("orientation");
   const SplatSizes sizes =
       estimate_splat_sizes(position, normals.normal,
-                           options.orientation.method != Orientation::kNone, search, options.size);
+                           options.orientation.method != Orientation::kNone, *search, options.size);
   r.border = sizes.border;
   r.capped = sizes.capped;
-  r.anisotropic = !sizes.tangent.empty();
+  r.anisotropic = sizes.ellipses;
   lap("sizes");
+
+  if (options.search == SearchMethod::kFlannApproximate) {
+    const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
+    r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
+    lap("recall");
+  }
+  // What comes next needs the memory.
+  search.reset();
+  tree.reset();
+  position = {};
 
   // Back to the order of the file.
   const Array<std::uint32_t> place = file_order(cloud.size(), order);
@@ -151,26 +164,23 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       const std::uint32_t from = place[i];
+      const SplatSize& size = sizes.of[from];
+      const NormalQuality& quality = normals.quality[from];
       out.normal[i] = normals.normal[from];
-      out.area[i] = sizes.area[from];
+      out.area[i] = size.area;
       if (r.anisotropic) {
-        out.tangent[i] = sizes.tangent[from];
-        out.variance_u[i] = sizes.variance_u[from];
-        out.variance_v[i] = sizes.variance_v[from];
+        out.tangent[i] = size.tangent;
+        out.variance_u[i] = size.variance_u;
+        out.variance_v[i] = size.variance_v;
       } else {
-        out.variance[i] = sizes.variance[from];
+        out.variance[i] = size.variance;
       }
-      curvature[i] = normals.curvature[from];
-      confidence[i] = normals.confidence[from];
-      flag[i] = normals.flag[from];
+      curvature[i] = quality.curvature;
+      confidence[i] = quality.confidence;
+      flag[i] = quality.flag;
     }
   });
   lap("gather");
-  if (options.search == SearchMethod::kFlannApproximate) {
-    const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
-    r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
-    lap("recall");
-  }
   if (report) *report = std::move(r);
   return out;
 }

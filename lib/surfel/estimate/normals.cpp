@@ -215,16 +215,14 @@ Vec3f with_fixed_side(const Vec3d& normal) {
 }
 
 void store(const Result& result, std::size_t i, NormalEstimate& out) {
-  out.flag[i] = result.flag;
-  out.neighbors[i] = static_cast<std::uint16_t>(result.neighbors);
   out.normal[i] = Vec3f(0, 0, 0);
-  out.curvature[i] = 0;
-  out.confidence[i] = 0;
+  NormalQuality& quality = out.quality[i];
+  quality = {0, 0, static_cast<std::uint16_t>(result.neighbors), result.flag};
   if (result.flag != PointFlag::kGood && result.flag != PointFlag::kThin) return;
   const Plane& plane = result.plane;
   out.normal[i] = with_fixed_side(plane.normal);
-  out.curvature[i] = static_cast<float>(plane.variation());
-  out.confidence[i] = static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise())));
+  quality.curvature = static_cast<float>(plane.variation());
+  quality.confidence = static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise())));
 }
 
 std::string out_of_range(const char* name, int value, int least, int most) {
@@ -261,10 +259,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
   }
   NormalEstimate out;
   out.normal.resize(n);
-  out.curvature.resize(n);
-  out.confidence.resize(n);
-  out.flag.resize(n);
-  out.neighbors.resize(n);
+  out.quality.resize(n);
 
   struct alignas(64) Worker {
     std::vector<Neighbor> scratch;

@@ -34,16 +34,22 @@ enum class PointFlag : std::uint8_t {
 };
 constexpr std::size_t kPointFlags = 5;
 
-/// A value per point in each column.
-struct NormalEstimate {
-  Array<Vec3f> normal;      ///< Unit length, of arbitrary side: the component of largest magnitude
-                            ///< is positive. Zero = unknown.
-  Array<float> curvature;   ///< Surface variation lambda_0 / (lambda_0 + lambda_1 + lambda_2), 0 to
-                            ///< 1/3.   [Pauly, Gross, Kobbelt 2002, section 3.1]
-  Array<float> confidence;  ///< One minus the normal's standard error in radians, at least 0.
-  Array<PointFlag> flag;
-  Array<std::uint16_t> neighbors;  ///< Points that the normal is of.
+/// What is known of a point's normal.
+struct NormalQuality {
+  float curvature;   ///< Surface variation lambda_0 / (lambda_0 + lambda_1 + lambda_2), 0 to 1/3.
+                     ///< [Pauly, Gross, Kobbelt 2002, section 3.1]
+  float confidence;  ///< One minus the normal's standard error in radians, at least 0.
+  std::uint16_t neighbors;  ///< Points that the normal is of.
+  PointFlag flag;
 
+  bool operator==(const NormalQuality&) const = default;
+};
+
+/// A value per point in each array.
+struct NormalEstimate {
+  Array<Vec3f> normal;  ///< Unit length, of arbitrary side: the component of largest magnitude
+                        ///< is positive. Zero = unknown.
+  Array<NormalQuality> quality;
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by flag.
   std::size_t extended = 0;  ///< Points whose neighbourhood was enlarged, being thin at first.
 

@@ -73,15 +73,9 @@ class Sizer {
         options_(options),
         workers_(static_cast<std::size_t>(thread_count())) {
     const std::size_t count = position.size();
-    spacing_.resize(count);
     kind_.resize(count);
-    out_.variance.resize(count);
-    out_.area.resize(count);
-    if (options.rule == VarianceRule::kCover && options.anisotropy != Anisotropy::kOff) {
-      out_.tangent.resize(count);
-      out_.variance_u.resize(count);
-      out_.variance_v.resize(count);
-    }
+    out_.of.resize(count);
+    out_.ellipses = options.rule == VarianceRule::kCover && options.anisotropy != Anisotropy::kOff;
   }
 
   SplatSizes run() {
@@ -91,11 +85,7 @@ class Sizer {
                              });
     limit_lonely();
     for (const CellKind kind : kind_) out_.border += kind != CellKind::kClosed ? 1 : 0;
-    if (!out_.tangent.empty() && !worth_ellipses()) {
-      out_.tangent = {};
-      out_.variance_u = {};
-      out_.variance_v = {};
-    }
+    out_.ellipses = out_.ellipses && worth_ellipses();
     return std::move(out_);
   }
 
@@ -149,13 +139,13 @@ class Sizer {
       near = worker.more;
       coincident = coincident_points(near);
     }
-    spacing_[i] = static_cast<float>(spacing(near, coincident));
+    const double apart = spacing(near, coincident);
     if (!known || near.size() < coincident + 2) {
       kind_[i] = CellKind::kBorder;
-      store_unknown(i, spacing_[i]);
+      store_unknown(i, apart);
       return;
     }
-    const bool open = !settled && close_at_border(reach, spacing_[i], worker);
+    const bool open = !settled && close_at_border(reach, apart, worker);
     kind_[i] = open ? CellKind::kBorder : CellKind::kClosed;
     double area = worker.cell.area();
     if (open) {
@@ -164,7 +154,7 @@ class Sizer {
       const double radius = worker.cell.radius();
       area = std::max(area, kBorderFill * std::numbers::pi * radius * radius);
     }
-    store(i, near, coincident, area, shape_of(worker.cell), frame);
+    store(i, near, coincident, apart, area, shape_of(worker.cell), frame);
   }
 
   /// Sizes a point whose cell is closed, as nearly all are, the fast way: the same but for
@@ -192,10 +182,9 @@ class Sizer {
       state = extend_cell(surface, i, std::span(further, worker.within.end()), limits, cell);
     }
     if (state != CellState::kClosed) return false;
-    spacing_[i] = static_cast<float>(spacing);
     kind_[i] = CellKind::kClosed;
     const double unit2 = cell.unit * cell.unit;
-    store(i, near, coincident, unit2 * static_cast<double>(cell.area), shape_of(cell),
+    store(i, near, coincident, spacing, unit2 * static_cast<double>(cell.area), shape_of(cell),
           {cell.a.cast<double>(), cell.b.cast<double>(), normal_[i].cast<double>()});
     return true;
   }
@@ -206,16 +195,32 @@ class Sizer {
     return count;
   }
 
-  void store(std::size_t i, std::span<const Neighbor> near, std::size_t coincident, double area,
-             const Shape& shape, const Frame& frame) {
+  /// `apart` is the local spacing.
+  void store(std::size_t i, std::span<const Neighbor> near, std::size_t coincident, double apart,
+             double area, const Shape& shape, const Frame& frame) {
+    const double two_c = 2 * options_.cutoff;
     const auto shared = static_cast<double>(std::max<std::size_t>(coincident, 1));
-    out_.area[i] = static_cast<float>(area / shared);
+    SplatSize& size = out_.of[i];
+    size.area = static_cast<float>(area / shared);
+    size.spacing = static_cast<float>(apart);
     if (options_.rule == VarianceRule::kMaxDistance) {
       const std::size_t last = std::min(near.size(), coincident + kSmallNeighborhood) - 1;
-      out_.variance[i] = near[last].distance2;
+      size.variance = near[last].distance2;
     } else {
-      store_cover(i, shape, frame);
+      size.variance = static_cast<float>(shape.radius2 / two_c);
     }
+    size.tangent = frame.a.cast<float>();
+    size.variance_u = size.variance;
+    size.variance_v = size.variance;
+    if (!out_.ellipses) return;
+    Vec3d tangent = shape.axis.x() * frame.a + shape.axis.y() * frame.b;
+    // One of the two directions of the axis, whatever the solver took.
+    int largest = 0;
+    tangent.cwiseAbs().maxCoeff(&largest);
+    if (tangent[largest] < 0) tangent = -tangent;
+    size.tangent = tangent.cast<float>();
+    size.variance_u = static_cast<float>(shape.half_axes2[0] / two_c);
+    size.variance_v = static_cast<float>(shape.half_axes2[1] / two_c);
   }
 
   /// The k nearest of point i, half of which lie within `reach`: to look as far as they should on
@@ -313,7 +318,7 @@ class Sizer {
     Shape shape;
     const double margin2 = options_.margin * options_.margin;
     shape.radius2 = radius2 * margin2;
-    if (out_.tangent.empty()) return shape;
+    if (!out_.ellipses) return shape;
     // Eigenvalues mean -+ r; of the two forms of the long axis that without cancellation.
     const double mean = (xx + yy) / 2;
     const double half = (xx - yy) / 2;
@@ -350,31 +355,17 @@ class Sizer {
     return shape;
   }
 
-  void store_cover(std::size_t i, const Shape& shape, const Frame& frame) {
-    const double two_c = 2 * options_.cutoff;
-    out_.variance[i] = static_cast<float>(shape.radius2 / two_c);
-    if (out_.tangent.empty()) return;
-    Vec3d tangent = shape.axis.x() * frame.a + shape.axis.y() * frame.b;
-    // One of the two directions of the axis, whatever the solver took.
-    int largest = 0;
-    tangent.cwiseAbs().maxCoeff(&largest);
-    if (tangent[largest] < 0) tangent = -tangent;
-    out_.tangent[i] = tangent.cast<float>();
-    out_.variance_u[i] = static_cast<float>(shape.half_axes2[0] / two_c);
-    out_.variance_v[i] = static_cast<float>(shape.half_axes2[1] / two_c);
-  }
-
   /// Without a tangent plane there is no cell: a disc of the border's reach.
   void store_unknown(std::size_t i, double spacing) {
     const double radius = kBorderReach * spacing;
     const auto variance = static_cast<float>(radius * radius / (2 * options_.cutoff));
-    out_.variance[i] = variance;
-    out_.area[i] = static_cast<float>(spacing * spacing);
-    if (out_.tangent.empty()) return;
     const Vec3f n = normal_[i].isZero(0) ? Vec3f(0, 0, 1) : normal_[i];
-    out_.tangent[i] = n.unitOrthogonal();
-    out_.variance_u[i] = variance;
-    out_.variance_v[i] = variance;
+    out_.of[i] = {.tangent = n.unitOrthogonal(),
+                  .variance = variance,
+                  .variance_u = variance,
+                  .variance_v = variance,
+                  .area = static_cast<float>(spacing * spacing),
+                  .spacing = static_cast<float>(spacing)};
   }
 
   /// Cuts the splats of points that are far from all others to their neighbours' spacing.
@@ -387,21 +378,20 @@ class Sizer {
         search_.nearest(position_[i], static_cast<std::size_t>(options_.neighbors), near);
         others.clear();
         for (const Neighbor& neighbor : near) {
-          if (neighbor.index != i) others.push_back(spacing_[neighbor.index]);
+          if (neighbor.index != i) others.push_back(out_.of[neighbor.index].spacing);
         }
         if (others.empty()) continue;
         const auto middle = others.begin() + static_cast<std::ptrdiff_t>(others.size() / 2);
         std::nth_element(others.begin(), middle, others.end());
         const double most = kAloneFactor * *middle;
-        if (!(most > 0) || spacing_[i] <= most) continue;
-        const double scale = most / spacing_[i];
+        SplatSize& size = out_.of[i];
+        if (!(most > 0) || size.spacing <= most) continue;
+        const double scale = most / size.spacing;
         const auto scale2 = static_cast<float>(scale * scale);
-        out_.variance[i] *= scale2;
-        out_.area[i] *= scale2;
-        if (!out_.tangent.empty()) {
-          out_.variance_u[i] *= scale2;
-          out_.variance_v[i] *= scale2;
-        }
+        size.variance *= scale2;
+        size.variance_u *= scale2;
+        size.variance_v *= scale2;
+        size.area *= scale2;
         kind_[i] = CellKind::kAlone;
       }
     });
@@ -413,7 +403,7 @@ class Sizer {
     const auto ratio2 = static_cast<float>(options_.anisotropy_ratio * options_.anisotropy_ratio);
     std::size_t elongated = 0;
     for (std::size_t i = 0; i < position_.size(); ++i) {
-      if (kind_[i] == CellKind::kClosed && out_.variance_u[i] > ratio2 * out_.variance_v[i]) {
+      if (kind_[i] == CellKind::kClosed && out_.of[i].variance_u > ratio2 * out_.of[i].variance_v) {
         ++elongated;
       }
     }
@@ -426,7 +416,6 @@ class Sizer {
   const NeighborSearch& search_;
   const SplatSizeOptions& options_;
   std::vector<Worker> workers_;
-  Array<float> spacing_;
   Array<CellKind> kind_;
   SplatSizes out_;
 };

@@ -34,14 +34,22 @@ struct SplatSizeOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// One value a point. `tangent` and the two variances are empty where the splats are discs.
+/// Of one point; in one piece, as it is read at once and in another order.
+struct SplatSize {
+  Vec3f tangent;     ///< Of an ellipse the long axis, unit; of a disc any.
+  float variance;    ///< Of the disc that covers, unit^2.
+  float variance_u;  ///< Of the ellipse that does, along its axis ...
+  float variance_v;  ///< ... and across; of a disc both are `variance`.
+  float area;        ///< Of the cell, unit^2.
+  float spacing;     ///< Mean distance to the four nearest others.
+
+  bool operator==(const SplatSize&) const = default;
+};
+
 struct SplatSizes {
-  Array<float> variance;    ///< unit^2; the mean of the two of an ellipse.
-  Array<Vec3f> tangent;     ///< Long axis, unit.
-  Array<float> variance_u;  ///< Along it ...
-  Array<float> variance_v;  ///< ... and across.
-  Array<float> area;        ///< Of the cell, unit^2.
-  std::size_t border = 0;   ///< Points whose cell is open: at the surface's border, or alone.
+  Array<SplatSize> of;     ///< Every point.
+  bool ellipses = false;   ///< Instead of discs.
+  std::size_t border = 0;  ///< Points whose cell is open: at the surface's border, or alone.
   std::size_t capped =
       0;  ///< Points far from all others, whose splat was cut to their neighbours'.
 };
