@@ -106,22 +106,23 @@ class Spreader {
   /// Along the spanning forest of the edges to the nearest points.
   void join_neighbors(std::size_t neighbors) {
     NeighborGraph graph;
-    graph.degree = neighbors;
-    graph.to.resize(position_.size() * neighbors);
+    graph.degree = (neighbors + 7) / 8 * 8;
+    graph.to.resize(position_.size() * graph.degree);
     graph.length.resize(graph.to.size());
     search_.for_each_nearest(
         neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near, int) {
-          std::size_t e = i * neighbors;
-          const std::size_t end = e + neighbors;
+          std::size_t e = i * graph.degree;
+          const std::size_t most = e + neighbors;
           for (const Neighbor& n : near) {
-            if (n.index == i || e == end || !known(i) || !known(n.index)) continue;
+            if (n.index == i || e == most || !known(i) || !known(n.index)) continue;
             const float w = weight(i, n.index);
             if (w == kNoEdge) continue;
             graph.to[e] = n.index;
             graph.length[e++] = static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
           }
           std::fill(graph.to.begin() + static_cast<std::ptrdiff_t>(e),
-                    graph.to.begin() + static_cast<std::ptrdiff_t>(end), NeighborGraph::kNone);
+                    graph.to.begin() + static_cast<std::ptrdiff_t>((i + 1) * graph.degree),
+                    NeighborGraph::kNone);
         });
     unite_spanning_forest(
         graph, settled_ != kNone, [&](std::uint32_t i, std::uint32_t j) { return opposed(i, j); },

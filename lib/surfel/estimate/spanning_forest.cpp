@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <limits>
 #include <numeric>
 #include <vector>
 
 #include <surfel/base/parallel.h>
-#include <surfel/base/radix_sort.h>
 #include <surfel/estimate/spanning_forest.h>
 
 namespace surfel {
@@ -14,6 +15,7 @@ namespace {
 
 /// Edges of a block: what it works on stays in a core's second cache.
 constexpr std::size_t kBlockEdges = std::size_t{1} << 16;
+constexpr std::size_t kPointGrain = std::size_t{1} << 16;
 constexpr std::uint64_t kBeyondAll = std::numeric_limits<std::uint64_t>::max();
 
 /// Edges in ascending order: by length, then number.
@@ -70,8 +72,11 @@ class Block {
   /// on the points' order, which no processor guesses.
   bool repeated(std::size_t from, std::uint32_t to) const {
     const std::uint32_t* other = graph_.to.data() + to * graph_.degree;
+    constexpr std::size_t kTogether = 8;  // Known here, so that it is a few vectors.
     unsigned listed = 0;
-    for (std::size_t k = 0; k < graph_.degree; ++k) listed |= other[k] == from ? 1U : 0U;
+    for (std::size_t k = 0; k < graph_.degree; k += kTogether) {
+      for (std::size_t j = 0; j < kTogether; ++j) listed |= other[k + j] == from ? 1U : 0U;
+    }
     return (static_cast<unsigned>(to < from) & listed) != 0;
   }
 
@@ -142,11 +147,52 @@ class Block {
   std::vector<std::uint32_t> parent_;  ///< Within the block, counted from its first point.
 };
 
+/// Of each block.
+using BlockKeys = std::vector<std::vector<std::uint64_t>>;
+
+/// The shortest of all edges that lead from or to each point; beyond all: none.
+Array<std::uint64_t> shortest_of_points(const NeighborGraph& graph, const BlockKeys& keys,
+                                        std::size_t points) {
+  Array<std::uint64_t> shortest(points);
+  parallel_for(points, kPointGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::fill(shortest.begin() + static_cast<std::ptrdiff_t>(begin),
+              shortest.begin() + static_cast<std::ptrdiff_t>(end), kBeyondAll);
+  });
+  parallel_for(keys.size(), 1, [&](std::size_t block, std::size_t, int) {
+    for (const std::uint64_t key : keys[block]) {
+      const std::size_t e = edge_of(key);
+      for (const std::size_t point : {e / graph.degree, std::size_t{graph.to[e]}}) {
+        const std::atomic_ref<std::uint64_t> least(shortest[point]);
+        std::uint64_t before = least.load(std::memory_order_relaxed);
+        while (key < before &&
+               !least.compare_exchange_weak(before, key, std::memory_order_relaxed)) {
+        }
+      }
+    }
+  });
+  return shortest;
+}
+
+/// The keys of blocks, each in order, as a whole in order: a stable sort by length, as the numbers
+/// of a block's edges lie before those of the next.
+Array<std::uint64_t> in_order(const BlockKeys& keys) {
+  std::vector<std::size_t> place(std::size_t{1} << 16);
+  for (const auto& some : keys) {
+    for (const std::uint64_t key : some) ++place[key >> 48];
+  }
+  const std::size_t last = place.back();
+  std::exclusive_scan(place.begin(), place.end(), place.begin(), std::size_t{0});
+  Array<std::uint64_t> out(place.back() + last);
+  for (const auto& some : keys) {
+    for (const std::uint64_t key : some) out[place[key >> 48]++] = key;
+  }
+  return out;
+}
+
 }  // namespace
 
 SignedSets::SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
-  constexpr std::size_t kGrain = 1 << 16;
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(count, kPointGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       parent_[i] = static_cast<std::uint32_t>(i);
       opposed_[i] = 0;
@@ -160,43 +206,46 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                            SignedSets& sets) {
   const std::size_t points = sets.size();
   const std::size_t grain = kBlockEdges / graph.degree;
-  const std::size_t blocks = (points + grain - 1) / grain;
-  std::vector<std::vector<std::uint64_t>> left(blocks);
+  BlockKeys left((points + grain - 1) / grain);
   parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
     Block(graph, begin, end).collect_leaving(left[begin / grain]);
   });
   Array<std::uint64_t> shortest_out;
-  if (!joined) {
-    shortest_out.assign(points, kBeyondAll);
-    for (const auto& keys : left) {
-      for (const std::uint64_t key : keys) {
-        const std::size_t e = edge_of(key);
-        for (const std::size_t end : {e / graph.degree, std::size_t{graph.to[e]}}) {
-          shortest_out[end] = std::min(shortest_out[end], key);
-        }
-      }
-    }
-  }
+  if (!joined) shortest_out = shortest_of_points(graph, left, points);
   parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
     Block block(graph, begin, end);
+    std::vector<std::uint64_t>& keys = left[begin / grain];
     if (joined) {
-      block.filter(left[begin / grain]);
+      block.filter(keys);
     } else {
-      block.contract(opposed, sets, shortest_out, left[begin / grain]);
+      block.contract(opposed, sets, shortest_out, keys);
     }
+    std::sort(keys.begin(), keys.end());
   });
   shortest_out = {};
 
-  Array<std::uint64_t> keys;
-  for (auto& some : left) {
-    keys.insert(keys.end(), some.begin(), some.end());
-    some = {};
-  }
-  for (const std::uint32_t i : sorted_order(keys)) {
-    const std::size_t e = edge_of(keys[i]);
-    const auto from = static_cast<std::uint32_t>(e / graph.degree);
-    const std::uint32_t to = graph.to[e];
-    sets.unite(from, to, [&] { return opposed(from, to); });
+  const Array<std::uint64_t> keys = in_order(left);
+  left = {};
+  // What all threads can do before; few sets are left, which stay in the cache of the one that
+  // unites them.
+  struct Link {
+    std::uint32_t a, b;
+    bool differ;
+  };
+  Array<Link> links(keys.size());
+  constexpr std::size_t kGrain = 1 << 12;
+  parallel_for(keys.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t e = edge_of(keys[i]);
+      const auto from = static_cast<std::uint32_t>(e / graph.degree);
+      const std::uint32_t to = graph.to[e];
+      const SignedSets::Root a = sets.root(from);
+      const SignedSets::Root b = sets.root(to);
+      links[i] = {a.index, b.index, (opposed(from, to) != a.opposed) != b.opposed};
+    }
+  });
+  for (const Link& link : links) {
+    sets.unite(link.a, link.b, [&] { return link.differ; });
   }
 }
 

@@ -71,7 +71,7 @@ class SURFEL_API SignedSets {
 /// to[e]. An edge may also be there the other way round, of the same length.
 struct NeighborGraph {
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-  std::size_t degree = 0;   ///< 1 to 64.
+  std::size_t degree = 0;   ///< 8 to 64, a multiple of 8.
   Array<std::uint32_t> to;  ///< kNone: no edge.
   Array<std::uint16_t> length;
 };
