@@ -216,6 +216,8 @@ section_neighbors() {
 # Whole processes, PLY in and out, beside PCL's normals alone.
 section_estimate() {
   local count orient log_to must aim log=$work/times command="surfel-estimate POINTS.ply -o OUT.ply"
+  # Into a new file: to put one in the place of another waits for the disk.
+  estimate() { rm -f "$work/out.ply" && run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --quiet "$@"; }
   for count in $counts; do
     must=- aim=-
     [[ $count == 1000000 ]] && must="4 x" aim="8 x"
@@ -224,14 +226,14 @@ section_estimate() {
     rm -f "$log" "$log".*
     for ((i = 0; i < runs; ++i)); do
       "${prefix[@]}" "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
-      # The first run of a process after another's may get memory that the machine has to fetch from its
-      # host, and takes up to a third longer: it does not count.
+      # The first run of a process after another's may get memory that the system has to fetch and clear
+      # first, and takes up to a third longer: it does not count.
       for orient in mst none; do
         for log_to in /dev/null "$log.$orient"; do
-          run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --orient $orient --quiet >> "$log_to"
+          estimate --orient $orient >> "$log_to"
         done
       done
-      run "$bin/surfel-estimate" "$work/points.ply" -o "$work/out.ply" --threads 1 --quiet >> "$log.one"
+      estimate --threads 1 >> "$log.one"
     done
     for orient in mst none; do
       row "surfel-estimate, $count points, random order, whole process, --orient $orient" "$log.$orient" \

@@ -8,6 +8,7 @@
 #define HWY_TARGET_INCLUDE "surfel/estimate/plane_fit.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/vec3-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -18,18 +19,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<double, 8>;
 using V = hn::Vec<D>;
 
-struct Vec3 {
-  V x, y, z;
-};
-
-HWY_INLINE V dot(const Vec3& a, const Vec3& b) {
-  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
-}
-
-HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {hn::MulSub(a.y, b.z, hn::Mul(a.z, b.y)), hn::MulSub(a.z, b.x, hn::Mul(a.x, b.z)),
-          hn::MulSub(a.x, b.y, hn::Mul(a.y, b.x))};
-}
+using Vec3 = HWY_NAMESPACE::Vec3<V>;
 
 /// One vector of the batch. Returns, as bits, those whose residual is too large.
 HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
