@@ -37,25 +37,35 @@ struct Digits {
   std::size_t of(std::uint64_t key) const { return (key >> shift) & (count() - 1); }
 };
 
-/// Puts the indices of `count` items in order. Both arrays are of that length and are left as they
-/// happen to be.
-void sort_few(Item* items, std::size_t count, std::uint32_t* order) {
+/// Where sorted keys and their indices go.
+struct Output {
+  std::uint64_t* key;
+  std::uint32_t* index;
+
+  Output operator+(std::size_t n) const { return {key + n, index + n}; }
+};
+
+/// Puts `count` items in order. Arrays are of that length and are left as they happen to be.
+void sort_few(Item* items, std::size_t count, Output out) {
   for (std::size_t i = 1; i < count; ++i) {
     const Item item = items[i];
     std::size_t to = i;
     for (; to > 0 && items[to - 1].key > item.key; --to) items[to] = items[to - 1];
     items[to] = item;
   }
-  for (std::size_t i = 0; i < count; ++i) order[i] = items[i].index;
+  for (std::size_t i = 0; i < count; ++i) {
+    out.key[i] = items[i].key;
+    out.index[i] = items[i].index;
+  }
 }
 
-void sort_alone(Item* items, Item* other, std::size_t count, std::uint32_t* order) {
+void sort_alone(Item* items, Item* other, std::size_t count, Output out) {
   std::uint64_t differing = 0;
   if (count > kFew) {
     for (std::size_t i = 0; i < count; ++i) differing |= items[i].key ^ items[0].key;
   }
   if (differing == 0) {
-    sort_few(items, count, order);
+    sort_few(items, count, out);
     return;
   }
   // A few items a bucket.
@@ -68,12 +78,12 @@ void sort_alone(Item* items, Item* other, std::size_t count, std::uint32_t* orde
                       end.begin(), 0U);
   for (std::size_t i = 0; i < count; ++i) other[end[digits.of(items[i].key)]++] = items[i];
   for (std::size_t d = 0, begin = 0; d < digits.count(); begin = end[d++]) {
-    sort_alone(other + begin, items + begin, end[d] - begin, order + begin);
+    sort_alone(other + begin, items + begin, end[d] - begin, out + begin);
   }
 }
 
 /// The same by all threads.
-void sort_together(Item* items, Item* other, std::size_t n, std::uint32_t* order) {
+void sort_together(Item* items, Item* other, std::size_t n, Output out) {
   const std::size_t grain = std::max<std::size_t>(1 << 14, n / 64 + 1);
   const std::size_t blocks = (n + grain - 1) / grain;
   std::vector<std::uint64_t> varying(blocks, 0);
@@ -103,7 +113,7 @@ void sort_together(Item* items, Item* other, std::size_t n, std::uint32_t* order
   });
 
   const auto bucket = [&](std::size_t d, auto&& sort) {
-    sort(other + start[d], items + start[d], start[d + 1] - start[d], order + start[d]);
+    sort(other + start[d], items + start[d], start[d + 1] - start[d], out + start[d]);
   };
   const auto divided = [&](std::size_t d) {
     return start[d + 1] - start[d] > kMany && digits.shift > 0;
@@ -121,7 +131,7 @@ void sort_together(Item* items, Item* other, std::size_t n, std::uint32_t* order
 
 }  // namespace
 
-Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
+Array<std::uint32_t> sort_keys(Array<std::uint64_t>& keys) {
   const std::size_t n = keys.size();
   if (n > std::numeric_limits<std::uint32_t>::max()) {
     throw_input("", "more than 4294967295 elements cannot be ordered; split the cloud");
@@ -146,7 +156,7 @@ Array<std::uint32_t> sorted_order(const Array<std::uint64_t>& keys) {
   parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) items[i] = {keys[i], static_cast<std::uint32_t>(i)};
   });
-  sort_together(items.data(), other.data(), n, order.data());
+  sort_together(items.data(), other.data(), n, {keys.data(), order.data()});
   return order;
 }
 

@@ -23,7 +23,7 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
       keys[i] = p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max();
     }
   });
-  Array<std::uint32_t> order = sorted_order(keys);
+  Array<std::uint32_t> order = sort_keys(keys);
 
   const auto before = [&](std::uint32_t a, std::uint32_t b) {
     const Vec3f p = at(a);
@@ -31,16 +31,11 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
     return std::make_tuple(p.x(), p.y(), p.z(), a) < std::make_tuple(q.x(), q.y(), q.z(), b);
   };
   // Each range orders the cells that begin in it, and looks at keys alone beyond its end.
-  Array<std::uint64_t> sorted(n);
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) sorted[i] = keys[order[i]];
-  });
   parallel_for(n, kGrain, [&](std::size_t range_begin, std::size_t range_end, int) {
     for (std::size_t i = range_begin; i < range_end; ++i) {
-      if (i + 1 == n || sorted[i] != sorted[i + 1] || (i > 0 && sorted[i] == sorted[i - 1]))
-        continue;
+      if (i + 1 == n || keys[i] != keys[i + 1] || (i > 0 && keys[i] == keys[i - 1])) continue;
       std::size_t end = i + 2;
-      while (end < n && sorted[end] == sorted[i]) ++end;
+      while (end < n && keys[end] == keys[i]) ++end;
       if (at(order[i]).allFinite()) {
         std::sort(order.begin() + static_cast<std::ptrdiff_t>(i),
                   order.begin() + static_cast<std::ptrdiff_t>(end), before);

@@ -251,8 +251,8 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
               : kUnusable;
     }
   });
-  Array<std::uint32_t> order = sorted_order(keys);
-  while (!order.empty() && keys[order.back()] == kUnusable) order.pop_back();
+  Array<std::uint32_t> order = sort_keys(keys);
+  while (!order.empty() && keys[order.size() - 1] == kUnusable) order.pop_back();
   for (std::uint32_t& i : order) i = along_curve[i];
   return order;
 }

@@ -51,10 +51,10 @@ void count_edges(const TriangleMesh& mesh, MeshStatistics& out) {
       edges.push_back(std::uint64_t{high} << 32 | low);
     }
   }
-  const Array<std::uint32_t> order = sorted_order(edges);
-  for (std::size_t begin = 0; begin < order.size();) {
+  sort_keys(edges);
+  for (std::size_t begin = 0; begin < edges.size();) {
     std::size_t end = begin + 1;
-    while (end < order.size() && edges[order[end]] == edges[order[begin]]) ++end;
+    while (end < edges.size() && edges[end] == edges[begin]) ++end;
     if (end - begin == 1) ++out.border_edges;
     if (end - begin > 2) ++out.non_manifold_edges;
     begin = end;

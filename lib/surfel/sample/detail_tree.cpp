@@ -149,9 +149,8 @@ Sorted sort_into_leaves(const std::vector<T>& things, const Vec3f& low, double l
         morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
                     static_cast<std::uint32_t>(cell.z()));
   }
-  Sorted out{Array<std::uint64_t>(things.size()), sorted_order(code)};
-  for (std::size_t i = 0; i < things.size(); ++i) out.code[i] = code[out.order[i]];
-  return out;
+  Array<std::uint32_t> order = sort_keys(code);
+  return {std::move(code), std::move(order)};
 }
 
 double total_weight(const std::vector<SurfaceProbe>& probes) {

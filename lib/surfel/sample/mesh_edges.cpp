@@ -32,10 +32,10 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
       keys[i] = random_bits(xy, std::bit_cast<std::uint32_t>(p.z()));
     }
   });
-  const Array<std::uint32_t> order = sorted_order(keys);
+  const Array<std::uint32_t> order = sort_keys(keys);
   Array<std::uint32_t> welded(position.size());
   for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
-    for (end = begin + 1; end < order.size() && keys[order[end]] == keys[order[begin]]; ++end) {
+    for (end = begin + 1; end < order.size() && keys[end] == keys[begin]; ++end) {
     }
     // All of a run are at one place, but for collisions of the hash.
     for (std::size_t i = begin; i < end; ++i) {
@@ -60,13 +60,13 @@ Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
       }
     }
   });
-  const Array<std::uint32_t> order = sorted_order(keys);
+  const Array<std::uint32_t> order = sort_keys(keys);
   Array<std::uint32_t> rings(edges);
   for (std::size_t begin = 0, end; begin < edges; begin = end) {
-    for (end = begin + 1; end < edges && keys[order[end]] == keys[order[begin]]; ++end) {
+    for (end = begin + 1; end < edges && keys[end] == keys[begin]; ++end) {
       rings[order[end - 1]] = order[end];
     }
-    const std::uint64_t key = keys[order[begin]];
+    const std::uint64_t key = keys[begin];
     const bool collapsed = key >> 32 == (key & 0xffffffff);
     rings[order[end - 1]] = end == begin + 1 ? kBorderEdge : order[begin];
     for (std::size_t i = begin; collapsed && i < end; ++i) rings[order[i]] = kBorderEdge;

@@ -222,8 +222,8 @@ SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uin
     chunks = std::move(children);
   }
 
-  const Array<std::uint64_t> keys = block_keys(chunks, block_side);
-  const Array<std::uint32_t> order = sorted_order(keys);
+  Array<std::uint64_t> keys = block_keys(chunks, block_side);
+  const Array<std::uint32_t> order = sort_keys(keys);
   Array<std::uint32_t> place(chunks.size());
   SurfaceChunks sorted;
   sorted.chunk.resize(chunks.size());
@@ -238,10 +238,9 @@ SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uin
     }
   });
   for (std::size_t i = 0; i < order.size(); ++i) {
-    if (i > 0 && keys[order[i]] == keys[order[i - 1]]) continue;
+    if (i > 0 && keys[i] == keys[i - 1]) continue;
     // The lowest bits of the three coordinates: blocks of equal parity never touch.
-    sorted.phase[keys[order[i]] & 7].push_back(
-        static_cast<std::uint32_t>(sorted.block_first.size()));
+    sorted.phase[keys[i] & 7].push_back(static_cast<std::uint32_t>(sorted.block_first.size()));
     sorted.block_first.push_back(static_cast<std::uint32_t>(i));
   }
   sorted.block_first.push_back(static_cast<std::uint32_t>(order.size()));

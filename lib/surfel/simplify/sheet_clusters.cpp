@@ -106,7 +106,7 @@ SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& sea
                              std::uint64_t random_seed, std::size_t fill_to) {
   Array<std::uint64_t> key(cloud.size());
   for (std::size_t i = 0; i < key.size(); ++i) key[i] = random_bits(random_seed, i);
-  const Array<std::uint32_t> order = sorted_order(key);
+  const Array<std::uint32_t> order = sort_keys(key);
   Clusterer clusterer(cloud, search, radius, rules);
   clusterer.throw_darts(order, 1, cloud.size());
   const std::size_t wanted = std::min(fill_to, cloud.size());
