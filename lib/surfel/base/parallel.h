@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstddef>
+#include <numeric>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
@@ -28,6 +30,17 @@ SURFEL_API bool interrupt_requested() noexcept;
 SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);
+
+/// How many of the numbers below `count` there are that holds(i) says yes to, asked in parallel.
+template <class Holds>
+std::size_t count_where(std::size_t count, const Holds& holds) {
+  constexpr std::size_t kGrain = 1024;
+  std::vector<std::size_t> found((count + kGrain - 1) / kGrain);
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) found[begin / kGrain] += holds(i) ? 1 : 0;
+  });
+  return std::accumulate(found.begin(), found.end(), std::size_t{0});
+}
 
 /// While it lives, parallel loops on this thread run on it alone: for work beside a loop that has
 /// the cores. Results are the same.

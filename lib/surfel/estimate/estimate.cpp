@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <limits>
 #include <memory>
-#include <numeric>
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
@@ -36,6 +35,12 @@ Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) 
   parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) place[order[i]] = static_cast<std::uint32_t>(i);
   });
+  if (order.size() == count) {
+    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<std::uint32_t>(i);
+    });
+    return place;
+  }
   std::size_t kept = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
     if (place[i] == kRemoved) continue;
@@ -117,10 +122,7 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   NormalEstimate normals = estimate_normals(position, *search, options.normals);
   r.flagged = normals.flagged;
   r.extended = normals.extended;
-  r.mean_neighbors = std::transform_reduce(
-                         normals.quality.begin(), normals.quality.end(), 0.0, std::plus<>(),
-                         [](const NormalQuality& q) { return static_cast<double>(q.neighbors); }) /
-                     static_cast<double>(order.size());
+  r.mean_neighbors = static_cast<double>(normals.neighbors) / static_cast<double>(position.size());
   lap("neighbors and normals");
   Array<Vec3f> previous;
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {

@@ -264,6 +264,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
   struct alignas(64) Worker {
     std::vector<Neighbor> scratch;
     std::array<std::size_t, kPointFlags> flagged{};
+    std::size_t neighbors = 0;
     std::size_t extended = 0;
     // Neighbourhoods whose planes are fitted together.
     PlaneBatch planes;
@@ -279,6 +280,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
       ++w.extended;
     }
     store(result, i, out);
+    w.neighbors += result.neighbors;
     ++w.flagged[static_cast<std::size_t>(result.flag)];
   };
   const auto fit_pending = [&](Worker& w) {
@@ -315,6 +317,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
   for (Worker& w : workers) {
     fit_pending(w);
     for (std::size_t f = 0; f < kPointFlags; ++f) out.flagged[f] += w.flagged[f];
+    out.neighbors += w.neighbors;
     out.extended += w.extended;
   }
   return out;

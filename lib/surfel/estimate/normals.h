@@ -51,6 +51,7 @@ struct NormalEstimate {
                         ///< is positive. Zero = unknown.
   Array<NormalQuality> quality;
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by flag.
+  std::size_t neighbors = 0;                       ///< Of all normals together.
   std::size_t extended = 0;  ///< Points whose neighbourhood was enlarged, being thin at first.
 
   std::size_t count(PointFlag f) const { return flagged[static_cast<std::size_t>(f)]; }

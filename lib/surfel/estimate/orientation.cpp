@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -28,16 +27,6 @@ constexpr float kBend = 0.7F;
 constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
 constexpr int kJoinRounds = 8;
-
-/// How many of the numbers below `count` there are that `holds` says yes to.
-template <class Holds>
-std::size_t count_where(std::size_t count, const Holds& holds) {
-  std::vector<std::size_t> found((count + kGrain - 1) / kGrain);
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) found[begin / kGrain] += holds(i) ? 1 : 0;
-  });
-  return std::accumulate(found.begin(), found.end(), std::size_t{0});
-}
 
 class Spreader {
  public:

@@ -84,7 +84,10 @@ class Sizer {
                                size_point(i, near, workers_[static_cast<std::size_t>(worker)]);
                              });
     limit_lonely();
-    for (const CellKind kind : kind_) out_.border += kind != CellKind::kClosed ? 1 : 0;
+    out_.border =
+        count_where(kind_.size(), [&](std::size_t i) { return kind_[i] != CellKind::kClosed; });
+    out_.capped =
+        count_where(kind_.size(), [&](std::size_t i) { return kind_[i] == CellKind::kAlone; });
     out_.ellipses = out_.ellipses && worth_ellipses();
     return std::move(out_);
   }
@@ -395,18 +398,15 @@ class Sizer {
         kind_[i] = CellKind::kAlone;
       }
     });
-    for (const CellKind kind : kind_) out_.capped += kind == CellKind::kAlone ? 1 : 0;
   }
 
   bool worth_ellipses() const {
     if (options_.anisotropy == Anisotropy::kOn) return true;
     const auto ratio2 = static_cast<float>(options_.anisotropy_ratio * options_.anisotropy_ratio);
-    std::size_t elongated = 0;
-    for (std::size_t i = 0; i < position_.size(); ++i) {
-      if (kind_[i] == CellKind::kClosed && out_.of[i].variance_u > ratio2 * out_.of[i].variance_v) {
-        ++elongated;
-      }
-    }
+    const std::size_t elongated = count_where(position_.size(), [&](std::size_t i) {
+      const SplatSize& size = out_.of[i];
+      return kind_[i] == CellKind::kClosed && size.variance_u > ratio2 * size.variance_v;
+    });
     return static_cast<double>(elongated) > kElongatedShare * static_cast<double>(position_.size());
   }
 
