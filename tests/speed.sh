@@ -237,7 +237,7 @@ section_estimate() {
     done
     for orient in mst none; do
       row "surfel-estimate, $count points, random order, whole process, --orient $orient" "$log.$orient" \
-        "PCL NormalEstimationOMP, kernel alone" "$log.pcl" "$must" "$aim" "arithmetic: cells, neighbours, forest" \
+        "PCL NormalEstimationOMP, kernel alone" "$log.pcl" "$must" "$aim" "arithmetic: cells, neighbours, forest; first touch of memory" \
         "$command --orient $orient"
     done
     row "the same on 2 threads, by 1 thread" "$log.mst" "1 thread" "$log.one" "1.7 x" "1.95 x" \
