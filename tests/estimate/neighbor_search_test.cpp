@@ -318,7 +318,18 @@ TEST(NeighborLists, AreWhatTheSearchFinds) {
         EXPECT_EQ(near[n].distance2, expected[i][n].distance2);
       }
     });
+    for (const NeighborSearch* some :
+         std::initializer_list<const NeighborSearch*>{search.get(), &lists}) {
+      const NeighborRows rows = some->rows(k);
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        ASSERT_EQ(rows.of(i).size(), expected[i].size());
+        for (std::size_t n = 0; n < expected[i].size(); ++n) {
+          EXPECT_EQ(rows.of(i)[n], expected[i][n].index);
+        }
+      }
+    }
   }
+  EXPECT_EQ(NeighborLists(*search, points, 12).rows(5).of(17)[3], search->rows(9).of(17)[3]);
   const Array<Vec3f> two{Vec3f(0, 0, 0), Vec3f(1, 0, 0)};
   const auto small = make_neighbor_search(two);
   NeighborLists(*small, two, 16)

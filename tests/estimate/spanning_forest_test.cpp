@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <limits>
 #include <numeric>
 
 #include <gtest/gtest.h>
@@ -13,18 +14,23 @@ namespace {
 /// from anywhere to anywhere; lengths with many ties. Every third edge is there from both ends.
 NeighborGraph random_graph(std::size_t points, std::size_t degree, std::size_t span) {
   NeighborGraph graph;
-  graph.degree = degree;
-  graph.to.assign(points * degree, NeighborGraph::kNone);
-  graph.length.assign(points * degree, 0);
+  NeighborRows& rows = graph.rows;
+  rows.count = degree;
+  rows.stride = degree + 5;
+  rows.kept.resize(points * rows.stride);
+  rows.index = rows.kept.data();
+  for (std::size_t e = 0; e < rows.kept.size(); ++e) {
+    rows.kept[e] = static_cast<std::uint32_t>(e / rows.stride);  // The point itself: no edge.
+  }
+  graph.length.assign(points * degree, NeighborGraph::kNoEdge);
   std::vector<std::size_t> used(points);
   const auto linked = [&](std::size_t i, std::size_t j) {
-    const auto begin = graph.to.begin() + static_cast<std::ptrdiff_t>(i * degree);
-    return std::find(begin, begin + static_cast<std::ptrdiff_t>(degree), j) !=
-           begin + static_cast<std::ptrdiff_t>(degree);
+    const auto row = rows.of(i).first(used[i]);
+    return std::find(row.begin(), row.end(), j) != row.end();
   };
   const auto add = [&](std::size_t i, std::size_t j, std::uint16_t length) {
     if (used[i] == degree || linked(i, j)) return;
-    graph.to[i * degree + used[i]] = static_cast<std::uint32_t>(j);
+    rows.kept[i * rows.stride + used[i]] = static_cast<std::uint32_t>(j);
     graph.length[i * degree + used[i]++] = length;
   };
   for (std::size_t e = 0; e < points * degree * 2 / 3; ++e) {
@@ -47,14 +53,14 @@ constexpr auto opposed = [](std::uint32_t i, std::uint32_t j) {
 
 /// Kruskal's algorithm, word for word.
 void unite_plainly(const NeighborGraph& graph, SignedSets& sets) {
-  std::vector<std::size_t> order(graph.to.size());
+  std::vector<std::size_t> order(graph.length.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return graph.length[a] < graph.length[b]; });
   for (const std::size_t e : order) {
-    if (graph.to[e] == NeighborGraph::kNone) continue;
-    const auto from = static_cast<std::uint32_t>(e / graph.degree);
-    const std::uint32_t to = graph.to[e];
+    if (graph.length[e] == NeighborGraph::kNoEdge) continue;
+    const auto from = static_cast<std::uint32_t>(e / graph.degree());
+    const std::uint32_t to = graph.to(e);
     sets.unite(from, to, [&] { return opposed(from, to); });
   }
 }
@@ -62,7 +68,8 @@ void unite_plainly(const NeighborGraph& graph, SignedSets& sets) {
 /// Sets of the same points, with the same signs within each.
 void expect_same(SignedSets& a, SignedSets& b) {
   const std::size_t count = a.size();
-  std::vector<std::uint32_t> root_of(count, NeighborGraph::kNone);
+  constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> root_of(count, kNone);
   std::vector<bool> turned(count);
   std::size_t roots_a = 0;
   std::size_t roots_b = 0;
@@ -71,7 +78,7 @@ void expect_same(SignedSets& a, SignedSets& b) {
     const SignedSets::Root in_b = b.find(i);
     roots_a += in_a.index == i ? 1 : 0;
     roots_b += in_b.index == i ? 1 : 0;
-    if (root_of[in_a.index] == NeighborGraph::kNone) {
+    if (root_of[in_a.index] == kNone) {
       root_of[in_a.index] = in_b.index;
       turned[in_a.index] = in_a.opposed != in_b.opposed;
     }
@@ -82,12 +89,12 @@ void expect_same(SignedSets& a, SignedSets& b) {
 }
 
 TEST(SpanningForest, SameAsKruskalOverManyBlocks) {
-  // Degrees of 64 and 8: blocks of 1024 and 8192 points.
+  // Degrees of 64 and 8: blocks of 1024 and 8192 points; of 9 and 3: rows with a rest.
   struct Case {
     std::size_t points, degree, span;
   };
-  for (const Case& c : {Case{5000, 64, 40}, Case{20000, 8, 30}, Case{20000, 8, 20000},
-                        Case{9000, 8, 2}, Case{1, 8, 1}}) {
+  for (const Case& c : {Case{5000, 64, 40}, Case{20000, 8, 30}, Case{20000, 9, 20000},
+                        Case{9000, 3, 2}, Case{1, 8, 1}}) {
     const NeighborGraph graph = random_graph(c.points, c.degree, c.span);
     SignedSets expected(c.points);
     unite_plainly(graph, expected);

@@ -37,4 +37,13 @@ void NeighborLists::for_each_nearest(std::size_t k, Body body) const {
   });
 }
 
+NeighborRows NeighborLists::rows(std::size_t k) const {
+  k = std::min(k, points_.size());
+  if (k > k_) return search_.rows(k);
+  if (index_.empty()) {
+    for_each_nearest(k, [](std::size_t, std::span<const Neighbor>, int) {});
+  }
+  return {index_.data(), k, k_, {}};
+}
+
 }  // namespace surfel

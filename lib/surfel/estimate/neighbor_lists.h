@@ -13,8 +13,9 @@ namespace surfel {
 /// The k nearest neighbours of all points, searched for once and kept (4 k bytes a point) for
 /// several stages that go over all neighbourhoods: the first for_each_nearest() of no more than k
 /// of them searches and keeps what it finds, so that its body runs while the points are in the
-/// cache; later ones read the lists. Every other query goes to the search behind. The same results
-/// as that search's. for_each_nearest() is not for several threads at once.
+/// cache; later ones, and rows(), read the lists. Every other query goes to the search behind. The
+/// same results as that search's. for_each_nearest() and rows() are not for several threads at
+/// once.
 class SURFEL_API NeighborLists final : public NeighborSearch {
  public:
   /// `search` is over `points`; both outlive this object.
@@ -32,6 +33,7 @@ class SURFEL_API NeighborLists final : public NeighborSearch {
   void for_each_within(float radius, std::size_t most, Body body) const override {
     search_.for_each_within(radius, most, body);
   }
+  NeighborRows rows(std::size_t k) const override;
 
  private:
   const NeighborSearch& search_;

@@ -12,6 +12,19 @@ std::unique_ptr<NeighborSearch> make_neighbor_search(const Array<Vec3f>& points,
   return make_flann_search(points, method == SearchMethod::kFlannApproximate);
 }
 
+NeighborRows NeighborSearch::rows(std::size_t k) const {
+  NeighborRows rows;
+  rows.count = std::min(k, size());
+  rows.stride = rows.count;
+  rows.kept.resize(size() * rows.stride);
+  rows.index = rows.kept.data();
+  for_each_nearest(rows.count, [&](std::size_t i, std::span<const Neighbor> near, int) {
+    std::uint32_t* row = rows.kept.data() + i * rows.stride;
+    for (const Neighbor& neighbor : near) *row++ = neighbor.index;
+  });
+  return rows;
+}
+
 double neighbor_recall(const Array<Vec3f>& points, const NeighborSearch& search, std::size_t k) {
   constexpr std::size_t kMostSamples = 1000;
   const std::size_t samples = std::min(points.size(), kMostSamples);

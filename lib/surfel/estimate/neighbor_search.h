@@ -25,6 +25,18 @@ struct Neighbor {
   float distance2;  ///< Squared distance to the query, unit^2.
 };
 
+/// The numbers of the points nearest to every point, nearest first, in rows.
+struct NeighborRows {
+  const std::uint32_t* index = nullptr;
+  std::size_t count = 0;      ///< In each row.
+  std::size_t stride = 0;     ///< From row to row.
+  Array<std::uint32_t> kept;  ///< The rows, unless somebody else keeps them.
+
+  std::span<const std::uint32_t> of(std::size_t point) const {
+    return {index + point * stride, count};
+  }
+};
+
 /// Neighbour search among fixed points, ordered by ascending distance, equal distances by index;
 /// the same for any number of threads. Queries may run in parallel. Those of
 /// all points at once are several times as fast as one by one.
@@ -47,6 +59,9 @@ class SURFEL_API NeighborSearch {
   /// itself included. Fastest where the points are in the order of a space-filling curve.
   virtual void for_each_nearest(std::size_t k, Body body) const = 0;
   virtual void for_each_within(float radius, std::size_t most, Body body) const = 0;
+
+  /// The k nearest (or all, if there are fewer) of every point, the point itself included.
+  virtual NeighborRows rows(std::size_t k) const;
 };
 
 /// `points` are finite and outlive the search.

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-constexpr float kLongestWeight = 65535;
+constexpr float kLongestWeight = 65534;
 /// Edges steeper than 51 degrees to a tangent plane lead to another sheet: across a right-angled
 /// bend there are always some of 45.
 constexpr float kSteepestSine2 = 0.6F;
@@ -94,25 +94,18 @@ class Spreader {
 
   /// Along the spanning forest of the edges to the nearest points.
   void join_neighbors(std::size_t neighbors) {
-    NeighborGraph graph;
-    graph.degree = (neighbors + 7) / 8 * 8;
-    graph.to.resize(position_.size() * graph.degree);
-    graph.length.resize(graph.to.size());
-    search_.for_each_nearest(
-        neighbors + 1, [&](std::size_t i, std::span<const Neighbor> near, int) {
-          std::size_t e = i * graph.degree;
-          const std::size_t most = e + neighbors;
-          for (const Neighbor& n : near) {
-            if (n.index == i || e == most || !known(i) || !known(n.index)) continue;
-            const float w = weight(i, n.index);
-            if (w == kNoEdge) continue;
-            graph.to[e] = n.index;
-            graph.length[e++] = static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
-          }
-          std::fill(graph.to.begin() + static_cast<std::ptrdiff_t>(e),
-                    graph.to.begin() + static_cast<std::ptrdiff_t>((i + 1) * graph.degree),
-                    NeighborGraph::kNone);
-        });
+    NeighborGraph graph{search_.rows(neighbors + 1), {}};
+    graph.length.resize(position_.size() * graph.degree());
+    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      std::uint16_t* length = graph.length.data() + begin * graph.degree();
+      for (std::size_t i = begin; i < end; ++i) {
+        for (const std::uint32_t j : graph.rows.of(i)) {
+          const float w = j != i && known(i) && known(j) ? weight(i, j) : kNoEdge;
+          *length++ = w == kNoEdge ? NeighborGraph::kNoEdge
+                                   : static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
+        }
+      }
+    });
     unite_spanning_forest(
         graph, settled_ != kNone, [&](std::uint32_t i, std::uint32_t j) { return opposed(i, j); },
         sets_);

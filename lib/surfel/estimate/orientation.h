@@ -45,10 +45,9 @@ struct OrientationReport {
 /// is first mirrored at the plane half-way between the points [Koenig, Gumhold 2009], if that makes
 /// the product larger: on a cube whose normals were off by 5 degrees half the sides were wrong
 /// without, none are with. The tree is found on weights of 16 bits; signs are parities of its sets
-/// (spanning_forest.h), so the tree itself is never stored: 6 bytes an edge and about 30 a point
-/// besides the search, 80 a point with 8 neighbours. Parts
-/// that the graph leaves apart (scan lines) are joined where among the 64 nearest points an edge of
-/// weight below 0.1 leads to another one.
+/// (spanning_forest.h), so the tree itself is never stored: 2 bytes an edge and about 30 a point
+/// besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined where
+/// among the 64 nearest points an edge of weight below 0.1 leads to another one.
 ///
 /// \param origin    of the positions, for the viewpoint.
 /// \param search    over `position`.

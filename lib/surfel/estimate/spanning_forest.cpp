@@ -33,11 +33,12 @@ class Block {
   /// Appends the edges that lead out of the block to `out`.
   void collect_leaving(std::vector<std::uint64_t>& out) const {
     for (std::size_t point = begin_; point < end_; ++point) {
-      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
-        const std::uint32_t to = graph_.to[e];
-        if (to != NeighborGraph::kNone && !inside(to) && !repeated(point, to)) {
+      std::size_t e = point * graph_.degree();
+      for (const std::uint32_t to : graph_.rows.of(point)) {
+        if (!inside(to) && graph_.length[e] != NeighborGraph::kNoEdge && !repeated(point, to)) {
           out.push_back(order_key(graph_, e));
         }
+        ++e;
       }
     }
   }
@@ -71,12 +72,14 @@ class Block {
   /// Is the same edge there from its other end, with a lower number? Without a branch that depends
   /// on the points' order, which no processor guesses.
   bool repeated(std::size_t from, std::uint32_t to) const {
-    const std::uint32_t* other = graph_.to.data() + to * graph_.degree;
+    const std::uint32_t* other = graph_.rows.index + to * graph_.rows.stride;
     constexpr std::size_t kTogether = 8;  // Known here, so that it is a few vectors.
     unsigned listed = 0;
-    for (std::size_t k = 0; k < graph_.degree; k += kTogether) {
+    std::size_t k = 0;
+    for (; k + kTogether <= graph_.degree(); k += kTogether) {
       for (std::size_t j = 0; j < kTogether; ++j) listed |= other[k + j] == from ? 1U : 0U;
     }
+    for (; k < graph_.degree(); ++k) listed |= other[k] == from ? 1U : 0U;
     return (static_cast<unsigned>(to < from) & listed) != 0;
   }
 
@@ -87,36 +90,38 @@ class Block {
     sort_inner();
     parent_.resize(end_ - begin_);
     for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<std::uint32_t>(i);
-    const auto degree = static_cast<std::uint32_t>(graph_.degree);
     std::size_t trees = parent_.size();
     for (auto next = inner_.begin(); next != inner_.end() && trees > 1; ++next) {
-      const std::uint32_t local = *next & kLocal;
-      const std::size_t e = begin_ * degree + local;
-      const std::uint32_t from = local / degree;
-      const std::uint32_t to = graph_.to[e];
-      const std::uint32_t a = root(from);
-      const std::uint32_t b = root(static_cast<std::uint32_t>(to - begin_));
+      const std::uint32_t a = root(next->from);
+      const std::uint32_t b = root(next->to);
       if (a == b) continue;
       --trees;
       parent_[std::max(a, b)] = std::min(a, b);
-      const std::uint64_t key = order_key(graph_, e);
-      if (!sure(static_cast<std::uint32_t>(begin_ + from), to, key)) left.push_back(key);
+      const std::size_t from = begin_ + next->from;
+      const std::uint64_t key = order_key(graph_, from * graph_.degree() + next->place);
+      if (!sure(static_cast<std::uint32_t>(from), static_cast<std::uint32_t>(begin_ + next->to),
+                key)) {
+        left.push_back(key);
+      }
     }
   }
 
   /// The edges within the block, by length: two stable passes over its bytes.
   void sort_inner() {
-    const std::size_t first = begin_ * graph_.degree;
-    inner_.resize((end_ - begin_) * graph_.degree);
+    inner_.resize((end_ - begin_) * graph_.degree());
     std::size_t count = 0;
     std::array<std::array<std::uint32_t, 256>, 2> place{};
     for (std::size_t point = begin_; point < end_; ++point) {
-      for (std::size_t e = point * graph_.degree; e < (point + 1) * graph_.degree; ++e) {
-        const std::uint32_t to = graph_.to[e];
+      const std::uint16_t* lengths = graph_.length.data() + point * graph_.degree();
+      const auto row = graph_.rows.of(point);
+      for (std::size_t k = 0; k < row.size(); ++k) {
+        const std::uint32_t to = row[k];
         if (!inside(to)) continue;
-        const std::uint32_t length = graph_.length[e];
-        inner_[count] = length << 16 | static_cast<std::uint32_t>(e - first);
-        const std::uint32_t once = repeated(point, to) ? 0 : 1;
+        const std::uint16_t length = lengths[k];
+        inner_[count] = {length, static_cast<std::uint16_t>(k),
+                         static_cast<std::uint16_t>(point - begin_),
+                         static_cast<std::uint16_t>(to - begin_)};
+        const std::uint32_t once = length == NeighborGraph::kNoEdge || repeated(point, to) ? 0 : 1;
         place[0][length & 0xff] += once;
         place[1][length >> 8] += once;
         count += once;
@@ -126,8 +131,8 @@ class Block {
     other_.resize(count);
     for (const unsigned pass : {0U, 1U}) {
       std::exclusive_scan(place[pass].begin(), place[pass].end(), place[pass].begin(), 0U);
-      for (const std::uint32_t edge : inner_) {
-        other_[place[pass][edge >> (16 + 8 * pass) & 0xff]++] = edge;
+      for (const Edge& edge : inner_) {
+        other_[place[pass][edge.length >> (8 * pass) & 0xff]++] = edge;
       }
       inner_.swap(other_);
     }
@@ -140,10 +145,13 @@ class Block {
 
   const NeighborGraph& graph_;
   std::size_t begin_, end_;
-  /// Edges: length in the upper half, number, counted from the block's first, in the lower one.
-  Array<std::uint32_t> inner_, other_;
-  static constexpr std::uint32_t kLocal = 0xffff;
-  static_assert(kBlockEdges <= kLocal + 1);
+  /// Points are counted from the block's first.
+  struct Edge {
+    std::uint16_t length, place;  ///< In the row.
+    std::uint16_t from, to;
+  };
+  static_assert(kBlockEdges <= std::size_t{1} << 16);
+  Array<Edge> inner_, other_;
   std::vector<std::uint32_t> parent_;  ///< Within the block, counted from its first point.
 };
 
@@ -161,7 +169,7 @@ Array<std::uint64_t> shortest_of_points(const NeighborGraph& graph, const BlockK
   parallel_for(keys.size(), 1, [&](std::size_t block, std::size_t, int) {
     for (const std::uint64_t key : keys[block]) {
       const std::size_t e = edge_of(key);
-      for (const std::size_t point : {e / graph.degree, std::size_t{graph.to[e]}}) {
+      for (const std::size_t point : {e / graph.degree(), std::size_t{graph.to(e)}}) {
         const std::atomic_ref<std::uint64_t> least(shortest[point]);
         std::uint64_t before = least.load(std::memory_order_relaxed);
         while (key < before &&
@@ -205,7 +213,8 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                            FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
                            SignedSets& sets) {
   const std::size_t points = sets.size();
-  const std::size_t grain = kBlockEdges / graph.degree;
+  if (points == 0) return;
+  const std::size_t grain = kBlockEdges / graph.degree();
   BlockKeys left((points + grain - 1) / grain);
   parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
     Block(graph, begin, end).collect_leaving(left[begin / grain]);
@@ -237,8 +246,8 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
   parallel_for(keys.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       const std::size_t e = edge_of(keys[i]);
-      const auto from = static_cast<std::uint32_t>(e / graph.degree);
-      const std::uint32_t to = graph.to[e];
+      const auto from = static_cast<std::uint32_t>(e / graph.degree());
+      const std::uint32_t to = graph.to(e);
       const SignedSets::Root a = sets.root(from);
       const SignedSets::Root b = sets.root(to);
       links[i] = {a.index, b.index, (opposed(from, to) != a.opposed) != b.opposed};

@@ -7,6 +7,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
+#include <surfel/estimate/neighbor_search.h>
 
 namespace surfel {
 
@@ -67,13 +68,18 @@ class SURFEL_API SignedSets {
   Array<std::uint8_t> rank_;
 };
 
-/// A graph with the same number of edges from each point: edge e leads from point e / degree to
-/// to[e]. An edge may also be there the other way round, of the same length.
+/// Edges from points to others in their rows: edge e leads from point e / degree() to the
+/// (e % degree())-th of its row, of no more than 65. Where both ends have each other in their rows,
+/// the edge is there from both, of the same length, or from neither.
 struct NeighborGraph {
-  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-  std::size_t degree = 0;   ///< 8 to 64, a multiple of 8.
-  Array<std::uint32_t> to;  ///< kNone: no edge.
-  Array<std::uint16_t> length;
+  static constexpr std::uint16_t kNoEdge = std::numeric_limits<std::uint16_t>::max();
+  NeighborRows rows;
+  Array<std::uint16_t> length;  ///< kNoEdge: it is not there.
+
+  std::size_t degree() const { return rows.count; }
+  std::uint32_t to(std::size_t e) const {
+    return rows.index[e / degree() * rows.stride + e % degree()];
+  }
 };
 
 /// Unites the points along the minimum spanning forest of the graph; equal lengths count as
