@@ -241,7 +241,7 @@ section_estimate() {
         "$command --orient $orient"
     done
     row "the same on 2 threads, by 1 thread" "$log.mst" "1 thread" "$log.one" "1.7 x" "1.95 x" \
-      "the forest's last edges, on one core" "$command --threads 1"
+      "first touch of memory; the forest's last edges" "$command --threads 1"
   done
 }
 
