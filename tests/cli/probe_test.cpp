@@ -63,6 +63,7 @@ TEST_F(Probe, WrongUsageEndsWithTwoAndPointsToHelp) {
       {"in", "-o", "x", "--bogus"},
       {"in", "-o", "x", "--spacing", "wide"},
       {"in", "-o", "x", "--count", "1.5"},
+      {"in", "-o", "x", "--seed", "-1"},
       {"in", "-o", "x", "--eye", "1,2"},
       {"in", "-o", "x", "--size", "0x1"},
       {"in", "-o", "x", "--ending", "never"},

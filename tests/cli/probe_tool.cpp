@@ -1,6 +1,7 @@
 // A tool that does nothing but what the tests of the common command line need: options of every
 // kind, and failures on request.
 
+#include <cstdint>
 #include <new>
 #include <stdexcept>
 
@@ -52,6 +53,7 @@ int main(int argc, char** argv) {
   std::string output;
   double spacing = 0.01;
   int count = 7;
+  std::uint64_t seed = 1;
   bool flat = false;
   surfel::Vec3d eye(0, 0, 3);
   std::optional<surfel::Vec3d> target;
@@ -63,6 +65,7 @@ int main(int argc, char** argv) {
   tool.app().add_option("-o,--output", output, "Output")->required();
   tool.app().add_option("--spacing", spacing, "Spacing, scene units");
   tool.app().add_option("--count", count, "Count");
+  tool.app().add_option("--seed", seed, "Seed");
   tool.app().add_flag("--flat", flat, "Flat");
   surfel::tool::add_vector(tool.app(), "--eye", eye, "Eye, scene units");
   surfel::tool::add_vector(tool.app(), "--target", target, "Target, scene units");

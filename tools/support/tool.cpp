@@ -161,6 +161,15 @@ bool Tool::Impl::parse(int argc, char** argv) {
   if (only_settings) {
     for (CLI::Option* option : app.get_options()) option->required(false);
   }
+  // CLI11 takes "-5" for a huge number.
+  const CLI::Validator unsigned_number(
+      [](const std::string& text) {
+        return text.starts_with('-') ? text + " is below 0" : std::string();
+      },
+      "");
+  for (CLI::Option* option : app.get_options()) {
+    if (option->get_type_name() == "UINT") option->check(unsigned_number);
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {
