@@ -164,11 +164,13 @@ bool Tool::Impl::parse(int argc, char** argv) {
   // CLI11 takes "-5" for a huge number.
   const CLI::Validator unsigned_number(
       [](const std::string& text) {
-        return text.starts_with('-') ? text + " is below 0" : std::string();
+        const std::size_t first = text.find_first_not_of(" \t");
+        const bool negative = first != std::string::npos && text[first] == '-';
+        return negative ? text + " is below 0" : std::string();
       },
       "");
   for (CLI::Option* option : app.get_options()) {
-    if (option->get_type_name() == "UINT") option->check(unsigned_number);
+    if (option->get_type_name().starts_with("UINT")) option->check(unsigned_number);
   }
   try {
     app.parse(argc, argv);

@@ -35,7 +35,7 @@ Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) 
   parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) place[order[i]] = static_cast<std::uint32_t>(i);
   });
-  if (order.size() == count) {
+  if (order.size() == count) {  // None was removed.
     parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<std::uint32_t>(i);
     });

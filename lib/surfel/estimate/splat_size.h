@@ -46,8 +46,9 @@ struct SplatSize {
   bool operator==(const SplatSize&) const = default;
 };
 
+/// Of all points.
 struct SplatSizes {
-  Array<SplatSize> of;     ///< Every point.
+  Array<SplatSize> of;     ///< Each of them.
   bool ellipses = false;   ///< Instead of discs.
   std::size_t border = 0;  ///< Points whose cell is open: at the surface's border, or alone.
   std::size_t capped =
