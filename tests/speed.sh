@@ -136,7 +136,7 @@ section_lod() {
   times_row "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$ms" "one pixel a point" \
     "$z" Z "1.5 Z" "0.8 Z" "arithmetic of the footprints" "$command"
   read -r one z < <(frames 1 "$work/terrain.ply" "$work/terrain-lod.ply")
-  thread_row "$ms" "$one" "blocks of unequal work" "$command"
+  thread_row "$ms" "$one" "not looked into" "$command"
   before=
   for count in 1 2 4 8 16 32; do
     "$bin/surfel-generate" terrain --count ${count}000000 --no-uv -o "$work/grow.ply" --quiet
