@@ -123,10 +123,14 @@ section_render() {
   frame_rows "transparent, 987,552, 3 layers" "$work/transparent.ply" "8 Z" "5 Z" "$bound; tests against layers" --layers 3 --no-embree
 }
 
+make_levels() {
+  make_terrain
+  [[ -f $work/terrain-lod.ply ]] || "$bin/surfel-lod" "$work/terrain.ply" -o "$work/terrain-lod.ply" --quiet
+}
+
 section_lod() {
   local count before ms one z psnr lod command
-  make_terrain
-  "$bin/surfel-lod" "$work/terrain.ply" -o "$work/terrain-lod.ply" --quiet
+  make_levels
   for lod in on off; do
     "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --shading none --lod $lod --quiet
   done
@@ -136,7 +140,7 @@ section_lod() {
   times_row "terrain, 4,782,011, 3 layers, --lod on, $(printf %.1f "$psnr") dB (must 42) against off" "$ms" "one pixel a point" \
     "$z" Z "1.5 Z" "0.8 Z" "arithmetic of the footprints" "$command"
   read -r one z < <(frames 1 "$work/terrain.ply" "$work/terrain-lod.ply")
-  thread_row "$ms" "$one" "not looked into" "$command"
+  thread_row "$ms" "$one" "blocks of unequal work" "$command"
   before=
   for count in 1 2 4 8 16 32; do
     "$bin/surfel-generate" terrain --count ${count}000000 --no-uv -o "$work/grow.ply" --quiet
@@ -156,10 +160,10 @@ cat_ms() {
   best "$work/cat" ms
 }
 section_files() {
-  local i kind cat
-  make_terrain
+  local i kind cat about
+  make_levels
   "$bin/surfel-generate" terrain --count 4782011 --no-uv -o "$work/terrain-plain.ply" --quiet
-  for kind in terrain terrain-plain; do
+  for kind in terrain terrain-plain terrain-lod; do
     cat=$(cat_ms "$work/$kind.ply")
     rm -f "$work/whole" "$work/load"
     for ((i = 0; i < runs; ++i)); do
@@ -169,7 +173,11 @@ section_files() {
         >> "$work/whole"
       sed -n 's/^  "load_ms": \(.*\),/ms \1 cpu_ms 0/p' "$work/whole.json" >> "$work/load"
     done
-    local about
+    if [[ $kind = terrain-lod ]]; then
+      times_row "whole surfel-render, PLY to PNG, with uv and levels of detail" "$(best "$work/whole" ms)" "cat" "$cat" x "8 x" "4 x" \
+        "the frame; PNG" "surfel-render $kind.ply -o whole.png --size 512x512"
+      continue
+    fi
     about=$([[ $kind = terrain ]] && echo "with uv and derivatives" || echo "without uv")
     times_row "binary PLY of 4,782,011 read, ready to render, $about" "$(best "$work/load" ms)" "cat" "$cat" x "3 x" "2 x" \
       "first touch of memory" "surfel-render --stats"

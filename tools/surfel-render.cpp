@@ -469,7 +469,7 @@ std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool
                     "colours that are not usable numbers)",
                     name, d.total(), d.position, d.variance, d.color));
   }
-  if (loaded->stream()) {
+  if (loaded->stream() && loaded->surfels().tree().empty()) {
     tool.note(fmt::format("{}: more than fits into --memory; read piece by piece for each picture",
                           name));
   }
@@ -494,8 +494,9 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
   const auto say = [&](const std::string& what, const std::string& choice) {
     tool.note(fmt::format("{}: {}", what, choice));
   };
-  say("memory", loaded.stream() ? "read piece by piece: the surfels are more than --memory"
-                                : "all surfels are kept");
+  say("memory", !loaded.stream()       ? "all surfels are kept"
+                : cloud.tree().empty() ? "read piece by piece: the surfels are more than --memory"
+                                       : "what each picture wants is read from the file");
   if (cloud.tree().empty()) {
     say("level of detail",
         !loaded.has_levels()

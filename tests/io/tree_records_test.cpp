@@ -29,6 +29,8 @@ SurfelCloud small_tree() {
     c.level = level;
     c.spacing = 1.5F;
     c.bounds = {{2.5F, 1, 2}, 4, 1, {0, 0, 1}, 0.25F};
+    c.reach_min = {static_cast<float>(begin) - 1, 0, 1};
+    c.reach_max = {static_cast<float>(end), 2, 3};
     cloud.tree.push_back(c);
   };
   cluster(0, 2, 1);
@@ -69,6 +71,9 @@ TEST(TreeProblem, NamesEveryLie) {
       [](ClusterTree& t) { t[1].bounds.cone_axis.x() = NAN; },
       [](ClusterTree& t) { t[1].bounds.cone_cosine = NAN; },
       [](ClusterTree& t) { t[1].spacing = NAN; },
+      [](ClusterTree& t) { t[1].reach_min.y() = NAN; },
+      [](ClusterTree& t) { t[1].reach_max.z() = INFINITY; },
+      [](ClusterTree& t) { t[1].reach_max.x() = t[1].reach_min.x() - 1; },
       [](ClusterTree& t) { t.pop_back(); }};
   const TemporaryFolder folder;
   for (std::size_t i = 0; i < lies.size(); ++i) {
@@ -109,10 +114,12 @@ TEST(TreeRecords, ReadBackAsWritten) {
         EXPECT_EQ(a.bounds.max_deviation, b.bounds.max_deviation);
         EXPECT_EQ(a.bounds.cone_axis, b.bounds.cone_axis);
         EXPECT_EQ(a.bounds.cone_cosine, b.bounds.cone_cosine);
-        EXPECT_LT((cloud.origin + a.bounds.center.cast<double>() - all.origin -
-                   b.bounds.center.cast<double>())
-                      .norm(),
-                  1e-5);
+        const auto moved = [&](const Vec3f& from, const Vec3f& to) {
+          return (cloud.origin + from.cast<double>() - all.origin - to.cast<double>()).norm();
+        };
+        EXPECT_LT(moved(a.bounds.center, b.bounds.center), 1e-5);
+        EXPECT_LT(moved(a.reach_min, b.reach_min), 1e-5);
+        EXPECT_LT(moved(a.reach_max, b.reach_max), 1e-5);
       }
       // Who does not ask for levels has the finest alone.
       const SurfelCloud finest = read_cloud(file);

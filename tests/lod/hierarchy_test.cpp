@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numeric>
 
 #include <gtest/gtest.h>
@@ -148,7 +149,16 @@ TEST(Hierarchy, BoundsHoldEverythingBelow) {
     };
     for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) holds(i);
     const auto [first, last] = finest_below(lod.tree, c);
-    for (std::uint32_t i = first; i < last; ++i) holds(i);
+    Vec3f reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
+    Vec3f reach_max = -reach_min;
+    for (std::uint32_t i = first; i < last; ++i) {
+      holds(i);
+      const Vec3f reach = Vec3f::Constant(std::sqrt(lod.variance_u[i]));
+      reach_min = reach_min.cwiseMin(lod.position[i] - reach);
+      reach_max = reach_max.cwiseMax(lod.position[i] + reach);
+    }
+    EXPECT_EQ(cluster.reach_min, reach_min) << c;
+    EXPECT_EQ(cluster.reach_max, reach_max) << c;
   }
   EXPECT_LT(lod.tree.front().bounds.cone_cosine, 0);  // a whole sphere has no cone
   EXPECT_GT(lod.tree.back().bounds.cone_cosine, 0.5F);

@@ -76,7 +76,7 @@ void expect_same_as_read_cloud(const SurfelCloud& cloud, const RenderColumns& ne
   const TemporaryFolder folder;
   const std::string path = folder / "cloud.ply";
   write_cloud(cloud, path);
-  const LoadedCloud loaded(path, {.columns = needed});
+  const LoadedCloud loaded(path, {.columns = needed, .may_stream = false});
   EXPECT_EQ(loaded.stream(), nullptr);
   expect_equal(loaded.surfels(), RenderCloud(read_cloud(path, {.levels = true}), needed));
   EXPECT_EQ(loaded.has_levels(), !cloud.tree.empty());
@@ -219,10 +219,11 @@ TEST(LoadedCloud, RefusesTruncatedFiles) {
 
 Image picture(Renderer&& renderer, const Camera& camera) { return renderer.render(camera); }
 
+constexpr std::uint64_t kLittle = std::uint64_t{12} << 20;  ///< Bytes of memory.
+
 class StreamedCloud : public testing::Test {
  protected:
-  static constexpr std::uint64_t kLittle = std::uint64_t{12} << 20;  ///< Bytes.
-  static constexpr std::size_t kCount = 200'000;                     ///< More than fit into it.
+  static constexpr std::size_t kCount = 200'000;  ///< More than fit into it.
 
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
@@ -257,7 +258,7 @@ Camera camera_of(const RenderCloud& cloud) {
 
 /// A stream of one batch, in bands or not, gives the same bytes as memory does.
 TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
-  CloudSource source(*cloud_, 0, "");
+  CloudSource source(*cloud_, "");
   const RenderCloud whole(*cloud_);
   const Scene scene;
   RenderOptions options;
@@ -351,6 +352,126 @@ TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
   EXPECT_NE(message(folder / "mixed.ply", {.memory = kLittle}).find("close together"),
             std::string::npos);
   EXPECT_EQ(message(folder / "mixed.ply", {}), "none");
+}
+
+/// Levels of detail stay in their file.
+class StreamedLevels : public testing::Test {
+ protected:
+  void SetUp() override {
+    cloud_ = ordered("head", kCount);
+    paint_alpha(1);
+  }
+  /// Of every third surfel.
+  void paint_alpha(float alpha) {
+    cloud_.alpha.assign(cloud_.size(), 1.0F);
+    for (std::size_t i = 0; i < cloud_.size(); i += 3) cloud_.alpha[i] = alpha;
+  }
+  std::string write() const {
+    const std::string path = folder_ / "levels.ply";
+    write_cloud(build_hierarchy(cloud_, {}), path);
+    return path;
+  }
+  static Camera view(const RenderCloud& cloud, double zoom) {
+    CameraOptions options;
+    options.width = 120;
+    options.height = 100;
+    options.zoom = zoom;
+    return make_camera(options, cloud.extent());
+  }
+
+  static constexpr std::size_t kCount = 60'000;
+  TemporaryFolder folder_;
+  SurfelCloud cloud_;
+};
+
+/// From far away, near by and again, so that clusters come and go, and some stay.
+TEST_F(StreamedLevels, GiveTheSamePicturesAsMemory) {
+  const Scene scene;
+  const RenderColumns levels{.levels = true};
+  for (const float alpha : {1.0F, 0.5F}) {
+    for (const double far : {0.0, 1e7}) {
+      paint_alpha(alpha);
+      cloud_.origin = Vec3d(far, 0, -far);
+      cloud_.double_positions = far > 0;
+      const std::string path = write();
+      const LoadedCloud streamed(path, {.columns = levels});
+      const LoadedCloud whole(path, {.columns = levels, .may_stream = false});
+      ASSERT_NE(streamed.stream(), nullptr);
+      ASSERT_EQ(whole.stream(), nullptr);
+      EXPECT_TRUE(streamed.has_levels());
+      EXPECT_EQ(streamed.surfels().transparent(), alpha < 1);
+      EXPECT_EQ(whole.surfels().transparent(), alpha < 1);
+      EXPECT_EQ(streamed.surfels().size(), whole.surfels().size());
+      EXPECT_EQ(streamed.surfels().extent().box.max, whole.surfels().extent().box.max);
+      Renderer from_file(*streamed.stream(), scene, {});
+      Renderer from_memory(whole.surfels(), scene, {});
+      for (const double zoom : {1.0, 8.0, 0.2, 8.0, 1.0}) {
+        const Camera camera = view(whole.surfels(), zoom);
+        FrameStatistics statistics;
+        EXPECT_TRUE(from_file.render(camera, &statistics).data == from_memory.render(camera).data)
+            << alpha << " " << far << " " << zoom;
+        EXPECT_GT(statistics.splats, 100U);
+      }
+    }
+  }
+}
+
+/// The box is that of the cloud itself: views of both have the same target.
+TEST_F(StreamedLevels, HaveTheBoxOfTheirCloud) {
+  const LoadedCloud streamed(write(), {.columns = {.levels = true}});
+  const RenderCloud plain(cloud_);
+  EXPECT_EQ(streamed.surfels().extent().box.min, plain.extent().box.min);
+  EXPECT_EQ(streamed.surfels().extent().box.max, plain.extent().box.max);
+}
+
+/// Several batches, all levels or the finest.
+TEST_F(StreamedLevels, FitIntoLittleMemory) {
+  cloud_ = ordered("head", 200'000);
+  const std::string path = write();
+  const Scene scene;
+  for (const bool levels : {true, false}) {
+    const RenderColumns columns{.levels = levels};
+    const LoadedCloud streamed(path, {.columns = columns, .memory = kLittle});
+    const LoadedCloud whole(path, {.columns = columns, .may_stream = false});
+    ASSERT_NE(streamed.stream(), nullptr);
+    EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 3);
+    const Camera camera = view(whole.surfels(), 1);
+    RenderOptions options;
+    if (levels) options.lod_error = 0.0;  // All of the finest level.
+    Renderer renderer(*streamed.stream(), scene, options);
+    const Image image = renderer.render(camera);
+    EXPECT_LT(difference(image, picture(Renderer(whole.surfels(), scene, options), camera)), 0.01);
+    for (const int threads : {1, 3}) {
+      set_thread_count(threads);
+      EXPECT_TRUE(renderer.render(camera).data == image.data) << threads;
+    }
+    set_thread_count(0);
+  }
+}
+
+/// What is not seen is not looked at; what is wrong is not drawn, not at the next try either.
+TEST_F(StreamedLevels, RefuseSurfelsThatCannotBeDrawn) {
+  SurfelCloud levels = build_hierarchy(cloud_, {});
+  levels.alpha = {};
+  levels.variance_v.back() = kNan;
+  const std::string path = folder_ / "flawed.ply";
+  write_cloud(levels, path);
+  EXPECT_THROW(LoadedCloud(path, {.columns = {.levels = true}, .may_stream = false}), Error);
+  const LoadedCloud streamed(path, {.columns = {.levels = true}});
+  const Scene scene;
+  RenderOptions options;
+  EXPECT_NO_THROW(
+      picture(Renderer(*streamed.stream(), scene, options), view(streamed.surfels(), 0.1)));
+  options.lod_error = 0.0;
+  Renderer renderer(*streamed.stream(), scene, options);
+  for (int i = 0; i < 2; ++i) {
+    try {
+      renderer.render(view(streamed.surfels(), 1));
+      ADD_FAILURE() << "not refused";
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find(path), std::string::npos) << error.what();
+    }
+  }
 }
 
 }  // namespace

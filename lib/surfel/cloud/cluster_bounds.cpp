@@ -195,6 +195,22 @@ ClusterBounds cluster_bounds(const ClusterColumns& surfels) {
   return HWY_DYNAMIC_DISPATCH(cluster_bounds_simd)(surfels);
 }
 
+SurfelTotals added_up(std::span<const SurfelTotals> parts) {
+  SurfelTotals sum;
+  sum.min = sum.reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
+  sum.max = sum.reach_max = -sum.min;
+  for (const SurfelTotals& part : parts) {
+    sum.min = sum.min.cwiseMin(part.min);
+    sum.max = sum.max.cwiseMax(part.max);
+    sum.reach_min = sum.reach_min.cwiseMin(part.reach_min);
+    sum.reach_max = sum.reach_max.cwiseMax(part.reach_max);
+    sum.deviations += part.deviations;
+    sum.usable = sum.usable && part.usable;
+    sum.transparent = sum.transparent || part.transparent;
+  }
+  return sum;
+}
+
 SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* alpha,
                            std::span<const float* const> positive,
                            std::span<const float* const> finite) {

@@ -45,6 +45,9 @@ struct SurfelTotals {
   bool transparent = false;    ///< Some alpha is below 1.
 };
 
+/// Of surfels in several parts.
+SURFEL_API SurfelTotals added_up(std::span<const SurfelTotals> parts);
+
 /// \param alpha     may be null.
 /// \param positive  columns whose values must be above 0,
 /// \param finite    and finite.

@@ -11,7 +11,9 @@ bool finite(const TreeCluster& c) {
   const ClusterBounds& b = c.bounds;
   return b.center.allFinite() && std::isfinite(b.radius) && b.radius >= 0 &&
          std::isfinite(b.max_deviation) && b.max_deviation >= 0 && b.cone_axis.allFinite() &&
-         std::isfinite(b.cone_cosine) && std::isfinite(c.spacing) && c.spacing >= 0;
+         std::isfinite(b.cone_cosine) && std::isfinite(c.spacing) && c.spacing >= 0 &&
+         c.reach_min.allFinite() && c.reach_max.allFinite() &&
+         (c.reach_min.array() <= c.reach_max.array()).all();
 }
 
 }  // namespace

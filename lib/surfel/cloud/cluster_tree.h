@@ -26,6 +26,8 @@ struct TreeCluster {
   /// area, scene units.
   float spacing = 0;
   ClusterBounds bounds;  ///< Of this cluster's surfels and of all those below it.
+  /// Box around the discs, to one standard deviation, of the surfels of the finest level below.
+  Vec3f reach_min{0, 0, 0}, reach_max{0, 0, 0};
 };
 
 /// Levels of detail: clusters in breadth-first order from the root, the surfels in the order of

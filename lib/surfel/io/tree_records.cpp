@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
 #include <surfel/io/tree_records.h>
 
 namespace surfel {
@@ -27,13 +28,22 @@ constexpr Column kColumns[] = {{"begin", ScalarType::kUint32},
                                {"cone_x", ScalarType::kFloat32},
                                {"cone_y", ScalarType::kFloat32},
                                {"cone_z", ScalarType::kFloat32},
-                               {"cone_cosine", ScalarType::kFloat32}};
+                               {"cone_cosine", ScalarType::kFloat32},
+                               {"min_x", ScalarType::kFloat64},
+                               {"min_y", ScalarType::kFloat64},
+                               {"min_z", ScalarType::kFloat64},
+                               {"max_x", ScalarType::kFloat64},
+                               {"max_y", ScalarType::kFloat64},
+                               {"max_z", ScalarType::kFloat64}};
 constexpr std::size_t kColumnCount = std::size(kColumns);
 using Row = std::array<double, kColumnCount>;
 
 Row to_row(const TreeCluster& c, const Vec3d& origin) {
   const ClusterBounds& b = c.bounds;
-  const Vec3d center = origin + b.center.cast<double>();
+  const auto world = [&](const Vec3f& v) -> Vec3d { return origin + v.cast<double>(); };
+  const Vec3d center = world(b.center);
+  const Vec3d min = world(c.reach_min);
+  const Vec3d max = world(c.reach_max);
   return {static_cast<double>(c.begin),
           static_cast<double>(c.end - c.begin),
           static_cast<double>(c.first_child),
@@ -48,7 +58,13 @@ Row to_row(const TreeCluster& c, const Vec3d& origin) {
           b.cone_axis.x(),
           b.cone_axis.y(),
           b.cone_axis.z(),
-          b.cone_cosine};
+          b.cone_cosine,
+          min.x(),
+          min.y(),
+          min.z(),
+          max.x(),
+          max.y(),
+          max.z()};
 }
 
 /// A count or index, whose column may be of any type.
@@ -92,25 +108,30 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                               const std::string& file) {
   TreeRecords out;
   if (table.count == 0) throw_input(file, fmt::format("element {} is empty", kTreeElement));
-  std::vector<Row> rows(table.count);
+  const RecordColumn* columns[kColumnCount];
   for (std::size_t k = 0; k < kColumnCount; ++k) {
-    const RecordColumn* column = table.find(kColumns[k].name);
-    if (!column) {
+    columns[k] = table.find(kColumns[k].name);
+    if (!columns[k]) {
       throw_input(file, fmt::format("element {} has no property {}; run surfel-lod again",
                                     kTreeElement, kColumns[k].name));
     }
-    visit_type(column->type, [&]<class T>(T) {
-      for (std::size_t i = 0; i < table.count; ++i) {
-        const std::byte* at = table.data + i * table.stride + column->offset;
-        rows[i][k] = static_cast<double>(table.swapped ? load_scalar<T, true>(at)
-                                                       : load_scalar<T, false>(at));
-      }
-    });
   }
-  out.tree.resize(rows.size());
-  out.center.resize(rows.size());
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    const Row& row = rows[i];
+  const auto row_at = [&](std::size_t i) {
+    Row row;
+    for (std::size_t k = 0; k < kColumnCount; ++k) {
+      const std::byte* at = table.data + i * table.stride + columns[k]->offset;
+      visit_type(columns[k]->type, [&]<class T>(T) {
+        row[k] = static_cast<double>(table.swapped ? load_scalar<T, true>(at)
+                                                   : load_scalar<T, false>(at));
+      });
+    }
+    return row;
+  };
+  out.tree.resize(table.count);
+  out.center.resize(table.count);
+  out.reach.resize(table.count);
+  const auto take = [&](std::size_t i) {
+    const Row row = row_at(i);
     const auto count = [&](std::size_t k) { return whole(row[k], kColumns[k].name, i, file); };
     const auto real = [&](std::size_t k) { return static_cast<float>(row[k]); };
     TreeCluster& c = out.tree[i];
@@ -132,8 +153,17 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
     c.bounds.max_deviation = real(10);
     c.bounds.cone_axis = {real(11), real(12), real(13)};
     c.bounds.cone_cosine = real(14);
-    if (!out.center[i].allFinite()) c.bounds.radius = std::numeric_limits<float>::quiet_NaN();
-  }
+    Bounds& reach = out.reach[i];
+    reach.min = {row[15], row[16], row[17]};
+    reach.max = {row[18], row[19], row[20]};
+    const bool sound = out.center[i].allFinite() && reach.min.allFinite() &&
+                       reach.max.allFinite() && (reach.min.array() <= reach.max.array()).all();
+    if (!sound) c.bounds.radius = std::numeric_limits<float>::quiet_NaN();
+  };
+  constexpr std::size_t kGrain = 1024;
+  parallel_for(table.count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) take(i);
+  });
   if (const std::string problem = tree_problem(out.tree, surfels); !problem.empty()) {
     throw_input(file, "its levels of detail are broken: " + problem + "; run surfel-lod again");
   }
@@ -142,7 +172,10 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
 
 ClusterTree recentered_tree(TreeRecords records, const Vec3d& origin) {
   for (std::size_t i = 0; i < records.tree.size(); ++i) {
-    records.tree[i].bounds.center = (records.center[i] - origin).cast<float>();
+    TreeCluster& cluster = records.tree[i];
+    cluster.bounds.center = (records.center[i] - origin).cast<float>();
+    cluster.reach_min = (records.reach[i].min - origin).cast<float>();
+    cluster.reach_max = (records.reach[i].max - origin).cast<float>();
   }
   return std::move(records.tree);
 }

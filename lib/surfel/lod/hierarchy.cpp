@@ -101,6 +101,7 @@ class Builder {
   void make_finest();
   void make_coarser();
   void bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const;
+  void bound_discs(TreeCluster& cluster) const;
   std::size_t surfels_below(std::size_t level, std::size_t cluster) const;
   SurfelCloud assemble() const;
   void write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const;
@@ -161,6 +162,19 @@ ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
                          .count = surfels.size()});
 }
 
+/// Box around the discs of a cluster of level 0.
+void Builder::bound_discs(TreeCluster& cluster) const {
+  const Array<float>& variance = cloud_.anisotropic() ? cloud_.variance_u : cloud_.variance;
+  cluster.reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
+  cluster.reach_max = -cluster.reach_min;
+  for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
+    const Vec3f& position = cloud_.position[finest_[i]];
+    const Vec3f reach = Vec3f::Constant(std::sqrt(variance[finest_[i]]));
+    cluster.reach_min = cluster.reach_min.cwiseMin(position - reach);
+    cluster.reach_max = cluster.reach_max.cwiseMax(position + reach);
+  }
+}
+
 void Builder::make_finest() {
   Level& level = levels_.emplace_back();
   level.clusters.resize((finest_.size() + kClusterSurfels - 1) / kClusterSurfels);
@@ -183,6 +197,7 @@ void Builder::make_finest() {
       }
       cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
       cluster.bounds = bounds_of(surfels);
+      bound_discs(cluster);
     }
   });
 }
@@ -287,9 +302,13 @@ void Builder::make_coarser() {
           }
           cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
           cluster.bounds.max_deviation = reach;
+          cluster.reach_min = children.front().reach_min;
+          cluster.reach_max = children.front().reach_max;
           for (const TreeCluster& child : children) {
             cluster.bounds.max_deviation =
                 std::max(cluster.bounds.max_deviation, child.bounds.max_deviation);
+            cluster.reach_min = cluster.reach_min.cwiseMin(child.reach_min);
+            cluster.reach_max = cluster.reach_max.cwiseMax(child.reach_max);
           }
           bound_sphere(number, cluster, c);
           bound_cone(cluster.bounds, children);

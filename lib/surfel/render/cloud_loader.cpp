@@ -28,12 +28,10 @@ constexpr std::uint64_t kFlightBytes = 512;
 constexpr std::uint64_t kPicturePart = 4;
 constexpr std::size_t kLeastBatch = std::size_t{1} << 14;
 
-/// The points as records, if the file is a binary PLY file of scalars without levels of detail;
-/// else null.
+/// The points as records, if the file is a binary PLY file of scalars; else null.
 const RecordTable* binary_records(PlyFile& ply) {
   const PlyElement* vertex = ply.header().find("vertex");
   const bool plain = vertex && ply.header().format == PlyFormat::kBinaryLittleEndian &&
-                     !ply.header().find(kTreeElement) &&
                      std::none_of(vertex->properties.begin(), vertex->properties.end(),
                                   [](const PlyProperty& property) { return property.is_list(); });
   return plain ? &ply.scalars("vertex") : nullptr;
@@ -46,6 +44,7 @@ struct LoadedCloud::Impl {
   // Each refers to the one before.
   std::optional<PlyFile> ply;
   std::unique_ptr<RecordSource> source;
+  ClusterTree tree;
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
@@ -54,6 +53,10 @@ struct LoadedCloud::Impl {
   explicit Impl(const CloudLoadOptions& o) : options(o) {}
   bool load_records(InputFile& input);
   void load_cloud(const SurfelCloud& cloud, const std::string& name);
+  bool open_records();
+  std::size_t wanted() const;
+  std::size_t batch(std::uint64_t memory) const;
+  std::uint64_t index_bytes() const;
   const char* why_in_memory() const;
   void make_stream(std::uint64_t memory);
 };
@@ -63,67 +66,105 @@ const char* LoadedCloud::Impl::why_in_memory() const {
   if (!options.may_stream || options.columns.groups) {
     return "what is asked for wants all of them at once; raise it, or use --method abuffer";
   }
-  if (source->attributes().source && !options.columns.copies) {
+  if (tree.empty() && source->attributes().source && !options.columns.copies) {
     return "copies of splats are found among all of them at once; raise it, or render the surfels "
            "as they were before surfel-group";
   }
   return nullptr;
 }
 
+/// Finds the surfels, and their levels of detail. False if records are not decoded directly.
+bool LoadedCloud::Impl::open_records() {
+  const RecordTable* table = binary_records(*ply);
+  if (!table) return false;
+  if (!ply->header().find(kTreeElement)) {
+    source = RecordSource::make(ply->file(), *table);
+    return source != nullptr;
+  }
+  TreeRecords levels = tree_from_records(ply->scalars(kTreeElement), table->count, ply->name());
+  source = RecordSource::make(ply->file(), *table, levels.reach.front());
+  if (source) tree = recentered_tree(std::move(levels), source->origin());
+  return source != nullptr;
+}
+
+/// Surfels of the levels that are wanted.
+std::size_t LoadedCloud::Impl::wanted() const {
+  if (tree.empty() || options.columns.levels) return source->size();
+  return source->size() - tree[first_leaf(tree)].begin;
+}
+
+/// What a stream has in memory all the time.
+std::uint64_t LoadedCloud::Impl::index_bytes() const {
+  const std::size_t clusters =
+      tree.empty() ? source->size() / RenderCloud::kClusterSize : tree.size();
+  return clusters * kStreamedClusterBytes;
+}
+
+/// Surfels that a stream may have in memory at a time: a power of two.
+std::size_t LoadedCloud::Impl::batch(std::uint64_t memory) const {
+  const std::uint64_t left = memory > index_bytes() ? memory - index_bytes() : 0;
+  return std::bit_floor((left - left / kPicturePart) / kFlightBytes);
+}
+
 /// False if the file is to be read as a SurfelCloud.
 bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (!PlyFile::matches(input.bytes())) return false;
   ply.emplace(std::move(input));
-  const RecordTable* table = binary_records(*ply);
-  source = table ? RecordSource::make(ply->file(), *table) : nullptr;
-  if (!source) return false;
+  if (!open_records()) return false;
   SurfelCloud header;
   read_comments(ply->header().comments, ply->name(), header);
   basis_cutoff = header.basis_cutoff;
+  has_levels = !tree.empty();
   const std::uint64_t available = available_memory_bytes();
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
-  if (source->size() > memory / kSurfelBytes) {
-    const char* why = why_in_memory();
-    if (!why) make_stream(memory);
-    if (stream) return true;
-    if (options.memory || source->size() > available / kSurfelBytes) {
-      throw_input(ply->name(),
-                  fmt::format("{} surfels need more than the {} MB of --memory, and {}",
-                              source->size(), memory >> 20,
-                              why ? why
-                                  : "consecutive ones do not lie close together, as streaming "
-                                    "wants; raise it, or sort them"));
-    }
+  const char* why = why_in_memory();
+  const bool fits = wanted() <= memory / kSurfelBytes;
+  // Of levels of detail a picture wants few: they stay in the file even if they fit.
+  const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
+  if (!why && (few || !fits)) make_stream(memory);
+  if (stream) return true;
+  if (!fits && (options.memory || wanted() > available / kSurfelBytes)) {
+    throw_input(ply->name(),
+                fmt::format("{} surfels need more than the {} MB of --memory, and {}", wanted(),
+                            memory >> 20,
+                            why ? why
+                                : "consecutive ones do not lie close together, as streaming "
+                                  "wants; raise it, or sort them"));
   }
-  surfels.emplace(*source, options.columns, ply->name());
+  if (has_levels) {
+    surfels.emplace(*source, tree, options.columns, ply->name());
+  } else {
+    surfels.emplace(*source, options.columns, ply->name());
+  }
   source.reset();
   return true;
 }
 
 void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
-  const std::uint64_t index = source->size() / RenderCloud::kClusterSize * kStreamedClusterBytes;
-  const std::uint64_t left = memory > index ? memory - index : 0;
-  const std::uint64_t picture = left / kPicturePart;
-  const std::uint64_t flight = (left - picture) / kFlightBytes;
+  const std::size_t flight = batch(memory);
   if (flight < kLeastBatch) {
     const std::uint64_t streamed =
-        index + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
-    const std::uint64_t least = std::min(streamed, source->size() * kSurfelBytes);
+        index_bytes() + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
+    const std::uint64_t least = std::min(streamed, wanted() * kSurfelBytes);
     throw_input(ply->name(),
                 fmt::format("{} surfels cannot be streamed with {} MB of --memory; give {} MB at "
                             "least",
-                            source->size(), memory >> 20, (least >> 20) + 1));
+                            wanted(), memory >> 20, (least >> 20) + 1));
   }
-  stream = CloudStream::make(*source,
-                             {.batch = std::min<std::size_t>(options.batch, std::bit_floor(flight)),
-                              .picture_bytes = picture});
+  const std::uint64_t picture = (memory - index_bytes()) / kPicturePart;
+  if (has_levels) {
+    stream = CloudStream::make(*source, tree, options.columns.levels,
+                               {.batch = flight, .picture_bytes = picture}, ply->name());
+  } else {
+    stream = CloudStream::make(
+        *source, {.batch = std::min(options.batch, flight), .picture_bytes = picture});
+  }
 }
 
 void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {
   if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
     throw_input(name, fmt::format("{} surfels need more than the {} MB of --memory, and only "
-                                  "binary PLY files without levels of detail are streamed; raise "
-                                  "it, or convert the file",
+                                  "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }
   surfels.emplace(cloud, options.columns, name);

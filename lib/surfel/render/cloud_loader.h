@@ -19,19 +19,21 @@ struct CloudLoadOptions {
   std::optional<std::uint64_t> memory = {};
   bool may_stream =
       true;  ///< False: the picture needs all surfels in memory, as it does for groups.
-  std::size_t batch = std::size_t{1} << 20;  ///< Most surfels streamed at once.
+  /// Most surfels streamed at once of a file without levels of detail: of these as many as fit.
+  std::size_t batch = std::size_t{1} << 20;
 };
 
 /// Surfels of a file, ready to be rendered: in memory, or streamed from it.
 class SURFEL_API LoadedCloud {
  public:
   /// Reads any file that read_cloud() reads and makes the same of it as RenderCloud does of that
-  /// cloud with all its levels of detail; binary PLY without these and without a SurfelCloud in
-  /// between, several times as fast, faster still where the surfels stand in the file as
-  /// morton_order() has them. Throws as both do; messages name the file. Throws Error(kInput) if
-  /// none of the surfels can be used, or if they do not fit into the memory given and cannot be
-  /// streamed: they can from a binary PLY file of its usual types, without levels of detail and
-  /// copies of splats, in which consecutive surfels lie close together (CloudStream).
+  /// cloud with all its levels of detail; binary PLY without a SurfelCloud in between, several
+  /// times as fast, faster still where the surfels stand in the file as morton_order() has them.
+  /// Throws as both do; messages name the file. Throws Error(kInput) if none of the surfels can be
+  /// used, or if they do not fit into the memory given and cannot be streamed (CloudStream): they
+  /// can from a binary PLY file of its usual types, with levels of detail, or without copies of
+  /// splats where consecutive surfels lie close together. Levels of detail are always streamed,
+  /// where that may be: a picture wants few of them.
   LoadedCloud(const std::string& path, const CloudLoadOptions& options);
   ~LoadedCloud();
   LoadedCloud(const LoadedCloud&) = delete;

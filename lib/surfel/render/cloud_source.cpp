@@ -9,8 +9,7 @@
 
 namespace surfel {
 
-CloudSource::CloudSource(const SurfelCloud& cloud, std::size_t first, const std::string& name)
-    : cloud_(cloud), first_(first) {
+CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name) : cloud_(cloud) {
   cloud.check_columns(name);
   if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance(name);
 }
@@ -27,7 +26,7 @@ SurfelAttributes CloudSource::attributes() const {
 void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
                        std::size_t row) const {
   const Array<Vec3f>* color = cloud_.render_color();
-  for (std::size_t k = first_ + begin, i = row; k < first_ + end; ++k, ++i) {
+  for (std::size_t k = begin, i = row; k < end; ++k, ++i) {
     cloud.x[i] = usable_position(cloud_.position[k].x());
     cloud.y[i] = usable_position(cloud_.position[k].y());
     cloud.z[i] = usable_position(cloud_.position[k].z());
@@ -61,8 +60,7 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
 }
 
 void CloudSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const {
-  const std::uint32_t* from = cloud_.source.data() + first_;
-  std::copy(from + begin, from + end, to);
+  std::copy(cloud_.source.data() + begin, cloud_.source.data() + end, to);
 }
 
 Vec3f unit_normal(const Vec3f& normal) {

@@ -1,6 +1,8 @@
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
@@ -26,16 +28,59 @@ std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source,
   if (source.size() / RenderCloud::kClusterSize >= std::numeric_limits<std::uint32_t>::max()) {
     throw_input("", "more than a billion of clusters; split the cloud");
   }
-  std::unique_ptr<CloudStream> stream(new CloudStream(source, options));
+  std::unique_ptr<CloudStream> stream(new CloudStream(source, options, {}));
   if (!stream->make_index()) return nullptr;
-  RenderCloud& cloud = stream->cloud_;
-  cloud.allocate(std::min(options.batch, cloud.clusters_.size() * RenderCloud::kClusterSize),
-                 stream->attributes_, {}, "");
+  stream->allocate();
   return stream;
 }
 
+std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const ClusterTree& tree,
+                                               bool levels, const CloudStreamOptions& options,
+                                               const std::string& name) {
+  std::unique_ptr<CloudStream> stream(new CloudStream(source, options, name));
+  stream->from_tree_ = true;
+  RenderCloud& cloud = stream->cloud_;
+  cloud.origin_ = source.origin();
+  cloud.take_clusters(tree, levels);
+  const std::size_t skipped = source.size() - cloud.size_;
+  for (const Cluster& cluster : cloud.clusters_) stream->surfel_.push_back(skipped + cluster.begin);
+  stream->attributes_ = source.attributes();
+  stream->attributes_.alpha =
+      stream->attributes_.alpha && stream->finest_transparent(skipped + cloud.first_finest_);
+  stream->allocate();
+  return stream;
+}
+
+/// Columns for a batch.
+void CloudStream::allocate() {
+  slot_.assign(cloud_.clusters_.size(), kNone);
+  holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
+  cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {}, "");
+}
+
 std::size_t CloudStream::surfel_end(std::uint32_t cluster) const {
-  return std::min(surfel(cluster) + RenderCloud::kClusterSize, source_.size());
+  if (!from_tree_) return std::min(surfel_[cluster] + RenderCloud::kClusterSize, source_.size());
+  return surfel_[cluster] + (cloud_.clusters_[cluster].end - cloud_.clusters_[cluster].begin);
+}
+
+/// Surfels [begin, end) of the file, a block at most, in a worker's rows.
+const RenderCloud& CloudStream::read(std::size_t begin, std::size_t end, RenderCloud& rows) const {
+  if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {}, "");
+  source_.fill(begin, end, rows, 0);
+  return rows;
+}
+
+/// Is the alpha of some surfel from `first` on below 1?
+bool CloudStream::finest_transparent(std::size_t first) const {
+  std::vector<RenderCloud> workers(static_cast<std::size_t>(thread_count()));
+  std::atomic<bool> found = false;
+  parallel_for(source_.size() - first, RenderCloud::kBlock,
+               [&](std::size_t begin, std::size_t end, int w) {
+                 if (found) return;
+                 const RenderCloud& rows = read(first + begin, first + end, workers[w]);
+                 if (rows.totals(0, end - begin).transparent) found = true;
+               });
+  return found;
 }
 
 /// Moves the surfels of rows [begin, end) that can be drawn to the front, and the end with them.
@@ -70,8 +115,7 @@ bool CloudStream::make_index() {
     cloud_.clusters_.assign(count, {});
     parallel_for(size, RenderCloud::kBlock, [&](std::size_t begin, std::size_t end, int w) {
       RenderCloud& rows = workers[w];
-      if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {}, "");
-      source_.fill(begin, end, rows, 0);
+      read(begin, end, rows);
       for (std::size_t i = begin; i < end; i += RenderCloud::kClusterSize) {
         const std::size_t c = i / RenderCloud::kClusterSize;
         const std::size_t row = i - begin;
@@ -83,11 +127,9 @@ bool CloudStream::make_index() {
         }
       }
     });
-    box = {};
-    for (const SurfelTotals& t : totals) {
-      box.min = box.min.cwiseMin(t.min.cast<double>());
-      box.max = box.max.cwiseMax(t.max.cast<double>());
-    }
+    const SurfelTotals all = added_up(totals);
+    box.min = all.min.cast<double>();
+    box.max = all.max.cast<double>();
   };
   pass();
   if (source_.recenter(box)) pass();
@@ -99,67 +141,105 @@ bool CloudStream::make_index() {
     if (surfels == 0) continue;
     radii += cluster.radius;
     cloud_.size_ += surfels;
-    cloud_.clusters_[block_.size()] = cluster;
-    totals[block_.size()] = totals[c];
-    block_.push_back(static_cast<std::uint32_t>(c));
+    cloud_.clusters_[surfel_.size()] = cluster;
+    totals[surfel_.size()] = totals[c];
+    surfel_.push_back(c * RenderCloud::kClusterSize);
   }
   // In order clusters of a volume, the hardest case, have radii of 0.6 of this.
-  const auto kept = static_cast<double>(block_.size());
+  const auto kept = static_cast<double>(surfel_.size());
   if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
-  cloud_.clusters_.resize(block_.size());
-  totals.resize(block_.size());
+  cloud_.clusters_.resize(surfel_.size());
+  totals.resize(surfel_.size());
   for (const UnusableSurfels& d : dropped) cloud_.dropped_.add(d);
   cloud_.origin_ = source_.origin();
+  const SurfelTotals all = added_up(totals);
   attributes_ = source_.attributes();
-  attributes_.alpha = cloud_.make_extent(totals) && attributes_.alpha;
+  attributes_.alpha = attributes_.alpha && all.transparent;
+  if (cloud_.size_ > 0) cloud_.mean_deviation_ = all.deviations / static_cast<double>(cloud_.size_);
+  cloud_.make_extent(all.reach_min, all.reach_max);
   return true;
 }
 
-/// The clusters in the order of the file, those that follow one another as one.
-std::vector<CloudStream::Run> CloudStream::runs(std::span<const VisibleCluster> clusters,
-                                                std::size_t longest) const {
+/// Those that have no slot, in the order of the file.
+std::vector<std::uint32_t> CloudStream::missing(std::span<const VisibleCluster> clusters) const {
   std::vector<std::uint32_t> indices;
-  for (const VisibleCluster& cluster : clusters) indices.push_back(cluster.index);
+  for (const VisibleCluster& cluster : clusters) {
+    if (slot_[cluster.index] == kNone) indices.push_back(cluster.index);
+  }
   std::sort(indices.begin(), indices.end());
+  return indices;
+}
+
+/// Ascending clusters, those that follow one another in the file, and in their slots if they have
+/// any, as one.
+std::vector<CloudStream::Run> CloudStream::runs(const std::vector<std::uint32_t>& clusters,
+                                                std::size_t longest) const {
   std::vector<Run> out;
-  for (const std::uint32_t index : indices) {
-    const bool follows = !out.empty() && out.back().first + out.back().count == index &&
-                         surfel_end(index - 1) == surfel(index) && out.back().count < longest;
+  for (const std::uint32_t c : clusters) {
+    const bool follows =
+        !out.empty() && out.back().first + out.back().count == c &&
+        surfel_end(c - 1) == surfel_[c] && out.back().count < longest &&
+        (slot_[c] == kNone || (slot_[c] == slot_[c - 1] + 1 &&
+                               surfel_[c] == surfel_[c - 1] + RenderCloud::kClusterSize));
     if (follows) {
       ++out.back().count;
     } else {
-      out.push_back({index, 1});
+      out.push_back({c, 1});
     }
   }
   return out;
 }
 
-void CloudStream::fetch(std::span<const VisibleCluster> clusters) {
-  const std::vector<Run> all = runs(clusters, kRunLength);
-  std::vector<std::size_t> row(all.size());
-  for (std::size_t i = 1; i < all.size(); ++i) {
-    row[i] = row[i - 1] + all[i - 1].count * RenderCloud::kClusterSize;
+/// Gives the missing ones of these clusters slots that none of the others has.
+void CloudStream::make_room(std::span<const VisibleCluster> clusters,
+                            const std::vector<std::uint32_t>& missing) {
+  if (missing.empty()) return;
+  std::vector<bool> kept(holder_.size());
+  for (const VisibleCluster& cluster : clusters) {
+    if (slot_[cluster.index] != kNone) kept[slot_[cluster.index]] = true;
   }
-  parallel_for(all.size(), 1, [&](std::size_t i, std::size_t, int) {
+  for (const std::uint32_t c : missing) {
+    while (kept[next_slot_]) next_slot_ = (next_slot_ + 1) % holder_.size();
+    std::uint32_t& holder = holder_[next_slot_];
+    if (holder != kNone) slot_[holder] = kNone;
+    holder = c;
+    slot_[c] = static_cast<std::uint32_t>(next_slot_);
+    next_slot_ = (next_slot_ + 1) % holder_.size();
+  }
+}
+
+void CloudStream::fetch(std::span<const VisibleCluster> clusters) {
+  const std::vector<std::uint32_t> wanted = missing(clusters);
+  make_room(clusters, wanted);
+  const std::vector<Run> all = runs(wanted, kRunLength);
+  const auto fill = [&](std::size_t i, std::size_t, int) {
     const Run& run = all[i];
-    source_.fill(surfel(run.first), surfel_end(run.first + run.count - 1), cloud_, row[i]);
-    for (std::uint32_t k = 0; k < run.count; ++k) {
-      Cluster& cluster = cloud_.clusters_[run.first + k];
-      const std::size_t begin = row[i] + k * RenderCloud::kClusterSize;
-      std::size_t end = begin + surfel_end(run.first + k) - surfel(run.first + k);
+    source_.fill(surfel_[run.first], surfel_end(run.first + run.count - 1), cloud_,
+                 std::size_t{slot_[run.first]} * RenderCloud::kClusterSize);
+    for (std::uint32_t c = run.first; c < run.first + run.count; ++c) {
+      Cluster& cluster = cloud_.clusters_[c];
+      const std::size_t begin = std::size_t{slot_[c]} * RenderCloud::kClusterSize;
+      std::size_t end = begin + (surfel_end(c) - surfel_[c]);
       if (end - begin != cluster.end - cluster.begin) {
         UnusableSurfels counted_before;
         drop_unusable(cloud_, begin, end, counted_before);
       }
       cluster.begin = static_cast<std::uint32_t>(begin);
       cluster.end = static_cast<std::uint32_t>(end);
+      if (from_tree_) cloud_.measure(cluster, cloud_.check_levels(cluster, name_));
     }
-  });
+  };
+  try {
+    parallel_for(all.size(), 1, fill);
+  } catch (...) {
+    for (const std::uint32_t c : wanted) holder_[std::exchange(slot_[c], kNone)] = kNone;
+    throw;
+  }
 }
 
 void CloudStream::expect(std::span<const VisibleCluster> clusters) const {
-  for (const Run& run : runs(clusters, kLongestExpected)) {
-    source_.expect(surfel(run.first), surfel_end(run.first + run.count - 1));
+  for (const Run& run : runs(missing(clusters), kLongestExpected)) {
+    source_.expect(surfel_[run.first], surfel_end(run.first + run.count - 1));
   }
 }
 

@@ -82,13 +82,14 @@ void make_unit(float* x, float* y, float* z, std::size_t count) {
 
 }  // namespace
 
-std::unique_ptr<RecordSource> RecordSource::make(const InputFile& file, const RecordTable& table) {
+std::unique_ptr<RecordSource> RecordSource::make(const InputFile& file, const RecordTable& table,
+                                                 const std::optional<Bounds>& bounds) {
   if (table.swapped || std::endian::native != std::endian::little) return nullptr;
   if (table.count == 0) throw_input(file.name(), "holds no points");
   std::unique_ptr<RecordSource> source(new RecordSource(file, table));
   if (!source->find_columns()) return nullptr;
-  if (source->position_[0]->type == ScalarType::kFloat64) {
-    source->origin_ = float_origin(source->measure());
+  if (bounds || source->position_[0]->type == ScalarType::kFloat64) {
+    source->origin_ = float_origin(bounds ? *bounds : source->measure());
   }
   return source;
 }

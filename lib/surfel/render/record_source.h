@@ -22,7 +22,10 @@ class RecordSource : public SurfelSource {
   /// Null where the records are of another form: read_cloud() reads them. Throws Error(kInput)
   /// where a coordinate, the variance and radius, or all records are missing. Keeps references to
   /// the file, which `table` is a view of, and to the table.
-  static std::unique_ptr<RecordSource> make(const InputFile& file, const RecordTable& table);
+  /// \param bounds  World bounds of the positions, where they are known; else those that are double
+  ///                are read for them.
+  static std::unique_ptr<RecordSource> make(const InputFile& file, const RecordTable& table,
+                                            const std::optional<Bounds>& bounds = {});
 
   std::size_t size() const override { return table_.count; }
   SurfelAttributes attributes() const override;

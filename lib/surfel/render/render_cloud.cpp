@@ -35,11 +35,9 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
                                                 clusters_[i / kClusterSize]);
       }
     });
-    box = {};
-    for (const SurfelTotals& t : totals) {
-      box.min = box.min.cwiseMin(t.min.cast<double>());
-      box.max = box.max.cwiseMax(t.max.cast<double>());
-    }
+    const SurfelTotals all = added_up(totals);
+    box.min = all.min.cast<double>();
+    box.max = all.max.cast<double>();
   };
   fill();
   if (source.recenter(box)) fill();
@@ -64,32 +62,42 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
         });
   }
   if (!group.empty()) number_groups(name);
-  if (!make_extent(totals)) alpha = {};
+  const SurfelTotals all = added_up(totals);
+  if (!all.transparent) alpha = {};
+  if (size_ > 0) mean_deviation_ = all.deviations / static_cast<double>(size_);
+  make_extent(all.reach_min, all.reach_max);
 }
 
 RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed,
                          const std::string& name) {
-  if (cloud.tree.empty()) {
-    CloudSource source(cloud, 0, name);
-    *this = RenderCloud(source, needed, name);
-    return;
-  }
-  const std::uint32_t first = needed.levels ? 0 : cloud.tree[first_leaf(cloud.tree)].begin;
-  const CloudSource source(cloud, first, name);
-  size_ = source.size();
-  origin_ = source.origin();
+  CloudSource source(cloud, name);
+  *this = cloud.tree.empty() ? RenderCloud(source, needed, name)
+                             : RenderCloud(source, cloud.tree, needed, name);
+}
+
+RenderCloud::RenderCloud(const SurfelSource& source, const ClusterTree& tree,
+                         const RenderColumns& needed, const std::string& name)
+    : origin_(source.origin()) {
+  take_clusters(tree, needed.levels);
   allocate(size_, source.attributes(), needed, name);
+  const std::size_t skipped = source.size() - size_;
   parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
-    source.fill(begin, end, *this, begin);
+    source.fill(skipped + begin, skipped + end, *this, begin);
   });
-  const std::vector<SurfelTotals> totals = take_clusters(cloud.tree, needed.levels);
-  if (!std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; })) {
-    throw_input(name,
-                "surfels in its levels of detail have positions, variances or colours that are "
-                "not usable numbers; run surfel-lod on the original again");
-  }
+  std::vector<SurfelTotals> totals(clusters_.size());
+  parallel_for(clusters_.size(), kBlock / kClusterSize,
+               [&](std::size_t begin, std::size_t end, int) {
+                 for (std::size_t c = begin; c < end; ++c) {
+                   totals[c] = check_levels(clusters_[c], name);
+                   measure(clusters_[c], totals[c]);
+                 }
+               });
   if (!group.empty()) number_groups(name);
-  if (!make_extent(totals)) alpha = {};
+  const auto finest = static_cast<std::size_t>(std::count_if(
+      clusters_.begin(), clusters_.end(), [](const Cluster& cluster) { return cluster.merged; }));
+  const SurfelTotals all = added_up(std::span(totals).subspan(finest));
+  if (!all.transparent) alpha = {};
+  mean_deviation_ = all.deviations / static_cast<double>(size_ - first_finest_);
 }
 
 std::vector<Array<float>*> RenderCloud::float_columns() {
@@ -238,55 +246,50 @@ SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Clust
   return sums;
 }
 
-/// The clusters of the levels that are there, with the bounds that they bring. Returns their
-/// totals.
-std::vector<SurfelTotals> RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
+/// The clusters of the levels that are there, with the bounds that they bring, and the extent.
+void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
   const std::size_t finest = first_leaf(tree);
   const std::size_t first = levels ? 0 : finest;
   const std::uint32_t skipped = tree[first].begin;
+  size_ = tree.back().end - skipped;
   first_finest_ = tree[finest].begin - skipped;
-  clusters_.resize(tree.size() - first);
-  std::vector<SurfelTotals> all(clusters_.size());
-  parallel_for(clusters_.size(), kBlock / kClusterSize,
-               [&](std::size_t begin, std::size_t end, int) {
-                 for (std::size_t c = begin; c < end; ++c) {
-                   const TreeCluster& from = tree[first + c];
-                   clusters_[c] = {from.bounds};
-                   clusters_[c].begin = from.begin - skipped;
-                   clusters_[c].end = from.end - skipped;
-                   all[c] = totals(clusters_[c].begin, clusters_[c].end);
-                   measure(clusters_[c], all[c]);
-                 }
-               });
+  for (std::size_t i = first; i < tree.size(); ++i) {
+    Cluster& cluster = clusters_.emplace_back();
+    static_cast<ClusterBounds&>(cluster) = tree[i].bounds;
+    cluster.begin = tree[i].begin - skipped;
+    cluster.end = tree[i].end - skipped;
+    cluster.merged = i < finest;
+  }
   if (levels) tree_ = tree;
-  return all;
+  make_extent(tree.front().reach_min, tree.front().reach_max);
+}
+
+/// Totals of a cluster of a tree, all of whose surfels must be usable.
+SurfelTotals RenderCloud::check_levels(const Cluster& cluster, const std::string& name) const {
+  const SurfelTotals sums = totals(cluster.begin, cluster.end);
+  if (!sums.usable) {
+    throw_input(name,
+                "surfels in its levels of detail have positions, variances or colours that are "
+                "not usable numbers; run surfel-lod on the original again");
+  }
+  return sums;
 }
 
 float RenderCloud::larger_deviation(std::size_t i) const {
   return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
 }
 
-/// Sums the clusters of the finest level up. Returns whether some surfel of any is transparent.
-bool RenderCloud::make_extent(const std::vector<SurfelTotals>& totals) {
-  bool transparent = false;
-  double deviations = 0;
-  for (std::size_t c = 0; c < clusters_.size(); ++c) {
-    const Cluster& cluster = clusters_[c];
-    const SurfelTotals& t = totals[c];
-    transparent = transparent || t.transparent;
-    if (cluster.begin < first_finest_) continue;
+/// From the clusters and the box around their discs: the spheres' would be far too large.
+void RenderCloud::make_extent(const Vec3f& reach_min, const Vec3f& reach_max) {
+  for (const Cluster& cluster : clusters_) {
+    if (cluster.merged) continue;
     const Vec3d center = origin_ + cluster.center.cast<double>();
     const double radius = static_cast<double>(cluster.radius) + cluster.max_deviation;
     extent_.spheres.push_back({center, radius});
-    // The box from the surfels themselves: around the spheres it would be far too large.
-    extent_.box.add(origin_ + t.reach_min.cast<double>());
-    extent_.box.add(origin_ + t.reach_max.cast<double>());
-    deviations += t.deviations;
   }
-  if (size_ > first_finest_) {
-    mean_deviation_ = deviations / static_cast<double>(size_ - first_finest_);
-  }
-  return transparent;
+  if (clusters_.empty()) return;
+  extent_.box.add(origin_ + reach_min.cast<double>());
+  extent_.box.add(origin_ + reach_max.cast<double>());
 }
 
 std::uint64_t RenderCloud::memory_bytes() const {

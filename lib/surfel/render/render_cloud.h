@@ -19,6 +19,7 @@ struct Cluster : ClusterBounds {
   std::uint32_t end = 0;
   Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels at `center`.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
+  bool merged = false;         ///< The surfels stand for those of a finer level.
 };
 
 /// Optional columns of a RenderCloud: most pictures do without.
@@ -56,8 +57,11 @@ class SURFEL_API RenderCloud {
   /// `name` starts messages.
   explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {},
                        const std::string& name = {});
-  /// The same of any source, which has no levels of detail.
+  /// The same of any source without levels of detail ...
   RenderCloud(SurfelSource& source, const RenderColumns& needed, const std::string& name);
+  /// ... and of one with these.
+  RenderCloud(const SurfelSource& source, const ClusterTree& tree, const RenderColumns& needed,
+              const std::string& name);
 
   std::size_t size() const { return size_; }
   /// Of all levels of detail, parallel to tree(), if that is not empty.
@@ -73,12 +77,13 @@ class SURFEL_API RenderCloud {
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Some surfel has alpha below 1.
   bool transparent() const { return !alpha.empty(); }
-  /// World bounds: a box, and a sphere around each cluster's discs at standard deviation 1; of the
-  /// finest level.
+  /// World bounds of the finest level: a box, and a sphere around each cluster's discs at standard
+  /// deviation 1.
   const SceneExtent& extent() const { return extent_; }
   /// Groups in use, SP06's K; 0 if groups were not asked for.
   int groups() const { return groups_; }
-  /// Mean over the surfels of the larger standard deviation of each; 0 if there are none.
+  /// Mean over the surfels of the larger standard deviation of each; 0 if there are none, and while
+  /// surfels with levels of detail are in their file.
   double mean_deviation() const { return mean_deviation_; }
   std::uint64_t memory_bytes() const;
   /// Standard deviation of a surfel along its longer axis, scene units.
@@ -111,8 +116,9 @@ class SURFEL_API RenderCloud {
   Array<std::uint32_t> drawing_order(const SurfelSource& source, bool copies);
   void gather(const Array<std::uint32_t>& order);
   void number_groups(const std::string& name);
-  std::vector<SurfelTotals> take_clusters(const ClusterTree& tree, bool levels);
-  bool make_extent(const std::vector<SurfelTotals>& totals);
+  void take_clusters(const ClusterTree& tree, bool levels);
+  SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
+  void make_extent(const Vec3f& reach_min, const Vec3f& reach_max);
 
   std::size_t size_ = 0;
   std::size_t first_finest_ = 0;

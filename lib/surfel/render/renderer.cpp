@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <span>
 
@@ -387,7 +388,14 @@ void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const Blo
                                const Batch& batch, const Shader& shader, Image& image) {
   if (batch.first && !batch.last) a_buffer.resize(layout.size() * band.tiles());
   const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
-  parallel_for(grid.blocks(), 1, [&](std::size_t block, std::size_t, int w) {
+  // Those with most to do first, so that none is left to one thread at the end.
+  std::vector<std::size_t> blocks(grid.blocks());
+  std::iota(blocks.begin(), blocks.end(), std::size_t{0});
+  std::stable_sort(blocks.begin(), blocks.end(), [&](std::size_t a, std::size_t b) {
+    return any_lists().clusters(a) > any_lists().clusters(b);
+  });
+  parallel_for(blocks.size(), 1, [&](std::size_t i, std::size_t, int w) {
+    const std::size_t block = blocks[i];
     TileABuffer tile;
     tile.layout = layout;
     tile.full_weight = full_weight;
@@ -436,7 +444,7 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     const std::size_t size =
         r.stream ? r.stream->batch_clusters() : std::max<std::size_t>(1, clusters.size());
     for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
-      const std::span<const VisibleCluster> rest = std::span(clusters).subspan(begin);
+      const std::span<VisibleCluster> rest = std::span(clusters).subspan(begin);
       const auto batch = rest.first(std::min(size, rest.size()));
       if (r.stream) {
         timer.restart();

@@ -83,7 +83,6 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   view_ = view(camera, band);
   const std::vector<Cluster>& clusters = cloud_.clusters();
   const Eigen::Matrix3f rotation = camera.camera_from_world.cast<float>();
-  const Vec3f translation(view_.translation[0], view_.translation[1], view_.translation[2]);
   const auto width = static_cast<float>(camera.width);
   const float reach = std::sqrt(2 * view_.cutoff);
   const float filter = reach * static_cast<float>(lists_.lowpass);
@@ -125,15 +124,12 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
     }
     return true;
   };
-  const auto in_camera = [&](std::size_t i) -> Vec3f {
-    return rotation * clusters[i].center + translation;
+  const auto seen = [&](std::uint32_t i) {
+    return visible(clusters[i], center_in_camera(clusters[i]));
   };
-  const auto seen = [&](std::uint32_t i) { return visible(clusters[i], in_camera(i)); };
   const auto entry = [&](std::uint32_t i) {
-    const Vec3f p = in_camera(i);
-    VisibleCluster visible_cluster{p.z() - clusters[i].radius, i, 0, 0, 0, 0};
-    bound(clusters[i], p, band, visible_cluster);
-    return visible_cluster;
+    const float z = center_in_camera(clusters[i]).z();
+    return VisibleCluster{.nearest = z - clusters[i].radius, .index = i};
   };
   std::vector<VisibleCluster> all;
   if (!cloud_.tree().empty()) {
@@ -155,10 +151,17 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   return all;
 }
 
+Vec3f SplatLists::center_in_camera(const Cluster& cluster) const {
+  const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
+  return rotation * cluster.center +
+         Vec3f(view_.translation[0], view_.translation[1], view_.translation[2]);
+}
+
 /// Tiles that the splats of a cluster may touch: those of its box, projected, with what a disc and
-/// the pixel filter reach beyond. `center` is in camera space.
-void SplatLists::bound(const Cluster& cluster, const Vec3f& center, const Band& band,
-                       VisibleCluster& out) const {
+/// the pixel filter reach beyond.
+void SplatLists::bound(const Band& band, VisibleCluster& out) const {
+  const Cluster& cluster = cloud_.clusters()[out.index];
+  const Vec3f center = center_in_camera(cluster);
   out.x0 = out.y0 = 0;
   out.x1 = static_cast<std::uint16_t>(band.tiles_x - 1);
   out.y1 = static_cast<std::uint16_t>(band.tiles_y - 1);
@@ -251,7 +254,7 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
     out.assign(RenderCloud::kClusterSize + RenderCloud::kPadding, 0.0F);
     for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-      out[i - cluster.begin] = widened ? std::max(deviation[i], covering_deviation(i))
+      out[i - cluster.begin] = widened ? std::max(deviation[i], covering_deviation(cluster, i))
                                        : static_cast<float>(deviation[i] * enlargement(i));
     }
     return out.data();
@@ -261,12 +264,12 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
   return surfels;
 }
 
-float SplatLists::covering_deviation(std::size_t surfel) const {
-  return surfel < cloud_.first_finest() ? std::sqrt(covering_ * cloud_.area[surfel]) : 0.0F;
+float SplatLists::covering_deviation(const Cluster& cluster, std::size_t surfel) const {
+  return cluster.merged ? std::sqrt(covering_ * cloud_.area[surfel]) : 0.0F;
 }
 
 /// Surfel in camera space, in double; an unknown normal looks at the eye.
-SurfelInCamera SplatLists::in_camera(std::size_t surfel) const {
+SurfelInCamera SplatLists::in_camera(const Cluster& cluster, std::size_t surfel) const {
   SurfelInCamera s;
   const Camera& camera = *camera_;
   const Eigen::Matrix3d& rotation = camera.camera_from_world;
@@ -276,7 +279,7 @@ SurfelInCamera SplatLists::in_camera(std::size_t surfel) const {
       rotation * Vec3d(cloud_.normal_x[surfel], cloud_.normal_y[surfel], cloud_.normal_z[surfel]);
   s.normal = s.normal.isZero(0) ? Vec3d(-s.position.normalized()) : Vec3d(s.normal.normalized());
   const double scale = lists_.enlarged ? enlargement(surfel) : 1;
-  const double least = covering_deviation(surfel);
+  const double least = covering_deviation(cluster, surfel);
   s.variance_u = std::pow(std::max<double>(scale * cloud_.deviation_u[surfel], least), 2);
   s.variance_v = s.variance_u;
   s.tangent = s.normal.unitOrthogonal();
@@ -355,10 +358,14 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
 }
 
 void SplatLists::bin(const Camera& camera, const Band& band, const BlockGrid& grid,
-                     std::span<const VisibleCluster> clusters) {
+                     std::span<VisibleCluster> clusters) {
   camera_ = &camera;
   view_ = view(camera, band);
   grid_ = grid;
+  constexpr std::size_t kGrain = 256;
+  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) bound(band, clusters[i]);
+  });
   clusters_ = clusters.data();
   workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
   block_begin_.resize(grid.blocks() + 1);
@@ -441,7 +448,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     for (int v = 0; v < set_up.exact_count; ++v) {
       const std::size_t surfel = i + static_cast<std::size_t>(set_up.exact[v]);
       const std::optional<ExactKernel> kernel =
-          make_exact_kernel(in_camera(surfel), *camera_, exact_view);
+          make_exact_kernel(in_camera(cluster, surfel), *camera_, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
       surfels[w.count - first] = static_cast<std::uint32_t>(surfel);

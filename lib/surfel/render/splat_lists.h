@@ -41,7 +41,8 @@ struct Band {
 struct VisibleCluster {
   float nearest;  ///< Least z of its surfels' bounding sphere.
   std::uint32_t index;
-  std::uint16_t x0, y0, x1, y1;  ///< Tiles of the band that its splats may touch, last included.
+  /// Tiles of the band that its splats may touch, last included; of bin().
+  std::uint16_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };
 
 /// Square groups of tiles that a band is drawn in: as many as one worker's caches hold the splats
@@ -82,10 +83,10 @@ class SplatLists {
 
   /// Begins a band: the clusters that reach into it, nearest first, ties by index.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
-  /// Lists clusters of that band by block, in their order. They and the camera are kept by
-  /// reference.
+  /// Lists clusters of that band, whose surfels are there, by block, in their order. They and the
+  /// camera are kept by reference.
   void bin(const Camera& camera, const Band& band, const BlockGrid& grid,
-           std::span<const VisibleCluster> clusters);
+           std::span<VisibleCluster> clusters);
 
   /// Clusters of a block.
   std::size_t clusters(std::size_t block) const {
@@ -129,14 +130,15 @@ class SplatLists {
   std::vector<std::uint32_t> level_of_detail(const Camera& camera,
                                              FunctionRef<bool(std::uint32_t)> seen) const;
   float disc_radius(const Cluster& cluster) const;
-  void bound(const Cluster& cluster, const Vec3f& center, const Band& band,
-             VisibleCluster& out) const;
+  Vec3f center_in_camera(const Cluster& cluster) const;
+  void bound(const Band& band, VisibleCluster& visible) const;
   double enlargement(std::size_t surfel) const;
-  /// Least standard deviation that a surfel is drawn with; 0 for those of the finest level.
-  float covering_deviation(std::size_t surfel) const;
+  /// Least standard deviation that a cluster's surfel is drawn with; 0 for those of the finest
+  /// level.
+  float covering_deviation(const Cluster& cluster, std::size_t surfel) const;
   SurfelColumns surfel_columns(const Cluster& cluster) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
-  SurfelInCamera in_camera(std::size_t surfel) const;
+  SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
   void reserve(Worker& worker, std::size_t more) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 

@@ -52,11 +52,11 @@ class SurfelSource {
 /// Those of a cloud, to which it refers.
 class SURFEL_API CloudSource : public SurfelSource {
  public:
-  /// From surfel `first` on. Throws Error(kInput) if the cloud's columns differ in length or it has
-  /// no variance; `name` starts messages.
-  CloudSource(const SurfelCloud& cloud, std::size_t first, const std::string& name);
+  /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance; `name`
+  /// starts messages.
+  CloudSource(const SurfelCloud& cloud, const std::string& name);
 
-  std::size_t size() const override { return cloud_.size() - first_; }
+  std::size_t size() const override { return cloud_.size(); }
   SurfelAttributes attributes() const override;
   Vec3d origin() const override { return cloud_.origin; }
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
@@ -64,7 +64,6 @@ class SURFEL_API CloudSource : public SurfelSource {
 
  private:
   const SurfelCloud& cloud_;
-  std::size_t first_;
 };
 
 /// Unit length; zero where the vector has no direction.
