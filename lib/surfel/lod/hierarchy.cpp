@@ -141,7 +141,7 @@ float reach_of(const MergeSurfel& s) {
   return std::sqrt(std::max({c[0] + c[3] + c[5], s.area, 0.0F}));
 }
 
-/// Bounds of a cluster's surfels, drawn as widely as they have to be to cover their areas.
+/// Bounds of a cluster of level 0, whose surfels are drawn as they are.
 ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
   constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
   std::array<float, 7 * kSize> columns{};
@@ -152,8 +152,7 @@ ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
       column(axis)[i] = s.position[axis];
       column(3 + axis)[i] = s.normal[axis];
     }
-    const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
-    column(6)[i] = std::sqrt(std::max(g.variance_u, s.area));
+    column(6)[i] = std::sqrt(tangent_gaussian(s.covariance, s.normal).variance_u);
   }
   return cluster_bounds({.position = {column(0), column(1), column(2)},
                          .normal = {column(3), column(4), column(5)},
