@@ -191,7 +191,8 @@ void declare_options(CLI::App& app, Settings& s) {
   add_text(app, "--memory", "BYTES", "auto",
            "Memory for surfels and what a picture makes of them, such as 512M or 2G; a binary PLY "
            "file that needs more, in space-filling order or nearly, is read piece by piece, for "
-           "each picture anew; auto = three quarters of what is free",
+           "each picture anew; of levels of detail only what is shown is read, and kept; auto = "
+           "three quarters of what is free",
            [&s](const std::string& text) {
              s.memory.reset();
              if (text != "auto") s.memory = parse_bytes("--memory", text);

@@ -99,6 +99,27 @@ void expect_true_totals(const Surfels& s) {
   EXPECT_FALSE(t.transparent);
 }
 
+TEST(SurfelTotals, AddUpToThoseOfAll) {
+  SurfelTotals parts[2];
+  parts[0].min = parts[0].reach_min = Vec3f(0, -1, 2);
+  parts[0].max = parts[0].reach_max = Vec3f(1, 1, 3);
+  parts[0].deviations = 1.5;
+  parts[1].min = parts[1].reach_min = Vec3f(-2, 0, 2);
+  parts[1].max = parts[1].reach_max = Vec3f(0, 5, 2.5F);
+  parts[1].deviations = 2;
+  const SurfelTotals sound = added_up(parts);
+  EXPECT_EQ(sound.min, Vec3f(-2, -1, 2));
+  EXPECT_EQ(sound.reach_max, Vec3f(1, 5, 3));
+  EXPECT_EQ(sound.deviations, 3.5);
+  EXPECT_TRUE(sound.usable);
+  EXPECT_FALSE(sound.transparent);
+  parts[0].usable = false;
+  parts[1].transparent = true;
+  EXPECT_FALSE(added_up(parts).usable);
+  EXPECT_TRUE(added_up(parts).transparent);
+  EXPECT_EQ(added_up({}).min, Vec3f::Constant(kInfinity));
+}
+
 /// Takes back what the test asked for, however it ends.
 struct TargetsForTest {
   explicit TargetsForTest(std::int64_t targets) { hwy::SetSupportedTargetsForTest(targets); }
