@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/process.h>
 #include <surfel/io/image.h>

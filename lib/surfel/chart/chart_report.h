@@ -4,7 +4,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 #include <surfel/base/export.h>
-#include <surfel/chart/chart_runner.h>
+#include <surfel/chart/chart_result.h>
 
 namespace surfel {
 

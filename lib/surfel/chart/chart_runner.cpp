@@ -2,10 +2,9 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <map>
+#include <optional>
 #include <set>
-#include <sstream>
 #include <thread>
 
 #include <fmt/format.h>
@@ -20,6 +19,7 @@
 #include <surfel/chart/process.h>
 #include <surfel/chart/sweeps.h>
 #include <surfel/chart/tool_chain.h>
+#include <surfel/chart/tool_run.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image.h>
@@ -35,71 +35,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Words = std::vector<std::string>;
 
-constexpr int kWrongUsage = 2;  ///< Exit code of the tools.
 constexpr double kTurnDegrees = 0.25;
-/// Times of a recommendation stay below the limit by this factor, as they vary from run to run.
-constexpr double kTimeMargin = 1.2;
-/// What rounding to 8 bits leaves as error, of full scale: 1 / (255 sqrt(12)). Points below it are
-/// equally accurate.
-const double kRounding = 1 / (255 * std::sqrt(12.0));
-
-/// What a run of a tool told.
-struct ToolRun {
-  int exit_code = 0;
-  std::string message;
-  double ms = 0;  ///< Its work, without reading and writing.
-  std::vector<StageTime> stages;
-  std::uint64_t memory = 0;
-  std::size_t surfels = 0;
-  int groups = 0;
-};
-
-Json to_json(const ToolRun& run) {
-  Json stages = Json::array();
-  for (const auto& [name, ms] : run.stages) stages.push_back({name, ms});
-  return {{"exit_code", run.exit_code}, {"message", run.message}, {"ms", run.ms},
-          {"stages", stages},           {"memory", run.memory},   {"surfels", run.surfels},
-          {"groups", run.groups}};
-}
-
-ToolRun from_json(const Json& json) {
-  ToolRun run{json.at("exit_code"), json.at("message"), json.at("ms"),    {},
-              json.at("memory"),    json.at("surfels"), json.at("groups")};
-  for (const Json& stage : json.at("stages")) run.stages.emplace_back(stage.at(0), stage.at(1));
-  return run;
-}
-
-/// From the report that a tool wrote (--stats).
-ToolRun from_report(const Json& report) {
-  ToolRun run;
-  run.memory = report.at("peak_memory_bytes");
-  run.surfels = report.value("surfels", std::size_t{0});
-  const bool picture = report.contains("frames") && !report["frames"].empty();
-  const Json& timed = picture ? report["frames"].front() : report;
-  const std::string tool = report.at("tool");
-  const Json stages = timed.value("stages", Json::object());
-  for (const auto& [name, ms] : stages.items()) {
-    run.stages.emplace_back(tool + " " + name, ms);
-    run.ms += ms.get<double>();
-  }
-  if (picture) {
-    run.ms = timed.at("ms");
-    run.groups = timed.at("groups");
-  }
-  return run;
-}
-
-/// "surfel-x: error: what is wrong" without the tool; other lines are left out.
-std::string error_message(const std::string& errors) {
-  std::istringstream lines(errors);
-  const std::string mark = "error: ";
-  for (std::string line; std::getline(lines, line);) {
-    const std::size_t at = line.find(mark);
-    if (at != std::string::npos) return line.substr(at + mark.size());
-  }
-  return errors;
-}
-
 TimeSpread spread_of(std::vector<double> times) {
   std::sort(times.begin(), times.end());
   const std::size_t n = times.size();
@@ -164,81 +100,14 @@ std::vector<std::string> ChartOptions::problems() const {
   return problems;
 }
 
-std::vector<std::size_t> recommendation_order(const std::vector<ChartPoint>& points,
-                                              const ChartGoal& goal) {
-  std::vector<std::size_t> order;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const ChartPoint& p = points[i];
-    if (!p.refused.empty()) continue;
-    if (goal.min_psnr && !(p.error.psnr >= *goal.min_psnr)) continue;
-    if (goal.max_time && !(p.render.median * kTimeMargin <= *goal.max_time)) continue;
-    order.push_back(i);
-  }
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    if (goal.max_time && points[a].error.psnr != points[b].error.psnr) {
-      return points[a].error.psnr > points[b].error.psnr;
-    }
-    return points[a].render.median < points[b].render.median;
-  });
-  return order;
-}
-
-void judge(ChartSweep& sweep) {
-  std::vector<CostPoint> costs;
-  std::vector<ChartPoint*> measured;
-  std::optional<std::size_t> standard;
-  for (ChartPoint& p : sweep.points) {
-    if (!p.refused.empty()) continue;
-    if (p.standard) standard = measured.size();
-    measured.push_back(&p);
-    costs.push_back({p.time.median, std::max(p.error.rmse, kRounding)});
-  }
-  const std::vector<bool> front = pareto_front(costs);
-  for (std::size_t i = 0; i < front.size(); ++i) measured[i]->front = front[i];
-  if (!standard) return;
-  sweep.standard = front_distance(costs, *standard);
-  const ChartPoint& own = *measured[*standard];
-  const ChartPoint& faster = *measured[sweep.standard.faster];
-  const ChartPoint& sharper = *measured[sweep.standard.sharper];
-  const double most = 1 + kFrontTolerance;
-  // Times vary from run to run: a difference counts where they do not overlap.
-  const bool slow = sweep.standard.time > most && own.time.least > faster.time.most &&
-                    own.time.least > most * faster.time.least;
-  // Errors do not vary; the medians of the times decide.
-  const bool coarse = sweep.standard.error > most;
-  sweep.standard_off = slow || coarse;
-  if (front[*standard]) {
-    sweep.verdict = "The default is on the Pareto front.";
-  } else if (slow) {
-    sweep.verdict = fmt::format(
-        "The default is off the Pareto front by more than {:.0f} %: \"{}\" is no less accurate and "
-        "{:.2f} times as fast. That is a bug in the default for such an input.",
-        100 * kFrontTolerance, faster.label, sweep.standard.time);
-  } else if (coarse) {
-    sweep.verdict = fmt::format(
-        "The default is off the Pareto front by more than {:.0f} %: \"{}\" is no slower and has an "
-        "RMSE {:.2f} times smaller. That is a bug in the default for such an input.",
-        100 * kFrontTolerance, sharper.label, sweep.standard.error);
-  } else if (sweep.standard.time <= most && sweep.standard.error <= most) {
-    sweep.verdict =
-        fmt::format("The default is next to the Pareto front: {:.0f} % in time, {:.0f} % in RMSE.",
-                    100 * (sweep.standard.time - 1), 100 * (sweep.standard.error - 1));
-  } else {
-    sweep.verdict = fmt::format(
-        "The default is {:.0f} % in time and {:.0f} % in RMSE from the Pareto front by the "
-        "medians, "
-        "which the spread of the repeated times does not bear out.",
-        100 * (sweep.standard.time - 1), 100 * (sweep.standard.error - 1));
-  }
-}
-
 struct ChartRunner::Impl {
   explicit Impl(ChartOptions given);
 
   ChartOptions options;
   std::unique_ptr<Journal> journal;
-  ToolChain user;  ///< The options that were asked for alone ...
-  ToolChain base;  ///< ... and with what leads from the input to a picture.
+  std::optional<ToolRunner> tools;  ///< Refers to the journal.
+  ToolChain user;                   ///< The options that were asked for alone ...
+  ToolChain base;                   ///< ... and with what leads from the input to a picture.
   SweepContext context;
   Words camera;
   std::string path_toml;
@@ -266,8 +135,6 @@ struct ChartRunner::Impl {
   void aim(const SurfelCloud& cloud);
   void write_path(const Camera& view, const Vec3d& target);
 
-  ToolRun run_tool(const Words& words, const std::string& output, const std::string& occasion);
-  ToolRun run_or_fail(const Words& words, const std::string& output);
   void prepare(const ToolChain& chain);
   std::string prepared(const ToolChain& chain) const;
   const Truth& truth_of(const Sweep& sweep);
@@ -355,6 +222,7 @@ void ChartRunner::Impl::look_at_input() {
       "surfel-chart {} {} {} {} {} {}", version(), identity(options.input), identity(options.image),
       identity(options.mesh), identity(options.scene), identity(options.tools + "/surfel-render"));
   journal = std::make_unique<Journal>(path("journal.jsonl"), run);
+  tools.emplace(options.tools, options.folder, *journal);
 
   prepare(base);
   const std::string surfels = prepared(base);
@@ -375,7 +243,7 @@ void ChartRunner::Impl::look_at_input() {
   describe("Pictures",
            fmt::format("{} x {} pixels, 8 bits: errors below an RMSE of {:.4f} are those "
                        "of rounding",
-                       options.camera.width, options.camera.height, kRounding));
+                       options.camera.width, options.camera.height, kRoundingError));
   describe("Truth", mesh_truth() ? fmt::format("the mesh, ray traced with {0} x {0} rays a "
                                                "pixel and filtered by the same Gaussian",
                                                options.samples)
@@ -457,42 +325,9 @@ void ChartRunner::Impl::step(const std::string& what) {
                    share);
 }
 
-/// Runs a tool, unless the journal has its run on that occasion and what it made is there.
-ToolRun ChartRunner::Impl::run_tool(const Words& words, const std::string& output,
-                                    const std::string& occasion) {
-  const std::string key = shell_command(words) + " # " + occasion;
-  if (const std::string* known = journal->find(key)) {
-    const ToolRun run = from_json(Json::parse(*known));
-    if (run.exit_code != 0 || output.empty() || fs::exists(path(output))) return run;
-  }
-  Words command = words + Words{"--stats", "stats.json", "--quiet"};
-  command[0] = options.tools + "/" + words[0];
-  const ProcessResult process = run_process(command, options.folder);
-  ToolRun run;
-  if (process.exit_code == 0) {
-    std::ifstream stats(path("stats.json"));
-    run = from_report(Json::parse(stats));
-  } else {
-    run.message = words[0] + ": " + error_message(process.errors);
-  }
-  run.exit_code = process.exit_code;
-  // Other failures may have come from outside, such as an interrupt.
-  if (run.exit_code == 0 || run.exit_code == kWrongUsage) {
-    journal->add(key, to_json(run).dump(-1, ' ', false, Json::error_handler_t::replace));
-  }
-  return run;
-}
-
-ToolRun ChartRunner::Impl::run_or_fail(const Words& words, const std::string& output) {
-  const ToolRun run = run_tool(words, output, "");
-  if (run.exit_code == kWrongUsage) throw_usage(run.message);
-  if (run.exit_code != 0) throw_input("", run.message);
-  return run;
-}
-
 void ChartRunner::Impl::prepare(const ToolChain& chain) {
   for (const ChainCommand& c : preparing_commands(chain, options.input)) {
-    run_or_fail(c.words, c.output);
+    tools->run(c.words, c.output, "").require_success();
   }
 }
 
@@ -512,8 +347,10 @@ std::vector<Image> ChartRunner::Impl::path_frames(const Words& words, const std:
                                                   const std::string& extension) {
   const std::string pattern = name + "-%d" + extension;
   const auto file = [&](int i) { return fmt::format("{}-{}{}", name, i, extension); };
-  run_or_fail(words + camera + Words{"--camera", "path.toml", "-o", pattern},
-              file(options.frames - 1));
+  tools
+      ->run(words + camera + Words{"--camera", "path.toml", "-o", pattern},
+            file(options.frames - 1), "")
+      .require_success();
   std::vector<Image> frames;
   for (int i = 0; i < options.frames; ++i)
     frames.push_back(read_premultiplied_image(path(file(i))));
@@ -544,7 +381,7 @@ const ChartRunner::Impl::Truth& ChartRunner::Impl::truth_of(const Sweep& sweep) 
   words = words + Words{"--samples", std::to_string(options.samples)};
   const std::string name = "truth-" + text_hash(shell_command(words)).substr(0, 8);
   const Words picture = words + camera + Words{"-o", name + ".exr"};
-  run_or_fail(picture, name + ".exr");
+  tools->run(picture, name + ".exr", "").require_success();
   truth_commands.push_back(shell_command(picture));
   truth.file = path(name + ".exr");
   truth.image = read_premultiplied_image(truth.file);
@@ -649,12 +486,11 @@ void ChartRunner::Impl::measure(const Sweep& sweep,
         if (repeat > first_repeat && !repeated) continue;
         // Times are compared within a sweep: its points take turns, also those that others share.
         const ToolRun run =
-            run_tool(command.words, command.output,
-                     repeated ? fmt::format("{} {}", sweep.name, repeat) : std::string());
+            tools->run(command.words, command.output,
+                       repeated ? fmt::format("{} {}", sweep.name, repeat) : std::string());
         if (run.exit_code != 0) {
           // The default must work; other settings need not for every input.
-          if (point.standard && run.exit_code == kWrongUsage) throw_usage(run.message);
-          if (point.standard) throw_input("", run.message);
+          if (point.standard) run.require_success();
           point.refused = run.message;
           continue;
         }

@@ -1,17 +1,14 @@
 #pragma once
 
-#include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/chart/pareto.h>
+#include <surfel/chart/chart_judge.h>
+#include <surfel/chart/chart_result.h>
 #include <surfel/io/camera.h>
-#include <surfel/measure/image_error.h>
 
 namespace surfel {
 
@@ -41,73 +38,10 @@ struct ChartOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// Median, least and largest of repeated measurements, milliseconds.
-struct TimeSpread {
-  double median = 0, least = 0, most = 0;
-};
-
-/// A stage of a tool: "surfel-render raster".
-using StageTime = std::pair<std::string, double>;
-
-/// What was measured of one setting.
-struct ChartPoint {
-  std::string label;
-  bool standard = false;              ///< The default.
-  std::vector<std::string> commands;  ///< As they ran, a shell line each.
-  std::string refused;  ///< Not empty: why a tool does not take this setting; nothing is measured.
-  TimeSpread time;      ///< Of the sweep's tool.
-  std::vector<StageTime> stages;  ///< Of every tool, in the median run.
-  double prepare_ms = 0;          ///< All tools before surfel-render, without reading and writing.
-  TimeSpread render;              ///< The picture, without reading and writing.
-  std::uint64_t memory = 0;       ///< Largest peak of the tools, bytes.
-  std::size_t surfels = 0;
-  int groups = 0;
-  ImageError error;
-  std::optional<double> flicker;
-  std::string picture;  ///< File.
-  bool front = false;   ///< On the Pareto front of time and error.
-};
-
-struct ChartSweep {
-  std::string name, title, about;
-  std::string time;   ///< What the time is that of.
-  std::string truth;  ///< File of the truth's picture.
-  std::vector<ChartPoint> points;
-  FrontDistance standard;  ///< Of the default.
-  std::string verdict;     ///< How the default stands to the front, a sentence.
-  bool standard_off =
-      false;  ///< It is off by more than 20 %; in time, by more than it spreads, too.
-};
-
-struct ChartReport {
-  std::vector<std::pair<std::string, std::string>> summary;  ///< Of input, machine and measures.
-  std::vector<std::string> truth_commands;
-  std::string camera_path;  ///< TOML of the flicker's cameras; empty without.
-  std::vector<ChartSweep> sweeps;
-};
-
-/// What a recommendation must reach: one of the two.
-struct ChartGoal {
-  std::optional<double> min_psnr;  ///< dB.
-  std::optional<double> max_time;  ///< Milliseconds of the picture, without reading and writing.
-};
-
 struct Recommendation {
   ChartPoint point;  ///< As measured again by running its commands.
   int tried = 1;     ///< Settings that were run again, the last of which met the goal.
 };
-
-/// Order in which settings are tried for a goal, cheapest first under min_psnr, most accurate first
-/// under max_time; those that do not meet it, the time with a margin of a fifth for its noise, are
-/// left out, and so are settings that the tools refused.
-SURFEL_API std::vector<std::size_t> recommendation_order(const std::vector<ChartPoint>& points,
-                                                         const ChartGoal& goal);
-
-/// Share by which a default may be off the Pareto front.
-inline constexpr double kFrontTolerance = 0.2;
-
-/// Marks the points on the Pareto front, and judges the default.
-SURFEL_API void judge(ChartSweep& sweep);
 
 /// Runs the tools for the points of sweeps, one process at a time, and measures. All runs are kept
 /// in a journal in the folder, so that the next one of the same options takes up from there.

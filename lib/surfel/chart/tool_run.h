@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <surfel/chart/chart_result.h>
+#include <surfel/chart/journal.h>
+
+namespace surfel {
+
+/// What a run of a tool told.
+struct ToolRun {
+  int exit_code = 0;
+  std::string message;  ///< What was wrong, where the exit code is not 0.
+  double ms = 0;        ///< Its work, without reading and writing.
+  std::vector<StageTime> stages;
+  std::uint64_t memory = 0;
+  std::size_t surfels = 0;
+  int groups = 0;
+
+  /// The tool was not used as it wants to be: what it was asked for does not fit the input.
+  bool wrong_usage() const { return exit_code == 2; }
+  /// Throws Error(kUsage), or kInput for other failures, with the message.
+  void require_success() const;
+};
+
+/// Runs tools in a folder, one process at a time. Internal to the chart module, as all here.
+class ToolRunner {
+ public:
+  /// \param tools    Folder of the tools.
+  /// \param folder   Where they run.
+  /// \param journal  Has the runs of before, and takes the new ones.
+  ToolRunner(std::string tools, std::string folder, Journal& journal)
+      : tools_(std::move(tools)), folder_(std::move(folder)), journal_(journal) {}
+
+  /// Runs a tool, unless the journal has its run on that occasion and what it made is there.
+  /// \param words   The tool's name and arguments.
+  /// \param output  File that it makes, relative to the folder; may be empty.
+  ToolRun run(const std::vector<std::string>& words, const std::string& output,
+              const std::string& occasion);
+
+ private:
+  std::string tools_;
+  std::string folder_;
+  Journal& journal_;
+};
+
+}  // namespace surfel
