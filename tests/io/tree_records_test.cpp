@@ -152,12 +152,16 @@ TEST(TreeRecords, BrokenFilesAreRefusedWithTheirName) {
   const std::string text = read_text(file);
   // The root's line: begin count first_child child_count level ...
   const std::string root = "0 2 1 2 1 2.5 ";
+  const std::string box = " 0.25 -1 0 1 2 2 3";  // ... cone_cosine, its last values.
   const std::pair<std::string, std::string> edits[] = {
       {root, "0 2 0 2 1 2.5 "},
       {root, "0 2 1 9 1 2.5 "},
       {root, "0 2 1 2 300 2.5 "},
       {root, "0 2 1 2 1 nan "},
       {root, "0 2 1 2 1 1e300 "},
+      {box, " 0.25 nan 0 1 2 2 3"},
+      {box, " 0.25 5 0 1 2 2 3"},
+      {box, " 0.25 -1 0 1 2 2 1e300"},
       {"property uint begin", "property uint start"},
       {"property uchar level\nproperty double x", "property int level\nproperty double x"},
       {"element surfel_cluster 3", "element surfel_cluster 2"},
@@ -169,11 +173,8 @@ TEST(TreeRecords, BrokenFilesAreRefusedWithTheirName) {
     if (to.starts_with("property int level")) broken = replaced(broken, root, "0 2 1 2 -1 2.5 ");
     write_text(file, broken);
     for (const bool levels : {false, true}) {
-      // An infinite centre is found when it is made relative to the origin.
-      if (!levels && to.find("1e300") != std::string::npos) continue;
       try {
-        SurfelCloud cloud = read_cloud(file, {.levels = levels});
-        cloud.check_columns(file);
+        read_cloud(file, {.levels = levels});
         ADD_FAILURE() << to;
       } catch (const Error& error) {
         EXPECT_NE(std::string(error.what()).find("tree.ply"), std::string::npos) << error.what();

@@ -67,6 +67,9 @@ Row to_row(const TreeCluster& c, const Vec3d& origin) {
           max.z()};
 }
 
+/// Largest coordinate: differences of such are finite as float, too.
+constexpr double kFurthest = 1e37;
+
 /// A count or index, whose column may be of any type.
 std::uint32_t whole(double value, const char* name, std::size_t row, const std::string& file) {
   if (!(value >= 0 && value <= std::numeric_limits<std::uint32_t>::max())) {
@@ -156,8 +159,9 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
     Bounds& reach = out.reach[i];
     reach.min = {row[15], row[16], row[17]};
     reach.max = {row[18], row[19], row[20]};
-    const bool sound = out.center[i].allFinite() && reach.min.allFinite() &&
-                       reach.max.allFinite() && (reach.min.array() <= reach.max.array()).all();
+    const auto usable = [](const Vec3d& v) { return (v.array().abs() <= kFurthest).all(); };
+    const bool sound = usable(out.center[i]) && usable(reach.min) && usable(reach.max) &&
+                       (reach.min.array() <= reach.max.array()).all();
     if (!sound) c.bounds.radius = std::numeric_limits<float>::quiet_NaN();
   };
   constexpr std::size_t kGrain = 1024;
