@@ -256,6 +256,16 @@ Camera camera_of(const RenderCloud& cloud) {
   return make_camera(view, cloud.extent());
 }
 
+void expect_same_extent(const SceneExtent& a, const SceneExtent& b) {
+  EXPECT_EQ(a.box.min, b.box.min);
+  EXPECT_EQ(a.box.max, b.box.max);
+  for (const Vec3d& along : {Vec3d(1, 2, -3), Vec3d(-2, 0, 0.5), Vec3d(0.1, -1, 1)}) {
+    for (const double outward : {0.0, 1.5, 40.0}) {
+      EXPECT_EQ(a.support(along, outward), b.support(along, outward)) << along.transpose();
+    }
+  }
+}
+
 /// A stream of one batch, in bands or not, gives the same bytes as memory does.
 TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
   CloudSource source(*cloud_, "");
@@ -282,7 +292,7 @@ TEST_F(StreamedCloud, DrawsBatchByBatch) {
   ASSERT_EQ(whole.stream(), nullptr);
   EXPECT_EQ(streamed.surfels().size(), kCount);
   EXPECT_EQ(streamed.surfels().mean_deviation(), whole.surfels().mean_deviation());
-  EXPECT_EQ(streamed.surfels().extent().box.min, whole.surfels().extent().box.min);
+  expect_same_extent(streamed.surfels().extent(), whole.surfels().extent());
   EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 4);
 
   const Scene scene;
@@ -402,7 +412,7 @@ TEST_F(StreamedLevels, GiveTheSamePicturesAsMemory) {
       EXPECT_EQ(streamed.surfels().transparent(), alpha < 1);
       EXPECT_EQ(whole.surfels().transparent(), alpha < 1);
       EXPECT_EQ(streamed.surfels().size(), whole.surfels().size());
-      EXPECT_EQ(streamed.surfels().extent().box.max, whole.surfels().extent().box.max);
+      expect_same_extent(streamed.surfels().extent(), whole.surfels().extent());
       Renderer from_file(*streamed.stream(), scene, {});
       Renderer from_memory(whole.surfels(), scene, {});
       for (const double zoom : {1.0, 8.0, 0.2, 8.0, 1.0}) {
@@ -416,12 +426,11 @@ TEST_F(StreamedLevels, GiveTheSamePicturesAsMemory) {
   }
 }
 
-/// The box is that of the cloud itself: views of both have the same target.
-TEST_F(StreamedLevels, HaveTheBoxOfTheirCloud) {
+/// Bounds are those of the surfels, whatever their clusters: views of both are the same.
+TEST_F(StreamedLevels, HaveTheExtentOfTheirCloud) {
   const LoadedCloud streamed(write(), {.columns = {.levels = true}});
   const RenderCloud plain(cloud_);
-  EXPECT_EQ(streamed.surfels().extent().box.min, plain.extent().box.min);
-  EXPECT_EQ(streamed.surfels().extent().box.max, plain.extent().box.max);
+  expect_same_extent(streamed.surfels().extent(), plain.extent());
 }
 
 /// Several batches, all levels or the finest.

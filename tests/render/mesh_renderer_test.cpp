@@ -475,8 +475,10 @@ TEST(MeshRenderer, ExtentHoldsTheFacesAlone) {
   const SceneExtent extent = MeshRenderer(mesh, nullptr, scene, {}).extent();
   EXPECT_LT((extent.box.max - mesh.origin - Vec3d::Constant(radius)).cwiseAbs().maxCoeff(), 1e-6);
   EXPECT_LT((extent.box.min - mesh.origin + Vec3d::Constant(radius)).cwiseAbs().maxCoeff(), 1e-6);
-  for (const Sphere& sphere : extent.spheres) {
-    EXPECT_LT((sphere.center - mesh.origin).norm() + sphere.radius, 1.03 * radius);
+  for (const Vec3d& a : {Vec3d(1, 2, 3), Vec3d(-1, 0, 0), Vec3d(0.2, -5, 1)}) {
+    const double reach = extent.support(a, 0) - a.dot(mesh.origin);
+    EXPECT_LE(reach, radius * a.norm() + 1e-6);
+    EXPECT_GT(reach, 0.95 * radius * a.norm());
   }
   // The picture shows all of it, and little else.
   CameraOptions options;

@@ -27,20 +27,9 @@ Eigen::Matrix3d look_along(const Vec3d& forward, const Vec3d& up) {
   return rotation;
 }
 
-/// The scene's spheres (without any: the box's corners) in camera axes, relative to `target`.
-std::vector<Sphere> parts_in_view(const SceneExtent& scene, const Bounds& box, const Vec3d& target,
-                                  const Eigen::Matrix3d& rotation) {
-  std::vector<Sphere> parts = scene.spheres;
-  if (parts.empty()) {
-    for (int i = 0; i < 8; ++i) {
-      parts.push_back(
-          {Vec3d((i & 1) ? box.max.x() : box.min.x(), (i & 2) ? box.max.y() : box.min.y(),
-                 (i & 4) ? box.max.z() : box.min.z()),
-           0});
-    }
-  }
-  for (Sphere& part : parts) part.center = rotation * (part.center - target);
-  return parts;
+/// The box's support function.
+double reach_of(const Bounds& box, const Vec3d& a) {
+  return a.cwiseProduct((a.array() > 0).select(box.max, box.min)).sum();
 }
 
 }  // namespace
@@ -95,26 +84,34 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
   double distance = back.norm();
   double half_height = options.ortho.value_or(1) / 2;
   if (frame) {
-    // Smallest distance from which every part lies inside the picture: a sphere touches the side
-    // plane of slope h where |x| + radius sqrt(1 + h^2) = h (z + distance).
-    double needed = 0;
-    double ortho_half = 0;
-    double nearest = 0;
-    for (const Sphere& part : parts_in_view(scene, box, target, camera.camera_from_world)) {
-      const Vec3d& c = part.center;
-      const double reach_x = std::abs(c.x()) + part.radius * std::hypot(1, half_x);
-      const double reach_y = std::abs(c.y()) + part.radius * std::hypot(1, half_y);
-      needed = std::max({needed, reach_x / half_x - c.z(), reach_y / half_y - c.z()});
-      ortho_half = std::max({ortho_half, std::abs(c.y()) + part.radius,
-                             (std::abs(c.x()) + part.radius) * options.height / options.width});
-      nearest = std::max(nearest, part.radius - c.z());
-    }
+    // How far the scene reaches beyond the target, in camera axes.
+    const auto reach = [&](const Vec3d& in_camera, double b) {
+      const Vec3d a = camera.camera_from_world.transpose() * in_camera;
+      const double from_origin = scene.support ? scene.support(a, b) : reach_of(box, a);
+      return from_origin - a.dot(target);
+    };
+    const auto to_either_side = [&](const Vec3d& across, const Vec3d& along, double b) {
+      return std::max(reach(across + along, b), reach(along - across, b));
+    };
+    const double nearest = std::max(0.0, reach(-Vec3d::UnitZ(), 1));
     const double size = box.diagonal() > 0 ? box.diagonal() : 1;
-    if (camera.orthographic) {
-      if (options.frame_all) half_height = std::max(ortho_half, 1e-3 * size) / kFrameFill;
-      distance = std::max(distance, nearest + size);
+    if (!camera.orthographic) {
+      // Smallest distance from which all lies inside the picture: a sphere touches the side plane
+      // of slope h where |x| + radius sqrt(1 + h^2) = h (z + distance).
+      const auto needed = [&](const Vec3d& across, double h) {
+        return to_either_side(across / h, -Vec3d::UnitZ(), std::hypot(1, h) / h);
+      };
+      distance = std::max({needed(Vec3d::UnitX(), half_x), needed(Vec3d::UnitY(), half_y),
+                           nearest + 0.05 * size}) +
+                 options.near;
     } else {
-      distance = std::max(needed, nearest + 0.05 * size) + options.near;
+      if (options.frame_all) {
+        const double half_width = to_either_side(Vec3d::UnitX(), Vec3d::Zero(), 1);
+        half_height = std::max({to_either_side(Vec3d::UnitY(), Vec3d::Zero(), 1),
+                                half_width * options.height / options.width, 1e-3 * size}) /
+                      kFrameFill;
+      }
+      distance = std::max(distance, nearest + size);
     }
   }
   camera.eye = target + back.normalized() * distance;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -47,17 +48,12 @@ struct CameraOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-struct Sphere {
-  Vec3d center{0, 0, 0};
-  double radius = 0;
-};
-
-/// What a camera is to see: the box decides on the target, the spheres, which together hold the
-/// scene, on the distance. Without spheres the box's corners do; an empty box stands for a unit
-/// cube.
+/// What a camera is to see: the box decides on the target, the support function on the distance.
 struct SceneExtent {
-  Bounds box;
-  std::vector<Sphere> spheres;
+  Bounds box;  ///< World; an empty one stands for a unit cube.
+  /// Of the spheres that the scene consists of, the greatest a . center + b radius (b >= 0), world
+  /// coordinates: how far it reaches in a direction. Unset: the box's.
+  std::function<double(const Vec3d& a, double b)> support = {};
 };
 
 /// Camera from options. Throws Error(kUsage) if eye and target coincide.

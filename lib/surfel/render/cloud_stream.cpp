@@ -56,6 +56,22 @@ void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);
   holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
   cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {}, "");
+  cloud_.extent_.support = [this](const Vec3d& along, double outward) {
+    return support(along, outward);
+  };
+}
+
+/// SceneExtent::support: reads the clusters that reach far.
+double CloudStream::support(const Vec3d& along, double outward) const {
+  RenderCloud rows;
+  return cloud_.support(along, outward, [&](std::uint32_t c, const Vec3d& a, double b) {
+    const std::uint64_t begin = surfel_[c];
+    std::size_t end = surfel_end(c) - begin;
+    read(begin, begin + end, rows);
+    UnusableSurfels ignored;
+    drop_unusable(rows, 0, end, ignored);
+    return rows.support(0, end, a, b);
+  });
 }
 
 std::size_t CloudStream::surfel_end(std::uint32_t cluster) const {
@@ -156,7 +172,7 @@ bool CloudStream::make_index() {
   attributes_ = source_.attributes();
   attributes_.alpha = attributes_.alpha && all.transparent;
   if (cloud_.size_ > 0) cloud_.mean_deviation_ = all.deviations / static_cast<double>(cloud_.size_);
-  cloud_.make_extent(all.reach_min, all.reach_max);
+  cloud_.make_box(all.reach_min, all.reach_max);
   return true;
 }
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include <fmt/format.h>
@@ -24,10 +25,6 @@ namespace {
 /// times what rounding makes of the largest distance: a ray through an edge must not see both
 /// faces.
 constexpr double kGap = 0x1p-20;
-
-/// Cells along the longest side of the box in which an extent's spheres are made. A sphere reaches
-/// at most half a cell's diagonal beyond the faces, 1.4 % of that side.
-constexpr std::size_t kExtentCells = 64;
 
 /// Weights of a face's three corners.
 using Barycentric = Vec3f;
@@ -66,6 +63,11 @@ Bounds face_bounds(const TriangleMesh& mesh) {
   }
   return box;
 }
+
+struct Sphere {
+  Vec3d center{0, 0, 0};
+  double radius = 0;
+};
 
 /// First and last t of a ray inside a sphere; nullopt where it passes by.
 struct Span {
@@ -267,26 +269,15 @@ SceneExtent MeshRenderer::extent() const {
   if (mesh.face.empty()) return extent;
   extent.box.add(mesh.origin + impl_->box.min);
   extent.box.add(mesh.origin + impl_->box.max);
-
-  // A sphere around the corners in each cell of a grid.
-  const double cell = (impl_->box.max - impl_->box.min).maxCoeff() / kExtentCells;
-  const auto index = [&](double offset) {
-    return static_cast<std::size_t>(std::min(kExtentCells - 1.0, offset / cell));
-  };
-  std::vector<Bounds> parts(kExtentCells * kExtentCells * kExtentCells);
-  for (const auto& face : mesh.face) {
-    for (const std::uint32_t v : face) {
-      const Vec3d corner = mesh.position[v].cast<double>();
-      const Vec3d offset = corner - impl_->box.min;
-      parts[(index(offset.z()) * kExtentCells + index(offset.y())) * kExtentCells +
-            index(offset.x())]
-          .add(corner);
+  extent.support = [&mesh](const Vec3d& a, double /*b*/) {
+    double greatest = -std::numeric_limits<double>::infinity();
+    for (const auto& face : mesh.face) {
+      for (const std::uint32_t v : face) {
+        greatest = std::max(greatest, a.dot(mesh.position[v].cast<double>()));
+      }
     }
-  }
-  for (const Bounds& part : parts) {
-    if (part.empty()) continue;
-    extent.spheres.push_back({mesh.origin + part.center(), part.diagonal() / 2});
-  }
+    return greatest + a.dot(mesh.origin);
+  };
   return extent;
 }
 

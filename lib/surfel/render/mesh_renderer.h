@@ -59,7 +59,7 @@ class SURFEL_API MeshRenderer {
   /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 
-  /// World bounds of the faces, for make_camera(): a box, and spheres around their corners.
+  /// World bounds of the faces, for make_camera(). Refers to the mesh.
   SceneExtent extent() const;
 
  private:

@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <span>
 #include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -65,7 +67,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   const SurfelTotals all = added_up(totals);
   if (!all.transparent) alpha = {};
   if (size_ > 0) mean_deviation_ = all.deviations / static_cast<double>(size_);
-  make_extent(all.reach_min, all.reach_max);
+  make_box(all.reach_min, all.reach_max);
 }
 
 RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed,
@@ -246,7 +248,7 @@ SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Clust
   return sums;
 }
 
-/// The clusters of the levels that are there, with the bounds that they bring, and the extent.
+/// The clusters of the levels that are there, with the bounds that they bring, and their box.
 void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
   const std::size_t finest = first_leaf(tree);
   const std::size_t first = levels ? 0 : finest;
@@ -261,7 +263,7 @@ void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
     cluster.merged = i < finest;
   }
   if (levels) tree_ = tree;
-  make_extent(tree.front().reach_min, tree.front().reach_max);
+  make_box(tree.front().reach_min, tree.front().reach_max);
 }
 
 /// Totals of a cluster of a tree, all of whose surfels must be usable.
@@ -279,14 +281,50 @@ float RenderCloud::larger_deviation(std::size_t i) const {
   return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
 }
 
-/// From the clusters and the box around their discs: the spheres' would be far too large.
-void RenderCloud::make_extent(const Vec3f& reach_min, const Vec3f& reach_max) {
-  for (const Cluster& cluster : clusters_) {
-    if (cluster.merged) continue;
-    const Vec3d center = origin_ + cluster.center.cast<double>();
-    const double radius = static_cast<double>(cluster.radius) + cluster.max_deviation;
-    extent_.spheres.push_back({center, radius});
+SceneExtent RenderCloud::extent() const {
+  SceneExtent extent = extent_;
+  if (!extent.support && !clusters_.empty()) {
+    extent.support = [this](const Vec3d& along, double outward) {
+      return support(along, outward, [this](std::uint32_t c, const Vec3d& a, double b) {
+        return support(clusters_[c].begin, clusters_[c].end, a, b);
+      });
+    };
   }
+  return extent;
+}
+
+/// SceneExtent::support of the finest level. Takes its clusters in the order of what their bounds
+/// allow, until none allows more than what has been found.
+double RenderCloud::support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const {
+  std::vector<std::pair<double, std::uint32_t>> bounds;
+  for (std::uint32_t c = 0; c < clusters_.size(); ++c) {
+    const Cluster& cluster = clusters_[c];
+    if (cluster.merged) continue;
+    bounds.emplace_back(a.dot(cluster.center.cast<double>()) + a.norm() * cluster.radius +
+                            b * cluster.max_deviation,
+                        c);
+  }
+  std::make_heap(bounds.begin(), bounds.end());
+  double greatest = -std::numeric_limits<double>::infinity();
+  for (auto end = bounds.end(); end != bounds.begin() && bounds.front().first > greatest; --end) {
+    greatest = std::max(greatest, of_cluster(bounds.front().second, a, b));
+    std::pop_heap(bounds.begin(), end);
+  }
+  return greatest + a.dot(origin_);
+}
+
+/// The same of surfels [begin, end), relative to the origin.
+double RenderCloud::support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const {
+  double greatest = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = begin; i < end; ++i) {
+    const double reach = a.dot(Vec3d(x[i], y[i], z[i])) + b * larger_deviation(i);
+    if (reach > greatest) greatest = reach;  // Not where NaN.
+  }
+  return greatest;
+}
+
+/// The box around the discs: that of the clusters' spheres would be far too large.
+void RenderCloud::make_box(const Vec3f& reach_min, const Vec3f& reach_max) {
   if (clusters_.empty()) return;
   extent_.box.add(origin_ + reach_min.cast<double>());
   extent_.box.add(origin_ + reach_max.cast<double>());

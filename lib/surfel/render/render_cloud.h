@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/cloud/cloud.h>
 #include <surfel/cloud/usable_surfels.h>
@@ -77,9 +78,9 @@ class SURFEL_API RenderCloud {
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Some surfel has alpha below 1.
   bool transparent() const { return !alpha.empty(); }
-  /// World bounds of the finest level: a box, and a sphere around each cluster's discs at standard
-  /// deviation 1.
-  const SceneExtent& extent() const { return extent_; }
+  /// World bounds of the finest level's discs at standard deviation 1, each within a sphere. They
+  /// depend on the surfels alone, not on their clusters, and refer to this.
+  SceneExtent extent() const;
   /// Groups in use, SP06's K; 0 if groups were not asked for.
   int groups() const { return groups_; }
   /// Mean over the surfels of the larger standard deviation of each; 0 if there are none, and while
@@ -118,7 +119,11 @@ class SURFEL_API RenderCloud {
   void number_groups(const std::string& name);
   void take_clusters(const ClusterTree& tree, bool levels);
   SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
-  void make_extent(const Vec3f& reach_min, const Vec3f& reach_max);
+  void make_box(const Vec3f& reach_min, const Vec3f& reach_max);
+  using ClusterSupport =
+      FunctionRef<double(std::uint32_t cluster, const Vec3d& a, double b)>;
+  double support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const;
+  double support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const;
 
   std::size_t size_ = 0;
   std::size_t first_finest_ = 0;
@@ -129,7 +134,7 @@ class SURFEL_API RenderCloud {
   ClusterTree tree_;
   UnusableSurfels dropped_;
   std::size_t copies_ = 0;
-  SceneExtent extent_;
+  SceneExtent extent_;  ///< With a support function if the surfels are in their file.
 };
 
 }  // namespace surfel
