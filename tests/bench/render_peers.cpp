@@ -1,8 +1,9 @@
 // A frame of ours and what it is measured against, on the same cloud and camera: Z, the one-pixel
 // z-buffer loop over all points in space-filling order, and Embree's oriented discs (nearest hit,
-// coherent packets of 16 rays, no blending). Prints one line a measure: name, threads,
-// milliseconds, the best of --repeats, in turns for ours and Z; `covered` is the number of pixels
-// with something in them.
+// coherent packets of 16 rays, no blending), given to it in that order and, as a scan's points
+// come, in random order: it sorts its hierarchy but not the discs. Prints one line a measure: name,
+// threads, milliseconds, the best of --repeats, in turns for ours and Z; `covered` is the number of
+// pixels with something in them.
 //
 // Usage: render_peers CLOUD [--size WxH] [--threads N] [--repeats N] [--turntable N --view I]
 //                     [--layers N] [--cull-back] [--unlit] [--no-embree] [--lod LEVELS]
@@ -12,11 +13,14 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 #include <omp.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
 #include <surfel/base/timing.h>
 #include <surfel/cloud/morton.h>
 #include <surfel/io/camera.h>
@@ -219,7 +223,9 @@ std::size_t trace(RTCScene scene, const SurfelCloud& cloud, const Camera& camera
   return covered;
 }
 
-void embree(const Settings& s, const SurfelCloud& cloud, const Camera& camera) {
+/// \param name  of the measures: embree and the order of the discs.
+void embree(const Settings& s, const std::string& name, const SurfelCloud& cloud,
+            const Camera& camera) {
   if (cloud.normal.empty()) throw_input(s.cloud, "has no normals; Embree's discs need them");
   const Owned<RTCDevice> device(
       rtcNewDevice(fmt::format("threads={},hugepages=1", s.threads).c_str()));
@@ -228,14 +234,14 @@ void embree(const Settings& s, const SurfelCloud& cloud, const Camera& camera) {
     scene.reset();
     scene = disc_scene(device.get(), cloud);
   });
-  print("embree-build", s.threads, build, "");
+  print(name + "-build", s.threads, build, "");
   std::vector<float> picture(std::size_t{3} * camera.width * camera.height);
   for (const int samples : {1, 4}) {
     std::size_t covered = 0;
     const auto [ms] = best_of(s.repeats, [&] {
       covered = trace(scene.get(), cloud, camera, samples, s.threads, picture);
     });
-    print(fmt::format("embree-trace-{}spp", samples), s.threads, ms,
+    print(fmt::format("{}-trace-{}spp", name, samples), s.threads, ms,
           fmt::format("covered {}", covered));
   }
 }
@@ -258,7 +264,14 @@ void run(const Settings& s) {
                                         : make_camera(s.camera, extent);
   ours_and_z_buffer(s, cloud, surfels, camera);
 #ifdef SURFEL_HAVE_EMBREE
-  if (s.embree) embree(s, cloud, camera);
+  if (s.embree) {
+    embree(s, "embree", cloud, camera);
+    std::iota(order.begin(), order.end(), 0U);
+    std::sort(order.begin(), order.end(), [](std::uint32_t a, std::uint32_t b) {
+      return std::pair(random_bits(1, a), a) < std::pair(random_bits(1, b), b);
+    });
+    embree(s, "embree-random", cloud.gathered(order), camera);
+  }
 #endif
 }
 

@@ -1,8 +1,10 @@
 // From files to pictures without a cloud in between, and piece by piece.
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numeric>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -262,6 +264,27 @@ void expect_same_extent(const SceneExtent& a, const SceneExtent& b) {
   for (const Vec3d& along : {Vec3d(1, 2, -3), Vec3d(-2, 0, 0.5), Vec3d(0.1, -1, 1)}) {
     for (const double outward : {0.0, 1.5, 40.0}) {
       EXPECT_EQ(a.support(along, outward), b.support(along, outward)) << along.transpose();
+    }
+  }
+}
+
+/// The support function is the greatest over the surfels, in whatever order they come.
+TEST_F(StreamedCloud, ReachesAsFarAsItsSurfels) {
+  Array<std::uint32_t> order(cloud_->size());
+  std::iota(order.begin(), order.end(), 0U);
+  std::sort(order.begin(), order.end(),
+            [](std::uint32_t a, std::uint32_t b) { return random_bits(3, a) < random_bits(3, b); });
+  const RenderCloud surfels(*cloud_);
+  const RenderCloud shuffled(cloud_->gathered(order));
+  expect_same_extent(surfels.extent(), shuffled.extent());
+  for (const Vec3d& along : {Vec3d(1, 2, -3), Vec3d(0, -1, 0)}) {
+    for (const double outward : {0.0, 2.5}) {
+      double greatest = -std::numeric_limits<double>::infinity();
+      for (std::size_t i = 0; i < cloud_->size(); ++i) {
+        greatest = std::max(greatest,
+                            along.dot(cloud_->world(i)) + outward * std::sqrt(cloud_->variance[i]));
+      }
+      EXPECT_NEAR(surfels.extent().support(along, outward), greatest, 1e-6);
     }
   }
 }

@@ -29,9 +29,14 @@ SurfelCloud two_spheres() {
 TEST(SimdTarget, EveryInstructionSetGivesTheSamePicture) {
   const SurfelCloud cloud = two_spheres();
   const Camera camera = camera_at(2, 150);
+  const RenderCloud surfels(cloud);
+  const Scene scene;
   const auto picture = [&](std::int64_t target) {
     const TargetsForTest chosen(target);
-    return render_unlit(cloud, camera);
+    Image image = render_unlit(cloud, camera);
+    const Image lit = Renderer(surfels, scene, {}).render(camera);
+    image.data.insert(image.data.end(), lit.data.begin(), lit.data.end());
+    return image;
   };
   // Those that the library has code made for (SURFEL_SIMD_DISABLED in lib/CMakeLists.txt).
   const Image baseline = picture(HWY_STATIC_TARGET);

@@ -61,9 +61,8 @@ float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel)
 float edge_of(TileABuffer& tile, const Fragment& fragment, int pixel) {
   constexpr int kReach = 2;  ///< Pixels; looked at along columns and rows.
   // The sums beyond an edge, by tau: 1 where they are less than the first, 0 where they are more
-  // than the second. Inside a surface they are above it, where its discs just close, too.
+  // than kInsideShare. Inside a surface they are above it, where its discs just close, too.
   constexpr float kOutside = 1.0F / 6;
-  constexpr float kInside = 0.5F;
   // Where both sides have more than this many times the sum, there is a gap, not an edge.
   constexpr float kGap = 1.2F;
   const float weight = fragment.channel[kWeight];
@@ -95,7 +94,8 @@ float edge_of(TileABuffer& tile, const Fragment& fragment, int pixel) {
   look(1, 0);
   look(0, 1);
   if (gap) return 0;
-  return std::clamp((kInside - least / tile.full_weight) / (kInside - kOutside), 0.0F, 1.0F);
+  return std::clamp((kInsideShare - least / tile.full_weight) / (kInsideShare - kOutside), 0.0F,
+                    1.0F);
 }
 
 /// Composites the fragments of a pixel front to back.

@@ -29,6 +29,9 @@ enum FragmentChannel : int {
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 
+/// Where the sums of rho are at least this share of tau all around, a surface has no edge.
+inline constexpr float kInsideShare = 0.5F;
+
 /// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. What a vector of
 /// pixels needs lies together: planes of a whole tile would be a power of two apart, which caches
 /// and the order of loads behind stores suffer from.

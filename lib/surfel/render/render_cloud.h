@@ -120,8 +120,7 @@ class SURFEL_API RenderCloud {
   void take_clusters(const ClusterTree& tree, bool levels);
   SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
   void make_box(const Vec3f& reach_min, const Vec3f& reach_max);
-  using ClusterSupport =
-      FunctionRef<double(std::uint32_t cluster, const Vec3d& a, double b)>;
+  using ClusterSupport = FunctionRef<double(std::uint32_t cluster, const Vec3d& a, double b)>;
   double support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const;
   double support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const;
 

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -13,6 +14,7 @@
 #include <surfel/render/depth_peel.h>
 #include <surfel/render/group_raster.h>
 #include <surfel/render/layer_blend.h>
+#include <surfel/render/plain_pixels.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/splat.h>
@@ -304,6 +306,10 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
                              Image& image) const {
   const std::array<float, 4>& b = options.background;
   const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  std::optional<PlainPixels> plain;
+  if (!options.aovs && !behind && !tile.shader->has_environment()) {
+    plain = resolve_plain_pixels(tile, tile.shader->lighting(), background);
+  }
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
   if (!behind && !tile.shader->has_environment()) {
@@ -313,27 +319,45 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
       nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
     }
   }
+  const auto resolve_one = [&](int pixel, float* out) {
+    if (nothing && tile.at(0, kWeight, pixel) == 0) {
+      std::copy(nothing->begin(), nothing->end(), out);
+      return;
+    }
+    // SP06: I = alpha C_F + (1 - alpha) C_O
+    const Fragment others = behind ? (*behind)[pixel].merged() : Fragment{};
+    PixelResult result = resolve_pixel(tile, pixel, &others);
+    result.color.composite(background);
+    out[0] = result.color.red;
+    out[1] = result.color.green;
+    out[2] = result.color.blue;
+    out[3] = result.color.alpha;
+    if (options.aovs) {
+      out[4] = result.depth;
+      out[5] = result.depth_first;
+      std::copy_n(result.normal, 3, out + 6);
+      out[9] = result.weight;
+    }
+  };
+  const std::size_t channels = image.channels.size();
   for (int y = 0; y < tile.height; ++y) {
-    for (int x = 0; x < tile.width; ++x) {
-      const int pixel = tile_pixel(x, y);
-      float* out = image.pixel(tile.x0 + x, tile.y0 + y);
-      if (nothing && tile.at(0, kWeight, pixel) == 0) {
-        std::copy(nothing->begin(), nothing->end(), out);
-        continue;
+    float* const row = image.pixel(tile.x0, tile.y0 + y);
+    for (int x0 = 0; x0 < tile.width; x0 += kStripWidth) {
+      // Pixels of a row of a strip follow one another in the tile as well.
+      const int first = tile_pixel(x0, y);
+      const int count = std::min(kStripWidth, tile.width - x0);
+      if (plain && count == kStripWidth) {
+        std::memcpy(row + channels * x0, &plain->color[first], sizeof(Rgba) * kStripWidth);
+        const float* left = &plain->left[first];
+        if (left[0] + left[1] + left[2] + left[3] == 0) continue;
       }
-      // SP06: I = alpha C_F + (1 - alpha) C_O
-      const Fragment others = behind ? (*behind)[pixel].merged() : Fragment{};
-      PixelResult result = resolve_pixel(tile, pixel, &others);
-      result.color.composite(background);
-      out[0] = result.color.red;
-      out[1] = result.color.green;
-      out[2] = result.color.blue;
-      out[3] = result.color.alpha;
-      if (options.aovs) {
-        out[4] = result.depth;
-        out[5] = result.depth_first;
-        std::copy_n(result.normal, 3, out + 6);
-        out[9] = result.weight;
+      for (int i = 0; i < count; ++i) {
+        float* out = row + channels * (x0 + i);
+        if (plain && plain->left[first + i] == 0) {
+          std::memcpy(out, &plain->color[first + i], sizeof(Rgba));
+        } else {
+          resolve_one(first + i, out);
+        }
       }
     }
   }

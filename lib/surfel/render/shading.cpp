@@ -22,6 +22,16 @@ float dielectric_reflectance(float ior, float cosine) {
   return 0.5F * (perpendicular * perpendicular + parallel * parallel);
 }
 
+void to_plain(const Vec3f& from, float* to) { std::copy_n(from.data(), 3, to); }
+
+Lighting::Light plain_light(const Vec3f& vector, const Vec3f& color, bool point) {
+  Lighting::Light light{};
+  light.point = point;
+  to_plain(vector, light.vector);
+  to_plain(color, light.color);
+  return light;
+}
+
 }  // namespace
 
 Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> ior, float cosine) {
@@ -89,13 +99,32 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
   }
   for (const Light& light : scene->lights) {
     if (light.type == Light::Type::kPoint) {
-      lights_.push_back({(light.vector - camera.eye).cast<float>(), light.color, true});
+      lights_.push_back(plain_light((light.vector - camera.eye).cast<float>(), light.color, true));
       continue;
     }
     const Vec3d along = light.type == Light::Type::kHeadlight
                             ? Vec3d(camera.camera_from_world.transpose() * light.vector)
                             : light.vector;
-    lights_.push_back({(-along.normalized()).cast<float>(), light.color, false});
+    lights_.push_back(plain_light((-along.normalized()).cast<float>(), light.color, false));
+  }
+  for (const Material& material : scene->materials) {
+    Lighting::Reflection& plain = materials_.emplace_back();
+    to_plain(material.ambient.cwiseProduct(scene->ambient), plain.ambient);
+    to_plain(material.diffuse, plain.diffuse);
+    to_plain(material.specular, plain.specular);
+    plain.shininess = material.shininess;
+  }
+  lighting_.lights = lights_.data();
+  lighting_.light_count = lights_.size();
+  lighting_.materials = materials_.data();
+  lighting_.material_count = materials_.size();
+  lighting_.inv_focal_x = inv_focal_x_;
+  lighting_.inv_focal_y = inv_focal_y_;
+  lighting_.center_x = center_x_;
+  lighting_.center_y = center_y_;
+  lighting_.orthographic = orthographic_;
+  for (int row = 0; row < 3; ++row) {
+    to_plain(world_from_camera_.row(row).transpose(), lighting_.world_from_camera[row]);
   }
 }
 
@@ -211,23 +240,24 @@ Vec3f Shader::lit_color(const Vec3f& color, const Surface& surface, float x, flo
   const Vec3f& to_eye = surface.to_eye;
   Vec3f diffuse = material.ambient.cwiseProduct(scene_->ambient);
   Vec3f specular(0, 0, 0);
-  for (const LightInWorld& light : lights_) {
-    Vec3f to_light = light.vector;
+  for (const Lighting::Light& light : lights_) {
+    const Vec3f light_color(light.color);
+    Vec3f to_light(light.vector);
     if (light.point) {
       Vec3f place = ray(x, y) * z(depth);
       if (orthographic_) {
         place += world_from_camera_ *
                  Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 0);
       }
-      to_light = (light.vector - place).normalized();
+      to_light = (to_light - place).normalized();
     }
     const float cosine = normal.dot(to_light);
     if (!(cosine > 0)) continue;
-    diffuse += cosine * material.diffuse.cwiseProduct(light.color);
+    diffuse += cosine * material.diffuse.cwiseProduct(light_color);
     if (!material.specular.isZero()) {
       const float half_cosine = std::max(0.0F, normal.dot((to_light + to_eye).normalized()));
       specular +=
-          std::pow(half_cosine, material.shininess) * material.specular.cwiseProduct(light.color);
+          std::pow(half_cosine, material.shininess) * material.specular.cwiseProduct(light_color);
     }
   }
   return color.cwiseProduct(diffuse) + specular;

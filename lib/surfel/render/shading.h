@@ -11,6 +11,7 @@
 #include <surfel/io/camera.h>
 #include <surfel/io/scene.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/lighting.h>
 
 namespace surfel {
 
@@ -88,9 +89,13 @@ class SURFEL_API Shader {
   ///                 filtered with it; 0 where several rays a pixel are going to be.
   /// Throws Error(kUsage) if the scene's environment has not been loaded.
   Shader(const Scene* scene, const Camera& camera, double lowpass = 0);
+  Shader(const Shader&) = delete;
+  Shader& operator=(const Shader&) = delete;
 
   bool lit() const { return scene_ != nullptr; }
   bool has_environment() const { return environment_ != nullptr; }
+  /// What fragments are lit by; null if unlit. Refers to the shader.
+  const Lighting* lighting() const { return lit() ? &lighting_ : nullptr; }
 
   /// Colour of an unmerged fragment seen at picture coordinates (x, y), pixels, pixel centres at
   /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
@@ -135,14 +140,11 @@ class SURFEL_API Shader {
   /// Of the environment, from a direction in the world.
   Vec3f radiance(const Vec3f& direction, float variance) const;
 
-  struct LightInWorld {
-    Vec3f vector;  ///< Towards the light, unit; of point lights the place relative to the eye.
-    Vec3f color;
-    bool point;
-  };
   const Scene* scene_;
   const Environment* environment_ = nullptr;
-  std::vector<LightInWorld> lights_;
+  std::vector<Lighting::Light> lights_;
+  std::vector<Lighting::Reflection> materials_;
+  Lighting lighting_{};
   Eigen::Matrix3f world_from_camera_;
   Eigen::Matrix3f map_from_world_;  ///< The environment's rotation, undone.
   float ray_variance_;  ///< Of a ray's direction in its pixel, along an axis, radians^2.

@@ -1,0 +1,286 @@
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+#include <surfel/render/plain_pixels.h>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "surfel/render/plain_pixels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+// After the above, which decides on the target.
+#include <hwy/contrib/math/math-inl.h>
+#include <surfel/render/kernel_raster-inl.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace surfel {
+namespace HWY_NAMESPACE {
+namespace {
+
+using Tags = hn::RebindToUnsigned<D>;
+
+struct V3 {
+  V x, y, z;
+};
+HWY_INLINE V3 set(const float* v) {
+  return {hn::Set(D(), v[0]), hn::Set(D(), v[1]), hn::Set(D(), v[2])};
+}
+HWY_INLINE V3 operator+(const V3& a, const V3& b) {
+  return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
+}
+HWY_INLINE V3 operator-(const V3& a, const V3& b) {
+  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+}
+HWY_INLINE V3 operator*(V s, const V3& a) {
+  return {hn::Mul(s, a.x), hn::Mul(s, a.y), hn::Mul(s, a.z)};
+}
+HWY_INLINE V3 operator*(const V3& a, const V3& b) {
+  return {hn::Mul(a.x, b.x), hn::Mul(a.y, b.y), hn::Mul(a.z, b.z)};
+}
+HWY_INLINE V dot(const V3& a, const V3& b) {
+  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
+}
+HWY_INLINE V3 normalized(const V3& a) { return hn::Div(hn::Set(D(), 1), hn::Sqrt(dot(a, a))) * a; }
+HWY_INLINE V3 select(M mask, const V3& yes, const V3& no) {
+  return {hn::IfThenElse(mask, yes.x, no.x), hn::IfThenElse(mask, yes.y, no.y),
+          hn::IfThenElse(mask, yes.z, no.z)};
+}
+
+/// A channel of a layer's fragments in a vector of pixels.
+HWY_INLINE V channel(const TileABuffer& tile, int layer, std::size_t pixel, FragmentChannel c) {
+  return hn::Load(D(), tile.fragment(layer, pixel) + c * kPatchPixels);
+}
+HWY_INLINE V3 channels(const TileABuffer& tile, int layer, std::size_t pixel,
+                       FragmentChannel first) {
+  const float* from = tile.fragment(layer, pixel) + first * kPatchPixels;
+  const D d;
+  return {hn::Load(d, from), hn::Load(d, from + kPatchPixels),
+          hn::Load(d, from + 2 * kPatchPixels)};
+}
+
+HWY_INLINE hn::Vec<Tags> tag_bits(V tag, std::uint32_t bits) {
+  return hn::And(hn::BitCast(Tags(), tag), hn::Set(Tags(), bits));
+}
+
+/// Nearest fragments of a vector of pixels.
+struct Nearest {
+  V weight;  ///< 0: the pixel has none.
+  V depth;
+  V3 color;
+  V alpha, tag;
+  V3 normal;  ///< Only in shaded pictures.
+  M alone;    ///< It is the only one.
+  V sum;      ///< Of the weights of all unmerged ones.
+};
+
+Nearest nearest(const TileABuffer& tile, std::size_t pixel) {
+  const D d;
+  const V zero = hn::Zero(d);
+  const V3 none{zero, zero, zero};
+  Nearest out{zero, hn::Set(d, -__builtin_inff()), none, zero, zero, none, hn::Eq(zero, zero),
+              zero};
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const V weight = channel(tile, layer, pixel, kWeight);
+    const M used = hn::Ne(weight, zero);
+    if (hn::AllFalse(d, used)) break;
+    if (layer > 0) out.alone = hn::AndNot(used, out.alone);
+    out.sum = hn::Add(out.sum, hn::Max(weight, zero));
+    const M merged = hn::Lt(weight, zero);
+    const V weighted_depth = channel(tile, layer, pixel, kDepth);
+    const V depth = hn::IfThenElse(merged, weighted_depth, hn::Div(weighted_depth, weight));
+    const M nearer = hn::And(used, hn::Gt(depth, out.depth));
+    const V alpha = tile.layout.opaque ? weight : channel(tile, layer, pixel, kAlpha);
+    out.weight = hn::IfThenElse(nearer, weight, out.weight);
+    out.depth = hn::IfThenElse(nearer, depth, out.depth);
+    out.color = select(nearer, channels(tile, layer, pixel, kRed), out.color);
+    out.alpha = hn::IfThenElse(nearer, alpha, out.alpha);
+    out.tag = hn::IfThenElse(nearer, channel(tile, layer, pixel, kTag), out.tag);
+    if (tile.layout.normals) {
+      out.normal = select(nearer, channels(tile, layer, pixel, kNormalX), out.normal);
+    }
+  }
+  return out;
+}
+
+/// Is the whole tile inside a surface? It shows one side of one everywhere, and the sums of rho
+/// are such that none of its pixels is taken for an edge, whatever the tiles around hold: their
+/// sums are extrapolated from two pixels', and an edge has less than half of tau.
+bool shows_no_edge(const TileABuffer& tile) {
+  const D d;
+  if (tile.width < kTileSize || tile.height < kTileSize) return false;
+  const auto side = tag_bits(channel(tile, 0, 0, kTag), kFrontTag);
+  V least = channel(tile, 0, 0, kWeight);
+  V greatest = least;
+  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+    const V weight = channel(tile, 0, pixel, kWeight);
+    least = hn::Min(least, weight);
+    greatest = hn::Max(greatest, weight);
+    const V behind = tile.layout.layers > 1 ? channel(tile, 1, pixel, kWeight) : hn::Zero(d);
+    const auto other_side = hn::Xor(side, tag_bits(channel(tile, 0, pixel, kTag), kFrontTag));
+    if (!hn::AllTrue(d, hn::Eq(behind, hn::Zero(d))) ||
+        !hn::AllTrue(Tags(), hn::Eq(other_side, hn::Zero(Tags())))) {
+      return false;
+    }
+  }
+  const float low = hn::GetLane(hn::MinOfLanes(d, least));
+  const float high = hn::GetLane(hn::MaxOfLanes(d, greatest));
+  return low > 0 && low * low >= kInsideShare * tile.full_weight * high;
+}
+
+/// Lights fragments of a vector of pixels as Shader::shade() does.
+class Lamps {
+ public:
+  Lamps(const Lighting& lighting, const TileABuffer& tile)
+      : lighting_(lighting),
+        right_(column(0)),
+        down_(column(1)),
+        forward_(column(2)),
+        x_(static_cast<float>(tile.x0) + 0.5F - lighting.center_x),
+        y_(static_cast<float>(tile.y0) + 0.5F - lighting.center_y) {}
+
+  const Lighting::Reflection& material(std::uint32_t tag) const {
+    return lighting_
+        .materials[std::min<std::size_t>(tag >> kMaterialShift, lighting_.material_count - 1)];
+  }
+
+  /// Their colours, unpremultiplied.
+  V3 light(const Nearest& at, std::size_t pixel, const Lighting::Reflection& material) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    const auto first = static_cast<int>(pixel);
+    const V x = hn::Add(hn::Load(d, kColumnOfLane),
+                        hn::Set(d, x_ + static_cast<float>(tile_pixel_x(first))));
+    const V y =
+        hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y_ + static_cast<float>(tile_pixel_y(first))));
+    const V3 across = hn::Mul(x, hn::Set(d, lighting_.inv_focal_x)) * right_ +
+                      hn::Mul(y, hn::Set(d, lighting_.inv_focal_y)) * down_;
+    const V3 ray = lighting_.orthographic ? forward_ : across + forward_;
+    const V3 to_eye = hn::Set(d, -1) * normalized(ray);
+    const M has_normal = hn::Gt(dot(at.normal, at.normal), zero);
+    V3 normal = select(has_normal, normalized(at.normal), to_eye);
+    normal = select(hn::Lt(dot(normal, to_eye), zero), hn::Set(d, -1) * normal, normal);
+
+    const V3 material_diffuse = set(material.diffuse);
+    const V3 material_specular = set(material.specular);
+    const bool shiny =
+        material.specular[0] != 0 || material.specular[1] != 0 || material.specular[2] != 0;
+    V3 diffuse = set(material.ambient);
+    V3 specular{zero, zero, zero};
+    for (std::size_t i = 0; i < lighting_.light_count; ++i) {
+      const Lighting::Light& light = lighting_.lights[i];
+      V3 to_light = set(light.vector);
+      if (light.point) {
+        const V3 place = lighting_.orthographic ? across + hn::Neg(at.depth) * forward_
+                                                : hn::Div(hn::Set(d, 1), at.depth) * ray;
+        to_light = normalized(to_light - place);
+      }
+      const V cosine = hn::Max(dot(normal, to_light), zero);
+      diffuse = diffuse + cosine * (material_diffuse * set(light.color));
+      if (!shiny) continue;
+      const V half_cosine = dot(normal, normalized(to_light + to_eye));
+      const V power =
+          hn::IfThenElseZero(hn::Gt(cosine, zero), pow(half_cosine, material.shininess));
+      specular = specular + power * (material_specular * set(light.color));
+    }
+    const V3 color = hn::Div(hn::Set(d, 1), at.alpha) * at.color;
+    return color * diffuse + specular;
+  }
+
+ private:
+  V3 column(int c) const {
+    const auto& m = lighting_.world_from_camera;
+    const float v[] = {m[0][c], m[1][c], m[2][c]};
+    return set(v);
+  }
+
+  /// x to an exponent, of x from 0 to 1; less counts as 0.
+  static V pow(V x, float exponent) {
+    const D d;
+    // 0 to the power of 0 is 1; the least is far below what any exponent makes of a visible share.
+    const V base = hn::Max(x, hn::Set(d, 1e-30F));
+    return hn::Exp(d, hn::Mul(hn::Set(d, exponent), hn::Log(d, base)));
+  }
+
+  const Lighting& lighting_;
+  const V3 right_, down_, forward_;
+  const float x_, y_;  ///< Of the tile's first pixel, from the principal point.
+};
+
+}  // namespace
+
+void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, const Rgba& background,
+                               PlainPixels& out) {
+  const D d;
+  const V zero = hn::Zero(d);
+  const V one = hn::Set(d, 1);
+  const V full_weight = hn::Set(d, tile.full_weight);
+  const bool no_edge = shows_no_edge(tile);
+  // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
+  const V opaque = hn::Set(d, 1 - 1e-5F);
+  float sum = 0;
+  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+    const Nearest at = nearest(tile, pixel);
+    const M none = hn::Eq(at.weight, zero);
+    const V inv_weight = hn::Div(one, hn::IfThenElse(none, one, at.weight));
+    const V coverage = hn::Min(one, hn::Div(at.weight, full_weight));
+    const V alpha = hn::Mul(at.alpha, inv_weight);
+    const V opacity = hn::Mul(alpha, coverage);
+    const M hides = hn::And(hn::Ge(at.weight, full_weight), hn::Ge(alpha, opaque));
+    const M not_filtered =
+        hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
+    M shows = hn::And(hn::Gt(at.weight, zero), hn::Or(at.alone, hides));
+    if (!no_edge) {
+      const M inside = hn::Or(not_filtered, hn::Ge(at.weight, hn::Set(d, tile.edge_weight)));
+      shows = hn::And(shows, inside);
+    }
+    V3 color = hn::Mul(inv_weight, coverage) * at.color;
+    if (lighting) {
+      // Of one material at a time: the others are left.
+      const std::intptr_t first = hn::FindFirstTrue(d, shows);
+      if (first >= 0) {
+        const Lamps lamps(*lighting, tile);
+        const std::uint32_t tag =
+            hn::ExtractLane(hn::BitCast(Tags(), at.tag), static_cast<std::size_t>(first));
+        const std::uint32_t material = ~std::uint32_t{0} << kMaterialShift;
+        shows = hn::And(shows, hn::RebindMask(d, hn::Eq(tag_bits(at.tag, material),
+                                                        hn::Set(Tags(), tag & material))));
+        const V3 lit = lamps.light(at, pixel, lamps.material(tag));
+        color = opacity * lit;
+        // Of what has no colour of its own nothing is seen.
+        color = select(hn::Gt(at.alpha, zero), color, {zero, zero, zero});
+      }
+    }
+    const M done = hn::Or(none, shows);
+    sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(done, at.sum)));
+    const V3 shown = select(none, {zero, zero, zero}, color);
+    const V shown_opacity = hn::IfThenZeroElse(none, opacity);
+    const V transmitted = hn::Sub(one, shown_opacity);
+    const auto over = [&](V front, float back)
+                          HWY_ATTR { return hn::MulAdd(transmitted, hn::Set(d, back), front); };
+    hn::StoreInterleaved4(over(shown.x, background.red), over(shown.y, background.green),
+                          over(shown.z, background.blue), over(shown_opacity, background.alpha), d,
+                          &out.color[pixel].red);
+    hn::Store(hn::IfThenZeroElse(done, one), d, &out.left[pixel]);
+  }
+  tile.merges.total_weight += sum;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace surfel
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace surfel {
+
+HWY_EXPORT(resolve_plain_pixels_simd);
+
+PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,
+                                 const Rgba& background) {
+  PlainPixels out;
+  HWY_DYNAMIC_DISPATCH(resolve_plain_pixels_simd)(tile, lighting, background, out);
+  return out;
+}
+
+}  // namespace surfel
+#endif

@@ -1,0 +1,118 @@
+// With AOVs every pixel is resolved by resolve_pixel(), without them most are not.
+
+#include <gtest/gtest.h>
+
+#include "render/scenes.h"
+
+namespace surfel::test {
+namespace {
+
+constexpr int kSize = 150;  // Not a multiple of a tile's.
+
+void expect_same_colors(const SurfelCloud& cloud, const Scene& scene, const Camera& camera,
+                        RenderOptions options) {
+  const RenderCloud surfels(cloud);
+  const auto picture = [&](bool aovs) {
+    options.aovs = aovs;
+    Renderer renderer(surfels, scene, options);
+    return renderer.render(camera);
+  };
+  const Image plain = picture(false);
+  const Image truth = picture(true);
+  ASSERT_EQ(plain.channels.size(), 4U);
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      for (int c = 0; c < 4; ++c) {
+        // Rounding, of powers of cosines above all.
+        ASSERT_NEAR(plain.pixel(x, y)[c], truth.pixel(x, y)[c], 2e-5) << x << " " << y << " " << c;
+      }
+    }
+  }
+}
+
+/// A sphere in front of a plane, and another one that sticks through the plane.
+SurfelCloud spheres_and_plane() {
+  SurfelCloud cloud = jittered_plane(200, 1.2, 0.3);
+  const auto add = [&](const SurfelCloud& sphere, const Vec3f& place) {
+    for (std::size_t i = 0; i < sphere.size(); ++i) {
+      add_surfel(cloud, sphere.position[i] + place, sphere.normal[i], sphere.variance[i],
+                 sphere.area[i], sphere.coefficient[i]);
+    }
+  };
+  add(fibonacci_sphere(20000, 0.5, {0.9F, 0.4F, 0.1F}), {0.2F, 0.1F, 0.8F});
+  add(fibonacci_sphere(6000, 0.3, {0.1F, 0.3F, 0.8F}), {-0.7F, -0.6F, 0});
+  return cloud;
+}
+
+TEST(PlainPixels, AreWhatCompositingMakesOfThem) {
+  const Scene scene;
+  for (const float alpha : {1.0F, 0.6F}) {
+    SurfelCloud cloud = spheres_and_plane();
+    cloud.alpha.assign(cloud.size(), alpha);
+    for (const Camera& camera : {camera_at(2.6, kSize), square_camera(kSize)}) {
+      for (const int layers : {1, 3}) {
+        for (const bool lit : {false, true}) {
+          RenderOptions options;
+          options.layers = layers;
+          options.lit = lit;
+          options.background = {0.2F, 0.4F, 0.6F, 0.5F};
+          SCOPED_TRACE(testing::Message()
+                       << alpha << " " << camera.orthographic << " " << layers << " " << lit);
+          expect_same_colors(cloud, scene, camera, options);
+        }
+      }
+    }
+  }
+}
+
+TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
+  Scene scene;
+  scene.ambient = {0.1F, 0.2F, 0.05F};
+  scene.lights = {{Light::Type::kHeadlight, {0.3, 0.4, 1}, {0.5F, 0.4F, 0.3F}},
+                  {Light::Type::kDirectional, {-1, -0.5, -0.2}, {0.2F, 0.4F, 0.5F}},
+                  {Light::Type::kPoint, {0.5, 1, 2}, {0.6F, 0.1F, 0.4F}}};
+  for (const float shininess : {0.0F, 8.0F, 300.0F}) {
+    Material& material = scene.materials.emplace_back();
+    material.ambient = {0.5F, 1, 0.2F};
+    material.diffuse = {0.3F, 0.9F, 0.6F};
+    material.specular = {0.4F, 0.2F, 0.8F};
+    material.shininess = shininess;
+  }
+  SurfelCloud cloud = spheres_and_plane();
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.material.push_back(cloud.position[i].x() > 0 ? static_cast<std::uint16_t>(1 + i % 3) : 0);
+  }
+  // What has no direction looks at the eye.
+  for (std::size_t i = 0; i < cloud.size(); i += 5) {
+    if (cloud.position[i].y() > 0.3F) cloud.normal[i].setZero();
+  }
+  for (const Camera& camera : {camera_at(2.6, kSize), square_camera(kSize)}) {
+    expect_same_colors(cloud, scene, camera, {});
+  }
+}
+
+/// Discs that do not overlap: the sums of rho are less than tau between them.
+TEST(PlainPixels, AreThinWhereTheSurfaceIs) {
+  const Scene scene;
+  RenderOptions options;
+  options.lit = false;
+  SurfelCloud cloud = jittered_plane(40, 1.2, 0.3);
+  for (float& v : cloud.variance) v *= 0.2F;
+  expect_same_colors(cloud, scene, camera_at(2.6, kSize), options);
+  cloud = fibonacci_sphere(400, 0.8, {0.5F, 0.6F, 0.7F});
+  expect_same_colors(cloud, scene, camera_at(2.6, kSize), options);
+}
+
+/// A surface that ends at every column of a tile: its last pixels are thin while all around is not.
+TEST(PlainPixels, KnowAnEdgeNextToTheirTile) {
+  const Scene scene;
+  RenderOptions options;
+  options.lit = false;
+  for (int column = 0; column < kTileSize; ++column) {
+    const double half = 0.8 + column * 2.0 / kSize;
+    expect_same_colors(jittered_plane(260, half, 0.2), scene, square_camera(kSize), options);
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
