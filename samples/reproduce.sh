@@ -188,7 +188,7 @@ make_ss01_7() {
   run "surfel-generate transparent --count $(of 2000000) -o transparent-more.ply"
   local view="--layers 8 --from 0,0.15,1 --size 320x320 --cutoff 2 $white"
   local near="--target=-0.75,0.1,0 --zoom 7 $view"
-  run "surfel-render transparent.ply --zoom 1.3 $view -o 7.png"
+  run "surfel-render transparent.ply $view -o 7.png"
   run "surfel-render transparent.ply $near -o 7-near.png"
   run "surfel-render transparent.ply --depth-epsilon 0.5 $near -o 7-epsilon.png"
   run "surfel-render transparent-more.ply $near -o 7-more.png"
@@ -290,7 +290,7 @@ make_sp06_8() {
     what differs at 0.4, ten times amplified. The specks along rims: a group keeps one fragment of a pixel, so that what lies behind a rim is
     lost with few groups."
   surfels dragon_vrip_res2.ply 300000 dragon.ply
-  local view="$body_view --zoom 1.15 --size 360x260" overlap
+  local view="$body_view --size 360x260" overlap
   run "surfel-render dragon.ply $view -o 8.png"
   tiles
   tile 8.png "standard blending (A-buffer)"
@@ -376,7 +376,7 @@ make_sp06_12() {
   run "surfel-group dragon.ply --groups 4 -o dragon-plain.ply"
   local scene="--scene configs/scene-balls.toml" groups
   local -A name=([covered]="covering groups" [plain]="groups as they are")
-  local view="$scene $body_view --zoom 1.15 --size 360x260"
+  local view="$scene $body_view --size 360x260"
   run "surfel-render dragon.ply --method depth-peel --peel 16 $view -o 12a.png"
   for groups in covered plain; do
     run "surfel-render dragon-$groups.ply --method transparent-high $view -o 12b-$groups.png"

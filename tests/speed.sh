@@ -41,6 +41,8 @@ for section in "${chosen[@]}"; do
     exit 2
   }
 done
+# Threads of the peers' loops would otherwise keep a core busy for milliseconds after their turn.
+export OMP_WAIT_POLICY=passive
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
@@ -89,7 +91,7 @@ thread_row() {
 }
 # frame_rows WORK FILE MUST AIM BOUND OPTION...: a frame of render_peers by Z, by one thread, and by Embree's discs.
 frame_rows() {
-  local name=$1 file=$2 must=$3 aim=$4 bound=$5 threads spp two
+  local name=$1 file=$2 must=$3 aim=$4 bound=$5 threads spp two order peer
   shift 5
   local command=(render_peers "${file##*/}" --size 512x512 --unlit "$@")
   for threads in 1 2; do
@@ -101,10 +103,15 @@ frame_rows() {
   times_row "$name" "$two" "one pixel a point" "$(time_of 2 z-buffer)" Z "$must" "$aim" "$bound" "${command[*]}"
   thread_row "$two" "$(time_of 1 surfelkit)" "blocks of unequal work" "${command[*]}"
   [[ -n $(time_of 2 embree-trace-1spp) ]] || return 0
-  for spp in 1 4; do
-    printf '| the same, by Embree, rays a pixel: %s | %.1f ms | trace alone %.1f ms | %s x | - | %s | %s | `%s` |\n' \
-      $spp "$two" "$(time_of 2 embree-trace-${spp}spp)" "$(calc "$(time_of 2 embree-trace-${spp}spp) / $two")" \
-      "$([[ $spp = 1 ]] && echo "4 x | 6 x" || echo "- | -")" "$bound" "${command[*]}"
+  # The targets are of discs in random order.
+  for order in random space-filling; do
+    [[ $order = random ]] && peer=embree-random || peer=embree
+    for spp in 1 4; do
+      printf '| the same, by Embree, discs in %s order, rays a pixel: %s | %.1f ms | trace alone %.1f ms | %s x | - | %s | %s | `%s` |\n' \
+        $order $spp "$two" "$(time_of 2 "$peer-trace-${spp}spp")" \
+        "$(calc "$(time_of 2 "$peer-trace-${spp}spp") / $two")" \
+        "$([[ $order$spp = random1 ]] && echo "4 x | 6 x" || echo "- | -")" "$bound" "${command[*]}"
+    done
   done
 }
 

@@ -5,6 +5,8 @@
 // threads, milliseconds, the best of --repeats, in turns for ours and Z; `covered` is the number of
 // pixels with something in them.
 //
+// Run it with OMP_WAIT_POLICY=passive: else the loop's threads keep a core busy after their turn.
+//
 // Usage: render_peers CLOUD [--size WxH] [--threads N] [--repeats N] [--turntable N --view I]
 //                     [--layers N] [--cull-back] [--unlit] [--no-embree] [--lod LEVELS]
 
