@@ -30,7 +30,7 @@ for filter in "${filters[@]}"; do
 done
 "$bin/surfel-render" "$work/plane.ply" -o "$work/reference.exr" --reference "${view[@]}"
 "$bin/surfel-render" "$work/plane.ply" -o "$work/reference.png" --reference "${view[@]}" --background 1,1,1,1
-oiiotool "$work"/{ewa,circular,none,reference}.png --mosaic:pad=4 2x2 -o "$(dirname "$out")/filters.png"
+oiiotool --nosoftwareattrib "$work"/{ewa,circular,none,reference}.png --mosaic:pad=4 2x2 -o "$(dirname "$out")/filters.png"
 psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \([0-9]*\.\{0,1\}[0-9]\{0,1\}\)[0-9]*.*/\1/p' | head -1; }
 
 {

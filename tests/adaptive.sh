@@ -106,7 +106,7 @@ close=(--eye 0.9,0.55,-2 --target 0.05,0.4,-0.2 --fov 34 --size 400x400 --backgr
 picture "$work/u.ply" u.png
 picture "$work/a.ply" a.png
 "$tools/surfel-render" --mesh "$mesh" --image "$image" -o "$work/m.png" "${close[@]}"
-oiiotool "$work"/{u,a,m}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/adaptive.png"
+oiiotool --nosoftwareattrib "$work"/{u,a,m}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/adaptive.png"
 {
   cat <<'TEXT'
 # Adaptive spacing: measured

@@ -48,6 +48,6 @@ sheet_row brain "$m/brain_tristrips.ply" 0,0,1 0.3,-1,0.4 1,0.05,0.1
 sheet_row mri_head "$m/mri_head_surface.ply" 0,-1,0 -1,-0.1,0.5 0.1,-0.05,1
 
 mkdir -p "$(dirname "$output")"
-oiiotool "${tiles[@]}" --mosaic:pad=2 "4x$((${#tiles[@]} / 4))" --compression jpeg:85 -o "$work/sheet.jpg"
+oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=2 "4x$((${#tiles[@]} / 4))" --compression jpeg:85 -o "$work/sheet.jpg"
 mv "$work/sheet.jpg" "$output"
 echo "$output"

@@ -50,7 +50,7 @@ figure() {
         --background 1,1,1,1 --quiet
     done
   done
-  oiiotool "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B --attrib png:compressionLevel 9 \
+  oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B --attrib png:compressionLevel 9 \
     -o "$root/docs/figure6.png"
   cat <<'TEXT'
 ## SS01 figure 6

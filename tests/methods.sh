@@ -256,7 +256,7 @@ tile b3 head-0.4 "${near[@]}" --voronoi windowed
 tile c1 t --method depth-peel --peel 16
 tile c2 tg --method transparent-high
 tile c3 tg --method transparent
-oiiotool "${tiles[@]}" --mosaic:pad=2 3x3 -o "$(dirname "$out")/methods.png"
+oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=2 3x3 -o "$(dirname "$out")/methods.png"
 
 # SP06 figures 1 and 13.
 tiles=()
@@ -269,7 +269,7 @@ glass=(--scene "$root/configs/scene-glass-balls.toml")
 tile e1 balls-g "${body[@]}" --method transparent-high "${glass[@]}" --refraction single
 tile e2 balls-g "${body[@]}" --method transparent-high "${glass[@]}"
 tile e3 balls "${body[@]}" --method depth-peel --peel 16 "${glass[@]}"
-oiiotool "${tiles[@]}" --mosaic:pad=2 3x2 -o "$(dirname "$out")/balls.png"
+oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=2 3x2 -o "$(dirname "$out")/balls.png"
 
 # SP06 figure 14: each surface refracts or the nearest alone, whole and near by.
 tiles=()
@@ -280,4 +280,4 @@ for near in 1 3; do
   tile "f$near-multi" body-g "${glass[@]}" --method transparent-high --zoom "$near"
   tile "f$near-peel" body "${glass[@]}" --method depth-peel --peel 16 --zoom "$near"
 done
-oiiotool "${tiles[@]}" --mosaic:pad=2 3x2 -o "$(dirname "$out")/refraction.png"
+oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=2 3x2 -o "$(dirname "$out")/refraction.png"

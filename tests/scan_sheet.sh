@@ -30,5 +30,5 @@ scan raw_scans/bun000_range_grid.ply "viewpoint --viewpoint 0,0.1,1" 0,0,1 0,1,0
 scan lidar/samp11-utm.pcd up 0.3,-1,0.8 0,0,1
 scan raw_scans/kitten.xyz outward 0.3,0.2,1 0,1,0
 scan raw_scans/oni.xyz align 0.3,0.2,1 0,1,0
-oiiotool "${tiles[@]}" --mosaic:pad=4 3x3 --compression jpeg:88 -o "$output"
+oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=4 3x3 --compression jpeg:88 -o "$output"
 echo "$output"

@@ -110,7 +110,7 @@ run spot
 picture "$work/lion.ply" full.png
 picture "$work/lion.s8.ply" simplified.png
 picture "$work/lion.e8.ply" even.png
-oiiotool "$work"/{full,simplified,even}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/simplify.png"
+oiiotool --nosoftwareattrib "$work"/{full,simplified,even}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/simplify.png"
 {
   cat <<'TEXT'
 # Simplification: measured

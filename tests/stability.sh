@@ -39,7 +39,7 @@ picture flicker:64 flicker-published --filter none
 picture flicker:64 flicker-ours
 picture flicker:64 flicker-truth --reference --samples 4
 pictures+=("$work"/flicker-{published,ours,truth}.png)
-oiiotool "${pictures[@]}" --mosaic:pad=4 3x3 -o "$(dirname "$out")/stability.png"
+oiiotool --nosoftwareattrib "${pictures[@]}" --mosaic:pad=4 3x3 -o "$(dirname "$out")/stability.png"
 
 {
   echo "# Stability: where methods fail"
