@@ -71,7 +71,7 @@ TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   scene.lights = {{Light::Type::kHeadlight, {0.3, 0.4, 1}, {0.5F, 0.4F, 0.3F}},
                   {Light::Type::kDirectional, {-1, -0.5, -0.2}, {0.2F, 0.4F, 0.5F}},
                   {Light::Type::kPoint, {0.5, 1, 2}, {0.6F, 0.1F, 0.4F}}};
-  for (const float shininess : {0.0F, 8.0F, 300.0F}) {
+  for (const float shininess : {0.0F, 0.01F, 8.0F, 300.0F}) {
     Material& material = scene.materials.emplace_back();
     material.ambient = {0.5F, 1, 0.2F};
     material.diffuse = {0.3F, 0.9F, 0.6F};
@@ -80,7 +80,7 @@ TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   }
   SurfelCloud cloud = spheres_and_plane();
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    cloud.material.push_back(cloud.position[i].x() > 0 ? static_cast<std::uint16_t>(1 + i % 3) : 0);
+    cloud.material.push_back(cloud.position[i].x() > 0 ? static_cast<std::uint16_t>(1 + i % 4) : 0);
   }
   // What has no direction looks at the eye.
   for (std::size_t i = 0; i < cloud.size(); i += 5) {

@@ -194,12 +194,13 @@ class Lamps {
     return set(v);
   }
 
-  /// x to an exponent, of x from 0 to 1; less counts as 0.
+  /// x to an exponent >= 0, of x from 0 to 1; less counts as 0.
   static V pow(V x, float exponent) {
     const D d;
-    // 0 to the power of 0 is 1; the least is far below what any exponent makes of a visible share.
-    const V base = hn::Max(x, hn::Set(d, 1e-30F));
-    return hn::Exp(d, hn::Mul(hn::Set(d, exponent), hn::Log(d, base)));
+    if (exponent == 0) return hn::Set(d, 1);
+    const M above = hn::Gt(x, hn::Zero(d));
+    const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
+    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(hn::Set(d, exponent), log)));
   }
 
   const Lighting& lighting_;

@@ -22,6 +22,8 @@ constexpr double kBlockSplats = 24000;
 constexpr std::size_t kLeastBlocks = 64;
 /// Most splats of a block: places of their fields, in floats, fit 32 bits with a sign.
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
+/// Splats of a block for which there is room at once, if it may have as many.
+constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
 
 }  // namespace
 
@@ -293,18 +295,21 @@ SurfelInCamera SplatLists::in_camera(const Cluster& cluster, std::size_t surfel)
   return s;
 }
 
-void SplatLists::reserve(Worker& worker, std::size_t more) const {
-  const auto grow = [&](auto& array, std::size_t count) {
+void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) const {
+  const auto grow = [&](auto& array, std::size_t count, std::size_t least) {
     const std::size_t needed = count + more;
-    if (array.size() < needed) array.resize(std::max(needed, 2 * array.size()));
+    if (array.size() < needed) array.resize(std::max({needed, 2 * array.size(), least}));
   };
-  grow(worker.splats, worker.count);
-  if (lists_.normals) grow(worker.normals, worker.count);
-  if (lists_.groups) grow(worker.groups, worker.count);
-  if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count);
+  // Of what lies in memory of its own from the start only the pages that are used get touched: that
+  // costs less than to move it as it grows.
+  const std::size_t all = std::min(most, kFirstSplats);
+  grow(worker.splats, worker.count, all);
+  if (lists_.normals) grow(worker.normals, worker.count, all);
+  if (lists_.groups) grow(worker.groups, worker.count, all);
+  if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count, all);
   for (TileList& list : worker.tiles) {
-    grow(list.splats, list.count);
-    grow(list.depths, list.count + kTileSize);
+    grow(list.splats, list.count, 0);
+    grow(list.depths, list.count + kTileSize, 0);
   }
 }
 
@@ -434,7 +439,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     const std::uint32_t i = cluster.begin;
     std::optional<SurfelColumns> ahead;
     if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
-    reserve(w, RenderCloud::kClusterSize);
+    reserve(w, RenderCloud::kClusterSize, (end - begin) * RenderCloud::kClusterSize);
     SetUpSplats& set_up = w.set_up;
     set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
                   ahead ? &*ahead : nullptr, w.splats.data() + w.count, set_up);

@@ -139,7 +139,8 @@ class SplatLists {
   SurfelColumns surfel_columns(const Cluster& cluster) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
-  void reserve(Worker& worker, std::size_t more) const;
+  /// Room for that many `more` splats, of which there will be `most` at most.
+  void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 
   const RenderCloud& cloud_;
