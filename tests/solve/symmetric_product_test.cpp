@@ -112,7 +112,7 @@ TEST(SymmetricProduct, DoesNotDependOnThreads) {
 TEST(SymmetricProduct, ResidualIsRelative) {
   const System system = gaussian_gram(20, 0.6);
   Array<Channels> x = random_vector(system.b.size());
-  const Eigen::MatrixXd r = dense(system.b) - dense(system.matrix) * dense(x);
+  const Eigen::MatrixXd r = dense(system.b) - product(dense(system.matrix), dense(x));
   double expected = 0;
   for (int c = 0; c < 3; ++c) {
     expected = std::max(expected, r.col(c).norm() / dense(system.b).col(c).norm());

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -8,6 +8,8 @@
 
 #include <surfel/base/random.h>
 #include <surfel/solve/inverse_factor.h>
+
+#include "support/dense_algebra.h"
 
 namespace surfel::test {
 

@@ -1,6 +1,6 @@
 // The fits that solve systems, end to end: fit_texture() and fit_colors().
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <cmath>
 #include <limits>
 
@@ -11,10 +11,14 @@
 #include <surfel/texture/render_system.h>
 #include <surfel/texture/texture_fit.h>
 
+#include "support/dense_algebra.h"
 #include "texture_support.h"
 
 namespace surfel {
 namespace {
+
+using test::eigenvalues;
+using test::solve_definite;
 
 using test::noise_image;
 
@@ -103,15 +107,15 @@ TEST(CoefficientFit, GramIsTheDenseSolution) {
   for (std::size_t i = 0; i < n; ++i) {
     c.row(i) = R.row(i).sum() * ewa.coefficient[i].cast<double>().transpose();
   }
-  const Eigen::MatrixXd w = R.ldlt().solve(c);
+  const Eigen::MatrixXd w = solve_definite(R, c);
   const double largest = w.cwiseAbs().maxCoeff();
   for (std::size_t i = 0; i < n; ++i) {
     // Single precision of the colours that both start from, times the condition's root.
     ASSERT_LT((cloud.coefficient[i].cast<double>().transpose() - w.row(i)).cwiseAbs().maxCoeff(),
               1e-6 * largest);
   }
-  const Eigen::VectorXd eigenvalues = R.selfadjointView<Eigen::Lower>().eigenvalues();
-  const double condition = eigenvalues.maxCoeff() / eigenvalues.minCoeff();
+  const Eigen::VectorXd spectrum = eigenvalues(R);
+  const double condition = spectrum.maxCoeff() / spectrum.minCoeff();
   EXPECT_NEAR(report.system->condition() / condition, 1, 0.3);
 }
 

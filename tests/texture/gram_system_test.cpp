@@ -1,6 +1,5 @@
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -15,6 +14,9 @@
 
 namespace surfel {
 namespace {
+
+using test::eigenvalues;
+using test::solve_definite;
 
 using test::dense;
 
@@ -68,11 +70,6 @@ Eigen::MatrixXd planar_gram(const SurfelBasis& basis) {
     }
   }
   return gram;
-}
-
-Eigen::VectorXd eigenvalues(const Eigen::MatrixXd& matrix) {
-  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix, Eigen::EigenvaluesOnly)
-      .eigenvalues();
 }
 
 /// Surfels on a sphere of radius 1 along a spiral, kernels kappa spacings wide.
@@ -132,10 +129,10 @@ TEST_P(GramPlane, EntriesAndCoefficientsAreThoseOfTheDenseSystem) {
         (static_cast<int>(f.position.x() / 5) + static_cast<int>(f.position.y() / 5)) % 2;
     right[k] = odd ? f.area : 0;
   }
-  const Eigen::VectorXd exact = truth.llt().solve(right);
-  const Eigen::LLT<Eigen::MatrixXd> factor(gram);
-  ASSERT_EQ(factor.info(), Eigen::Success);
-  const double difference = (factor.solve(right) - exact).lpNorm<Eigen::Infinity>();
+  const Eigen::VectorXd exact = solve_definite(truth, right);
+  const Eigen::MatrixXd solution = solve_definite(gram, right);
+  ASSERT_EQ(solution.rows(), right.rows());
+  const double difference = (solution - exact).lpNorm<Eigen::Infinity>();
   EXPECT_LT(difference, 1e-6 * exact.lpNorm<Eigen::Infinity>());
 }
 
@@ -224,7 +221,7 @@ Eigen::VectorXd step_coefficients(const SurfelCloud& cloud, double lambda) {
     const auto& f = basis.function[k];
     right[k] = f.position.x() < 8 ? 0 : scale[k] * f.area;
   }
-  const Eigen::VectorXd solution = dense(system.matrix).llt().solve(right);
+  const Eigen::VectorXd solution = solve_definite(dense(system.matrix), right);
   Eigen::VectorXd result(n);
   for (Eigen::Index k = 0; k < n; ++k) result[basis.surfel[k]] = solution[k] * scale[k];
   return result;
@@ -312,10 +309,9 @@ TEST(GramSystem, ConstantIsExactForRowSums) {
   const SurfelBasis basis = make_basis(jittered_plane(20, 0.6, Kernels::kIsotropic));
   const GramSystem system = make_gram_system(basis);
   const Array<double> sums = row_sums(system.matrix);
-  const Eigen::VectorXd solution = dense(system.matrix)
-                                       .llt()
-                                       .solve(Eigen::Map<const Eigen::VectorXd>(
-                                           sums.data(), static_cast<Eigen::Index>(sums.size())));
+  const Eigen::Map<const Eigen::VectorXd> right(sums.data(),
+                                                static_cast<Eigen::Index>(sums.size()));
+  const Eigen::VectorXd solution = solve_definite(dense(system.matrix), right);
   EXPECT_LT((solution.array() - 1).abs().maxCoeff(), 1e-10);
 }
 

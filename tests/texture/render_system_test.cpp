@@ -1,6 +1,3 @@
-#include <Eigen/Cholesky>
-#include <Eigen/Dense>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <cmath>
 #include <cstring>
@@ -12,8 +9,14 @@
 #include <surfel/base/parallel.h>
 #include <surfel/texture/render_system.h>
 
+#include "support/dense_algebra.h"
+
 namespace surfel {
 namespace {
+
+using test::eigenvalues;
+using test::product;
+using test::solve_definite;
 
 SurfelBasis::Function make_function(const Vec3d& position, const Vec3d& normal, double sigma_u,
                                     double sigma_v, double turn = 0, double area = 1) {
@@ -136,7 +139,7 @@ Eigen::MatrixX4d dense(const Array<Channels>& values) {
 }
 
 Array<Channels> solve(const RenderSystem& system, const Array<Channels>& right_side) {
-  const Eigen::MatrixX4d w = dense(system.normal_matrix).llt().solve(dense(right_side));
+  const Eigen::MatrixX4d w = solve_definite(dense(system.normal_matrix), dense(right_side));
   Array<Channels> result(right_side.size());
   for (std::size_t k = 0; k < result.size(); ++k) {
     result[k] = w.row(static_cast<Eigen::Index>(k)).transpose().array();
@@ -180,13 +183,12 @@ TEST(RenderSystem, EntriesAreThoseOfTheDefinition) {
     const Eigen::MatrixXd B = brute_force(wide, at_functions(basis), cutoff);
     EXPECT_LT((dense(system.far.A) - B).cwiseAbs().maxCoeff(), 1e-12);
     EXPECT_NEAR(system.mu, 8 * 7, 1e-12);
-    const Eigen::MatrixXd product = expected.transpose() * expected + system.mu * B.transpose() * B;
-    EXPECT_NEAR(system.lambda, 0.03 * product.diagonal().mean(), 1e-12);
-    Eigen::MatrixXd lifted = product;
+    Eigen::MatrixXd lifted =
+        product(expected.transpose(), expected) + system.mu * product(B.transpose(), B);
+    EXPECT_NEAR(system.lambda, 0.03 * lifted.diagonal().mean(), 1e-12);
     lifted.diagonal().array() += system.lambda;
     EXPECT_LT((normal - lifted).cwiseAbs().maxCoeff(), 1e-12 * lifted.maxCoeff());
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(normal, Eigen::EigenvaluesOnly);
-    EXPECT_GT(eigen.eigenvalues()[0], 0.999 * system.lambda);
+    EXPECT_GT(eigenvalues(normal)[0], 0.999 * system.lambda);
   }
 }
 
@@ -217,19 +219,20 @@ TEST(RenderSystem, RightSideAndResidualAreThoseOfTheDefinition) {
   const Eigen::MatrixXd A = dense(system.near.A);
   const Eigen::MatrixXd B = dense(system.far.A);
   const Eigen::MatrixX4d b =
-      A.transpose() * dense(f) +
-      (system.mu * B.transpose() + system.lambda * Eigen::MatrixXd::Identity(B.rows(), B.cols())) *
-          dense(w_0);
+      product(A.transpose(), dense(f)) +
+      product(
+          system.mu * B.transpose() + system.lambda * Eigen::MatrixXd::Identity(B.rows(), B.cols()),
+          dense(w_0));
   EXPECT_LT((dense(system.right_side(f, w_0)) - b).cwiseAbs().maxCoeff(), 1e-12);
 
   const Eigen::VectorXd covered = A.rowwise().sum().array().round();
-  const Eigen::MatrixX4d residual = covered.asDiagonal() * (A * dense(w_0) - dense(f));
+  const Eigen::MatrixX4d residual = covered.asDiagonal() * (product(A, dense(w_0)) - dense(f));
   const Channels expected = residual.colwise().squaredNorm().transpose().array();
   EXPECT_LT((system.near.residual2(w_0, f) - expected).abs().maxCoeff(), 1e-11);
   EXPECT_LT((dense(system.near.residuals(w_0, f)) - residual).cwiseAbs().maxCoeff(), 1e-12);
 
   const Array<Channels> w = noise(basis.size(), 5);
-  const Eigen::MatrixX4d far = B * dense(w) - dense(w_0);
+  const Eigen::MatrixX4d far = product(B, dense(w)) - dense(w_0);
   const Eigen::MatrixX4d pull = dense(w) - dense(w_0);
   const Channels pull2 =
       system.mu * far.colwise().squaredNorm() + system.lambda * pull.colwise().squaredNorm();
@@ -245,7 +248,8 @@ TEST(RenderSystem, WeightsAreThoseOfThePoints) {
   const Eigen::MatrixXd A = dense(system.near.A);
   const Eigen::MatrixXd B = dense(system.far.A);
   const Eigen::Map<const Eigen::VectorXd> D(weight.data(), A.rows());
-  Eigen::MatrixXd expected = A.transpose() * D.asDiagonal() * A + system.mu * B.transpose() * B;
+  Eigen::MatrixXd expected =
+      product(A.transpose() * D.asDiagonal(), A) + system.mu * product(B.transpose(), B);
   expected.diagonal().array() += system.lambda;
   EXPECT_LT((dense(system.weighted_normal_matrix(weight)) - expected).cwiseAbs().maxCoeff(), 1e-10);
 }

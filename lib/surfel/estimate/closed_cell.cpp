@@ -10,6 +10,7 @@
 #define HWY_TARGET_INCLUDE "surfel/estimate/closed_cell.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/compress-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -72,9 +73,10 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
                               hn::GatherIndex(d, normal + 2, at));
         on_surface = hn::And(on_surface, hn::Ge(product, zero));
       }
-      hn::StoreU(hn::Compress(x, on_surface), d, cell.x + cell.neighbors);
-      hn::StoreU(hn::Compress(y, on_surface), d, cell.y + cell.neighbors);
-      cell.neighbors += hn::CountTrue(d, on_surface);
+      const Compressor<D> taken(on_surface);
+      taken.store(x, d, cell.x + cell.neighbors);
+      taken.store(y, d, cell.y + cell.neighbors);
+      cell.neighbors += taken.count();
     }
   }
   for (std::size_t k = 0; k < kWidth; k += hn::Lanes(d)) {
@@ -165,11 +167,12 @@ bool intersect(std::size_t count, ClosedCell& cell) {
     at(low, ax, ay);
     at(high, bx, by);
     sums.add(ax, ay, bx, by);
-    hn::StoreU(hn::Compress(x, edge), d, kept_x + kept);
-    hn::StoreU(hn::Compress(y, edge), d, kept_y + kept);
-    hn::StoreU(hn::Compress(bx, edge), d, cell.corner_x + kept);
-    hn::StoreU(hn::Compress(by, edge), d, cell.corner_y + kept);
-    kept += hn::CountTrue(d, edge);
+    const Compressor<D> edges(edge);
+    edges.store(x, d, kept_x + kept);
+    edges.store(y, d, kept_y + kept);
+    edges.store(bx, d, cell.corner_x + kept);
+    edges.store(by, d, cell.corner_y + kept);
+    kept += edges.count();
   }
   std::copy(kept_x, kept_x + kept, cell.bound_x);
   std::copy(kept_y, kept_y + kept, cell.bound_y);

@@ -28,6 +28,7 @@ struct SearchScratch {
 #define HWY_TARGET_INCLUDE "surfel/estimate/exact_search.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/compress-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -286,8 +287,9 @@ class Searcher {
         hn::Store(length2, d, distance2 + first);
         const auto near = hn::Le(length2, bound);
         const auto slots = hn::Add(lanes, hn::Set(du, static_cast<std::uint32_t>(first)));
-        hn::StoreU(hn::Compress(slots, hn::RebindMask(du, near)), du, slot + count);
-        count += hn::CountTrue(d, near);
+        const Compressor<D> within(near);
+        within.store(slots, du, slot + count);
+        count += within.count();
       }
     }
     return count;

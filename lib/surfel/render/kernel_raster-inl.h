@@ -15,6 +15,7 @@
 
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
+#include <surfel/base/compress-inl.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
 
@@ -305,8 +306,9 @@ class KernelRaster {
       for (int p = 0; p < kPatches; ++p) {
         const auto meets = hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
                                    hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
-        hn::StoreU(hn::Compress(index, meets), du, lists.splats[p] + lists.count[p]);
-        lists.count[p] += hn::CountTrue(du, meets);
+        const Compressor<decltype(du)> listed(meets);
+        listed.store(index, du, lists.splats[p] + lists.count[p]);
+        lists.count[p] += listed.count();
       }
     }
   }

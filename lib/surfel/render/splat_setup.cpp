@@ -15,6 +15,7 @@
 #include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/compress-inl.h>
 #include <surfel/base/vec3-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -307,12 +308,14 @@ void set_up(const SplatView& view, const SurfelColumns& in, int count, const Sur
     if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
     if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
     first_count += hn::CountTrue(d, first);
-    visible_count += static_cast<int>(hn::CompressBlendedStore(index, hn::RebindMask(di, visible),
-                                                               di, out.visible + visible_count));
-    if (kPerspective && !hn::AllFalse(d, exact)) {
-      exact_count += static_cast<int>(
-          hn::CompressBlendedStore(index, hn::RebindMask(di, exact), di, out.exact + exact_count));
-    }
+    // A whole vector fits: there are no more of either than lanes before.
+    const auto note = [&](auto mask, std::int32_t* to, int& noted) HWY_ATTR {
+      const Compressor<D> listed(mask);
+      listed.store(index, di, to + noted);
+      noted += static_cast<int>(listed.count());
+    };
+    note(visible, out.visible, visible_count);
+    if (kPerspective && !hn::AllFalse(d, exact)) note(exact, out.exact, exact_count);
   }
   out.visible_count = visible_count;
   out.exact_count = exact_count;

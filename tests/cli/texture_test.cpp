@@ -6,7 +6,7 @@
 #include <surfel/io/image.h>
 
 #include "support/run_tool.h"
-#include "texture_support.h"
+#include "texture/texture_support.h"
 
 namespace surfel::test {
 namespace {
