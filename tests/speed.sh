@@ -265,12 +265,13 @@ for section in "${chosen[@]}"; do
   echo "speed.sh: $section" >&2
   "section_$section" > "$work/$section.rows"
 done
+grep -qw avx512dq /proc/cpuinfo && instructions=AVX-512 || instructions="no AVX-512"
 # Sections that were not run stay as they are.
 {
   echo "# Speed: measured"
   echo
   echo "Made by \`tests/speed.sh\`: best of several runs, Surfelkit and its peers in turns, $(nproc) threads,"
-  echo "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1). Ratio: the peer's time by ours;"
+  echo "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1), $instructions. Ratio: the peer's time by ours;"
   echo "ratio of work: of all cores' time, which a shared machine disturbs less."
   for section in "${sections[@]}"; do
     rows=$work/$section.rows
