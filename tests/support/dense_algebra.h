@@ -4,8 +4,8 @@
 
 namespace surfel::test {
 
-// What the library's sparse algebra is held against, by Eigen. Compiled once, and optimised in every
-// build: matrices of thousands of rows take minutes otherwise.
+// What the library's sparse algebra is held against, by Eigen. Compiled once, and optimised in
+// every build: matrices of thousands of rows take minutes otherwise.
 
 /// a b.
 Eigen::MatrixXd product(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);

@@ -18,9 +18,8 @@ namespace surfel {
 namespace {
 
 using test::eigenvalues;
-using test::solve_definite;
-
 using test::noise_image;
+using test::solve_definite;
 
 /// Jittered grid of n x n surfels over a unit square that carries the image once; sigma by the
 /// spacing.

@@ -15,10 +15,9 @@
 namespace surfel {
 namespace {
 
+using test::dense;
 using test::eigenvalues;
 using test::solve_definite;
-
-using test::dense;
 
 enum class Kernels { kIsotropic, kAnisotropic };
 

@@ -28,15 +28,7 @@ template <class D>
 class Compressor {
  public:
   HWY_INLINE explicit Compressor(hn::Mask<D> mask)
-      :
-#if HWY_TARGET == HWY_AVX2
-        lanes_(lanes(bits(mask)))
-#else
-        mask_(mask)
-#endif
-        ,
-        count_(hn::CountTrue(D(), mask)) {
-  }
+      : lanes_(lanes(mask)), count_(hn::CountTrue(D(), mask)) {}
 
   /// Lanes of the mask.
   HWY_INLINE std::size_t count() const { return count_; }
@@ -48,13 +40,13 @@ class Compressor {
 #if HWY_TARGET == HWY_AVX2
     hn::StoreU(hn::TableLookupLanes(v, hn::IndicesFromVec(d, lanes_)), d, to);
 #else
-    hn::StoreU(hn::Compress(v, hn::RebindMask(d, mask_)), d, to);
+    hn::StoreU(hn::Compress(v, hn::RebindMask(d, lanes_)), d, to);
 #endif
   }
 
  private:
 #if HWY_TARGET == HWY_AVX2
-  using Lanes = hn::RebindToUnsigned<D>;
+  using Lanes = hn::Vec<hn::RebindToUnsigned<D>>;  ///< Numbers of those of the mask, lowest first.
   static constexpr std::uint32_t kLaneBits = 4;
 
   /// Of every mask of eight lanes the numbers of those it holds, kLaneBits each, lowest first.
@@ -71,22 +63,21 @@ class Compressor {
     return lanes_of;
   }();
 
-  static HWY_INLINE std::size_t bits(hn::Mask<D> mask) {
+  static HWY_INLINE Lanes lanes(hn::Mask<D> mask) {
     static_assert(hn::MaxLanes(D()) <= 8);
-    std::uint8_t bytes[8];  // As many as it may write, of which one counts.
-    hn::StoreMaskBits(D(), mask, bytes);
-    return bytes[0];
-  }
-  static HWY_INLINE hn::Vec<Lanes> lanes(std::size_t bits) {
-    const Lanes d;
+    const hn::RebindToUnsigned<D> d;
+    std::uint8_t bits[8];  // As many as it may write, of which one counts.
+    hn::StoreMaskBits(D(), mask, bits);
     const auto shift = hn::Mul(hn::Iota(d, 0), hn::Set(d, kLaneBits));
-    return hn::And(hn::Shr(hn::Set(d, kLanesOf[bits]), shift), hn::Set(d, 7));
+    return hn::And(hn::Shr(hn::Set(d, kLanesOf[bits[0]]), shift), hn::Set(d, 7));
   }
-
-  hn::Vec<Lanes> lanes_;
 #else
-  hn::Mask<D> mask_;
+  using Lanes = hn::Mask<D>;
+
+  static HWY_INLINE Lanes lanes(hn::Mask<D> mask) { return mask; }
 #endif
+
+  Lanes lanes_;
   std::size_t count_;
 };
 
