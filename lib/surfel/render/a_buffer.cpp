@@ -206,7 +206,7 @@ Fragment contribution(float rho, float depth, const Splat& splat, const SplatNor
 
 /// Layers of a pixel in use, nearest first.
 struct Sorted {
-  static constexpr int kMost = 64;
+  static constexpr int kMost = kMostLayers;
   std::array<Fragment, kMost> fragment;
   std::array<int, kMost> order;
   int count = 0;

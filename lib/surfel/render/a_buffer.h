@@ -26,6 +26,9 @@ enum FragmentChannel : int {
   kNormalZ,
 };
 
+/// Most fragments that a pixel may keep.
+inline constexpr int kMostLayers = 64;
+
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 

@@ -57,8 +57,7 @@ class SplatSampler {
       : splats_(job.splats),
         exact_(job.exact),
         depth_epsilon_(hn::Set(D(), job.depth_epsilon)),
-        lowpass2_(job.lowpass2),
-        cutoff_(job.cutoff) {
+        lowpass2_(job.lowpass2) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     float scale = 1;
     for (; job.cutoff * scale > 1; scale /= 2) ++squarings_;
@@ -66,12 +65,11 @@ class SplatSampler {
     for (int i = 0; i < 6; ++i, power *= scale) exp_minus_[i] = kExpMinus[i] * power;
   }
 
-  /// exp(-beta) where beta is less than the cutoff; something between 0 and 1 elsewhere.
+  /// exp(-beta) where beta is less than the cutoff; anything elsewhere, infinities and NaN too.
   HWY_INLINE V decay(V beta) const {
     const D d;
-    const V x = hn::Min(beta, hn::Set(d, cutoff_));
     V rho = hn::Set(d, exp_minus_[5]);
-    for (int i = 4; i >= 0; --i) rho = hn::MulAdd(rho, x, hn::Set(d, exp_minus_[i]));
+    for (int i = 4; i >= 0; --i) rho = hn::MulAdd(rho, beta, hn::Set(d, exp_minus_[i]));
     for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
     return rho;
   }
@@ -153,7 +151,7 @@ class SplatSampler {
   const Splat* splats_;
   const ExactSplat* exact_;
   V depth_epsilon_;
-  float lowpass2_, cutoff_;
+  float lowpass2_;
   float exp_minus_[6];  ///< kExpMinus for beta / 2^n.
   int squarings_ = 0;   ///< n.
 };
@@ -164,6 +162,7 @@ struct PixelSplats {
   V x, y;             ///< Centres in the picture.
   const std::uint32_t* begin;
   const std::uint32_t* end;
+  float reach;  ///< None of them, with all that is within epsilon of it, is nearer than this.
 };
 
 /// Binary logarithms: floats of a Splat, pixels along a patch.
@@ -205,7 +204,8 @@ class KernelRaster {
         visit(PixelSplats{static_cast<std::size_t>(pixel),
                           hn::Add(hn::Load(d, kColumnOfLane), hn::Set(d, x0_ + x)),
                           hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y0_ + y)),
-                          lists.splats[patch], lists.splats[patch] + lists.count[patch]});
+                          lists.splats[patch], lists.splats[patch] + lists.count[patch],
+                          lists.reach});
       }
     }
   }
@@ -228,6 +228,8 @@ class KernelRaster {
   static constexpr int kPatches = kTilePixels / kPatchPixels;
   /// Splats that are listed at once: as many as the first-level cache holds.
   static constexpr std::size_t kListed = 256;
+  /// What rounding may add to a depth, of the terms that it is made of.
+  static constexpr float kRounding = 1e-6F;
 
   /// For every patch of the tile, the splats whose boxes it meets, in order.
   struct Lists {
@@ -235,6 +237,7 @@ class KernelRaster {
     std::size_t count[kPatches];
     float hidden[kPatches];  ///< The least depth that hides.
     float least;             ///< Of all.
+    float reach;             ///< PixelSplats::reach.
   };
 
   static void hide(const float* hidden, Lists& lists) {
@@ -270,6 +273,7 @@ class KernelRaster {
     const auto* fields = reinterpret_cast<const float*>(job_.splats);
     const auto* boxes = reinterpret_cast<const std::int32_t*>(job_.splats);
     const V share = hn::Set(d, 1 + job_.depth_epsilon);
+    V nearest = hn::Set(d, -__builtin_inff());
     std::fill_n(lists.count, kPatches, std::size_t{0});
     for (; begin < end; begin += hn::MaxLanes(d)) {
       prefetch(begin + kPrefetchAhead);
@@ -279,8 +283,9 @@ class KernelRaster {
       const auto field = [&](std::size_t offset) HWY_ATTR {
         return hn::GatherIndex(d, fields + offset / sizeof(float), place);
       };
-      const V reach =
-          hn::MulAdd(share, field(offsetof(Splat, depth_range)), field(offsetof(Splat, depth)));
+      const V depth = field(offsetof(Splat, depth));
+      const V range = hn::Mul(share, field(offsetof(Splat, depth_range)));
+      const V reach = hn::Add(range, depth);
       const auto box =
           hn::BitCast(du, hn::GatherIndex(di, boxes + offsetof(Splat, box) / sizeof(float), place));
       const auto patch_of = [&](Unsigned pixel, int origin) HWY_ATTR {
@@ -303,6 +308,8 @@ class KernelRaster {
       const auto seen = hn::And(exists, hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.least))));
       const Unsigned patches = hn::IfThenElseZero(seen, hn::Mul(rows, columns));
       if (hn::AllFalse(du, seen)) continue;
+      const V margin = hn::Mul(hn::Set(d, kRounding), hn::Add(range, hn::Abs(depth)));
+      nearest = hn::Max(nearest, hn::Add(reach, margin));
       for (int p = 0; p < kPatches; ++p) {
         const auto meets = hn::And(hn::TestBit(patches, hn::Set(du, 1U << p)),
                                    hn::RebindMask(du, hn::Ge(reach, hn::Set(d, lists.hidden[p]))));
@@ -311,6 +318,7 @@ class KernelRaster {
         lists.count[p] += listed.count();
       }
     }
+    lists.reach = hn::GetLane(hn::MaxOfLanes(d, nearest));
   }
 
   const TileJob& job_;

@@ -102,10 +102,12 @@ std::vector<std::string> RenderOptions::problems() const {
         fmt::format("kernel-tolerance is {}; it must be in (0, 1e6] pixels", kernel_tolerance));
   check(kernel != Kernel::kPerspective || filter != Filter::kCircular,
         "the circular filter has an affine kernel only; leave out --kernel perspective");
-  check(peel >= 1 && peel <= 64, fmt::format("peel is {}; it must be in 1..64", peel));
+  check(peel >= 1 && peel <= kMostLayers,
+        fmt::format("peel is {}; it must be in 1..{}", peel, kMostLayers));
   check(!aovs || !blends_layers(method),
         "depth and normals are not made by the transparent methods; leave them out");
-  check(layers >= 1 && layers <= 64, fmt::format("layers is {}; it must be in 1..64", layers));
+  check(layers >= 1 && layers <= kMostLayers,
+        fmt::format("layers is {}; it must be in 1..{}", layers, kMostLayers));
   check(depth_epsilon > 0 && depth_epsilon <= 1e6,
         fmt::format("depth-epsilon is {}; it must be in (0, 1e6]", depth_epsilon));
   check(!coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
@@ -193,7 +195,7 @@ struct Renderer::Impl {
         break;
       case Method::kDeferred:
         // The layers of different groups can be more surfaces than each has, at rims above all.
-        return options.layers == 1 ? 1 : std::min(64, 2 * options.layers);
+        return options.layers == 1 ? 1 : std::min(kMostLayers, 2 * options.layers);
       case Method::kDepthPeel:
         return options.peel;
       case Method::kTransparent:

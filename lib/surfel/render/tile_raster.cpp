@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -132,13 +134,13 @@ class Rasterizer {
     /// Accumulate or separate, SS01 section 6: adds a contribution where it belongs to the layer's
     /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
     /// added or the layer hides it.
-    HWY_INLINE V take(const Contribution& c, const Splat& splat, const SplatNormal* normal) {
+    HWY_INLINE V take(V rho, V depth, V epsilon, const Splat& splat, const SplatNormal* normal) {
       const D d;
       const auto splat_tag = hn::Set(Tags(), splat.tag);
       // depth - fragment's depth, times the fragment's weight, to save the division. Merged
       // fragments have a negative weight, and no contribution is near them, nor hidden by them.
-      const V behind = hn::MulSub(c.depth, sums_.weight, sums_.depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(c.epsilon, sums_.weight));
+      const V behind = hn::MulSub(depth, sums_.weight, sums_.depth);
+      const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums_.weight));
       const M same_side = hn::RebindMask(
           d,
           hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));
@@ -147,8 +149,8 @@ class Rasterizer {
       const V alpha = kOpaqueSplats ? sums_.weight : sums_.alpha;
       const M hidden = hn::And(covers(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
       tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
-      sums_.add(splat, normal, hn::IfThenElseZero(joins, c.rho), c.depth);
-      return hn::IfThenZeroElse(hn::Or(joins, hidden), c.rho);
+      sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
+      return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
     }
 
     HWY_INLINE void store() {
@@ -179,31 +181,55 @@ class Rasterizer {
     Contribution batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
-      place(list.pixel, batch, join_nearest(list, begin, end, batch));
+      const Layers open = open_layers(list.pixel, list.reach);
+      const int first = open == 0 ? 0 : std::countr_zero(open);
+      const std::size_t left = join_first(list, begin, end, first, batch);
+      place(list, open & ~(Layers{1} << first), batch, left);
     }
+  }
+
+  /// Layers, as bits.
+  using Layers = std::uint64_t;
+  static_assert(kMostLayers <= std::numeric_limits<Layers>::digits);
+
+  /// Layers to which something may be added that is not nearer than `reach`, or which may hide it:
+  /// not those that have been merged, or lie in front of it everywhere.
+  Layers open_layers(std::size_t pixel, float reach) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    Layers open = 0;
+    for (int layer = 0; layer < layers_; ++layer) {
+      const float* fragment = tile_.fragment(layer, pixel);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
+      const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
+      // Not a number where the layer is free and the reach infinite.
+      const M beyond = hn::Lt(hn::Mul(hn::Set(d, reach), weight), depth);
+      const M takes = hn::AndNot(beyond, hn::Ge(weight, zero));
+      if (hn::AllFalse(d, hn::Or(takes, covers(weight, alpha, full_)))) continue;
+      open |= Layers{1} << layer;
+    }
+    return open;
   }
 
   /// Adds contributions that are not the nearest layer's.
-  HWY_INLINE void place(std::size_t pixel, Contribution* batch, std::size_t count) {
-    // One by one they take longer, but they must where each may make a layer for the next.
-    constexpr std::size_t kTogether = 16;
-    int first = 1;
-    for (std::size_t begin = 0; begin < count; begin += kTogether) {
-      Contribution* const some = batch + begin;
-      const std::size_t left = join_layers(pixel, first, some, std::min(kTogether, count - begin));
-      bool made = false;
-      for (std::size_t i = 0; i < left; ++i) {
-        if (made && join_layers(pixel, 0, some + i, 1) == 0) continue;
-        made = add_without_layer(pixel, some[i]) || made;
-      }
-      if (made) first = 0;
+  HWY_INLINE void place(const PixelSplats& list, Layers open, Contribution* batch,
+                        std::size_t count) {
+    const std::size_t left = join_layers(list.pixel, open, batch, count);
+    bool made = false;
+    for (std::size_t i = 0; i < left; ++i) {
+      // One by one they take longer, but they must where one has made a layer for the next.
+      if (made && join_layers(list.pixel, open, batch + i, 1) == 0) continue;
+      if (!add_without_layer(list.pixel, batch[i])) continue;
+      made = true;
+      open = open_layers(list.pixel, list.reach);
     }
   }
 
-  /// Evaluates the splats [begin, end) where they are seen, and adds them to the nearest layer.
-  /// Leaves what is another's and returns how many these are.
-  HWY_INLINE std::size_t join_nearest(const PixelSplats& list, const std::uint32_t* begin,
-                                      const std::uint32_t* end, Contribution* out) const {
+  /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves what is
+  /// another's and returns how many these are.
+  HWY_INLINE std::size_t join_first(const PixelSplats& list, const std::uint32_t* begin,
+                                    const std::uint32_t* end, int which, Contribution* out) const {
     const D d;
     const SplatSampler sampler = raster_.sampler();
     const Splat* const splats = job_.splats;
@@ -211,36 +237,45 @@ class Rasterizer {
     const V y = list.y;
     const V cutoff = hn::Set(d, job_.cutoff);
     const V hidden = hn::Load(d, hidden_ + list.pixel);
-    Layer layer(tile_.fragment(0, list.pixel), full_);
+    Layer layer(tile_.fragment(which, list.pixel), full_);
     std::size_t left = 0;
     for (; begin < end; ++begin) {
       const Sample s = sampler.at(*begin, x, y);
       // What lies within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
-      Contribution c{hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta))), s.depth,
-                     s.epsilon, *begin};
-      c.rho = layer.take(c, splats[*begin], normal_of(*begin));
-      out[left] = c;
-      left += is_zero(c.rho) ? 0 : 1;
+      const V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
+      Contribution& to = out[left];
+      to.depth = s.depth;
+      to.epsilon = s.epsilon;
+      to.splat = *begin;
+      to.rho = layer.take(rho, s.depth, s.epsilon, splats[*begin], normal_of(*begin));
+      left += is_zero(to.rho) ? 0 : 1;
     }
     layer.store();
     return left;
   }
 
-  /// Adds contributions to the layers from the given one on. Leaves those for which there is none,
-  /// in the pixels where there is none, and returns how many these are.
-  HWY_INLINE std::size_t join_layers(std::size_t pixel, int which, Contribution* batch,
+  /// Adds contributions to some layers. Leaves those for which there is none, in the pixels where
+  /// there is none, and returns how many these are.
+  HWY_INLINE std::size_t join_layers(std::size_t pixel, Layers open, Contribution* batch,
                                      std::size_t count) const {
     const Splat* const splats = job_.splats;
-    for (; which < layers_ && count > 0; ++which) {
-      Layer layer(tile_.fragment(which, pixel), full_);
+    for (; open != 0 && count > 0; open &= open - 1) {
+      Layer layer(tile_.fragment(std::countr_zero(open), pixel), full_);
       std::size_t left = 0;
       for (std::size_t i = 0; i < count; ++i) {
-        Contribution c = batch[i];
-        c.rho = layer.take(c, splats[c.splat], normal_of(c.splat));
-        batch[left] = c;
-        left += is_zero(c.rho) ? 0 : 1;
+        // Field by field: as a whole it would go through memory once more.
+        const V rho = batch[i].rho;
+        const V depth = batch[i].depth;
+        const V epsilon = batch[i].epsilon;
+        const std::uint32_t splat = batch[i].splat;
+        Contribution& to = batch[left];
+        to.depth = depth;
+        to.epsilon = epsilon;
+        to.splat = splat;
+        to.rho = layer.take(rho, depth, epsilon, splats[splat], normal_of(splat));
+        left += is_zero(to.rho) ? 0 : 1;
       }
       layer.store();
       count = left;
@@ -307,12 +342,15 @@ class Rasterizer {
   static HWY_INLINE void for_each_lane(M lanes, V rho, V depth, const Function& function) {
     const D d;
     if (hn::AllFalse(d, lanes)) return;
-    HWY_ALIGN float rhos[kTileSize];  // 0: not of the mask, as no contribution has a rho of 0.
+    HWY_ALIGN float rhos[kTileSize];
     HWY_ALIGN float depths[kTileSize];
-    hn::Store(hn::IfThenElseZero(lanes, rho), d, rhos);
+    hn::Store(rho, d, rhos);
     hn::Store(depth, d, depths);
-    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      if (rhos[lane] != 0) function(lane, rhos[lane], depths[lane]);
+    std::uint8_t bytes[8] = {};  // As many as may be written.
+    hn::StoreMaskBits(d, lanes, bytes);
+    for (unsigned left = bytes[0] | bytes[1] << 8U; left != 0; left &= left - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(left));
+      function(lane, rhos[lane], depths[lane]);
     }
   }
 
