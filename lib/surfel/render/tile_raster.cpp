@@ -325,6 +325,7 @@ class Rasterizer {
       const M within = hn::And(
           hn::And(open, hn::Lt(weight, hn::Zero(d))),
           hn::And(hn::Lt(hn::Sub(depth, epsilon), front), hn::Gt(hn::Add(depth, epsilon), back)));
+      if (hn::AllFalse(d, within)) continue;
       tile_.merges.late += hn::CountTrue(d, within);
       late_weight_ = hn::Add(late_weight_, hn::IfThenElseZero(within, rho));
       open = hn::AndNot(within, open);
