@@ -63,34 +63,50 @@ HWY_INLINE hn::Vec<Tags> tag_bits(V tag, std::uint32_t bits) {
   return hn::And(hn::BitCast(Tags(), tag), hn::Set(Tags(), bits));
 }
 
-/// Nearest fragments of a vector of pixels.
-struct Nearest {
-  V weight;  ///< 0: the pixel has none.
+/// Fragments of a vector of pixels, one of each.
+struct Fragments {
+  V weight;  ///< 0: the pixel has none; negative: merged.
   V depth;
   V3 color;
   V alpha, tag;
   V3 normal;  ///< Only in shaded pictures.
-  M alone;    ///< It is the only one.
-  V sum;      ///< Of the weights of all unmerged ones.
 };
 
-Nearest nearest(const TileABuffer& tile, std::size_t pixel) {
+/// How many a vector of pixels has.
+struct FragmentCount {
+  V count, sum;    ///< Of each pixel, and the sum of its unmerged ones' weights.
+  int layers = 0;  ///< That are in use.
+};
+
+FragmentCount count_fragments(const TileABuffer& tile, std::size_t pixel) {
+  const D d;
+  const V zero = hn::Zero(d);
+  FragmentCount out{zero, zero};
+  for (; out.layers < tile.layout.layers; ++out.layers) {
+    const V weight = channel(tile, out.layers, pixel, kWeight);
+    const M used = hn::Ne(weight, zero);
+    if (hn::AllFalse(d, used)) break;
+    out.count = hn::Add(out.count, hn::IfThenElseZero(used, hn::Set(d, 1)));
+    out.sum = hn::Add(out.sum, hn::Max(weight, zero));
+  }
+  return out;
+}
+
+/// The nearest fragments behind some depths.
+Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers, V depths) {
   const D d;
   const V zero = hn::Zero(d);
   const V3 none{zero, zero, zero};
-  Nearest out{zero, hn::Set(d, -__builtin_inff()), none, zero, zero, none, hn::Eq(zero, zero),
-              zero};
-  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+  Fragments out{zero, hn::Set(d, -__builtin_inff()), none, zero, zero, none};
+  for (int layer = 0; layer < layers; ++layer) {
     const V weight = channel(tile, layer, pixel, kWeight);
-    const M used = hn::Ne(weight, zero);
-    if (hn::AllFalse(d, used)) break;
-    if (layer > 0) out.alone = hn::AndNot(used, out.alone);
-    out.sum = hn::Add(out.sum, hn::Max(weight, zero));
     const M merged = hn::Lt(weight, zero);
     const V weighted_depth = channel(tile, layer, pixel, kDepth);
     const V depth = hn::IfThenElse(merged, weighted_depth, hn::Div(weighted_depth, weight));
-    const M nearer = hn::And(used, hn::Gt(depth, out.depth));
-    const V alpha = tile.layout.opaque ? weight : channel(tile, layer, pixel, kAlpha);
+    const M nearer =
+        hn::And(hn::And(hn::Ne(weight, zero), hn::Lt(depth, depths)), hn::Gt(depth, out.depth));
+    V alpha = channel(tile, layer, pixel, kAlpha);
+    if (tile.layout.opaque) alpha = hn::IfThenElse(merged, alpha, weight);
     out.weight = hn::IfThenElse(nearer, weight, out.weight);
     out.depth = hn::IfThenElse(nearer, depth, out.depth);
     out.color = select(nearer, channels(tile, layer, pixel, kRed), out.color);
@@ -145,7 +161,7 @@ class Lamps {
   }
 
   /// Their colours, unpremultiplied.
-  V3 light(const Nearest& at, std::size_t pixel, const Lighting::Reflection& material) const {
+  V3 light(const Fragments& at, std::size_t pixel, const Lighting::Reflection& material) const {
     const D d;
     const V zero = hn::Zero(d);
     const auto first = static_cast<int>(pixel);
@@ -216,53 +232,67 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const V zero = hn::Zero(d);
   const V one = hn::Set(d, 1);
   const V full_weight = hn::Set(d, tile.full_weight);
-  const bool no_edge = shows_no_edge(tile);
+  const V least_weight = shows_no_edge(tile) ? zero : hn::Set(d, tile.edge_weight);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
   float sum = 0;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-    const Nearest at = nearest(tile, pixel);
-    const M none = hn::Eq(at.weight, zero);
-    const V inv_weight = hn::Div(one, hn::IfThenElse(none, one, at.weight));
-    const V coverage = hn::Min(one, hn::Div(at.weight, full_weight));
-    const V alpha = hn::Mul(at.alpha, inv_weight);
-    const V opacity = hn::Mul(alpha, coverage);
-    const M hides = hn::And(hn::Ge(at.weight, full_weight), hn::Ge(alpha, opaque));
-    const M not_filtered =
-        hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
-    M shows = hn::And(hn::Gt(at.weight, zero), hn::Or(at.alone, hides));
-    if (!no_edge) {
-      const M inside = hn::Or(not_filtered, hn::Ge(at.weight, hn::Set(d, tile.edge_weight)));
-      shows = hn::And(shows, inside);
-    }
-    V3 color = hn::Mul(inv_weight, coverage) * at.color;
-    if (lighting) {
-      // Of one material at a time: the others are left.
-      const std::intptr_t first = hn::FindFirstTrue(d, shows);
-      if (first >= 0) {
-        const Lamps lamps(*lighting, tile);
+    const FragmentCount fragments = count_fragments(tile, pixel);
+    M plain = hn::Eq(zero, zero);
+    V left = fragments.count;  // Fragments that nothing hides.
+    V behind = hn::Set(d, __builtin_inff());
+    V3 color{zero, zero, zero};
+    V opacity = zero;
+    for (int i = 0; i < fragments.layers; ++i) {
+      M open = hn::And(plain, hn::Gt(left, zero));
+      if (hn::AllFalse(d, open)) break;
+      const Fragments at = nearest_behind(tile, pixel, fragments.layers, behind);
+      const M merged = hn::Lt(at.weight, zero);
+      const M unmerged = hn::Gt(at.weight, zero);
+      const M not_filtered =
+          hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
+      const M no_edge = hn::Or(not_filtered, hn::Ge(at.weight, least_weight));
+      // Of equally near ones there is but one behind the depths before.
+      open = hn::And(open, hn::Or(merged, hn::And(unmerged, no_edge)));
+      const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
+      const V coverage =
+          hn::IfThenElse(unmerged, hn::Min(one, hn::Div(at.weight, full_weight)), one);
+      const V alpha = hn::Mul(at.alpha, inv_weight);
+      const V front = hn::Mul(alpha, coverage);
+      V3 shade = hn::Mul(inv_weight, coverage) * at.color;
+      const std::intptr_t first = hn::FindFirstTrue(d, hn::And(open, unmerged));
+      if (lighting && first >= 0) {
+        // Of one material at a time: the others are left.
         const std::uint32_t tag =
             hn::ExtractLane(hn::BitCast(Tags(), at.tag), static_cast<std::size_t>(first));
         const std::uint32_t material = ~std::uint32_t{0} << kMaterialShift;
-        shows = hn::And(shows, hn::RebindMask(d, hn::Eq(tag_bits(at.tag, material),
-                                                        hn::Set(Tags(), tag & material))));
-        const V3 lit = lamps.light(at, pixel, lamps.material(tag));
-        color = opacity * lit;
+        const M same =
+            hn::RebindMask(d, hn::Eq(tag_bits(at.tag, material), hn::Set(Tags(), tag & material)));
+        open = hn::And(open, hn::Or(merged, same));
+        const Lamps lamps(*lighting, tile);
         // Of what has no colour of its own nothing is seen.
-        color = select(hn::Gt(at.alpha, zero), color, {zero, zero, zero});
+        const M colored = hn::And(unmerged, hn::Gt(at.alpha, zero));
+        const V3 lit = select(colored, front * lamps.light(at, pixel, lamps.material(tag)),
+                              {zero, zero, zero});
+        shade = select(unmerged, lit, shade);
       }
+      // SS01 (12)
+      const V transmitted = hn::IfThenElseZero(open, hn::Sub(one, opacity));
+      color = color + transmitted * select(open, shade, color);
+      opacity = hn::MulAdd(transmitted, hn::IfThenElseZero(open, front), opacity);
+      plain = hn::And(plain, hn::Or(open, hn::Le(left, zero)));
+      const M hides = hn::And(hn::Ge(at.weight, full_weight), hn::Ge(alpha, opaque));
+      left = hn::IfThenZeroElse(hides, hn::Sub(left, one));
+      behind = at.depth;
     }
-    const M done = hn::Or(none, shows);
-    sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(done, at.sum)));
-    const V3 shown = select(none, {zero, zero, zero}, color);
-    const V shown_opacity = hn::IfThenZeroElse(none, opacity);
-    const V transmitted = hn::Sub(one, shown_opacity);
+    sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(plain, fragments.sum)));
+    const V transmitted = hn::Sub(one, opacity);
     const auto over = [&](V front, float back)
                           HWY_ATTR { return hn::MulAdd(transmitted, hn::Set(d, back), front); };
-    hn::StoreInterleaved4(over(shown.x, background.red), over(shown.y, background.green),
-                          over(shown.z, background.blue), over(shown_opacity, background.alpha), d,
+    hn::StoreInterleaved4(over(color.x, background.red), over(color.y, background.green),
+                          over(color.z, background.blue), over(opacity, background.alpha), d,
                           &out.color[pixel].red);
-    hn::Store(hn::IfThenZeroElse(done, one), d, &out.left[pixel]);
+    hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
   }
   tile.merges.total_weight += sum;
 }

@@ -15,10 +15,9 @@ struct PlainPixels {
       64) std::array<float, kTilePixels> left;  ///< 0: the pixel has its colour; 1: it has none.
 };
 
-/// Resolves the pixels of a tile that need no compositing, a vector at a time, where there is no
-/// environment: those without a fragment, and those whose nearest one is their only one or opaque,
-/// unless it may lie at the edge of its surface. Their colours are resolve_pixel()'s over a
-/// background (premultiplied), but for rounding.
+/// Resolves the plain pixels of a tile, a vector at a time, where there is no environment: those of
+/// whose fragments, up to the first opaque one, none may lie at the edge of its surface. Their
+/// colours are resolve_pixel()'s over a background (premultiplied), but for rounding.
 /// \param lighting  null: unlit.
 PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,
                                  const Rgba& background);
