@@ -434,9 +434,12 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
   };
+  // Clusters follow one another in depth, not in memory.
+  constexpr std::size_t kAhead = 4;
   for (std::size_t c = begin; c < end; ++c) {
     const Cluster& cluster = cluster_at(c);
     const std::uint32_t i = cluster.begin;
+    if (c + kAhead < end) __builtin_prefetch(&cluster_at(c + kAhead).begin);
     std::optional<SurfelColumns> ahead;
     if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
     reserve(w, RenderCloud::kClusterSize, (end - begin) * RenderCloud::kClusterSize);
