@@ -409,6 +409,7 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
   if (encoding == Encoding::kStraight8) spec.attribute("oiio:UnassociatedAlpha", 1);
   for (const auto& [key, value] : options.metadata) spec.attribute(key, value);
   spec.attribute("png:compressionLevel", kPngCompressionLevel);
+  spec.attribute("png:filter", kPngFilter);
   // Without it, OpenImageIO stamps the current time.
   spec.attribute("DateTime", "");
   // libtiff has to read a file back to append Exif tags, which output in memory does not allow.

@@ -50,6 +50,7 @@ bool write(PngJob& job) {
   png_set_sRGB_gAMA_and_cHRM(job.png, job.info, PNG_sRGB_INTENT_ABSOLUTE);
   png_set_oFFs(job.png, job.info, 0, 0, PNG_OFFSET_PIXEL);
   png_set_text(job.png, job.info, job.text.data(), static_cast<int>(job.text.size()));
+  png_set_filter(job.png, PNG_FILTER_TYPE_BASE, kPngFilter);
   png_set_compression_level(job.png, kPngCompressionLevel);
   png_set_compression_strategy(job.png, 0);  // zlib's default, not that for filtered rows.
   png_write_info(job.png, job.info);
