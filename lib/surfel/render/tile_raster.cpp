@@ -226,8 +226,8 @@ class Rasterizer {
     }
   }
 
-  /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves what is
-  /// another's and returns how many these are.
+  /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves what
+  /// is another's and returns how many these are.
   HWY_INLINE std::size_t join_first(const PixelSplats& list, const std::uint32_t* begin,
                                     const std::uint32_t* end, int which, Contribution* out) const {
     const D d;
