@@ -212,7 +212,7 @@ class Rasterizer {
     return open;
   }
 
-  /// Adds contributions that are not the nearest layer's.
+  /// Adds contributions that are not the first open layer's; `open` are the others.
   HWY_INLINE void place(const PixelSplats& list, Layers open, Contribution* batch,
                         std::size_t count) {
     const std::size_t left = join_layers(list.pixel, open, batch, count);
