@@ -6,8 +6,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
-#include <surfel/io/image.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
+#include <surfel/truth/image_error.h>
 
 #include "tools/support/options.h"
 #include "tools/support/tool.h"

@@ -9,9 +9,9 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/join.h>
-#include <surfel/cloud/transform.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/scene/join.h>
+#include <surfel/scene/transform.h>
 
 #include "tools/support/options.h"
 #include "tools/support/tool.h"

@@ -7,8 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/mesh.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/adaptive_spacing.h>
 #include <surfel/texture/texture_source.h>
 #include <tools/support/options.h>

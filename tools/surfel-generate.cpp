@@ -5,16 +5,18 @@
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
-#include <surfel/io/scene.h>
+#include <surfel/io/image_io.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/hard_cases.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/sample/procedural_sky.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/scene.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <tools/support/options.h>
 #include <tools/support/tool.h>
 

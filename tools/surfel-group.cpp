@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/group/coverage.h>
-#include <surfel/group/grouping.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/sp06/coverage.h>
+#include <surfel/sp06/grouping.h>
 
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"

@@ -6,11 +6,13 @@
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
+#include <surfel/io/image_io.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/triangle_mesh.h>
 
 #include "tools/support/tool.h"
 

@@ -5,8 +5,9 @@
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/mesh.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/render/renderer.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>

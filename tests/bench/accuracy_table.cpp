@@ -13,12 +13,13 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/measure/image_error.h>
-#include <surfel/render/reference.h>
 #include <surfel/render/renderer.h>
-#include <surfel/render/source_ewa.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_surface.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/image_error.h>
+#include <surfel/truth/reference.h>
+#include <surfel/truth/source_ewa.h>
 
 #include "render/inverse_jacobian.h"
 #include "render/scenes.h"

@@ -5,10 +5,10 @@
 #include <cstddef>
 #include <numbers>
 
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/cloud/morton.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel::bench {
 

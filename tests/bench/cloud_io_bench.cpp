@@ -10,10 +10,10 @@
 
 #include <benchmark/benchmark.h>
 #include <fcntl.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/random.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/render/cloud_loader.h>
+#include <surfel/store/cloud_loader.h>
 #include <unistd.h>
 
 namespace surfel {

@@ -18,8 +18,9 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/lat_long.h>
+#include <surfel/io/image_io.h>
 #include <surfel/render/environment_map.h>
+#include <surfel/scene/lat_long.h>
 #include <unistd.h>
 
 namespace surfel {

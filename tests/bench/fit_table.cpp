@@ -8,10 +8,11 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <surfel/io/image.h>
 #include <surfel/render/renderer.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_surface.h>
+#include <surfel/scene/framing.h>
+#include <surfel/scene/image.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace {

@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/timing.h>
-#include <surfel/group/coloring.h>
-#include <surfel/group/disc_tree.h>
-#include <surfel/group/overlap_graph.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/sp06/coloring.h>
+#include <surfel/sp06/disc_tree.h>
+#include <surfel/sp06/overlap_graph.h>
 
 namespace {
 

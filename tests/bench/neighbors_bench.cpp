@@ -16,9 +16,9 @@
 
 #include <fmt/format.h>
 #include <surfel/base/timing.h>
-#include <surfel/estimate/neighbor_search.h>
 #include <surfel/estimate/normals.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/surface/neighbor_search.h>
 
 #include "bench/bench_points.h"
 #include "bench/peer_searches.h"

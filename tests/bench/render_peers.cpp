@@ -21,14 +21,15 @@
 #include <fmt/format.h>
 #include <omp.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/morton.h>
-#include <surfel/io/camera.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/render/render_cloud.h>
 #include <surfel/render/renderer.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
+#include <surfel/store/render_cloud.h>
 
 #include "bench/z_buffer.h"
 #include "tools/support/options.h"

@@ -5,7 +5,8 @@
 #include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/process.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 #include "support/test_data.h"
 

@@ -2,7 +2,8 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 #include "support/run_tool.h"
 

@@ -3,8 +3,9 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/image.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
+#include <surfel/truth/image_error.h>
 
 #include "support/run_tool.h"
 

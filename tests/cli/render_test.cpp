@@ -1,8 +1,9 @@
 // surfel-render: the renderers that it chooses from, and options that would have no effect.
 
 #include <gtest/gtest.h>
-#include <surfel/io/image.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
+#include <surfel/truth/image_error.h>
 
 #include "support/run_tool.h"
 

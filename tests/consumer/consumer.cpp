@@ -5,9 +5,10 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/version.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/surfel_cloud.h>
 
 int main(int argc, char** argv) try {
   if (argc != 2) return 2;

@@ -10,6 +10,7 @@
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_surface.h>
+#include <surfel/scene/framing.h>
 
 #include "render/scenes.h"
 #include "support/test_data.h"

@@ -7,8 +7,11 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/io/camera.h>
-#include <surfel/io/scene.h>
+#include <surfel/io/camera_file.h>
+#include <surfel/io/scene_file.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
+#include <surfel/scene/scene.h>
 
 #include "support/message_of.h"
 #include "support/test_data.h"

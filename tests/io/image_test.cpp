@@ -15,9 +15,10 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/random.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/image_queue.h>
+#include <surfel/scene/image.h>
 #include <sys/stat.h>
 #include <unistd.h>
 

@@ -10,8 +10,9 @@
 #include <support/test_data.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
-#include <surfel/io/mesh.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/io/triangulate.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 namespace {

@@ -6,7 +6,8 @@
 #include <filesystem>
 
 #include <gtest/gtest.h>
-#include <surfel/io/mesh.h>
+#include <surfel/io/mesh_io.h>
+#include <surfel/scene/triangle_mesh.h>
 
 #include "support/test_data.h"
 

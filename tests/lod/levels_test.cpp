@@ -5,7 +5,8 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/lod/hierarchy.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/image_error.h>
 
 #include "render/scenes.h"
 

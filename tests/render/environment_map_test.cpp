@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+#include <surfel/io/image_io.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/sample/procedural_sky.h>
 

@@ -3,10 +3,10 @@
 #include <memory>
 
 #include <surfel/base/types.h>
-#include <surfel/io/image.h>
-#include <surfel/io/lat_long.h>
-#include <surfel/io/scene.h>
 #include <surfel/render/environment_map.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/lat_long.h>
+#include <surfel/scene/scene.h>
 
 namespace surfel::test {
 

@@ -6,7 +6,8 @@
 #include <functional>
 
 #include <gtest/gtest.h>
-#include <surfel/render/reference.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/reference.h>
 
 #include "render/scenes.h"
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/ewa_kernel.h>
+#include <surfel/scene/framing.h>
 
 #include "render/scenes.h"
 

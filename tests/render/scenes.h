@@ -4,10 +4,11 @@
 #include <cmath>
 
 #include <surfel/base/random.h>
-#include <surfel/io/camera.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/ewa_kernel.h>
 #include <surfel/render/renderer.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
 
 namespace surfel::test {
 

@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/render/reference.h>
 #include <surfel/render/shading.h>
-#include <surfel/render/source_ewa.h>
+#include <surfel/truth/reference.h>
+#include <surfel/truth/source_ewa.h>
 
 #include "render/environments.h"
 #include "render/scenes.h"

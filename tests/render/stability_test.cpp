@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/scene/framing.h>
 
 #include "render/scenes.h"
 

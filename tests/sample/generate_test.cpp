@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/sample/generate.h>
 
 namespace surfel {

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
 
 #include "sample/sheet_check.h"

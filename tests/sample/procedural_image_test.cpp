@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/io/lat_long.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/sample/procedural_sky.h>
+#include <surfel/scene/lat_long.h>
 
 namespace surfel {
 namespace {

@@ -10,8 +10,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include <surfel/cloud/cloud.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel::test {
 

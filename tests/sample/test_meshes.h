@@ -5,8 +5,8 @@
 #include <initializer_list>
 #include <string>
 
-#include <surfel/io/mesh.h>
 #include <surfel/sample/generate.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel::test {
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/scene/framing.h>
 
 #include "stability/views.h"
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <surfel/group/enlargement.h>
+#include <surfel/sp06/enlargement.h>
 
 #include "render/scenes.h"
 #include "stability/views.h"

@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/io/camera.h>
 #include <surfel/sample/hard_cases.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
 
 namespace surfel::test {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include <surfel/estimate/estimate.h>
-#include <surfel/estimate/neighbor_search.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/surface/neighbor_search.h>
 
 #include "stability/views.h"
 

@@ -3,9 +3,9 @@
 // Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001, sections 4, 6 and 7, as
 // they are printed: what docs/stability.md holds the renderer against.
 
-#include <surfel/cloud/cloud.h>
-#include <surfel/io/camera.h>
-#include <surfel/io/image.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel::test {
 

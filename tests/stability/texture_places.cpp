@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <surfel/render/supersample.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/texture/texture_fit.h>
+#include <surfel/truth/supersample.h>
 
 #include "stability/views.h"
 

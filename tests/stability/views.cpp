@@ -4,7 +4,8 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/image_error.h>
 
 namespace surfel::test {
 

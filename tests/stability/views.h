@@ -5,9 +5,10 @@
 #include <functional>
 #include <string>
 
-#include <surfel/render/reference.h>
 #include <surfel/render/renderer.h>
 #include <surfel/sample/hard_cases.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/reference.h>
 
 #include "stability/place.h"
 

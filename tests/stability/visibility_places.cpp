@@ -5,7 +5,8 @@
 #include <map>
 
 #include <fmt/format.h>
-#include <surfel/render/supersample.h>
+#include <surfel/scene/framing.h>
+#include <surfel/truth/supersample.h>
 
 #include "stability/published_renderer.h"
 #include "stability/views.h"

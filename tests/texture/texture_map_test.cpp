@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/io/image_io.h>
 #include <surfel/texture/texture_map.h>
 
 #include "support/test_data.h"

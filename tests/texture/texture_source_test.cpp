@@ -3,7 +3,8 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 #include <surfel/texture/texture_source.h>
 
 #include "support/test_data.h"

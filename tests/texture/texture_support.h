@@ -5,7 +5,7 @@
 #include <functional>
 #include <random>
 
-#include <surfel/io/image.h>
+#include <surfel/scene/image.h>
 #include <surfel/texture/texture_map.h>
 
 namespace surfel::test {

@@ -4,6 +4,8 @@
 #include <charconv>
 #include <cmath>
 
+#include <surfel/scene/framing.h>
+
 namespace surfel::tool {
 namespace {
 

@@ -9,7 +9,8 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
-#include <surfel/io/camera.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
 
 namespace surfel::tool {
 

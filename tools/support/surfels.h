@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 
 #include "tools/support/tool.h"
 

@@ -10,7 +10,8 @@
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/plot.h>
 #include <surfel/chart/tool_chain.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 namespace {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <surfel/chart/pareto.h>
-#include <surfel/measure/image_error.h>
+#include <surfel/truth/image_error.h>
 
 namespace surfel {
 

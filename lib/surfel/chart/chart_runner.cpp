@@ -22,11 +22,15 @@
 #include <surfel/chart/tool_run.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
-#include <surfel/io/scene.h>
-#include <surfel/measure/flicker.h>
-#include <surfel/render/render_cloud.h>
+#include <surfel/io/image_io.h>
+#include <surfel/io/mesh_io.h>
+#include <surfel/io/scene_file.h>
+#include <surfel/scene/framing.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/scene.h>
+#include <surfel/scene/triangle_mesh.h>
+#include <surfel/store/render_cloud.h>
+#include <surfel/truth/flicker.h>
 
 namespace surfel {
 namespace {

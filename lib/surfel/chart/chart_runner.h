@@ -8,7 +8,8 @@
 #include <surfel/base/export.h>
 #include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_result.h>
-#include <surfel/io/camera.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
 
 namespace surfel {
 

@@ -3,10 +3,10 @@
 #include <memory>
 
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/estimate/estimate.h>
-#include <surfel/estimate/neighbor_lists.h>
+#include <surfel/surface/neighbor_lists.h>
 
 namespace surfel {
 namespace {

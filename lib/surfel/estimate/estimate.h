@@ -8,11 +8,11 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/estimate/normals.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/outliers.h>
 #include <surfel/estimate/splat_size.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

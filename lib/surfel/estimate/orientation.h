@@ -7,7 +7,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/estimate/neighbor_search.h>
+#include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
 

@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/voronoi_cell.h>
-#include <surfel/estimate/closed_cell.h>
 #include <surfel/estimate/splat_size.h>
+#include <surfel/surface/closed_cell.h>
+#include <surfel/surface/voronoi_cell.h>
 
 namespace surfel {
 namespace {

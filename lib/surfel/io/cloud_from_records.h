@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

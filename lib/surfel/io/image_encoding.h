@@ -10,7 +10,7 @@
 
 #include <surfel/base/color.h>
 #include <surfel/base/parallel.h>
-#include <surfel/io/image.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 

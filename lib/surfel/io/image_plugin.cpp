@@ -18,6 +18,7 @@
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/image_encoding.h>
+#include <surfel/io/image_io.h>
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_writer.h>

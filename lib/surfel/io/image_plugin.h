@@ -4,7 +4,8 @@
 #include <memory>
 #include <string>
 
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 

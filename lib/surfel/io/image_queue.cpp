@@ -7,6 +7,7 @@
 
 #include <surfel/base/parallel.h>
 #include <surfel/base/timing.h>
+#include <surfel/io/image_io.h>
 #include <surfel/io/image_queue.h>
 
 namespace surfel {

@@ -6,7 +6,8 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 

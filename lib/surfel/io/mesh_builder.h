@@ -6,7 +6,7 @@
 #include <string>
 
 #include <surfel/base/types.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -2,7 +2,8 @@
 
 #include <string>
 
-#include <surfel/io/mesh.h>
+#include <surfel/io/mesh_io.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <surfel/io/input_file.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <surfel/io/input_file.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include <surfel/base/types.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

@@ -11,9 +11,9 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

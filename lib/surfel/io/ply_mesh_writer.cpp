@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/output_file.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/io/mesh_writers.h>
 #include <surfel/io/mtl.h>
 

@@ -6,6 +6,7 @@
 #include <png.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_encoding.h>
+#include <surfel/io/image_io.h>
 #include <surfel/io/png_writer.h>
 
 namespace surfel {

@@ -2,7 +2,8 @@
 
 #include <vector>
 
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 

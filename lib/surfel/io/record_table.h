@@ -13,7 +13,7 @@
 #include <type_traits>
 #include <vector>
 
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include <surfel/base/function_ref.h>
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

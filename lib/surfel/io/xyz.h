@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include <surfel/cloud/cloud.h>
 #include <surfel/io/input_file.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

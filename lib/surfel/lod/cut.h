@@ -5,7 +5,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
-#include <surfel/cloud/cluster_tree.h>
+#include <surfel/scene/cluster_tree.h>
 
 namespace surfel {
 

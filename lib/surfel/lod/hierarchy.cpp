@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/surfel_merge.h>
 

@@ -7,9 +7,9 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/cloud/usable_surfels.h>
 #include <surfel/lod/surfel_partition.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/usable_surfels.h>
 
 namespace surfel {
 

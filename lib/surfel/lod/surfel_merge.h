@@ -6,7 +6,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

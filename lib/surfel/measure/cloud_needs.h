@@ -4,8 +4,8 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/cloud/cloud.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

@@ -7,9 +7,9 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
-#include <surfel/cloud/voronoi_cell.h>
-#include <surfel/estimate/neighbor_search.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/surface/neighbor_search.h>
+#include <surfel/surface/voronoi_cell.h>
 
 namespace surfel {
 namespace {

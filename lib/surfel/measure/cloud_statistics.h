@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 

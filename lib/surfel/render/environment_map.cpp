@@ -8,9 +8,10 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/io/lat_long.h>
+#include <surfel/io/image_io.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/sample/procedural_sky.h>
+#include <surfel/scene/lat_long.h>
 
 namespace surfel {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/io/image.h>
-#include <surfel/io/scene.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/scene.h>
 
 namespace surfel {
 

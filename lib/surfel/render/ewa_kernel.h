@@ -9,7 +9,7 @@
 #include <optional>
 
 #include <surfel/base/export.h>
-#include <surfel/io/camera.h>
+#include <surfel/scene/camera.h>
 
 namespace surfel {
 

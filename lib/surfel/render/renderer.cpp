@@ -10,16 +10,16 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
-#include <surfel/render/cloud_stream.h>
-#include <surfel/render/depth_peel.h>
-#include <surfel/render/group_raster.h>
-#include <surfel/render/layer_blend.h>
 #include <surfel/render/plain_pixels.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/splat.h>
 #include <surfel/render/splat_lists.h>
 #include <surfel/render/tile_raster.h>
+#include <surfel/sp06/depth_peel.h>
+#include <surfel/sp06/group_raster.h>
+#include <surfel/sp06/layer_blend.h>
+#include <surfel/store/cloud_stream.h>
 
 namespace surfel {
 namespace {
@@ -70,24 +70,6 @@ RenderColumns columns_of(Method method) {
   return {.groups = needs_groups(method),
           .group_radius = blends_layers(method),
           .copies = blends_layers(method)};
-}
-
-double coverage_threshold(double cutoff) {
-  struct Point {
-    double cutoff, tau;
-  };
-  // The sum of rho that all but 1 in 100,000 pixels inside a magnified jittered grid (V = h^2 I,
-  // jitter 0.35 h, 6 grids) reach.
-  static constexpr Point kMeasured[] = {{0, 0},    {0.5, 0.1}, {1, 0.31},  {1.5, 0.51},
-                                        {2, 0.61}, {3, 0.74},  {4, 0.775}, {16, 0.795}};
-  for (std::size_t i = 1; i < std::size(kMeasured); ++i) {
-    const Point& a = kMeasured[i - 1];
-    const Point& b = kMeasured[i];
-    if (cutoff <= b.cutoff) {
-      return a.tau + (b.tau - a.tau) * (cutoff - a.cutoff) / (b.cutoff - a.cutoff);
-    }
-  }
-  return std::end(kMeasured)[-1].tau;
 }
 
 std::vector<std::string> RenderOptions::problems() const {

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/io/camera.h>
-#include <surfel/io/scene.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/lighting.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/scene.h>
 
 namespace surfel {
 

@@ -8,14 +8,14 @@
 
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
-#include <surfel/io/camera.h>
 #include <surfel/render/depth_sort.h>
 #include <surfel/render/ewa_kernel.h>
-#include <surfel/render/render_cloud.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/splat.h>
 #include <surfel/render/splat_setup.h>
 #include <surfel/render/tile_raster.h>
+#include <surfel/scene/camera.h>
+#include <surfel/store/render_cloud.h>
 
 namespace surfel {
 
@@ -35,14 +35,6 @@ struct Band {
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * tiles_y; }
   /// Place of the tile in column x and row y among all, row by row.
   std::size_t tile(int x, int y) const { return static_cast<std::size_t>(y) * tiles_x + x; }
-};
-
-/// Cluster seen by the camera.
-struct VisibleCluster {
-  float nearest;  ///< Least z of its surfels' bounding sphere.
-  std::uint32_t index;
-  /// Tiles of the band that its splats may touch, last included; of bin().
-  std::uint16_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };
 
 /// Square groups of tiles that a band is drawn in: as many as one worker's caches hold the splats

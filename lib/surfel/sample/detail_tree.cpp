@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/morton.h>
 #include <surfel/base/radix_sort.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/sample/detail_tree.h>
 
 namespace surfel {

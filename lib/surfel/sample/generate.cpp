@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/sample/equal_area_strata.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_image.h>

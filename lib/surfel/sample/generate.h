@@ -7,10 +7,10 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
 #include <surfel/sample/procedural_surface.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -14,6 +14,7 @@
 #include <surfel/sample/generate.h>
 #include <surfel/sample/hard_cases.h>
 #include <surfel/sample/procedural_surface.h>
+#include <surfel/scene/framing.h>
 
 namespace surfel {
 namespace {

@@ -8,10 +8,11 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/io/camera.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

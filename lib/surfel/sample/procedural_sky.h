@@ -2,7 +2,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/io/image.h>
+#include <surfel/scene/image.h>
 
 namespace surfel {
 

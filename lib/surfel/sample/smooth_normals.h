@@ -4,7 +4,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -2,9 +2,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/sample/surface_chunks.h>
 
 namespace surfel {

@@ -8,8 +8,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/io/mesh.h>
 #include <surfel/sample/sizing_field.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

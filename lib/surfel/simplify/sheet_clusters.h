@@ -6,8 +6,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/estimate/neighbor_search.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
 

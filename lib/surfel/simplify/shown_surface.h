@@ -2,7 +2,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 #include <surfel/texture/render_system.h>
 
 namespace surfel {

@@ -6,16 +6,16 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
-#include <surfel/estimate/neighbor_search.h>
 #include <surfel/lod/surfel_merge.h>
-#include <surfel/render/renderer.h>
 #include <surfel/sample/detail_tree.h>
 #include <surfel/simplify/covering_gaussian.h>
 #include <surfel/simplify/shown_surface.h>
 #include <surfel/simplify/simplify.h>
 #include <surfel/solve/conjugate_gradients.h>
+#include <surfel/surface/coverage_threshold.h>
+#include <surfel/surface/neighbor_search.h>
 #include <surfel/texture/render_system.h>
 
 namespace surfel {

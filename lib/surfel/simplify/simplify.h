@@ -9,8 +9,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/cloud/usable_surfels.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/usable_surfels.h>
 #include <surfel/simplify/sheet_clusters.h>
 
 namespace surfel {

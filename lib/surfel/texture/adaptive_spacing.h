@@ -8,9 +8,9 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/mesh.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/sizing_field.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {

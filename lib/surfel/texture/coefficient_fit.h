@@ -2,7 +2,7 @@
 
 #include <optional>
 
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 #include <surfel/texture/ewa_fit.h>
 #include <surfel/texture/texture_fit.h>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 #include <surfel/texture/render_system.h>
 #include <surfel/texture/texture_fit.h>
 

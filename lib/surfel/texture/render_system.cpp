@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/voronoi_cell.h>
+#include <surfel/surface/voronoi_cell.h>
 #include <surfel/texture/render_system.h>
 
 namespace surfel {

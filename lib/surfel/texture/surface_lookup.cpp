@@ -10,8 +10,8 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/cloud/morton.h>
 #include <surfel/texture/surface_lookup.h>
 
 namespace surfel {

@@ -7,8 +7,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/cloud.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
 

@@ -2,7 +2,7 @@
 #include <cmath>
 #include <optional>
 
-#include <surfel/cloud/morton.h>
+#include <surfel/base/morton.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {

@@ -9,7 +9,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
-#include <surfel/cloud/cloud.h>
+#include <surfel/scene/surfel_cloud.h>
 #include <surfel/solve/solve_report.h>
 #include <surfel/texture/robust_fit.h>
 #include <surfel/texture/texture_map.h>

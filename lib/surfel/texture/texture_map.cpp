@@ -10,6 +10,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/io/image_io.h>
 #include <surfel/texture/texture_map.h>
 
 namespace surfel {

@@ -7,7 +7,8 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/io/image.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
 #include <surfel/texture/gaussian_pyramid.h>
 #include <surfel/texture/texel_kernel.h>
 #include <surfel/texture/uv_charts.h>

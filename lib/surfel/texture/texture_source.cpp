@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/io/image_io.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/texture/texture_source.h>
 

@@ -3,8 +3,8 @@
 #include <string>
 
 #include <surfel/base/export.h>
-#include <surfel/io/image.h>
-#include <surfel/io/mesh.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {

@@ -1,0 +1,37 @@
+#include <cmath>
+
+#include <surfel/base/bounds.h>
+
+namespace surfel {
+namespace {
+
+/// A coordinate this many extents away from zero loses two bits or more of the extent's in float.
+constexpr double kFar = 4;
+
+/// Where to put the origin on one axis, given the range there and the extent of all axes: zero
+/// unless the range lies far away. It is a multiple of a power of two of about the extent, so that
+/// float coordinates minus it are exact: they are multiples of their spacing, which is finer than
+/// the origin's, and the difference is smaller than they are.
+double choose_origin(double min, double max, double extent) {
+  const double center = min / 2 + max / 2;
+  if (!(std::abs(center) > kFar * extent)) return 0;
+  if (extent == 0) {  // All in one place: only what float cannot hold is left to the offset.
+    const auto nearest = static_cast<double>(static_cast<float>(center));
+    return nearest == center ? 0 : nearest;
+  }
+  const double step = std::exp2(std::ceil(std::log2(extent)));
+  return std::round(center / step) * step;
+}
+
+}  // namespace
+
+Vec3d float_origin(const Bounds& box) {
+  const double extent = (box.max - box.min).cwiseMax(0).norm();
+  Vec3d origin;
+  for (int axis = 0; axis < 3; ++axis) {
+    origin[axis] = choose_origin(box.min[axis], box.max[axis], extent);
+  }
+  return origin;
+}
+
+}  // namespace surfel

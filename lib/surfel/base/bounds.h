@@ -1,0 +1,29 @@
+#pragma once
+
+#include <limits>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+
+namespace surfel {
+
+/// Axis-aligned box; empty() until something was added.
+struct Bounds {
+  Vec3d min{Vec3d::Constant(std::numeric_limits<double>::infinity())};
+  Vec3d max{Vec3d::Constant(-std::numeric_limits<double>::infinity())};
+  bool empty() const { return !(min.x() <= max.x()); }
+  void add(const Vec3d& p) {
+    min = min.cwiseMin(p);
+    max = max.cwiseMax(p);
+  }
+  Vec3d center() const { return (min + max) / 2; }
+  /// Length of the diagonal; 0 when empty.
+  double diagonal() const { return empty() ? 0 : (max - min).norm(); }
+};
+
+/// Where to put the origin of a cloud that fills the box, so that float offsets from it are as
+/// precise as can be: (0, 0, 0) unless the box lies far from it for its size. Where coordinates are
+/// floats themselves the offsets are exact.
+SURFEL_API Vec3d float_origin(const Bounds& box);
+
+}  // namespace surfel

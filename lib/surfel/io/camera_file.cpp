@@ -1,0 +1,37 @@
+#include <surfel/base/error.h>
+#include <surfel/io/camera_file.h>
+#include <surfel/io/toml_reader.h>
+#include <surfel/scene/framing.h>
+
+namespace surfel {
+
+std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOptions& defaults) {
+  const TomlReader file = TomlReader::open(path);
+  const auto read_one = [&](const TomlTable& table) {
+    CameraOptions options = defaults;
+    table.read("eye", options.eye);
+    table.read("from", options.from);
+    table.read("target", options.target);
+    table.read("up", options.up);
+    table.read("fov", options.fov);
+    table.read("ortho", options.ortho);
+    table.read("size", options.width, options.height);
+    table.read("near", options.near);
+    table.read("zoom", options.zoom);
+    table.read("frame-all", options.frame_all);
+    table.reject_unread();
+    for (const std::string& problem : options.problems()) throw_input(path, problem);
+    return options;
+  };
+  std::vector<CameraOptions> cameras;
+  const std::vector<TomlTable> tables = file.tables("camera");
+  for (const TomlTable& table : tables) cameras.push_back(read_one(table));
+  if (tables.empty()) {
+    cameras.push_back(read_one(file.root()));
+  } else {
+    file.root().reject_unread();
+  }
+  return cameras;
+}
+
+}  // namespace surfel

@@ -1,0 +1,59 @@
+#include <algorithm>
+#include <filesystem>
+#include <vector>
+
+#include <surfel/base/error.h>
+#include <surfel/base/output_file.h>
+#include <surfel/base/plugin.h>
+#include <surfel/io/image_io.h>
+#include <surfel/io/image_plugin.h>
+#include <surfel/io/png_writer.h>
+
+namespace surfel {
+namespace {
+
+Image read_image(const std::string& path, ImageForm form) {
+  Image image;
+  const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
+  read(path, form, image);
+  return image;
+}
+
+}  // namespace
+
+Image read_image(const std::string& path, bool raw) {
+  return read_image(path, raw ? ImageForm::kRaw : ImageForm::kStraight);
+}
+
+Image read_premultiplied_image(const std::string& path) {
+  return read_image(path, ImageForm::kPremultiplied);
+}
+
+std::shared_ptr<ImageReader> open_image(const std::string& path) {
+  const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
+  std::shared_ptr<ImageReader> reader;
+  open(path, reader);
+  return reader;
+}
+
+void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {
+  const std::size_t values = static_cast<std::size_t>(std::max(0, image.width)) *
+                             static_cast<std::size_t>(std::max(0, image.height)) *
+                             image.channels.size();
+  if (values == 0 || values != image.data.size()) {
+    throw_usage(path + ": an image without pixels cannot be written");
+  }
+  if (path == "-" || std::filesystem::path(path).extension() == ".png") {
+    // Opened before the work, so that a target that cannot be written is found at once.
+    OutputFile file(path, options.no_clobber);
+    const std::vector<unsigned char> bytes = encode_png(image, options);
+    file.write(bytes.data(), bytes.size());
+    file.commit();
+    return;
+  }
+  const auto write =
+      reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
+  write(image, path, options);
+}
+
+}  // namespace surfel

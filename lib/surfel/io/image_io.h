@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/image.h>
+
+namespace surfel {
+
+/// Reads any format of OpenImageIO ("-" is standard input) as linear R G B A with straight (not
+/// premultiplied) alpha: integer files (8 and 16 bits, palette, grey) are decoded from sRGB, float
+/// files (EXR, HDR) are linear. Colour profiles and gamma tags are ignored. Grey is spread to R G
+/// B, a missing alpha is 1; where a premultiplied file has alpha 0, its colour comes as stored.
+/// With `raw` channels come as stored: float files premultiplied and with all their AOVs, integer
+/// files still decoded. Of files with several images the first, of EXR the data window. Throws
+/// Error(kIo, kInput) naming file and cause.
+SURFEL_API Image read_image(const std::string& path, bool raw = false);
+
+/// The same R G B A premultiplied, as write_image() takes it: what a premultiplied float file (EXR)
+/// stores comes unchanged, even light where alpha is 0.
+SURFEL_API Image read_premultiplied_image(const std::string& path);
+
+/// An image that is read piece by piece, so that it need not fit into memory.
+class SURFEL_API ImageReader {
+ public:
+  struct Layout {
+    std::string name;  ///< For messages.
+    int width = 0;
+    int height = 0;
+    bool alpha = false;    ///< The file has an alpha channel.
+    bool coded = false;    ///< Pieces come in 8 bits.
+    int piece_height = 1;  ///< Pieces that start at multiples of it are decoded once.
+  };
+  /// Columns [x_begin, x_end) of rows [y_begin, y_end).
+  struct Box {
+    int x_begin, x_end, y_begin, y_end;
+    std::size_t width() const { return static_cast<std::size_t>(x_end - x_begin); }
+    std::size_t height() const { return static_cast<std::size_t>(y_end - y_begin); }
+    std::size_t pixels() const { return width() * height(); }
+  };
+
+  virtual ~ImageReader() = default;
+  virtual const Layout& layout() const = 0;
+  /// Pixels of a box that is not empty, as read_image() gives them: straight R G B A, four floats
+  /// each, or, where the layout is `coded`, four bytes, R G B still encoded as sRGB. Formats
+  /// without tiles are fast from top to bottom only. Throws Error(kInput) naming file and cause.
+  virtual void read(const Box& box, void* rgba) = 0;
+};
+
+/// Opens any format that read_image() reads; the pixels may take more room than the machine has,
+/// but not more than 256 GiB in the file's own format. Throws as read_image() does.
+SURFEL_API std::shared_ptr<ImageReader> open_image(const std::string& path);
+
+struct ImageWriteOptions {
+  bool no_clobber = false;
+  /// String attributes for the file's metadata (formats without any ignore them).
+  std::vector<std::pair<std::string, std::string>> metadata;
+  /// Row-major 4x4 matrix that takes column vectors from world to camera, or empty. Written to EXR
+  /// as `worldToCamera`, transposed as OpenEXR's matrices act on row vectors.
+  std::vector<float> world_to_camera;
+};
+
+/// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF
+/// and PNG (8 bits, sRGB-encoded, straight alpha, which is left out where every pixel is opaque),
+/// JPEG (8 bits, sRGB, quality 95, composited on nothing: alpha is dropped), Radiance HDR (linear
+/// R G B), and what else OpenImageIO encodes in memory, like PNG; "-" is standard output, as PNG.
+/// The image is premultiplied linear R G B A followed by any AOVs, found by name; formats other
+/// than EXR get R G B A only. The same image gives the same bytes (no time stamps). Throws
+/// Error(kIo) naming file and cause; an extension that cannot be written is kUsage.
+SURFEL_API void write_image(const Image& image, const std::string& path,
+                            const ImageWriteOptions& options = {});
+
+}  // namespace surfel

@@ -1,0 +1,86 @@
+#include <algorithm>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/input_file.h>
+#include <surfel/io/mesh_io.h>
+#include <surfel/io/mesh_writers.h>
+#include <surfel/io/obj.h>
+#include <surfel/io/off.h>
+#include <surfel/io/ply.h>
+#include <surfel/io/ply_mesh.h>
+#include <surfel/io/stl.h>
+
+namespace surfel {
+namespace {
+
+std::string lower_extension(const std::string& path) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+/// Standard input has no extension; of the formats only OBJ has no mark of its own.
+std::string extension_of_content(const InputFile& file) {
+  const std::string_view text(reinterpret_cast<const char*>(file.bytes().data()),
+                              file.bytes().size());
+  if (PlyFile::matches(file.bytes())) return ".ply";
+  if (text.substr(0, 5) == "solid") return ".stl";
+  return text.substr(0, 5).find("OFF") != std::string_view::npos ? ".off" : ".obj";
+}
+
+/// Writers rely on what readers guarantee; meshes may also come from a program.
+void check_columns(const TriangleMesh& mesh, const std::string& path) {
+  const std::size_t faces = mesh.face.size();
+  const auto fits = [](const auto& column, std::size_t size) {
+    return column.empty() || column.size() == size;
+  };
+  if (!fits(mesh.color, mesh.position.size()) || !fits(mesh.wedge_uv, faces) ||
+      !fits(mesh.wedge_normal, faces) || !fits(mesh.face_material, faces) ||
+      (!mesh.material.empty() && faces > 0 && mesh.face_material.empty())) {
+    throw_input(path, "the columns of the mesh differ in length");
+  }
+  for (const auto& face : mesh.face) {
+    if (*std::max_element(face.begin(), face.end()) >= mesh.position.size()) {
+      throw_input(path, "a face names a vertex that is not there");
+    }
+  }
+  for (const std::uint16_t material : mesh.face_material) {
+    if (material >= mesh.material.size()) {
+      throw_input(path, "a face names a material that is not there");
+    }
+  }
+}
+
+}  // namespace
+
+TriangleMesh read_mesh(const std::string& path) {
+  InputFile file(path);
+  if (file.bytes().empty()) throw_input(file.name(), "the file is empty");
+  const std::string extension = path == "-" ? extension_of_content(file) : lower_extension(path);
+  if (extension == ".obj") return read_obj(file);
+  if (extension == ".ply") return read_ply_mesh(std::move(file));
+  if (extension == ".stl") return read_stl(file);
+  if (extension == ".off") return read_off(file);
+  throw_input(path, fmt::format("'{}' is not a mesh format that is supported: .obj, .ply, .stl, "
+                                ".off",
+                                extension));
+}
+
+void write_mesh(const TriangleMesh& mesh, const std::string& path,
+                const MeshWriteOptions& options) {
+  check_columns(mesh, path);
+  const std::string extension = lower_extension(path);
+  if (extension == ".obj") {
+    write_obj(mesh, path, options);
+  } else if (extension == ".ply" || path == "-") {
+    write_ply_mesh(mesh, path, options);
+  } else {
+    throw_usage(fmt::format(
+        "{}: '{}' is not a mesh format that can be written; choose .obj or .ply", path, extension));
+  }
+}
+
+}  // namespace surfel

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <string>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/scene.h>
+
+namespace surfel {
+
+/// Reads TOML: `ambient = [r, g, b]`, `refraction` ("single" | "multi"), tables [[light]] (type =
+/// "directional" | "headlight" | "point", direction or position, color), [[material]] (name,
+/// ambient, diffuse, specular, shininess, opacity, reflectivity, ior, dispersion, roughness,
+/// absorption) and [environment] (image, relative to the file's folder; intensity, rotation,
+/// visible). A material with an ior but no reflectivity has that of its ior, ((ior - 1) / (ior +
+/// 1))^2. A file without lights, or without materials, has the default ones. Environments are named
+/// here and loaded by load_environment() (render/environment_map.h). Throws Error naming file and
+/// line; an unknown key is an error.
+SURFEL_API Scene read_scene(const std::string& path);
+
+}  // namespace surfel

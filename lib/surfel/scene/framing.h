@@ -1,0 +1,50 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/bounds.h>
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/scene/camera.h>
+
+namespace surfel {
+
+/// What a user says of a camera; what is left out is chosen so that the whole scene is seen.
+struct CameraOptions {
+  std::optional<Vec3d> eye;     ///< Default: in front of the target (towards +z, or -y where `up`
+                                ///< is z) and 20 degrees above it, so far that all is seen.
+  std::optional<Vec3d> from;    ///< Direction from the target to the eye, where `eye` is not set.
+  std::optional<Vec3d> target;  ///< Default: the centre of the scene's bounding box.
+  Vec3d up{0, 1, 0};            ///< Need not be perpendicular to the view.
+  double fov = 40;              ///< Vertical field of view, degrees, in (0, 180).
+  std::optional<double> ortho;  ///< Orthographic instead: visible height in scene units, > 0.
+  int width = 512;              ///< Pixels, 1..65536.
+  int height = 512;
+  double near = 0;         ///< Scene units, >= 0.
+  double zoom = 1;         ///< Enlarges the picture about its centre, once framed; > 0.
+  bool frame_all = false;  ///< Move the eye along its line of sight (orthographic: set the
+                           ///< height) until the whole scene is just seen.
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
+};
+
+/// What a camera is to see: the box decides on the target, the support function on the distance.
+struct SceneExtent {
+  Bounds box;  ///< World; an empty one stands for a unit cube.
+  /// Of the spheres that the scene consists of, the greatest a . center + b radius (b >= 0), world
+  /// coordinates: how far it reaches in a direction. Unset: the box's.
+  std::function<double(const Vec3d& a, double b)> support = {};
+};
+
+/// Camera from options. Throws Error(kUsage) if eye and target coincide.
+SURFEL_API Camera make_camera(const CameraOptions& options, const SceneExtent& scene);
+
+/// `count` cameras on a circle around the target, `up` its axis, the first one the camera itself.
+SURFEL_API std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& scene,
+                                         int count);
+
+}  // namespace surfel

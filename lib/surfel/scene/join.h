@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+struct JoinOptions {
+  /// Row of the material table for each cloud's surfels, 0..65535, -1 = the rows that they have;
+  /// empty: of all clouds those that they have.
+  std::vector<int> material;
+  /// The rows of a cloud come after those of the clouds before it, so that no two clouds share
+  /// one; not together with `material`.
+  bool separate_materials = false;
+
+  /// Empty if usable for so many clouds, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems(std::size_t clouds) const;
+};
+
+/// What joining did to the columns.
+struct JoinReport {
+  struct Filled {
+    std::size_t cloud;
+    std::string column;
+  };
+  std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
+  std::vector<std::string> dropped;  ///< Columns that not every cloud had.
+  double rounding = 0;               ///< Largest change of a coordinate, scene units, that finite
+                        ///< precision made: clouds far from one another share an origin.
+  bool basis_differs = false;  ///< Coefficients were fitted for different cutoffs.
+};
+
+/// The surfels of several clouds in one, in their order. A single cloud keeps all that it has; of
+/// several
+///  - what some lack is filled: normal 0 (unknown); area sqrt |V|; alpha 1; colour
+///    SurfelCloud::colorless(); coefficients the colour that would be rendered; material and level
+///    0; other properties 0;
+///  - variances become anisotropic where one cloud's are: along any tangent, both the same;
+///  - uv, dpdu, dpdv, group and group_radius stay where all clouds have them: there is no value for
+///    none. Groups stay as they are: where bodies overlap, splats of one group may;
+///  - `source` is numbered anew, so that splats of different clouds never share it;
+///  - properties whose types differ become double; colours the wider of their encodings;
+///  - provenance and comments follow one another, each line once; the viewpoint stays if all have
+///    the same, as does the basis' cutoff of those that have coefficients;
+///  - positions move to an origin for all.
+/// \param names  one for each cloud, for messages.
+/// Throws Error(kUsage) for unusable options, Error(kInput) where a cloud has no variance and
+/// others do, for more than 2^32 - 1 surfels, and where separate materials need more than 65,536
+/// rows.
+SURFEL_API SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& options,
+                                   std::span<const std::string> names,
+                                   JoinReport* report = nullptr);
+
+}  // namespace surfel

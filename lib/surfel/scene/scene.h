@@ -1,0 +1,45 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/types.h>
+#include <surfel/scene/light.h>
+#include <surfel/scene/material.h>
+
+namespace surfel {
+
+class EnvironmentMap;
+
+/// Environment::image of the one that is made, procedural_sky() (sample/procedural_sky.h).
+inline constexpr char kSkyName[] = "sky";
+
+/// Light from far away in all directions.
+struct Environment {
+  std::string image;    ///< A lat-long picture (io/lat_long.h), or "sky", which is made.
+  float intensity = 1;  ///< Factor for the picture's values, 0..1e6.
+  float rotation = 0;   ///< Degrees about +y: what the picture has at +z is turned towards +x.
+  bool visible = true;  ///< Is seen directly, too; else only in reflections and by refraction.
+  std::shared_ptr<const EnvironmentMap> map{};  ///< Made by load_environment().
+};
+
+/// How often a ray is refracted on its way through a pixel's surfaces (SP06 section 5.2.3).
+enum class Refraction : std::uint8_t {
+  kSingle,  ///< Once, by the nearest one.
+  kMulti,   ///< As often as there are surfaces, SP06 (12).
+};
+
+/// Materials, lights and environment of a picture. As made: one default material, some ambient
+/// light, and a headlight over the viewer's left shoulder.
+struct Scene {
+  std::vector<Material> materials{Material{}};  ///< Surfels name rows; without the column, row 0.
+  Vec3f ambient{0.25F, 0.25F, 0.25F};
+  std::vector<Light> lights{Light{Light::Type::kHeadlight, {0.3, 0.4, 1}, {0.75F, 0.75F, 0.75F}}};
+  std::optional<Environment> environment{};
+  Refraction refraction = Refraction::kMulti;
+};
+
+}  // namespace surfel

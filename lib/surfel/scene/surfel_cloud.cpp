@@ -1,0 +1,107 @@
+#include <cmath>
+#include <cstring>
+
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 16;
+
+}  // namespace
+
+const Array<Vec3f>* SurfelCloud::render_color() const {
+  if (!coefficient.empty()) return &coefficient;
+  return color.empty() ? nullptr : &color;
+}
+
+Bounds SurfelCloud::bounds() const {
+  const std::size_t blocks = (size() + kGrain - 1) / kGrain;
+  std::vector<Bounds> partial(blocks);
+  parallel_for(size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    Bounds box;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (position[i].allFinite()) box.add(world(i));
+    }
+    partial[begin / kGrain] = box;
+  });
+  Bounds box;
+  for (const Bounds& b : partial) {
+    if (b.empty()) continue;
+    box.add(b.min);
+    box.add(b.max);
+  }
+  return box;
+}
+
+SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
+  SurfelCloud out;
+  // File-wide values first; the columns are filled below.
+  out.origin = origin;
+  out.double_positions = double_positions;
+  out.color_encoding = color_encoding;
+  out.alpha_as_uint8 = alpha_as_uint8;
+  out.basis_cutoff = basis_cutoff;
+  out.provenance = provenance;
+  out.comments = comments;
+  out.viewpoint = viewpoint;
+
+  const auto gather = [&](const auto& from, auto& to) {
+    if (from.empty()) return;
+    to.resize(order.size());
+    parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) to[i] = from[order[i]];
+    });
+  };
+  gather(position, out.position);
+  gather(normal, out.normal);
+  gather(variance, out.variance);
+  gather(tangent, out.tangent);
+  gather(variance_u, out.variance_u);
+  gather(variance_v, out.variance_v);
+  gather(area, out.area);
+  gather(color, out.color);
+  gather(alpha, out.alpha);
+  gather(coefficient, out.coefficient);
+  gather(uv, out.uv);
+  gather(dpdu, out.dpdu);
+  gather(dpdv, out.dpdv);
+  gather(material, out.material);
+  gather(group, out.group);
+  gather(group_radius, out.group_radius);
+  gather(source, out.source);
+  gather(level, out.level);
+  for (const ExtraProperty& property : extra) {
+    ExtraProperty to{property.name, property.type, {}};
+    const std::size_t bytes = scalar_size(property.type);
+    to.data.resize(order.size() * bytes);
+    parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        std::memcpy(to.data.data() + i * bytes, property.data.data() + order[i] * bytes, bytes);
+      }
+    });
+    out.extra.push_back(std::move(to));
+  }
+  return out;
+}
+
+void SurfelCloud::check_columns(const std::string& name) const {
+  visit_columns(*this, [&](const auto& column) {
+    if (!column.empty() && column.size() != size()) {
+      throw_input(name, "columns differ in length (" + std::to_string(column.size()) + " and " +
+                            std::to_string(size()) + ")");
+    }
+  });
+  if (const std::string problem = tree_problem(tree, size()); !problem.empty()) {
+    throw_input(name, "its levels of detail are broken: " + problem + "; run surfel-lod again");
+  }
+  for (const ExtraProperty& property : extra) {
+    if (property.data.size() != size() * scalar_size(property.type)) {
+      throw_input(name, "column " + property.name + " has the wrong length");
+    }
+  }
+}
+
+}  // namespace surfel

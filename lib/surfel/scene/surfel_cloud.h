@@ -1,0 +1,118 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/bounds.h>
+#include <surfel/base/export.h>
+#include <surfel/base/scalar_type.h>
+#include <surfel/base/types.h>
+#include <surfel/scene/cluster_tree.h>
+
+namespace surfel {
+
+/// A column that this library gives no meaning to; tools carry it through unchanged.
+struct ExtraProperty {
+  std::string name;
+  ScalarType type = ScalarType::kFloat32;
+  Array<std::byte>
+      data;  ///< size() values of scalar_size(type) bytes, in this machine's byte order.
+};
+
+/// How `color` stood in the file, and will be written: integers are sRGB-encoded, floats linear.
+enum class ColorEncoding : std::uint8_t { kUint8Srgb, kUint16Srgb, kFloatLinear };
+
+/// Sensor position and orientation of a scan (PCD's VIEWPOINT).
+struct Viewpoint {
+  Vec3d position{0, 0, 0};
+  Eigen::Vector4d orientation{1, 0, 0, 0};  ///< Unit quaternion w x y z.
+};
+
+/// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
+/// there, every other column either is empty (the attribute is absent) or has size() values.
+/// design.md section 2 lists the columns' meaning; colours here are linear light.
+struct SURFEL_API SurfelCloud {
+  Vec3d origin{0, 0, 0};  ///< World position = origin + position, so that far-away scenes keep
+                          ///< their precision in float.
+  bool double_positions = false;  ///< Write x y z as double whatever the origin.
+
+  Array<Vec3f> position;    ///< Scene units, relative to `origin`.
+  Array<Vec3f> normal;      ///< Unit length; all zero = unknown.
+  Array<float> variance;    ///< Isotropic: V = variance * I in the tangent plane, unit^2.
+  Array<Vec3f> tangent;     ///< Anisotropic: unit tangent t, V = diag(variance_u, variance_v) in
+  Array<float> variance_u;  ///< the frame (t, n x t). These three come together and win over
+  Array<float> variance_v;  ///< `variance`.
+  Array<float> area;        ///< Surface that the sample stands for, unit^2: the amplitude a_k.
+  Array<Vec3f> color;       ///< Colour sample c_k, linear.
+  ColorEncoding color_encoding = ColorEncoding::kUint8Srgb;
+  Array<float> alpha;           ///< Opacity 0..1, straight.
+  bool alpha_as_uint8 = false;  ///< Write alpha as uchar.
+  Array<Vec3f> coefficient;     ///< Texture coefficients w_k, linear, unbounded; win over `color`.
+  Array<Vec2f> uv;              ///< Texture coordinate, v = 0 at the image's bottom row.
+  Array<Vec3f> dpdu;            ///< Surface derivative by u, units per uv unit.
+  Array<Vec3f> dpdv;
+  Array<std::uint16_t> material;  ///< Row of the material table.
+  Array<std::uint16_t> group;     ///< Group S_k (SP06).
+  Array<float> group_radius;      ///< Enlarged radius of SP06, unit.
+  Array<std::uint32_t> source;    ///< Splats duplicated from one another share it.
+  Array<std::uint8_t> level;      ///< Level of detail, 0 = finest.
+  std::vector<ExtraProperty> extra;
+  /// Levels of detail (surfel-lod); empty where there is one level only. It fits the order of the
+  /// surfels: what changes that drops it, as gathered() does.
+  ClusterTree tree;
+
+  std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
+  std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
+  std::vector<std::string> comments;    ///< The file's other comments.
+  std::optional<Viewpoint> viewpoint;
+  /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
+  std::size_t coarser_skipped = 0;
+
+  std::size_t size() const { return position.size(); }
+  bool empty() const { return position.empty(); }
+  bool anisotropic() const { return !tangent.empty(); }
+  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
+  /// into saturation.
+  static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
+  /// Column of linear colours to render: `coefficient`, else `color`, else null.
+  const Array<Vec3f>* render_color() const;
+
+  Vec3d world(std::size_t i) const { return origin + position[i].cast<double>(); }
+  /// Of the finite positions, in world coordinates.
+  Bounds bounds() const;
+
+  /// The surfels order[0], order[1], ... with all their attributes; indices may repeat.
+  SurfelCloud gathered(const Array<std::uint32_t>& order) const;
+  /// Throws Error(kInput) if a column is neither empty nor of size(); `name` starts the message.
+  void check_columns(const std::string& name) const;
+  /// Calls visit(column) for every array with a value per surfel, `extra` excluded.
+  template <class Cloud, class Visit>
+  static void visit_columns(Cloud& cloud, Visit&& visit);
+};
+
+template <class Cloud, class Visit>
+void SurfelCloud::visit_columns(Cloud& cloud, Visit&& visit) {
+  visit(cloud.position);
+  visit(cloud.normal);
+  visit(cloud.variance);
+  visit(cloud.tangent);
+  visit(cloud.variance_u);
+  visit(cloud.variance_v);
+  visit(cloud.area);
+  visit(cloud.color);
+  visit(cloud.alpha);
+  visit(cloud.coefficient);
+  visit(cloud.uv);
+  visit(cloud.dpdu);
+  visit(cloud.dpdv);
+  visit(cloud.material);
+  visit(cloud.group);
+  visit(cloud.group_radius);
+  visit(cloud.source);
+  visit(cloud.level);
+}
+
+}  // namespace surfel

@@ -1,0 +1,89 @@
+#include <cmath>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/scene/transform.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 16;
+constexpr double kMostScale = 1e9;
+
+template <class T, class Change>
+void change(Array<T>& column, Change&& to) {
+  parallel_for(column.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) column[i] = to(column[i]);
+  });
+}
+
+}  // namespace
+
+bool Similarity::identity() const {
+  return scale == 1 && translation.isZero(0) && rotation.vec().isZero(0);
+}
+
+std::vector<std::string> Similarity::problems() const {
+  std::vector<std::string> found;
+  if (!(scale >= 1 / kMostScale && scale <= kMostScale)) {
+    found.push_back(fmt::format("scale is {}; it must be in 1e-9..1e9", scale));
+  }
+  if (!(std::abs(rotation.norm() - 1) < 1e-9)) {
+    found.emplace_back("the rotation's axis has no direction");
+  }
+  if (!translation.allFinite()) found.emplace_back("the translation is not finite");
+  return found;
+}
+
+void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
+  for (const std::string& problem : similarity.problems()) throw_usage(problem);
+  if (similarity.identity()) return;
+  const Eigen::Matrix3d rotation = similarity.rotation.toRotationMatrix();
+  const Eigen::Matrix3d linear = similarity.scale * rotation;
+  const auto moved = [&](const Vec3d& world) -> Vec3d {
+    return linear * world + similarity.translation;
+  };
+
+  SurfelCloud at_old_origin;
+  at_old_origin.origin = moved(cloud.origin);
+  // Bounds of the new places, as offsets from the old origin's; those are near enough for floats.
+  at_old_origin.position = cloud.position;
+  change(at_old_origin.position,
+         [&](const Vec3f& p) -> Vec3f { return (linear * p.cast<double>()).cast<float>(); });
+  const Vec3d origin = float_origin(at_old_origin.bounds());
+  const Vec3d shift = at_old_origin.origin - origin;
+  change(cloud.position, [&](const Vec3f& p) -> Vec3f {
+    return (linear * p.cast<double>() + shift).cast<float>();
+  });
+  cloud.origin = origin;
+
+  const auto turned = [&](const Vec3f& v) -> Vec3f {
+    return (rotation * v.cast<double>()).cast<float>();
+  };
+  const auto stretched = [&](const Vec3f& v) -> Vec3f {
+    return (linear * v.cast<double>()).cast<float>();
+  };
+  const auto times = [](double factor) {
+    return [factor](float v) { return static_cast<float>(factor * static_cast<double>(v)); };
+  };
+  const double square = similarity.scale * similarity.scale;
+  change(cloud.normal, turned);
+  change(cloud.tangent, turned);
+  change(cloud.dpdu, stretched);
+  change(cloud.dpdv, stretched);
+  change(cloud.variance, times(square));
+  change(cloud.variance_u, times(square));
+  change(cloud.variance_v, times(square));
+  change(cloud.area, times(square));
+  change(cloud.group_radius, times(similarity.scale));
+  if (cloud.viewpoint) {
+    Eigen::Vector4d& q = cloud.viewpoint->orientation;
+    const Eigen::Quaterniond turned_view =
+        similarity.rotation * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+    q = {turned_view.w(), turned_view.x(), turned_view.y(), turned_view.z()};
+    cloud.viewpoint->position = moved(cloud.viewpoint->position);
+  }
+}
+
+}  // namespace surfel

@@ -1,0 +1,111 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/timing.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/sp06/enlargement.h>
+
+namespace surfel {
+
+/// How the groups are made to cover the surface (SP06 section 4.2.2).
+enum class CoverMethod : std::uint8_t {
+  kNone,         ///< Not at all: it is measured how much they cover.
+  kEnlarge,      ///< Method (2): one factor for all radii of a group.
+  kEnlargeEach,  ///< One radius for every splat: it covers its cell. The least overlap of the two.
+  kDuplicate,    ///< Method (1): splats of other groups are added.
+};
+
+struct CoverageOptions {
+  CoverMethod method = CoverMethod::kEnlargeEach;
+  double cutoff = 1;  ///< c of beta < c: a disc's radius is sqrt(2 c max variance), > 0.
+  /// Share of the surface that a group shall cover with kEnlarge, in (0, 1]. With 1 the widest gap
+  /// alone sets the factor for all.
+  double target = 0.999;
+  /// kEnlargeEach: a splat's radius grows by no more than this many times the median of its group,
+  /// >= 1. At creases and edges cells have spikes, which would make discs that stick out of the
+  /// surface: on the Stanford dragon with four groups 15 to 21 times their own radius, where half
+  /// of the splats do not grow at all.
+  double most_growth = 2.5;
+  /// kDuplicate adds a splat if it newly covers more than this share of its disc, in (0, 1).
+  /// Smaller: fewer holes, more points.
+  double least_gain = 0.02;
+  /// Iterations of the paper's fixed point (9), run beside kEnlarge for comparison; 0: it is not.
+  int fixed_point_iterations = 0;
+  SURFEL_API std::vector<std::string> problems() const;
+};
+
+/// What a group covers. Areas in scene units squared, measured in the tangent planes of its splats.
+struct GroupCoverage {
+  std::size_t splats = 0;  ///< Those that were added included.
+  std::size_t added = 0;   ///< By kDuplicate.
+  /// Those at the place and on the sheet of a larger one, which need not cover anything.
+  std::size_t hidden = 0;
+  /// Cells that end at the surface's border, so that the splat grows no further (see GroupCells).
+  std::size_t capped = 0;
+  /// kEnlargeEach: those that grow as much as is allowed, and would have to grow more.
+  std::size_t limited = 0;
+  double cell_area = 0;     ///< Of the restricted Voronoi cells: the surface as the group sees it.
+  double covered_area = 0;  ///< Of the cells, by their own discs.
+  double uncovered_area = 0;  ///< cell_area - covered_area.
+  /// Area of all discs less covered_area, `Clipped` of SP06 (7): what they have beyond their cells,
+  /// over one another or over the border.
+  double overlap_area = 0;
+  /// A - cell_area where that is positive: surface that is in no cell of the group, as it is on
+  /// sheets where the group has no splat, or is curved within a cell. No radius covers it.
+  double unreachable_area = 0;
+  double growth_mean = 1;  ///< Of new by old radius.
+  double growth_max = 1;
+  std::optional<Enlargement> enlargement;  ///< kEnlarge: how (8) was solved.
+  std::optional<Enlargement> fixed_point;  ///< The paper's (9) for the same area, if asked for.
+};
+
+struct CoverageReport {
+  double area = 0;                ///< A, unit^2.
+  bool area_from_column = false;  ///< Sum of `area`; otherwise (7) over all splats: their union.
+  std::vector<GroupCoverage> groups;
+  std::size_t points_before = 0;
+  std::size_t points_added = 0;
+  std::size_t capped = 0;
+  std::size_t limited = 0;
+  std::size_t hidden = 0;
+  /// Splats without a finite position, a normal or a variance above zero: they have no disc.
+  std::size_t without_disc = 0;
+  std::size_t border_splats = 0;  ///< At which the whole cloud's surface ends.
+  double covered_area = 0;  ///< Mean of the groups, as are the next two; by splats for growth.
+  double uncovered_area = 0;
+  double overlap_area = 0;
+  double growth_mean = 1;
+  double growth_max = 1;
+  StageTimes times;
+};
+
+/// Measures what the groups of a cloud (column `group`) cover of its surface, and makes them cover
+/// it. Discs are circles of the larger variance.
+///
+/// kEnlarge and kEnlargeEach write `group_radius`, never smaller than a splat's own radius (which
+/// splats keep that are hidden or have no disc; 0 where there is none). kNone and kDuplicate leave
+/// splats their own radius and drop that column. kDuplicate appends copies with the group that they
+/// are added to, in the order of groups, and gives all splats `source`: the index of the original
+/// before, or its own `source` if there was that column.
+///
+/// The surface is what the cloud's discs cover (DiscSurface). Where a border is in a splat's cell,
+/// the cell ends there and so does the splat's growth; most_growth limits it on top of that, and
+/// what is left open by it is in uncovered_area. Coverage that no radius of the group can
+/// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of the area of
+/// the group's cells: A itself, which is not measured in the same tangent planes, may be more than
+/// they hold, and (8) then has no solution.
+///
+/// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
+/// Memory some 100 bytes a splat, and 150 a splat of the largest group.
+/// The same for any number of threads. Throws Error(kUsage) for bad options, Error(kInput) if
+/// group, normals or variances are missing, with a message that starts with `name`, the cloud's.
+SURFEL_API CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options = {},
+                                       const std::string& name = "surfels");
+
+}  // namespace surfel

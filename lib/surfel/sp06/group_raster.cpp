@@ -1,0 +1,321 @@
+// Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006: Algorithm 1.
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include <surfel/sp06/group_raster.h>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "surfel/sp06/group_raster.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+#include <surfel/render/kernel_raster-inl.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace surfel {
+namespace HWY_NAMESPACE {
+namespace {
+
+/// Places of a splat's attributes among its floats.
+constexpr int kSplatFloats = sizeof(Splat) / sizeof(float);
+constexpr int kRedFloat = offsetof(Splat, red) / sizeof(float);
+constexpr int kTagFloat = offsetof(Splat, tag) / sizeof(float);
+constexpr int kNormalFloats = sizeof(SplatNormal) / sizeof(float);
+
+float* at(GroupImages& images, int image, GroupImages::Channel channel, std::size_t pixel) {
+  return images.plane(image, channel) + pixel;
+}
+
+/// Do fragments show the same side of their surface?
+template <class Entry>
+HWY_INLINE M same_side(Entry a, Entry b) {
+  const hn::RebindToUnsigned<D> du;
+  return hn::RebindMask(D(), hn::Eq(hn::And(hn::Xor(a, b), hn::Set(du, kFrontTag)), hn::Zero(du)));
+}
+
+/// Of every pixel, the depth that a splat must reach for something of it to be seen: that of the
+/// nearest surface, where it covers the pixel; minus infinity where it does not.
+void find_hidden(GroupImages& images, const TileABuffer& weights, const float* outside,
+                 float* hidden) {
+  const D d;
+  const hn::RebindToUnsigned<D> du;
+  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+    V nearest = hn::Set(d, -__builtin_inff());
+    auto nearest_entry = hn::Zero(du);
+    const auto entry_of = [&](int k) HWY_ATTR {
+      return hn::BitCast(du, hn::Load(d, at(images, k, GroupImages::kEntry, pixel)));
+    };
+    for (int k = 0; k < images.groups(); ++k) {  // The nearest layers.
+      const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
+      const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+      const M nearer = hn::And(hn::Gt(sum, hn::Zero(d)), hn::Gt(depth, nearest));
+      nearest = hn::IfThenElse(nearer, depth, nearest);
+      nearest_entry = hn::IfThenElse(hn::RebindMask(du, nearer), entry_of(k), nearest_entry);
+    }
+    V weight = hn::Zero(d);
+    for (int k = 0; k < images.groups(); ++k) {
+      const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
+      const V reach = hn::Load(d, at(images, k, GroupImages::kReach, pixel));
+      const M joins = hn::And(hn::Ge(reach, nearest), same_side(entry_of(k), nearest_entry));
+      weight = hn::Add(weight, hn::IfThenElseZero(joins, sum));
+    }
+    const M covered = hn::Ge(weight, hn::Set(d, weights.edge_weight));
+    hn::Store(hn::Max(hn::IfThenElse(covered, nearest, hn::Set(d, -__builtin_inff())),
+                      hn::Load(d, outside + pixel)),
+              d, hidden + pixel);
+  }
+}
+
+/// Number of the step of SP06 (6) that a depth is in, counted from the nearest.
+HWY_INLINE V depth_step(const LayerRule& rule, V depth) {
+  const D d;
+  const V z = rule.orthographic ? hn::Neg(depth) : hn::Div(hn::Set(d, 1.0F), depth);
+  return hn::Floor(hn::Mul(hn::Sub(z, hn::Set(d, rule.nearest)), hn::Set(d, rule.steps_per_unit)));
+}
+
+/// Fragments of a group's image, a vector of them: see GroupImages::Channel.
+struct GroupFragments {
+  V sum, rho, depth, reach, key, entry;
+};
+
+/// Puts fragments where they belong among the layers of a group.
+template <Voronoi kVoronoi>
+HWY_INLINE void insert(GroupImages& images, int group, std::size_t pixel, M open,
+                       GroupFragments f) {
+  const D d;
+  const hn::RebindToUnsigned<D> du;
+  for (int layer = 0; layer < images.layers(); ++layer) {
+    float* fragment = images.plane(images.image(group, layer), 0) + pixel;
+    const auto load = [&](GroupImages::Channel c)
+                          HWY_ATTR { return hn::Load(d, fragment + c * kTilePixels); };
+    const auto store = [&](GroupImages::Channel c, V value, M where) HWY_ATTR {
+      hn::BlendedStore(value, where, d, fragment + c * kTilePixels);
+    };
+    const GroupFragments old{load(GroupImages::kSum),   load(GroupImages::kRho),
+                             load(GroupImages::kDepth), load(GroupImages::kReach),
+                             load(GroupImages::kKey),   load(GroupImages::kEntry)};
+    const M used = hn::Gt(old.sum, hn::Zero(d));
+    const M near = hn::Lt(hn::Abs(hn::Sub(f.depth, old.depth)), hn::Sub(f.reach, f.depth));
+    const M same = hn::And(near, same_side(hn::BitCast(du, old.entry), hn::BitCast(du, f.entry)));
+    M nearer = hn::Gt(f.depth, old.depth);
+    M wins = nearer;
+    if constexpr (kVoronoi != Voronoi::kOff) wins = hn::Lt(f.key, old.key);
+    if constexpr (kVoronoi == Voronoi::kQuantised) nearer = wins;
+    const M merges = hn::And(open, hn::And(used, same));
+    const M free = hn::AndNot(used, open);
+    const M pushes = hn::And(hn::And(open, used), hn::AndNot(same, nearer));
+    const M puts = hn::Or(hn::Or(free, pushes), hn::And(merges, wins));
+    const M changes = hn::Or(puts, merges);
+    if (!hn::AllFalse(d, changes)) {
+      store(GroupImages::kSum, hn::Add(hn::IfThenElseZero(merges, old.sum), f.sum), changes);
+      store(GroupImages::kRho, f.rho, puts);
+      store(GroupImages::kDepth, f.depth, puts);
+      store(GroupImages::kReach, f.reach, puts);
+      store(GroupImages::kKey, f.key, puts);
+      store(GroupImages::kEntry, f.entry, puts);
+    }
+    open = hn::AndNot(hn::Or(free, merges), open);
+    if (hn::AllFalse(d, open)) return;
+    // What has been pushed out goes on to the next layer.
+    const auto carry = [&](V& value, V pushed)
+                           HWY_ATTR { value = hn::IfThenElse(pushes, pushed, value); };
+    carry(f.sum, old.sum);
+    carry(f.rho, old.rho);
+    carry(f.depth, old.depth);
+    carry(f.reach, old.reach);
+    carry(f.key, old.key);
+    carry(f.entry, old.entry);
+  }
+}
+
+template <Voronoi kVoronoi>
+void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
+               const TileABuffer& weights, GroupImages& images) {
+  // A check costs as much as some dozen splats for every ten groups.
+  constexpr std::size_t kCheckEvery = 256;
+  const D d;
+  const hn::RebindToUnsigned<D> du;
+  const KernelRaster raster(job, weights.x0, weights.y0);
+  const V cutoff = hn::Set(d, job.cutoff);
+  const V inv_cutoff = hn::Set(d, 1 / job.cutoff);
+  HWY_ALIGN float outside[kTilePixels];
+  HWY_ALIGN float hidden[kTilePixels];
+  for (int p = 0; p < kTilePixels; ++p) {
+    const bool inside = tile_pixel_x(p) < weights.width && tile_pixel_y(p) < weights.height;
+    hidden[p] = outside[p] = inside ? -__builtin_inff() : __builtin_inff();
+  }
+  for (std::size_t begin = 0; begin < job.count; begin += kCheckEvery) {
+    if (skip_hidden && begin > 0) find_hidden(images, weights, outside, hidden);
+    raster.draw(begin, std::min(begin + kCheckEvery, job.count), hidden,
+                [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
+                  const V reach = hn::Add(s.depth, s.epsilon);
+                  const M inside =
+                      hn::And(hn::Lt(s.beta, cutoff), hn::Ge(reach, hn::Load(d, hidden + pixel)));
+                  if (hn::AllFalse(d, inside)) return;
+                  const V rho = hn::Mul(s.amplitude, raster.sampler().decay(s.beta));
+                  V key = s.beta;  // Its root orders fragments alike.
+                  if constexpr (kVoronoi == Voronoi::kQuantised) {
+                    key = hn::Add(depth_step(rule, s.depth), hn::Sqrt(hn::Mul(s.beta, inv_cutoff)));
+                  }
+                  const std::uint32_t side = job.splats[index].tag & kFrontTag;
+                  const V entry = hn::BitCast(d, hn::Set(du, index << 1 | side));
+                  insert<kVoronoi>(images, job.groups[index], pixel, inside,
+                                   {rho, rho, s.depth, reach, key, entry});
+                });
+  }
+}
+
+template <bool kNormals, bool kOpaqueSplats>
+void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  const hn::RebindToUnsigned<D> du;
+  const auto* splats = reinterpret_cast<const float*>(job.splats);
+  const auto* normals = reinterpret_cast<const float*>(job.normals);
+  const V none = hn::Set(d, -__builtin_inff());
+  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+    M open = hn::Eq(none, none);
+    for (int layer = 0; layer < tile.layout.layers; ++layer) {
+      // What lies in front of all is among the nearest of each group.
+      const int count = images.groups() * (layer == 0 ? 1 : images.layers());
+      const auto entry_of = [&](int k) HWY_ATTR {
+        return hn::BitCast(du, hn::Load(d, at(images, k, GroupImages::kEntry, pixel)));
+      };
+      V nearest = none;
+      auto nearest_entry = hn::Zero(du);
+      for (int k = 0; k < count; ++k) {
+        const V used = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
+        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+        const auto entry = entry_of(k);
+        const M nearer = hn::And(hn::Gt(used, hn::Zero(d)), hn::Gt(depth, nearest));
+        nearest = hn::IfThenElse(nearer, depth, nearest);
+        nearest_entry = hn::IfThenElse(hn::RebindMask(du, nearer), entry, nearest_entry);
+      }
+      open = hn::And(open, hn::Gt(nearest, none));
+      if (hn::AllFalse(d, open)) break;
+      const auto splat_at = [&](auto entry)
+                                HWY_ATTR { return hn::BitCast(di, hn::ShiftRight<1>(entry)); };
+      // Figure 5 goes by the nearest fragment, which lets the far ones of a surface that is steep
+      // or noisy fall off as another layer; the mean of what it joins does not.
+      V near_weight = hn::Zero(d);
+      V near_depth = hn::Zero(d);
+      for (int k = 0; k < count; ++k) {
+        const V rho = hn::Load(d, at(images, k, GroupImages::kRho, pixel));
+        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+        const M joins = hn::And(
+            same_side(entry_of(k), nearest_entry),
+            hn::And(hn::Gt(hn::Load(d, at(images, k, GroupImages::kSum, pixel)), hn::Zero(d)),
+                    hn::Ge(hn::Load(d, at(images, k, GroupImages::kReach, pixel)), nearest)));
+        const V w = hn::IfThenElseZero(joins, rho);
+        near_weight = hn::Add(near_weight, w);
+        near_depth = hn::MulAdd(w, hn::IfThenElseZero(joins, depth), near_depth);
+      }
+      const V anchor = hn::Min(nearest, hn::Div(near_depth, near_weight));
+      V sum[kNormalZ + 1];
+      for (V& s : sum) s = hn::Zero(d);
+      V all = hn::Zero(d);
+      for (int k = 0; k < count; ++k) {
+        float* group_sums = at(images, k, GroupImages::kSum, pixel);
+        const V group_sum = hn::Load(d, group_sums);
+        const V rho = hn::Load(d, at(images, k, GroupImages::kRho, pixel));
+        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+        const V reach = hn::Load(d, at(images, k, GroupImages::kReach, pixel));
+        const auto entry = entry_of(k);
+        const M joins = hn::And(hn::And(open, same_side(entry, nearest_entry)),
+                                hn::And(hn::Gt(group_sum, hn::Zero(d)), hn::Ge(reach, anchor)));
+        if (hn::AllFalse(d, joins)) continue;
+        hn::Store(hn::IfThenZeroElse(joins, group_sum), d, group_sums);
+        all = hn::Add(all, hn::IfThenElseZero(joins, group_sum));
+        const V w = hn::IfThenElseZero(joins, rho);
+        const auto splat = hn::IfThenElseZero(hn::RebindMask(di, joins), splat_at(entry));
+        const auto place = hn::Mul(splat, hn::Set(di, kSplatFloats));
+        const auto add = [&](int channel,
+                             V value) HWY_ATTR {  // Masked as well: what does not join may be
+                                                  // anything, and 0 times it not a number.
+          sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), sum[channel]);
+        };
+        sum[kWeight] = hn::Add(sum[kWeight], w);
+        add(kDepth, depth);
+        for (int c = 0; c < (kOpaqueSplats ? 3 : 4); ++c) {
+          add(kRed + c, hn::GatherIndex(d, splats + kRedFloat + c, place));
+        }
+        if constexpr (kNormals) {
+          const auto normal = hn::Mul(splat, hn::Set(di, kNormalFloats));
+          for (int c = 0; c < kNormalFloats; ++c) {
+            add(kNormalX + c, hn::GatherIndex(d, normals + c, normal));
+          }
+        }
+      }
+      // The weight is to be the sum of all kernels.
+      const V scale = hn::Div(all, sum[kWeight]);
+      const auto put = [&](int channel, V value) HWY_ATTR {
+        hn::Store(hn::IfThenElseZero(open, value), d,
+                  tile.fragment(layer, pixel) + channel * kPatchPixels);
+      };
+      const int last = kNormals ? kNormalZ : kAlpha;
+      for (int c = 0; c <= last; ++c) {
+        if (c != kTag && c != kBack) put(c, hn::Mul(scale, sum[c]));
+      }
+      const auto nearest_place =
+          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, open), splat_at(nearest_entry)),
+                  hn::Set(di, kSplatFloats));
+      put(kTag, hn::GatherIndex(d, splats + kTagFloat, nearest_place));
+      open = hn::And(open, hn::Lt(all, hn::Set(d, tile.edge_weight)));
+    }
+  }
+}
+
+}  // namespace
+
+void rasterize_groups_simd(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
+                           GroupImages& images) {
+  const bool skip_hidden = job.opaque || images.layers() == 1;
+  switch (rule.voronoi) {
+    case Voronoi::kOff:
+      return rasterize<Voronoi::kOff>(job, rule, skip_hidden, weights, images);
+    case Voronoi::kQuantised:
+      return rasterize<Voronoi::kQuantised>(job, rule, skip_hidden, weights, images);
+    case Voronoi::kWindowed:
+      return rasterize<Voronoi::kWindowed>(job, rule, skip_hidden, weights, images);
+  }
+}
+
+void composite_groups_simd(const TileJob& job, GroupImages& images, TileABuffer& tile) {
+  if (job.normals) {
+    job.opaque ? composite<true, true>(job, images, tile)
+               : composite<true, false>(job, images, tile);
+  } else {
+    job.opaque ? composite<false, true>(job, images, tile)
+               : composite<false, false>(job, images, tile);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace surfel
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace surfel {
+
+HWY_EXPORT(rasterize_groups_simd);
+HWY_EXPORT(composite_groups_simd);
+
+void GroupImages::reset(int groups, int layers) {
+  groups_ = groups;
+  layers_ = layers;
+  data_.resize(static_cast<std::size_t>(groups) * layers * kChannels * kTilePixels);
+  for (int i = 0; i < groups * layers; ++i) std::fill_n(plane(i, kSum), kTilePixels, 0.0F);
+}
+
+void rasterize_groups(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
+                      GroupImages& images) {
+  HWY_DYNAMIC_DISPATCH(rasterize_groups_simd)(job, rule, weights, images);
+}
+
+void composite_groups(const TileJob& job, GroupImages& images, TileABuffer& tile) {
+  HWY_DYNAMIC_DISPATCH(composite_groups_simd)(job, images, tile);
+}
+
+}  // namespace surfel
+#endif

@@ -1,0 +1,55 @@
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/sp06/grouping.h>
+
+namespace surfel {
+
+std::vector<std::string> GroupingOptions::problems() const {
+  std::vector<std::string> found = overlap.problems();
+  if (groups < 0 || groups > static_cast<int>(kMaxGroups)) {
+    found.push_back(
+        fmt::format("groups is {}; it must be 0 (as few as it takes) to {}", groups, kMaxGroups));
+  }
+  return found;
+}
+
+Array<std::uint16_t> make_groups(const SurfelCloud& cloud, const GroupingOptions& options,
+                                 GroupingReport* report, const std::string& name) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  GroupingReport own;
+  GroupingReport& r = report ? *report : own;
+  r = {};
+  const OverlapGraph graph = make_overlap_graph(cloud, options.overlap, &r.times, name);
+  const Timer timer;
+  const Array<std::uint32_t> order = coloring_order(graph, options.order);
+  const Coloring coloring =
+      options.groups == 0
+          ? greedy_coloring(graph, order, kMaxGroups, name)
+          : least_overlap_groups(cloud, graph, options.overlap.cutoff, order,
+                                 static_cast<std::uint32_t>(options.groups), &r.overlap.emplace());
+  r.times.add("color", timer.milliseconds());
+
+  r.splats = cloud.size();
+  r.unusable = graph.unusable;
+  r.groups = coloring.colors;
+  r.max_degree = graph.max_degree();
+  r.mean_degree = graph.mean_degree();
+  r.edges = graph.edges();
+  r.graph_bytes = graph.memory_bytes();
+  r.sizes.assign(coloring.colors, 0);
+  Array<std::uint16_t> group;
+  group.assign(cloud.size(), 0);
+  for (std::size_t v = 0; v < graph.size(); ++v) {
+    group[graph.splat[v]] = coloring.color[v];
+    ++r.sizes[coloring.color[v]];
+  }
+  return group;
+}
+
+void group_splats(SurfelCloud& cloud, const GroupingOptions& options, GroupingReport* report,
+                  const std::string& name) {
+  cloud.group = make_groups(cloud, options, report, name);
+  cloud.group_radius.clear();
+}
+
+}  // namespace surfel

@@ -1,0 +1,406 @@
+// Zhang, Pajarola 2006, "Single-Pass Point Rendering and Transparent Shading", section 4.1.
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/radix_sort.h>
+#include <surfel/sp06/overlap_graph.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kLanes = 8;      ///< Splats in a block.
+constexpr std::size_t kBranching = 4;  ///< Boxes in the box above.
+constexpr std::size_t kGrain = 256;    ///< Blocks.
+constexpr std::size_t kSplatGrain = 1 << 14;
+constexpr double kOctavesPerClass = 2;  ///< Radii of one class differ by less than 4 : 1.
+/// Single precision decides with this margin which pairs are worth a look in double. Its own error
+/// is below 10 roundings of 6e-8.
+constexpr float kMargin = 1 + 2e-6F;
+constexpr float kTiny = std::numeric_limits<float>::min();  ///< Where squares underflow.
+
+/// kLanes splats that follow each other. Lanes without a splat are NaN: no comparison holds.
+struct Block {
+  float x[kLanes], y[kLanes], z[kLanes];
+  float reach[kLanes];  ///< overlap r
+};
+
+/// Box around splats' centres.
+struct Box {
+  Eigen::Array3f min = Eigen::Array3f::Constant(std::numeric_limits<float>::infinity());
+  Eigen::Array3f max = Eigen::Array3f::Constant(-std::numeric_limits<float>::infinity());
+  float reach = 0;  ///< Largest.
+
+  void add(const Box& other) {
+    min = min.min(other.min);
+    max = max.max(other.max);
+    reach = std::max(reach, other.reach);
+  }
+  /// False only if no splat of this box overlaps one of the other.
+  bool may_overlap(const Box& other) const {
+    const float distance2 = (min - other.max).max(other.min - max).max(0.0F).matrix().squaredNorm();
+    const float sum = reach + other.reach;
+    return distance2 <= sum * sum * kMargin + kTiny;
+  }
+};
+
+/// What the relaxations compare.
+struct Look {
+  Vec3d normal;           ///< Unit, or zero.
+  Eigen::Vector4f color;  ///< Linear, alpha last.
+  std::uint16_t material;
+};
+
+Vec3d unit_or_zero(const Vec3f& normal) {
+  const Vec3d n = normal.cast<double>();
+  const double length = n.norm();
+  return std::isfinite(length) && length > 0 ? Vec3d(n / length) : Vec3d(0, 0, 0);
+}
+
+class OverlapSearch {
+ public:
+  OverlapSearch(const SurfelCloud& cloud, const Array<std::uint32_t>& splat,
+                const OverlapOptions& options)
+      : options_(options),
+        count_(splat.size()),
+        min_cosine_(std::cos(options.coplanar_angle * std::numbers::pi / 180)),
+        max_sine_(std::sin(options.coplanar_angle * std::numbers::pi / 180)),
+        position_(count_),
+        radius_(count_),
+        blocks_((count_ + kLanes - 1) / kLanes) {
+    gather(cloud, splat);
+    build_boxes();
+  }
+
+  std::size_t blocks() const { return blocks_.size(); }
+  std::size_t lanes(std::size_t block) const { return std::min(kLanes, count_ - block * kLanes); }
+
+  /// Blocks that may hold neighbours of those in block b, ascending.
+  void collect(std::size_t b, std::vector<std::uint32_t>& blocks) const {
+    blocks.clear();
+    if (!levels_.empty()) descend(levels_[0][b], levels_.size() - 1, 0, blocks);
+  }
+
+  /// Appends the neighbours of splat `lane` of block b, ascending.
+  void append_neighbors(std::size_t b, std::size_t lane, const std::vector<std::uint32_t>& near,
+                        std::vector<std::uint32_t>& out) const {
+    const std::size_t v = b * kLanes + lane;
+    const Block& own = blocks_[b];
+    Box row;
+    row.min = row.max = {own.x[lane], own.y[lane], own.z[lane]};
+    row.reach = own.reach[lane];
+    for (const std::uint32_t other : near) {
+      if (!row.may_overlap(levels_[0][other])) continue;
+      std::uint32_t candidates[kLanes];
+      const std::size_t found = find_candidates(row, other, candidates);
+      for (std::size_t i = 0; i < found; ++i) {
+        if (candidates[i] != v && overlap(v, candidates[i])) out.push_back(candidates[i]);
+      }
+    }
+  }
+
+ private:
+  void gather(const SurfelCloud& cloud, const Array<std::uint32_t>& splat) {
+    const bool relaxed = options_.relax_coplanar || options_.relax_opposite;
+    if (relaxed) look_.resize(count_);
+    const Array<Vec3f>* color = cloud.render_color();
+    parallel_for(count_, kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t v = begin; v < end; ++v) {
+        const std::uint32_t k = splat[v];
+        position_[v] = cloud.position[k];
+        radius_[v] = splat_radius(cloud, k, options_.cutoff);
+        if (!relaxed) continue;
+        Look& look = look_[v];
+        look.normal = cloud.normal.empty() ? Vec3d(0, 0, 0) : unit_or_zero(cloud.normal[k]);
+        const Vec3f c = color ? (*color)[k] : Vec3f(0, 0, 0);
+        look.color = {c.x(), c.y(), c.z(), cloud.alpha.empty() ? 1.0F : cloud.alpha[k]};
+        look.material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[k];
+      }
+    });
+  }
+
+  void build_boxes() {
+    if (count_ == 0) return;
+    levels_.emplace_back(blocks_.size());
+    parallel_for(blocks_.size(), kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t b = begin; b < end; ++b) fill_block(b);
+    });
+    while (levels_.back().size() > 1) {
+      const std::vector<Box>& below = levels_.back();
+      std::vector<Box> above((below.size() + kBranching - 1) / kBranching);
+      for (std::size_t i = 0; i < below.size(); ++i) above[i / kBranching].add(below[i]);
+      levels_.push_back(std::move(above));
+    }
+  }
+
+  void fill_block(std::size_t b) {
+    constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
+    Block& block = blocks_[b];
+    for (float* column : {block.x, block.y, block.z, block.reach}) {
+      std::fill_n(column, kLanes, kNowhere);
+    }
+    Box& box = levels_[0][b];
+    for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+      const Vec3f& p = position_[b * kLanes + lane];
+      block.x[lane] = p.x();
+      block.y[lane] = p.y();
+      block.z[lane] = p.z();
+      block.reach[lane] = static_cast<float>(options_.overlap * radius_[b * kLanes + lane]);
+      Box one;
+      one.min = one.max = p.array();
+      one.reach = block.reach[lane];
+      box.add(one);
+    }
+  }
+
+  /// Blocks below box i of a level.
+  void descend(const Box& rows, std::size_t level, std::size_t i,
+               std::vector<std::uint32_t>& blocks) const {
+    if (!rows.may_overlap(levels_[level][i])) return;
+    if (level == 0) {
+      blocks.push_back(static_cast<std::uint32_t>(i));
+      return;
+    }
+    const std::size_t end = std::min((i + 1) * kBranching, levels_[level - 1].size());
+    for (std::size_t child = i * kBranching; child < end; ++child) {
+      descend(rows, level - 1, child, blocks);
+    }
+  }
+
+  /// Splats of block b that overlap that of `row` to single precision, and a few more.
+  std::size_t find_candidates(const Box& row, std::size_t b, std::uint32_t* candidates) const {
+    const Block& q = blocks_[b];
+    std::uint32_t hit[kLanes];
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const float dx = q.x[i] - row.min.x();
+      const float dy = q.y[i] - row.min.y();
+      const float dz = q.z[i] - row.min.z();
+      const float reach = q.reach[i] + row.reach;
+      hit[i] = dx * dx + dy * dy + dz * dz <= reach * reach * kMargin + kTiny ? 1 : 0;
+    }
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      candidates[n] = static_cast<std::uint32_t>(b * kLanes + i);
+      n += hit[i];
+    }
+    return n;
+  }
+
+  /// SP06 (5) and its relaxations. All that is computed is the same, to the bit, for the pair
+  /// exchanged.
+  bool overlap(std::size_t v, std::size_t w) const {
+    const Vec3d d = position_[w].cast<double>() - position_[v].cast<double>();
+    const double reach =
+        options_.overlap * (static_cast<double>(radius_[v]) + static_cast<double>(radius_[w]));
+    const double distance2 = d.squaredNorm();
+    if (!(distance2 < reach * reach)) return false;
+    if (look_.empty()) return true;
+    const Look& a = look_[v];
+    const Look& b = look_[w];
+    const double cosine = a.normal.dot(b.normal);
+    if (options_.relax_opposite && cosine < 0) return false;
+    if (!options_.relax_coplanar || !(cosine >= min_cosine_)) return true;
+    const double rise = max_sine_ * std::sqrt(distance2);
+    const bool coplanar = std::abs(a.normal.dot(d)) <= rise && std::abs(b.normal.dot(d)) <= rise;
+    return !(coplanar && a.material == b.material &&
+             (a.color - b.color).cwiseAbs().maxCoeff() <= options_.coplanar_color);
+  }
+
+  const OverlapOptions& options_;
+  std::size_t count_;
+  double min_cosine_;
+  double max_sine_;
+  Array<Vec3f> position_;
+  Array<float> radius_;
+  Array<Look> look_;  ///< Empty if no relaxation needs it.
+  Array<Block> blocks_;
+  std::vector<std::vector<Box>> levels_;  ///< levels_[0] has a box for every block.
+};
+
+/// The usable splats, by class of radius, then along a Morton curve. Splats of very different
+/// radius do not share a block, whose box would be as wide as the largest.
+Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
+  const Array<std::uint32_t> along_curve = morton_order(cloud.position);
+  const std::size_t n = cloud.size();
+  Array<float> radius(n);
+  std::vector<float> largest((n + kSplatGrain - 1) / kSplatGrain, 0.0F);
+  parallel_for(n, kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      radius[i] = splat_radius(cloud, along_curve[i], cutoff);
+      largest[begin / kSplatGrain] = std::max(largest[begin / kSplatGrain], radius[i]);
+    }
+  });
+  const double max_radius = n == 0 ? 0 : *std::max_element(largest.begin(), largest.end());
+
+  constexpr auto kUnusable = std::numeric_limits<std::uint64_t>::max();
+  Array<std::uint64_t> keys(n);
+  parallel_for(n, kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      keys[i] =
+          radius[i] > 0
+              ? static_cast<std::uint64_t>(std::log2(max_radius / radius[i]) / kOctavesPerClass)
+              : kUnusable;
+    }
+  });
+  Array<std::uint32_t> order = sort_keys(keys);
+  while (!order.empty() && keys[order.size() - 1] == kUnusable) order.pop_back();
+  for (std::uint32_t& i : order) i = along_curve[i];
+  return order;
+}
+
+[[noreturn]] void throw_too_many(const OverlapGraph& graph, std::uint64_t most,
+                                 const std::string& name) {
+  throw_input(
+      name, fmt::format("more than {} pairs of the {} splats overlap, the most that memory is set "
+                        "aside for; lower --overlap or --cutoff, remove splats that lie in one "
+                        "place, or raise --max-memory",
+                        most / 2, graph.size()));
+}
+
+/// Length of all rows together, less what a sample of them tells: not above it but by chance, since
+/// the longest of the sample (a few splats may overlap all others) are left out.
+std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
+  constexpr std::size_t kSample = 256;
+  constexpr std::size_t kLeftOut = 16;
+  if (splats < 4 * kSample) return 0;
+  std::vector<std::size_t> length(kSample);
+  parallel_for(kSample, 4, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<std::uint32_t> near;
+    std::vector<std::uint32_t> neighbors;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t v = i * splats / kSample;
+      neighbors.clear();
+      search.collect(v / kLanes, near);
+      search.append_neighbors(v / kLanes, v % kLanes, near, neighbors);
+      length[i] = neighbors.size();
+    }
+  });
+  std::sort(length.begin(), length.end());
+  return std::accumulate(length.begin(), length.end() - kLeftOut, std::uint64_t{0}) * splats /
+         kSample;
+}
+
+/// Fills in the rows.
+void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std::string& name,
+                OverlapGraph& graph) {
+  if (max_memory == 0) max_memory = available_memory_bytes() / 2;
+  // Once in the ranges' buffers, once in the graph.
+  const std::uint64_t most = max_memory / (2 * sizeof(std::uint32_t));
+  if (least_entries(search, graph.size()) > most) throw_too_many(graph, most, name);
+  std::atomic<std::uint64_t> total{0};
+  std::vector<Array<std::uint32_t>> found((search.blocks() + kGrain - 1) / kGrain);
+  graph.row_begin.resize(graph.size() + 1);
+  graph.row_begin[0] = 0;
+  parallel_for(search.blocks(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<std::uint32_t> near;
+    std::vector<std::uint32_t> neighbors;
+    std::size_t counted = 0;
+    for (std::size_t b = begin; b < end; ++b) {
+      search.collect(b, near);
+      for (std::size_t lane = 0; lane < search.lanes(b); ++lane) {
+        const std::size_t before = neighbors.size();
+        search.append_neighbors(b, lane, near, neighbors);
+        graph.row_begin[b * kLanes + lane + 1] = neighbors.size() - before;
+      }
+      const std::uint64_t more = neighbors.size() - counted;
+      counted = neighbors.size();
+      if (total.fetch_add(more, std::memory_order_relaxed) + more > most) {
+        throw_too_many(graph, most, name);
+      }
+    }
+    found[begin / kGrain].assign(neighbors.begin(), neighbors.end());
+  });
+
+  for (std::size_t v = 0; v < graph.size(); ++v) graph.row_begin[v + 1] += graph.row_begin[v];
+  graph.neighbor.resize(graph.row_begin.back());
+  parallel_for(found.size(), 1, [&](std::size_t begin, std::size_t, int) {
+    const std::uint64_t row = graph.row_begin[begin * kGrain * kLanes];
+    std::copy(found[begin].begin(), found[begin].end(), graph.neighbor.data() + row);
+    found[begin] = {};
+  });
+}
+
+bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
+
+}  // namespace
+
+std::vector<std::string> OverlapOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](const char* option, double value, double min, double max) {
+    if (value >= min && value <= max) return;
+    found.push_back(fmt::format("{} is {}; it must be {} to {}", option, value, min, max));
+  };
+  check("cutoff", cutoff, 0.01, 16);
+  check("overlap", overlap, 0, 4);
+  check("coplanar-angle", coplanar_angle, 0, 45);
+  check("coplanar-color", coplanar_color, 0, 1e6);
+  return found;
+}
+
+std::size_t OverlapGraph::max_degree() const {
+  std::size_t most = 0;
+  for (std::size_t v = 0; v < size(); ++v) most = std::max(most, degree(v));
+  return most;
+}
+
+double OverlapGraph::mean_degree() const {
+  return size() == 0 ? 0 : static_cast<double>(neighbor.size()) / static_cast<double>(size());
+}
+
+std::uint64_t OverlapGraph::memory_bytes() const {
+  return splat.size() * sizeof(splat[0]) + row_begin.size() * sizeof(row_begin[0]) +
+         neighbor.size() * sizeof(neighbor[0]);
+}
+
+float splat_radius(const SurfelCloud& cloud, std::size_t i, double cutoff) {
+  if (!cloud.position[i].allFinite()) return 0;
+  float variance = 0;
+  if (cloud.anisotropic()) {
+    if (!usable_variance(cloud.variance_u[i]) || !usable_variance(cloud.variance_v[i])) return 0;
+    variance = std::max(cloud.variance_u[i], cloud.variance_v[i]);
+  } else {
+    if (!usable_variance(cloud.variance[i])) return 0;
+    variance = cloud.variance[i];
+  }
+  return static_cast<float>(std::sqrt(2 * cutoff * static_cast<double>(variance)));
+}
+
+OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& options,
+                                StageTimes* times, const std::string& name) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  cloud.check_columns(name);
+  if (cloud.variance.empty() && !cloud.anisotropic()) {
+    throw_input(name,
+                "the splats have no variance (nor radius); make it with surfel-from-mesh or "
+                "surfel-estimate");
+  }
+  Timer timer;
+  const auto lap = [&](const char* stage) {
+    if (times) times->add(stage, timer.milliseconds());
+    timer.restart();
+  };
+  OverlapGraph graph;
+  graph.splat = ordered_splats(cloud, options.cutoff);
+  graph.unusable = cloud.size() - graph.size();
+  if (graph.size() == 0) {
+    throw_input(name, fmt::format("none of {} splats has a finite position and a positive variance",
+                                  cloud.size()));
+  }
+  lap("sort");
+  const OverlapSearch search(cloud, graph.splat, options);
+  lap("hierarchy");
+  find_edges(search, options.max_memory, name, graph);
+  lap("search");
+  return graph;
+}
+
+}  // namespace surfel

@@ -1,0 +1,206 @@
+#include <algorithm>
+#include <bit>
+#include <memory>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/io/cloud_from_records.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/input_file.h>
+#include <surfel/io/ply.h>
+#include <surfel/io/tree_records.h>
+#include <surfel/store/cloud_loader.h>
+#include <surfel/store/cloud_stream.h>
+#include <surfel/store/record_source.h>
+
+namespace surfel {
+namespace {
+
+/// Bytes of a surfel in memory, roughly: its columns, its share of a cluster.
+constexpr std::uint64_t kSurfelBytes = 64;
+/// Bytes of a cluster that stays in its file: its bounds, and what a picture lists it with.
+constexpr std::uint64_t kStreamedClusterBytes = 280;
+/// Bytes of a surfel in flight: its columns, its splat and the tiles that it touches.
+constexpr std::uint64_t kFlightBytes = 512;
+/// Of what the clusters leave, this part is for A-buffers.
+constexpr std::uint64_t kPicturePart = 4;
+constexpr std::size_t kLeastBatch = std::size_t{1} << 14;
+
+/// The points as records, if the file is a binary PLY file of scalars; else null.
+const RecordTable* binary_records(PlyFile& ply) {
+  const PlyElement* vertex = ply.header().find("vertex");
+  const bool plain = vertex && ply.header().format == PlyFormat::kBinaryLittleEndian &&
+                     std::none_of(vertex->properties.begin(), vertex->properties.end(),
+                                  [](const PlyProperty& property) { return property.is_list(); });
+  return plain ? &ply.scalars("vertex") : nullptr;
+}
+
+}  // namespace
+
+struct LoadedCloud::Impl {
+  CloudLoadOptions options;
+  // Each refers to the one before.
+  std::optional<PlyFile> ply;
+  std::unique_ptr<RecordSource> source;
+  ClusterTree tree;
+  std::unique_ptr<CloudStream> stream;
+  std::optional<RenderCloud> surfels;
+  std::optional<double> basis_cutoff;
+  bool has_levels = false;
+
+  explicit Impl(const CloudLoadOptions& o) : options(o) {}
+  bool load_records(InputFile& input);
+  void load_cloud(const SurfelCloud& cloud, const std::string& name);
+  bool open_records();
+  std::size_t wanted() const;
+  std::size_t batch(std::uint64_t memory) const;
+  std::uint64_t index_bytes() const;
+  const char* why_in_memory() const;
+  void make_stream(std::uint64_t memory);
+};
+
+/// Why the records must not be streamed; null if they may.
+const char* LoadedCloud::Impl::why_in_memory() const {
+  if (!options.may_stream || options.columns.groups) {
+    return "what is asked for wants all of them at once; raise it, or use --method abuffer";
+  }
+  if (tree.empty() && source->attributes().source && !options.columns.copies) {
+    return "copies of splats are found among all of them at once; raise it, or render the surfels "
+           "as they were before surfel-group";
+  }
+  return nullptr;
+}
+
+/// Finds the surfels, and their levels of detail. False if records are not decoded directly.
+bool LoadedCloud::Impl::open_records() {
+  const RecordTable* table = binary_records(*ply);
+  if (!table) return false;
+  if (!ply->header().find(kTreeElement)) {
+    source = RecordSource::make(ply->file(), *table);
+    return source != nullptr;
+  }
+  TreeRecords levels = tree_from_records(ply->scalars(kTreeElement), table->count, ply->name());
+  source = RecordSource::make(ply->file(), *table, levels.reach.front());
+  if (source) tree = recentered_tree(std::move(levels), source->origin());
+  return source != nullptr;
+}
+
+/// Surfels of the levels that are wanted.
+std::size_t LoadedCloud::Impl::wanted() const {
+  if (tree.empty() || options.columns.levels) return source->size();
+  return source->size() - tree[first_leaf(tree)].begin;
+}
+
+/// What a stream has in memory all the time.
+std::uint64_t LoadedCloud::Impl::index_bytes() const {
+  const std::size_t clusters =
+      tree.empty() ? source->size() / RenderCloud::kClusterSize : tree.size();
+  return clusters * kStreamedClusterBytes;
+}
+
+/// Surfels that a stream may have in memory at a time: a power of two.
+std::size_t LoadedCloud::Impl::batch(std::uint64_t memory) const {
+  const std::uint64_t left = memory > index_bytes() ? memory - index_bytes() : 0;
+  return std::bit_floor((left - left / kPicturePart) / kFlightBytes);
+}
+
+/// False if the file is to be read as a SurfelCloud.
+bool LoadedCloud::Impl::load_records(InputFile& input) {
+  if (!PlyFile::matches(input.bytes())) return false;
+  ply.emplace(std::move(input));
+  if (!open_records()) return false;
+  SurfelCloud header;
+  read_comments(ply->header().comments, ply->name(), header);
+  basis_cutoff = header.basis_cutoff;
+  has_levels = !tree.empty();
+  const std::uint64_t available = available_memory_bytes();
+  const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
+  const char* why = why_in_memory();
+  const bool fits = wanted() <= memory / kSurfelBytes;
+  // Of levels of detail a picture wants few: they stay in the file even if they fit.
+  const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
+  if (!why && (few || !fits)) make_stream(memory);
+  if (stream) return true;
+  if (!fits && (options.memory || wanted() > available / kSurfelBytes)) {
+    throw_input(ply->name(),
+                fmt::format("{} surfels need more than the {} MB of --memory, and {}", wanted(),
+                            memory >> 20,
+                            why ? why
+                                : "consecutive ones do not lie close together, as streaming "
+                                  "wants; raise it, or sort them"));
+  }
+  if (has_levels) {
+    surfels.emplace(*source, tree, options.columns, ply->name());
+  } else {
+    surfels.emplace(*source, options.columns, ply->name());
+  }
+  source.reset();
+  return true;
+}
+
+void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
+  const std::size_t flight = batch(memory);
+  if (flight < kLeastBatch) {
+    const std::uint64_t streamed =
+        index_bytes() + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
+    const std::uint64_t least = std::min(streamed, wanted() * kSurfelBytes);
+    throw_input(ply->name(),
+                fmt::format("{} surfels cannot be streamed with {} MB of --memory; give {} MB at "
+                            "least",
+                            wanted(), memory >> 20, (least >> 20) + 1));
+  }
+  const std::uint64_t picture = (memory - index_bytes()) / kPicturePart;
+  if (has_levels) {
+    stream = CloudStream::make(*source, tree, options.columns.levels,
+                               {.batch = flight, .picture_bytes = picture}, ply->name());
+  } else {
+    stream = CloudStream::make(
+        *source, {.batch = std::min(options.batch, flight), .picture_bytes = picture});
+  }
+}
+
+void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {
+  if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
+    throw_input(name, fmt::format("{} surfels need more than the {} MB of --memory, and only "
+                                  "binary PLY files are streamed; raise it, or convert the file",
+                                  cloud.size(), *options.memory >> 20));
+  }
+  surfels.emplace(cloud, options.columns, name);
+  basis_cutoff = cloud.basis_cutoff;
+  has_levels = !cloud.tree.empty();
+}
+
+LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& options)
+    : impl_(std::make_unique<Impl>(options)) {
+  InputFile input(path);
+  const std::string name = input.name();
+  if (!impl_->load_records(input)) {
+    // All levels, even if the finest is drawn alone: the picture is framed by the same clusters
+    // then.
+    constexpr CloudReadOptions kLevels{.levels = true};
+    impl_->load_cloud(
+        impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels),
+        name);
+    impl_->ply.reset();
+  }
+  const auto& dropped = surfels().dropped();
+  if (surfels().size() == 0 && dropped.total() > 0) {
+    throw_input(name,
+                fmt::format("none of the {} surfels can be used: {} with positions, {} with "
+                            "variances, {} with colours that are not usable numbers",
+                            dropped.total(), dropped.position, dropped.variance, dropped.color));
+  }
+}
+
+LoadedCloud::~LoadedCloud() = default;
+
+const RenderCloud& LoadedCloud::surfels() const {
+  return impl_->stream ? impl_->stream->cloud() : *impl_->surfels;
+}
+CloudStream* LoadedCloud::stream() const { return impl_->stream.get(); }
+std::optional<double> LoadedCloud::basis_cutoff() const { return impl_->basis_cutoff; }
+bool LoadedCloud::has_levels() const { return impl_->has_levels; }
+
+}  // namespace surfel

@@ -1,0 +1,345 @@
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <span>
+#include <tuple>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/scene/framing.h>
+#include <surfel/store/render_cloud.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = 1 << 15;
+
+bool usable_size(float v) { return std::isfinite(v) && v > 0; }
+
+}  // namespace
+
+RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
+                         const std::string& name) {
+  size_ = source.size();
+  allocate(size_, source.attributes(), needed, name);
+  const std::size_t count = (size_ + kClusterSize - 1) / kClusterSize;
+  clusters_.resize(count);
+  std::vector<SurfelTotals> totals(count);
+  Bounds box;
+  const auto fill = [&] {
+    parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
+      source.fill(begin, end, *this, begin);
+      for (std::size_t i = begin; i < end; i += kClusterSize) {
+        totals[i / kClusterSize] = make_cluster(i, std::min<std::size_t>(end, i + kClusterSize),
+                                                clusters_[i / kClusterSize]);
+      }
+    });
+    const SurfelTotals all = added_up(totals);
+    box.min = all.min.cast<double>();
+    box.max = all.max.cast<double>();
+  };
+  fill();
+  if (source.recenter(box)) fill();
+  origin_ = source.origin();
+  // What this library has written is in order already, and has nothing that cannot be drawn.
+  const bool copies = source.attributes().source && !needed.copies;
+  const bool usable =
+      std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
+  if (copies || !usable ||
+      !MortonGrid(box.min.cast<float>(), box.max.cast<float>())
+           .in_order({x.data(), y.data(), z.data(), size_})) {
+    gather(drawing_order(source, copies));
+    clusters_.resize((size_ + kClusterSize - 1) / kClusterSize);
+    totals.resize(clusters_.size());
+    parallel_for(
+        clusters_.size(), kBlock / kClusterSize, [&](std::size_t first, std::size_t last, int) {
+          for (std::size_t c = first; c < last; ++c) {
+            totals[c] =
+                make_cluster(c * kClusterSize, std::min<std::size_t>(size_, (c + 1) * kClusterSize),
+                             clusters_[c]);
+          }
+        });
+  }
+  if (!group.empty()) number_groups(name);
+  const SurfelTotals all = added_up(totals);
+  if (!all.transparent) alpha = {};
+  if (size_ > 0) mean_deviation_ = all.deviations / static_cast<double>(size_);
+  make_box(all.reach_min, all.reach_max);
+}
+
+RenderCloud::RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed,
+                         const std::string& name) {
+  CloudSource source(cloud, name);
+  *this = cloud.tree.empty() ? RenderCloud(source, needed, name)
+                             : RenderCloud(source, cloud.tree, needed, name);
+}
+
+RenderCloud::RenderCloud(const SurfelSource& source, const ClusterTree& tree,
+                         const RenderColumns& needed, const std::string& name)
+    : origin_(source.origin()) {
+  take_clusters(tree, needed.levels);
+  allocate(size_, source.attributes(), needed, name);
+  const std::size_t skipped = source.size() - size_;
+  parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
+    source.fill(skipped + begin, skipped + end, *this, begin);
+  });
+  std::vector<SurfelTotals> totals(clusters_.size());
+  parallel_for(clusters_.size(), kBlock / kClusterSize,
+               [&](std::size_t begin, std::size_t end, int) {
+                 for (std::size_t c = begin; c < end; ++c) {
+                   totals[c] = check_levels(clusters_[c], name);
+                   measure(clusters_[c], totals[c]);
+                 }
+               });
+  if (!group.empty()) number_groups(name);
+  const auto finest = static_cast<std::size_t>(std::count_if(
+      clusters_.begin(), clusters_.end(), [](const Cluster& cluster) { return cluster.merged; }));
+  const SurfelTotals all = added_up(std::span(totals).subspan(finest));
+  if (!all.transparent) alpha = {};
+  mean_deviation_ = all.deviations / static_cast<double>(size_ - first_finest_);
+}
+
+std::vector<Array<float>*> RenderCloud::float_columns() {
+  return {&x,         &y,         &z,         &normal_x,    &normal_y,    &normal_z,
+          &tangent_x, &tangent_y, &tangent_z, &deviation_u, &deviation_v, &area,
+          &red,       &green,     &blue,      &alpha,       &group_radius};
+}
+
+/// Makes the columns that are there and needed.
+void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
+                           const RenderColumns& needed, const std::string& name) {
+  if (needed.groups && rows > 0 && !attributes.group) throw_no_groups(name);
+  const bool has_radius = needed.group_radius && attributes.group_radius;
+  for (Array<float>* column : float_columns()) {
+    const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
+                          column == &tangent_z;
+    if ((of_frame && !attributes.anisotropic) || (column == &alpha && !attributes.alpha) ||
+        (column == &group_radius && !has_radius)) {
+      continue;
+    }
+    column->resize(rows + kPadding);
+    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(rows), kPadding, 0.0F);
+  }
+  if (attributes.material) material.resize(rows);
+  if (needed.groups && attributes.group) group.resize(rows);
+}
+
+/// Can a surfel be drawn? Counts it if not.
+bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
+  if (!Vec3f(x[i], y[i], z[i]).allFinite()) {
+    ++dropped.position;
+  } else if (!usable_size(deviation_u[i]) || (anisotropic() && !usable_size(deviation_v[i])) ||
+             (!group_radius.empty() && !usable_size(group_radius[i]))) {
+    ++dropped.variance;
+  } else if (!Vec3f(red[i], green[i], blue[i]).allFinite() ||
+             (!alpha.empty() && !std::isfinite(alpha[i])) || !std::isfinite(area[i])) {
+    ++dropped.color;
+  } else {
+    return true;
+  }
+  return false;
+}
+
+/// The order of the surfels that can be drawn along the Morton curve; of copies (RenderColumns) the
+/// first, if any are to be left out.
+Array<std::uint32_t> RenderCloud::drawing_order(const SurfelSource& source, bool copies) {
+  Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
+  std::size_t kept = 0;
+  for (const std::uint32_t i : order) {
+    if (usable(i, dropped_)) order[kept++] = i;
+  }
+  order.resize(kept);
+  if (!copies) return order;
+  Array<std::uint32_t> origin(size_);
+  source.fill_sources(0, size_, origin.data());
+  // By the place as well, since other programs' files may mean something else by `source`.
+  const auto key = [&](std::uint32_t i) { return std::tuple(origin[i], x[i], y[i], z[i]); };
+  Array<std::uint32_t> sorted = order;
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
+  });
+  std::vector<bool> is_copy(size_);
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    is_copy[sorted[i]] = key(sorted[i]) == key(sorted[i - 1]);
+  }
+  copies_ = std::erase_if(order, [&](std::uint32_t i) { return is_copy[i]; });
+  return order;
+}
+
+/// Puts the columns in an order, one after the other.
+void RenderCloud::gather(const Array<std::uint32_t>& order) {
+  size_ = order.size();
+  const auto gather_column = [&](auto& column, std::size_t padding) {
+    if (column.empty()) return;
+    std::remove_reference_t<decltype(column)> gathered(size_ + padding);
+    parallel_for(size_, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) gathered[i] = column[order[i]];
+    });
+    std::fill_n(gathered.end() - static_cast<std::ptrdiff_t>(padding), padding, 0);
+    column.swap(gathered);
+  };
+  for (Array<float>* column : float_columns()) gather_column(*column, kPadding);
+  gather_column(material, 0);
+  gather_column(group, 0);
+}
+
+/// Numbers the groups in use from 0 on: a file may leave out any.
+void RenderCloud::number_groups(const std::string& name) {
+  std::vector<int> number(std::size_t{1} << 16, -1);
+  for (const std::uint16_t g : group) number[g] = 0;
+  for (int& n : number) {
+    if (n == 0) n = groups_++;
+  }
+  if (groups_ > kMostGroups) {
+    throw_input(name, fmt::format("the surfels are in {} groups, at most {} can be drawn; run "
+                                  "surfel-group on them with a smaller --overlap",
+                                  groups_, kMostGroups));
+  }
+  for (std::uint16_t& g : group) g = static_cast<std::uint16_t>(number[g]);
+}
+
+ClusterColumns RenderCloud::columns(std::size_t begin, std::size_t end) const {
+  const auto from = [&](const Array<float>& column) { return column.data() + begin; };
+  return {.position = {from(x), from(y), from(z)},
+          .normal = {from(normal_x), from(normal_y), from(normal_z)},
+          .deviation_u = from(deviation_u),
+          .deviation_v = from(anisotropic() ? deviation_v : deviation_u),
+          .count = end - begin};
+}
+
+SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
+  const Array<float>* const finite[] = {&x,   &y,     &z,    &deviation_u, &deviation_v, &area,
+                                        &red, &green, &blue, &alpha,       &group_radius};
+  const Array<float>* const positive[] = {&deviation_u, &deviation_v, &group_radius};
+  const float* pointers[std::size(finite) + std::size(positive)];
+  // Those that are there.
+  const auto pick = [&](std::span<const Array<float>* const> columns, const float** to) {
+    std::size_t count = 0;
+    for (const Array<float>* column : columns) {
+      if (!column->empty()) to[count++] = column->data() + begin;
+    }
+    return std::span<const float* const>(to, count);
+  };
+  return surfel_totals(columns(begin, end), alpha.empty() ? nullptr : alpha.data() + begin,
+                       pick(positive, pointers + std::size(finite)), pick(finite, pointers));
+}
+
+/// What a cluster has besides ClusterBounds.
+void RenderCloud::measure(Cluster& cluster, const SurfelTotals& totals) const {
+  // Of the cluster's own surfels; bounds of levels of detail hold all levels below. Rounding must
+  // not shrink a bound.
+  cluster.half_extent =
+      (totals.max - cluster.center).cwiseMax(cluster.center - totals.min) * (1.0F + 1e-6F);
+  for (std::uint32_t i = cluster.begin; i < cluster.end && !group_radius.empty(); ++i) {
+    cluster.max_group_radius = std::max(cluster.max_group_radius, group_radius[i]);
+  }
+}
+
+/// Makes a cluster of the surfels [begin, end).
+SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const {
+  cluster = {cluster_bounds(columns(begin, end))};
+  cluster.begin = static_cast<std::uint32_t>(begin);
+  cluster.end = static_cast<std::uint32_t>(end);
+  const SurfelTotals sums = totals(begin, end);
+  measure(cluster, sums);
+  return sums;
+}
+
+/// The clusters of the levels that are there, with the bounds that they bring, and their box.
+void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
+  const std::size_t finest = first_leaf(tree);
+  const std::size_t first = levels ? 0 : finest;
+  const std::uint32_t skipped = tree[first].begin;
+  size_ = tree.back().end - skipped;
+  first_finest_ = tree[finest].begin - skipped;
+  for (std::size_t i = first; i < tree.size(); ++i) {
+    Cluster& cluster = clusters_.emplace_back();
+    static_cast<ClusterBounds&>(cluster) = tree[i].bounds;
+    cluster.begin = tree[i].begin - skipped;
+    cluster.end = tree[i].end - skipped;
+    cluster.merged = i < finest;
+  }
+  if (levels) tree_ = tree;
+  make_box(tree.front().reach_min, tree.front().reach_max);
+}
+
+/// Totals of a cluster of a tree, all of whose surfels must be usable.
+SurfelTotals RenderCloud::check_levels(const Cluster& cluster, const std::string& name) const {
+  const SurfelTotals sums = totals(cluster.begin, cluster.end);
+  if (!sums.usable) {
+    throw_input(name,
+                "surfels in its levels of detail have positions, variances or colours that are "
+                "not usable numbers; run surfel-lod on the original again");
+  }
+  return sums;
+}
+
+float RenderCloud::larger_deviation(std::size_t i) const {
+  return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
+}
+
+SceneExtent RenderCloud::extent() const {
+  SceneExtent extent = extent_;
+  if (!extent.support && !clusters_.empty()) {
+    extent.support = [this](const Vec3d& along, double outward) {
+      return support(along, outward, [this](std::uint32_t c, const Vec3d& a, double b) {
+        return support(clusters_[c].begin, clusters_[c].end, a, b);
+      });
+    };
+  }
+  return extent;
+}
+
+/// SceneExtent::support of the finest level. Takes its clusters in the order of what their bounds
+/// allow, until none allows more than what has been found.
+double RenderCloud::support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const {
+  std::vector<std::pair<double, std::uint32_t>> bounds;
+  for (std::uint32_t c = 0; c < clusters_.size(); ++c) {
+    const Cluster& cluster = clusters_[c];
+    if (cluster.merged) continue;
+    bounds.emplace_back(a.dot(cluster.center.cast<double>()) + a.norm() * cluster.radius +
+                            b * cluster.max_deviation,
+                        c);
+  }
+  std::make_heap(bounds.begin(), bounds.end());
+  double greatest = -std::numeric_limits<double>::infinity();
+  for (auto end = bounds.end(); end != bounds.begin() && bounds.front().first > greatest; --end) {
+    greatest = std::max(greatest, of_cluster(bounds.front().second, a, b));
+    std::pop_heap(bounds.begin(), end);
+  }
+  return greatest + a.dot(origin_);
+}
+
+/// The same of surfels [begin, end), relative to the origin.
+double RenderCloud::support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const {
+  double greatest = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = begin; i < end; ++i) {
+    const double reach = a.dot(Vec3d(x[i], y[i], z[i])) + b * larger_deviation(i);
+    if (reach > greatest) greatest = reach;  // Not where NaN.
+  }
+  return greatest;
+}
+
+/// The box around the discs: that of the clusters' spheres would be far too large.
+void RenderCloud::make_box(const Vec3f& reach_min, const Vec3f& reach_max) {
+  if (clusters_.empty()) return;
+  extent_.box.add(origin_ + reach_min.cast<double>());
+  extent_.box.add(origin_ + reach_max.cast<double>());
+}
+
+std::uint64_t RenderCloud::memory_bytes() const {
+  std::uint64_t floats = 0;
+  for (const Array<float>* column :
+       {&x, &y, &z, &normal_x, &normal_y, &normal_z, &deviation_u, &deviation_v, &tangent_x,
+        &tangent_y, &tangent_z, &area, &red, &green, &blue, &alpha, &group_radius}) {
+    floats += column->size();
+  }
+  return floats * sizeof(float) + (material.size() + group.size()) * sizeof(std::uint16_t) +
+         clusters_.size() * sizeof(Cluster) + tree_.size() * sizeof(TreeCluster);
+}
+
+}  // namespace surfel

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+class RenderCloud;
+
+/// Optional attributes that the surfels of a source have.
+struct SurfelAttributes {
+  bool anisotropic = false;
+  bool alpha = false;
+  bool material = false;
+  bool group = false;
+  bool group_radius = false;
+  bool source = false;  ///< See SurfelCloud::source.
+};
+
+/// Surfels in any order, from which the columns of a RenderCloud are filled, range by range.
+class SurfelSource {
+ public:
+  SurfelSource() = default;
+  virtual ~SurfelSource() = default;
+  SurfelSource(const SurfelSource&) = delete;
+  SurfelSource& operator=(const SurfelSource&) = delete;
+
+  virtual std::size_t size() const = 0;
+  virtual SurfelAttributes attributes() const = 0;
+  /// What positions are relative to, world coordinates.
+  virtual Vec3d origin() const = 0;
+  /// Moves the origin if surfels of these bounds, relative to the present one, want another; true
+  /// if so: positions filled before are void.
+  virtual bool recenter(const Bounds& /*bounds*/) { return false; }
+  /// Writes surfels [begin, end) to the columns that the cloud has, from row `row` on. A surfel
+  /// that cannot be drawn has a position that is NaN, a deviation or enlarged radius that is not
+  /// finite or not positive, or a colour, alpha or area that is not finite. Callable from any
+  /// thread.
+  virtual void fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
+                    std::size_t row) const = 0;
+  /// Writes SurfelCloud::source of surfels [begin, end), which the attributes say is there.
+  virtual void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const = 0;
+  /// Tells that fill() will soon be called for surfels [begin, end).
+  virtual void expect(std::size_t /*begin*/, std::size_t /*end*/) const {}
+};
+
+/// Those of a cloud, to which it refers.
+class SURFEL_API CloudSource : public SurfelSource {
+ public:
+  /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance; `name`
+  /// starts messages.
+  CloudSource(const SurfelCloud& cloud, const std::string& name);
+
+  std::size_t size() const override { return cloud_.size(); }
+  SurfelAttributes attributes() const override;
+  Vec3d origin() const override { return cloud_.origin; }
+  void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
+  void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override;
+
+ private:
+  const SurfelCloud& cloud_;
+};
+
+/// Unit length; zero where the vector has no direction.
+Vec3f unit_normal(const Vec3f& normal);
+/// Unit and perpendicular to the unit normal, as splat set-up relies on it; any such where the
+/// tangent tells none.
+Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal);
+/// NaN where infinite.
+float usable_position(float x);
+/// At least 0, and 0..1; NaN where not finite, so that the surfel is left out.
+float usable_area(float area);
+float usable_alpha(float alpha);
+
+/// The error of surfels without variance; `file` may be empty.
+[[noreturn]] void throw_no_variance(const std::string& file);
+/// The error of surfels without groups where they are needed.
+[[noreturn]] void throw_no_groups(const std::string& file);
+
+}  // namespace surfel

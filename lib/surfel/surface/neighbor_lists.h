@@ -1,0 +1,45 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/surface/neighbor_search.h>
+
+namespace surfel {
+
+/// The k nearest neighbours of all points, searched for once and kept (4 k bytes a point) for
+/// several stages that go over all neighbourhoods: the first for_each_nearest() of no more than k
+/// of them searches and keeps what it finds, so that its body runs while the points are in the
+/// cache; later ones, and rows(), read the lists. Every other query goes to the search behind. The
+/// same results as that search's. for_each_nearest() and rows() are not for several threads at
+/// once.
+class SURFEL_API NeighborLists final : public NeighborSearch {
+ public:
+  /// `search` is over `points`; both outlive this object.
+  NeighborLists(const NeighborSearch& search, const Array<Vec3f>& points, std::size_t k);
+
+  std::size_t size() const override { return search_.size(); }
+  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const override {
+    search_.nearest(query, k, out);
+  }
+  void within(const Vec3f& query, float radius, std::size_t most,
+              std::vector<Neighbor>& out) const override {
+    search_.within(query, radius, most, out);
+  }
+  void for_each_nearest(std::size_t k, Body body) const override;
+  void for_each_within(float radius, std::size_t most, Body body) const override {
+    search_.for_each_within(radius, most, body);
+  }
+  NeighborRows rows(std::size_t k) const override;
+
+ private:
+  const NeighborSearch& search_;
+  const Array<Vec3f>& points_;
+  std::size_t k_;
+  mutable Array<std::uint32_t> index_;  ///< k_ of every point, nearest first; empty at first.
+};
+
+}  // namespace surfel

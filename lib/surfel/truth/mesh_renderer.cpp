@@ -1,0 +1,285 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/plugin.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/shading.h>
+#include <surfel/sample/mesh_sampler.h>
+#include <surfel/sample/smooth_normals.h>
+#include <surfel/scene/framing.h>
+#include <surfel/store/render_cloud.h>
+#include <surfel/texture/texture_map.h>
+#include <surfel/truth/mesh_renderer.h>
+#include <surfel/truth/mesh_tracer_plugin.h>
+#include <surfel/truth/supersample.h>
+
+namespace surfel {
+namespace {
+
+/// Behind a transparent face a ray goes on after this part of the bounding sphere's diameter, ten
+/// times what rounding makes of the largest distance: a ray through an edge must not see both
+/// faces.
+constexpr double kGap = 0x1p-20;
+
+/// Weights of a face's three corners.
+using Barycentric = Vec3f;
+
+template <class T>
+T interpolated(const std::array<T, 3>& corner, const Barycentric& b) {
+  return b[0] * corner[0] + b[1] * corner[1] + b[2] * corner[2];
+}
+
+/// The image's texels at a place between their centres; premultiplied.
+Eigen::Array4f bilinear(const TextureMap& map, const Vec2d& texel) {
+  const PyramidLevel& image = map.pyramid().image();
+  const WrapMode wrap = map.pyramid().wrap();
+  // Beyond 2^30 texels the uv's single precision tells no texels apart; NaN ends there as well.
+  const auto bounded = [](double x) { return std::max(-0x1p30, std::min(0x1p30, x)); };
+  const Vec2d at(bounded(texel.x() - 0.5), bounded(texel.y() - 0.5));
+  const int x = static_cast<int>(std::floor(at.x()));
+  const int y = static_cast<int>(std::floor(at.y()));
+  const auto part_x = static_cast<float>(at.x() - x);
+  const auto part_y = static_cast<float>(at.y() - y);
+  const int left = stored_offset(x, image.x, wrap);
+  const int right = stored_offset(x + 1, image.x, wrap);
+  const auto row = [&](int i) -> Eigen::Array4f {
+    const float* texels = image.row(stored_offset(i, image.y, wrap));
+    return (1 - part_x) * Eigen::Map<const Eigen::Array4f>(texels + 4 * left) +
+           part_x * Eigen::Map<const Eigen::Array4f>(texels + 4 * right);
+  };
+  return (1 - part_y) * row(y) + part_y * row(y + 1);
+}
+
+/// Box around the faces, relative to the mesh's origin.
+Bounds face_bounds(const TriangleMesh& mesh) {
+  Bounds box;
+  for (const auto& face : mesh.face) {
+    for (const std::uint32_t v : face) box.add(mesh.position[v].cast<double>());
+  }
+  return box;
+}
+
+struct Sphere {
+  Vec3d center{0, 0, 0};
+  double radius = 0;
+};
+
+/// First and last t of a ray inside a sphere; nullopt where it passes by.
+struct Span {
+  double first, last;
+};
+std::optional<Span> inside(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction) {
+  const Vec3d to_center = sphere.center - origin;
+  const double length2 = direction.squaredNorm();
+  const double middle = to_center.dot(direction) / length2;
+  const double passes2 = (to_center - middle * direction).squaredNorm();
+  if (!(passes2 <= sphere.radius * sphere.radius)) return std::nullopt;
+  const double half = std::sqrt((sphere.radius * sphere.radius - passes2) / length2);
+  return Span{middle - half, middle + half};
+}
+
+/// What Shader takes: a surface that covers all of a ray.
+Fragment fragment(const Eigen::Array4f& color, const Vec3f& normal, float depth,
+                  std::uint32_t material, bool front) {
+  Fragment f{};
+  f.channel[kWeight] = 1;
+  f.channel[kDepth] = depth;
+  for (int k = 0; k < 4; ++k) f.channel[kRed + k] = color[k];
+  f.channel[kTag] = std::bit_cast<float>(material << kMaterialShift | (front ? kFrontTag : 0U));
+  for (int k = 0; k < 3; ++k) f.channel[kNormalX + k] = normal[k];
+  return f;
+}
+
+/// A camera as the mesh sees it.
+struct View {
+  const Camera& camera;
+  const Shader& shader;
+  Vec3d eye;  ///< Relative to the mesh's origin.
+};
+
+}  // namespace
+
+std::vector<std::string> MeshRenderOptions::problems() const {
+  std::vector<std::string> found;
+  const auto check = [&](bool ok, const std::string& message) {
+    if (!ok) found.push_back(message);
+  };
+  check(samples >= 1 && samples <= 64, fmt::format("samples is {}; it must be in 1..64", samples));
+  check(lowpass >= 0 && lowpass <= 16,
+        fmt::format("lowpass is {}; it must be in 0..16 pixels", lowpass));
+  check(std::all_of(background.begin(), background.end(),
+                    [](float v) { return std::isfinite(v) && v >= 0; }) &&
+            background[3] <= 1,
+        "background must be four numbers >= 0, alpha at most 1");
+  return found;
+}
+
+struct MeshRenderer::Impl {
+  const TriangleMesh& mesh;
+  const TextureSet* textures;
+  const Scene& scene;
+  MeshRenderOptions options;
+  Array<std::array<Vec3f, 3>> computed_normal{};  ///< Where the mesh has none and they are needed.
+  Bounds box{};                                   ///< Of the faces, relative to the mesh's origin.
+  Sphere bounds{};                                ///< Around the box.
+  std::unique_ptr<const MeshTracer> tracer{};     ///< None where there is no face.
+
+  std::uint16_t material(std::uint32_t face) const {
+    return mesh.face_material.empty() ? std::uint16_t{0} : mesh.face_material[face];
+  }
+  const TextureMap& map(std::uint32_t face) const {
+    return textures
+        ->maps[textures->map_of_material.empty() ? 0 : textures->map_of_material[material(face)]];
+  }
+  void check_textures() const;
+  Eigen::Array4f color(std::uint32_t face, const Barycentric& b) const;
+  Vec3f normal(std::uint32_t face, const Barycentric& b) const;
+  Fragment surface(const View& view, const MeshHit& hit, double z) const;
+  Rgba trace(const View& view, double x, double y) const;
+};
+
+void MeshRenderer::Impl::check_textures() const {
+  if (mesh.wedge_uv.empty()) {
+    throw_input("", "the mesh has no texture coordinates, so no image can be put on it");
+  }
+  if (textures->map_of_material.empty()) return;
+  const auto last = std::max_element(mesh.face_material.begin(), mesh.face_material.end());
+  const std::size_t needed = last == mesh.face_material.end() ? 1 : *last + std::size_t{1};
+  if (needed > textures->map_of_material.size()) {
+    throw_input("", fmt::format("the mesh uses material {}; there are textures for {}", needed - 1,
+                                textures->map_of_material.size()));
+  }
+}
+
+/// Premultiplied.
+Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& b) const {
+  if (textures) {
+    const TextureMap& image = map(face);
+    Vec2d texel(0, 0);
+    for (int k = 0; k < 3; ++k) {
+      texel += static_cast<double>(b[k]) * image.texel(mesh.wedge_uv[face][k]);
+    }
+    return bilinear(image, texel);
+  }
+  Vec3f opaque = SurfelCloud::colorless();
+  if (!mesh.color.empty()) {
+    const auto& v = mesh.face[face];
+    opaque = interpolated<Vec3f>({mesh.color[v[0]], mesh.color[v[1]], mesh.color[v[2]]}, b);
+  } else if (!mesh.face_material.empty()) {
+    const MeshMaterial& named = mesh.material[material(face)];
+    if (named.texture.empty()) opaque = named.diffuse;
+  }
+  return {opaque.x(), opaque.y(), opaque.z(), 1};
+}
+
+/// Normals of a face's corners that cancel say nothing; the face's own does.
+Vec3f MeshRenderer::Impl::normal(std::uint32_t face, const Barycentric& b) const {
+  const auto& corner = mesh.wedge_normal.empty() ? computed_normal[face] : mesh.wedge_normal[face];
+  const Vec3f smooth = interpolated(corner, b);
+  const float length = smooth.norm();
+  if (length > 1e-3F) return smooth / length;
+  const auto& v = mesh.face[face];
+  const Vec3d at = mesh.position[v[0]].cast<double>();
+  const Vec3d across =
+      (mesh.position[v[1]].cast<double>() - at).cross(mesh.position[v[2]].cast<double>() - at);
+  return across.normalized().cast<float>();
+}
+
+Fragment MeshRenderer::Impl::surface(const View& view, const MeshHit& hit, double z) const {
+  const Barycentric b(1 - hit.u - hit.v, hit.u, hit.v);
+  const std::uint32_t number = material(hit.face);
+  const float opacity =
+      scene.materials[std::min<std::size_t>(number, scene.materials.size() - 1)].opacity;
+  return fragment(opacity * color(hit.face, b),
+                  view.shader.lit() ? normal(hit.face, b) : Vec3f(0, 0, 0),
+                  view.shader.depth(static_cast<float>(z)), number, hit.front);
+}
+
+/// Premultiplied colour at picture coordinates.
+Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
+  const auto at_x = static_cast<float>(x);
+  const auto at_y = static_cast<float>(y);
+  Rgba seen;
+  SeenThrough surfaces;
+  const ViewRay ray = view_ray(view.camera, x, y);
+  const std::optional<Span> span =
+      tracer ? inside(bounds, view.eye + ray.origin, ray.direction) : std::nullopt;
+  if (span && span->last >= view.camera.near) {
+    const double start = std::max(span->first, view.camera.near);
+    const Vec3f origin = (view.eye + ray.origin + start * ray.direction).cast<float>();
+    const Vec3f direction = ray.direction.cast<float>();
+    MeshRay rest{{origin.x(), origin.y(), origin.z()},
+                 {direction.x(), direction.y(), direction.z()},
+                 0,
+                 options.cull_back};
+    while (seen.alpha < 1) {
+      const std::optional<MeshHit> hit = tracer->nearest(rest);
+      if (!hit) break;
+      const Fragment at = surface(view, *hit, start + static_cast<double>(hit->t));
+      const Rgba shaded = view.shader.shade(at, at_x, at_y, 1);
+      seen.composite(shaded);
+      surfaces.add(at, 1, 1, shaded.alpha);
+      rest.from = hit->t + static_cast<float>(2 * bounds.radius * kGap);
+    }
+  }
+  view.shader.add_environment(seen, surfaces, at_x, at_y);
+  return seen;
+}
+
+MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
+                           const MeshRenderOptions& options)
+    : impl_(new Impl{mesh, textures, scene, options}) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  if (textures) impl_->check_textures();
+  if (mesh.face.empty()) return;
+  if (options.lit && mesh.wedge_normal.empty()) {
+    impl_->computed_normal = smooth_normals(mesh, MeshSampleOptions{}.crease_angle);
+  }
+  impl_->box = face_bounds(mesh);
+  // A little wider, so that rounding leaves no vertex outside.
+  impl_->bounds = {impl_->box.center(), impl_->box.diagonal() / 2 * (1 + 1e-5)};
+  auto* const make =
+      reinterpret_cast<MakeMeshTracer*>(plugin_symbol("trace", kMakeMeshTracerSymbol));
+  impl_->tracer.reset(make({mesh.position.front().data(), mesh.position.size(),
+                            mesh.face.front().data(), mesh.face.size()}));
+}
+
+MeshRenderer::~MeshRenderer() = default;
+
+Image MeshRenderer::render(const Camera& camera,
+                           const std::function<void(double)>& progress) const {
+  const MeshRenderOptions& options = impl_->options;
+  const Shader shader(options.lit ? &impl_->scene : nullptr, camera);
+  const View view{camera, shader, camera.eye - impl_->mesh.origin};
+  Image image = supersample(
+      camera, {options.samples, options.lowpass},
+      [&](double x, double y, int /*worker*/) { return impl_->trace(view, x, y); }, progress);
+  composite_over(image, options.background);
+  return image;
+}
+
+SceneExtent MeshRenderer::extent() const {
+  const TriangleMesh& mesh = impl_->mesh;
+  SceneExtent extent;
+  if (mesh.face.empty()) return extent;
+  extent.box.add(mesh.origin + impl_->box.min);
+  extent.box.add(mesh.origin + impl_->box.max);
+  extent.support = [&mesh](const Vec3d& a, double /*b*/) {
+    double greatest = -std::numeric_limits<double>::infinity();
+    for (const auto& face : mesh.face) {
+      for (const std::uint32_t v : face) {
+        greatest = std::max(greatest, a.dot(mesh.position[v].cast<double>()));
+      }
+    }
+    return greatest + a.dot(mesh.origin);
+  };
+  return extent;
+}
+
+}  // namespace surfel

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/framing.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/scene.h>
+#include <surfel/scene/triangle_mesh.h>
+#include <surfel/texture/texture_fit.h>
+
+namespace surfel {
+
+struct MeshRenderOptions {
+  int samples = 16;    ///< n: n x n rays a pixel, 1..64.
+  double lowpass = 1;  ///< Standard deviation of the Gaussian pixel filter, pixels, 0..16; 0: the
+                       ///< mean over the pixel's own square.
+  bool cull_back = false;  ///< Leave out faces whose corners are seen clockwise.
+  bool lit = true;         ///< Shade with the scene; else show the texture itself.
+  std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
+};
+
+/// Ray-traces a textured mesh: what pictures of surfels that were made from it are measured
+/// against.
+///
+/// A ray's colour is that of the nearest face at z >= near, and, where that is transparent, of
+/// those behind it, composited. A face's colour comes from its texture's own texels, bilinearly
+/// interpolated and not filtered: the rays of a pixel do that. Without textures it is the vertices'
+/// colour, else the material's where that names no image, else the light grey of colourless clouds.
+/// Normals are the file's, else smooth ones as sample_mesh() makes them by default, and are shaded
+/// as those of surfels are; the scene's materials, too, apply as to the surfels, by the number of
+/// the face's material. Then supersample() filters the rays of a picture.
+///
+/// Directions and distances are single precision, from where the ray enters the mesh's bounding
+/// sphere on: the picture depends neither on how far from the world's origin the mesh lies, nor on
+/// how far from the mesh the eye is. Faces that coincide count as one, that of the lowest number.
+/// Memory: some 120 bytes a face beside the mesh, half of them for normals.
+class SURFEL_API MeshRenderer {
+ public:
+  /// Keeps references to all but the options.
+  /// \param textures  null: none are to be seen. Charts play no role.
+  /// Throws Error: kUsage for options that are not usable; kInput where there are textures but the
+  /// mesh has no texture coordinates, or has a material without a map; kNumeric if the mesh does
+  /// not fit into memory a second time.
+  MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
+               const MeshRenderOptions& options);
+  ~MeshRenderer();
+  MeshRenderer(const MeshRenderer&) = delete;
+  MeshRenderer& operator=(const MeshRenderer&) = delete;
+
+  /// Premultiplied linear R G B A over the background. The same for any number of threads.
+  /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
+  Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
+
+  /// World bounds of the faces, for make_camera(). Refers to the mesh.
+  SceneExtent extent() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace surfel

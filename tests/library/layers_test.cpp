@@ -1,0 +1,66 @@
+// The library's folders are layers: the order of add_subdirectory() in lib/CMakeLists.txt is the
+// order of the data flow, and a folder includes only itself and folders before it.
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path kLibrary = fs::path(SURFEL_SOURCE_DIR) / "lib";
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// First groups of all matches, in the order of the text.
+std::vector<std::string> matches(const std::string& text, const std::regex& pattern) {
+  std::vector<std::string> found;
+  for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern);
+       it != std::sregex_iterator(); ++it) {
+    found.push_back((*it)[1]);
+  }
+  return found;
+}
+
+std::vector<std::string> layers() {
+  return matches(text_of(kLibrary / "CMakeLists.txt"),
+                 std::regex(R"(add_subdirectory\(surfel/(\w+)\))"));
+}
+
+TEST(Layers, EveryFolderIsOne) {
+  const std::vector<std::string> known = layers();
+  ASSERT_GT(known.size(), 10u);
+  for (const fs::directory_entry& entry : fs::directory_iterator(kLibrary / "surfel")) {
+    EXPECT_EQ(std::count(known.begin(), known.end(), entry.path().filename().string()), 1)
+        << entry.path();
+  }
+}
+
+TEST(Layers, FoldersIncludeOnlyWhatStandsBelowThem) {
+  const std::vector<std::string> order = layers();
+  const std::regex include(R"(#\s*include\s*[<"]surfel/(\w+)/)");
+  std::size_t includes = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kLibrary / "surfel")) {
+    const std::string extension = entry.path().extension().string();
+    if (extension != ".h" && extension != ".cpp") continue;
+    const auto own =
+        std::find(order.begin(), order.end(), entry.path().parent_path().filename().string());
+    for (const std::string& folder : matches(text_of(entry.path()), include)) {
+      EXPECT_LE(std::find(order.begin(), order.end(), folder) - order.begin(), own - order.begin())
+          << entry.path() << " includes surfel/" << folder << ", which stands above its own folder";
+      ++includes;
+    }
+  }
+  EXPECT_GT(includes, 1000u);
+}
+
+}  // namespace
