@@ -29,11 +29,11 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Surfels of a level for one of the next coarser level, 2..16: less comes closer "
                  "to what a picture needs, and makes a larger file")
       ->capture_default_str();
-  app.add_option("--normal-angle", s.hierarchy.partition.normal_angle,
+  app.add_option("--normal-angle", s.hierarchy.sheets.normal_angle,
                  "Normals this far from the mean of what is merged are of another sheet, degrees, "
                  "in (0, 90]")
       ->capture_default_str();
-  app.add_option("--sheet-weight", s.hierarchy.partition.sheet_weight,
+  app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
                  "How much more distances across the surface count than along it, 1..1000")
       ->capture_default_str();
   app.option_defaults()->group("Options");

@@ -42,10 +42,10 @@ void print(const std::string& name, double setup, double solve, const std::strin
   std::fflush(stdout);
 }
 
-void ours(const System& system, Preconditioner kind, const std::string& name) {
+void ours(const System& system, const std::string& name) {
   const double before = megabytes("VmRSS:");
   Timer timer;
-  const InverseFactor factor(system.matrix, kind);
+  const InverseFactor factor(system.matrix);
   const double setup = timer.milliseconds();
   timer.restart();
   Array<Channels> x(system.b.size(), Channels(0, 0, 0, 0));
@@ -62,7 +62,7 @@ void ours(const System& system, Preconditioner kind, const std::string& name) {
 
 void spectrum(const SymmetricMatrix& matrix) {
   Timer timer;
-  const InverseFactor factor(matrix, Preconditioner::kSparseInverse);
+  const InverseFactor factor(matrix);
   const double setup = timer.milliseconds();
   timer.restart();
   const Spectrum found = estimate_spectrum(matrix, factor);
@@ -128,11 +128,10 @@ int main(int argc, char** argv) {
       "MB, {} threads, to {}\n",
       rows, sigma, ridge, static_cast<double>(system.matrix.entries()) / rows,
       static_cast<double>(system.matrix.column.size()) * 12e-6, thread_count(), kTolerance);
-  ours(system, Preconditioner::kSparseInverse, "CG, sparse inverse");
-  ours(system, Preconditioner::kSparseInverse, "again");
+  ours(system, "CG, sparse inverse");
+  ours(system, "again");
   spectrum(system.matrix);
   if (argc > 4 && std::string(argv[4]) == "peers") {
-    ours(system, Preconditioner::kJacobi, "CG, Jacobi");
     peers(system);
   }
 }

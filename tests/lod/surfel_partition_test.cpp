@@ -34,11 +34,11 @@ void expect_partition(const SurfelPartition& parts, std::size_t surfels, std::si
 }
 
 TEST(SurfelPartition, RefusesOptionsThatMeanNothing) {
-  EXPECT_TRUE(PartitionOptions{}.problems().empty());
-  EXPECT_FALSE(PartitionOptions{.normal_angle = 0}.problems().empty());
-  EXPECT_FALSE(PartitionOptions{.normal_angle = 91}.problems().empty());
-  EXPECT_FALSE(PartitionOptions{.sheet_weight = 0.5}.problems().empty());
-  EXPECT_FALSE(PartitionOptions{.sheet_weight = NAN}.problems().empty());
+  EXPECT_TRUE(SheetRules{}.problems().empty());
+  EXPECT_FALSE(SheetRules{.normal_angle = 0}.problems().empty());
+  EXPECT_FALSE(SheetRules{.normal_angle = 91}.problems().empty());
+  EXPECT_FALSE(SheetRules{.sheet_weight = 0.5}.problems().empty());
+  EXPECT_FALSE(SheetRules{.sheet_weight = NAN}.problems().empty());
 }
 
 TEST(SurfelPartition, GivesAsManyGroupsAsAskedFor) {

@@ -9,7 +9,7 @@ namespace {
 using namespace surfel::test;
 
 Spectrum estimate(const SymmetricMatrix& matrix) {
-  return estimate_spectrum(matrix, InverseFactor(matrix, Preconditioner::kSparseInverse));
+  return estimate_spectrum(matrix, InverseFactor(matrix));
 }
 
 TEST(Spectrum, EqualsDenseEigenvalues) {

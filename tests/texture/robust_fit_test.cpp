@@ -24,21 +24,21 @@ struct Case {
   SurfelBasis basis = flat_basis(10, 0.8);
   Quadrature points = cover_surface(basis, 6);
   RenderSystem system;
-  Array<Channels> f = smooth_colors(basis, points);
-  Array<Channels> w_0 = Array<Channels>(basis.size(), Channels(0.5, 0.5, 0.5, 0));
+  FitTarget target{smooth_colors(basis, points),
+                   Array<Channels>(basis.size(), Channels(0.5, 0.5, 0.5, 0)), 3};
 
   /// Paints over one point in twenty.
   void add_outliers() {
-    for (std::size_t q = 0; q < f.size(); ++q) {
-      if (random_uniform(3, q, 0) < 0.05) f[q] = Channels(4, 0, 4, 0);
+    for (std::size_t q = 0; q < target.f.size(); ++q) {
+      if (random_uniform(3, q, 0) < 0.05) target.f[q] = Channels(4, 0, 4, 0);
     }
   }
   Array<Channels> plain() const {
-    return direct_solve(system.normal_matrix, system.right_side(f, w_0));
+    return direct_solve(system.normal_matrix, system.right_side(target.f, target.w_0));
   }
   Array<Channels> robust(const RobustOptions& options = {}) const {
     Array<Channels> w = plain();
-    robust_fit(system, f, w_0, w, options);
+    robust_fit(system, target, w, options);
     return w;
   }
 };
@@ -52,8 +52,8 @@ double rms(const Array<Channels>& a, const Array<Channels>& b) {
 TEST(CeresSolver, LeastSquaresAreTheFactorisations) {
   const Case c;
   const Array<Channels> expected = c.plain();
-  Array<Channels> w = c.w_0;
-  const CeresReport report = ceres_fit(c.system, c.f, c.w_0, 0, 3, 1e-12, w);
+  Array<Channels> w = c.target.w_0;
+  const CeresReport report = ceres_fit(c.system, c.target, 0, 1e-12, w);
   EXPECT_TRUE(report.converged);
   EXPECT_LT(largest_difference(w, expected), 1e-8);
 }
@@ -96,15 +96,15 @@ TEST(CeresSolver, MinimisesASmoothFunction) {
 TEST(RobustFit, IsTheMinimumThatCeresFinds) {
   Case c;
   c.add_outliers();
-  RobustOptions options{.scale = 0.05, .tolerance = 1e-10, .max_rounds = 1000, .channels = 3};
+  RobustOptions options{.scale = 0.05, .tolerance = 1e-10};
   Array<Channels> w = c.plain();
-  const double before = robust_cost(c.system, c.f, c.w_0, w, 0.05);
-  const RobustReport report = robust_fit(c.system, c.f, c.w_0, w, options);
+  const double before = robust_cost(c.system, c.target, w, 0.05);
+  const RobustReport report = robust_fit(c.system, c.target, w, options);
   EXPECT_TRUE(report.converged);
   EXPECT_LT(report.cost, 0.9 * before);
   Array<Channels> reference = c.plain();
   options.tolerance = 1e-9;
-  const RobustReport ceres = robust_fit_ceres(c.system, c.f, c.w_0, reference, options);
+  const RobustReport ceres = robust_fit_ceres(c.system, c.target, reference, options);
   EXPECT_TRUE(ceres.converged);
   EXPECT_NEAR(report.cost / ceres.cost, 1, 1e-8);
   EXPECT_EQ(report.down_weighted, ceres.down_weighted);
@@ -130,13 +130,13 @@ TEST(RobustFit, IsThePlainFitWhereNothingIsBeyondTheScale) {
 TEST(RobustFit, ScaleIsEstimatedFromTheResidualsAndNeverZero) {
   Case c;
   Array<Channels> w = c.plain();
-  const RobustReport report = robust_fit(c.system, c.f, c.w_0, w);
+  const RobustReport report = robust_fit(c.system, c.target, w);
   EXPECT_GE(report.scale, kLeastRobustScale);
-  EXPECT_LT(report.down_weighted, c.f.size() / 2);
-  c.f.assign(c.f.size(), Channels(0.5, 0.5, 0.5, 0));
+  EXPECT_LT(report.down_weighted, c.target.f.size() / 2);
+  c.target.f.assign(c.target.f.size(), Channels(0.5, 0.5, 0.5, 0));
   w = c.plain();
-  EXPECT_EQ(robust_fit(c.system, c.f, c.w_0, w).scale, kLeastRobustScale);
-  for (const Channels& value : w) EXPECT_LT((value - c.w_0[0]).abs().maxCoeff(), 1e-9);
+  EXPECT_EQ(robust_fit(c.system, c.target, w).scale, kLeastRobustScale);
+  for (const Channels& value : w) EXPECT_LT((value - c.target.w_0[0]).abs().maxCoeff(), 1e-9);
 }
 
 TEST(RobustFit, DoesNotDependOnTheThreads) {

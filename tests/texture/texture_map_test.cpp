@@ -23,7 +23,8 @@ constexpr WrapMode kWraps[] = {WrapMode::kRepeat, WrapMode::kMirror, WrapMode::k
 /// A map with all levels that the kernel asks for.
 TextureSample filtered(const Image& image, WrapMode wrap, const TexelKernel& kernel) {
   TextureMap map(image, wrap);
-  map.build(GaussianPyramid::level_for(principal_variances(kernel.variance).minor));
+  map.request(kernel);
+  map.load();
   return map.sample(kernel);
 }
 

@@ -16,17 +16,15 @@ using test::flat_basis;
 
 constexpr double kTau = 0.31;
 
-struct Result {
-  SurfelBasis basis;
+struct Result : RenderSolution {
   Quadrature points;
-  Array<Channels> f, w_0;
-  RenderSystem before, system;
-  Array<Channels> w;
+  FitTarget target;
+  RenderSystem before;
   VarianceFitReport report;
 
   double objective(const RenderSystem& of) const {
-    const Array<Channels> x = direct_solve(of.normal_matrix, of.right_side(f, w_0));
-    return (of.near.residual2(x, f) + of.pull2(x, w_0)).sum();
+    const Array<Channels> x = direct_solve(of.normal_matrix, of.right_side(target.f, target.w_0));
+    return (of.near.residual2(x, target.f) + of.pull2(x, target.w_0)).sum();
   }
 };
 
@@ -35,7 +33,8 @@ Result refine(const SurfelBasis& basis, double cutoff, const Channels* constant 
   Result r;
   r.basis = basis;
   r.points = cover_surface(basis, 6);
-  r.f.resize(r.points.size());
+  r.target.channels = 3;
+  r.target.f.resize(r.points.size());
   for (std::size_t i = 0; i < basis.size(); ++i) {
     for (std::size_t q = r.points.begin[i]; q < r.points.begin[i + 1]; ++q) {
       const Vec2d p = test::place_of(basis, r.points, i, q);
@@ -43,18 +42,17 @@ Result refine(const SurfelBasis& basis, double cutoff, const Channels* constant 
                           static_cast<int>(std::floor((p.y() + 100) / 5))) %
                              2 ==
                          0;
-      r.f[q] = constant ? *constant : Channels(white, white, white, 0);
+      r.target.f[q] = constant ? *constant : Channels(white, white, white, 0);
     }
   }
-  r.w_0.assign(basis.size(), constant ? *constant : Channels(0.5, 0.5, 0.5, 0));
+  r.target.w_0.assign(basis.size(), constant ? *constant : Channels(0.5, 0.5, 0.5, 0));
   r.before = assemble_render_system(r.basis, r.points, {.cutoff = cutoff, .minified = 0});
   r.system = r.before;
   const auto solve = [&](const RenderSystem& of, Array<Channels>& x) {
-    x = direct_solve(of.normal_matrix, of.right_side(r.f, r.w_0));
+    x = direct_solve(of.normal_matrix, of.right_side(r.target.f, r.target.w_0));
   };
   solve(r.system, r.w);
-  r.report = refine_variance(r.basis, r.points, r.f, r.w_0, r.system, r.w, solve,
-                             {.cutoff = cutoff, .coverage = kTau, .channels = 3});
+  r.report = refine_variance(r, r.points, r.target, solve, {.cutoff = cutoff, .coverage = kTau});
   return r;
 }
 
@@ -126,14 +124,13 @@ TEST(VarianceFit, OddBasesAreSurvived) {
 }
 
 TEST(VarianceFit, RefusesAMinifiedTerm) {
-  SurfelBasis basis = flat_basis(3, 0.8);
+  const SurfelBasis basis = flat_basis(3, 0.8);
   const Quadrature points = cover_surface(basis, 2);
-  RenderSystem system = assemble_render_system(basis, points);
-  const Array<Channels> f(points.size(), Channels::Zero());
-  Array<Channels> w(basis.size(), Channels::Zero());
-  const Array<Channels> w_0 = w;
+  const Array<Channels> zero(basis.size(), Channels::Zero());
+  RenderSolution start{basis, assemble_render_system(basis, points), zero};
+  const FitTarget target{Array<Channels>(points.size(), Channels::Zero()), zero};
   const auto solve = [](const RenderSystem&, Array<Channels>&) {};
-  EXPECT_THROW(refine_variance(basis, points, f, w_0, system, w, solve), Error);
+  EXPECT_THROW(refine_variance(start, points, target, solve), Error);
 }
 
 TEST(VarianceFit, DoesNotDependOnTheThreads) {

@@ -141,6 +141,17 @@ float reach_of(const MergeSurfel& s) {
   return std::sqrt(std::max({c[0] + c[3] + c[5], s.area, 0.0F}));
 }
 
+/// Root of the mean square of the pieces' longer sides, by area.
+float spacing_of(std::span<const MergeSurfel> surfels) {
+  double area = 0;
+  double spacing2 = 0;
+  for (const MergeSurfel& s : surfels) {
+    area += s.area;
+    spacing2 += static_cast<double>(s.area) * s.extent2;
+  }
+  return area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+}
+
 /// Bounds of a cluster of level 0, whose surfels are drawn as they are.
 ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
   constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
@@ -188,13 +199,7 @@ void Builder::make_finest() {
       for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
         surfels.push_back(merge_surfel(cloud_, finest_[i]));
       }
-      double area = 0;
-      double spacing2 = 0;
-      for (const MergeSurfel& s : surfels) {
-        area += s.area;
-        spacing2 += static_cast<double>(s.area) * s.extent2;
-      }
-      cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+      cluster.spacing = spacing_of(surfels);
       cluster.bounds = bounds_of(surfels);
       bound_discs(cluster);
     }
@@ -287,19 +292,16 @@ void Builder::make_coarser() {
             worker.members.push_back(finer.surfels.empty() ? merge_surfel(cloud_, finest_[i])
                                                            : finer.surfels[i]);
           }
-          worker.partition.run(worker.members, cluster.end - cluster.begin, options_.partition);
+          worker.partition.run(worker.members, cluster.end - cluster.begin, options_.sheets);
           float reach = 0;
-          double area = 0;
-          double spacing2 = 0;
           for (std::size_t g = 0; g < worker.partition.size(); ++g) {
             MergeSurfel s = merged(worker.members, worker.partition.members(g));
             s.extent2 = worker.partition.extent2(g);
             reach = std::max(reach, reach_of(s));
-            area += s.area;
-            spacing2 += static_cast<double>(s.area) * s.extent2;
             level.surfels[cluster.begin + g] = s;
           }
-          cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+          cluster.spacing =
+              spacing_of({level.surfels.data() + cluster.begin, cluster.end - cluster.begin});
           cluster.bounds.max_deviation = reach;
           cluster.reach_min = children.front().reach_min;
           cluster.reach_max = children.front().reach_max;
@@ -316,19 +318,13 @@ void Builder::make_coarser() {
 }
 
 void Builder::write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const {
-  out.position[at] = s.position;
-  if (!out.normal.empty()) out.normal[at] = s.normal;
+  write_attributes(out, at, s);
   const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
   // A variance of zero is no surfel: collinear members of a plane leave a sliver.
   constexpr float kSliver = 1e-6F;
   out.tangent[at] = g.tangent;
   out.variance_u[at] = g.variance_u;
   out.variance_v[at] = std::max(g.variance_v, kSliver * g.variance_u);
-  out.area[at] = s.area;
-  if (!out.color.empty()) out.color[at] = s.color;
-  if (!out.coefficient.empty()) out.coefficient[at] = s.coefficient;
-  if (!out.alpha.empty()) out.alpha[at] = s.alpha;
-  if (!out.material.empty()) out.material[at] = s.material;
 }
 
 /// The surfels of all levels, coarsest first, and their tree.
@@ -414,7 +410,7 @@ SurfelCloud Builder::build(HierarchyReport& report) {
 }  // namespace
 
 std::vector<std::string> HierarchyOptions::problems() const {
-  std::vector<std::string> found = partition.problems();
+  std::vector<std::string> found = sheets.problems();
   if (reduction < 2 || reduction > 16) {
     found.push_back(fmt::format("reduction is {}; it must be in 2..16", reduction));
   }

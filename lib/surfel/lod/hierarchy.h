@@ -17,7 +17,7 @@ struct HierarchyOptions {
   /// Surfels of a level for one of the next coarser level, 2..16: finer steps come closer to what a
   /// picture needs, and make a larger file (1 / (reduction - 1) more surfels).
   int reduction = 3;
-  PartitionOptions partition = {};
+  SheetRules sheets = {};
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
 #include <surfel/lod/surfel_merge.h>
 
 namespace surfel {
@@ -48,6 +49,17 @@ std::uint16_t majority_material(std::span<const MergeSurfel> surfels,
 }
 
 }  // namespace
+
+std::vector<std::string> SheetRules::problems() const {
+  std::vector<std::string> found;
+  if (!(normal_angle > 0 && normal_angle <= 90)) {
+    found.push_back(fmt::format("normal-angle is {}; it must be in (0, 90] degrees", normal_angle));
+  }
+  if (!(sheet_weight >= 1 && sheet_weight <= 1000)) {
+    found.push_back(fmt::format("sheet-weight is {}; it must be in 1..1000", sheet_weight));
+  }
+  return found;
+}
 
 MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
   MergeSurfel s{};
@@ -147,6 +159,19 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
   }
   out.material = majority_material(surfels, members);
   return out;
+}
+
+void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merged) {
+  cloud.position[i] = merged.position;
+  const auto write = [i](auto& column, const auto& value) {
+    if (!column.empty()) column[i] = value;
+  };
+  write(cloud.normal, merged.normal);
+  write(cloud.area, merged.area);
+  write(cloud.color, merged.color);
+  write(cloud.coefficient, merged.coefficient);
+  write(cloud.alpha, merged.alpha);
+  write(cloud.material, merged.material);
 }
 
 TangentGaussian tangent_gaussian(const std::array<float, 6>& covariance, const Vec3f& normal) {

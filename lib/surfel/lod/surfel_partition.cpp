@@ -3,7 +3,6 @@
 #include <numbers>
 #include <numeric>
 
-#include <fmt/format.h>
 #include <surfel/lod/surfel_partition.h>
 
 namespace surfel {
@@ -36,17 +35,6 @@ std::pair<Vec3f, float> principal_direction(const std::array<float, 6>& c) {
 }
 
 }  // namespace
-
-std::vector<std::string> PartitionOptions::problems() const {
-  std::vector<std::string> found;
-  if (!(normal_angle > 0 && normal_angle <= 90)) {
-    found.push_back(fmt::format("normal-angle is {}; it must be in (0, 90] degrees", normal_angle));
-  }
-  if (!(sheet_weight >= 1 && sheet_weight <= 1000)) {
-    found.push_back(fmt::format("sheet-weight is {}; it must be in 1..1000", sheet_weight));
-  }
-  return found;
-}
 
 SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32_t end) const {
   Group group{begin, end, 0, 0, false, Vec3f(0, 0, 0), Vec3f(0, 0, 0)};
@@ -159,10 +147,10 @@ std::uint32_t SurfelPartition::cut(const Group& group) {
 }
 
 void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t groups,
-                          const PartitionOptions& options) {
+                          const SheetRules& rules) {
   surfels_ = surfels;
-  normal_cosine_ = static_cast<float>(std::cos(options.normal_angle * std::numbers::pi / 180));
-  stretch_ = static_cast<float>(options.sheet_weight);
+  normal_cosine_ = static_cast<float>(std::cos(rules.normal_angle * std::numbers::pi / 180));
+  stretch_ = static_cast<float>(rules.sheet_weight);
   float area = 0;
   for (const MergeSurfel& s : surfels) area += s.area;
   piece2_ = area / static_cast<float>(groups);

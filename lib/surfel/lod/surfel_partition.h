@@ -10,17 +10,6 @@
 
 namespace surfel {
 
-struct PartitionOptions {
-  /// Normals this far from their group's mean count as another sheet, degrees, in (0, 90].
-  double normal_angle = 40;
-  /// How much more an offset along the normal counts than one along the surface, >= 1: sheets that
-  /// lie upon one another are told apart before one sheet is cut finer.
-  double sheet_weight = 3;
-
-  /// Empty if usable, else one sentence per violated rule.
-  SURFEL_API std::vector<std::string> problems() const;
-};
-
 /// Divides surfels into groups to be merged: starts with one group of all, and cuts the one that
 /// would be the worst surfel in two, across its longest direction, until there are as many as asked
 /// for. So pieces have about the same size where the surface is alike, and what must not be merged
@@ -28,9 +17,9 @@ struct PartitionOptions {
 /// there are not enough groups for that. Keeps its memory from call to call.
 class SURFEL_API SurfelPartition {
  public:
-  /// 1 <= groups <= surfels.size(). The result depends on the surfels and their order alone.
-  void run(std::span<const MergeSurfel> surfels, std::size_t groups,
-           const PartitionOptions& options);
+  /// Divides them into 1 <= groups <= surfels.size() groups. The result depends on the surfels and
+  /// their order alone.
+  void run(std::span<const MergeSurfel> surfels, std::size_t groups, const SheetRules& rules);
 
   std::size_t size() const { return groups_.size(); }
   std::span<const std::uint32_t> members(std::size_t group) const {

@@ -10,6 +10,7 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/mesh_edges.h>
+#include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/poisson_disk.h>
 #include <surfel/sample/smooth_normals.h>
@@ -19,17 +20,6 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
 constexpr std::size_t kMostSamples = std::size_t{1} << 28;
-
-std::array<Vec3d, 3> corners(const TriangleMesh& mesh, std::size_t face) {
-  std::array<Vec3d, 3> out;
-  for (int k = 0; k < 3; ++k) out[k] = mesh.position[mesh.face[face][k]].cast<double>();
-  return out;
-}
-
-/// Twice the area along the normal.
-Vec3d area_vector(const std::array<Vec3d, 3>& corner) {
-  return (corner[1] - corner[0]).cross(corner[2] - corner[0]);
-}
 
 /// What the refusals and the components' variances need of the faces.
 struct FaceMeasures {
@@ -44,7 +34,7 @@ FaceMeasures measure(const TriangleMesh& mesh) {
   FaceMeasures m;
   m.area.resize(mesh.face.size());
   for (std::size_t f = 0; f < mesh.face.size(); ++f) {
-    const std::array<Vec3d, 3> corner = corners(mesh, f);
+    const FaceCorners corner = face_corners(mesh, f);
     double edge2 = 0;
     for (int k = 0; k < 3; ++k) {
       edge2 = std::max(edge2, (corner[(k + 1) % 3] - corner[k]).squaredNorm());
@@ -76,7 +66,7 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
   Array<double> in_field(mesh.face.size());
   parallel_for(in_field.size(), 1 << 8, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t f = begin; f < end; ++f) {
-      const std::array<Vec3d, 3> corner = corners(mesh, f);
+      const FaceCorners corner = face_corners(mesh, f);
       double edge = 0;
       for (int k = 0; k < 3; ++k) edge = std::max(edge, (corner[(k + 1) % 3] - corner[k]).norm());
       const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3;
@@ -100,52 +90,65 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
   return total;
 }
 
-/// Throws where sampling at this spacing, in units of the field's, is beyond memory or precision.
-void check_feasible(const FaceMeasures& m, const SizingField& field, double area_in_field,
-                    double factor, const std::string& name) {
-  const double spacing = factor * field.least();
-  const double samples = area_in_field / (factor * factor);
-  // Chunks have edges of 2.5 to 5 spacings, of 1 to 2 where it varies; a face is one at least, a
-  // sliver a row of them.
-  const double chunks_per_sample = field.gradient() > 0 ? 2 : 0.4;
-  const double chunks = static_cast<double>(m.area.size()) + samples * chunks_per_sample +
-                        m.total_edge / (1.25 * factor * field.largest());
-  const double bytes = 300 * samples + 150 * chunks;
-  if (samples > static_cast<double>(kMostSamples) ||
-      bytes > static_cast<double>(available_memory_bytes())) {
-    throw_input(
-        name,
-        fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask "
-                    "for a larger spacing",
-                    spacing, samples,
-                    samples > static_cast<double>(kMostSamples) ? "the 268435456 that one run makes"
-                                                                : "fit into memory"));
+/// What Poisson-disk samples of a mesh are made with.
+struct Sampling {
+  const TriangleMesh& mesh;
+  const Array<std::uint32_t>& rings;
+  const FaceMeasures& faces;
+  const SizingField& field;
+  double area;  ///< In units of the field's spacing squared.
+  std::uint64_t seed;
+  const std::string& name;
+
+  /// Throws where samples at this spacing, in units of the field's, are beyond memory or precision.
+  void check_feasible(double factor) const {
+    const double spacing = factor * field.least();
+    const double samples = area / (factor * factor);
+    // Chunks have edges of 2.5 to 5 spacings, of 1 to 2 where it varies; a face is one at least, a
+    // sliver a row of them.
+    const double chunks_per_sample = field.gradient() > 0 ? 2 : 0.4;
+    const double chunks = static_cast<double>(faces.area.size()) + samples * chunks_per_sample +
+                          faces.total_edge / (1.25 * factor * field.largest());
+    // Bytes of a sample and of a chunk, all tables of PoissonDisk and the cloud's columns together.
+    const double bytes = 300 * samples + 150 * chunks;
+    const bool too_many = samples > static_cast<double>(kMostSamples);
+    if (too_many || bytes > static_cast<double>(available_memory_bytes())) {
+      throw_input(
+          name,
+          fmt::format(
+              "a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask for a larger "
+              "spacing",
+              spacing, samples,
+              too_many ? fmt::format("the {} that one run makes", kMostSamples)
+                       : "fit into memory"));
+    }
+    if (spacing < 32 * faces.largest_coordinate * std::numeric_limits<float>::epsilon()) {
+      throw_input("",
+                  fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
+                              "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
+                              spacing, faces.largest_coordinate));
+    }
   }
-  if (spacing < 32 * m.largest_coordinate * std::numeric_limits<float>::epsilon()) {
-    throw_input("",
-                fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
-                            "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
-                            spacing, m.largest_coordinate));
+
+  std::unique_ptr<PoissonDisk> with_spacing(double spacing) const {
+    check_feasible(spacing);
+    return std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
   }
-}
+  std::unique_ptr<PoissonDisk> with_count(std::size_t count, double& spacing) const;
+};
 
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
-std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
-                                          const Array<std::uint32_t>& rings, const FaceMeasures& m,
-                                          const SizingField& field, double area_in_field,
-                                          std::size_t count, std::uint64_t seed,
-                                          const std::string& name, double& spacing) {
+std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spacing) const {
   const auto wanted = static_cast<double>(count);
   constexpr int kTrials = 14;
   // Bounds of the spacing: too fine for the count, and coarse enough.
   double fine = 0;
   double coarse = std::numeric_limits<double>::infinity();
   std::unique_ptr<PoissonDisk> disk;
-  spacing = 1.01 * std::sqrt(area_in_field / wanted);
+  spacing = 1.01 * std::sqrt(area / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
-    check_feasible(m, field, area_in_field, spacing, name);
     disk.reset();
-    disk = std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
+    disk = with_spacing(spacing);
     const auto made = static_cast<double>(disk->size());
     if (made <= wanted && made >= 0.97 * wanted - 1) break;
     (made > wanted ? fine : coarse) = spacing;
@@ -157,7 +160,7 @@ std::unique_ptr<PoissonDisk> sample_count(const TriangleMesh& mesh,
   }
   if (static_cast<double>(disk->size()) > wanted && !std::isinf(coarse)) {
     spacing = coarse;
-    disk = std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
+    disk = with_spacing(spacing);
   }
   disk->fill(count);
   return disk;
@@ -173,7 +176,7 @@ std::vector<double> component_areas(const Array<std::uint32_t>& component,
 }
 
 /// Barycentric coordinates of a point of the face's plane, clamped to the face.
-Vec3d barycentric(const std::array<Vec3d, 3>& corner, const Vec3d& p) {
+Vec3d barycentric(const FaceCorners& corner, const Vec3d& p) {
   const Vec3d normal = area_vector(corner);
   Vec3d b;
   for (int k = 0; k < 3; ++k) {
@@ -183,24 +186,6 @@ Vec3d barycentric(const std::array<Vec3d, 3>& corner, const Vec3d& p) {
   }
   const double sum = b.sum();
   return sum > 0 ? Vec3d(b / sum) : Vec3d::Constant(1 / 3.0);
-}
-
-struct UvFrame {
-  Vec3d dpdu = Vec3d::Zero();
-  Vec3d dpdv = Vec3d::Zero();
-};
-
-/// Derivatives of the position by uv over a face; zero where the uv span no area.
-UvFrame uv_frame(const std::array<Vec3d, 3>& corner, const std::array<Vec2f, 3>& uv) {
-  const Vec2d a = (uv[1] - uv[0]).cast<double>();
-  const Vec2d b = (uv[2] - uv[0]).cast<double>();
-  const double determinant = a.x() * b.y() - a.y() * b.x();
-  const double scale = a.norm() * b.norm();
-  if (!(std::abs(determinant) > 1e-12 * scale)) return {};
-  const Vec3d edge_a = corner[1] - corner[0];
-  const Vec3d edge_b = corner[2] - corner[0];
-  return {(b.y() * edge_a - a.y() * edge_b) / determinant,
-          (a.x() * edge_b - b.x() * edge_a) / determinant};
 }
 
 template <class T>
@@ -230,7 +215,7 @@ class AttributeTransfer {
   }
 
   void transfer(std::size_t i, std::uint32_t face) {
-    const std::array<Vec3d, 3> corner = corners(mesh_, face);
+    const FaceCorners corner = face_corners(mesh_, face);
     const Vec3d b = barycentric(corner, cloud_.position[i].cast<double>());
     cloud_.normal[i] = normal(face, corner, b);
     if (!cloud_.uv.empty()) {
@@ -244,7 +229,7 @@ class AttributeTransfer {
   }
 
  private:
-  Vec3f normal(std::uint32_t face, const std::array<Vec3d, 3>& corner, const Vec3d& b) const {
+  Vec3f normal(std::uint32_t face, const FaceCorners& corner, const Vec3d& b) const {
     if (!wedge_normal_.empty()) {
       const Vec3f smooth = interpolated(wedge_normal_[face], b);
       const float length = smooth.norm();
@@ -286,7 +271,7 @@ void report_distances(const Array<SurfaceSample>& samples, MeshSampleReport& rep
 std::size_t count_flat_uv(const TriangleMesh& mesh) {
   std::size_t flat = 0;
   for (std::size_t f = 0; f < mesh.wedge_uv.size(); ++f) {
-    flat += uv_frame(corners(mesh, f), mesh.wedge_uv[f]).dpdu.isZero(0);
+    flat += uv_frame(face_corners(mesh, f), mesh.wedge_uv[f]).dpdu.isZero(0);
   }
   return flat;
 }
@@ -337,16 +322,12 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
 
   const SizingField uniform(1);
   const SizingField& field = options.field ? *options.field : uniform;
-  const double in_field = area_in_field(mesh, faces, field);
-  std::unique_ptr<PoissonDisk> disk;
-  if (options.count) {
-    disk = sample_count(mesh, rings, faces, field, in_field, *options.count, options.seed, name,
-                        out.spacing);
-  } else {
-    out.spacing = *options.spacing;
-    check_feasible(faces, field, in_field, out.spacing, name);
-    disk = std::make_unique<PoissonDisk>(mesh, rings, field, out.spacing, options.seed);
-  }
+  const Sampling sampling{mesh,         rings, faces, field, area_in_field(mesh, faces, field),
+                          options.seed, name};
+  out.spacing = options.spacing.value_or(0);
+  std::unique_ptr<PoissonDisk> disk = options.count
+                                          ? sampling.with_count(*options.count, out.spacing)
+                                          : sampling.with_spacing(out.spacing);
   stage("sample");
   const Array<SurfaceSample> samples = disk->samples();
   disk.reset();

@@ -6,23 +6,17 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/lod/surfel_merge.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
 
-/// What must not get into one cluster.
-struct SheetRules {
-  double normal_angle = 40;  ///< Normals further than this from the seed's, degrees, in (0, 90].
-  /// How much more a distance along the seed's normal counts than one along the surface, >= 1.
-  double sheet_weight = 3;
-};
-
 /// Surfels in groups around seeds, which are some of them. Every surfel is in one.
 struct SheetClusters {
-  Array<std::uint32_t> seed;    ///< Of every cluster, ascending.
-  Array<std::uint64_t> begin;   ///< Of every cluster its first member, and the number of surfels.
-  Array<std::uint32_t> member;  ///< Ascending in every cluster.
+  Array<std::uint32_t> seed;    ///< By cluster: its seed; ascending.
+  Array<std::uint64_t> begin;   ///< By cluster: its first place in `member`; then their number.
+  Array<std::uint32_t> member;  ///< Surfels, cluster by cluster, ascending in each.
 
   std::size_t size() const { return seed.size(); }
   std::span<const std::uint32_t> members(std::size_t cluster) const {
@@ -32,9 +26,9 @@ struct SheetClusters {
 
 /// Seeds such that every surfel is within a seed's radius of it, on its sheet, and none within
 /// another's: a Poisson-disk subset by dart throwing in random order. On one sheet are surfels of
-/// one material, whose normals are within normal_angle of each other, distances being
+/// one material, whose normals are within rules.normal_angle of each other, distances being
 ///   d^2 = |along the seed's tangent plane|^2 + (sheet_weight height above it)^2.
-/// A surfel joins the seed with the least d / radius. One without a normal stays alone.
+/// A surfel joins the seed with the least d / radius. A surfel without a normal stays alone.
 ///
 /// \param cloud   usable surfels with normals, in the order of a space-filling curve.
 /// \param search  over its positions.

@@ -1,5 +1,3 @@
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -8,15 +6,10 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/lod/surfel_merge.h>
-#include <surfel/sample/detail_tree.h>
-#include <surfel/simplify/covering_gaussian.h>
-#include <surfel/simplify/shown_surface.h>
+#include <surfel/sample/cut_search.h>
+#include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
-#include <surfel/solve/conjugate_gradients.h>
-#include <surfel/surface/coverage_threshold.h>
 #include <surfel/surface/neighbor_search.h>
-#include <surfel/texture/render_system.h>
 
 namespace surfel {
 namespace {
@@ -25,33 +18,21 @@ constexpr std::size_t kGrain = 1 << 12;
 /// Distance that seeds keep from each other, in units of the spacing asked for: PoissonDisk says
 /// why this gives one a spacing squared.
 constexpr double kSeedRadius = 0.82;
-/// Change of the spacing by distance. (As in adaptive_spacing.cpp.)
-constexpr double kGradient = 0.35;
 /// The finest cells of the octrees hold 16 times the square of this many surfels.
 constexpr double kFinestSigma = 0.7;
 /// Standard deviation of fitted kernels by their spacing.
 constexpr double kVarianceScale = 0.5;
-/// Surfels at which those that a field makes are counted.
-constexpr std::size_t kCountProbes = 50000;
+/// Of the logarithm of a cut's price: 1 % of the number of surfels, which clusters differ by
+/// anyway.
+constexpr double kPricePrecision = 0.02;
 /// An error this close below the one asked for is not improved upon.
 constexpr double kCloseEnough = 0.93;
+/// Rounds towards an error, and clusterings towards a count: the best so far is taken then. Each
+/// round comes closer by a factor of two or more, so that these are bounds, not goals.
 constexpr int kMostRounds = 8;
 constexpr int kMostCounts = 12;
 /// Counts this close below the one asked for are filled up.
 constexpr double kFillShare = 0.96;
-/// Most factor of the area of what leaves a place uncovered.
-constexpr double kMostWeight = 4;
-/// Of the fit: between 0.03 and 0.3 pictures differ by 0.2 dB; this is the best or next to it.
-constexpr double kRegularization = 0.1;
-constexpr double kTolerance = 1e-4;
-
-/// A simplified cloud.
-struct Attempt {
-  SheetClusters clusters;
-  SurfelCloud cloud;
-  SimplifyError error;
-  std::size_t uncovered = 0;
-};
 
 class Simplifier {
  public:
@@ -64,7 +45,7 @@ class Simplifier {
   SurfelCloud run() {
     look();
     const DetailTree tree = make_tree();
-    Attempt best = options_.count ? with_count(tree) : with_error(tree);
+    SimplifiedCloud best = options_.count ? with_count(tree) : with_error(tree);
     report_.result = best.cloud.size();
     for (std::size_t c = 0; c < best.clusters.size(); ++c) {
       const std::size_t members = best.clusters.members(c).size();
@@ -87,54 +68,37 @@ class Simplifier {
   void take_usable(const SurfelCloud& cloud, const std::string& name);
   void look();
   DetailTree make_tree();
-  /// The surfels of cloud_ as points on the surfels of a simplified one.
-  struct Places {
-    SurfelBasis basis;
-    Quadrature quadrature;
-    Array<std::uint32_t> place;  ///< Of every point, its surfel of cloud_.
-  };
-
   Array<float> radii(const DetailTree& tree, const DetailTree::Cut& cut) const;
   double estimated_count(const SizingField& field) const;
-  Attempt with_count(const DetailTree& tree);
-  Attempt with_error(const DetailTree& tree);
-  Attempt as_it_is() const;
+  SimplifiedCloud with_count(const DetailTree& tree);
+  SimplifiedCloud with_error(const DetailTree& tree);
+  SimplifiedCloud as_it_is() const;
 
-  Attempt attempt(SheetClusters clusters);
-  SurfelCloud merge(const SheetClusters& clusters) const;
-  void size(const SheetClusters& clusters, SurfelCloud& out) const;
-  Places places_on(const Attempt& attempt) const;
-  void close_gaps(Places& places, Attempt& attempt) const;
-  void fit(Attempt& attempt);
-  SimplifyError measure(const ShownSurface& shown) const;
+  SimplifiedCloud attempt(SheetClusters clusters);
 
   const SimplifyOptions& options_;
   SimplifyReport& report_;
   Timer timer_;
-  SurfelCloud cloud_;  ///< The usable surfels along a Morton curve.
-  std::unique_ptr<NeighborSearch> search_;
-  double total_area_ = 0;
-  Array<float> area_;  ///< Of every surfel: its weight.
-  double unit_deviation_ = 0;
-  double brightness_ = 0;
-  ShownSurface target_;
+  OriginalCloud original_;
+  std::unique_ptr<NeighborSearch> search_;  ///< Over the original's positions.
 };
 
 void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) {
   Array<std::uint32_t> order = morton_order(cloud.position);
   report_.dropped = remove_unusable(cloud, false, order);
   if (order.empty()) throw_input(name, "holds no surfel that can be drawn");
-  cloud_ = cloud.gathered(order);
-  report_.surfels = cloud_.size();
+  original_.cloud = cloud.gathered(order);
+  SurfelCloud& kept = original_.cloud;
+  report_.surfels = kept.size();
   const auto leave_out = [&](auto& column, const char* column_name) {
     if (column.empty()) return;
     column = {};
     report_.left_out.emplace_back(column_name);
   };
-  leave_out(cloud_.group, "group");
-  leave_out(cloud_.group_radius, "group_radius");
-  leave_out(cloud_.source, "source");
-  for (Vec3f& n : cloud_.normal) {
+  leave_out(kept.group, "group");
+  leave_out(kept.group_radius, "group_radius");
+  leave_out(kept.source, "source");
+  for (Vec3f& n : kept.normal) {
     const float length = n.norm();
     if (length > 0 && std::isfinite(length)) {
       n /= length;
@@ -143,60 +107,62 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
       ++report_.no_normal;
     }
   }
-  area_.resize(cloud_.size());
-  for (std::size_t i = 0; i < cloud_.size(); ++i) {
-    area_[i] = merge_surfel(cloud_, static_cast<std::uint32_t>(i)).area;
-    total_area_ += area_[i];
+  original_.area.resize(kept.size());
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    original_.area[i] = merge_surfel(kept, static_cast<std::uint32_t>(i)).area;
+    original_.total_area += original_.area[i];
   }
-  if (!(total_area_ > 0)) throw_input(name, "the surfels have no area");
-  const double diagonal = cloud_.bounds().diagonal();
-  unit_deviation_ = options_.unit_deviation.value_or(diagonal > 0 ? diagonal / 30 : 1);
-  report_.unit_deviation = unit_deviation_;
-  search_ = make_neighbor_search(cloud_.position);
+  if (!(original_.total_area > 0)) throw_input(name, "the surfels have no area");
+  const double diagonal = kept.bounds().diagonal();
+  original_.unit_deviation = options_.unit_deviation.value_or(diagonal > 0 ? diagonal / 30 : 1);
+  report_.unit_deviation = original_.unit_deviation;
+  search_ = make_neighbor_search(kept.position);
 }
 
 /// What the cloud shows at its own surfels: that is to be kept.
 void Simplifier::look() {
   timer_.restart();
-  const SurfelBasis basis = make_basis(cloud_);
+  const SurfelBasis basis = make_basis(original_.cloud);
   const Quadrature quadrature = at_functions(basis);
   const EvaluatedBasis evaluated = evaluate_basis(basis, quadrature, options_.cutoff);
   Array<Channels> w(basis.size());
-  for (std::size_t i = 0; i < basis.size(); ++i) w[i] = shown_color(cloud_, basis.surfel[i]);
-  target_ = shown_surface(cloud_, basis, w, evaluated, basis.surfel);
+  for (std::size_t i = 0; i < basis.size(); ++i)
+    w[i] = shown_color(original_.cloud, basis.surfel[i]);
+  original_.shown = shown_surface(original_.cloud, basis, w, evaluated, basis.surfel);
   double sum = 0;
-  for (std::size_t i = 0; i < cloud_.size(); ++i) {
-    sum += area_[i] * std::abs(target_.color[i].head<3>().mean());
+  for (std::size_t i = 0; i < original_.cloud.size(); ++i) {
+    sum += original_.area[i] * std::abs(original_.shown.color[i].head<3>().mean());
   }
-  brightness_ = sum / total_area_;
+  original_.brightness = sum / original_.total_area;
   stage("look");
 }
 
 DetailTree Simplifier::make_tree() {
-  std::vector<SurfaceProbe> probes(cloud_.size());
-  const auto weight = static_cast<float>(options_.light * brightness_);
+  std::vector<SurfaceProbe> probes(original_.cloud.size());
+  const auto weight = static_cast<float>(options_.light * original_.brightness);
   for (std::size_t i = 0; i < probes.size(); ++i) {
-    const auto alpha = static_cast<float>(target_.color[i][3]);
-    probes[i] = {cloud_.position[i],
-                 cloud_.normal[i],
-                 alpha * target_.color[i].head<3>().matrix().cast<float>(),
+    const auto alpha = static_cast<float>(original_.shown.color[i][3]);
+    probes[i] = {original_.cloud.position[i],
+                 original_.cloud.normal[i],
+                 alpha * original_.shown.color[i].head<3>().matrix().cast<float>(),
                  alpha,
-                 weight * target_.normal[i],
-                 area_[i]};
+                 weight * original_.shown.normal[i],
+                 original_.area[i]};
   }
-  const double spacing = std::sqrt(total_area_ / static_cast<double>(probes.size()));
+  const double spacing = std::sqrt(original_.total_area / static_cast<double>(probes.size()));
   DetailTree tree(probes, {},
-                  {total_area_, kFinestSigma * spacing, unit_deviation_, kVarianceScale, true});
+                  {original_.total_area, kFinestSigma * spacing, original_.unit_deviation,
+                   kVarianceScale, true});
   stage("tree");
   return tree;
 }
 
 Array<float> Simplifier::radii(const DetailTree& tree, const DetailTree::Cut& cut) const {
-  const SizingField field(cut.cells, kGradient, tree.largest_spacing());
-  Array<float> radius(cloud_.size());
+  const SizingField field = tree.field(cut);
+  Array<float> radius(original_.cloud.size());
   parallel_for(radius.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      radius[i] = static_cast<float>(kSeedRadius * field.at(cloud_.position[i]));
+      radius[i] = static_cast<float>(kSeedRadius * field.at(original_.cloud.position[i]));
     }
   });
   return radius;
@@ -204,63 +170,27 @@ Array<float> Simplifier::radii(const DetailTree& tree, const DetailTree::Cut& cu
 
 /// Surfels that are left where the field has room for them.
 double Simplifier::estimated_count(const SizingField& field) const {
-  const std::size_t stride = cloud_.size() / kCountProbes + 1;
-  const std::size_t n = (cloud_.size() + stride - 1) / stride;
-  Array<double> share(n);
-  parallel_for(n, 1 << 10, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const double h = field.at(cloud_.position[i * stride]);
-      share[i] = std::min(1.0, area_[i * stride] / (h * h));
-    }
+  const double share = mean_of_probes(original_.cloud.size(), [&](std::size_t i) {
+    const double h = field.at(original_.cloud.position[i]);
+    return std::min(1.0, original_.area[i] / (h * h));
   });
-  double sum = 0;
-  for (const double x : share) sum += x;
-  return sum / static_cast<double>(n) * static_cast<double>(cloud_.size());
+  return share * static_cast<double>(original_.cloud.size());
 }
 
-/// Two choices of cells next to each other.
-struct Bracket {
-  DetailTree::Cut coarse;  ///< At the highest price of all, or not fine enough ...
-  DetailTree::Cut fine;    ///< ... where this is, or is at the lowest price of all.
-};
-
-template <class Test>
-Bracket bracket(const DetailTree& tree, const Test& fine_enough) {
-  constexpr double kClose = 0.02;
-  double low = std::log(tree.lowest_price());
-  double high = std::log(tree.highest_price());
-  Bracket out{tree.cut(std::exp(high)), {}};
-  if (fine_enough(out.coarse)) return {out.coarse, out.coarse};
-  out.fine = tree.cut(std::exp(low));
-  while (high - low > kClose) {
-    const double middle = (low + high) / 2;
-    DetailTree::Cut cut = tree.cut(std::exp(middle));
-    if (fine_enough(cut)) {
-      low = middle;
-      out.fine = std::move(cut);
-    } else {
-      high = middle;
-      out.coarse = std::move(cut);
-    }
-  }
-  return out;
-}
-
-Attempt Simplifier::as_it_is() const {
-  Attempt all;
-  all.cloud = cloud_;
+SimplifiedCloud Simplifier::as_it_is() const {
+  SimplifiedCloud all;
+  all.cloud = original_.cloud;
   return all;
 }
 
-Attempt Simplifier::with_count(const DetailTree& tree) {
+SimplifiedCloud Simplifier::with_count(const DetailTree& tree) {
   const std::size_t wanted = *options_.count;
-  report_.reached = wanted <= cloud_.size();
-  if (wanted >= cloud_.size()) return as_it_is();
-  const Bracket cuts = bracket(tree, [&](const DetailTree::Cut& tried) {
-    const auto count = static_cast<double>(wanted);
-    return estimated_count({tried.cells, kGradient, tree.largest_spacing()}) >= count;
-  });
-  const Array<float> radius = radii(tree, cuts.coarse);
+  report_.reached = wanted <= original_.cloud.size();
+  if (wanted >= original_.cloud.size()) return as_it_is();
+  const auto fine_enough = [&](const DetailTree::Cut& tried) {
+    return estimated_count(tree.field(tried)) >= static_cast<double>(wanted);
+  };
+  const Array<float> radius = radii(tree, bracket_cuts(tree, kPricePrecision, fine_enough).coarse);
   stage("choose");
   tell(0.2);
   // Radii that leave room for almost as many as wanted; the rest is filled in.
@@ -268,9 +198,10 @@ Attempt Simplifier::with_count(const DetailTree& tree) {
     Array<float> r(radius.size());
     for (std::size_t i = 0; i < r.size(); ++i) {
       // Where the coarsest cells are too fine, surfels that were to be kept are merged, too.
-      r[i] = static_cast<float>(std::max(factor * radius[i], (factor - 1) * std::sqrt(area_[i])));
+      r[i] = static_cast<float>(
+          std::max(factor * radius[i], (factor - 1) * std::sqrt(original_.area[i])));
     }
-    return cluster_sheets(cloud_, *search_, r, options_.sheets, options_.seed, fill_to);
+    return cluster_sheets(original_.cloud, *search_, r, options_.sheets, options_.seed, fill_to);
   };
   double factor = 1;
   double largest_small = 0;
@@ -297,23 +228,25 @@ Attempt Simplifier::with_count(const DetailTree& tree) {
   return attempt(std::move(clusters));
 }
 
-Attempt Simplifier::with_error(const DetailTree& tree) {
+SimplifiedCloud Simplifier::with_error(const DetailTree& tree) {
   const double wanted = *options_.max_error;
   double expected = wanted;
   double largest = kSeedRadius * tree.largest_spacing();
-  std::optional<Attempt> best;
+  std::optional<SimplifiedCloud> best;
   for (int round = 0; round < kMostRounds; ++round) {
-    const DetailTree::Cut cut =
-        bracket(tree, [&](const DetailTree::Cut& tried) { return tried.error() <= expected; }).fine;
+    const auto fine_enough = [&](const DetailTree::Cut& tried) {
+      return tried.error() <= expected;
+    };
+    const DetailTree::Cut cut = bracket_cuts(tree, kPricePrecision, fine_enough).fine;
     Array<float> radius = radii(tree, cut);
     const double coarsest = *std::max_element(radius.begin(), radius.end());
     for (float& r : radius) r = std::min(r, static_cast<float>(largest));
     stage("choose");
     SheetClusters clusters =
-        cluster_sheets(cloud_, *search_, radius, options_.sheets, options_.seed);
+        cluster_sheets(original_.cloud, *search_, radius, options_.sheets, options_.seed);
     stage("cluster");
-    if (clusters.size() == cloud_.size()) break;
-    Attempt tried = attempt(std::move(clusters));
+    if (clusters.size() == original_.cloud.size()) break;
+    SimplifiedCloud tried = attempt(std::move(clusters));
     tell((round + 1.0) / kMostRounds);
     const double error = tried.error.total();
     if (error <= wanted && (!best || tried.cloud.size() < best->cloud.size())) {
@@ -335,188 +268,11 @@ Attempt Simplifier::with_error(const DetailTree& tree) {
   return best ? std::move(*best) : as_it_is();
 }
 
-Attempt Simplifier::attempt(SheetClusters clusters) {
+SimplifiedCloud Simplifier::attempt(SheetClusters clusters) {
   ++report_.rounds;
-  Attempt out;
-  out.clusters = std::move(clusters);
-  out.cloud = merge(out.clusters);
-  stage("merge");
-  size(out.clusters, out.cloud);
-  stage("size");
-  fit(out);
-  stage("fit");
-  return out;
-}
-
-/// All but variances and coefficients.
-SurfelCloud Simplifier::merge(const SheetClusters& clusters) const {
-  Array<MergeSurfel> merged_surfel(clusters.size());
-  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    std::vector<MergeSurfel> surfels;
-    std::vector<std::uint32_t> all;
-    for (std::size_t c = begin; c < end; ++c) {
-      surfels.clear();
-      all.clear();
-      for (const std::uint32_t i : clusters.members(c)) {
-        all.push_back(static_cast<std::uint32_t>(surfels.size()));
-        surfels.push_back(merge_surfel(cloud_, i));
-      }
-      merged_surfel[c] = merged(surfels, all);
-    }
-  });
-  Array<std::uint32_t> source(clusters.size());
-  for (std::size_t c = 0; c < source.size(); ++c) source[c] = merged_surfel[c].source;
-  SurfelCloud out = cloud_.gathered(source);
-  for (std::size_t c = 0; c < source.size(); ++c) {
-    if (clusters.members(c).size() == 1) continue;
-    const MergeSurfel& s = merged_surfel[c];
-    if (!out.uv.empty() && !out.dpdu.empty() && !out.dpdv.empty()) {
-      // The shift along the surface by its derivatives, least squares.
-      Eigen::Matrix<double, 3, 2> D;
-      D << out.dpdu[c].cast<double>(), out.dpdv[c].cast<double>();
-      const Eigen::Matrix2d normal_matrix = D.transpose() * D;
-      const Vec3d shift = (s.position - out.position[c]).cast<double>();
-      const Vec2d moved = normal_matrix.inverse() * (D.transpose() * shift);
-      if (moved.allFinite()) out.uv[c] += moved.cast<float>();
-    }
-    out.position[c] = s.position;
-    out.normal[c] = s.normal;
-    if (!out.area.empty()) out.area[c] = s.area;
-    if (!out.color.empty()) out.color[c] = s.color;
-    if (!out.coefficient.empty()) out.coefficient[c] = s.coefficient;
-    if (!out.alpha.empty()) out.alpha[c] = s.alpha;
-    if (!out.material.empty()) out.material[c] = s.material;
-  }
-  return out;
-}
-
-/// Variances and areas; what was not merged keeps its own. Gaussians are of the kind that the cloud
-/// has: ellipses for pieces of even surfaces gain nothing that would be worth the columns. (Cow, 3
-/// % and 10 % of its surfels: PSNR within 0.2 dB of discs'.)
-void Simplifier::size(const SheetClusters& clusters, SurfelCloud& out) const {
-  if (out.area.empty()) out.area.resize(out.size());
-  parallel_for(out.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    std::vector<CoveredPlace> places;
-    for (std::size_t k = begin; k < end; ++k) {
-      const std::span<const std::uint32_t> members = clusters.members(k);
-      if (members.size() == 1) {
-        out.area[k] = area_[members[0]];
-        continue;
-      }
-      places.clear();
-      for (const std::uint32_t i : members) places.push_back({cloud_.position[i], area_[i]});
-      const TangentGaussian g = covering_gaussian(out.position[k], out.normal[k], places,
-                                                  out.anisotropic(), options_.cutoff);
-      // Coincident surfels without an area keep the size of one of them.
-      if (!(g.variance_v > 0)) continue;
-      if (out.anisotropic()) {
-        out.tangent[k] = g.tangent;
-        out.variance_u[k] = g.variance_u;
-        out.variance_v[k] = g.variance_v;
-      } else {
-        out.variance[k] = g.variance_u;
-      }
-    }
-  });
-}
-
-/// The surfels of cloud_ as points on the surfels that stand for them.
-Simplifier::Places Simplifier::places_on(const Attempt& a) const {
-  Places out{make_basis(a.cloud), {}, {}};
-  Quadrature& quadrature = out.quadrature;
-  quadrature.variance.assign(out.basis.size(), 0.0F);
-  for (std::size_t k = 0; k < out.basis.size(); ++k) {
-    const SurfelBasis::Function& f = out.basis.function[k];
-    quadrature.begin.push_back(out.place.size());
-    for (const std::uint32_t i : a.clusters.members(out.basis.surfel[k])) {
-      const Vec3d d = cloud_.position[i].cast<double>() - f.position;
-      quadrature.offset.emplace_back(Vec2d(d.dot(f.tangent), d.dot(f.bitangent)).cast<float>());
-      out.place.push_back(i);
-    }
-  }
-  quadrature.begin.push_back(out.place.size());
-  return out;
-}
-
-/// Gives more weight to what stands for places that were covered and are not any more. (Larger
-/// variances would be of no use: the same area is then spread more thinly.)
-void Simplifier::close_gaps(Places& places, Attempt& a) const {
-  const auto threshold = static_cast<float>(coverage_threshold(options_.cutoff));
-  const EvaluatedBasis evaluated = evaluate_basis(places.basis, places.quadrature, options_.cutoff);
-  for (std::size_t k = 0; k < places.basis.size(); ++k) {
-    float least = threshold;
-    for (std::size_t q = places.quadrature.begin[k]; q < places.quadrature.begin[k + 1]; ++q) {
-      if (target_.coverage[places.place[q]] < threshold || evaluated.coverage[q] >= threshold) {
-        continue;
-      }
-      ++a.uncovered;
-      least = std::min(least, evaluated.coverage[q]);
-    }
-    if (least >= threshold) continue;
-    const double factor = std::min<double>(kMostWeight, threshold / least);
-    places.basis.function[k].area *= factor;
-    float& area = a.cloud.area[places.basis.surfel[k]];
-    area = static_cast<float>(factor * area);
-  }
-}
-
-/// Coefficients, and the errors.
-void Simplifier::fit(Attempt& a) {
-  SurfelCloud& cloud = a.cloud;
-  Places places = places_on(a);
-  close_gaps(places, a);
-  const SurfelBasis& basis = places.basis;
-  Array<Channels> w(basis.size());
-  for (std::size_t k = 0; k < basis.size(); ++k) w[k] = shown_color(cloud, basis.surfel[k]);
-  if (cloud.render_color() == nullptr) {
-    const EvaluatedBasis evaluated = evaluate_basis(basis, places.quadrature, options_.cutoff);
-    a.error = measure(shown_surface(cloud_, basis, w, evaluated, places.place));
-    return;
-  }
-  Array<Channels> target(places.place.size());
-  for (std::size_t q = 0; q < target.size(); ++q) target[q] = target_.color[places.place[q]];
-  RenderSystemOptions render;
-  render.cutoff = options_.cutoff;
-  // What is fitted to is no finer than kernels: there is nothing to minify to (render_system.h).
-  render.minified = 0;
-  render.regularization = kRegularization;
-  const RenderSystem system = assemble_render_system(basis, places.quadrature, render);
-  const InverseFactor factor(system.normal_matrix, Preconditioner::kSparseInverse);
-  SolveOptions solve;
-  solve.tolerance = kTolerance;
-  conjugate_gradients(system.normal_matrix, system.right_side(target, w), factor, w, solve);
-  if (cloud.coefficient.empty()) cloud.coefficient = cloud.color;
-  for (std::size_t k = 0; k < basis.size(); ++k) {
-    const std::uint32_t i = basis.surfel[k];
-    cloud.coefficient[i] = w[k].head<3>().matrix().cast<float>();
-    if (cloud.alpha.empty()) continue;
-    w[k][3] = std::clamp(w[k][3], 0.0, 1.0);
-    cloud.alpha[i] = static_cast<float>(w[k][3]);
-  }
-  cloud.basis_cutoff = options_.cutoff;
-  a.error = measure(shown_surface(cloud_, basis, w, system.near, places.place));
-}
-
-SimplifyError Simplifier::measure(const ShownSurface& shown) const {
-  double color = 0;
-  double shading = 0;
-  double shape = 0;
-  SimplifyError out;
-  for (std::size_t i = 0; i < cloud_.size(); ++i) {
-    const double weight = area_[i] / total_area_;
-    Channels d = shown.color[i] - target_.color[i];
-    d.head<3>() *= target_.color[i][3];
-    color += weight * d.square().sum() / 3;
-    shading +=
-        weight * static_cast<double>((shown.normal[i] - target_.normal[i]).squaredNorm()) / 3;
-    const double distance = shown.height[i] - target_.height[i];
-    shape += weight * distance * distance;
-    out.max_distance = std::max(out.max_distance, std::abs(distance));
-  }
-  out.color = std::sqrt(color);
-  out.shading = options_.light * brightness_ * std::sqrt(shading);
-  out.shape = std::sqrt(shape) / unit_deviation_;
-  return out;
+  SimplifiedCloud made = simplified_cloud(original_, std::move(clusters), options_, report_.times);
+  timer_.restart();
+  return made;
 }
 
 }  // namespace
@@ -526,7 +282,7 @@ double SimplifyError::total() const {
 }
 
 std::vector<std::string> SimplifyOptions::problems() const {
-  std::vector<std::string> found;
+  std::vector<std::string> found = sheets.problems();
   const auto check = [&](bool ok, const std::string& message) {
     if (!ok) found.push_back(message);
   };
@@ -538,10 +294,6 @@ std::vector<std::string> SimplifyOptions::problems() const {
   check(!unit_deviation || (*unit_deviation > 0 && std::isfinite(*unit_deviation)),
         fmt::format("unit-deviation is {}; it must be positive", unit_deviation.value_or(0)));
   check(light >= 0 && light <= 100, fmt::format("light is {}; it must be in 0..100", light));
-  check(sheets.normal_angle > 0 && sheets.normal_angle <= 90,
-        fmt::format("normal-angle is {}; it must be in (0, 90] degrees", sheets.normal_angle));
-  check(sheets.sheet_weight >= 1 && sheets.sheet_weight <= 1000,
-        fmt::format("sheet-weight is {}; it must be in 1..1000", sheets.sheet_weight));
   check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
   return found;
 }

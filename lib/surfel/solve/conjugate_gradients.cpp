@@ -1,13 +1,9 @@
 // Hestenes, Stiefel 1952, "Methods of conjugate gradients for solving linear systems".
-// Saad 2003, "Iterative methods for sparse linear systems", 6.7.3 (the eigenvalues that the
-// coefficients tell).
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-#include <vector>
 
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
@@ -19,11 +15,6 @@ namespace surfel {
 namespace {
 
 using Mask = Eigen::Array<bool, 4, 1>;
-
-/// A step of every channel; zero where a channel rested.
-struct Step {
-  Channels alpha, beta;
-};
 
 class Solver {
  public:
@@ -92,13 +83,12 @@ class Solver {
 
   /// Until the channels of `active` have converged by the residual that is updated.
   void iterate(Mask active, const Channels& residual) {
-    std::vector<Step> steps;
     const double first = residual.maxCoeff();
-    Channels rho_before = Channels::Ones();
+    // The first direction is the preconditioned residual: beta is 0.
+    Channels rho_before = Channels::Constant(std::numeric_limits<double>::infinity());
     while (active.any() && report_.iterations < options_.max_iterations) {
       const Channels rho = precondition();
-      Channels beta = active.select(rho / rho_before, 0);
-      if (steps.empty()) beta.setZero();
+      const Channels beta = active.select(rho / rho_before, 0);
       rho_before = (rho > 0).select(rho, 1);
       turn(beta);
       const Channels curvature = multiply();
@@ -110,7 +100,6 @@ class Solver {
       const Channels alpha = active.select(rho / curvature, 0);
       const Channels norm = advance(alpha);
       ++report_.iterations;
-      steps.push_back({alpha, beta});
       active = active && norm > options_.tolerance;
       if (options_.progress) {
         const double share =
@@ -118,7 +107,6 @@ class Solver {
         options_.progress(std::clamp(share, 0.0, 1.0));
       }
     }
-    if (report_.eigen_max == 0) estimate_eigenvalues(steps);
   }
 
   /// y = G r. Returns y^T y = r^T G^T G r.
@@ -166,36 +154,6 @@ class Solver {
       return std::array{sum};
     });
     return squares.sqrt();
-  }
-
-  /// Of the tridiagonal matrix of Lanczos that the channel with the most steps amounts to.
-  void estimate_eigenvalues(const std::vector<Step>& steps) {
-    int channel = 0;
-    Eigen::Index size = 0;
-    for (int c = 0; c < 4; ++c) {
-      const Eigen::Index own =
-          std::count_if(steps.begin(), steps.end(), [&](const Step& s) { return s.alpha[c] > 0; });
-      if (own > size) {
-        size = own;
-        channel = c;
-      }
-    }
-    if (size == 0) return;
-    Eigen::VectorXd diagonal(size);
-    Eigen::VectorXd beside(size - 1);
-    for (Eigen::Index k = 0; k < size; ++k) {
-      const Step& step = steps[static_cast<std::size_t>(k)];
-      const double alpha = step.alpha[channel];
-      diagonal[k] = 1 / alpha;
-      if (k == 0) continue;
-      const double alpha_before = steps[static_cast<std::size_t>(k - 1)].alpha[channel];
-      diagonal[k] += step.beta[channel] / alpha_before;
-      beside[k - 1] = std::sqrt(step.beta[channel]) / alpha_before;
-    }
-    Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver;
-    solver.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
-    report_.eigen_min = solver.eigenvalues().minCoeff();
-    report_.eigen_max = solver.eigenvalues().maxCoeff();
   }
 
   SymmetricProduct matrix_;

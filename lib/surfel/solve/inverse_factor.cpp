@@ -43,7 +43,12 @@ Array<double> inverse_roots(const SymmetricMatrix& matrix) {
   return root;
 }
 
-/// Fills in the blocks of a factor; one for each thread.
+std::size_t default_row_entries(const SymmetricMatrix& matrix) {
+  const std::size_t mean = matrix.entries() / std::max<std::size_t>(1, matrix.rows());
+  return std::clamp<std::size_t>(mean / 3, 8, 64);
+}
+
+/// Fills in the blocks of a factor; every thread has its own builder.
 class BlockBuilder {
  public:
   /// \param before  unknowns before a block that its rows may couple with, at most.
@@ -214,48 +219,22 @@ void set_columns(BlockMatrixF& factor, const Before& before) {
 
 }  // namespace
 
-InverseFactor::InverseFactor(BlockMatrixF factor) : factor_(std::move(factor)) {
-  factor_.list_places();
-}
-
-InverseFactor::InverseFactor(const SymmetricMatrix& matrix, Preconditioner kind)
-    : InverseFactor(kind == Preconditioner::kJacobi ? jacobi(matrix) : sparse_inverse(matrix)) {}
-
-InverseFactor InverseFactor::jacobi(const SymmetricMatrix& matrix) {
-  const Array<double> root = inverse_roots(matrix);
-  BlockMatrixF factor;
-  factor.rows = matrix.rows();
-  set_columns(factor, [](std::size_t) { return std::span<const std::uint32_t>(); });
-  std::fill(factor.value.begin(), factor.value.end(), 0.0F);
-  for (std::size_t i = 0; i < root.size(); ++i) {
-    factor.value[i * kBlockRows + i % kBlockRows] = static_cast<float>(root[i]);
-  }
-  return InverseFactor(std::move(factor));
-}
-
-std::size_t InverseFactor::default_row_entries(const SymmetricMatrix& matrix) {
-  const std::size_t mean = matrix.entries() / std::max<std::size_t>(1, matrix.rows());
-  return std::clamp<std::size_t>(mean / 3, 8, 64);
-}
-
-InverseFactor InverseFactor::sparse_inverse(const SymmetricMatrix& matrix,
-                                            std::size_t row_entries) {
+InverseFactor::InverseFactor(const SymmetricMatrix& matrix, std::size_t row_entries) {
   if (row_entries == 0) row_entries = default_row_entries(matrix);
   // A row has half of its own block's entries on average.
   const std::size_t before =
       std::clamp(row_entries, kBlockRows / 2, kMaxRowEntries) - kBlockRows / 2;
   const Array<double> root = inverse_roots(matrix);
-  BlockMatrixF factor;
-  factor.rows = matrix.rows();
+  factor_.rows = matrix.rows();
   std::vector<std::unique_ptr<BlockBuilder>> builders(static_cast<std::size_t>(thread_count()));
   const auto builder_of = [&](int worker) -> BlockBuilder& {
     std::unique_ptr<BlockBuilder>& builder = builders[static_cast<std::size_t>(worker)];
     if (!builder) builder = std::make_unique<BlockBuilder>(matrix, root, before);
     return *builder;
   };
-  Array<std::uint32_t> pattern(factor.blocks() * before);
-  Array<std::uint32_t> found(factor.blocks());
-  parallel_for(factor.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
+  Array<std::uint32_t> pattern(factor_.blocks() * before);
+  Array<std::uint32_t> found(factor_.blocks());
+  parallel_for(factor_.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
     for (std::size_t b = begin; b < end; ++b) {
       const std::span<const std::uint32_t> columns = builder_of(worker).find_pattern(b);
       found[b] = static_cast<std::uint32_t>(columns.size());
@@ -263,15 +242,15 @@ InverseFactor InverseFactor::sparse_inverse(const SymmetricMatrix& matrix,
                 pattern.begin() + static_cast<std::ptrdiff_t>(b * before));
     }
   });
-  set_columns(factor, [&](std::size_t b) {
+  set_columns(factor_, [&](std::size_t b) {
     return std::span<const std::uint32_t>(pattern.data() + b * before, found[b]);
   });
-  parallel_for(factor.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
+  parallel_for(factor_.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
     for (std::size_t b = begin; b < end; b += kCholeskyBatch) {
-      builder_of(worker).build(factor, b, std::min(kCholeskyBatch, end - b));
+      builder_of(worker).build(factor_, b, std::min(kCholeskyBatch, end - b));
     }
   });
-  return InverseFactor(std::move(factor));
+  factor_.list_places();
 }
 
 }  // namespace surfel

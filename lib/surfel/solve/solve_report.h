@@ -7,14 +7,14 @@
 
 namespace surfel {
 
-/// What every unknown is kept within.
+/// Every unknown is kept within these.
 struct CoefficientBounds {
   double lower = 0;
   double upper = 1;
 };
 
 struct SolveOptions {
-  /// Of the residual |b - A x|, relative to |b|, in every channel.
+  /// Iterations end where the residual |b - A x| of every channel is at most this times its |b|.
   double tolerance = 1e-6;
   int max_iterations = 2000;
   std::optional<CoefficientBounds> bounds;
@@ -24,15 +24,12 @@ struct SolveOptions {
 
 struct SolveReport {
   int iterations = 0;
-  /// The worst channel's relative residual: with bounds, of the part that a feasible step reduces.
+  /// The worst channel's relative residual; with bounds, only its part that a feasible step
+  /// reduces.
   double residual = 0;
   bool converged = true;
-  /// A direction p with p^T A p <= 0 turned up: the solution is that of the step before.
+  /// A direction p with p^T A p <= 0 turned up: the solution is the iterate before that step.
   bool indefinite = false;
-  /// Extreme eigenvalues of the preconditioned matrix, estimated from the inside; 0 with bounds, or
-  /// where nothing had to be done.
-  double eigen_min = 0;
-  double eigen_max = 0;
 };
 
 }  // namespace surfel

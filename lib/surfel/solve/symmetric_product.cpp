@@ -23,21 +23,29 @@ constexpr std::size_t kParts = kChannels / kLanes;
 /// Sums side by side, as an addition takes several cycles.
 constexpr std::size_t kSums = 2;
 
-/// One row's entries [begin, end) both ways: adds a_ij x_j to the sums, and a_ij x_i to what
-/// target(j) points at.
-template <class Target, class Sums, class Row>
-HWY_INLINE void add_entries(const double* value, const std::uint32_t* column, std::uint64_t begin,
-                            std::uint64_t end, const double* HWY_RESTRICT x, const Row& x_row,
-                            const Target& target, Sums& sum) {
+/// Unknown i, and the sums of its row.
+struct Row {
+  hn::Vec<Tag> x[kParts];
+  hn::Vec<Tag> sum[kSums][kParts];
+};
+
+/// Entries [begin, end), of row i, both ways: adds a_ij x_j to the row's sums, and a_ij x_i to the
+/// unknown that target(j) points at.
+template <class Target>
+HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, std::uint64_t end,
+                            const double* HWY_RESTRICT x, const Target& target, Row& row) {
   const Tag d;
+  const double* const value = matrix.value.data();
+  const std::uint32_t* const column = matrix.column.data();
   const auto add = [&](std::size_t slot, std::uint64_t entry) HWY_ATTR {
     const std::size_t j = column[entry];
     const auto factor = hn::Set(d, value[entry]);
     double* to = target(j);
     for (std::size_t part = 0; part < kParts; ++part) {
       const std::size_t lane = part * kLanes;
-      sum[slot][part] = hn::MulAdd(factor, hn::LoadU(d, x + kChannels * j + lane), sum[slot][part]);
-      hn::StoreU(hn::MulAdd(factor, x_row[part], hn::LoadU(d, to + lane)), d, to + lane);
+      hn::Vec<Tag>& sum = row.sum[slot][part];
+      sum = hn::MulAdd(factor, hn::LoadU(d, x + kChannels * j + lane), sum);
+      hn::StoreU(hn::MulAdd(factor, row.x[part], hn::LoadU(d, to + lane)), d, to + lane);
     }
   };
   std::uint64_t entry = begin;
@@ -49,34 +57,30 @@ HWY_INLINE void add_entries(const double* value, const std::uint32_t* column, st
 
 }  // namespace
 
-/// Sets y in the rows [begin, end) to what these rows' entries add to it, and adds what they add to
-/// rows before to the range's halo.
-void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, std::size_t end,
-                    const std::uint32_t* slot, const double* x, double* y, double* halo) {
+/// Sets y in the range of rows from `begin` on to the sums of these rows' entries, and adds what
+/// the entries add to rows before to the range's halo.
+void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std::uint32_t* slot,
+                    const double* x, double* y, double* halo) {
   const Tag d;
-  const double* value = matrix.value.data();
   const std::uint32_t* column = matrix.column.data();
-  for (std::size_t row = begin; row < end; ++row) {
-    const std::uint64_t first = matrix.row_begin[row];
-    const std::uint64_t last = matrix.row_begin[row + 1] - 1;
+  const std::size_t end = std::min(begin + SymmetricProduct::kRange, matrix.rows());
+  for (std::size_t i = begin; i < end; ++i) {
+    const std::uint64_t first = matrix.row_begin[i];
+    const std::uint64_t last = matrix.row_begin[i + 1] - 1;
     const auto inside =
         static_cast<std::uint64_t>(std::lower_bound(column + first, column + last, begin) - column);
-    hn::Vec<Tag> x_row[kParts];
-    hn::Vec<Tag> sum[kSums][kParts];
+    Row row;
     for (std::size_t part = 0; part < kParts; ++part) {
-      x_row[part] = hn::LoadU(d, x + kChannels * row + part * kLanes);
-      sum[0][part] = hn::Mul(hn::Set(d, value[last]), x_row[part]);
-      for (std::size_t slot_sum = 1; slot_sum < kSums; ++slot_sum)
-        sum[slot_sum][part] = hn::Zero(d);
+      row.x[part] = hn::LoadU(d, x + kChannels * i + part * kLanes);
+      row.sum[0][part] = hn::Mul(hn::Set(d, matrix.value[last]), row.x[part]);
+      for (std::size_t sum = 1; sum < kSums; ++sum) row.sum[sum][part] = hn::Zero(d);
     }
     add_entries(
-        value, column, first, inside, x, x_row,
-        [&](std::size_t j) { return halo + kChannels * slot[j]; }, sum);
+        matrix, first, inside, x, [&](std::size_t j) { return halo + kChannels * slot[j]; }, row);
     add_entries(
-        value, column, inside, last, x, x_row, [&](std::size_t j) { return y + kChannels * j; },
-        sum);
+        matrix, inside, last, x, [&](std::size_t j) { return y + kChannels * j; }, row);
     for (std::size_t part = 0; part < kParts; ++part) {
-      hn::StoreU(hn::Add(sum[0][part], sum[1][part]), d, y + kChannels * row + part * kLanes);
+      hn::StoreU(hn::Add(row.sum[0][part], row.sum[1][part]), d, y + kChannels * i + part * kLanes);
     }
   }
 }
@@ -89,9 +93,6 @@ HWY_AFTER_NAMESPACE();
 namespace surfel {
 namespace {
 
-/// Rows of a range: some 45 x 45 neighbours on a surface, whose unknowns fit into the second-level
-/// cache, and whose halo is about as many.
-constexpr std::size_t kRange = 2048;
 constexpr std::uint32_t kNone = static_cast<std::uint32_t>(-1);
 
 }  // namespace
@@ -149,9 +150,8 @@ void SymmetricProduct::multiply(const Array<Channels>& x, Array<Channels>& y) {
     }
     const std::size_t begin = r * kRange;
     HWY_DYNAMIC_DISPATCH(multiply_range)
-    (matrix_, begin, std::min(begin + kRange, matrix_.rows()), slot.data(),
-     reinterpret_cast<const double*>(x.data()), reinterpret_cast<double*>(y.data()),
-     reinterpret_cast<double*>(sums));
+    (matrix_, begin, slot.data(), reinterpret_cast<const double*>(x.data()),
+     reinterpret_cast<double*>(y.data()), reinterpret_cast<double*>(sums));
   });
   parallel_for(matrix_.rows(), kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t j = begin; j < end; ++j) {

@@ -10,10 +10,14 @@ namespace surfel {
 /// Products of a symmetric matrix with vectors, in parallel, from one triangle of it. Rows are
 /// worked on in ranges: what a range adds to rows before it, its halo, is kept apart, and added in
 /// the order of the ranges, so that the result does not depend on the number of threads. The halo
-/// is small where neighbours in the matrix are neighbours in the order: that of a space-filling
-/// curve does.
+/// is small where neighbours in the matrix are neighbours in the order, as they are along a
+/// space-filling curve.
 class SURFEL_API SymmetricProduct {
  public:
+  /// Rows of a range: some 45 x 45 neighbours on a surface, whose unknowns fit into the
+  /// second-level cache, and whose halo is about as many.
+  static constexpr std::size_t kRange = 2048;
+
   /// \param matrix  must outlive the product; its values may change.
   explicit SymmetricProduct(const SymmetricMatrix& matrix);
 
@@ -24,12 +28,12 @@ class SURFEL_API SymmetricProduct {
   void find_halos();
 
   const SymmetricMatrix& matrix_;
-  std::vector<Array<std::uint32_t>> halo_;  ///< Of every range, the rows before it that it adds to.
-  Array<std::uint64_t> halo_begin_;         ///< Of every range its first sum, and their number.
+  std::vector<Array<std::uint32_t>> halo_;  ///< By range: the rows before it that it adds to.
+  Array<std::uint64_t> halo_begin_;         ///< By range: its first sum; then the number of sums.
   Array<Channels> halo_sum_;
-  Array<std::uint64_t> incoming_begin_;  ///< Of every row, the sums that are added to it.
-  Array<std::uint64_t> incoming_;
-  std::vector<Array<std::uint32_t>> slot_;  ///< By thread: of every row its place in a halo.
+  Array<std::uint64_t> incoming_begin_;     ///< By row: the first of incoming_; then their number.
+  Array<std::uint64_t> incoming_;           ///< Sums that are added to each row.
+  std::vector<Array<std::uint32_t>> slot_;  ///< By thread and row: its place in a halo.
 };
 
 /// |b - A x| / |b| of the worst channel.

@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/sample/detail_tree.h>
+#include <surfel/sample/cut_search.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/texture/adaptive_spacing.h>
@@ -13,15 +13,12 @@
 namespace surfel {
 namespace {
 
-/// As much as samples that see each other allow, with some left for a count's factor. Between
-/// 0.2 and 0.6 the error for a number of surfels hardly depends on it.
-constexpr double kGradient = 0.35;
+/// Samples that the mesh is first looked at in: 0.3 s of work, and all that smooth meshes need.
 constexpr double kFewestProbes = 1 << 15;
 /// Share of the samples in cells as small as they come that calls for a closer look.
 constexpr double kFinestShare = 0.05;
-/// Probes at which the samples that a field makes are counted.
-constexpr std::size_t kCountProbes = 50000;
-constexpr int kBisections = 40;
+/// Of the logarithm of a cut's price: 0.05 % of the number of samples.
+constexpr double kPricePrecision = 1e-3;
 
 double surface_area(const TriangleMesh& mesh) {
   double sum = 0;
@@ -89,49 +86,6 @@ std::vector<SurfaceProbe> look(const TriangleMesh& mesh, TextureSet* textures, d
   return probes;
 }
 
-SizingField graded(const DetailTree& tree, const DetailTree::Cut& cut) {
-  return {cut.cells, kGradient, tree.largest_spacing()};
-}
-
-/// Samples that the field makes of the surface.
-double sample_count(const SizingField& field, const std::vector<SurfaceProbe>& probes,
-                    double area) {
-  const std::size_t stride = probes.size() / kCountProbes + 1;
-  const std::size_t n = (probes.size() + stride - 1) / stride;
-  Array<double> per_area(n);
-  parallel_for(n, 1 << 10, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const double h = field.at(probes[i * stride].position);
-      per_area[i] = 1 / (h * h);
-    }
-  });
-  double sum = 0;
-  for (const double x : per_area) sum += x;
-  return area * sum / static_cast<double>(n);
-}
-
-/// The cut at the highest price where `fine_enough` holds, or at the lowest price of all.
-template <class Test>
-DetailTree::Cut dearest(const DetailTree& tree, const Test& fine_enough) {
-  double low = std::log(tree.lowest_price());
-  double high = std::log(tree.highest_price());
-  DetailTree::Cut best = tree.cut(std::exp(high));
-  if (fine_enough(best)) return best;
-  best = tree.cut(std::exp(low));
-  if (!fine_enough(best)) return best;
-  for (int i = 0; i < kBisections && high - low > 1e-3; ++i) {
-    const double middle = (low + high) / 2;
-    DetailTree::Cut cut = tree.cut(std::exp(middle));
-    if (fine_enough(cut)) {
-      low = middle;
-      best = std::move(cut);
-    } else {
-      high = middle;
-    }
-  }
-  return best;
-}
-
 }  // namespace
 
 std::vector<std::string> AdaptiveSpacingOptions::problems() const {
@@ -176,16 +130,23 @@ SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
     stage("look");
     const DetailTree tree(probes, border_pieces(mesh, rings, spacing),
                           {area, spacing, out.unit_deviation, options.variance_scale});
-    const DetailTree::Cut cut = dearest(tree, [&](const DetailTree::Cut& tried) {
+    const auto fine_enough = [&](const DetailTree::Cut& tried) {
       if (options.max_error) return tried.error() <= *options.max_error;
       const auto count = static_cast<double>(*options.count);
-      return tried.samples >= count || sample_count(graded(tree, tried), probes, area) >= count;
-    });
+      if (tried.samples >= count) return true;
+      const SizingField field = tree.field(tried);
+      const double density = mean_of_probes(probes.size(), [&](std::size_t i) {
+        const double h = field.at(probes[i].position);
+        return 1 / (h * h);
+      });
+      return area * density >= count;
+    };
+    const DetailTree::Cut cut = bracket_cuts(tree, kPricePrecision, fine_enough).fine;
     stage("choose");
     const bool reached = !options.max_error || cut.error() <= *options.max_error;
     if ((reached && cut.finest_samples <= kFinestShare * cut.samples) ||
         4 * wanted > static_cast<double>(options.most_probes)) {
-      SizingField field = graded(tree, cut);
+      SizingField field = tree.field(cut);
       out.probes = probes.size();
       out.cells = cut.cells.size();
       out.error = cut.error();

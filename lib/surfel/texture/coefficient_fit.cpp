@@ -56,11 +56,19 @@ void note(const CeresReport& solved, SystemReport& report) {
   report.converged = solved.converged;
 }
 
-/// Solves matrix x = b, from x on, in the first `channels`.
-void solve(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
-           const TextureFitOptions& options, const std::optional<CoefficientBounds>& bounds,
-           int channels, const std::function<void(double)>& progress, Array<Channels>& x,
-           SystemReport& report) {
+/// matrix x = b in the first `channels` (1..4), the others being 0.
+struct LinearSystem {
+  const SymmetricMatrix& matrix;
+  const Array<Channels>& b;
+  const InverseFactor& factor;
+  std::optional<CoefficientBounds> bounds;
+  int channels;
+};
+
+/// Solves the system from x on by the options' solver.
+void solve(const LinearSystem& system, const TextureFitOptions& options,
+           const std::function<void(double)>& progress, Array<Channels>& x, SystemReport& report) {
+  const auto& [matrix, b, factor, bounds, channels] = system;
   if (options.solver == FitSolver::kLdlt) {
     x = direct_solve(matrix, b);
     return;
@@ -136,19 +144,21 @@ void store_variances(const SurfelBasis& basis, SurfelCloud& cloud) {
 /// The least squares of fit_render(), whatever the system's variances.
 struct RenderFit {
   const TextureFitOptions& options;
-  Array<Channels> f;
-  Array<Channels> w_0{};
-  int channels;
+  FitTarget target;
+
+  Array<Channels> right_side(const RenderSystem& system) const {
+    return system.right_side(target.f, target.w_0);
+  }
 
   void solve(const RenderSystem& system, const Array<Channels>& b, const InverseFactor& factor,
              Array<Channels>& w, SystemReport& report,
              const std::function<void(double)>& progress = {}) const {
     if (options.solver != FitSolver::kCeres) {
-      surfel::solve(system.normal_matrix, b, factor, options, options.bounds, channels, progress, w,
-                    report);
+      surfel::solve({system.normal_matrix, b, factor, options.bounds, target.channels}, options,
+                    progress, w, report);
       return;
     }
-    note(ceres_fit(system, f, w_0, 0, channels, options.tolerance, w), report);
+    note(ceres_fit(system, target, 0, options.tolerance, w), report);
     report.residual = relative_residual(system.normal_matrix, b, w);
   }
 
@@ -161,22 +171,21 @@ struct RenderFit {
     SolveOptions rough;
     rough.tolerance = std::max(kRough, options.tolerance);
     // The matrix is about to change: a better factor would take longer than the steps it saves.
-    const InverseFactor factor = InverseFactor::sparse_inverse(system.normal_matrix, kFewEntries);
+    const InverseFactor factor(system.normal_matrix, kFewEntries);
     report.rough_iterations =
         conjugate_gradients(system.normal_matrix, b, factor, w, rough).iterations;
-    report.unresolved = surfel::hold_unresolved(system, w, f);
-    for (std::size_t k = 0; k < system.held.size(); ++k) b[k] += system.held[k] * w_0[k];
+    report.unresolved = surfel::hold_unresolved(system, w, target.f);
+    for (std::size_t k = 0; k < system.held.size(); ++k) b[k] += system.held[k] * target.w_0[k];
   }
 
   void solve_robust(const RenderSystem& system, Array<Channels>& w, SystemReport& report) const {
     RobustOptions robust;
     robust.scale = options.robust_scale;
     robust.tolerance = options.tolerance;
-    robust.channels = channels;
     robust.progress = stage(options, 0.5, 1);
     report.robust = options.solver == FitSolver::kCeres
-                        ? robust_fit_ceres(system, f, w_0, w, robust)
-                        : robust_fit(system, f, w_0, w, robust);
+                        ? robust_fit_ceres(system, target, w, robust)
+                        : robust_fit(system, target, w, robust);
     report.iterations = report.robust->iterations;
     report.residual = report.robust->residual;
     report.converged = report.robust->converged;
@@ -184,16 +193,17 @@ struct RenderFit {
 
   /// Root mean square over the covered points.
   double error(const RenderSystem& system, const Array<Channels>& w) const {
-    const std::size_t points = f.size() - system.near.uncovered;
+    const std::size_t points = target.f.size() - system.near.uncovered;
     if (points == 0) return 0;
-    return std::sqrt(system.near.residual2(w, f).sum() / (static_cast<double>(points) * channels));
+    return std::sqrt(system.near.residual2(w, target.f).sum() /
+                     (static_cast<double>(points) * target.channels));
   }
 };
 
 }  // namespace
 
-void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
-              const TextureFitOptions& options, TextureFitReport& report) {
+void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOptions& options,
+              TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   Timer timer;
   GramSystem gram = make_gram_system(basis);
@@ -201,7 +211,7 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
   system.entries = gram.matrix.entries();
   system.min_reach = gram.min_reach;
   system.max_reach = gram.max_reach;
-  const Array<Channels> w_ewa = coefficients_of(cloud, basis, alpha);
+  const Array<Channels> w_ewa = coefficients_of(cloud, basis, report.alpha);
   const Array<double> sums = row_sums(gram.matrix);
   // (S R S + lambda I) S^-1 w = S c + lambda S^-1 w_ewa, with a diagonal of 1; bounded unknowns
   // must all be scaled alike.
@@ -221,7 +231,7 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
   // whatever lambda is.
   const double lift = options.lambda.value_or(largest(row_sums(gram.matrix)) / kMostCondition);
   add_to_diagonal(gram.matrix, lift);
-  const InverseFactor factor(gram.matrix, Preconditioner::kSparseInverse);
+  const InverseFactor factor(gram.matrix);
   Spectrum spectrum = estimate_spectrum(gram.matrix, factor, kSpectrumSteps);
   spectrum.min -= lift;
   spectrum.max -= lift;
@@ -242,24 +252,27 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, bool alpha,
     x[i] = w_ewa[i] / scale[i];
     b[i] = (scale[i] * sums[i]) * w_ewa[i] + system.lambda * x[i];
   }
-  solve(gram.matrix, b, factor, options, bounds, alpha ? 4 : 3, stage(options, 0.5, 1), x, system);
+  solve({gram.matrix, b, factor, bounds, report.alpha ? 4 : 3}, options, stage(options, 0.5, 1), x,
+        system);
   for (std::size_t i = 0; i < basis.size(); ++i) x[i] *= scale[i];
-  store(x, basis, alpha, cloud);
+  store(x, basis, report.alpha, cloud);
   report.times.add("solve", timer.milliseconds());
 }
 
 void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOptions& render_options,
-                bool alpha, const TextureFitOptions& options, TextureFitReport& report) {
+                const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   Timer timer;
   Quadrature& quadrature = colors.quadrature;
   leave_out_unknown(quadrature, colors.color, colors.known);
   Array<std::uint8_t>().swap(colors.known);
-  RenderFit fit{.options = options, .f = std::move(colors.color), .channels = alpha ? 4 : 3};
-  if (!alpha) {
-    for (Channels& color : fit.f) color[3] = 0;
+  RenderFit fit{options,
+                {.f = std::move(colors.color),
+                 .w_0 = coefficients_of(cloud, colors.basis, report.alpha),
+                 .channels = report.alpha ? 4 : 3}};
+  if (!report.alpha) {
+    for (Channels& color : fit.target.f) color[3] = 0;
   }
-  fit.w_0 = coefficients_of(cloud, colors.basis, alpha);
   RenderSystem render = assemble_render_system(colors.basis, quadrature, render_options);
   system.functions = colors.basis.size();
   system.points = quadrature.size();
@@ -270,15 +283,15 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
 
   timer.restart();
   const double solved = options.refine_variance ? 0.55 : 1;
-  Array<Channels> w = fit.w_0;
-  Array<Channels> b = render.right_side(fit.f, fit.w_0);
+  Array<Channels> w = fit.target.w_0;
+  Array<Channels> b = fit.right_side(render);
   if (render.mu > 0) {
     // Without a minified term there is nothing that aliasing would spoil from afar.
     fit.hold_unresolved(render, b, w, system);
     report.times.add("unresolved", timer.milliseconds());
     timer.restart();
   }
-  InverseFactor factor(render.normal_matrix, Preconditioner::kSparseInverse);
+  InverseFactor factor(render.normal_matrix);
   report.times.add("condition", timer.milliseconds());
 
   timer.restart();
@@ -292,19 +305,19 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   if (options.refine_variance) {
     timer.restart();
     system.error_before = fit.error(render, w);
-    SurfelBasis basis = colors.basis;
-    system.variance = refine_variance(
-        basis, quadrature, fit.f, fit.w_0, render, w,
-        [&](const RenderSystem& of, Array<Channels>& x) {
-          fit.solve(of, of.right_side(fit.f, fit.w_0),
-                    InverseFactor(of.normal_matrix, Preconditioner::kSparseInverse), x, system);
-        },
-        {.cutoff = render_options.cutoff,
-         .coverage = options.coverage,
-         .channels = fit.channels,
-         .progress = stage(options, solved, 1)});
-    store_variances(basis, cloud);
-    factor = InverseFactor(render.normal_matrix, Preconditioner::kSparseInverse);
+    RenderSolution solution{colors.basis, std::move(render), std::move(w)};
+    system.variance = refine_variance(solution, quadrature, fit.target,
+                                      [&](const RenderSystem& of, Array<Channels>& x) {
+                                        fit.solve(of, fit.right_side(of),
+                                                  InverseFactor(of.normal_matrix), x, system);
+                                      },
+                                      {.cutoff = render_options.cutoff,
+                                       .coverage = options.coverage,
+                                       .progress = stage(options, solved, 1)});
+    store_variances(solution.basis, cloud);
+    render = std::move(solution.system);
+    w = std::move(solution.w);
+    factor = InverseFactor(render.normal_matrix);
     report.times.add("variance", timer.milliseconds());
   }
 
@@ -315,9 +328,9 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   report.times.add("condition", timer.milliseconds());
   system.entries = render.normal_matrix.entries();
   system.uncovered = render.near.uncovered;
-  system.error_ewa = fit.error(render, fit.w_0);
+  system.error_ewa = fit.error(render, fit.target.w_0);
   system.error = fit.error(render, w);
-  store(w, colors.basis, alpha, cloud);
+  store(w, colors.basis, report.alpha, cloud);
   cloud.basis_cutoff = render_options.cutoff;
 }
 

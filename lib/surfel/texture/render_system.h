@@ -116,6 +116,13 @@ struct SURFEL_API RenderSystem {
   SymmetricMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
+/// What the coefficients of a render system are fitted to.
+struct FitTarget {
+  Array<Channels> f;    ///< Per near point; ignored at uncovered ones.
+  Array<Channels> w_0;  ///< Per function.
+  int channels = 4;     ///< The first 1..4 count; the others must be 0.
+};
+
 /// The basis at the points alone: kernels end at `cutoff`, > 0. The same for any number of threads.
 SURFEL_API EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadrature,
                                          double cutoff);

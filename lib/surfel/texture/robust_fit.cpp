@@ -21,6 +21,9 @@ constexpr double kScaleByMedian = 2;
 constexpr int kScaleRounds = 2;
 /// Reach of the medians about colour samples, whatever the renderer's cutoff: some ten neighbours.
 constexpr double kMedianCutoff = 4;
+/// Rounds after which a fit that has not come to rest is reported as such: fits to textures with
+/// outliers take 10 to 40.
+constexpr int kMostRounds = 100;
 constexpr std::size_t kGrain = 1 << 11;
 
 double length(const Channels& r) { return std::sqrt(r.square().sum()); }
@@ -81,12 +84,11 @@ double estimate_scale(const RenderSystem& system, const Array<double>& residual)
 /// Rounds of iteratively reweighted least squares on one system.
 class Rounds {
  public:
-  Rounds(const RenderSystem& system, const Array<Channels>& f, const Array<Channels>& w_0,
-         const RobustOptions& options)
-      : system_(system), f_(f), w_0_(w_0), options_(options) {}
+  Rounds(const RenderSystem& system, const FitTarget& target, const RobustOptions& options)
+      : system_(system), target_(target), options_(options) {}
 
   Array<double> residual_lengths(const Array<Channels>& w) const {
-    return lengths(system_.near.residuals(w, f_));
+    return lengths(system_.near.residuals(w, target_.f));
   }
 
   /// Solves the system with the weights of `w`. \return the change of w, relative to it.
@@ -94,7 +96,7 @@ class Rounds {
              RobustReport& report) const {
     const Array<double> weight = weights(residual, scale);
     const SymmetricMatrix matrix = system_.weighted_normal_matrix(weight);
-    const InverseFactor factor(matrix, Preconditioner::kSparseInverse);
+    const InverseFactor factor(matrix);
     const Array<Channels> before = w;
     SolveOptions solve;
     solve.tolerance = options_.tolerance;
@@ -126,7 +128,7 @@ class Rounds {
     const Array<double> residual = residual_lengths(w);
     report.down_weighted = static_cast<std::size_t>(std::count_if(
         residual.begin(), residual.end(), [&](double r) { return r > report.scale; }));
-    report.cost = robust_cost(system_, f_, w_0_, w, report.scale);
+    report.cost = robust_cost(system_, target_, w, report.scale);
     // The gradient of the cost, by the right side of the system that it belongs to.
     const Array<double> weight = weights(residual, report.scale);
     report.residual =
@@ -137,30 +139,28 @@ class Rounds {
   /// Of the system with these weights.
   Array<Channels> right_side(const Array<double>& weight) const {
     Array<Channels> weighted(weight.size());
-    for (std::size_t q = 0; q < weight.size(); ++q) weighted[q] = weight[q] * f_[q];
-    return system_.right_side(weighted, w_0_);
+    for (std::size_t q = 0; q < weight.size(); ++q) weighted[q] = weight[q] * target_.f[q];
+    return system_.right_side(weighted, target_.w_0);
   }
 
   const RenderSystem& system_;
-  const Array<Channels>& f_;
-  const Array<Channels>& w_0_;
+  const FitTarget& target_;
   const RobustOptions& options_;
 };
 
 }  // namespace
 
-double robust_cost(const RenderSystem& system, const Array<Channels>& f, const Array<Channels>& w_0,
-                   const Array<Channels>& w, double scale) {
+double robust_cost(const RenderSystem& system, const FitTarget& target, const Array<Channels>& w,
+                   double scale) {
   double points = 0;
-  for (const Channels& r : system.near.residuals(w, f)) points += huber(length(r), scale);
-  return points + system.pull2(w, w_0).sum();
+  for (const Channels& r : system.near.residuals(w, target.f)) points += huber(length(r), scale);
+  return points + system.pull2(w, target.w_0).sum();
 }
 
-RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
-                        const Array<Channels>& w_0, Array<Channels>& w,
+RobustReport robust_fit(const RenderSystem& system, const FitTarget& target, Array<Channels>& w,
                         const RobustOptions& options) {
   RobustReport report;
-  const Rounds rounds(system, f, w_0, options);
+  const Rounds rounds(system, target, options);
   report.scale = rounds.scale(w, report);
   double first = 0;
   double change = 0;
@@ -171,20 +171,18 @@ RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
       options.progress(
           std::clamp(std::log(change / first) / std::log(options.tolerance / first), 0.0, 1.0));
     }
-  } while (change > options.tolerance && report.rounds < options.max_rounds);
+  } while (change > options.tolerance && report.rounds < kMostRounds);
   report.converged = report.converged && change <= options.tolerance;
   rounds.finish(w, report);
   return report;
 }
 
-RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>& f,
-                              const Array<Channels>& w_0, Array<Channels>& w,
-                              const RobustOptions& options) {
+RobustReport robust_fit_ceres(const RenderSystem& system, const FitTarget& target,
+                              Array<Channels>& w, const RobustOptions& options) {
   RobustReport report;
-  const Rounds rounds(system, f, w_0, options);
+  const Rounds rounds(system, target, options);
   report.scale = rounds.scale(w, report);
-  const CeresReport solved =
-      ceres_fit(system, f, w_0, report.scale, options.channels, options.tolerance, w);
+  const CeresReport solved = ceres_fit(system, target, report.scale, options.tolerance, w);
   report.rounds += solved.iterations;
   report.iterations = solved.iterations;
   report.converged = solved.converged;
@@ -192,16 +190,15 @@ RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>&
   return report;
 }
 
-CeresReport ceres_fit(const RenderSystem& system, const Array<Channels>& f,
-                      const Array<Channels>& w_0, double scale, int channels, double tolerance,
-                      Array<Channels>& w) {
+CeresReport ceres_fit(const RenderSystem& system, const FitTarget& target, double scale,
+                      double tolerance, Array<Channels>& w) {
   const SparseMatrix pull = pull_matrix(system, w.size());
   Array<Channels> pulled(w.size());
-  for (std::size_t k = 0; k < w.size(); ++k) pulled[k] = pull.value[k] * w_0[k];
-  return ceres_least_squares({{.A = system.near.A, .f = f, .huber = scale},
-                              {.A = system.far.A, .f = w_0, .weight = system.mu},
+  for (std::size_t k = 0; k < w.size(); ++k) pulled[k] = pull.value[k] * target.w_0[k];
+  return ceres_least_squares({{.A = system.near.A, .f = target.f, .huber = scale},
+                              {.A = system.far.A, .f = target.w_0, .weight = system.mu},
                               {.A = pull, .f = pulled}},
-                             channels, tolerance, w);
+                             target.channels, tolerance, w);
 }
 
 Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,

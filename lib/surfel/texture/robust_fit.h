@@ -17,8 +17,6 @@ struct SURFEL_API RobustOptions {
   std::optional<double> scale{};
   /// Rounds end where they change w by less, relative to |w|.
   double tolerance = 1e-5;
-  int max_rounds = 100;
-  int channels = 4;  ///< Of Ceres: those that count, the first 1..4; the others must be 0.
   std::function<void(double)> progress{};  ///< Called with the share that is done; may be empty.
 };
 
@@ -42,27 +40,24 @@ struct RobustReport {
 /// What is minimised is sum_q rho(|A_q w - f_q|^2) + mu |B w - w_0|^2 + lambda |w - w_0|^2, a
 /// point's channels together. Only the points are under the loss: w_0 is filtered, and what
 /// outliers do to it is no outlier.
-SURFEL_API double robust_cost(const RenderSystem& system, const Array<Channels>& f,
-                              const Array<Channels>& w_0, const Array<Channels>& w, double scale);
+SURFEL_API double robust_cost(const RenderSystem& system, const FitTarget& target,
+                              const Array<Channels>& w, double scale);
 
 /// Minimises that by iteratively reweighted least squares [Holland, Welsch 1977]: weights
 /// min(1, scale / |r|) of the last round, conjugate gradients on A^T D A + mu B^T B + lambda I. No
 /// round raises the cost. The result does not depend on the number of threads.
 /// \param w  in: where to start, best w_0, as what a fit without a loss makes of outliers makes the
 /// estimated scale larger; out: the minimum.
-SURFEL_API RobustReport robust_fit(const RenderSystem& system, const Array<Channels>& f,
-                                   const Array<Channels>& w_0, Array<Channels>& w,
-                                   const RobustOptions& options = {});
+SURFEL_API RobustReport robust_fit(const RenderSystem& system, const FitTarget& target,
+                                   Array<Channels>& w, const RobustOptions& options = {});
 
 /// The same by Ceres (ceres_solver.h), with the scale that robust_fit() would estimate: the
 /// reference, for small systems.
-SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const Array<Channels>& f,
-                                         const Array<Channels>& w_0, Array<Channels>& w,
-                                         const RobustOptions& options = {});
+SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const FitTarget& target,
+                                         Array<Channels>& w, const RobustOptions& options = {});
 
 /// The plain objective of the system by Ceres, or robust_cost() of a scale > 0, from w on.
-SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const Array<Channels>& f,
-                                 const Array<Channels>& w_0, double scale, int channels,
+SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const FitTarget& target, double scale,
                                  double tolerance, Array<Channels>& w);
 
 /// Winsorised colour samples, what robust fits to samples are pulled towards: a sample further than

@@ -142,7 +142,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
     if (options.kind == TextureFitKind::kGram) {
       leave_out_without_uv(cloud, basis);
       fit_ewa(cloud, textures, options, report);
-      fit_gram(cloud, basis, report.alpha, options, report);
+      fit_gram(cloud, basis, options, report);
     } else {
       Timer timer;
       const int points = options.points.value_or(options.refine_variance ? 12 : 6);
@@ -154,7 +154,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       render.regularization = options.lambda.value_or(render.regularization);
       // w_0 carries the outliers; refine_variance() says why it has no such term.
       if (options.robust || options.refine_variance) render.minified = 0;
-      fit_render(cloud, std::move(colors), render, report.alpha, options, report);
+      fit_render(cloud, std::move(colors), render, options, report);
     }
   }
   measure(cloud, report);
@@ -182,7 +182,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
   if (options.kind != TextureFitKind::kEwa) {
     const SurfelBasis basis = make_basis(cloud);
     if (options.kind == TextureFitKind::kGram) {
-      fit_gram(cloud, basis, false, options, report);
+      fit_gram(cloud, basis, options, report);
     } else {
       PointColors colors{.basis = basis, .quadrature = at_functions(basis)};
       for (const std::uint32_t k : basis.surfel) {
@@ -202,7 +202,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
           .cutoff = options.cutoff,
           .minified = 0,
           .regularization = options.lambda.value_or(kColorRegularization)};
-      fit_render(cloud, std::move(colors), render, false, options, report);
+      fit_render(cloud, std::move(colors), render, options, report);
     }
   }
   measure(cloud, report);

@@ -281,12 +281,6 @@ void TextureMap::request(const GaussianPyramid::Box& texels) {
   }
 }
 
-void TextureMap::build(int level) {
-  request(GaussianPyramid::Box{0, width(), 0, height()});
-  requested_levels_ |= static_cast<std::uint32_t>((std::uint64_t{2} << level) - 1);
-  load();
-}
-
 void TextureMap::load() {
   if (!reader_) {
     pyramid_.build(highest(requested_levels_));

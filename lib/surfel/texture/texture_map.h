@@ -54,8 +54,6 @@ class SURFEL_API TextureMap {
   /// not needed. Throws Error(kInput) where the file is damaged, or what is needed does not fit
   /// into memory.
   void load();
-  /// Loads all kernels up to this level (GaussianPyramid::level_for).
-  void build(int level);
   /// \param max_level  0: the sum over the image's own texels, even where coarser levels are built.
   TextureSample sample(const TexelKernel& kernel, int max_level = GaussianPyramid::kMaxLevel) const;
   /// Colour of the whole image. Reads a file once more.

@@ -51,9 +51,8 @@ Fade fade(double beta, double cutoff) {
   return {x * x * (3 - 2 * x), -6 * x * (1 - x) / width};
 }
 
-double objective(const RenderSystem& system, const Array<Channels>& f, const Array<Channels>& w_0,
-                 const Array<Channels>& w) {
-  return (system.near.residual2(w, f) + system.pull2(w, w_0)).sum();
+double objective(const RenderSolution& s, const FitTarget& target) {
+  return (s.system.near.residual2(s.w, target.f) + s.system.pull2(s.w, target.w_0)).sum();
 }
 
 /// The basis with variances e^t times as large, as single precision holds them.
@@ -68,29 +67,33 @@ SurfelBasis scaled(const SurfelBasis& basis, const Array<double>& t) {
   return result;
 }
 
+/// What all rounds have in common.
+struct Problem {
+  SurfelBasis start;
+  const Quadrature& quadrature;
+  const FitTarget& target;
+  const VarianceFitOptions& options;
+  Array<double> least;  ///< Coverage that every point must keep.
+
+  std::size_t channels() const { return static_cast<std::size_t>(target.channels); }
+};
+
 /// What a round starts from.
-struct State {
-  SurfelBasis basis;
-  RenderSystem system;
-  Array<Channels> w;
-  Array<double> t;  ///< Log of the variances' factor, all rounds before.
+struct State : RenderSolution {
+  Array<double> t;  ///< Log of the factor that all rounds before gave the variances.
 };
 
 /// The smooth objective about a state, in unknowns of curvature about 2: y, w = w_state + G^T y
 /// with the factor G of the normal matrix, and z, the change of t within the round's range.
 class Model {
  public:
-  Model(const State& state, const Quadrature& quadrature, const Array<Channels>& f,
-        const Array<Channels>& w_0, const Array<double>& least, double range,
-        const VarianceFitOptions& options)
-      : state_(state),
-        f_(f),
-        w_0_(w_0),
-        least_(least),
-        options_(options),
-        factor_(state.system.normal_matrix, Preconditioner::kSparseInverse),
-        exponent_(kernel_exponents(state.basis, quadrature,
-                                   options.cutoff * (1 + kFade) * std::exp(range))) {
+  Model(const Problem& problem, const State& state, double range)
+      : problem_(problem),
+        state_(state),
+        cutoff_(problem.options.cutoff),
+        factor_(state.system.normal_matrix),
+        exponent_(kernel_exponents(state.basis, problem.quadrature,
+                                   cutoff_ * (1 + kFade) * std::exp(range))) {
     const std::size_t count = state.basis.size();
     range_.resize(count);
     const double most = 2 * std::log(kMostSigmaChange);
@@ -106,15 +109,15 @@ class Model {
   /// \return the change of t in the minimum.
   Array<double> minimise(VarianceFitReport& report) {
     const std::size_t count = state_.basis.size();
-    const auto channels = static_cast<std::size_t>(options_.channels);
     Array<double> x;
-    x.assign(count * (channels + 1), 0.0);
+    x.assign(count * (problem_.channels() + 1), 0.0);
     // Where nothing changes with the variances they stay: a constant texture.
     if (pull_ == 0) return Array<double>(count, 0.0);
     int evaluations = 0;
     const auto evaluate = [&](const double* at, double* cost, double* gradient) {
       const double share = std::min(1.0, static_cast<double>(++evaluations) / kSteps);
-      if (options_.progress) options_.progress((report.rounds + share) / kMostRounds);
+      const auto& progress = problem_.options.progress;
+      if (progress) progress((report.rounds + share) / kMostRounds);
       return this->evaluate(at, *cost, gradient);
     };
     report.iterations += ceres_minimize(x, evaluate, kStepTolerance, kSteps).iterations;
@@ -122,37 +125,24 @@ class Model {
     return change_;
   }
 
-  /// Halves changes, and withdraws them in the end, where coverage falls below what is least.
+  /// Halves changes, and withdraws them in the end, where coverage falls below the least.
   void hold_coverage(Array<double>& change, std::vector<char>& held) const {
     for (int round = 0;; ++round) {
-      std::vector<char> low(change.size(), 0);
-      bool any = false;
-      for (const Chunk& chunk : chunks_) {
-        for (std::size_t q = chunk.begin; q < chunk.end; ++q) {
-          if (coverage(chunk, q, change) >= (1 - kCoverageTolerance) * least_[q]) continue;
-          any = mark(chunk, q, change, low) || any;
-        }
-      }
-      if (!any) return;
+      const std::vector<char> low = about_lacking(
+          change, [&](const Chunk& chunk, std::size_t q) { return coverage(chunk, q, change); });
+      if (low.empty()) return;
       withdraw(low, round < kHalvings ? 0.5 : 0, change, held);
     }
   }
 
-  /// Withdraws what changed about points with less coverage than the least. \return whether any.
+  /// Withdraws changes about points that `system` covers less than the least. \return whether any.
   bool withdraw_uncovered(const RenderSystem& system, Array<double>& change,
                           std::vector<char>& held) const {
-    std::vector<char> low(change.size(), 0);
-    bool any = false;
-    for (const Chunk& chunk : chunks_) {
-      for (std::size_t q = chunk.begin; q < chunk.end; ++q) {
-        if (static_cast<double>(system.near.coverage[q]) >= (1 - kCoverageTolerance) * least_[q]) {
-          continue;
-        }
-        any = mark(chunk, q, change, low) || any;
-      }
-    }
-    if (any) withdraw(low, 0, change, held);
-    return any;
+    const std::vector<char> low = about_lacking(change, [&](const Chunk&, std::size_t q) {
+      return static_cast<double>(system.near.coverage[q]);
+    });
+    withdraw(low, 0, change, held);
+    return !low.empty();
   }
 
  private:
@@ -271,7 +261,7 @@ class Model {
 
   /// Evaluates (9) at a point. \return false where no function reaches it.
   bool see(std::size_t q, Worker& worker, Point& point) const {
-    const double end = (1 + kFade) * options_.cutoff;
+    const double end = (1 + kFade) * cutoff_;
     point.sum = 0;
     point.p.setZero();
     worker.values.clear();
@@ -280,7 +270,7 @@ class Model {
       const Kernel& kernel = worker.kernels[place];
       const double beta = exponent_.value[e] * kernel.factor;
       if (beta >= end) continue;
-      const Fade left = fade(beta, options_.cutoff);
+      const Fade left = fade(beta, cutoff_);
       const double whole = kernel.peak * std::exp(-beta);
       const double r = whole * left.value;
       worker.values.push_back({place, r, (beta - 1) * r - beta * whole * left.slope});
@@ -289,14 +279,14 @@ class Model {
     }
     if (!(point.sum > 0)) return false;
     point.p /= point.sum;
-    point.residual = point.p - f_[q];
-    point.missing = std::max(0.0, least_[q] - point.sum);
+    point.residual = point.p - problem_.target.f[q];
+    point.missing = std::max(0.0, problem_.least[q] - point.sum);
     return true;
   }
 
   /// Sets w_ and change_.
   void unpack(const double* x) {
-    const auto channels = static_cast<std::size_t>(options_.channels);
+    const std::size_t channels = problem_.channels();
     const std::size_t count = state_.basis.size();
     y_.resize(count);
     product_.resize(count);
@@ -331,19 +321,20 @@ class Model {
     const std::size_t count = state_.basis.size();
     for (std::size_t k = 0; k < count; ++k) {
       const double t = state_.t[k] + change_[k];
-      cost += state_.system.lambda * (w_[k] - w_0_[k]).square().sum() + pull_ * t * t;
+      cost +=
+          state_.system.lambda * (w_[k] - problem_.target.w_0[k]).square().sum() + pull_ * t * t;
     }
     if (gradient) set_gradient(x, gradient);
     return std::isfinite(cost);
   }
 
   void set_gradient(const double* x, double* gradient) {
-    const auto channels = static_cast<std::size_t>(options_.channels);
+    const std::size_t channels = problem_.channels();
     const std::size_t count = state_.basis.size();
     w_gradient_.resize(count);
     t_gradient_.resize(count);
     for (std::size_t k = 0; k < count; ++k) {
-      w_gradient_[k] = 2 * state_.system.lambda * (w_[k] - w_0_[k]);
+      w_gradient_[k] = 2 * state_.system.lambda * (w_[k] - problem_.target.w_0[k]);
       t_gradient_[k] = 2 * pull_ * (state_.t[k] + change_[k]);
     }
     for (const Chunk& chunk : chunks_) {
@@ -373,40 +364,46 @@ class Model {
       const std::uint32_t k = chunk.function[exponent_.column[e]];
       const double factor = std::exp(-change[k]);
       const double beta = exponent_.value[e] * factor;
-      if (beta < options_.cutoff) {
+      if (beta < cutoff_) {
         sum += factor * peak_of(state_.basis.function[k]) * std::exp(-beta);
       }
     }
     return sum;
   }
 
-  /// Marks the functions about a point that changed. \return whether there are any.
-  bool mark(const Chunk& chunk, std::size_t q, const Array<double>& change,
-            std::vector<char>& low) const {
+  /// Marks the changed functions about points whose coverage, coverage_of(chunk, q), is below the
+  /// least; empty where there are none.
+  template <class Coverage>
+  std::vector<char> about_lacking(const Array<double>& change, const Coverage& coverage_of) const {
+    std::vector<char> low(change.size(), 0);
     bool any = false;
-    for (std::size_t e = exponent_.row_begin[q]; e < exponent_.row_begin[q + 1]; ++e) {
-      const std::uint32_t k = chunk.function[exponent_.column[e]];
-      if (change[k] == 0) continue;
-      low[k] = 1;
-      any = true;
+    for (const Chunk& chunk : chunks_) {
+      for (std::size_t q = chunk.begin; q < chunk.end; ++q) {
+        if (coverage_of(chunk, q) >= (1 - kCoverageTolerance) * problem_.least[q]) continue;
+        for (std::size_t e = exponent_.row_begin[q]; e < exponent_.row_begin[q + 1]; ++e) {
+          const std::uint32_t k = chunk.function[exponent_.column[e]];
+          if (change[k] == 0) continue;
+          low[k] = 1;
+          any = true;
+        }
+      }
     }
-    return any;
+    if (!any) low.clear();
+    return low;
   }
 
   static void withdraw(const std::vector<char>& low, double keep, Array<double>& change,
                        std::vector<char>& held) {
-    for (std::size_t k = 0; k < change.size(); ++k) {
+    for (std::size_t k = 0; k < low.size(); ++k) {
       if (low[k] == 0) continue;
       change[k] *= keep;
       held[k] = 1;
     }
   }
 
+  const Problem& problem_;
   const State& state_;
-  const Array<Channels>& f_;
-  const Array<Channels>& w_0_;
-  const Array<double>& least_;
-  const VarianceFitOptions& options_;
+  const double cutoff_;
   InverseFactor factor_;
   SparseMatrix exponent_;  ///< beta of the state's variances; columns are places in the chunks.
   std::vector<Chunk> chunks_;
@@ -420,16 +417,17 @@ class Model {
 };
 
 /// A round's outcome: the candidate's state, with the changes that coverage allows.
-State candidate(const SurfelBasis& start, const State& state, const Quadrature& quadrature,
-                Model& model, Array<double> change, std::vector<char>& held, double cutoff) {
+State candidate(const Problem& problem, const State& state, const Model& model,
+                Array<double> change, std::vector<char>& held) {
   State next;
   model.hold_coverage(change, held);
   do {
     next.t = state.t;
     for (std::size_t k = 0; k < change.size(); ++k) next.t[k] += change[k];
-    next.basis = scaled(start, next.t);
+    next.basis = scaled(problem.start, next.t);
     next.system = assemble_render_system(
-        next.basis, quadrature, {.cutoff = cutoff, .minified = 0, .lambda = state.system.lambda});
+        next.basis, problem.quadrature,
+        {.cutoff = problem.options.cutoff, .minified = 0, .lambda = state.system.lambda});
   } while (model.withdraw_uncovered(next.system, change, held));
   return next;
 }
@@ -437,31 +435,31 @@ State candidate(const SurfelBasis& start, const State& state, const Quadrature& 
 }  // namespace
 
 VarianceFitReport refine_variance(
-    SurfelBasis& basis, const Quadrature& quadrature, const Array<Channels>& f,
-    const Array<Channels>& w_0, RenderSystem& system, Array<Channels>& w,
+    RenderSolution& solution, const Quadrature& quadrature, const FitTarget& target,
     FunctionRef<void(const RenderSystem& system, Array<Channels>& w)> solve,
     const VarianceFitOptions& options) {
-  if (system.mu != 0) throw_usage("variances are fitted to systems without a minified term");
+  if (solution.system.mu != 0)
+    throw_usage("variances are fitted to systems without a minified term");
   VarianceFitReport report;
-  const SurfelBasis start = basis;
-  Array<double> least(system.near.coverage.size());
-  for (std::size_t q = 0; q < least.size(); ++q) {
-    least[q] = std::min(options.coverage, static_cast<double>(system.near.coverage[q]));
+  Problem problem{solution.basis, quadrature, target, options, {}};
+  for (const float coverage : solution.system.near.coverage) {
+    problem.least.push_back(std::min(options.coverage, static_cast<double>(coverage)));
   }
-  State state{std::move(basis), std::move(system), std::move(w), Array<double>(start.size(), 0.0)};
-  report.objective_start = objective(state.system, f, w_0, state.w);
+  const SurfelBasis& start = problem.start;
+  State state{std::move(solution), Array<double>(start.size(), 0.0)};
+  report.objective_start = objective(state, target);
   report.objective = report.objective_start;
   std::vector<char> held(start.size(), 0);
   double range = kFirstRange;
   while (report.rounds < kMostRounds && range >= kLeastRange) {
-    Model model(state, quadrature, f, w_0, least, range, options);
+    Model model(problem, state, range);
     std::vector<char> held_now = held;
     const Array<double> change = model.minimise(report);
     ++report.rounds;
-    State next = candidate(start, state, quadrature, model, change, held_now, options.cutoff);
+    State next = candidate(problem, state, model, change, held_now);
     next.w = state.w;
     solve(next.system, next.w);
-    const double reached = objective(next.system, f, w_0, next.w);
+    const double reached = objective(next, target);
     if (!(reached < report.objective)) {
       range /= 2;
       continue;
@@ -480,9 +478,7 @@ VarianceFitReport refine_variance(
     report.sigma_min = std::min(report.sigma_min, ratio);
     report.sigma_max = std::max(report.sigma_max, ratio);
   }
-  basis = std::move(state.basis);
-  system = std::move(state.system);
-  w = std::move(state.w);
+  solution = std::move(state);
   return report;
 }
 

@@ -12,7 +12,6 @@ namespace surfel {
 struct SURFEL_API VarianceFitOptions {
   double cutoff = 1;    ///< c of the renderer: as the system's.
   double coverage = 0;  ///< tau of the renderer, >= 0: no point's coverage may fall below it.
-  int channels = 4;     ///< That count, the first 1..4; the others must be 0.
   std::function<void(double)> progress{};  ///< Called with the share that is done; may be empty.
 };
 
@@ -30,6 +29,13 @@ struct VarianceFitReport {
   std::size_t held = 0;  ///< Functions whose change was cut back for the sake of coverage.
 };
 
+/// A basis, the system that it makes, and the coefficients that solve the system.
+struct RenderSolution {
+  SurfelBasis basis;
+  RenderSystem system;
+  Array<Channels> w;
+};
+
 /// Minimises |A w - f|^2 + lambda |w - w_0|^2 over the coefficients and one factor for the variance
 /// of every function (an ellipse keeps its shape), together. Amplitudes a_k, points and lambda
 /// stay. There is no minified term: B, and what w_0 is filtered with, would change with the
@@ -44,16 +50,15 @@ struct VarianceFitReport {
 /// repeated with half the range for the log-variances. Points at which the kernels' sum would fall
 /// below the smaller of tau and what it was hold the variances of the functions about them.
 ///
-/// \param basis  in: variances to start with; out: those found, as single precision holds them.
-/// \param system  of the basis, with mu = 0 (Error(kUsage) otherwise); out: of the basis found.
-/// \param w  in: the solution of `system`; out: the same.
+/// \param solution  in: with the variances to start with, and mu = 0 (Error(kUsage) otherwise);
+/// out:
+///                  with the variances found, as single precision holds them.
 /// \param solve  sets w to the solution of a system, from w on.
 /// The result does not depend on the number of threads. It takes some 0.5 ms of one core a surfel
 /// (12 points, c = 1), almost all of it to evaluate the model 150 times; an interrupt ends it after
 /// the next of these.
 SURFEL_API VarianceFitReport
-refine_variance(SurfelBasis& basis, const Quadrature& quadrature, const Array<Channels>& f,
-                const Array<Channels>& w_0, RenderSystem& system, Array<Channels>& w,
+refine_variance(RenderSolution& solution, const Quadrature& quadrature, const FitTarget& target,
                 FunctionRef<void(const RenderSystem& system, Array<Channels>& w)> solve,
                 const VarianceFitOptions& options = {});
 

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstddef>
+
+#include <surfel/base/timing.h>
+#include <surfel/scene/surfel_cloud.h>
+#include <surfel/simplify/sheet_clusters.h>
+#include <surfel/simplify/shown_surface.h>
+#include <surfel/simplify/simplify.h>
+
+namespace surfel {
+
+/// A cloud that is to be simplified, and what it shows, which is to be kept.
+struct OriginalCloud {
+  SurfelCloud cloud;   ///< Usable surfels along a Morton curve, with unit normals, or zero ones.
+  Array<float> area;   ///< By surfel: its weight in the errors.
+  ShownSurface shown;  ///< At the cloud's own surfels.
+  double total_area = 0;
+  double unit_deviation = 0;  ///< SimplifyOptions::unit_deviation, or the default.
+  double brightness = 0;      ///< Mean of the colours shown.
+};
+
+/// Surfels that stand for clusters of an original's, and how far what they show is from it.
+struct SimplifiedCloud {
+  SheetClusters clusters;
+  SurfelCloud cloud;  ///< A surfel for each cluster.
+  SimplifyError error;
+  std::size_t uncovered = 0;  ///< SimplifyReport::uncovered.
+};
+
+/// Merges every cluster to a surfel, sizes and fits the surfels, and measures the errors: steps 3
+/// to 5 of simplify_surfels(). The same for any number of threads.
+SimplifiedCloud simplified_cloud(const OriginalCloud& original, SheetClusters clusters,
+                                 const SimplifyOptions& options, StageTimes& times);
+
+}  // namespace surfel
