@@ -20,8 +20,8 @@
 #include <surfel/scene/framing.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
+#include <surfel/sp06/methods.h>
 #include <surfel/store/cloud_loader.h>
-#include <surfel/store/cloud_stream.h>
 #include <surfel/texture/texture_source.h>
 #include <surfel/truth/mesh_renderer.h>
 #include <surfel/truth/reference.h>
@@ -49,6 +49,8 @@ struct Settings {
   Refractions refraction = Refractions::kScene;
   surfel::CameraOptions camera;
   surfel::RenderOptions render;
+  surfel::Method method = surfel::Method::kABuffer;
+  surfel::MethodOptions method_options;
   int turntable = 0;
   bool explain = false;
   Shading shading = Shading::kPhong;
@@ -110,7 +112,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Visibility and coverage");
   using surfel::Method;
   add_choice(
-      app, "--method", s.render.method,
+      app, "--method", s.method,
       {{"abuffer", Method::kABuffer},
        {"deferred", Method::kDeferred},
        {"transparent", Method::kTransparent},
@@ -121,14 +123,14 @@ void declare_options(CLI::App& app, Settings& s) {
       "with all layers blended alike or the nearest interpolated; or one layer after "
       "another, slowly, as a reference");
   using surfel::Voronoi;
-  add_choice(app, "--voronoi", s.render.voronoi,
+  add_choice(app, "--voronoi", s.method_options.voronoi,
              {{"off", Voronoi::kOff},
               {"quantised", Voronoi::kQuantised},
               {"windowed", Voronoi::kWindowed}},
              "Of methods with groups: how fragments of one layer are told, of which the nearest to "
              "its splat's centre stays: not at all, by steps of depth (with seams between them), "
              "or by --depth-epsilon");
-  app.add_option("--peel", s.render.peel, "Of --method depth-peel: most layers, 1..64")
+  app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64")
       ->capture_default_str();
   app.add_option("--layers", s.render.layers,
                  "Fragments per pixel of --method abuffer and deferred, 1..64")
@@ -207,12 +209,11 @@ void declare_options(CLI::App& app, Settings& s) {
 bool wants_levels(const Settings& s) {
   const bool fast = !s.reference && s.mesh.empty() && s.filter != Filter::kEwaSource;
   if (s.lod != Lod::kAuto) return s.lod == Lod::kOn;
-  return fast && s.render.method == surfel::Method::kABuffer && s.filter == Filter::kEwa;
+  return fast && s.method == surfel::Method::kABuffer && s.filter == Filter::kEwa;
 }
 
 bool blends_layers(const Settings& s) {
-  return s.render.method == surfel::Method::kTransparent ||
-         s.render.method == surfel::Method::kTransparentHigh;
+  return s.method == surfel::Method::kTransparent || s.method == surfel::Method::kTransparentHigh;
 }
 
 /// Levels of detail are of the fast renderer and of surfels without groups.
@@ -225,7 +226,7 @@ void check_levels(const CLI::App& app, const Settings& s) {
   refuse(s.reference, "--reference");
   refuse(!s.mesh.empty(), "--mesh");
   refuse(s.filter == Filter::kEwaSource, "--filter ewa-source");
-  refuse(surfel::columns_of(s.render.method).groups, "methods that need groups");
+  refuse(s.render.compositing().columns().groups, "methods that need groups");
   for (const char* option : {"--lod-error", "--progressive"}) {
     if (app.get_option(option)->count() > 0 && !wants_levels(s)) {
       surfel::throw_usage(fmt::format(
@@ -237,6 +238,7 @@ void check_levels(const CLI::App& app, const Settings& s) {
 
 /// Fills in what the library's options hold in other types.
 void finish(Settings& s) {
+  s.render.method = surfel::compositing_method(s.method, s.method_options);
   s.render.lit = s.shading == Shading::kPhong;
   s.texture.charts = false;
   s.render.cull_back = s.cull == Cull::kBack;
@@ -264,7 +266,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
     refuse("--filter ewa-source", {"--kernel", "--kernel-tolerance", "--layers", "--method",
                                    "--voronoi", "--peel", "--explain"});
   }
-  switch (s.render.method) {
+  switch (s.method) {
     case surfel::Method::kABuffer:
       refuse("--method abuffer", {"--voronoi", "--peel"});
       break;
@@ -348,9 +350,7 @@ Paint surfel_painter(const Settings& s, const surfel::RenderOptions& options,
   if (s.filter == Filter::kEwaSource) {
     return paint_slowly(std::make_shared<surfel::SourceEwaRenderer>(surfels, scene, options));
   }
-  const auto renderer = loaded.stream()
-                            ? std::make_shared<surfel::Renderer>(*loaded.stream(), scene, options)
-                            : std::make_shared<surfel::Renderer>(surfels, scene, options);
+  const auto renderer = std::make_shared<surfel::Renderer>(loaded.store(), scene, options);
   return [renderer](const surfel::Camera& camera, surfel::FrameStatistics& statistics,
                     const std::function<void(double)>&) {
     return renderer->render(camera, &statistics);
@@ -454,9 +454,9 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
 std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool,
                                                   const Settings& s) {
   const std::string name = s.input == "-" ? "standard input" : s.input;
-  surfel::CloudLoadOptions options{.columns = surfel::columns_of(s.render.method),
+  surfel::CloudLoadOptions options{.columns = s.render.compositing().columns(),
                                    .memory = s.memory,
-                                   .may_stream = s.render.method == surfel::Method::kABuffer &&
+                                   .may_stream = s.method == surfel::Method::kABuffer &&
                                                  !s.reference && s.filter != Filter::kEwaSource,
                                    .batch = s.render.batch};
   options.columns.levels = wants_levels(s);
@@ -474,7 +474,7 @@ std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool
                     "colours that are not usable numbers)",
                     name, d.total(), d.position, d.variance, d.color));
   }
-  if (loaded->stream() && loaded->surfels().tree().empty()) {
+  if (!loaded->store().resident() && loaded->surfels().tree().empty()) {
     tool.note(fmt::format("{}: more than fits into --memory; read piece by piece for each picture",
                           name));
   }
@@ -488,7 +488,7 @@ void warn(const surfel::tool::Tool& tool, const Settings& s, std::size_t picture
   tool.note(
       fmt::format("picture {}: {} pixels have more than --peel {} layers; what is behind is "
                   "left out",
-                  picture, frame.unpeeled_pixels, s.render.peel));
+                  picture, frame.unpeeled_pixels, s.method_options.peel));
 }
 
 /// What was chosen for a picture, and why.
@@ -499,7 +499,7 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
   const auto say = [&](const std::string& what, const std::string& choice) {
     tool.note(fmt::format("{}: {}", what, choice));
   };
-  say("memory", !loaded.stream()       ? "all surfels are kept"
+  say("memory", loaded.store().resident() ? "all surfels are kept"
                 : cloud.tree().empty() ? "read piece by piece: the surfels are more than --memory"
                                        : "what each picture wants is read from the file");
   if (cloud.tree().empty()) {
@@ -526,10 +526,10 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
   say("normals", o.lit    ? "kept, to shade with"
                  : o.aovs ? "kept, for the picture's channels"
                           : "left out: nothing is shaded");
-  if (cloud.groups() > 0 && surfel::columns_of(o.method).groups) {
+  if (cloud.groups() > 0 && o.compositing().columns().groups) {
     say("groups", fmt::format("{} in the file", cloud.groups()));
   }
-  if (o.method != surfel::Method::kABuffer) return;
+  if (s.method != surfel::Method::kABuffer) return;
   say("layers",
       fmt::format("{} (--layers): {} times two surfaces were merged for want of one, after which "
                   "{:.1e} of the kernels came too late for theirs",
@@ -565,7 +565,7 @@ int main(int argc, char** argv) {
     report["levels"] = surfels && !surfels->tree().empty() ? surfels->tree().front().level + 1 : 1;
     report["dropped"] = surfels ? surfels->dropped().total() : 0;
     report["copies_left_out"] = surfels ? surfels->copies() : 0;
-    report["streamed"] = loaded && loaded->stream();
+    report["streamed"] = loaded && !loaded->store().resident();
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     const std::vector<surfel::Camera> views = cameras(s, extent);
     const std::size_t pictures = views.size() * steps.size();

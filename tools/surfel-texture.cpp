@@ -8,6 +8,7 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/triangle_mesh.h>
+#include <surfel/surface/coverage_threshold.h>
 #include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>

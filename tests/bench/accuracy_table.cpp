@@ -88,7 +88,7 @@ View sphere_view(double spacing, double diameter) {
 /// A cloud framed so that it fills the picture, moved in or away until its spacing is right.
 View framed_view(const std::string& scene, SurfelCloud cloud, double spacing) {
   View view{scene, spacing, "", std::move(cloud), {}};
-  const RenderCloud surfels(view.cloud);
+  RenderCloud surfels(view.cloud);
   double area = 0;
   for (std::size_t i = 0; i < surfels.size(); ++i) area += surfels.area[i];
   const double h = std::sqrt(area / static_cast<double>(surfels.size()));
@@ -131,7 +131,7 @@ void rows(const std::vector<View>& views) {
   for (const double cutoff : {1.0, 2.0, 4.0}) {
     std::array<Psnr, 6> columns;
     for (const View& view : views) {
-      const RenderCloud surfels(view.cloud);
+      RenderCloud surfels(view.cloud);
       RenderOptions options;
       options.lit = false;
       options.layers = 8;
@@ -213,7 +213,7 @@ void convergence(const std::vector<std::string>& mesh_clouds) {
     views.push_back(framed_view("textured mesh", read_cloud(mesh_clouds[1]), 1));
   }
   for (const View& view : views) {
-    const RenderCloud surfels(view.cloud);
+    RenderCloud surfels(view.cloud);
     const Scene scene;
     RenderOptions options;
     options.lit = false;
@@ -258,7 +258,7 @@ void cost() {
   for (const char* kind : {"head", "terrain"}) {
     GenerateOptions generate;
     generate.count = 1000000;
-    const RenderCloud surfels(generate_surfels(procedural_scene(kind, 1), generate));
+    RenderCloud surfels(generate_surfels(procedural_scene(kind, 1), generate));
     const Scene scene;
     CameraOptions camera_options;
     const Camera camera = make_camera(camera_options, surfels.extent());

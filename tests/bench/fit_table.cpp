@@ -126,7 +126,7 @@ double rendered_psnr(const SurfelCloud& cloud, const Camera& camera, double cuto
   RenderOptions options;
   options.lit = false;
   options.cutoff = cutoff;
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   return psnr(Renderer(surfels, scene, options).render(camera), truth);
 }

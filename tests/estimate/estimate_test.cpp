@@ -234,7 +234,7 @@ void count_holes(const Image& image, const std::vector<bool>& sampled, const Cam
 double hole_share_at_own_resolution(const SurfelCloud& cloud, const std::vector<Vec3d>& directions,
                                     const Vec3d& up) {
   PixelCount count;
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   double area = 0;
   for (const float a : cloud.area) area += a;
   const double spacing = std::sqrt(area / static_cast<double>(cloud.size()));

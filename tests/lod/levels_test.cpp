@@ -6,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/scene/framing.h>
+#include <surfel/sp06/methods.h>
 #include <surfel/truth/image_error.h>
 
 #include "render/scenes.h"
@@ -21,7 +22,7 @@ struct Picture {
 Picture render(const SurfelCloud& cloud, const Camera& camera, bool levels,
                RenderOptions options = {}) {
   options.lit = false;
-  const RenderCloud surfels(cloud, {.levels = levels});
+  RenderCloud surfels(cloud, {.levels = levels});
   const Scene scene;
   Picture picture;
   picture.image = Renderer(surfels, scene, options).render(camera, &picture.statistics);
@@ -174,12 +175,14 @@ TEST(Levels, MethodsWithGroupsRefuseThem) {
   cloud.group.assign(cloud.size(), 0);
   const SurfelCloud lod = build_hierarchy(cloud, {});
   RenderOptions options;
-  options.method = Method::kDeferred;
-  RenderColumns needed = columns_of(options.method);
+  options.method = compositing_method(Method::kDeferred);
+  RenderColumns needed = columns_of(Method::kDeferred);
   const Scene scene;
-  EXPECT_NO_THROW(Renderer(RenderCloud(lod, needed), scene, options));
+  RenderCloud finest(lod, needed);
+  EXPECT_NO_THROW(Renderer(finest, scene, options));
   needed.levels = true;
-  EXPECT_THROW(Renderer(RenderCloud(lod, needed), scene, options), Error);
+  RenderCloud levels(lod, needed);
+  EXPECT_THROW(Renderer(levels, scene, options), Error);
 }
 
 TEST(Levels, UnusableSurfelsAreRefused) {

@@ -48,7 +48,7 @@ struct Flight {
 /// Flies from `from` to `to`, looking along `forward`.
 Flight fly(const SurfelCloud& cloud, const Vec3d& from, const Vec3d& to, const Vec3d& forward,
            Kernel kernel = Kernel::kAuto) {
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   RenderOptions options;
   options.lit = false;

@@ -11,7 +11,7 @@ constexpr int kSize = 150;  // Not a multiple of a tile's.
 
 void expect_same_colors(const SurfelCloud& cloud, const Scene& scene, const Camera& camera,
                         RenderOptions options) {
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const auto picture = [&](bool aovs) {
     options.aovs = aovs;
     Renderer renderer(surfels, scene, options);

@@ -1,9 +1,11 @@
 #include <algorithm>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/ewa_kernel.h>
 #include <surfel/scene/framing.h>
+#include <surfel/surface/coverage_threshold.h>
 
 #include "render/scenes.h"
 
@@ -352,6 +354,26 @@ TEST(RenderOptions, DefaultsAreValidAndBadValuesAreRefused) {
   EXPECT_TRUE(refused([](RenderOptions& o) { o.coverage_threshold = 0; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.background[3] = 2; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.batch = 1; }));
+}
+
+TEST(Renderer, ScenesAndCamerasThatCannotBeAreRefused) {
+  RenderCloud surfels(fibonacci_sphere(100, 1));
+  Scene bare;
+  bare.materials.clear();
+  EXPECT_THROW(Renderer(surfels, bare, {}), Error);
+  const Scene scene;
+  Renderer renderer(surfels, scene, {});
+  const Camera good = camera_at(3, 16);
+  EXPECT_NO_THROW(renderer.render(good));
+  std::vector<Camera> bad(7, good);
+  bad[0].width = 0;
+  bad[1].height = Camera::kMostSide + 1;
+  bad[2].eye.x() = NAN;
+  bad[3].camera_from_world(1, 1) = INFINITY;
+  bad[4].focal_x = 0;
+  bad[5].center_y = NAN;
+  bad[6].near = -1;
+  for (const Camera& camera : bad) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

@@ -119,7 +119,7 @@ inline Image render_unlit(const SurfelCloud& cloud, const Camera& camera,
                           RenderOptions options = {}, FrameStatistics* statistics = nullptr) {
   options.lit = false;
   options.aovs = true;
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   Renderer renderer(surfels, scene, options);
   return renderer.render(camera, statistics);

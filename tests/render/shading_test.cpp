@@ -164,7 +164,7 @@ TEST(Shader, WhatKeepsAllLightVanishesInAFurnace) {
 TEST(Renderers, WhatKeepsAllLightVanishesInAFurnace) {
   const Vec3f light(0.5F, 1, 2);
   const SurfelCloud cloud = fibonacci_sphere(400, 0.8);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Camera camera = camera_at(3, 24);
   for (const Material& material : {mirror(), glass(1.5F, 0.1F)}) {
     const Scene scene = scene_of(material, uniform_environment(light));
@@ -187,7 +187,7 @@ TEST(Renderers, WhatKeepsAllLightVanishesInAFurnace) {
 TEST(Renderers, MirrorSphereShowsTheReflectedDirections) {
   constexpr int kSize = 64;
   const SurfelCloud cloud = fibonacci_sphere(8000, 0.9);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene = scene_of(mirror(), direction_environment());
   const Image fast = Renderer(surfels, scene, {}).render(square_camera(kSize));
   const Image truth =
@@ -338,7 +338,7 @@ TEST(Renderers, CountLayersThroughMergedFragments) {
                  {1, 1, 1});
     }
   }
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   for (const int layers : {1, 2, 3, 8}) {
     RenderOptions options;
     options.layers = layers;
@@ -349,7 +349,7 @@ TEST(Renderers, CountLayersThroughMergedFragments) {
 
 TEST(Renderers, EnvironmentsDoNotDependOnThreads) {
   const SurfelCloud cloud = fibonacci_sphere(1000, 0.8);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene = scene_of(glass(1.4F, 0.1F), direction_environment(32));
   set_thread_count(1);
   const Image one = Renderer(surfels, scene, {}).render(camera_at(3, 48));

@@ -29,7 +29,7 @@ SurfelCloud two_spheres() {
 TEST(SimdTarget, EveryInstructionSetGivesTheSamePicture) {
   const SurfelCloud cloud = two_spheres();
   const Camera camera = camera_at(2, 150);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   const auto picture = [&](std::int64_t target) {
     const TargetsForTest chosen(target);

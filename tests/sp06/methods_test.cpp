@@ -9,6 +9,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/render/ewa_kernel.h>
 #include <surfel/sp06/grouping.h>
+#include <surfel/sp06/methods.h>
 
 #include "render/environments.h"
 #include "render/scenes.h"
@@ -28,11 +29,12 @@ bool has_aovs(Method method) {
 
 /// The unlit picture, with AOVs where the method makes them.
 Image render_by(Method method, const SurfelCloud& cloud, const Camera& camera,
-                RenderOptions options = {}, FrameStatistics* statistics = nullptr) {
-  options.method = method;
+                RenderOptions options = {}, FrameStatistics* statistics = nullptr,
+                const MethodOptions& method_options = {}) {
+  options.method = compositing_method(method, method_options);
   options.lit = false;
   options.aovs = has_aovs(method);
-  const RenderCloud surfels(cloud, columns_of(method));
+  RenderCloud surfels(cloud, columns_of(method));
   const Scene scene;
   Renderer renderer(surfels, scene, options);
   return renderer.render(camera, statistics);
@@ -193,14 +195,13 @@ double share_not_voronoi(Voronoi voronoi, Method method) {
   }
   plane.group.assign(plane.size(), 0);
   RenderOptions options;
-  options.voronoi = voronoi;
   options.kernel = Kernel::kAffine;
   options.cutoff = 2;
   const Camera camera = camera_at(2.2, 96);
-  const Image image = render_by(method, plane, camera, options);
+  const Image image = render_by(method, plane, camera, options, nullptr, {.voronoi = voronoi});
   std::vector<EwaKernel> kernels;
   for (std::size_t i = 0; i < plane.size(); ++i) {
-    // As in renderer.cpp: layers that are not interpolated are hardly filtered.
+    // As in methods.cpp: layers that are not interpolated are hardly filtered.
     const double lowpass = method == Method::kDeferred ? 1 : 0.5 / std::sqrt(2 * options.cutoff);
     kernels.push_back(*make_ewa_kernel(in_camera(plane, i, camera), camera, lowpass));
   }
@@ -269,9 +270,8 @@ TEST(Methods, TwoTransparentPlanesMatchTheClosedForm) {
 TEST(Methods, WithoutFragmentCullingLayersAreTooDark) {
   Stack stack = stacked_planes(2);
   stack.cloud = covered(stack.cloud, 4);
-  RenderOptions options;
-  options.voronoi = Voronoi::kOff;
-  const Image image = render_by(Method::kTransparent, stack.cloud, camera_at(2.5, 96), options);
+  const Image image = render_by(Method::kTransparent, stack.cloud, camera_at(2.5, 96), {}, nullptr,
+                                {.voronoi = Voronoi::kOff});
   EXPECT_GT(image.pixel(48, 48)[3], stack.expected.alpha + 0.02F);
 }
 
@@ -289,11 +289,9 @@ TEST(Methods, DepthPeelingMatchesTheExactComposite) {
 
 TEST(Methods, MoreLayersThanPeelAreLeftOutAndReported) {
   const Stack stack = stacked_planes(5);
-  RenderOptions options;
-  options.peel = 2;
   FrameStatistics statistics;
   const Image image =
-      render_by(Method::kDepthPeel, stack.cloud, camera_at(2.5, 96), options, &statistics);
+      render_by(Method::kDepthPeel, stack.cloud, camera_at(2.5, 96), {}, &statistics, {.peel = 2});
   Stack nearest = stacked_planes(2);
   EXPECT_LT(worst_error(image, nearest.expected), kOneInByte);
   EXPECT_EQ(statistics.unpeeled_pixels, 96 * 96);
@@ -361,9 +359,9 @@ Image glass_ball(Method method, const SurfelCloud& cloud) {
   scene.materials = {glass};
   scene.environment = direction_environment(64);
   scene.refraction = Refraction::kMulti;
-  const RenderCloud surfels(cloud, columns_of(method));
+  RenderCloud surfels(cloud, columns_of(method));
   RenderOptions options;
-  options.method = method;
+  options.method = compositing_method(method);
   Renderer renderer(surfels, scene, options);
   return renderer.render(camera_at(4, 64, 35));
 }
@@ -395,9 +393,9 @@ TEST(Methods, GroupsMirrorALampAsOneSurface) {
   scene.materials = {mirror};
   scene.environment = studio;
   const auto brightest = [&](Method method) {
-    const RenderCloud surfels(ball, columns_of(method));
+    RenderCloud surfels(ball, columns_of(method));
     RenderOptions options;
-    options.method = method;
+    options.method = compositing_method(method);
     const Image image = Renderer(surfels, scene, options).render(camera_at(4, 128, 35));
     float most = 0;
     for (int p = 0; p < 128 * 128; ++p) most = std::max(most, image.pixel(p % 128, p / 128)[1]);
@@ -418,7 +416,7 @@ TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
   for (std::size_t i = plain.size(); i < copies.size(); ++i) ++copies.group[i];
   const Camera camera = camera_at(2.2, 64);
   for (const Method method : kMethods) {
-    const RenderCloud surfels(copies, columns_of(method));
+    RenderCloud surfels(copies, columns_of(method));
     const bool blended = method == Method::kTransparent || method == Method::kTransparentHigh;
     EXPECT_EQ(surfels.copies(), blended ? 0 : copies.size() - plain.size());
     EXPECT_EQ(surfels.size() + surfels.copies(), copies.size());
@@ -494,7 +492,7 @@ TEST(Methods, UnusableEnlargedRadiiAreLeftOut) {
     sphere.group.push_back(0);
     sphere.group_radius.push_back(bad);
   }
-  const RenderCloud cloud(sphere, columns_of(Method::kTransparent));
+  RenderCloud cloud(sphere, columns_of(Method::kTransparent));
   EXPECT_EQ(cloud.size(), before);
   EXPECT_EQ(cloud.dropped().variance, 4);
   EXPECT_EQ(render_by(Method::kTransparent, sphere, camera_at(2.2, 64)).data,
@@ -527,10 +525,10 @@ TEST(Methods, WhatCannotBeDrawnIsAnError) {
   // The cloud has groups, but was made without them.
   plane.group.assign(plane.size(), 0);
   EXPECT_EQ(kind([&] {
-              const RenderCloud surfels(plane);
+              RenderCloud surfels(plane);
               const Scene scene;
               RenderOptions options;
-              options.method = Method::kDeferred;
+              options.method = compositing_method(Method::kDeferred);
               const Renderer renderer(surfels, scene, options);
             }),
             ErrorKind::kInput);
@@ -542,12 +540,12 @@ TEST(Methods, WhatCannotBeDrawnIsAnError) {
   }
   RenderOptions options;
   for (const int peel : {0, 65, -3}) {
-    options.peel = peel;
+    options.method = compositing_method(Method::kDepthPeel, {.peel = peel});
     EXPECT_EQ(options.problems().size(), 1);
   }
   options = {};
   options.aovs = true;
-  options.method = Method::kTransparent;
+  options.method = compositing_method(Method::kTransparent);
   EXPECT_EQ(options.problems().size(), 1);
 }
 

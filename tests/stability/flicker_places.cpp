@@ -36,7 +36,7 @@ void add_flights(Place& change, Place& error, const HardScene& scene, double cut
                  Effort effort) {
   const bool table = effort == Effort::kTable;
   const int frames = table ? 60 : 4;
-  const RenderCloud surfels(scene.cloud);
+  RenderCloud surfels(scene.cloud);
   const Scene lights;
   RenderOptions options;
   options.lit = false;

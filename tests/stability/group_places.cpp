@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <surfel/sp06/enlargement.h>
+#include <surfel/sp06/methods.h>
 
 #include "render/scenes.h"
 #include "stability/views.h"
@@ -73,10 +74,9 @@ Place unreachable(Effort) {
 double share_not_nearest(const HardScene& scene, const Camera& camera, Voronoi voronoi) {
   RenderOptions options;
   options.lit = false;
-  options.method = Method::kDeferred;
-  options.voronoi = voronoi;
+  options.method = compositing_method(Method::kDeferred, {.voronoi = voronoi});
   options.kernel = Kernel::kAffine;
-  const RenderCloud surfels(scene.cloud, columns_of(Method::kDeferred));
+  RenderCloud surfels(scene.cloud, columns_of(Method::kDeferred));
   const Scene lights;
   const Image image = Renderer(surfels, lights, options).render(camera);
   std::vector<EwaKernel> kernels;

@@ -21,7 +21,7 @@ Camera case_camera(const CameraOptions& view, Effort effort) {
 
 Image draw(const SurfelCloud& cloud, const Camera& camera, RenderOptions options) {
   options.lit = false;
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   return Renderer(surfels, scene, options).render(camera);
 }
@@ -29,7 +29,7 @@ Image draw(const SurfelCloud& cloud, const Camera& camera, RenderOptions options
 Image draw_reference(const SurfelCloud& cloud, const Camera& camera, Effort effort,
                      RenderOptions options) {
   options.lit = false;
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   const Scene scene;
   const ReferenceOptions reference{.samples = effort == Effort::kTest ? 3 : 8};
   return ReferenceRenderer(surfels, scene, options, reference).render(camera);

@@ -17,6 +17,7 @@
 #include <surfel/sample/generate.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/scene.h>
+#include <surfel/sp06/methods.h>
 #include <surfel/store/cloud_loader.h>
 #include <surfel/store/cloud_stream.h>
 
@@ -80,7 +81,7 @@ void expect_same_as_read_cloud(const SurfelCloud& cloud, const RenderColumns& ne
   const std::string path = folder / "cloud.ply";
   write_cloud(cloud, path);
   const LoadedCloud loaded(path, {.columns = needed, .may_stream = false});
-  EXPECT_EQ(loaded.stream(), nullptr);
+  EXPECT_TRUE(loaded.store().resident());
   expect_equal(loaded.surfels(), RenderCloud(read_cloud(path, {.levels = true}), needed));
   EXPECT_EQ(loaded.has_levels(), !cloud.tree.empty());
 }
@@ -172,7 +173,7 @@ TEST(LoadedCloud, LeavesOutWhatCannotBeDrawn) {
   cloud.area[902] = -kInfinity;
   cloud.normal[1000] = Vec3f(kNan, 0, 0);
   expect_same_as_read_cloud(cloud);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   EXPECT_EQ(surfels.dropped().position, 2U);
   EXPECT_EQ(surfels.dropped().variance, 3U);
   EXPECT_EQ(surfels.dropped().color, 3U);
@@ -275,8 +276,8 @@ TEST_F(StreamedCloud, ReachesAsFarAsItsSurfels) {
   std::iota(order.begin(), order.end(), 0U);
   std::sort(order.begin(), order.end(),
             [](std::uint32_t a, std::uint32_t b) { return random_bits(3, a) < random_bits(3, b); });
-  const RenderCloud surfels(*cloud_);
-  const RenderCloud shuffled(cloud_->gathered(order));
+  RenderCloud surfels(*cloud_);
+  RenderCloud shuffled(cloud_->gathered(order));
   expect_same_extent(surfels.extent(), shuffled.extent());
   for (const Vec3d& along : {Vec3d(1, 2, -3), Vec3d(0, -1, 0)}) {
     for (const double outward : {0.0, 2.5}) {
@@ -293,7 +294,7 @@ TEST_F(StreamedCloud, ReachesAsFarAsItsSurfels) {
 /// A stream of one batch, in bands or not, gives the same bytes as memory does.
 TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
   CloudSource source(*cloud_, "");
-  const RenderCloud whole(*cloud_);
+  RenderCloud whole(*cloud_);
   const Scene scene;
   RenderOptions options;
   options.aovs = true;
@@ -310,23 +311,23 @@ TEST_F(StreamedCloud, GivesTheSamePictureAsMemory) {
 /// Several batches merge fragments in another order, but alike on any number of threads.
 TEST_F(StreamedCloud, DrawsBatchByBatch) {
   const LoadedCloud streamed(path(), {.memory = kLittle});
-  ASSERT_NE(streamed.stream(), nullptr);
-  EXPECT_LT(streamed.stream()->batch_clusters() * RenderCloud::kClusterSize, kCount / 8);
+  ASSERT_FALSE(streamed.store().resident());
+  EXPECT_LT(streamed.store().batch_clusters() * RenderCloud::kClusterSize, kCount / 8);
   const LoadedCloud whole(path(), {});
-  ASSERT_EQ(whole.stream(), nullptr);
+  ASSERT_TRUE(whole.store().resident());
   EXPECT_EQ(streamed.surfels().size(), kCount);
   EXPECT_EQ(streamed.surfels().mean_deviation(), whole.surfels().mean_deviation());
   expect_same_extent(streamed.surfels().extent(), whole.surfels().extent());
   EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 4);
 
   const Scene scene;
-  Renderer renderer(*streamed.stream(), scene, {});
+  Renderer renderer(streamed.store(), scene, {});
   const Camera camera = camera_of(whole.surfels());
   FrameStatistics statistics;
   const Image image = renderer.render(camera, &statistics);
   EXPECT_EQ(statistics.stages.stages()[1].first, "read");
   EXPECT_GT(statistics.splats, kCount / 2);
-  EXPECT_LT(difference(image, picture(Renderer(whole.surfels(), scene, {}), camera)), 0.01);
+  EXPECT_LT(difference(image, picture(Renderer(whole.store(), scene, {}), camera)), 0.01);
   for (const int threads : {1, 3}) {
     set_thread_count(threads);
     EXPECT_TRUE(renderer.render(camera).data == image.data) << threads;
@@ -342,8 +343,8 @@ TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
   const TemporaryFolder folder;
   write_cloud(flawed, folder / "flawed.ply");
   const LoadedCloud streamed(folder / "flawed.ply", {.memory = kLittle});
-  ASSERT_NE(streamed.stream(), nullptr);
-  const RenderCloud whole(flawed);
+  ASSERT_FALSE(streamed.store().resident());
+  RenderCloud whole(flawed);
   EXPECT_EQ(streamed.surfels().size(), whole.size());
   EXPECT_EQ(streamed.surfels().dropped().position, whole.dropped().position);
   EXPECT_EQ(streamed.surfels().dropped().variance, whole.dropped().variance);
@@ -351,7 +352,7 @@ TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
   const Scene scene;
   const Camera camera = camera_of(whole);
   // Clusters are others, so that merged fragments may differ.
-  EXPECT_LT(difference(picture(Renderer(*streamed.stream(), scene, {}), camera),
+  EXPECT_LT(difference(picture(Renderer(streamed.store(), scene, {}), camera),
                        picture(Renderer(whole, scene, {}), camera)),
             0.01);
 }
@@ -371,8 +372,8 @@ TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
   const LoadedCloud streamed(path(), {.memory = kLittle});
   const Scene scene;
   RenderOptions peeled;
-  peeled.method = Method::kDepthPeel;
-  EXPECT_THROW(Renderer(*streamed.stream(), scene, peeled), Error);
+  peeled.method = compositing_method(Method::kDepthPeel);
+  EXPECT_THROW(Renderer(streamed.store(), scene, peeled), Error);
 
   const TemporaryFolder folder;
   SurfelCloud copies = *cloud_;
@@ -430,15 +431,15 @@ TEST_F(StreamedLevels, GiveTheSamePicturesAsMemory) {
       const std::string path = write();
       const LoadedCloud streamed(path, {.columns = levels});
       const LoadedCloud whole(path, {.columns = levels, .may_stream = false});
-      ASSERT_NE(streamed.stream(), nullptr);
-      ASSERT_EQ(whole.stream(), nullptr);
+      ASSERT_FALSE(streamed.store().resident());
+      ASSERT_TRUE(whole.store().resident());
       EXPECT_TRUE(streamed.has_levels());
       EXPECT_EQ(streamed.surfels().transparent(), alpha < 1);
       EXPECT_EQ(whole.surfels().transparent(), alpha < 1);
       EXPECT_EQ(streamed.surfels().size(), whole.surfels().size());
       expect_same_extent(streamed.surfels().extent(), whole.surfels().extent());
-      Renderer from_file(*streamed.stream(), scene, {});
-      Renderer from_memory(whole.surfels(), scene, {});
+      Renderer from_file(streamed.store(), scene, {});
+      Renderer from_memory(whole.store(), scene, {});
       for (const double zoom : {1.0, 8.0, 0.2, 8.0, 1.0}) {
         const Camera camera = view(whole.surfels(), zoom);
         FrameStatistics statistics;
@@ -453,7 +454,7 @@ TEST_F(StreamedLevels, GiveTheSamePicturesAsMemory) {
 /// Bounds are those of the surfels, whatever their clusters: views of both are the same.
 TEST_F(StreamedLevels, HaveTheExtentOfTheirCloud) {
   const LoadedCloud streamed(write(), {.columns = {.levels = true}});
-  const RenderCloud plain(cloud_);
+  RenderCloud plain(cloud_);
   expect_same_extent(streamed.surfels().extent(), plain.extent());
 }
 
@@ -466,14 +467,14 @@ TEST_F(StreamedLevels, FitIntoLittleMemory) {
     const RenderColumns columns{.levels = levels};
     const LoadedCloud streamed(path, {.columns = columns, .memory = kLittle});
     const LoadedCloud whole(path, {.columns = columns, .may_stream = false});
-    ASSERT_NE(streamed.stream(), nullptr);
+    ASSERT_FALSE(streamed.store().resident());
     EXPECT_LT(streamed.surfels().memory_bytes(), whole.surfels().memory_bytes() / 3);
     const Camera camera = view(whole.surfels(), 1);
     RenderOptions options;
     if (levels) options.lod_error = 0.0;  // All of the finest level.
-    Renderer renderer(*streamed.stream(), scene, options);
+    Renderer renderer(streamed.store(), scene, options);
     const Image image = renderer.render(camera);
-    EXPECT_LT(difference(image, picture(Renderer(whole.surfels(), scene, options), camera)), 0.01);
+    EXPECT_LT(difference(image, picture(Renderer(whole.store(), scene, options), camera)), 0.01);
     for (const int threads : {1, 3}) {
       set_thread_count(threads);
       EXPECT_TRUE(renderer.render(camera).data == image.data) << threads;
@@ -494,9 +495,9 @@ TEST_F(StreamedLevels, RefuseSurfelsThatCannotBeDrawn) {
   const Scene scene;
   RenderOptions options;
   EXPECT_NO_THROW(
-      picture(Renderer(*streamed.stream(), scene, options), view(streamed.surfels(), 0.1)));
+      picture(Renderer(streamed.store(), scene, options), view(streamed.surfels(), 0.1)));
   options.lod_error = 0.0;
-  Renderer renderer(*streamed.stream(), scene, options);
+  Renderer renderer(streamed.store(), scene, options);
   for (int i = 0; i < 2; ++i) {
     try {
       renderer.render(view(streamed.surfels(), 1));
@@ -505,6 +506,13 @@ TEST_F(StreamedLevels, RefuseSurfelsThatCannotBeDrawn) {
       EXPECT_NE(std::string(error.what()).find(path), std::string::npos) << error.what();
     }
   }
+}
+
+TEST(CloudStream, RefusesBatchesSmallerThanACluster) {
+  const SurfelCloud cloud = ordered("sphere", 1000);
+  CloudSource source(cloud, "");
+  EXPECT_THROW(CloudStream::make(source, {.batch = RenderCloud::kClusterSize - 1}), Error);
+  EXPECT_NO_THROW(CloudStream::make(source, {.batch = RenderCloud::kClusterSize}));
 }
 
 }  // namespace

@@ -438,7 +438,7 @@ TEST(MeshRenderer, LitAsSurfelsAre) {
   const TextureSet textures = uniform_textures({{0.3F, 0.5F, 0.7F, 1}});
   SurfelCloud cloud = test::jittered_plane(128, 2, 0);
   for (Vec3f& color : cloud.coefficient) color = Vec3f(0.3F, 0.5F, 0.7F);
-  const RenderCloud surfels(cloud);
+  RenderCloud surfels(cloud);
   TriangleMesh mesh;
   add_square(mesh, 0, 0, 1, 2);
   MeshRenderOptions options = unfiltered();

@@ -6,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/framing.h>
+#include <surfel/surface/coverage_threshold.h>
 #include <surfel/truth/source_ewa.h>
 #include <surfel/truth/supersample.h>
 

@@ -5,299 +5,151 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <vector>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/frame.h>
 #include <surfel/render/plain_pixels.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/shading.h>
-#include <surfel/render/splat.h>
 #include <surfel/render/splat_lists.h>
 #include <surfel/render/tile_raster.h>
-#include <surfel/sp06/depth_peel.h>
-#include <surfel/sp06/group_raster.h>
-#include <surfel/sp06/layer_blend.h>
-#include <surfel/store/cloud_stream.h>
+#include <surfel/surface/coverage_threshold.h>
 
 namespace surfel {
 namespace {
 
-/// Standard deviation of the low-pass filter that stands for none, pixels: an edge-on disc keeps a
-/// width.
-constexpr double kNoLowpass = 1e-3;
-/// How far the discs of layers that are not interpolated reach beyond their rim, pixels: as little
-/// as lets every disc meet a pixel's centre.
-constexpr double kLayerReach = 0.5;
-/// Most steps of (6): they and a fraction fit a float.
-constexpr double kMostSteps = 1 << 20;
-
-/// Scratch memory of one worker.
+/// Memory of one thread.
 struct Worker {
+  std::unique_ptr<Compositor::Worker> compositor;
   Array<float> a_buffer;
-  GroupImages images;
-  LayerScratch layers;
-  PeelScratch peel;
-  std::vector<NearestLayer> nearest;
+  std::vector<TileJob> jobs;
   MergeStatistics merges;
-  PeelStatistics peeled;
-  std::uint64_t culled = 0;
 };
 
-/// Of the clusters that a band shows, some that are drawn together: are they the first, the last?
-struct Batch {
-  bool first = true;
-  bool last = true;
+/// A batch of clusters drawn into a frame.
+struct Pass {
+  const Frame& frame;
+  bool first;  ///< No clusters have been drawn into the frame before.
+  bool last;   ///< No clusters will be drawn into the frame after.
+  Image& image;
 };
 
-double lowpass_of(const RenderOptions& options) {
-  return options.filter == Filter::kNone ? kNoLowpass : options.lowpass;
+bool is_opaque(const RenderCloud& cloud, const Scene& scene) {
+  if (cloud.transparent()) return false;
+  if (cloud.material.empty()) return scene.materials.front().opacity >= 1;
+  return std::all_of(scene.materials.begin(), scene.materials.end(),
+                     [](const Material& m) { return m.opacity >= 1; });
 }
 
-bool needs_groups(Method method) {
-  return method == Method::kDeferred || method == Method::kTransparent ||
-         method == Method::kTransparentHigh;
-}
-
-bool blends_layers(Method method) {
-  return method == Method::kTransparent || method == Method::kTransparentHigh;
+Image blank_image(const Camera& camera, bool aovs) {
+  Image image;
+  image.width = camera.width;
+  image.height = camera.height;
+  image.channels = {"R", "G", "B", "A"};
+  if (aovs) {
+    for (const char* name : {"Z", "Z.first", "N.X", "N.Y", "N.Z", "weight"}) {
+      image.channels.emplace_back(name);
+    }
+  }
+  image.data.resize(static_cast<std::size_t>(camera.width) * camera.height * image.channels.size());
+  return image;
 }
 
 }  // namespace
 
-RenderColumns columns_of(Method method) {
-  return {.groups = needs_groups(method),
-          .group_radius = blends_layers(method),
-          .copies = blends_layers(method)};
-}
-
-std::vector<std::string> RenderOptions::problems() const {
-  std::vector<std::string> found;
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
-  check(lowpass >= 0.1 && lowpass <= 16,
-        fmt::format("lowpass is {}; it must be in 0.1..16 pixels", lowpass));
-  check(kernel_tolerance > 0 && kernel_tolerance <= 1e6,
-        fmt::format("kernel-tolerance is {}; it must be in (0, 1e6] pixels", kernel_tolerance));
-  check(kernel != Kernel::kPerspective || filter != Filter::kCircular,
-        "the circular filter has an affine kernel only; leave out --kernel perspective");
-  check(peel >= 1 && peel <= kMostLayers,
-        fmt::format("peel is {}; it must be in 1..{}", peel, kMostLayers));
-  check(!aovs || !blends_layers(method),
-        "depth and normals are not made by the transparent methods; leave them out");
-  check(layers >= 1 && layers <= kMostLayers,
-        fmt::format("layers is {}; it must be in 1..{}", layers, kMostLayers));
-  check(depth_epsilon > 0 && depth_epsilon <= 1e6,
-        fmt::format("depth-epsilon is {}; it must be in (0, 1e6]", depth_epsilon));
-  check(!coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
-        fmt::format("coverage-threshold is {}; it must be in (0, 1e6]",
-                    coverage_threshold.value_or(0)));
-  check(!lod_error || (*lod_error >= 0 && *lod_error <= 1000),
-        fmt::format("lod-error is {}; it must be in 0..1000 pixels", lod_error.value_or(0)));
-  check(batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 27),
-        fmt::format("batch is {}; it must be in 256..2^27", batch));
-  check(std::all_of(background.begin(), background.end(),
-                    [](float v) { return std::isfinite(v) && v >= 0; }) &&
-            background[3] <= 1,
-        "background must be four numbers >= 0, alpha at most 1");
-  return found;
-}
-
 struct Renderer::Impl {
+  ClusterStore& store;
   const RenderCloud& cloud;
-  CloudStream* stream = nullptr;  ///< Where the cloud's columns come from, or null.
   const Scene& scene;
-  RenderOptions options;
-  float full_weight, edge_weight;  ///< See TileABuffer.
-  bool opaque;
-  ABufferLayout layout;
+  const RenderOptions options;
+  std::unique_ptr<Compositor> compositor;
+  TileABuffer blank_tile;  ///< What all tiles have in common, but for the shader.
 
   // Kept from frame to frame: nothing is allocated in a turntable's later frames.
   std::vector<Worker> workers;
-  std::optional<SplatLists> surfaces;  ///< Splats that are interpolated.
-  std::optional<SplatLists> blended;   ///< Splats of layers that are blended.
-  Array<float> a_buffer;               ///< Of all tiles of a band, where it takes several batches.
+  std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
+  Array<float> a_buffer;          ///< Of all tiles of a band, where it takes several batches.
 
-  Impl(const RenderCloud& c, const Scene& s, const RenderOptions& o)
-      : cloud(c), scene(s), options(o) {
+  Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
+      : store(st), cloud(st.cloud()), scene(sc), options(o) {
     for (const std::string& problem : options.problems()) throw_usage(problem);
-    full_weight =
-        static_cast<float>(options.coverage_threshold.value_or(coverage_threshold(options.cutoff)));
-    // Kernels have the volume a_k, of which the part within beta < c is 1 - exp(-c): the mean sum.
-    // Where the pixel filter evens the sums out, all but few are above this.
-    const auto mean = static_cast<float>(1 - std::exp(-options.cutoff));
-    edge_weight = options.coverage_threshold ? full_weight : mean - (mean - full_weight) / 4;
-    opaque = !cloud.transparent();
-    if (!cloud.material.empty()) {
-      for (const Material& m : scene.materials) opaque = opaque && m.opacity >= 1;
-    } else {
-      opaque = opaque && scene.materials.front().opacity >= 1;
-    }
-    layout.layers = layers_of(options);
-    layout.normals = options.lit || options.aovs;
-    layout.opaque = opaque;
-    const bool groups = needs_groups(options.method);
-    if (groups && cloud.size() > 0 && cloud.groups() == 0) {
-      throw_input("", "the surfels have no groups; run surfel-group on them");
-    }
-    if (groups && !cloud.tree().empty()) {
-      throw_usage("levels of detail have no groups; use --lod off with methods that need them");
-    }
-    if (options.method == Method::kDeferred && !opaque) {
+    for (const std::string& problem : scene.problems()) throw_usage(problem);
+    const CompositingMethod& method = options.compositing();
+    if (!store.resident() && method.needs_whole_tiles()) {
       throw_usage(
-          "--method deferred draws the nearest surface alone, and the surfels or their materials "
-          "are transparent; use --method transparent-high");
+          "the method needs all surfels of a tile at once, and the surfels are read from their "
+          "file piece by piece; only the A-buffer draws them so");
     }
-    if (options.method != Method::kTransparent) {
-      surfaces.emplace(
-          cloud, scene, options,
-          SplatListOptions{
-              .normals = layout.normals,
-              .groups = groups,
-              .opaque = opaque,
-              .order = options.method == Method::kABuffer ? DepthOrder::kCoarse : DepthOrder::kFine,
-              .lowpass = lowpass_of(options)});
-    }
-    if (blends_layers(options.method)) {
-      blended.emplace(cloud, scene, options,
-                      SplatListOptions{.normals = layout.normals,
-                                       .groups = true,
-                                       .opaque = opaque,
-                                       .enlarged = !cloud.group_radius.empty(),
-                                       .lowpass = kLayerReach / std::sqrt(2 * options.cutoff)});
+    const bool opaque = is_opaque(cloud, scene);
+    compositor = method.make(cloud, options, opaque);
+    blank_tile.layout = {
+        .layers = compositor->layers(), .normals = options.lit || options.aovs, .opaque = opaque};
+    set_weights();
+    for (const SplatListOptions& list : compositor->lists()) {
+      lists.emplace_back(cloud, scene, options, blank_tile.layout, list);
     }
   }
 
-  static int layers_of(const RenderOptions& options) {
-    switch (options.method) {
-      case Method::kABuffer:
-        break;
-      case Method::kDeferred:
-        // The layers of different groups can be more surfaces than each has, at rims above all.
-        return options.layers == 1 ? 1 : std::min(kMostLayers, 2 * options.layers);
-      case Method::kDepthPeel:
-        return options.peel;
-      case Method::kTransparent:
-      case Method::kTransparentHigh:
-        return 1;
-    }
-    return options.layers;
-  }
-
-  /// The splats of a tile must all be there at once.
-  bool whole_tiles() const { return options.method != Method::kABuffer; }
-  /// Either list has the same blocks.
-  SplatLists& any_lists() { return surfaces ? *surfaces : *blended; }
-
-  LayerRule layer_rule(const Camera& camera) const;
+  void set_weights();
   int band_rows(const Camera& camera, int y0) const;
-  void rasterize(const Camera& camera, const Band& band, const BlockGrid& grid, const Batch& batch,
-                 const Shader& shader, Image& image);
-  void draw_block(const Band& band, const BlockGrid& grid, std::size_t block, const Batch& batch,
-                  const LayerRule& rule, TileABuffer& tile, Image& image, int w);
-  void draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker, int w);
-  void resolve(TileABuffer& tile, const std::vector<BlendedPixel>* behind, Image& image) const;
+  void begin(const Camera& camera);
+  void draw_band(const Camera& camera, const Band& band, const Shader& shader, Image& image,
+                 FrameStatistics& statistics);
+  void draw(const Pass& pass);
+  void draw_block(const Pass& pass, std::size_t block, int w);
+  void draw_tile(TileABuffer& tile, int x, int y, int w);
+  void resolve(TileABuffer& tile, const Compositor::Worker* background, Image& image) const;
+  void finish(FrameStatistics& statistics);
 };
 
-Renderer::Renderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options)
-    : impl_(std::make_unique<Impl>(cloud, scene, options)) {}
-Renderer::Renderer(CloudStream& stream, const Scene& scene, const RenderOptions& options)
-    : impl_(std::make_unique<Impl>(stream.cloud(), scene, options)) {
-  if (impl_->whole_tiles()) {
-    throw_usage(
-        "only --method abuffer draws surfels that do not fit into --memory; the other methods need "
-        "all of a tile at once");
-  }
-  impl_->stream = &stream;
-}
+Renderer::Renderer(ClusterStore& store, const Scene& scene, const RenderOptions& options)
+    : impl_(std::make_unique<Impl>(store, scene, options)) {}
 Renderer::~Renderer() = default;
+
+/// See TileABuffer.
+void Renderer::Impl::set_weights() {
+  const auto full =
+      static_cast<float>(options.coverage_threshold.value_or(coverage_threshold(options.cutoff)));
+  // Kernels have the volume a_k, of which the part within beta < c is 1 - exp(-c): the mean sum.
+  // Where the pixel filter evens the sums out, all but few are above this.
+  const auto mean = static_cast<float>(1 - std::exp(-options.cutoff));
+  blank_tile.full_weight = full;
+  blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
+}
 
 /// Rows of the picture to draw together, from y0 on: all, unless their A-buffers are to be kept and
 /// take too much memory.
 int Renderer::Impl::band_rows(const Camera& camera, int y0) const {
   const int rows = camera.height - y0;
-  if (!stream) return rows;
-  const std::size_t tile_row = layout.size() * sizeof(float) * tiles_along(camera.width);
-  const std::size_t most = std::max<std::size_t>(1, stream->picture_bytes() / tile_row);
-  return static_cast<int>(std::min<std::size_t>(rows, most * kTileSize));
+  const std::size_t tile_row = blank_tile.layout.size() * sizeof(float) * tiles_along(camera.width);
+  const std::size_t most = std::max<std::size_t>(1, store.picture_bytes() / tile_row);
+  return std::min(rows,
+                  static_cast<int>(std::min<std::size_t>(tiles_along(rows), most)) * kTileSize);
 }
 
-/// SP06 (6): n is the least that its text allows, (d_max - d_min) / epsilon, with the footprint of
-/// the mean surfel at the scene's centre for the epsilon that the paper takes as given.
-LayerRule Renderer::Impl::layer_rule(const Camera& camera) const {
-  double nearest = std::numeric_limits<double>::infinity();
-  double farthest = -nearest;
-  for (const Cluster& cluster : cloud.clusters()) {
-    const Vec3d p =
-        camera.camera_from_world * (cloud.origin() - camera.eye + cluster.center.cast<double>());
-    nearest = std::min(nearest, p.z() - cluster.radius - cluster.max_deviation);
-    farthest = std::max(farthest, p.z() + cluster.radius + cluster.max_deviation);
-  }
-  LayerRule rule{.voronoi = options.voronoi, .orthographic = camera.orthographic};
-  if (!camera.orthographic) nearest = std::max(nearest, camera.near);
-  if (!(farthest > nearest)) return rule;
-  const double z = camera.orthographic ? 1 : (nearest + farthest) / 2;
-  const double epsilon = options.epsilon_share() * std::sqrt(2 * options.cutoff) *
-                         (cloud.mean_deviation() + lowpass_of(options) * z / camera.focal_y);
-  const double n = std::clamp(std::ceil((farthest - nearest) / epsilon), 1.0, kMostSteps);
-  rule.nearest = static_cast<float>(nearest);
-  rule.steps_per_unit = static_cast<float>(n / (farthest - nearest));
-  return rule;
+/// Rasterises the splats of a tile of the loaded block.
+void Renderer::Impl::draw_tile(TileABuffer& tile, int x, int y, int w) {
+  Worker& worker = workers[w];
+  worker.jobs.clear();
+  for (SplatLists& list : lists) worker.jobs.push_back(list.job(x, y, w));
+  worker.compositor->draw(worker.jobs, tile);
 }
 
-/// Rasterises the splats of a tile of the loaded block by the method, all of them but in the
-/// A-buffer.
-void Renderer::Impl::draw(TileABuffer& tile, int x, int y, const LayerRule& rule, Worker& worker,
-                          int w) {
-  const auto composite = [&](const TileJob& job) {
-    worker.images.reset(cloud.groups(), options.method == Method::kDeferred ? options.layers : 1);
-    rasterize_groups(job, rule, tile, worker.images);
-    composite_groups(job, worker.images, tile);
-  };
-  const auto blend = [&](const NearestLayer* masked) {
-    worker.culled +=
-        blend_layers(blended->job(x, y, w), rule, cloud.groups(), masked, tile, worker.layers);
-  };
-  switch (options.method) {
-    case Method::kABuffer:
-      rasterize_tile(surfaces->job(x, y, w), tile);
-      break;
-    case Method::kDepthPeel:
-      worker.peeled.add(peel_tile(surfaces->job(x, y, w), worker.peel, tile));
-      break;
-    case Method::kDeferred:
-      composite(surfaces->job(x, y, w));
-      break;
-    case Method::kTransparent:
-      blend(nullptr);
-      break;
-    case Method::kTransparentHigh:
-      composite(surfaces->job(x, y, w));
-      if (tile.shader->has_environment()) filter_normals(tile, worker.layers);
-      worker.nearest.resize(kTilePixels);
-      for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-        worker.nearest[pixel] = nearest_layer(tile, pixel);
-      }
-      blend(worker.nearest.data());
-      break;
-  }
-}
-
-void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>* behind,
+void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
                              Image& image) const {
   const std::array<float, 4>& b = options.background;
-  const Rgba background{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  const Rgba backdrop{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
   std::optional<PlainPixels> plain;
-  if (!options.aovs && !behind && !tile.shader->has_environment()) {
-    plain = resolve_plain_pixels(tile, tile.shader->lighting(), background);
+  if (!options.aovs && !background && !tile.shader->has_environment()) {
+    plain = resolve_plain_pixels(tile, tile.shader->lighting(), backdrop);
   }
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
-  if (!behind && !tile.shader->has_environment()) {
-    nothing = {background.red, background.green, background.blue, background.alpha};
+  if (!background && !tile.shader->has_environment()) {
+    nothing = {backdrop.red, backdrop.green, backdrop.blue, backdrop.alpha};
     if (options.aovs) {
       constexpr float kInfinity = std::numeric_limits<float>::infinity();
       nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
@@ -309,9 +161,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
       return;
     }
     // SP06: I = alpha C_F + (1 - alpha) C_O
-    const Fragment others = behind ? (*behind)[pixel].merged() : Fragment{};
+    const Fragment others = background ? background->behind(pixel) : Fragment{};
     PixelResult result = resolve_pixel(tile, pixel, &others);
-    result.color.composite(background);
+    result.color.composite(backdrop);
     out[0] = result.color.red;
     out[1] = result.color.green;
     out[2] = result.color.blue;
@@ -348,43 +200,49 @@ void Renderer::Impl::resolve(TileABuffer& tile, const std::vector<BlendedPixel>*
 }
 
 /// Sets up the splats that a block has in the batch and draws its tiles, in several parts where
-/// they are very many. `tile` says what is the same for all tiles.
-void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::size_t block,
-                                const Batch& batch, const LayerRule& rule, TileABuffer& tile,
-                                Image& image, int w) {
+/// they are very many.
+void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
+  const auto& [frame, first, last, image] = pass;
+  const Band& band = frame.band;
   Worker& worker = workers[w];
-  const std::size_t clusters = any_lists().clusters(block);
-  if (clusters == 0 && !batch.first && !batch.last) return;
-  const std::size_t part = whole_tiles() ? std::max<std::size_t>(1, clusters)
-                                         : options.batch / RenderCloud::kClusterSize;
-  const int first_x = grid.first_tile_x(block);
-  const int first_y = grid.first_tile_y(block);
-  const int tiles_x = std::min(1 << grid.shift, band.tiles_x - first_x);
-  const int tiles_y = std::min(1 << grid.shift, band.tiles_y - first_y);
+  const std::size_t clusters = lists.front().clusters(block);
+  if (clusters == 0 && !first && !last) return;
+  const std::size_t part = options.compositing().needs_whole_tiles()
+                               ? std::max<std::size_t>(1, clusters)
+                               : options.batch / RenderCloud::kClusterSize;
+  const int first_x = frame.grid.first_tile_x(block);
+  const int first_y = frame.grid.first_tile_y(block);
+  const int tiles_x = std::min(1 << frame.grid.shift, band.tiles_x - first_x);
+  const int tiles_y = std::min(1 << frame.grid.shift, band.tiles_y - first_y);
+  TileABuffer tile = blank_tile;
+  tile.shader = &frame.shader;
   // A-buffers stay from batch to batch, or from part to part; else one serves all tiles.
-  const bool batches = !(batch.first && batch.last);
+  const std::size_t size = tile.layout.size();
+  const bool batches = !(first && last);
   const bool parts = clusters > part;
-  if (!batches) worker.a_buffer.resize(layout.size() * (parts ? tiles_x * tiles_y : 1));
+  if (!batches) worker.a_buffer.resize(size * (parts ? tiles_x * tiles_y : 1));
   const auto buffer = [&](int x, int y) {
-    if (batches) return a_buffer.data() + layout.size() * band.tile(first_x + x, first_y + y);
-    return worker.a_buffer.data() + layout.size() * (parts ? y * tiles_x + x : 0);
+    if (batches) return a_buffer.data() + size * band.tile(first_x + x, first_y + y);
+    return worker.a_buffer.data() + size * (parts ? y * tiles_x + x : 0);
   };
   for (std::size_t begin = 0; begin == 0 || begin < clusters; begin += part) {
     const std::size_t end = std::min(begin + part, clusters);
-    if (surfaces) surfaces->load(block, begin, end, w);
-    if (blended) blended->load(block, 0, blended->clusters(block), w);
+    lists.front().load(block, begin, end, w);
+    for (SplatLists& other : std::span(lists).subspan(1)) {
+      other.load(block, 0, other.clusters(block), w);
+    }
     for (int y = 0; y < tiles_y; ++y) {
       for (int x = 0; x < tiles_x; ++x) {
         tile.data = buffer(x, y);
-        if (batch.first && begin == 0) std::fill_n(tile.data, layout.size(), 0.0F);
+        if (first && begin == 0) std::fill_n(tile.data, size, 0.0F);
         tile.x0 = (first_x + x) * kTileSize;
         tile.y0 = band.y0 + (first_y + y) * kTileSize;
         tile.width = std::min(kTileSize, image.width - tile.x0);
         tile.height = std::min(kTileSize, band.y1 - tile.y0);
         tile.merges = {};
-        draw(tile, x, y, rule, worker, w);
-        if (batch.last && end == clusters) {
-          resolve(tile, blended ? &worker.layers.pixels : nullptr, image);
+        draw_tile(tile, x, y, w);
+        if (last && end == clusters) {
+          resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr, image);
         }
         worker.merges.add(tile.merges);
       }
@@ -392,104 +250,94 @@ void Renderer::Impl::draw_block(const Band& band, const BlockGrid& grid, std::si
   }
 }
 
-void Renderer::Impl::rasterize(const Camera& camera, const Band& band, const BlockGrid& grid,
-                               const Batch& batch, const Shader& shader, Image& image) {
-  if (batch.first && !batch.last) a_buffer.resize(layout.size() * band.tiles());
-  const LayerRule rule = needs_groups(options.method) ? layer_rule(camera) : LayerRule{};
-  // Those with most to do first, so that none is left to one thread at the end.
-  std::vector<std::size_t> blocks(grid.blocks());
+void Renderer::Impl::draw(const Pass& pass) {
+  const Frame& frame = pass.frame;
+  if (pass.first && !pass.last) a_buffer.resize(blank_tile.layout.size() * frame.band.tiles());
+  // The blocks with most to do come first, so that none is left to one thread at the end.
+  std::vector<std::size_t> blocks(frame.grid.blocks());
   std::iota(blocks.begin(), blocks.end(), std::size_t{0});
   std::stable_sort(blocks.begin(), blocks.end(), [&](std::size_t a, std::size_t b) {
-    return any_lists().clusters(a) > any_lists().clusters(b);
+    return lists.front().clusters(a) > lists.front().clusters(b);
   });
-  parallel_for(blocks.size(), 1, [&](std::size_t i, std::size_t, int w) {
-    const std::size_t block = blocks[i];
-    TileABuffer tile;
-    tile.layout = layout;
-    tile.full_weight = full_weight;
-    tile.edge_weight = edge_weight;
-    tile.shader = &shader;
-    draw_block(band, grid, block, batch, rule, tile, image, w);
-  });
+  parallel_for(blocks.size(), 1,
+               [&](std::size_t i, std::size_t, int w) { draw_block(pass, blocks[i], w); });
+}
+
+void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Shader& shader,
+                               Image& image, FrameStatistics& statistics) {
+  StageTimes& stages = statistics.stages;
+  Timer timer;
+  std::vector<std::vector<VisibleCluster>> seen;
+  std::size_t most = 0;
+  for (SplatLists& list : lists) {
+    seen.push_back(list.cull(camera, band));
+    most = std::max(most, seen.back().size());
+  }
+  statistics.clusters += most;
+  const Frame frame{camera, shader, band, BlockGrid(band, most * RenderCloud::kClusterSize)};
+  stages.add("cull", timer.milliseconds());
+  const std::span<VisibleCluster> clusters = seen.front();
+  const std::size_t size =
+      std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
+  for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
+    const std::span<VisibleCluster> rest = clusters.subspan(begin);
+    const std::span<VisibleCluster> batch = rest.first(std::min(size, rest.size()));
+    const std::span<VisibleCluster> next = rest.subspan(batch.size());
+    timer.restart();
+    store.fetch(batch);
+    store.expect(next.first(std::min(size, next.size())));
+    if (!store.resident()) stages.add("read", timer.milliseconds());
+    timer.restart();
+    lists.front().bin(frame, batch);
+    for (std::size_t i = 1; i < lists.size(); ++i) lists[i].bin(frame, seen[i]);
+    stages.add("cull", timer.milliseconds());
+    timer.restart();
+    draw({frame, begin == 0, begin + batch.size() == clusters.size(), image});
+    stages.add("raster", timer.milliseconds());
+  }
+}
+
+/// Makes workers ready for a picture.
+void Renderer::Impl::begin(const Camera& camera) {
+  compositor->begin(camera);
+  workers.resize(std::max<std::size_t>(workers.size(), thread_count()));
+  for (Worker& worker : workers) {
+    worker.merges = {};
+    if (!worker.compositor) worker.compositor = compositor->make_worker();
+  }
+}
+
+/// Sums up what the workers counted.
+void Renderer::Impl::finish(FrameStatistics& statistics) {
+  MergeStatistics merges;
+  for (Worker& worker : workers) {
+    merges.add(worker.merges);
+    worker.compositor->take_statistics(statistics);
+  }
+  for (SplatLists& list : lists) {
+    statistics.splats += list.take_splat_count();
+    statistics.exact_splats += list.take_exact_count();
+  }
+  statistics.merged = merges.merged;
+  const double all = merges.total_weight + merges.late_weight;
+  statistics.late_weight_share = all > 0 ? merges.late_weight / all : 0;
+  statistics.groups = cloud.groups();
 }
 
 Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
+  for (const std::string& problem : camera.problems()) throw_usage(problem);
   Impl& r = *impl_;
   FrameStatistics stats;
   const Timer whole;
-  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, lowpass_of(r.options));
-  r.workers.resize(std::max<std::size_t>(r.workers.size(), thread_count()));
-  for (Worker& worker : r.workers) {
-    worker.merges = {};
-    worker.peeled = {};
-    worker.culled = 0;
-  }
-
-  Image image;
-  image.width = camera.width;
-  image.height = camera.height;
-  image.channels = {"R", "G", "B", "A"};
-  if (r.options.aovs) {
-    for (const char* name : {"Z", "Z.first", "N.X", "N.Y", "N.Z", "weight"}) {
-      image.channels.emplace_back(name);
-    }
-  }
-  image.data.resize(static_cast<std::size_t>(camera.width) * camera.height * image.channels.size());
-
+  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, r.options.filter_deviation());
+  r.begin(camera);
+  Image image = blank_image(camera, r.options.aovs);
   for (int y0 = 0; y0 < camera.height;) {
-    Timer timer;
     const Band band(camera, y0, y0 + r.band_rows(camera, y0));
     y0 = band.y1;
-    std::vector<VisibleCluster> clusters;
-    std::vector<VisibleCluster> blended;
-    if (r.surfaces) clusters = r.surfaces->cull(camera, band);
-    if (r.blended) blended = r.blended->cull(camera, band);
-    const std::size_t seen = std::max(clusters.size(), blended.size());
-    stats.clusters += seen;
-    const BlockGrid grid(band, seen * RenderCloud::kClusterSize);
-    stats.stages.add("cull", timer.milliseconds());
-    // All clusters at once, unless they have to be fetched.
-    const std::size_t size =
-        r.stream ? r.stream->batch_clusters() : std::max<std::size_t>(1, clusters.size());
-    for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
-      const std::span<VisibleCluster> rest = std::span(clusters).subspan(begin);
-      const auto batch = rest.first(std::min(size, rest.size()));
-      if (r.stream) {
-        timer.restart();
-        const auto next = rest.subspan(batch.size());
-        r.stream->fetch(batch);
-        r.stream->expect(next.first(std::min(size, next.size())));
-        stats.stages.add("read", timer.milliseconds());
-      }
-      timer.restart();
-      if (r.surfaces) r.surfaces->bin(camera, band, grid, batch);
-      if (r.blended) r.blended->bin(camera, band, grid, blended);
-      stats.stages.add("cull", timer.milliseconds());
-      timer.restart();
-      r.rasterize(camera, band, grid,
-                  {.first = begin == 0, .last = begin + batch.size() == clusters.size()}, shader,
-                  image);
-      stats.stages.add("raster", timer.milliseconds());
-    }
+    r.draw_band(camera, band, shader, image, stats);
   }
-  MergeStatistics merges;
-  PeelStatistics peeled;
-  for (const Worker& worker : r.workers) {
-    merges.add(worker.merges);
-    peeled.add(worker.peeled);
-    stats.culled += worker.culled;
-  }
-  for (std::optional<SplatLists>* lists : {&r.surfaces, &r.blended}) {
-    if (!*lists) continue;
-    stats.splats += (*lists)->take_splat_count();
-    stats.exact_splats += (*lists)->take_exact_count();
-  }
-  stats.merged = merges.merged;
-  const double all = merges.total_weight + merges.late_weight;
-  stats.late_weight_share = all > 0 ? merges.late_weight / all : 0;
-  stats.groups = r.cloud.groups();
-  stats.peeled_layers = peeled.layers;
-  stats.unpeeled_pixels = peeled.unpeeled_pixels;
+  r.finish(stats);
   stats.milliseconds = whole.milliseconds();
   if (statistics) *statistics = stats;
   return image;

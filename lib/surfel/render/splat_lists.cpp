@@ -44,8 +44,9 @@ BlockGrid::BlockGrid(const Band& band, std::size_t surfels) {
 }
 
 SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
-                       const SplatListOptions& lists)
-    : cloud_(cloud), scene_(scene), options_(options), lists_(lists) {
+                       const ABufferLayout& layout, const SplatListOptions& lists)
+    : cloud_(cloud), scene_(scene), options_(options), layout_(layout), lists_(lists) {
+  lists_.enlarged = lists.enlarged && !cloud.group_radius.empty();
   if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
 }
 
@@ -273,7 +274,7 @@ float SplatLists::covering_deviation(const Cluster& cluster, std::size_t surfel)
 /// Surfel in camera space, in double; an unknown normal looks at the eye.
 SurfelInCamera SplatLists::in_camera(const Cluster& cluster, std::size_t surfel) const {
   SurfelInCamera s;
-  const Camera& camera = *camera_;
+  const Camera& camera = frame_->camera;
   const Eigen::Matrix3d& rotation = camera.camera_from_world;
   s.position = rotation * (cloud_.origin() - camera.eye +
                            Vec3d(cloud_.x[surfel], cloud_.y[surfel], cloud_.z[surfel]));
@@ -304,7 +305,7 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
   // costs less than to move it as it grows.
   const std::size_t all = std::min(most, kFirstSplats);
   grow(worker.splats, worker.count, all);
-  if (lists_.normals) grow(worker.normals, worker.count, all);
+  if (layout_.normals) grow(worker.normals, worker.count, all);
   if (lists_.groups) grow(worker.groups, worker.count, all);
   if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count, all);
   for (TileList& list : worker.tiles) {
@@ -321,14 +322,14 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
     splats[i].tag |= std::uint32_t{cloud_.material[surfels[i]]} << kMaterialShift;
   }
-  for (std::size_t i = 0; i < count && !lists_.opaque; ++i) {
+  for (std::size_t i = 0; i < count && !layout_.opaque; ++i) {
     const std::size_t material = splats[i].tag >> kMaterialShift;
     const float opacity = scene_.materials[std::min(material, scene_.materials.size() - 1)].opacity;
     for (float* channel : {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
       *channel *= opacity;
     }
   }
-  if (lists_.normals) {
+  if (layout_.normals) {
     SplatNormal* const normals = worker.normals.data() + begin;
     const float* const x = cloud_.normal_x.data();
     const float* const y = cloud_.normal_y.data();
@@ -343,7 +344,7 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
     const auto put = [&](int x, int y) {
-      TileList& list = tiles[(y << grid_.shift) + x];
+      TileList& list = tiles[(y << frame_->grid.shift) + x];
       list.splats[list.count] = static_cast<std::uint32_t>(begin + i);
       list.depths[list.count++] = splats[i].depth;
     };
@@ -362,14 +363,13 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   }
 }
 
-void SplatLists::bin(const Camera& camera, const Band& band, const BlockGrid& grid,
-                     std::span<VisibleCluster> clusters) {
-  camera_ = &camera;
-  view_ = view(camera, band);
-  grid_ = grid;
+void SplatLists::bin(const Frame& frame, std::span<VisibleCluster> clusters) {
+  frame_ = &frame;
+  view_ = view(frame.camera, frame.band);
+  const BlockGrid& grid = frame.grid;
   constexpr std::size_t kGrain = 256;
   parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) bound(band, clusters[i]);
+    for (std::size_t i = begin; i < end; ++i) bound(frame.band, clusters[i]);
   });
   clusters_ = clusters.data();
   workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
@@ -412,14 +412,14 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
         "use --method abuffer");
   }
   SplatView view = view_;
-  const int tile_x = grid_.first_tile_x(block);
-  const int tile_y = grid_.first_tile_y(block);
+  const int tile_x = frame_->grid.first_tile_x(block);
+  const int tile_y = frame_->grid.first_tile_y(block);
   view.first_column = tile_x == 0;
   view.first_row = tile_y == 0;
   view.clip_x0 = static_cast<float>(tile_x * kTileSize);
   view.clip_y0 = view_.clip_y0 + static_cast<float>(tile_y * kTileSize);
-  view.clip_x1 = std::min(view_.clip_x1, view.clip_x0 + static_cast<float>(grid_.size()));
-  view.clip_y1 = std::min(view_.clip_y1, view.clip_y0 + static_cast<float>(grid_.size()));
+  view.clip_x1 = std::min(view_.clip_x1, view.clip_x0 + static_cast<float>(frame_->grid.size()));
+  view.clip_y1 = std::min(view_.clip_y1, view.clip_y0 + static_cast<float>(frame_->grid.size()));
   const ExactKernelView exact_view{.cutoff = options_.cutoff,
                                    .lowpass = lists_.lowpass,
                                    .x0 = view.clip_x0,
@@ -429,7 +429,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
                                    .first_column = view.first_column,
                                    .first_row = view.first_row};
   w.count = 0;
-  w.tiles.resize(std::size_t{1} << 2 * grid_.shift);
+  w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
   for (TileList& list : w.tiles) list.count = 0;
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
@@ -456,7 +456,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     for (int v = 0; v < set_up.exact_count; ++v) {
       const std::size_t surfel = i + static_cast<std::size_t>(set_up.exact[v]);
       const std::optional<ExactKernel> kernel =
-          make_exact_kernel(in_camera(cluster, surfel), *camera_, exact_view);
+          make_exact_kernel(in_camera(cluster, surfel), frame_->camera, exact_view);
       if (!kernel) continue;
       w.exact[w.count] = kernel->exact;
       surfels[w.count - first] = static_cast<std::uint32_t>(surfel);
@@ -475,12 +475,12 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
 
 TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
-  const TileList& list = w.tiles[(y << grid_.shift) + x];
+  const TileList& list = w.tiles[(y << frame_->grid.shift) + x];
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
   return {.splats = w.splats.data(),
-          .normals = lists_.normals ? w.normals.data() : nullptr,
+          .normals = layout_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),
           .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
@@ -490,7 +490,7 @@ TileJob SplatLists::job(int x, int y, int worker) {
           .cutoff = view_.cutoff,
           .lowpass2 = view_.lowpass2,
           .depth_epsilon = static_cast<float>(options_.epsilon_share()),
-          .opaque = lists_.opaque};
+          .opaque = layout_.opaque};
 }
 
 std::size_t SplatLists::take_splat_count() {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -22,6 +23,11 @@ struct Camera {
   double center_y = 256;
   bool orthographic = false;
   double near = 0;  ///< Nothing nearer along z is drawn; scene units, >= 0.
+
+  static constexpr int kMostSide = 65536;  ///< Pixels: places in a picture fit 32 bits.
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
 /// Row-major 4x4 world-to-camera matrix.

@@ -41,8 +41,8 @@ std::vector<std::string> CameraOptions::problems() const {
   check(fov > 0 && fov < 180, fmt::format("fov is {}; it must be in (0, 180) degrees", fov));
   check(!ortho || (*ortho > 0 && std::isfinite(*ortho)),
         fmt::format("ortho is {}; it must be a positive height", ortho.value_or(0)));
-  check(width >= 1 && width <= 65536 && height >= 1 && height <= 65536,
-        fmt::format("size is {}x{}; each side must be in 1..65536", width, height));
+  check(width >= 1 && width <= Camera::kMostSide && height >= 1 && height <= Camera::kMostSide,
+        fmt::format("size is {}x{}; each side must be in 1..{}", width, height, Camera::kMostSide));
   check(near >= 0 && std::isfinite(near), fmt::format("near is {}; it must be >= 0", near));
   check(up.allFinite() && up.norm() > 0, "up must be a finite direction, not zero");
   check(zoom > 0 && std::isfinite(zoom), fmt::format("zoom is {}; it must be > 0", zoom));

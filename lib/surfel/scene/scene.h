@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/scene/light.h>
 #include <surfel/scene/material.h>
@@ -40,6 +41,9 @@ struct Scene {
   std::vector<Light> lights{Light{Light::Type::kHeadlight, {0.3, 0.4, 1}, {0.75F, 0.75F, 0.75F}}};
   std::optional<Environment> environment{};
   Refraction refraction = Refraction::kMulti;
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
 }  // namespace surfel

@@ -7,19 +7,11 @@
 
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
-#include <surfel/render/renderer.h>
 #include <surfel/render/splat.h>
 #include <surfel/render/tile_raster.h>
+#include <surfel/sp06/layer_rule.h>
 
 namespace surfel {
-
-/// Which fragments of a group lie in the same layer, for one frame.
-struct LayerRule {
-  Voronoi voronoi = Voronoi::kWindowed;
-  bool orthographic = false;
-  float nearest = 0;         ///< d_min of SP06 (6): least z of the scene.
-  float steps_per_unit = 1;  ///< n / (d_max - d_min) there.
-};
 
 /// The images I_k of a tile, one for each group: of every pixel the one fragment that won (SP06
 /// (4)). As nothing is interpolated, a fragment names its splat instead of keeping its attributes.

@@ -199,7 +199,10 @@ LoadedCloud::~LoadedCloud() = default;
 const RenderCloud& LoadedCloud::surfels() const {
   return impl_->stream ? impl_->stream->cloud() : *impl_->surfels;
 }
-CloudStream* LoadedCloud::stream() const { return impl_->stream.get(); }
+ClusterStore& LoadedCloud::store() const {
+  if (impl_->stream) return *impl_->stream;
+  return *impl_->surfels;
+}
 std::optional<double> LoadedCloud::basis_cutoff() const { return impl_->basis_cutoff; }
 bool LoadedCloud::has_levels() const { return impl_->has_levels; }
 

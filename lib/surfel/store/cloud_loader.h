@@ -10,8 +10,6 @@
 
 namespace surfel {
 
-class CloudStream;
-
 struct CloudLoadOptions {
   RenderColumns columns = {};  ///< Of the method.
   /// Bytes that the surfels and what is made of them for a picture may take; more surfels stay in
@@ -40,8 +38,8 @@ class SURFEL_API LoadedCloud {
   LoadedCloud& operator=(const LoadedCloud&) = delete;
 
   const RenderCloud& surfels() const;
-  /// Null if all surfels are in memory.
-  CloudStream* stream() const;
+  /// What pictures are drawn from: the surfels in memory, or a stream of the file.
+  ClusterStore& store() const;
   /// The file has levels of detail, whether they were asked for or not.
   bool has_levels() const;
   /// SurfelCloud::basis_cutoff.

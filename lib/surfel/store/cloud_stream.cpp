@@ -4,6 +4,7 @@
 #include <limits>
 #include <utility>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/store/cloud_stream.h>
@@ -21,6 +22,17 @@ constexpr double kLoosest = 2;
 constexpr std::size_t kLongestExpected = 4096;
 
 }  // namespace
+
+std::vector<std::string> CloudStreamOptions::problems() const {
+  if (batch >= RenderCloud::kClusterSize) return {};
+  return {fmt::format("batch is {}; it must be >= {}", batch, RenderCloud::kClusterSize)};
+}
+
+CloudStream::CloudStream(SurfelSource& source, const CloudStreamOptions& options,
+                         const std::string& name)
+    : source_(source), options_(options), name_(name) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+}
 
 std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source,
                                                const CloudStreamOptions& options) {

@@ -14,17 +14,20 @@
 namespace surfel {
 
 struct CloudStreamOptions {
-  std::size_t batch = std::size_t{1} << 20;  ///< Most surfels fetched at once, 256 at least.
+  std::size_t batch = std::size_t{1} << 20;  ///< Most surfels fetched at once, >= 256.
   /// What a picture's A-buffer may take while its surfels are fetched; larger pictures are made in
   /// bands, for each of which what it sees is read.
   std::size_t picture_bytes = std::size_t{1} << 28;
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
 /// A cloud that stays in its file. One pass over the file bounds the clusters, 256 consecutive
 /// surfels each, unless it brings them, as levels of detail do; a picture then fetches the clusters
 /// that it sees, nearest first, a batch at a time, but for those that it still has from the
 /// pictures before. Memory is that of the bounds, 120 bytes a cluster, and of a batch.
-class SURFEL_API CloudStream {
+class SURFEL_API CloudStream final : public ClusterStore {
  public:
   /// Keeps a reference to the source. Null if consecutive surfels do not lie close together, and so
   /// are no clusters. Those along a Morton curve, as morton_order() has them, are the same clusters
@@ -39,16 +42,16 @@ class SURFEL_API CloudStream {
 
   /// Its clusters are all there; its columns hold the clusters fetched last, where their begin and
   /// end say, and as many others as there is room for.
-  const RenderCloud& cloud() const { return cloud_; }
+  const RenderCloud& cloud() const override { return cloud_; }
 
-  /// Clusters that are fetched at once, at most.
-  std::size_t batch_clusters() const { return options_.batch / RenderCloud::kClusterSize; }
-  std::size_t picture_bytes() const { return options_.picture_bytes; }
+  bool resident() const override { return false; }
+  std::size_t batch_clusters() const override { return options_.batch / RenderCloud::kClusterSize; }
+  std::size_t picture_bytes() const override { return options_.picture_bytes; }
 
   /// Reads the columns of those of these clusters, a batch at most, that are not there.
-  void fetch(std::span<const VisibleCluster> clusters);
+  void fetch(std::span<const VisibleCluster> clusters) override;
   /// Tells that these clusters will be fetched next: the system reads them ahead.
-  void expect(std::span<const VisibleCluster> clusters) const;
+  void expect(std::span<const VisibleCluster> clusters) const override;
 
  private:
   /// Consecutive clusters, whose surfels follow one another in the file.
@@ -60,8 +63,7 @@ class SURFEL_API CloudStream {
   std::vector<Run> runs(const std::vector<std::uint32_t>& clusters, std::size_t longest) const;
   void make_room(std::span<const VisibleCluster> clusters,
                  const std::vector<std::uint32_t>& missing);
-  CloudStream(SurfelSource& source, const CloudStreamOptions& options, const std::string& name)
-      : source_(source), options_(options), name_(name) {}
+  CloudStream(SurfelSource& source, const CloudStreamOptions& options, const std::string& name);
   const RenderCloud& read(std::size_t begin, std::size_t end, RenderCloud& rows) const;
   bool make_index();
   bool finest_transparent(std::size_t first) const;

@@ -11,6 +11,7 @@
 #include <surfel/scene/framing.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
+#include <surfel/store/cluster_store.h>
 #include <surfel/store/surfel_source.h>
 
 namespace surfel {
@@ -22,14 +23,6 @@ struct Cluster : ClusterBounds {
   Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels at `center`.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   bool merged = false;         ///< The surfels stand for those of a finer level.
-};
-
-/// Cluster seen by the camera.
-struct VisibleCluster {
-  float nearest;  ///< Least z of its surfels' bounding sphere.
-  std::uint32_t index;
-  /// Tiles of the band that its splats may touch, last included; of bin().
-  std::uint16_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };
 
 /// Optional columns of a RenderCloud: most pictures do without.
@@ -48,7 +41,7 @@ struct RenderColumns {
 /// once, rendered from any number of cameras. Does not depend on the order of the surfels in the
 /// cloud, but for which of several copies stays. A cloud with levels of detail keeps its order and
 /// its clusters.
-class SURFEL_API RenderCloud {
+class SURFEL_API RenderCloud final : public ClusterStore {
  public:
   static constexpr std::uint32_t kClusterSize = kClusterSurfels;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
@@ -73,6 +66,7 @@ class SURFEL_API RenderCloud {
   RenderCloud(const SurfelSource& source, const ClusterTree& tree, const RenderColumns& needed,
               const std::string& name);
 
+  const RenderCloud& cloud() const override { return *this; }
   std::size_t size() const { return size_; }
   /// Of all levels of detail, parallel to tree(), if that is not empty.
   const std::vector<Cluster>& clusters() const { return clusters_; }

@@ -9,6 +9,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/shading.h>
+#include <surfel/surface/coverage_threshold.h>
 #include <surfel/truth/ray_surfaces.h>
 #include <surfel/truth/reference.h>
 #include <surfel/truth/supersample.h>

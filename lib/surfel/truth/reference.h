@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/render/renderer.h>
+#include <surfel/render/render_options.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>

@@ -1,0 +1,45 @@
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/compositor.h>
+#include <surfel/render/tile_raster.h>
+
+namespace surfel {
+namespace {
+
+class ABufferCompositor final : public Compositor {
+ public:
+  explicit ABufferCompositor(const RenderOptions& options) : options_(options) {}
+
+  std::vector<SplatListOptions> lists() const override {
+    return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
+  }
+  int layers() const override { return options_.layers; }
+  std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
+
+ private:
+  struct TileWorker final : Worker {
+    void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      rasterize_tile(jobs.front(), tile);
+    }
+  };
+  const RenderOptions& options_;
+};
+
+class ABufferMethod final : public CompositingMethod {
+ public:
+  bool needs_whole_tiles() const override { return false; }
+  std::unique_ptr<Compositor> make(const RenderCloud& /*cloud*/, const RenderOptions& options,
+                                   bool /*opaque*/) const override {
+    return std::make_unique<ABufferCompositor>(options);
+  }
+};
+
+}  // namespace
+
+Fragment Compositor::Worker::behind(int /*pixel*/) const { return {}; }
+
+const CompositingMethod& a_buffer_method() {
+  static const ABufferMethod method;
+  return method;
+}
+
+}  // namespace surfel

@@ -1,0 +1,104 @@
+#pragma once
+
+// How methods of compositing plug into the Renderer. A CompositingMethod is chosen by the user and
+// belongs to RenderOptions; a Compositor belongs to one Renderer; a Compositor::Worker belongs to
+// one thread and owns the memory that drawing a tile needs.
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/timing.h>
+#include <surfel/render/depth_sort.h>
+#include <surfel/render/render_options.h>
+#include <surfel/scene/camera.h>
+#include <surfel/store/render_cloud.h>
+
+namespace surfel {
+
+struct Fragment;
+struct TileABuffer;
+struct TileJob;
+
+/// What one frame cost and did.
+struct FrameStatistics {
+  double milliseconds = 0;
+  StageTimes stages;             ///< cull, read (from the store's file), raster.
+  std::size_t clusters = 0;      ///< Clusters drawn.
+  std::size_t splats = 0;        ///< Splats set up and inside the picture.
+  std::size_t exact_splats = 0;  ///< Splats among them that have perspective-exact kernels.
+  std::uint64_t merged = 0;      ///< Pairs of fragments merged because all layers were taken.
+  /// Share of the sum of rho that came too late for its merged surface: a bound of the error that
+  /// merging made.
+  double late_weight_share = 0;
+  int groups = 0;            ///< SP06's K; 0 without groups.
+  std::uint64_t culled = 0;  ///< Fragments culled by SP06 (6): their layer had a fragment already.
+  int peeled_layers = 0;     ///< Most layers that a pixel has, as far as they were peeled.
+  std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than were peeled.
+};
+
+/// How surfels become the splats of one list.
+struct SplatListOptions {
+  bool groups = false;                   ///< Splats carry their groups.
+  DepthOrder order = DepthOrder::kFine;  ///< Order of a tile's splats.
+  /// Discs have the enlarged radius of their group (SP06 section 4.2.2), where the cloud has it.
+  bool enlarged = false;
+  double lowpass = 1;  ///< Standard deviation of the pixel filter, pixels.
+};
+
+/// Turns the splats of tiles into fragments of A-buffers.
+class SURFEL_API Compositor {
+ public:
+  /// One thread's part.
+  class SURFEL_API Worker {
+   public:
+    virtual ~Worker() = default;
+    /// Draws a tile: fills its A-buffer, which is empty unless the method takes splats in parts.
+    /// \param jobs  the tile's splats, parallel to Compositor::lists().
+    virtual void draw(std::span<const TileJob> jobs, TileABuffer& tile) = 0;
+    /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last. Only
+    /// called if Compositor::has_background().
+    virtual Fragment behind(int pixel) const;
+    /// Adds to the statistics, and forgets, what this worker counted.
+    virtual void take_statistics(FrameStatistics& /*statistics*/) {}
+  };
+
+  virtual ~Compositor() = default;
+  /// The lists of splats that are drawn, one or more. Where splats come in batches, it is the
+  /// splats of the first list.
+  virtual std::vector<SplatListOptions> lists() const = 0;
+  /// Fragments per pixel of the A-buffer, 1..kMostLayers.
+  virtual int layers() const = 0;
+  /// Pixels show something behind the fragments of their A-buffer: Worker::behind().
+  virtual bool has_background() const { return false; }
+  /// Begins a picture. No worker draws meanwhile.
+  virtual void begin(const Camera& /*camera*/) {}
+  /// The worker refers to this.
+  virtual std::unique_ptr<Worker> make_worker() const = 0;
+};
+
+/// A way to composite splats, with its own options. Immutable: any number of Renderers may share
+/// one.
+class SURFEL_API CompositingMethod {
+ public:
+  virtual ~CompositingMethod() = default;
+  /// Empty if the method can be used with these options, else one sentence per violated rule.
+  virtual std::vector<std::string> problems(const RenderOptions& /*options*/) const { return {}; }
+  /// The optional columns of a RenderCloud that the method needs.
+  virtual RenderColumns columns() const { return {}; }
+  /// All splats of a tile must be there at once, so that all surfels must be in memory.
+  virtual bool needs_whole_tiles() const { return true; }
+  /// Throws Error if this cloud cannot be drawn so. The compositor keeps references to both.
+  /// \param opaque  no surfel, nor any material, has an opacity below 1.
+  virtual std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
+                                           bool opaque) const = 0;
+};
+
+/// SS01 section 6: surfaces are separated and interpolated as splats arrive.
+SURFEL_API const CompositingMethod& a_buffer_method();
+
+}  // namespace surfel

@@ -1,0 +1,55 @@
+#pragma once
+
+// The parts that a picture is drawn in: bands of rows, blocks of tiles.
+
+#include <cstddef>
+
+#include <surfel/render/splat.h>
+#include <surfel/scene/camera.h>
+
+namespace surfel {
+
+class Shader;
+
+/// Tiles along the side of `pixels` pixels.
+constexpr int tiles_along(int pixels) { return (pixels + kTileSize - 1) / kTileSize; }
+
+/// One horizontal band of a picture.
+struct Band {
+  int y0, y1;  ///< Rows of pixels: the first, and one past the last.
+  int tiles_x, tiles_y;
+
+  Band(const Camera& camera, int first_row, int last_row)
+      : y0(first_row),
+        y1(last_row),
+        tiles_x(tiles_along(camera.width)),
+        tiles_y(tiles_along(last_row - first_row)) {}
+  std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * tiles_y; }
+  /// Place of the tile in column x and row y among all, row by row.
+  std::size_t tile(int x, int y) const { return static_cast<std::size_t>(y) * tiles_x + x; }
+};
+
+/// Square groups of tiles that a band is drawn in. A block has as many tiles as one worker's caches
+/// hold the splats of, so that splats are drawn as soon as they are set up and never go to memory.
+struct BlockGrid {
+  int shift = 1;  ///< A block has 2^shift tiles a side.
+  int blocks_x = 0, blocks_y = 0;
+
+  BlockGrid() = default;
+  /// \param surfels  number of surfels seen in the band, about.
+  BlockGrid(const Band& band, std::size_t surfels);
+  std::size_t blocks() const { return static_cast<std::size_t>(blocks_x) * blocks_y; }
+  int size() const { return kTileSize << shift; }  ///< Pixels.
+  int first_tile_x(std::size_t block) const { return static_cast<int>(block % blocks_x) << shift; }
+  int first_tile_y(std::size_t block) const { return static_cast<int>(block / blocks_x) << shift; }
+};
+
+/// A band of a picture being drawn: all workers share it, and nothing of it changes meanwhile.
+struct Frame {
+  const Camera& camera;
+  const Shader& shader;
+  Band band;
+  BlockGrid grid;
+};
+
+}  // namespace surfel

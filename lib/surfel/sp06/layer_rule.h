@@ -1,0 +1,36 @@
+#pragma once
+
+// Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06): which
+// fragments of a group are of one layer.
+
+#include <cstdint>
+
+#include <surfel/render/render_options.h>
+#include <surfel/scene/camera.h>
+#include <surfel/store/render_cloud.h>
+
+namespace surfel {
+
+/// Which fragments of a group are of one layer, and which of them stays: see group_raster.h and
+/// layer_blend.h.
+enum class Voronoi : std::uint8_t {
+  kOff,        ///< Each is a layer; Algorithm 1 keeps the nearest, Algorithm 2 blends all.
+  kQuantised,  ///< Those in one step of the depth, SP06 (6) and (10), with seams between steps.
+  kWindowed,   ///< Those nearer than epsilon. The one nearest to its splat's centre stays.
+};
+
+/// Which fragments of a group lie in the same layer, for one picture.
+struct LayerRule {
+  Voronoi voronoi = Voronoi::kWindowed;
+  bool orthographic = false;
+  float nearest = 0;         ///< d_min of SP06 (6): least z of the scene.
+  float steps_per_unit = 1;  ///< n / (d_max - d_min) there.
+};
+
+/// The rule of a picture. SP06 (6): n is the least that its text allows, (d_max - d_min) / epsilon,
+/// with the footprint of the mean surfel at the scene's centre for the epsilon that the paper takes
+/// as given.
+LayerRule layer_rule(const RenderCloud& cloud, const RenderOptions& options, Voronoi voronoi,
+                     const Camera& camera);
+
+}  // namespace surfel

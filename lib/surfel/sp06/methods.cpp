@@ -1,0 +1,239 @@
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/render/shading.h>
+#include <surfel/render/tile_raster.h>
+#include <surfel/sp06/depth_peel.h>
+#include <surfel/sp06/group_raster.h>
+#include <surfel/sp06/layer_blend.h>
+#include <surfel/sp06/methods.h>
+
+namespace surfel {
+namespace {
+
+/// How far the discs of layers that are not interpolated reach beyond their rim, pixels: as little
+/// as lets every disc meet a pixel's centre.
+constexpr double kLayerReach = 0.5;
+
+/// What the three algorithms of SP06 have in common.
+class GroupCompositor : public Compositor {
+ public:
+  GroupCompositor(const RenderCloud& cloud, const RenderOptions& options, Voronoi voronoi)
+      : cloud_(cloud), options_(options), voronoi_(voronoi) {
+    if (cloud.size() > 0 && cloud.groups() == 0) {
+      throw_input("", "the surfels have no groups; run surfel-group on them");
+    }
+    if (!cloud.tree().empty()) {
+      throw_usage("levels of detail have no groups; leave them out for methods that need groups");
+    }
+  }
+
+  void begin(const Camera& camera) override {
+    rule_ = layer_rule(cloud_, options_, voronoi_, camera);
+  }
+
+ protected:
+  /// Splats that are interpolated.
+  SplatListOptions surfaces() const {
+    return {.groups = true, .lowpass = options_.filter_deviation()};
+  }
+  /// Splats of layers that are blended.
+  SplatListOptions layers_behind() const {
+    return {
+        .groups = true, .enlarged = true, .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff)};
+  }
+  int groups() const { return cloud_.groups(); }
+  const RenderOptions& options() const { return options_; }
+  const LayerRule& rule() const { return rule_; }
+  /// Algorithm 1 for one tile.
+  void draw_nearest(const TileJob& job, int layers, GroupImages& images, TileABuffer& tile) const {
+    images.reset(groups(), layers);
+    rasterize_groups(job, rule_, tile, images);
+    composite_groups(job, images, tile);
+  }
+
+ private:
+  const RenderCloud& cloud_;
+  const RenderOptions& options_;
+  Voronoi voronoi_;
+  LayerRule rule_;
+};
+
+/// SP06's Algorithm 1.
+class DeferredCompositor final : public GroupCompositor {
+ public:
+  using GroupCompositor::GroupCompositor;
+  std::vector<SplatListOptions> lists() const override { return {surfaces()}; }
+  int layers() const override {
+    // The layers of different groups can be more surfaces than each has, at rims above all.
+    return options().layers == 1 ? 1 : std::min(kMostLayers, 2 * options().layers);
+  }
+  std::unique_ptr<Worker> make_worker() const override {
+    return std::make_unique<TileWorker>(*this);
+  }
+
+ private:
+  struct TileWorker final : Worker {
+    explicit TileWorker(const DeferredCompositor& c) : compositor(c) {}
+    void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      compositor.draw_nearest(jobs.front(), compositor.options().layers, images, tile);
+    }
+    const DeferredCompositor& compositor;
+    GroupImages images;
+  };
+};
+
+/// SP06's Algorithm 2, and Algorithm 3, which draws the nearest layer by Algorithm 1.
+class LayerCompositor final : public GroupCompositor {
+ public:
+  LayerCompositor(const RenderCloud& cloud, const RenderOptions& options, Voronoi voronoi,
+                  bool nearest)
+      : GroupCompositor(cloud, options, voronoi), nearest_(nearest) {}
+  std::vector<SplatListOptions> lists() const override {
+    if (nearest_) return {surfaces(), layers_behind()};
+    return {layers_behind()};
+  }
+  int layers() const override { return 1; }
+  bool has_background() const override { return true; }
+  std::unique_ptr<Worker> make_worker() const override {
+    return std::make_unique<TileWorker>(*this);
+  }
+
+ private:
+  struct TileWorker final : Worker {
+    explicit TileWorker(const LayerCompositor& c) : compositor(c) {}
+    void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      if (compositor.nearest_) {
+        compositor.draw_nearest(jobs.front(), 1, images, tile);
+        if (tile.shader->has_environment()) filter_normals(tile, scratch);
+        nearest.resize(kTilePixels);
+        for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+          nearest[pixel] = nearest_layer(tile, pixel);
+        }
+      }
+      culled += blend_layers(jobs.back(), compositor.rule(), compositor.groups(),
+                             compositor.nearest_ ? nearest.data() : nullptr, tile, scratch);
+    }
+    Fragment behind(int pixel) const override { return scratch.pixels[pixel].merged(); }
+    void take_statistics(FrameStatistics& statistics) override {
+      statistics.culled += std::exchange(culled, 0);
+    }
+    const LayerCompositor& compositor;
+    GroupImages images;
+    LayerScratch scratch;
+    std::vector<NearestLayer> nearest;  ///< Of each pixel, drawn by Algorithm 1.
+    std::uint64_t culled = 0;
+  };
+  bool nearest_;
+};
+
+class PeelCompositor final : public Compositor {
+ public:
+  PeelCompositor(const RenderOptions& options, int peel) : options_(options), peel_(peel) {}
+  std::vector<SplatListOptions> lists() const override {
+    return {{.lowpass = options_.filter_deviation()}};
+  }
+  int layers() const override { return peel_; }
+  std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
+
+ private:
+  struct TileWorker final : Worker {
+    void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      peeled.add(peel_tile(jobs.front(), scratch, tile));
+    }
+    void take_statistics(FrameStatistics& statistics) override {
+      statistics.peeled_layers = std::max(statistics.peeled_layers, peeled.layers);
+      statistics.unpeeled_pixels += peeled.unpeeled_pixels;
+      peeled = {};
+    }
+    PeelScratch scratch;
+    PeelStatistics peeled;
+  };
+  const RenderOptions& options_;
+  int peel_;
+};
+
+class DeferredMethod final : public CompositingMethod {
+ public:
+  explicit DeferredMethod(Voronoi voronoi) : voronoi_(voronoi) {}
+  RenderColumns columns() const override { return {.groups = true}; }
+  std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
+                                   bool opaque) const override {
+    auto compositor = std::make_unique<DeferredCompositor>(cloud, options, voronoi_);
+    if (!opaque) {
+      throw_usage(
+          "the deferred method draws the nearest surface alone, and the surfels or their materials "
+          "are transparent; use the method transparent-high");
+    }
+    return compositor;
+  }
+
+ private:
+  Voronoi voronoi_;
+};
+
+class LayerMethod final : public CompositingMethod {
+ public:
+  LayerMethod(Voronoi voronoi, bool nearest) : voronoi_(voronoi), nearest_(nearest) {}
+  std::vector<std::string> problems(const RenderOptions& options) const override {
+    if (!options.aovs) return {};
+    return {"depth and normals are not made by the transparent methods; leave them out"};
+  }
+  RenderColumns columns() const override {
+    return {.groups = true, .group_radius = true, .copies = true};
+  }
+  std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
+                                   bool /*opaque*/) const override {
+    return std::make_unique<LayerCompositor>(cloud, options, voronoi_, nearest_);
+  }
+
+ private:
+  Voronoi voronoi_;
+  bool nearest_;  ///< The nearest layer is interpolated: Algorithm 3.
+};
+
+class PeelMethod final : public CompositingMethod {
+ public:
+  explicit PeelMethod(int peel) : peel_(peel) {}
+  std::vector<std::string> problems(const RenderOptions& /*options*/) const override {
+    if (peel_ >= 1 && peel_ <= kMostLayers) return {};
+    return {fmt::format("peel is {}; it must be in 1..{}", peel_, kMostLayers)};
+  }
+  std::unique_ptr<Compositor> make(const RenderCloud& /*cloud*/, const RenderOptions& options,
+                                   bool /*opaque*/) const override {
+    return std::make_unique<PeelCompositor>(options, peel_);
+  }
+
+ private:
+  int peel_;
+};
+
+}  // namespace
+
+std::shared_ptr<const CompositingMethod> compositing_method(Method method,
+                                                            const MethodOptions& options) {
+  switch (method) {
+    case Method::kABuffer:
+      break;
+    case Method::kDeferred:
+      return std::make_shared<DeferredMethod>(options.voronoi);
+    case Method::kTransparent:
+      return std::make_shared<LayerMethod>(options.voronoi, false);
+    case Method::kTransparentHigh:
+      return std::make_shared<LayerMethod>(options.voronoi, true);
+    case Method::kDepthPeel:
+      return std::make_shared<PeelMethod>(options.peel);
+  }
+  return nullptr;
+}
+
+RenderColumns columns_of(Method method) {
+  const auto chosen = compositing_method(method);
+  return chosen ? chosen->columns() : a_buffer_method().columns();
+}
+
+}  // namespace surfel

@@ -1,0 +1,36 @@
+#pragma once
+
+// The compositing methods by name. Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH
+// 2001 (SS01); Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
+
+#include <cstdint>
+#include <memory>
+
+#include <surfel/base/export.h>
+#include <surfel/render/compositor.h>
+#include <surfel/sp06/layer_rule.h>
+
+namespace surfel {
+
+/// What becomes of the splats of a pixel.
+enum class Method : std::uint8_t {
+  kABuffer,      ///< SS01 section 6: surfaces separated and interpolated as splats arrive.
+  kDeferred,     ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
+  kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
+  kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
+  kDepthPeel,  ///< One surface after another: the reference that SP06 compares with, and slow.
+};
+
+struct MethodOptions {
+  Voronoi voronoi = Voronoi::kWindowed;  ///< Of the methods with groups.
+  int peel = 8;                          ///< Of kDepthPeel: most layers, 1..64.
+};
+
+/// The method for RenderOptions::method. Its problems() include those of `options`.
+SURFEL_API std::shared_ptr<const CompositingMethod> compositing_method(
+    Method method, const MethodOptions& options = {});
+
+/// The columns of a RenderCloud that a method needs.
+SURFEL_API RenderColumns columns_of(Method method);
+
+}  // namespace surfel
