@@ -404,7 +404,7 @@ TEST(CloudIo, HeaderCommentsApplyToTheCloud) {
   EXPECT_EQ(cloud.comments, (std::vector<std::string>{"VCGLIB generated"}));
   ASSERT_TRUE(cloud.viewpoint);
   EXPECT_EQ(cloud.viewpoint->position, Vec3d(1, 2, 3));
-  EXPECT_EQ(cloud.viewpoint->orientation, Eigen::Vector4d(0, 1, 0, 0));
+  EXPECT_EQ(cloud.viewpoint->orientation, Vec4d(0, 1, 0, 0));
   bytes.replace(bytes.find("2.5"), 3, "two");
   EXPECT_EQ(error_of(bytes), "the header comment 'surfel_basis two' has no cutoff > 0");
 }

@@ -96,7 +96,7 @@ void expect_two_points(const SurfelCloud& cloud) {
   EXPECT_EQ(std::to_integer<int>(cloud.extra[2].data[2]), 4);
   ASSERT_TRUE(cloud.viewpoint);
   EXPECT_EQ(cloud.viewpoint->position, Vec3d(1, 2, 3));
-  EXPECT_EQ(cloud.viewpoint->orientation, Eigen::Vector4d(0, 1, 0, 0));
+  EXPECT_EQ(cloud.viewpoint->orientation, Vec4d(0, 1, 0, 0));
   EXPECT_EQ(cloud.comments, (std::vector<std::string>{"from a scanner"}));
 }
 

@@ -29,7 +29,7 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   // A quarter turn about z: x to y, y to -x.
   const Similarity similarity{
       .scale = 2,
-      .rotation = Eigen::Quaterniond(Eigen::AngleAxisd(M_PI / 2, Vec3d::UnitZ())),
+      .rotation = Quaternion(Eigen::AngleAxisd(M_PI / 2, Vec3d::UnitZ())),
       .translation = Vec3d(10, 0, -1)};
   transform_cloud(cloud, similarity);
   EXPECT_LT((cloud.world(0) - Vec3d(6, 2, 5)).norm(), 1e-6);
@@ -45,7 +45,7 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   EXPECT_EQ(cloud.uv[0], Vec2f(0.5F, 0.25F));
   EXPECT_LT((cloud.viewpoint->position - Vec3d(10, 2, -1)).norm(), 1e-12);
   EXPECT_LT(
-      (cloud.viewpoint->orientation - Eigen::Vector4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
+      (cloud.viewpoint->orientation - Vec4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
       1e-12);
 }
 
@@ -78,7 +78,7 @@ TEST(Similarity, RefusesWhatIsNone) {
   for (const double scale : {0.0, -1.0, 1e10, std::nan("")}) {
     EXPECT_FALSE(Similarity{.scale = scale}.problems().empty()) << scale;
   }
-  EXPECT_FALSE((Similarity{.rotation = Eigen::Quaterniond(0, 0, 0, 0)}.problems().empty()));
+  EXPECT_FALSE((Similarity{.rotation = Quaternion(0, 0, 0, 0)}.problems().empty()));
   EXPECT_FALSE((Similarity{.translation = Vec3d(0, 0, INFINITY)}.problems().empty()));
   SurfelCloud cloud = surfel();
   EXPECT_THROW(transform_cloud(cloud, {.scale = 0}), Error);

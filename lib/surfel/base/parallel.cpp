@@ -124,7 +124,7 @@ SerialLoops::~SerialLoops() { t_inside_loop = before_; }
 
 int thread_count() noexcept {
   const int set = g_thread_count.load(std::memory_order_relaxed);
-  return set > 0 ? set : cores();
+  return std::min(set > 0 ? set : cores(), kMostThreads);
 }
 
 void set_thread_count(int threads) noexcept {
@@ -132,6 +132,8 @@ void set_thread_count(int threads) noexcept {
 }
 
 void request_interrupt() noexcept { g_interrupt.store(true, std::memory_order_relaxed); }
+
+void withdraw_interrupt() noexcept { g_interrupt.store(false, std::memory_order_relaxed); }
 
 bool interrupt_requested() noexcept { return g_interrupt.load(std::memory_order_relaxed); }
 

@@ -1,7 +1,12 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <functional>
+#include <memory>
 #include <numeric>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -9,27 +14,67 @@
 
 namespace surfel {
 
-/// Number of threads that parallel loops use; at least 1.
+/// The most workers that a loop has, whatever is asked for: PerWorker has a place for each.
+inline constexpr int kMostThreads = 1024;
+
+/// Number of threads that parallel loops use, in [1, kMostThreads].
 SURFEL_API int thread_count() noexcept;
 
-/// Sets it for the whole process; 0 or less means one per core. Results never depend on it.
+/// Sets the number for the whole process; 0 or less means one per core, more than kMostThreads
+/// means kMostThreads. Loops that run keep their number; results never depend on it.
 SURFEL_API void set_thread_count(int threads) noexcept;
 
-/// Asks running parallel loops to stop: they throw Error(kInterrupted) at the next chunk. Safe to
-/// call from a signal handler.
+/// Asks all parallel loops of the process to stop: running loops throw Error(kInterrupted) at the
+/// next range, later ones at their first, until the request is withdrawn. Safe to call from a
+/// signal handler.
 SURFEL_API void request_interrupt() noexcept;
+/// Takes the request back, so that loops run again.
+SURFEL_API void withdraw_interrupt() noexcept;
 SURFEL_API bool interrupt_requested() noexcept;
 
 /// Calls body(begin, end, worker) for consecutive ranges of [0, count) of `grain` items each (the
 /// last may be shorter). The ranges depend on `count` and `grain` alone, never on the number of
 /// threads, so that a sum per range, added up in the order of the ranges, is the same on every run.
-/// `worker` is in [0, thread_count()) and no two running calls share it: index scratch memory by
-/// it, not results. An exception of the body stops the loop and is passed on once all workers have
-/// stopped; of several, that of the lowest range. A loop inside a loop's body runs on the calling
-/// thread alone, as worker 0.
+/// `worker` is in [0, kMostThreads) and no two running calls of the loop share it: it picks scratch
+/// memory from a PerWorker, never a place for results. An exception of the body stops the loop and
+/// is passed on once all workers have stopped; if several ranges fail, the exception of the lowest
+/// range is. A loop inside a loop's body runs on the calling thread alone, as worker 0. Several
+/// threads may run loops at once.
 SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);
+
+/// Scratch memory for the workers of a loop, one T for each, made when the worker first asks for it
+/// and kept for later loops. However many threads later loops have, there is a place for each of
+/// their workers. One loop at a time may use it.
+template <class T>
+class PerWorker {
+ public:
+  /// Every T is made by its default constructor.
+  PerWorker()
+    requires std::is_default_constructible_v<T>
+      : PerWorker([] { return std::make_unique<T>(); }) {}
+  /// \param make  makes one worker's T; workers call it at once.
+  explicit PerWorker(std::function<std::unique_ptr<T>()> make) : make_(std::move(make)) {}
+
+  /// Scratch of the worker that calls.
+  T& operator[](int worker) {
+    std::unique_ptr<T>& place = places_[static_cast<std::size_t>(worker)];
+    if (!place) place = make_();
+    return *place;
+  }
+  /// Calls body(scratch) for what has been made, in the order of the workers. Not during a loop.
+  template <class Body>
+  void for_each(Body&& body) {
+    for (std::unique_ptr<T>& place : places_) {
+      if (place) body(*place);
+    }
+  }
+
+ private:
+  std::function<std::unique_ptr<T>()> make_;
+  std::array<std::unique_ptr<T>, kMostThreads> places_;
+};
 
 /// How many of the numbers below `count` there are that holds(i) says yes to, asked in parallel.
 template <class Holds>

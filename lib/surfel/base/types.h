@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <new>
 #include <utility>
@@ -14,6 +14,10 @@ using Vec2f = Eigen::Vector2f;
 using Vec3f = Eigen::Vector3f;
 using Vec2d = Eigen::Vector2d;
 using Vec3d = Eigen::Vector3d;
+/// Types of 32 bytes and more that other programs share with this library are not aligned: Eigen
+/// would align them by the instruction set that each program is compiled for.
+using Vec4d = Eigen::Matrix<double, 4, 1, Eigen::DontAlign>;
+using Quaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// Allocator whose resize() leaves plain values uninitialised: an array that is filled by several
 /// threads is touched once, and its pages are spread by the threads that fill them. See

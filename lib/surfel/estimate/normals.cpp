@@ -261,7 +261,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
   out.normal.resize(n);
   out.quality.resize(n);
 
-  struct alignas(64) Worker {
+  struct Worker {
     std::vector<Neighbor> scratch;
     std::array<std::size_t, kPointFlags> flagged{};
     std::size_t neighbors = 0;
@@ -271,7 +271,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     std::array<std::size_t, PlaneBatch::kSize> point{}, found{};
     std::size_t pending = 0;
   };
-  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  PerWorker<Worker> workers;
   const Estimator estimator(points, search, options);
   const bool by_radius = options.radius > 0;
   const auto finish = [&](std::size_t i, std::size_t found, Result result, Worker& w) {
@@ -293,7 +293,7 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     w.pending = 0;
   };
   const auto body = [&](std::size_t i, std::span<const Neighbor> neighbors, int worker) {
-    Worker& w = workers[static_cast<std::size_t>(worker)];
+    Worker& w = workers[worker];
     if (options.adaptive) {
       finish(i, neighbors.size(), estimator.of_best_size(i, neighbors), w);
       return;
@@ -314,12 +314,12 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     search.for_each_nearest(static_cast<std::size_t>(options.adaptive ? options.k_max : options.k),
                             body);
   }
-  for (Worker& w : workers) {
+  workers.for_each([&](Worker& w) {
     fit_pending(w);
     for (std::size_t f = 0; f < kPointFlags; ++f) out.flagged[f] += w.flagged[f];
     out.neighbors += w.neighbors;
     out.extended += w.extended;
-  }
+  });
   return out;
 }
 

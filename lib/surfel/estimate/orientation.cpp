@@ -213,10 +213,10 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
     const auto keep_further = [&](std::uint32_t i, std::uint32_t& at) {
       if (at == kNone || further(i, at)) at = i;
     };
-    std::vector<std::vector<std::uint32_t>> extreme(static_cast<std::size_t>(thread_count()));
-    for (auto& most : extreme) most.assign(parts, kNone);
+    PerWorker<std::vector<std::uint32_t>> extreme(
+        [&] { return std::make_unique<std::vector<std::uint32_t>>(parts, kNone); });
     parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      auto& most = extreme[static_cast<std::size_t>(worker)];
+      std::vector<std::uint32_t>& most = extreme[worker];
       for (std::size_t i = begin; i < end; ++i) {
         if (!normal[i].isZero(0))
           keep_further(static_cast<std::uint32_t>(i), most[number[part[i]]]);
@@ -224,9 +224,9 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
     });
     for (std::uint32_t n = 0; n < parts; ++n) {
       std::uint32_t at = kNone;
-      for (const auto& most : extreme) {
+      extreme.for_each([&](const std::vector<std::uint32_t>& most) {
         if (most[n] != kNone) keep_further(most[n], at);
-      }
+      });
       if (at != kNone) vote[n] += static_cast<double>(normal[at].dot(d));
     }
   }

@@ -70,8 +70,7 @@ class Sizer {
         normal_(normal),
         oriented_(oriented),
         search_(search),
-        options_(options),
-        workers_(static_cast<std::size_t>(thread_count())) {
+        options_(options) {
     const std::size_t count = position.size();
     kind_.resize(count);
     out_.of.resize(count);
@@ -81,7 +80,7 @@ class Sizer {
   SplatSizes run() {
     search_.for_each_nearest(static_cast<std::size_t>(options_.neighbors),
                              [&](std::size_t i, std::span<const Neighbor> near, int worker) {
-                               size_point(i, near, workers_[static_cast<std::size_t>(worker)]);
+                               size_point(i, near, workers_[worker]);
                              });
     limit_lonely();
     out_.border =
@@ -374,7 +373,7 @@ class Sizer {
   /// Cuts the splats of points that are far from all others to their neighbours' spacing.
   void limit_lonely() {
     parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
-      std::vector<Neighbor>& near = workers_[static_cast<std::size_t>(w)].more;
+      std::vector<Neighbor>& near = workers_[w].more;
       std::vector<float> others;
       for (std::size_t i = begin; i < end; ++i) {
         if (kind_[i] == CellKind::kClosed) continue;
@@ -415,7 +414,7 @@ class Sizer {
   bool oriented_;
   const NeighborSearch& search_;
   const SplatSizeOptions& options_;
-  std::vector<Worker> workers_;
+  PerWorker<Worker> workers_;
   Array<CellKind> kind_;
   SplatSizes out_;
 };

@@ -52,7 +52,7 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool with_view
   if (cloud.basis_cutoff) lines.push_back(fmt::format("{}{}", kBasisComment, *cloud.basis_cutoff));
   if (with_viewpoint && cloud.viewpoint) {
     const Vec3d& t = cloud.viewpoint->position;
-    const Eigen::Vector4d& q = cloud.viewpoint->orientation;
+    const Vec4d& q = cloud.viewpoint->orientation;
     lines.push_back(fmt::format("{}{} {} {} {} {} {} {}", kViewpointComment, t[0], t[1], t[2], q[0],
                                 q[1], q[2], q[3]));
   }
@@ -122,7 +122,7 @@ constexpr std::size_t kBlock = 4096;
 void write_binary(const CloudRecords& records, std::size_t count, OutputFile& file) {
   const std::size_t stride = records.stride();
   const std::uint64_t offset = file.reserve(std::uint64_t{count} * stride);
-  std::vector<Array<std::byte>> buffers(static_cast<std::size_t>(thread_count()));
+  PerWorker<Array<std::byte>> buffers;
   parallel_for(count, kBlock, [&](std::size_t begin, std::size_t end, int worker) {
     Array<std::byte>& buffer = buffers[worker];
     buffer.resize(kBlock * stride);

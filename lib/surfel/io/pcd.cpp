@@ -412,7 +412,7 @@ std::string pcd_header(const std::vector<RecordColumn>& columns, std::size_t cou
   for (const std::string& comment : comments) header += "# " + comment + "\n";
   const Viewpoint view = viewpoint.value_or(Viewpoint{});
   const Vec3d& t = view.position;
-  const Eigen::Vector4d& q = view.orientation;
+  const Vec4d& q = view.orientation;
   return header + "VERSION 0.7\n" + fields + sizes + types + counts +
          fmt::format(
              "\nWIDTH {}\nHEIGHT 1\nVIEWPOINT {} {} {} {} {} {} {}\nPOINTS {}\nDATA binary\n",

@@ -279,7 +279,7 @@ void Builder::make_coarser() {
     SurfelPartition partition;
     std::vector<MergeSurfel> members;
   };
-  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  PerWorker<Worker> workers;
   parallel_for(
       level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int w) {
         Worker& worker = workers[w];

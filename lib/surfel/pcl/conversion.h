@@ -132,7 +132,7 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
   if (cloud.viewpoint) {
     const Vec3d eye = cloud.viewpoint->position - (keep_origin ? cloud.origin : Vec3d(0, 0, 0));
     out.sensor_origin_.template head<3>() = eye.cast<float>();
-    const Eigen::Vector4d& q = cloud.viewpoint->orientation;
+    const Vec4d& q = cloud.viewpoint->orientation;
     out.sensor_orientation_ = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).cast<float>();
   }
   return out;
@@ -176,7 +176,7 @@ SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false
   }
   const Eigen::Quaternionf& q = cloud.sensor_orientation_;
   out.viewpoint = Viewpoint{cloud.sensor_origin_.template head<3>().template cast<double>(),
-                            Eigen::Vector4d(q.w(), q.x(), q.y(), q.z())};
+                            Vec4d(q.w(), q.x(), q.y(), q.z())};
   return out;
 }
 

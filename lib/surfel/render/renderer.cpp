@@ -69,7 +69,11 @@ struct Renderer::Impl {
   TileABuffer blank_tile;  ///< What all tiles have in common, but for the shader.
 
   // Kept from frame to frame: nothing is allocated in a turntable's later frames.
-  std::vector<Worker> workers;
+  PerWorker<Worker> workers{[this] {
+    auto worker = std::make_unique<Worker>();
+    worker->compositor = compositor->make_worker();
+    return worker;
+  }};
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
   Array<float> a_buffer;          ///< Of all tiles of a band, where it takes several batches.
 
@@ -300,20 +304,16 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
 /// Makes workers ready for a picture.
 void Renderer::Impl::begin(const Camera& camera) {
   compositor->begin(camera);
-  workers.resize(std::max<std::size_t>(workers.size(), thread_count()));
-  for (Worker& worker : workers) {
-    worker.merges = {};
-    if (!worker.compositor) worker.compositor = compositor->make_worker();
-  }
+  workers.for_each([](Worker& worker) { worker.merges = {}; });
 }
 
 /// Sums up what the workers counted.
 void Renderer::Impl::finish(FrameStatistics& statistics) {
   MergeStatistics merges;
-  for (Worker& worker : workers) {
+  workers.for_each([&](Worker& worker) {
     merges.add(worker.merges);
     worker.compositor->take_statistics(statistics);
-  }
+  });
   for (SplatLists& list : lists) {
     statistics.splats += list.take_splat_count();
     statistics.exact_splats += list.take_exact_count();

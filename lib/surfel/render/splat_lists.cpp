@@ -372,7 +372,6 @@ void SplatLists::bin(const Frame& frame, std::span<VisibleCluster> clusters) {
     for (std::size_t i = begin; i < end; ++i) bound(frame.band, clusters[i]);
   });
   clusters_ = clusters.data();
-  workers_.resize(std::max<std::size_t>(workers_.size(), thread_count()));
   block_begin_.resize(grid.blocks() + 1);
   std::fill(block_begin_.begin(), block_begin_.end(), 0U);
   const auto for_each_block = [&](const VisibleCluster& c, const auto& body) {
@@ -495,13 +494,13 @@ TileJob SplatLists::job(int x, int y, int worker) {
 
 std::size_t SplatLists::take_splat_count() {
   std::size_t sum = 0;
-  for (Worker& worker : workers_) sum += std::exchange(worker.splats_seen, 0);
+  workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.splats_seen, 0); });
   return sum;
 }
 
 std::size_t SplatLists::take_exact_count() {
   std::size_t sum = 0;
-  for (Worker& worker : workers_) sum += std::exchange(worker.exact_seen, 0);
+  workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.exact_seen, 0); });
   return sum;
 }
 

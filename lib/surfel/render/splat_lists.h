@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <surfel/base/function_ref.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/compositor.h>
@@ -106,7 +107,7 @@ class SplatLists {
   SplatView view_{};                     ///< Of the band being drawn.
   Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
   Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.
-  std::vector<Worker> workers_;
+  PerWorker<Worker> workers_;
 };
 
 }  // namespace surfel

@@ -28,7 +28,7 @@ enum class ColorEncoding : std::uint8_t { kUint8Srgb, kUint16Srgb, kFloatLinear 
 /// Sensor position and orientation of a scan (PCD's VIEWPOINT).
 struct Viewpoint {
   Vec3d position{0, 0, 0};
-  Eigen::Vector4d orientation{1, 0, 0, 0};  ///< Unit quaternion w x y z.
+  Vec4d orientation{1, 0, 0, 0};  ///< Unit quaternion w x y z.
 };
 
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always

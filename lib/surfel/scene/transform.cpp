@@ -78,7 +78,7 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   change(cloud.area, times(square));
   change(cloud.group_radius, times(similarity.scale));
   if (cloud.viewpoint) {
-    Eigen::Vector4d& q = cloud.viewpoint->orientation;
+    Vec4d& q = cloud.viewpoint->orientation;
     const Eigen::Quaterniond turned_view =
         similarity.rotation * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
     q = {turned_view.w(), turned_view.x(), turned_view.y(), turned_view.z()};

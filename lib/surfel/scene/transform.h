@@ -12,7 +12,7 @@ namespace surfel {
 /// World coordinates to others: x -> scale * (rotation * x) + translation.
 struct Similarity {
   double scale = 1;                                             ///< 1e-9..1e9.
-  Eigen::Quaterniond rotation{Eigen::Quaterniond::Identity()};  ///< Unit.
+  Quaternion rotation{Quaternion::Identity()};  ///< Unit.
   Vec3d translation{0, 0, 0};                                   ///< Scene units.
 
   bool identity() const;

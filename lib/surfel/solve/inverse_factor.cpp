@@ -226,17 +226,13 @@ InverseFactor::InverseFactor(const SymmetricMatrix& matrix, std::size_t row_entr
       std::clamp(row_entries, kBlockRows / 2, kMaxRowEntries) - kBlockRows / 2;
   const Array<double> root = inverse_roots(matrix);
   factor_.rows = matrix.rows();
-  std::vector<std::unique_ptr<BlockBuilder>> builders(static_cast<std::size_t>(thread_count()));
-  const auto builder_of = [&](int worker) -> BlockBuilder& {
-    std::unique_ptr<BlockBuilder>& builder = builders[static_cast<std::size_t>(worker)];
-    if (!builder) builder = std::make_unique<BlockBuilder>(matrix, root, before);
-    return *builder;
-  };
+  PerWorker<BlockBuilder> builders(
+      [&] { return std::make_unique<BlockBuilder>(matrix, root, before); });
   Array<std::uint32_t> pattern(factor_.blocks() * before);
   Array<std::uint32_t> found(factor_.blocks());
   parallel_for(factor_.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
     for (std::size_t b = begin; b < end; ++b) {
-      const std::span<const std::uint32_t> columns = builder_of(worker).find_pattern(b);
+      const std::span<const std::uint32_t> columns = builders[worker].find_pattern(b);
       found[b] = static_cast<std::uint32_t>(columns.size());
       std::copy(columns.begin(), columns.end(),
                 pattern.begin() + static_cast<std::ptrdiff_t>(b * before));
@@ -247,7 +243,7 @@ InverseFactor::InverseFactor(const SymmetricMatrix& matrix, std::size_t row_entr
   });
   parallel_for(factor_.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
     for (std::size_t b = begin; b < end; b += kCholeskyBatch) {
-      builder_of(worker).build(factor_, b, std::min(kCholeskyBatch, end - b));
+      builders[worker].build(factor_, b, std::min(kCholeskyBatch, end - b));
     }
   });
   factor_.list_places();

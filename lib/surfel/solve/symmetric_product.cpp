@@ -120,9 +120,8 @@ SymmetricProduct::SymmetricProduct(const SymmetricMatrix& matrix) : matrix_(matr
 }
 
 void SymmetricProduct::find_halos() {
-  slot_.resize(static_cast<std::size_t>(thread_count()));
   parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int worker) {
-    Array<std::uint32_t>& slot = slot_[static_cast<std::size_t>(worker)];
+    Array<std::uint32_t>& slot = slot_[worker];
     if (slot.empty()) slot.assign(matrix_.rows(), kNone);
     const std::size_t begin = r * kRange;
     const std::size_t end = std::min(begin + kRange, matrix_.rows());
@@ -139,9 +138,8 @@ void SymmetricProduct::find_halos() {
 }
 
 void SymmetricProduct::multiply(const Array<Channels>& x, Array<Channels>& y) {
-  slot_.resize(std::max(slot_.size(), static_cast<std::size_t>(thread_count())));
   parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int worker) {
-    Array<std::uint32_t>& slot = slot_[static_cast<std::size_t>(worker)];
+    Array<std::uint32_t>& slot = slot_[worker];
     if (slot.empty()) slot.resize(matrix_.rows());
     Channels* sums = halo_sum_.data() + halo_begin_[r];
     for (std::size_t h = 0; h < halo_[r].size(); ++h) {

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/parallel.h>
 #include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
@@ -33,7 +34,7 @@ class SURFEL_API SymmetricProduct {
   Array<Channels> halo_sum_;
   Array<std::uint64_t> incoming_begin_;     ///< By row: the first of incoming_; then their number.
   Array<std::uint64_t> incoming_;           ///< Sums that are added to each row.
-  std::vector<Array<std::uint32_t>> slot_;  ///< By thread and row: its place in a halo.
+  PerWorker<Array<std::uint32_t>> slot_;    ///< By row: its place in a halo.
 };
 
 /// |b - A x| / |b| of the worst channel.

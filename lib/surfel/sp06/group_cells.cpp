@@ -155,9 +155,9 @@ void DiscSurface::find_border(bool with_area) {
     std::vector<std::uint32_t> border;
   };
   std::vector<Part> parts((discs_.size() + kGrain - 1) / kGrain);
-  std::vector<VoronoiCell> cells(static_cast<std::size_t>(thread_count()));
+  PerWorker<VoronoiCell> cells;
   parallel_for(discs_.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
+    VoronoiCell& cell = cells[worker];
     Part& part = parts[begin / kGrain];
     for (std::size_t i = begin; i < end; ++i) {
       const TangentPlane plane(discs_, i);
@@ -228,9 +228,9 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
   reach_.resize(count_);
   inner_.resize(count_);
   const DiscTree tree(discs);
-  std::vector<VoronoiCell> cells(static_cast<std::size_t>(thread_count()));
+  PerWorker<VoronoiCell> cells;
   parallel_for(count_, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
+    VoronoiCell& cell = cells[worker];
     Chunk& chunk = chunks_[begin / kGrain];
     // A square that most cells fit into: eight neighbours along the curve are spread over nearly
     // three spacings. Cells that do not fit are made anew in a larger one.

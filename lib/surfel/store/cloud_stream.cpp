@@ -99,7 +99,7 @@ const RenderCloud& CloudStream::read(std::size_t begin, std::size_t end, RenderC
 
 /// Is the alpha of some surfel from `first` on below 1?
 bool CloudStream::finest_transparent(std::size_t first) const {
-  std::vector<RenderCloud> workers(static_cast<std::size_t>(thread_count()));
+  PerWorker<RenderCloud> workers;
   std::atomic<bool> found = false;
   parallel_for(source_.size() - first, RenderCloud::kBlock,
                [&](std::size_t begin, std::size_t end, int w) {
@@ -133,15 +133,18 @@ bool CloudStream::make_index() {
   const std::size_t size = source_.size();
   const std::size_t count = (size + RenderCloud::kClusterSize - 1) / RenderCloud::kClusterSize;
   std::vector<SurfelTotals> totals;
-  std::vector<RenderCloud> workers(static_cast<std::size_t>(thread_count()));
-  std::vector<UnusableSurfels> dropped;
+  struct Worker {
+    RenderCloud rows;
+    UnusableSurfels dropped;
+  };
+  PerWorker<Worker> workers;
   Bounds box;
   const auto pass = [&] {
     totals.assign(count, {});
-    dropped.assign(workers.size(), {});
+    workers.for_each([](Worker& worker) { worker.dropped = {}; });
     cloud_.clusters_.assign(count, {});
     parallel_for(size, RenderCloud::kBlock, [&](std::size_t begin, std::size_t end, int w) {
-      RenderCloud& rows = workers[w];
+      RenderCloud& rows = workers[w].rows;
       read(begin, end, rows);
       for (std::size_t i = begin; i < end; i += RenderCloud::kClusterSize) {
         const std::size_t c = i / RenderCloud::kClusterSize;
@@ -149,7 +152,7 @@ bool CloudStream::make_index() {
         std::size_t row_end = std::min<std::size_t>(end - begin, row + RenderCloud::kClusterSize);
         totals[c] = rows.make_cluster(row, row_end, cloud_.clusters_[c]);
         if (!totals[c].usable) {
-          drop_unusable(rows, row, row_end, dropped[w]);
+          drop_unusable(rows, row, row_end, workers[w].dropped);
           totals[c] = rows.make_cluster(row, row_end, cloud_.clusters_[c]);
         }
       }
@@ -177,7 +180,7 @@ bool CloudStream::make_index() {
   if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
   cloud_.clusters_.resize(surfel_.size());
   totals.resize(surfel_.size());
-  for (const UnusableSurfels& d : dropped) cloud_.dropped_.add(d);
+  workers.for_each([&](const Worker& worker) { cloud_.dropped_.add(worker.dropped); });
   cloud_.origin_ = source_.origin();
   const SurfelTotals all = added_up(totals);
   attributes_ = source_.attributes();

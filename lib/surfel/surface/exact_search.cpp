@@ -432,13 +432,13 @@ void ExactSearch::search(const Vec3f& query, std::size_t most, float limit2,
 }
 
 void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
-  struct alignas(64) Scratch {
+  struct Scratch {
     SearchScratch search;
     std::vector<Neighbor> neighbors;
   };
-  std::vector<Scratch> scratch(static_cast<std::size_t>(thread_count()));
+  PerWorker<Scratch> scratch;
   parallel_for(tree_.leaves(), kLeafGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    Scratch& memory = scratch[static_cast<std::size_t>(worker)];
+    Scratch& memory = scratch[worker];
     std::vector<Neighbor>& out = memory.neighbors;
     const auto found = [&](std::size_t place, std::span<const Key> keys) {
       expand(keys, most, out);

@@ -175,12 +175,9 @@ class FlannSearch final : public NeighborSearch {
   /// Goes from place to place along the Morton curve, whatever the order of the points: successive
   /// queries find the tree's nodes and the points in the cache. Those at one place share a search.
   void for_each(std::size_t most, float limit2, Body body) const {
-    struct alignas(64) Scratch {
-      std::vector<Neighbor> neighbors;
-    };
-    std::vector<Scratch> scratch(static_cast<std::size_t>(thread_count()));
+    PerWorker<std::vector<Neighbor>> scratch;
     parallel_for(places_.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      std::vector<Neighbor>& out = scratch[static_cast<std::size_t>(worker)].neighbors;
+      std::vector<Neighbor>& out = scratch[worker];
       NearestSet set(places_, out);
       for (std::size_t place = begin; place < end; ++place) {
         run(set, places_.position[place], most, limit2);

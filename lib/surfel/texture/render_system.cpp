@@ -250,9 +250,9 @@ class Assembler {
     std::vector<RowChunk> rows(chunk_count(count));
     std::vector<RowChunk> reaching(rows.size());
     std::vector<std::size_t> uncovered(rows.size());
-    std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+    PerWorker<Worker> workers;
     parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int w) {
-      Worker& worker = workers[static_cast<std::size_t>(w)];
+      Worker& worker = workers[w];
       const std::size_t chunk = begin / kGrain;
       for (std::size_t i = begin; i < end; ++i) {
         if ((i - begin) % kOwners == 0) find_candidates(i, std::min(end, i + kOwners), worker);
@@ -433,10 +433,10 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
     std::vector<Sum> row;
     RowChunk rows;
   };
-  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  PerWorker<Worker> workers;
   std::vector<RowChunk> chunks(chunk_count(columns));
   parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
-    Worker& worker = workers[static_cast<std::size_t>(w)];
+    Worker& worker = workers[w];
     Array<std::uint32_t>& place = worker.place;
     std::vector<Sum>& row = worker.row;
     RowChunk& rows = worker.rows;
@@ -514,9 +514,9 @@ Quadrature cover_surface(const SurfelBasis& basis, int points) {
   for (std::size_t i = 0; i <= basis.size(); ++i) quadrature.begin[i] = i * m;
 
   const ReachTree tree(basis, 0);
-  std::vector<VoronoiCell> cells(static_cast<std::size_t>(thread_count()));
+  PerWorker<VoronoiCell> cells;
   parallel_for(basis.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
-    VoronoiCell& cell = cells[static_cast<std::size_t>(worker)];
+    VoronoiCell& cell = cells[worker];
     for (std::size_t i = begin; i < end; ++i) {
       cut_cell(basis, tree, i, cell);
       quadrature.variance[i] =

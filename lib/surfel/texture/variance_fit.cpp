@@ -195,7 +195,6 @@ class Model {
         });
       }
     });
-    workers_.resize(static_cast<std::size_t>(thread_count()));
   }
 
   /// Scales of z from the diagonal of the Gauss-Newton matrix, and the weights that hang on it.
@@ -240,7 +239,7 @@ class Model {
   template <class Body>
   void visit_points(const Body& body) {
     parallel_for(chunks_.size(), 1, [&](std::size_t begin, std::size_t end, int w) {
-      Worker& worker = workers_[static_cast<std::size_t>(w)];
+      Worker& worker = workers_[w];
       for (std::size_t c = begin; c < end; ++c) {
         Chunk& chunk = chunks_[c];
         chunk.w_gradient.assign(chunk.function.size(), Channels::Zero());
@@ -407,7 +406,7 @@ class Model {
   InverseFactor factor_;
   SparseMatrix exponent_;  ///< beta of the state's variances; columns are places in the chunks.
   std::vector<Chunk> chunks_;
-  std::vector<Worker> workers_;
+  PerWorker<Worker> workers_;
   Array<double> range_, scale_;
   double pull_ = 0;
   double coverage_weight_ = 0;

@@ -111,13 +111,12 @@ ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scen
 Image ReferenceRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
   const Shader shader(options_.lit ? &scene_ : nullptr, camera);
-  std::vector<RayCaster> workers(static_cast<std::size_t>(thread_count()),
-                                 RayCaster(cloud_, scene_, options_, hierarchy_, shader, camera));
+  PerWorker<RayCaster> workers([&] {
+    return std::make_unique<RayCaster>(cloud_, scene_, options_, hierarchy_, shader, camera);
+  });
   Image image = supersample(
       camera, {reference_.samples, options_.lowpass},
-      [&](double x, double y, int worker) {
-        return workers[static_cast<std::size_t>(worker)].trace(x, y);
-      },
+      [&](double x, double y, int worker) { return workers[worker].trace(x, y); },
       progress);
   composite_over(image, options_.background);
   return image;

@@ -134,7 +134,7 @@ Image SourceEwaRenderer::render(const Camera& camera,
     std::vector<RayHit> hits;
     RaySurfaces surfaces;
   };
-  std::vector<Worker> workers(static_cast<std::size_t>(thread_count()));
+  PerWorker<Worker> workers;
 
   Image image;
   image.width = camera.width;
@@ -145,7 +145,7 @@ Image SourceEwaRenderer::render(const Camera& camera,
   std::atomic<int> rows_done{0};
   parallel_for(
       static_cast<std::size_t>(camera.height), 1, [&](std::size_t row, std::size_t, int w) {
-        Worker& worker = workers[static_cast<std::size_t>(w)];
+        Worker& worker = workers[w];
         const int y = static_cast<int>(row);
         for (int x = 0; x < camera.width; ++x) {
           const ViewRay ray = view_ray(camera, x + 0.5, y + 0.5);

@@ -34,7 +34,7 @@ struct SupersampleOptions {
 /// accurate to the sampling. Parallel over rows; the same for any number of threads.
 ///
 /// \param trace     colour at picture coordinates (x, y), premultiplied, linear; called in parallel
-///                  with the number of the calling worker, 0..thread_count() - 1.
+///                  with the number of the calling worker, as parallel_for() counts workers.
 /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
 /// \return channels R G B A. Throws Error(kUsage) for options that are not usable.
 SURFEL_API Image supersample(const Camera& camera, const SupersampleOptions& options,
