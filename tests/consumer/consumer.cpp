@@ -1,5 +1,5 @@
 // Writes and reads a small cloud and a small image: proves that headers, library and plug-ins of an
-// installed Surfelkit are found.
+// installed Surfelkit are found, and that library and program agree on the layout of types.
 
 #include <cstdio>
 
@@ -9,6 +9,8 @@
 #include <surfel/io/image_io.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
+
+#include "layout.h"
 
 int main(int argc, char** argv) try {
   if (argc != 2) return 2;
@@ -24,8 +26,9 @@ int main(int argc, char** argv) try {
   surfel::write_image(image, folder + "/consumer.png");
   const bool seen = surfel::read_image(folder + "/consumer.png").width == image.width;
 
-  std::printf("surfel %s: %s\n", surfel::version(), read && seen ? "works" : "does not work");
-  return read && seen ? 0 : 1;
+  const bool works = read && seen && plain_layout() == native_layout();
+  std::printf("surfel %s: %s\n", surfel::version(), works ? "works" : "does not work");
+  return works ? 0 : 1;
 } catch (const surfel::Error& error) {
   std::fprintf(stderr, "consumer: error: %s\n", error.what());
   return 1;

@@ -122,7 +122,7 @@ TEST(EwaFit, ReconstructionSetsTheKernelOfAPoint) {
     fit_texture(cloud, textures, {.reconstruction = reconstruction});
     for (std::size_t k = 0; k < cloud.size(); ++k) {
       const TexelKernel kernel{texel_position(cloud.uv[k], 16, 16),
-                               reconstruction * reconstruction * Eigen::Matrix2d::Identity()};
+                               reconstruction * reconstruction * Mat2d::Identity()};
       EXPECT_LT((cloud.coefficient[k] - brute_force(image, WrapMode::kRepeat, kernel).color).norm(),
                 1e-3);
     }

@@ -28,17 +28,17 @@ void make_anisotropic(SurfelCloud& cloud, const Vec3f& tangent, float variance_u
   cloud.variance_v = {variance_v};
 }
 
-Eigen::Matrix2d variance_of(const SurfelCloud& cloud, int width, int height) {
+Mat2d variance_of(const SurfelCloud& cloud, int width, int height) {
   const auto variance = texture_space_variance(cloud, 0, width, height);
   EXPECT_TRUE(variance.has_value());
-  return variance.value_or(Eigen::Matrix2d::Zero());
+  return variance.value_or(Mat2d::Zero());
 }
 
 TEST(TextureSpaceVariance, IsTheVarianceInTexelsWhereTheMapOnlyScales) {
   // A unit of u is 2 scene units long and 100 texels wide: 50 texels a unit. v: 200 / 4 = 50.
   const SurfelCloud cloud = one_surfel({2, 0, 0}, {0, 4, 0}, 0.01F);
-  const Eigen::Matrix2d variance = variance_of(cloud, 100, 200);
-  EXPECT_TRUE(variance.isApprox(0.01 * 2500 * Eigen::Matrix2d::Identity(), 1e-6)) << variance;
+  const Mat2d variance = variance_of(cloud, 100, 200);
+  EXPECT_TRUE(variance.isApprox(0.01 * 2500 * Mat2d::Identity(), 1e-6)) << variance;
 }
 
 TEST(TextureSpaceVariance, DoesNotDependOnHowTheSurfaceLiesInSpace) {
@@ -64,10 +64,10 @@ TEST(TextureSpaceVariance, PushesSurfacePointsForwardAsTheMapDoes) {
   make_anisotropic(cloud, t, 0.02F, 0.1F);
   const double width = 64;
   const double height = 32;
-  Eigen::Matrix2d uv_to_plane;
+  Mat2d uv_to_plane;
   uv_to_plane << 2, -0.5, 0.3, 1.1;
-  const Eigen::Matrix2d to_uv = uv_to_plane.inverse();
-  Eigen::Matrix2d expected = Eigen::Matrix2d::Zero();
+  const Mat2d to_uv = uv_to_plane.inverse();
+  Mat2d expected = Mat2d::Zero();
   for (const auto& [axis, variance] : {std::pair(t, 0.02), std::pair(b, 0.1)}) {
     const Vec2d uv = to_uv * axis.head<2>().cast<double>();
     const Vec2d texel(uv.x() * width, -uv.y() * height);
@@ -78,7 +78,7 @@ TEST(TextureSpaceVariance, PushesSurfacePointsForwardAsTheMapDoes) {
 
 TEST(TextureSpaceVariance, EqualVariancesAreIsotropicWhateverTheTangent) {
   SurfelCloud cloud = one_surfel({2, 0.3F, 0.4F}, {-0.5F, 1.1F, 0}, 0.05F);
-  const Eigen::Matrix2d isotropic = variance_of(cloud, 10, 10);
+  const Mat2d isotropic = variance_of(cloud, 10, 10);
   for (const Vec3f& tangent : {Vec3f(1, 0, 0), Vec3f(0.6F, 0, 0.8F), Vec3f(0, 0, 1)}) {
     make_anisotropic(cloud, tangent, 0.05F, 0.05F);
     EXPECT_TRUE(variance_of(cloud, 10, 10).isApprox(isotropic, 1e-5));
@@ -86,8 +86,8 @@ TEST(TextureSpaceVariance, EqualVariancesAreIsotropicWhateverTheTangent) {
 }
 
 TEST(TextureSpaceVariance, MirroredFramesMirrorTheKernel) {
-  const Eigen::Matrix2d a = variance_of(one_surfel({2, 1, 0}, {0, 1, 0}, 0.1F), 50, 50);
-  const Eigen::Matrix2d b = variance_of(one_surfel({-2, -1, 0}, {0, 1, 0}, 0.1F), 50, 50);
+  const Mat2d a = variance_of(one_surfel({2, 1, 0}, {0, 1, 0}, 0.1F), 50, 50);
+  const Mat2d b = variance_of(one_surfel({-2, -1, 0}, {0, 1, 0}, 0.1F), 50, 50);
   EXPECT_NEAR(a(0, 0), b(0, 0), 1e-5 * a(0, 0));
   EXPECT_NEAR(a(1, 1), b(1, 1), 1e-5 * a(1, 1));
   EXPECT_NEAR(a(0, 1), -b(0, 1), 1e-5 * std::abs(a(0, 1)));
@@ -112,7 +112,7 @@ TEST(TextureSpaceVariance, ScalesFromTinyToHuge) {
   for (const float scale : {1e-15F, 1e-6F, 1e6F, 1e15F}) {
     const SurfelCloud cloud =
         one_surfel(Vec3f(1, 0.2F, 0) * scale, Vec3f(0, 1, 0) * scale, 0.01F * scale * scale);
-    const Eigen::Matrix2d unit = variance_of(one_surfel({1, 0.2F, 0}, {0, 1, 0}, 0.01F), 100, 100);
+    const Mat2d unit = variance_of(one_surfel({1, 0.2F, 0}, {0, 1, 0}, 0.01F), 100, 100);
     EXPECT_TRUE(variance_of(cloud, 100, 100).isApprox(unit, 1e-5)) << scale;
   }
 }
@@ -125,16 +125,16 @@ TEST(PrincipalVariances, AreTheEigenvaluesOfATurnedEllipse) {
 
 TEST(LimitKernel, WidensTheMinorAxisAlone) {
   const double angle = 0.9;
-  Eigen::Matrix2d variance = test::turned_kernel({0, 0}, 100, 1, angle).variance;
+  Mat2d variance = test::turned_kernel({0, 0}, 100, 1, angle).variance;
   EXPECT_FALSE(limit_kernel(variance, {.max_aspect = 101}));
   EXPECT_TRUE(limit_kernel(variance, {.max_aspect = 20}));
   EXPECT_TRUE(variance.isApprox(test::turned_kernel({0, 0}, 100, 5, angle).variance, 1e-9));
 }
 
 TEST(LimitKernel, ShrinksKernelsBeyondAllMeasure) {
-  Eigen::Matrix2d variance = 1e30 * Eigen::Matrix2d::Identity();
+  Mat2d variance = 1e30 * Mat2d::Identity();
   EXPECT_FALSE(limit_kernel(variance, {.max_sigma = 1000}));
-  EXPECT_TRUE(variance.isApprox(1e6 * Eigen::Matrix2d::Identity(), 1e-9));
+  EXPECT_TRUE(variance.isApprox(1e6 * Mat2d::Identity(), 1e-9));
 }
 
 TEST(TexelPosition, HasTheImagesBottomAtVZero) {

@@ -52,7 +52,7 @@ inline int walk(int i, int count, WrapMode wrap) {
 /// Plain double sum of the definition over all texels within 6.5 standard deviations of the
 /// kernel, with alpha as weight.
 inline TextureSample brute_force(const Image& image, WrapMode wrap, const TexelKernel& kernel) {
-  const Eigen::Matrix2d conic = kernel.variance.inverse();
+  const Mat2d conic = kernel.variance.inverse();
   const double reach_x = 6.5 * std::sqrt(kernel.variance(0, 0));
   const double reach_y = 6.5 * std::sqrt(kernel.variance(1, 1));
   Vec3d color = Vec3d::Zero();
@@ -80,7 +80,7 @@ inline double difference(const TextureSample& a, const TextureSample& b) {
 /// Kernel with these standard deviations along axes turned by `angle`.
 inline TexelKernel turned_kernel(const Vec2d& center, double sigma_1, double sigma_2,
                                  double angle) {
-  Eigen::Matrix2d rotation;
+  Mat2d rotation;
   rotation << std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle);
   return {center, rotation * Vec2d(sigma_1 * sigma_1, sigma_2 * sigma_2).asDiagonal() *
                       rotation.transpose()};

@@ -17,6 +17,7 @@ using Vec3d = Eigen::Vector3d;
 /// Types of 32 bytes and more that other programs share with this library are not aligned: Eigen
 /// would align them by the instruction set that each program is compiled for.
 using Vec4d = Eigen::Matrix<double, 4, 1, Eigen::DontAlign>;
+using Mat2d = Eigen::Matrix<double, 2, 2, Eigen::DontAlign>;
 using Quaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// Allocator whose resize() leaves plain values uninitialised: an array that is filled by several

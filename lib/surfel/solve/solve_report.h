@@ -3,8 +3,6 @@
 #include <functional>
 #include <optional>
 
-#include <surfel/solve/sparse_matrix.h>
-
 namespace surfel {
 
 /// Every unknown is kept within these.

@@ -62,7 +62,7 @@ double VoronoiCell::area() const {
   return twice / 2;
 }
 
-Eigen::Matrix2d VoronoiCell::moments() const {
+Mat2d VoronoiCell::moments() const {
   // Of a triangle (0, a, b): cross(a, b) / 24 times the sum over its corners' products.
   Eigen::Matrix2d sum = Eigen::Matrix2d::Zero();
   for (std::size_t i = 0; i < corners_.size(); ++i) {

@@ -27,7 +27,7 @@ class SURFEL_API VoronoiCell {
   double radius2() const { return radius2_; }
   double area() const;
   /// Integral of x x^T over the cell: second moments about the origin.
-  Eigen::Matrix2d moments() const;
+  Mat2d moments() const;
   /// Point of the cell for (s, t) in [0, 1)^2, uniform by area.
   Vec2d point(double s, double t) const;
 

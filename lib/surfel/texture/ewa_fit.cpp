@@ -80,8 +80,8 @@ class EwaFit {
   int max_level() const { return options_.exact ? 0 : GaussianPyramid::kMaxLevel; }
 
   /// Variance of the reconstruction kernel alone.
-  Eigen::Matrix2d reconstruction() const {
-    return options_.reconstruction * options_.reconstruction * Eigen::Matrix2d::Identity();
+  Mat2d reconstruction() const {
+    return options_.reconstruction * options_.reconstruction * Mat2d::Identity();
   }
 
   struct Footprint {
@@ -107,7 +107,7 @@ class EwaFit {
 
   /// Kernel of a surfel's points, all of one shape, and where their centres are.
   struct PointKernels {
-    Eigen::Matrix2d variance;
+    Mat2d variance;
     Vec2d center;                       ///< Of the surfel.
     Eigen::Matrix<double, 2, 2> along;  ///< Texels a unit along tangent and bitangent.
     std::size_t begin = 0, end = 0;     ///< Of its points.

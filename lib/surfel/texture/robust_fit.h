@@ -6,6 +6,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/solve/ceres_plugin.h>
+#include <surfel/texture/fit_report.h>
 #include <surfel/texture/render_system.h>
 
 namespace surfel {
@@ -22,16 +23,6 @@ struct SURFEL_API RobustOptions {
 
 /// A quarter of a step of 8-bit colours: what is rounding is no outlier.
 inline constexpr double kLeastRobustScale = 1e-3;
-
-struct RobustReport {
-  double scale = 0;
-  int rounds = 0;                 ///< Weighted systems solved, or steps of Ceres.
-  std::size_t down_weighted = 0;  ///< Points with residuals beyond the scale.
-  double cost = 0;                ///< Of w, by robust_cost().
-  int iterations = 0;             ///< Of conjugate gradients, all rounds; or steps of Ceres.
-  double residual = 0;            ///< The cost's gradient, by the weighted system's right side.
-  bool converged = true;
-};
 
 /// Huber's function of a residual's squared length: squares up to `scale`, then lines,
 /// 2 scale |r| - scale^2. It is convex: there is one minimum, wherever one starts, where those of

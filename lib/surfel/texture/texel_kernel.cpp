@@ -23,7 +23,7 @@ Vec2d surfel_variance(const SurfelCloud& cloud, std::size_t k) {
 
 }  // namespace
 
-PrincipalVariances principal_variances(const Eigen::Matrix2d& variance) {
+PrincipalVariances principal_variances(const Mat2d& variance) {
   const double mean = variance.trace() / 2;
   const double difference = (variance(0, 0) - variance(1, 1)) / 2;
   const double major = mean + std::hypot(difference, variance(0, 1));
@@ -31,7 +31,7 @@ PrincipalVariances principal_variances(const Eigen::Matrix2d& variance) {
   return {major, std::max(0.0, variance.determinant() / major)};
 }
 
-std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
+std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
                                                       int width, int height) {
   // Image rows run downwards, v upwards.
   const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
@@ -52,10 +52,10 @@ std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud, 
   }
   t.normalize();
   const Vec3d b = normal.cross(t);
-  Eigen::Matrix2d T;
+  Mat2d T;
   T << t.dot(dpdx), t.dot(dpdy), b.dot(dpdx), b.dot(dpdy);
-  const Eigen::Matrix2d T_inverse = T.inverse();
-  const Eigen::Matrix2d variance = T_inverse * V.asDiagonal() * T_inverse.transpose();
+  const Mat2d T_inverse = T.inverse();
+  const Mat2d variance = T_inverse * V.asDiagonal() * T_inverse.transpose();
   if (!variance.allFinite()) return std::nullopt;
   return variance;
 }
@@ -78,7 +78,7 @@ std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cl
   return L;
 }
 
-bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits) {
+bool limit_kernel(Mat2d& variance, const KernelLimits& limits) {
   PrincipalVariances axes = principal_variances(variance);
   const double max_variance = limits.max_sigma * limits.max_sigma;
   if (axes.major > max_variance) {
@@ -90,8 +90,8 @@ bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits) {
   const double least = axes.major / (limits.max_aspect * limits.max_aspect);
   if (axes.minor >= least) return false;
   // Adds to the minor axis alone: major I - M projects on it.
-  const Eigen::Matrix2d projector =
-      (axes.major * Eigen::Matrix2d::Identity() - variance) / (axes.major - axes.minor);
+  const Mat2d projector =
+      (axes.major * Mat2d::Identity() - variance) / (axes.major - axes.minor);
   variance += (least - axes.minor) * projector;
   return true;
 }

@@ -14,7 +14,7 @@ namespace surfel {
 /// (i + 1/2, j + 1/2).
 struct TexelKernel {
   Vec2d center{0, 0};
-  Eigen::Matrix2d variance = Eigen::Matrix2d::Identity();  ///< Texel^2, positive definite.
+  Mat2d variance = Mat2d::Identity();  ///< Texel^2, positive definite.
 };
 
 /// Eigenvalues of a symmetric positive semi-definite 2x2 matrix; `minor` does not cancel when the
@@ -23,7 +23,7 @@ struct PrincipalVariances {
   double major = 0;
   double minor = 0;
 };
-SURFEL_API PrincipalVariances principal_variances(const Eigen::Matrix2d& variance);
+SURFEL_API PrincipalVariances principal_variances(const Mat2d& variance);
 
 /// The image's texel coordinates at (u, v); v = 0 is the bottom edge of the image.
 inline Vec2d texel_position(const Vec2f& uv, int width, int height) {
@@ -38,7 +38,7 @@ inline Vec2d texel_position(const Vec2f& uv, int width, int height) {
 /// \return texel^2; nullopt where there is none: derivatives that are zero, parallel (uv without
 ///         area) or not finite, or a variance that is negative or not finite.
 /// The cloud must have the columns dpdu, dpdv and variance or (tangent, variance_u, variance_v).
-SURFEL_API std::optional<Eigen::Matrix2d> texture_space_variance(const SurfelCloud& cloud,
+SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud,
                                                                  std::size_t surfel, int width,
                                                                  int height);
 
@@ -59,6 +59,6 @@ struct KernelLimits {
 };
 
 /// Applies the limits; true if the aspect was changed.
-SURFEL_API bool limit_kernel(Eigen::Matrix2d& variance, const KernelLimits& limits);
+SURFEL_API bool limit_kernel(Mat2d& variance, const KernelLimits& limits);
 
 }  // namespace surfel

@@ -11,10 +11,9 @@
 #include <surfel/base/timing.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/solve/solve_report.h>
-#include <surfel/texture/robust_fit.h>
+#include <surfel/texture/fit_report.h>
 #include <surfel/texture/texture_map.h>
 #include <surfel/texture/uv_charts.h>
-#include <surfel/texture/variance_fit.h>
 
 namespace surfel {
 

@@ -5,6 +5,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
+#include <surfel/texture/fit_report.h>
 #include <surfel/texture/render_system.h>
 
 namespace surfel {
@@ -17,17 +18,6 @@ struct SURFEL_API VarianceFitOptions {
 
 /// Standard deviations stay within this factor of where they started, up and down.
 inline constexpr double kMostSigmaChange = 2;
-
-struct VarianceFitReport {
-  int rounds = 0;              ///< Joint minimisations, those that were turned down included.
-  int accepted = 0;            ///< Rounds that lowered the objective.
-  int iterations = 0;          ///< Of L-BFGS, all rounds.
-  double objective_start = 0;  ///< |A w - f|^2 + lambda |w - w_0|^2 with the variances given ...
-  double objective = 0;        ///< ... and with those found.
-  double sigma_min = 1;        ///< Least and largest change of a standard deviation, a factor.
-  double sigma_max = 1;
-  std::size_t held = 0;  ///< Functions whose change was cut back for the sake of coverage.
-};
 
 /// A basis, the system that it makes, and the coefficients that solve the system.
 struct RenderSolution {

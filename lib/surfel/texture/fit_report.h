@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstddef>
+
+namespace surfel {
+
+/// What robust_fit() did.
+struct RobustReport {
+  double scale = 0;               ///< Length of residuals from which on they were outliers.
+  int rounds = 0;                 ///< Weighted systems solved, or steps of Ceres.
+  std::size_t down_weighted = 0;  ///< Points with residuals beyond the scale.
+  double cost = 0;                ///< Of the coefficients found, by robust_cost().
+  int iterations = 0;             ///< Of conjugate gradients, all rounds; or steps of Ceres.
+  double residual = 0;            ///< The cost's gradient, by the weighted system's right side.
+  bool converged = true;
+};
+
+/// What refine_variance() did.
+struct VarianceFitReport {
+  int rounds = 0;              ///< Joint minimisations, the rejected ones included.
+  int accepted = 0;            ///< Rounds that lowered the objective.
+  int iterations = 0;          ///< Of L-BFGS, all rounds.
+  double objective_start = 0;  ///< |A w - f|^2 + lambda |w - w_0|^2 with the variances given.
+  double objective = 0;        ///< The objective with the variances found.
+  double sigma_min = 1;        ///< Least change of a standard deviation, a factor.
+  double sigma_max = 1;        ///< Largest change of a standard deviation, a factor.
+  std::size_t held = 0;  ///< Functions whose change was cut back for the sake of coverage.
+};
+
+}  // namespace surfel
