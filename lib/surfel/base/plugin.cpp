@@ -1,9 +1,11 @@
 #include <map>
 #include <mutex>
+#include <string>
 
 #include <dlfcn.h>
 #include <surfel/base/error.h>
 #include <surfel/base/plugin.h>
+#include <unistd.h>
 
 namespace surfel {
 namespace {
@@ -17,24 +19,38 @@ std::string library_folder() {
   return slash == std::string::npos ? "." : path.substr(0, slash);
 }
 
+/// First of the places where the plug-in's file is; the place of an installed one if it is nowhere.
+std::string plugin_path(const std::string& file) {
+  const std::string folder = library_folder();
+  const std::string beside = folder + "/" + file;
+  return access(beside.c_str(), F_OK) == 0 ? beside : folder + "/surfel/" + file;
+}
+
 }  // namespace
+
+void* open_plugin(const std::string& path) {
+  void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (!handle) throw_io(path, std::string("cannot be loaded: ") + dlerror());
+  const auto abi = reinterpret_cast<int (*)()>(dlsym(handle, kPluginAbiSymbol));
+  const int found = abi ? abi() : 0;
+  if (found != kPluginAbi) {
+    dlclose(handle);
+    throw_io(path, "is a plug-in of another version of Surfelkit (interface " +
+                       std::to_string(found) + ", not " + std::to_string(kPluginAbi) +
+                       "); reinstall Surfelkit");
+  }
+  return handle;
+}
 
 void* plugin_symbol(const std::string& name, const char* symbol) {
   static std::mutex mutex;
   static std::map<std::string, void*> loaded;
   const std::lock_guard lock(mutex);
   void*& handle = loaded[name];
-  if (!handle) {
-    const std::string file = "libsurfel_" + name + ".so";
-    const std::string folder = library_folder();
-    for (const std::string& path : {folder + "/" + file, folder + "/surfel/" + file}) {
-      handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-      if (handle) break;
-    }
-    if (!handle) throw_io(file, std::string("cannot be loaded: ") + dlerror());
-  }
+  const std::string file = "libsurfel_" + name + ".so";
+  if (!handle) handle = open_plugin(plugin_path(file));
   void* address = dlsym(handle, symbol);
-  if (!address) throw_io("libsurfel_" + name + ".so", "is of another version; reinstall Surfelkit");
+  if (!address) throw_io(file, std::string("has no function ") + symbol + "; reinstall Surfelkit");
   return address;
 }
 

@@ -6,10 +6,23 @@
 
 namespace surfel {
 
+/// Number of the interface between the library and its plug-ins. Whoever changes a type or a
+/// function that both sides see raises it.
+inline constexpr int kPluginAbi = 1;
+
+/// Name of the function `int()` by which every plug-in tells the number it was compiled with.
+inline constexpr char kPluginAbiSymbol[] = "surfel_plugin_abi";
+
+/// Opens a plug-in library and returns its handle for dlsym(). Throws Error(kIo), naming the file,
+/// if it cannot be loaded, or tells another number than kPluginAbi or none: its types would be laid
+/// out in another way.
+SURFEL_API void* open_plugin(const std::string& path);
+
 /// Loads the plug-in library `libsurfel_<name>.so` that stands beside this library (or in its
 /// folder `surfel/` where installed), once, and returns the address of its symbol. Libraries that
 /// take long to load (OpenImageIO: 150 ms, PCL's files) live in plug-ins, so that a run that does
-/// not need them does not pay for them. Throws Error(kIo) if it cannot be loaded.
+/// not need them does not pay for them. Throws Error(kIo) as open_plugin() does, or if the symbol
+/// is missing. May be called from several threads at once.
 SURFEL_API void* plugin_symbol(const std::string& name, const char* symbol);
 
 }  // namespace surfel
