@@ -34,8 +34,14 @@ oiiotool --nosoftwareattrib "$work"/{ewa,circular,none,reference}.png --mosaic:p
 psnr() { "$bin/surfel-compare" "$1" "$2" --inside --json | sed -n 's/.*"psnr": \([0-9]*\.\{0,1\}[0-9]\{0,1\}\)[0-9]*.*/\1/p' | head -1; }
 
 {
-  echo "# Accuracy: measured"
+  echo "# Accuracy"
   echo
+  cat <<'TEXT'
+How far pictures of `surfel-render` are from the truth: `--reference`, which casts rays at the same surfels, in double precision and with a
+Gaussian pixel filter. `--kernel affine` is the kernel of *Surface Splatting* (Zwicker et al. 2001, "SS01"), `perspective` one that is exact on
+large splats, `auto` (the default) takes either by the size of a splat; `ewa-source`, `circular` and `none` are filters to compare with.
+
+TEXT
   echo "Made by \`tests/accuracy.sh\`."
   cat "$work/table.md"
   echo

@@ -183,9 +183,34 @@ for section in "${wanted[@]}"; do
   [[ " ${all[*]} " == *" $section "* ]] || { echo "$section is none of: ${all[*]}" >&2; exit 2; }
 done
 {
-  echo "# Texture fits: measured"
-  echo
-  echo "Made by \`tests/fits.sh\`, section by section."
+  cat <<'TEXT'
+# Texture fits
+
+`surfel-texture` gives every surfel a coefficient, so that the renderer, which adds the surfels' Gaussians and divides by their sum, shows the
+texture. There are three fits:
+
+- `--fit ewa`, the default, filters the texture with each surfel's kernel. It is fast, blurs a little and never rings.
+- `--fit gram` solves for the optimal samples of *Surface Splatting* (Zwicker et al. 2001, "SS01"), R w = c.
+- `--fit render` solves a least squares problem in the very basis that the renderer evaluates, from near and from afar.
+
+`render` is 1.3 to 8 dB nearer to the ray-traced mesh on real textures where `ewa` has less than 38 dB, and 4 to 14 dB on magnified
+checkers. A million surfels under 2048 x 2048 texels take 1.6 s with `ewa`, 16 s with `gram` and 17.5 s with `render`, on 2 threads.
+
+```
+surfel-from-mesh spot.obj --count 400000 -o spot.ply
+surfel-texture spot.ply --mesh spot.obj --image spot.png -o spot_t.ply                            # ewa
+surfel-texture spot.ply --mesh spot.obj --image spot.png --fit render --cutoff 2 -o spot_f.ply    # for surfel-render --cutoff 2
+surfel-estimate lion_takanawa_third.ply --orient align -o lion.ply
+surfel-texture lion.ply --from colors --fit render -o lion_f.ply    # a scan's own colours, sharper than as they are
+surfel-estimate scan.ply -o bare.ply
+surfel-texture bare.ply --mesh model.obj -o bare_t.ply              # surfels without uv take it from the mesh they lie on
+```
+
+`--stats` tells condition, residual and error of a fit. In the tables c is the cutoff, where kernels end (beta = c), sigma the standard
+deviation of a surfel's kernel, h the spacing of the surfels and h_s the standard deviation of the pixel filter.
+
+Made by `tests/fits.sh`, section by section.
+TEXT
   for section in "${all[@]}"; do
     echo
     echo "<!-- $section -->"

@@ -86,7 +86,16 @@ surfels armadillo armadillo.ply 303000
 surfels bunny stanford_bunny.obj 137000
 {
   cat <<'TEXT'
-# Groups: measured
+# Groups
+
+`surfel-group` divides surfels into groups whose members do not overlap, so that a renderer can draw a group without blending, or into K groups
+that overlap least and each cover the surface (Zhang, Pajarola 2006, *Single-Pass Point Rendering and Transparent Shading*, "SP06").
+
+```
+surfel-from-mesh dragon_vrip_res2.ply --count 300000 -o dragon.ply
+surfel-group dragon.ply --order dsatur --relax-opposite -o grouped.ply      # as few groups as can be
+surfel-group dragon.ply --groups 4 --cover enlarge-each -o covered.ply      # four that each cover the dragon
+```
 
 Made by `tests/groups.sh`. Surfels of `surfel-from-mesh --count N` (sigma = spacing), grouped at `--cutoff 0.72`, where the mean degree is
 near SP06's 17. An entry is K / largest degree / mean degree.

@@ -165,10 +165,10 @@ body_tables() {
 }
 
 {
-  echo "# The methods of SP06: measured"
+  echo "# The methods of SP06"
   echo
   echo "Made by \`tests/methods.sh\`. PSNR of sRGB values, whole pictures of 400 x 400 pixels, c = 1, unlit, 2 threads; time of the fastest of nine frames"
-  echo "of a turntable, on two cores of a machine that others used as well: what is next to one another was measured so."
+  echo "of a turntable. SP06 is *Single-Pass Point Rendering and Transparent Shading* (Zhang, Pajarola 2006); [rendering.md](rendering.md) shows the commands."
   echo
   echo "![Methods](methods.png)"
   echo

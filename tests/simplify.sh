@@ -113,7 +113,20 @@ picture "$work/lion.e8.ply" even.png
 oiiotool --nosoftwareattrib "$work"/{full,simplified,even}.png --mosaic:pad=4 3x1 -o "$(dirname "$out")/simplify.png"
 {
   cat <<'TEXT'
-# Simplification: measured
+# Simplification
+
+`surfel-simplify` makes a cloud of fewer surfels that looks the same, for scans and other clouds without a mesh.
+
+```
+surfel-estimate lion_takanawa_third.ply --orient align -o lion.ply
+surfel-simplify lion.ply --max-error 0.04 -o lion_s.ply    # the fewest surfels with that error
+surfel-simplify lion.ply --count 20000 -o lion_s.ply       # the least error with that many
+```
+
+Surfels are merged where the surface is flat and its colours are smooth, never across sheets that face differently (`--normal-angle`) or across
+materials; coefficients are fitted to what the full cloud shows. The error, measured at every surfel of the input, is that of colour, of
+distance, and of the shading by one light (`--light 0` leaves the light out). Every second of the lion's 113,997 points comes less near to
+the full cloud than 14,249 simplified surfels do; of the cow, 25,000 of 400,000 are as near as 115,000 evenly spread ones.
 
 Made by `tests/simplify.sh`: `surfel-simplify --count N --light 0` against as many surfels evenly spread, three views (of the room: one) of
 512x512, unlit, against the pictures of the full cloud. Evenly spread are every n-th point of the scans, their sizes estimated anew (`lion`, 113,997

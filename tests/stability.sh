@@ -44,6 +44,12 @@ oiiotool --nosoftwareattrib "${pictures[@]}" --mosaic:pad=4 3x3 -o "$(dirname "$
 {
   echo "# Stability: where methods fail"
   echo
+  cat <<'TEXT'
+Each row has a place where rendering or estimating points is hard: an input that shows it, a measure, the published method and its figure,
+Surfelkit's and its figure, the bound that a test holds it to, and the reason. SS01 is *Surface Splatting* (Zwicker et al. 2001), SP06
+*Single-Pass Point Rendering and Transparent Shading* (Zhang, Pajarola 2006).
+
+TEXT
   echo "Made by \`tests/stability.sh\`; at reduced size the same measurements are the tests in \`tests/stability/\`."
   echo
   cat "$work/table.md"
