@@ -6,7 +6,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>
