@@ -117,6 +117,24 @@ TEST(Estimate, CoverClosesASphereAtAnySizeOnScreen) {
   }
 }
 
+TEST(Estimate, RefusesBadOptions) {
+  const SurfelCloud cloud = points_of("sphere", 50);
+  const auto refused = [&](auto change) {
+    EstimateOptions options;
+    change(options);
+    EXPECT_EQ(options.problems().size(), 1U);
+    EXPECT_THROW(estimate_surfels(cloud, options), Error);
+  };
+  refused([](EstimateOptions& o) { o.normals.k = 2; });
+  refused([](EstimateOptions& o) { o.orientation.up = Vec3d(0, 0, 0); });
+  refused([](EstimateOptions& o) { o.size.cutoff = 0; });
+  refused([](EstimateOptions& o) { o.outliers = OutlierOptions{.neighbors = 0}; });
+  for (const OutlierOptions& bad :
+       {OutlierOptions{.neighbors = 1025}, OutlierOptions{.deviations = 0}}) {
+    EXPECT_THROW(inliers(cloud.position, bad), Error);
+  }
+}
+
 TEST(Estimate, OutliersAreRemoved) {
   SurfelCloud cloud = points_of("sphere", 5000);
   cloud.position[100] *= 3;

@@ -1,7 +1,9 @@
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/estimate/normals.h>
@@ -232,10 +234,15 @@ TEST(Orientation, FewPointsAndBadOptions) {
     orient_normals(position, {0, 0, 0}, *search, {}, by(Orientation::kMst), normal);
     for (const Vec3f& n : normal) EXPECT_EQ(n.z(), 1);
   }
-  OrientationOptions options;
-  options.up = Vec3d(0, 0, 0);
-  options.neighbors = 1;
-  EXPECT_EQ(options.problems().size(), 2U);
+  Array<Vec3f> position(1, Vec3f(0, 0, 0));
+  Array<Vec3f> normal(1, Vec3f(0, 0, 1));
+  const auto search = make_neighbor_search(position);
+  for (const OrientationOptions& bad :
+       {OrientationOptions{.up = {0, 0, 0}},
+        OrientationOptions{.viewpoint = {std::numeric_limits<double>::infinity(), 0, 0}}}) {
+    EXPECT_EQ(bad.problems().size(), 1U);
+    EXPECT_THROW(orient_normals(position, {0, 0, 0}, *search, {}, bad, normal), Error);
+  }
 }
 
 TEST(Orientation, SameForAnyNumberOfThreads) {

@@ -2,6 +2,7 @@
 #include <numbers>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/estimate/splat_size.h>
@@ -73,6 +74,14 @@ double overlap(const Points& points, const SplatSizes& sizes, double cutoff, dou
     sum += discs;
   }
   return sum / kPlaces;
+}
+
+TEST(SplatSize, RefusesBadOptions) {
+  EXPECT_TRUE(SplatSizeOptions{}.problems().empty());
+  for (const double cutoff : {0.0, 17.0, std::nan("")}) {
+    EXPECT_EQ(SplatSizeOptions{.cutoff = cutoff}.problems().size(), 1U);
+    EXPECT_THROW(sizes_of(grid(4, 0), {.cutoff = cutoff}), Error);
+  }
 }
 
 TEST(SplatSize, CoverHasNoHolesAndLittleOverlap) {

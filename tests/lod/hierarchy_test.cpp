@@ -44,6 +44,7 @@ TEST(Hierarchy, RefusesOptionsAndCloudsThatMeanNothing) {
   EXPECT_FALSE(HierarchyOptions{.reduction = 1}.problems().empty());
   EXPECT_FALSE(HierarchyOptions{.reduction = 17}.problems().empty());
   EXPECT_THROW(build_hierarchy(jittered_plane(4, 1, 0), {.reduction = 0}), Error);
+  EXPECT_THROW(build_hierarchy(jittered_plane(4, 1, 0), {.sheets = {.normal_angle = 0}}), Error);
   EXPECT_THROW(build_hierarchy(SurfelCloud{}, {}), Error);
   SurfelCloud bare;
   bare.position.push_back({0, 0, 0});
@@ -51,6 +52,16 @@ TEST(Hierarchy, RefusesOptionsAndCloudsThatMeanNothing) {
   SurfelCloud broken = jittered_plane(1, 1, 0);
   broken.variance[0] = NAN;
   EXPECT_THROW(build_hierarchy(broken, {}), Error);
+}
+
+TEST(Hierarchy, ReportTellsOfOneCloudHoweverOftenItIsUsed) {
+  const SurfelCloud plane = jittered_plane(40, 1, 0.3);
+  HierarchyReport once;
+  build_hierarchy(plane, {}, &once);
+  HierarchyReport twice = once;
+  build_hierarchy(plane, {}, &twice);
+  EXPECT_EQ(twice.levels, once.levels);
+  EXPECT_EQ(twice.clusters, once.clusters);
 }
 
 TEST(Hierarchy, IsSoundForAnyCountAndReduction) {

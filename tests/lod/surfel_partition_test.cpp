@@ -3,6 +3,7 @@
 #include <set>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/lod/surfel_partition.h>
 
 #include "render/scenes.h"
@@ -33,12 +34,11 @@ void expect_partition(const SurfelPartition& parts, std::size_t surfels, std::si
   EXPECT_EQ(std::count(seen.begin(), seen.end(), 1), static_cast<std::ptrdiff_t>(surfels));
 }
 
-TEST(SurfelPartition, RefusesOptionsThatMeanNothing) {
-  EXPECT_TRUE(SheetRules{}.problems().empty());
-  EXPECT_FALSE(SheetRules{.normal_angle = 0}.problems().empty());
-  EXPECT_FALSE(SheetRules{.normal_angle = 91}.problems().empty());
-  EXPECT_FALSE(SheetRules{.sheet_weight = 0.5}.problems().empty());
-  EXPECT_FALSE(SheetRules{.sheet_weight = NAN}.problems().empty());
+TEST(SurfelPartition, RefusesBadRules) {
+  const auto surfels = merge_surfels(jittered_plane(2, 1, 0));
+  SurfelPartition parts;
+  EXPECT_THROW(parts.run(surfels, 2, {.normal_angle = 0}), Error);
+  EXPECT_THROW(parts.run(surfels, 2, {.sheet_weight = 0.5}), Error);
 }
 
 TEST(SurfelPartition, GivesAsManyGroupsAsAskedFor) {

@@ -2,6 +2,7 @@
 #include <limits>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/measure/cloud_needs.h>
 
 namespace surfel {
@@ -40,6 +41,11 @@ bool contains(const std::string& text, const std::string& part) {
 
 // Discs that just reach the corners of their unit cells.
 constexpr float kClosing = 0.72F;
+
+TEST(CloudNeeds, RefusesBadOptions) {
+  const SurfelCloud cloud = grid(3, kClosing);
+  EXPECT_THROW(cloud_needs(cloud, cloud_statistics(cloud), {.cutoff = 0}, "a.ply"), Error);
+}
 
 TEST(CloudNeeds, ASoundCloudNeedsNothing) {
   EXPECT_TRUE(needs_of(grid(30, kClosing)).empty());

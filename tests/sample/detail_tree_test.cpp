@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/detail_tree.h>
 
@@ -46,6 +47,21 @@ void expect_coarsest(const DetailTree& tree, const DetailTree::Cut& cut) {
   for (const SizingCell& cell : cut.cells) {
     EXPECT_EQ(cell.spacing, static_cast<float>(tree.largest_spacing()));
   }
+}
+
+TEST(DetailTree, RefusesBadOptions) {
+  const Probes one{flat(0, 0, 0.5f)};
+  const DetailTree::Options good{1, 1, 1, 1};
+  EXPECT_TRUE(good.problems().empty());
+  for (double DetailTree::Options::*field :
+       {&DetailTree::Options::area, &DetailTree::Options::probe_spacing,
+        &DetailTree::Options::unit_deviation, &DetailTree::Options::variance_scale}) {
+    DetailTree::Options bad = good;
+    bad.*field = 0;
+    EXPECT_EQ(bad.problems().size(), 1u);
+    EXPECT_THROW(DetailTree(one, {}, bad), Error);
+  }
+  EXPECT_THROW(DetailTree({}, {}, good), Error);
 }
 
 TEST(DetailTree, WhatIsLinearOnAPlaneNeedsOneCell) {

@@ -194,6 +194,9 @@ TEST(GenerateSurfels, RefusesBadOptions) {
   options.variance_scale = -1;
   EXPECT_EQ(options.problems().size(), 3u);
   EXPECT_THROW(generate_surfels(procedural_scene("plane", 1), options), Error);
+  EXPECT_THROW(
+      generate_surfels_in_order(procedural_scene("plane", 1), options, 10, [](SurfelCloud&&) {}),
+      Error);
   EXPECT_THROW(procedural_scene("cube", 1), Error);
 }
 

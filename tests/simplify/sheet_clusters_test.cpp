@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/random.h>
 #include <surfel/simplify/sheet_clusters.h>
 
@@ -38,6 +39,13 @@ void expect_partition(const SheetClusters& clusters, std::size_t surfels) {
     for (const std::uint32_t i : members) ++seen[i];
   }
   EXPECT_TRUE(std::all_of(seen.begin(), seen.end(), [](int n) { return n == 1; }));
+}
+
+TEST(SheetClusters, RefusesBadRules) {
+  SurfelCloud cloud;
+  add_plane(cloud, 2, 0, Vec3f::UnitZ());
+  EXPECT_THROW(cluster(cloud, 1, 0, 1, {.normal_angle = 91}), Error);
+  EXPECT_THROW(cluster(cloud, 1, 0, 1, {.sheet_weight = 0}), Error);
 }
 
 TEST(SheetClusters, SeedsKeepTheirDistanceAndEverySurfelIsNearItsSeed) {

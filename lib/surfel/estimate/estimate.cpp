@@ -1,17 +1,17 @@
 #include <algorithm>
 #include <limits>
-#include <memory>
 
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/surface/neighbor_lists.h>
 
 namespace surfel {
 namespace {
 
-/// Neighbourhoods of the normals are kept up to this size.
+/// Largest neighbourhoods of normals that are kept for the later stages: 256 bytes a point.
 constexpr int kMostShared = 64;
 
 constexpr std::size_t kGrain = 1 << 14;
@@ -26,8 +26,8 @@ Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
   return out;
 }
 
-/// Turns the order of points along the curve into that of the file: `order` becomes the points that
-/// are left, ascending; returned is the place of each along the curve.
+/// Puts points that are in the order of the curve back into the order of the file: `order` becomes
+/// the points that are left, ascending; returned is the place of each point along the curve.
 Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) {
   constexpr std::uint32_t kRemoved = std::numeric_limits<std::uint32_t>::max();
   Array<std::uint32_t> place(count);
@@ -60,6 +60,129 @@ T* add_extra(SurfelCloud& cloud, const std::string& name, ScalarType type) {
   return reinterpret_cast<T*>(property.data.data());
 }
 
+/// Points along a space-filling curve, where neighbours are near in memory, too.
+struct OrderedPoints {
+  Array<std::uint32_t> order;  ///< Points of the cloud.
+  Array<Vec3f> position;
+};
+
+/// The points of the cloud that are finite, one at least.
+OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
+  OrderedPoints out{morton_order(cloud.position), {}};
+  // Points that are not finite come last.
+  const auto end = std::partition_point(out.order.begin(), out.order.end(), [&](std::uint32_t i) {
+    return cloud.position[i].allFinite();
+  });
+  out.order.erase(end, out.order.end());
+  if (out.order.empty()) throw_input(name, "there is no point with finite coordinates");
+  out.position = gathered(cloud.position, out.order);
+  return out;
+}
+
+/// Removes outliers and returns how many there were; one point at least is left.
+std::size_t remove_outliers(const OutlierOptions& options, const std::string& name,
+                            OrderedPoints& points) {
+  const Array<std::uint8_t> inlier = inliers(points.position, options);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < inlier.size(); ++i) {
+    if (inlier[i] == 0) continue;
+    points.order[kept] = points.order[i];
+    points.position[kept++] = points.position[i];
+  }
+  if (kept == 0) throw_input(name, "every point is an outlier; raise the outliers' deviations");
+  points.order.resize(kept);
+  points.position.resize(kept);
+  return inlier.size() - kept;
+}
+
+/// How many neighbours are kept for all stages, which go over the same neighbourhoods; large or
+/// adaptive neighbourhoods of the normals are searched for on their own.
+std::size_t shared_neighbors(const NormalOptions& normals) {
+  const std::size_t least = std::max(kSplatNeighbors, kOrientationNeighbors + 1);
+  if (normals.adaptive || normals.radius > 0) return least;
+  return std::max(least, static_cast<std::size_t>(std::min(normals.k, kMostShared)));
+}
+
+/// Normals and sizes of points along the curve.
+struct Estimates {
+  NormalEstimate normals;
+  SplatSizes sizes;
+};
+
+Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
+                          const EstimateOptions& options, StageTimer& stage, EstimateReport& r) {
+  const Array<Vec3f>& position = points.position;
+  const auto tree = make_neighbor_search(position, options.search);
+  const NeighborLists search(*tree, position, shared_neighbors(options.normals));
+  stage.end("search tree");
+  Estimates out;
+  out.normals = estimate_normals(position, search, options.normals);
+  r.flagged = out.normals.flagged;
+  r.extended = out.normals.extended;
+  r.mean_neighbors =
+      static_cast<double>(out.normals.neighbors) / static_cast<double>(position.size());
+  stage.end("neighbors and normals");
+  Array<Vec3f> previous;
+  if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
+    previous = gathered(cloud.normal, points.order);
+  }
+  r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
+                                 out.normals.normal);
+  stage.end("orientation");
+  out.sizes =
+      estimate_splat_sizes(position, out.normals.normal,
+                           options.orientation.method != Orientation::kNone, search, options.size);
+  r.border = out.sizes.border;
+  r.capped = out.sizes.capped;
+  r.anisotropic = out.sizes.ellipses;
+  stage.end("sizes");
+  if (options.search == SearchMethod::kFlannApproximate) {
+    const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
+    r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
+    stage.end("recall");
+  }
+  return out;
+}
+
+/// The cloud's points `order`, which are along the curve, as surfels in the order of the file.
+SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
+                          const Estimates& estimates) {
+  const Array<std::uint32_t> place = file_order(cloud.size(), order);
+  SurfelCloud out = cloud.gathered(order);
+  const std::size_t count = out.size();
+  const bool ellipses = estimates.sizes.ellipses;
+  out.normal.resize(count);
+  out.area.resize(count);
+  out.variance.resize(ellipses ? 0 : count);
+  out.tangent.resize(ellipses ? count : 0);
+  out.variance_u.resize(ellipses ? count : 0);
+  out.variance_v.resize(ellipses ? count : 0);
+  auto* curvature = add_extra<float>(out, "curvature", ScalarType::kFloat32);
+  auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
+  static_assert(sizeof(PointFlag) == 1);
+  auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t from = place[i];
+      const SplatSize& size = estimates.sizes.of[from];
+      const NormalQuality& quality = estimates.normals.quality[from];
+      out.normal[i] = estimates.normals.normal[from];
+      out.area[i] = size.area;
+      if (ellipses) {
+        out.tangent[i] = size.tangent;
+        out.variance_u[i] = size.variance_u;
+        out.variance_v[i] = size.variance_v;
+      } else {
+        out.variance[i] = size.variance;
+      }
+      curvature[i] = quality.curvature;
+      confidence[i] = quality.confidence;
+      flag[i] = quality.flag;
+    }
+  });
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::string> EstimateOptions::problems() const {
@@ -78,111 +201,18 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   for (const std::string& problem : options.problems()) throw_usage(problem);
   EstimateReport r;
   r.points = cloud.size();
-  Timer timer;
-  const auto lap = [&](const char* stage) {
-    r.times.add(stage, timer.milliseconds());
-    timer.restart();
-  };
-
-  // Along a space-filling curve neighbours are near in memory, too. Points that are not finite come
-  // last.
-  Array<std::uint32_t> order = morton_order(cloud.position);
-  const auto finite = std::partition_point(
-      order.begin(), order.end(), [&](std::uint32_t i) { return cloud.position[i].allFinite(); });
-  order.erase(finite, order.end());
-  r.nonfinite = cloud.size() - order.size();
-  if (order.empty()) throw_input(name, "there is no point with finite coordinates");
-  Array<Vec3f> position = gathered(cloud.position, order);
-  lap("sort");
+  StageTimer stage(r.times);
+  OrderedPoints points = finite_points(cloud, name);
+  r.nonfinite = cloud.size() - points.order.size();
+  stage.end("sort");
   if (options.outliers) {
-    const Array<std::uint8_t> inlier = inliers(position, *options.outliers);
-    Array<std::uint32_t> kept;
-    Array<Vec3f> kept_position;
-    for (std::size_t i = 0; i < order.size(); ++i) {
-      if (inlier[i] == 0) continue;
-      kept.push_back(order[i]);
-      kept_position.push_back(position[i]);
-    }
-    r.outliers = order.size() - kept.size();
-    if (kept.empty()) throw_input(name, "every point is an outlier; raise --outlier-deviations");
-    order = std::move(kept);
-    position = std::move(kept_position);
-    lap("outliers");
+    r.outliers = remove_outliers(*options.outliers, name, points);
+    stage.end("outliers");
   }
-
-  auto tree = make_neighbor_search(position, options.search);
-  // All stages go over the same neighbourhoods, but for large or adaptive ones of the normals.
-  std::size_t shared =
-      static_cast<std::size_t>(std::max(options.size.neighbors, options.orientation.neighbors + 1));
-  if (!options.normals.adaptive && options.normals.radius == 0) {
-    shared = std::max(shared, static_cast<std::size_t>(std::min(options.normals.k, kMostShared)));
-  }
-  auto search = std::make_unique<const NeighborLists>(*tree, position, shared);
-  lap("search tree");
-  NormalEstimate normals = estimate_normals(position, *search, options.normals);
-  r.flagged = normals.flagged;
-  r.extended = normals.extended;
-  r.mean_neighbors = static_cast<double>(normals.neighbors) / static_cast<double>(position.size());
-  lap("neighbors and normals");
-  Array<Vec3f> previous;
-  if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
-    previous = gathered(cloud.normal, order);
-  }
-  r.orientation = orient_normals(position, cloud.origin, *search, previous, options.orientation,
-                                 normals.normal);
-  lap("orientation");
-  const SplatSizes sizes =
-      estimate_splat_sizes(position, normals.normal,
-                           options.orientation.method != Orientation::kNone, *search, options.size);
-  r.border = sizes.border;
-  r.capped = sizes.capped;
-  r.anisotropic = sizes.ellipses;
-  lap("sizes");
-
-  if (options.search == SearchMethod::kFlannApproximate) {
-    const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
-    r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
-    lap("recall");
-  }
-  // What comes next needs the memory.
-  search.reset();
-  tree.reset();
-  position = {};
-
-  // Back to the order of the file.
-  const Array<std::uint32_t> place = file_order(cloud.size(), order);
-  SurfelCloud out = cloud.gathered(order);
-  const std::size_t count = out.size();
-  out.normal.resize(count);
-  out.area.resize(count);
-  out.variance.resize(r.anisotropic ? 0 : count);
-  out.tangent.resize(r.anisotropic ? count : 0);
-  out.variance_u.resize(r.anisotropic ? count : 0);
-  out.variance_v.resize(r.anisotropic ? count : 0);
-  auto* curvature = add_extra<float>(out, "curvature", ScalarType::kFloat32);
-  auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
-  static_assert(sizeof(PointFlag) == 1);
-  auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::uint32_t from = place[i];
-      const SplatSize& size = sizes.of[from];
-      const NormalQuality& quality = normals.quality[from];
-      out.normal[i] = normals.normal[from];
-      out.area[i] = size.area;
-      if (r.anisotropic) {
-        out.tangent[i] = size.tangent;
-        out.variance_u[i] = size.variance_u;
-        out.variance_v[i] = size.variance_v;
-      } else {
-        out.variance[i] = size.variance;
-      }
-      curvature[i] = quality.curvature;
-      confidence[i] = quality.confidence;
-      flag[i] = quality.flag;
-    }
-  });
-  lap("gather");
+  const Estimates estimates = estimate_points(cloud, points, options, stage, r);
+  points.position = {};  // The surfels need the memory.
+  SurfelCloud out = in_file_order(cloud, std::move(points.order), estimates);
+  stage.end("gather");
   if (report) *report = std::move(r);
   return out;
 }

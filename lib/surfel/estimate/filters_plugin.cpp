@@ -1,4 +1,5 @@
-// Plug-in libsurfel_filters.so: the one place that sees PCL's filters.
+// Plug-in libsurfel_filters.so, the only source that includes PCL's filters: the library itself
+// neither links nor loads PCL before outliers are asked for.
 
 #include <exception>
 

@@ -17,11 +17,11 @@ constexpr int kMostNeighbors = std::numeric_limits<std::uint16_t>::max();
 constexpr std::size_t kMostExtended = 128;
 /// lambda_1 / lambda_2 below which a neighbourhood is thin: a fifth as wide as long.
 constexpr double kThinShare = 0.04;
-/// And below which it is a line: a thousandth as wide as long.
+/// lambda_1 / lambda_2 below which a neighbourhood is a line: a thousandth as wide as long.
 constexpr double kLineShare = 1e-6;
 /// Half width of the adaptive size's confidence intervals, in standard errors. Larger values take
-/// noise away better and round edges off more: 1 to 2.4 were compared on plane, sphere, torus,
-/// cube.
+/// noise away better and round edges off more; between 1 and 2.4 this is the best compromise on
+/// plane, sphere, torus and cube.
 constexpr double kIntervalErrors = 1.8;
 /// Normals that differ by less, in radians, agree: they are floats.
 constexpr double kSameAngle = 1e-6;
@@ -81,14 +81,14 @@ Plane plane_of(const PlaneBatch& batch, std::size_t i, double n) {
           n};
 }
 
-/// What a neighbourhood gave.
+/// Normal of one neighbourhood, or why there is none.
 struct Result {
   PointFlag flag = PointFlag::kTooFew;
   std::size_t neighbors = 0;
   Plane plane{};  ///< Set if the flag is kGood or kThin.
 };
 
-/// What neighbourhoods say about single points.
+/// Makes the normals of single points from their neighbourhoods.
 class Estimator {
  public:
   Estimator(const Array<Vec3f>& points, const NeighborSearch& search, const NormalOptions& options)
@@ -109,7 +109,7 @@ class Estimator {
     return moments;
   }
 
-  /// Why no plane fits, if so.
+  /// The reason why no plane fits; none if one does.
   std::optional<PointFlag> planeless(std::size_t i, const Moments& moments) const {
     if (moments.n < 3) return PointFlag::kTooFew;
     if (!(moments.variance() > least_variance(i))) return PointFlag::kCoincident;
@@ -132,7 +132,8 @@ class Estimator {
     return result.flag != PointFlag::kGood && found < std::min(kMostExtended, points_.size());
   }
 
-  /// With twice as many neighbours as were `found`, four times ..., until they are not thin.
+  /// Result of twice as many neighbours as were `found`, four times as many, and so on, until the
+  /// neighbourhood is not thin.
   Result extended(std::size_t i, std::size_t found, std::vector<Neighbor>& scratch) const {
     Result result;
     do {
@@ -207,7 +208,7 @@ class Estimator {
   std::vector<std::size_t> sizes_;  ///< Ascending.
 };
 
-/// The side is nobody's choice here, but the same on every machine.
+/// Turns a normal of arbitrary side to a side that is the same on every machine.
 Vec3f with_fixed_side(const Vec3d& normal) {
   Eigen::Index largest = 0;
   normal.cwiseAbs().maxCoeff(&largest);
@@ -251,7 +252,7 @@ std::vector<std::string> NormalOptions::problems() const {
 
 NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch& search,
                                 const NormalOptions& options) {
-  if (const auto problems = options.problems(); !problems.empty()) throw_usage(problems.front());
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   const std::size_t n = points.size();
   if (search.size() != n) {
     throw_usage("the neighbour search has " + std::to_string(search.size()) +

@@ -23,7 +23,8 @@ struct NormalOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// What a normal is worth. Of the last three it is zero, and so are curvature and confidence.
+/// How far a normal can be trusted. With the last three flags the normal is zero, and so are
+/// curvature and confidence.
 enum class PointFlag : std::uint8_t {
   kGood,
   kThin,        ///< The neighbourhood is over five times as long as wide, however large: the normal
@@ -34,32 +35,32 @@ enum class PointFlag : std::uint8_t {
 };
 constexpr std::size_t kPointFlags = 5;
 
-/// What is known of a point's normal.
+/// Shape and reliability of the neighbourhood that a normal was made from.
 struct NormalQuality {
   float curvature;   ///< Surface variation lambda_0 / (lambda_0 + lambda_1 + lambda_2), 0 to 1/3.
                      ///< [Pauly, Gross, Kobbelt 2002, section 3.1]
   float confidence;  ///< One minus the normal's standard error in radians, at least 0.
-  std::uint16_t neighbors;  ///< Points that the normal is of.
+  std::uint16_t neighbors;  ///< Points that the normal was made from.
   PointFlag flag;
 
   bool operator==(const NormalQuality&) const = default;
 };
 
-/// A value per point in each array.
+/// Normals of points, a value per point in each array.
 struct NormalEstimate {
   Array<Vec3f> normal;  ///< Unit length, of arbitrary side: the component of largest magnitude
                         ///< is positive. Zero = unknown.
   Array<NormalQuality> quality;
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by flag.
-  std::size_t neighbors = 0;                       ///< Of all normals together.
-  std::size_t extended = 0;  ///< Points whose neighbourhood was enlarged, being thin at first.
+  std::size_t neighbors = 0;  ///< Sum of the points that each normal was made from.
+  std::size_t extended = 0;   ///< Points whose neighbourhood was enlarged, being thin at first.
 
   std::size_t count(PointFlag f) const { return flagged[static_cast<std::size_t>(f)]; }
 };
 
 /// Normals of points by principal component analysis: the eigenvector of the smallest eigenvalue
 /// lambda_0 of the neighbourhood's covariance about its centroid, in double from the offsets to the
-/// point [Hoppe et al. 1992]. `search` is over `points`, which are finite.
+/// point [Hoppe et al. 1992]. `search` searches `points`, which are finite.
 ///
 /// The standard error of the normal of n points with eigenvalues l0 <= l1 <= l2 is
 ///   s^2 = noise / n (l1 / (l1 - l0)^2 + l2 / (l2 - l0)^2),  noise = l0 n / (n - 3),
@@ -69,15 +70,14 @@ struct NormalEstimate {
 /// Scan lines: where the nearest points all lie along one line (l1 < 0.04 l2) or at one place,
 /// their number is doubled, up to 128, until they do not; not with `radius`.
 ///
-/// Adaptive size: the normals of k_min, sqrt(2) k_min, 2 k_min ... k_max points are compared, and
-/// the largest number is taken up to which each normal agrees with those of fewer points: differs
-/// from them by at most 1.8 (s + s'), s with the least noise seen at this point. Errors of chance
-/// shrink as the number grows, and when a systematic one shows among them, of curvature or an edge,
-/// it is large enough (intersection of confidence intervals [Lepskii 1990; Goldenshluger,
-/// Nemirovski 1997]). The closed formula of Mitra, Nguyen, Guibas 2004 needs the curvature, which
-/// is not known where noise is strong: on a torus with noise of 0.3 spacings the mean error was 5.4
-/// to 10.3 degrees with it (its constant c_1 from 4 down to 0.5), 5.0 with k = 16, and is 1.4 with
-/// this rule. Relief finer than the spacing cannot be told from noise: there k = 16 is better.
+/// Adaptive size: the normals of k_min, sqrt(2) k_min, 2 k_min ... k_max points are compared. The
+/// largest number is taken up to which each normal agrees with every normal of fewer points: they
+/// differ by at most 1.8 (s + s'), s being taken with the least noise seen at this point. Errors of
+/// chance shrink as the number grows; the number is large enough when a systematic error, of
+/// curvature or an edge, shows among them (intersection of confidence intervals [Lepskii 1990;
+/// Goldenshluger, Nemirovski 1997]). The closed formula of Mitra, Nguyen, Guibas 2004 is not used:
+/// it needs the curvature, which is not known where noise is strong. Relief finer than the spacing
+/// cannot be told from noise: there k = 16 is better.
 ///
 /// The same for any number of threads. Throws Error(kUsage) for bad options, or if `search` has
 /// another number of points.

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <limits>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
@@ -15,15 +14,17 @@ namespace {
 constexpr std::size_t kGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 constexpr float kLongestWeight = 65534;
-/// Edges steeper than 51 degrees to a tangent plane lead to another sheet: across a right-angled
-/// bend there are always some of 45.
+/// Squared sine of 51 degrees: steeper edges to a tangent plane lead to another sheet. 45 degrees
+/// (along_sheet() in surface/sheet.h) would be too strict here, as all edges across a right-angled
+/// bend may have them, and the bend's sides would fall apart.
 constexpr float kSteepestSine2 = 0.6F;
-/// Weight of what is no edge: above those that there are.
+/// Weight of a pair of points without an edge, above all weights of edges.
 constexpr float kNoEdge = 2;
-/// Bends by more than 45 degrees need the edge to tell the side: the normals' own product is near
-/// zero, its sign chance.
+/// Cosine of 45 degrees: bends by more need the edge to tell the side, as the normals' own product
+/// is near zero, and its sign chance.
 constexpr float kBend = 0.7F;
-/// Parts are joined by edges below this weight among that many nearest points, in that many rounds.
+/// Parts are joined by edges below this weight, to the kJoinNeighbors nearest points, in
+/// kJoinRounds rounds: each round at least halves the parts that can be joined.
 constexpr float kJoinWeight = 0.1F;
 constexpr std::size_t kJoinNeighbors = 64;
 constexpr int kJoinRounds = 8;
@@ -41,12 +42,12 @@ class Spreader {
       sets_.unite(settled_, i, [] { return false; });
     }
   }
-  /// A point that is settled, or kNone.
+  /// One of the settled points, or kNone.
   std::uint32_t settled() const { return settled_; }
 
   /// Turns the normals of each part to one side, whichever that is unless points are settled.
-  void spread(std::size_t neighbors) {
-    join_neighbors(neighbors);
+  void spread() {
+    join_neighbors();
     look_up();
     for (int round = 0; round < kJoinRounds && parts_ > 1 && join_parts(); ++round) look_up();
     const bool right_opposed = settled_ != kNone && opposed_[settled_] != 0;
@@ -80,7 +81,7 @@ class Spreader {
   }
 
   /// Above zero where the normals are on the same side of the surface: their product, or in sharp
-  /// bends that of n_j and n_i mirrored at the plane half-way between the points.
+  /// bends the product of n_j and n_i mirrored at the plane half-way between the points.
   float agreement(std::size_t i, std::size_t j) const {
     const float product = normal_[i].dot(normal_[j]);
     const Vec3f edge = position_[j] - position_[i];
@@ -93,8 +94,8 @@ class Spreader {
   bool opposed(std::size_t i, std::size_t j) const { return agreement(i, j) < 0; }
 
   /// Along the spanning forest of the edges to the nearest points.
-  void join_neighbors(std::size_t neighbors) {
-    NeighborGraph graph{search_.rows(neighbors + 1), {}};
+  void join_neighbors() {
+    NeighborGraph graph{search_.rows(kOrientationNeighbors + 1), {}};
     graph.length.resize(position_.size() * graph.degree());
     parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       std::uint16_t* length = graph.length.data() + begin * graph.degree();
@@ -129,8 +130,7 @@ class Spreader {
     Array<std::uint32_t> size;  // Of the part whose root this is.
     size.assign(count, 0);
     for (std::size_t i = 0; i < count; ++i) size[part_[i]] += known(i) ? 1 : 0;
-    // The largest part, the one of the lowest point where several are, waits for the others to come
-    // to it.
+    // The largest part (of several, the part of the lowest point) waits for the others to come.
     std::uint32_t largest = kNone;
     for (std::uint32_t i = 0; i < count; ++i) {
       if (known(i) && (largest == kNone || size[part_[i]] > size[largest])) largest = part_[i];
@@ -174,7 +174,7 @@ class Spreader {
   SignedSets sets_;
   std::uint32_t settled_ = kNone;
   Array<std::uint32_t> part_;
-  Array<std::uint8_t> opposed_;  ///< To that point of the part which part_ names.
+  Array<std::uint8_t> opposed_;  ///< 1: the normal is on the other side than the one of part_.
   std::size_t parts_ = 0;
 };
 
@@ -193,7 +193,8 @@ std::vector<Vec3f> probes(Orientation method) {
   return out;
 }
 
-/// Turns whole parts but `settled`: a part's extreme point in a direction looks there, if any.
+/// Turns whole parts, but for the part `settled`, so that the furthest point of a part in a probed
+/// direction looks there, by the sum over the directions.
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
                 std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {
   const std::size_t count = position.size();
@@ -255,9 +256,6 @@ std::vector<std::string> OrientationOptions::problems() const {
   std::vector<std::string> found;
   if (!viewpoint.allFinite()) found.emplace_back("viewpoint must be three finite numbers");
   if (!up.allFinite() || up.isZero(0)) found.emplace_back("up must be finite and not zero");
-  if (neighbors < 2 || neighbors > 64) {
-    found.push_back(fmt::format("orient-k is {}; it must be in 2..64", neighbors));
-  }
   return found;
 }
 
@@ -293,7 +291,7 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
     case Orientation::kAlign: {
       Spreader spreader(position, search, normal);
       if (options.method == Orientation::kAlign) spreader.settle(align(previous, normal));
-      spreader.spread(static_cast<std::size_t>(options.neighbors));
+      spreader.spread();
       report.components = spreader.parts();
       const Array<std::uint32_t>& part = spreader.part();
       const std::uint32_t settled = spreader.settled() == kNone ? kNone : part[spreader.settled()];

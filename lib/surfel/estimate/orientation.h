@@ -17,22 +17,27 @@ enum class Orientation : std::uint8_t {
   kOutward,    ///< Consistent along the surface; of each part the outermost points look outward.
   kViewpoint,  ///< Towards OrientationOptions::viewpoint.
   kUp,         ///< Towards OrientationOptions::up.
-  kAlign,      ///< That of given normals; points without one follow the surface from the nearest
-               ///< that have, and where it leads to none are turned as by kMst.
-  kNone        ///< As they are.
+  kAlign,      ///< To the side of given normals. Points without a given normal follow the surface
+               ///< from the nearest points that have one; parts of the surface without any are
+               ///< turned as by kMst.
+  kNone        ///< Normals stay as they are.
 };
 
 struct OrientationOptions {
   Orientation method = Orientation::kMst;
-  Vec3d viewpoint{0, 0, 0};  ///< World coordinates.
-  Vec3d up{0, 0, 1};         ///< Any length but zero.
-  int neighbors = 8;         ///< Edges a point of the graph that signs spread along, 2..64.
-  SURFEL_API std::vector<std::string> problems() const;
+  Vec3d viewpoint{0, 0, 0};                              ///< World coordinates.
+  Vec3d up{0, 0, 1};                                     ///< Any length but zero.
+  SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
+
+/// Edges a point of the graph that signs spread along: as many as a point of a square grid has
+/// around it. More edges cost time and lead across gaps, fewer leave parts of the surface apart.
+inline constexpr std::size_t kOrientationNeighbors = 8;
 
 struct OrientationReport {
   std::size_t components = 0;  ///< Parts of the surface that signs spread along; 0 without
-                               ///< spreading. With kAlign all that hold given normals count as one.
+                               ///< spreading. With kAlign all parts that hold given normals count
+                               ///< as one.
   std::size_t flipped = 0;     ///< Normals that were turned.
   std::size_t unknown = 0;     ///< Points without a normal.
 };
@@ -40,18 +45,18 @@ struct OrientationReport {
 /// Turns unit normals (zero = unknown, stays so) to a side. Signs spread along the minimum spanning
 /// tree of the graph of nearest neighbours [Hoppe et al. 1992, section 3.3] with weights
 ///   1 - |n_i . n_j| (1 - s^2),  s = the larger sine between the edge and either tangent plane,
-/// so that they rather go around sharp bends, and never along edges steeper than 51 degrees to a
-/// tangent plane, which lead to another sheet. Where the surface bends by more than 45 degrees n_i
-/// is first mirrored at the plane half-way between the points [Koenig, Gumhold 2009], if that makes
-/// the product larger: on a cube whose normals were off by 5 degrees half the sides were wrong
-/// without, none are with. The tree is found on weights of 16 bits; signs are parities of its sets
-/// (spanning_forest.h), so the tree itself is never stored: 2 bytes an edge and about 30 a point
-/// besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined where
-/// among the 64 nearest points an edge of weight below 0.1 leads to another one.
+/// so that signs rather spread around sharp bends, and never along edges steeper than 51 degrees to
+/// a tangent plane, which lead to another sheet. Where the surface bends by more than 45 degrees
+/// n_i is first mirrored at the plane half-way between the points [Koenig, Gumhold 2009], if that
+/// makes the product larger: at a right-angled edge the product itself is near zero, and its sign
+/// chance. The tree is found on weights of 16 bits; signs are parities of its sets
+/// (spanning_forest.h), so that the tree itself is never stored: 2 bytes an edge and about 30 a
+/// point besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined
+/// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
 ///
-/// \param origin    of the positions, for the viewpoint.
-/// \param search    over `position`.
-/// \param previous  for kAlign: normals of any length (zero or not finite = none), or empty.
+/// \param origin    of the positions, world coordinates: the viewpoint is seen from there.
+/// \param search    searches `position`.
+/// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty.
 /// The same for any number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                             const NeighborSearch& search,

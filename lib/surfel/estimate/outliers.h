@@ -11,9 +11,9 @@ namespace surfel {
 
 struct OutlierOptions {
   int neighbors = 16;     ///< Neighbours whose mean distance from a point is looked at, 1..1024.
-  double deviations = 3;  ///< A point is an outlier where that is larger than the mean of all
-                          ///< points by more than this many standard deviations, > 0.
-  SURFEL_API std::vector<std::string> problems() const;
+  double deviations = 3;  ///< A point is an outlier where this mean distance is above the average
+                          ///< over all points by more than this many standard deviations, > 0.
+  SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// 1 for every point to keep, 0 for outliers: PCL's StatisticalOutlierRemoval [Rusu et al. 2008].

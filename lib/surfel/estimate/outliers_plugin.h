@@ -5,8 +5,8 @@
 
 namespace surfel {
 
-/// What the library hands to the plug-in libsurfel_filters.so; raw numbers only, as PCL is built
-/// for another instruction set than the code that includes Eigen here may be.
+/// Work that the library hands to the plug-in libsurfel_filters.so. It holds plain numbers only:
+/// PCL may be built for another instruction set than this library, and Eigen's types differ then.
 struct OutlierWork {
   const float* points = nullptr;  ///< x y z, `count` times.
   std::size_t count = 0;

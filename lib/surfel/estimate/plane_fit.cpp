@@ -21,10 +21,10 @@ using V = hn::Vec<D>;
 
 using Vec3 = HWY_NAMESPACE::Vec3<V>;
 
-/// One vector of the batch. Returns, as bits, those whose residual is too large.
+/// Fits one vector of the batch. Returns, as bits, the lanes whose residual is too large.
 HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
   /// Four digits are right after the first few steps unless two eigenvalues nearly agree, and each
-  /// further one doubles them.
+  /// further step doubles the digits.
   constexpr int kSteps = 6;
   constexpr double kLargestResidual = 1e-9;
   const D d;
@@ -81,7 +81,7 @@ HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
   lowest = dot(n, image);
   const Vec3 residual{hn::NegMulAdd(lowest, n.x, image.x), hn::NegMulAdd(lowest, n.y, image.y),
                       hn::NegMulAdd(lowest, n.z, image.z)};
-  // Sum and product of the others.
+  // Sum and product of the two larger eigenvalues.
   const V sum = hn::Sub(one, lowest);
   const V product = hn::NegMulAdd(lowest, sum, minors);
   const V mean = hn::Mul(half, sum);
@@ -96,7 +96,7 @@ HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
   hn::Store(hn::Mul(trace, highest), d, batch.lambda[2] + at);
 
   const V allowed = hn::Mul(hn::Set(d, kLargestResidual), hn::Max(zero, hn::Sub(middle, lowest)));
-  // So that NaN is too large.
+  // Asked this way, NaN counts as too large.
   const auto good = hn::Le(dot(residual, residual), hn::Mul(allowed, allowed));
   std::uint8_t bits[8] = {};
   hn::StoreMaskBits(d, hn::Not(good), bits);

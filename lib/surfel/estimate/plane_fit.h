@@ -6,7 +6,7 @@
 
 namespace surfel {
 
-/// Covariances of neighbourhoods, and the planes that fit them best.
+/// Covariances of up to kSize neighbourhoods, and the planes that fit the neighbourhoods best.
 struct PlaneBatch {
   static constexpr std::size_t kSize = 16;
   using Column = double[kSize];
@@ -21,8 +21,8 @@ struct PlaneBatch {
 /// covariances, which are positive semi-definite and not zero. With SIMD: the smallest root of the
 /// characteristic polynomial by Newton's method from zero, which approaches it from below; the
 /// normal is the largest cross product of two rows of C - lambda_0 I. The residual |C n - lambda n|
-/// bounds the error of that; where it is above 1e-9 of the gap to the next eigenvalue (two are
-/// nearly equal) Eigen's iterative solver takes over.
+/// bounds the error of the normal; where it is above 1e-9 of the gap to the next eigenvalue (two
+/// eigenvalues are nearly equal) Eigen's iterative solver takes over.
 SURFEL_API void fit_planes(std::size_t count, PlaneBatch& batch);
 
 }  // namespace surfel

@@ -13,7 +13,7 @@
 namespace surfel {
 namespace {
 
-/// Edges of a block: what it works on stays in a core's second cache.
+/// Edges of a block, so that its data stay in a core's second cache.
 constexpr std::size_t kBlockEdges = std::size_t{1} << 16;
 constexpr std::size_t kPointGrain = std::size_t{1} << 16;
 constexpr std::uint64_t kBeyondAll = std::numeric_limits<std::uint64_t>::max();
@@ -24,7 +24,7 @@ std::uint64_t order_key(const NeighborGraph& graph, std::size_t e) {
 }
 std::size_t edge_of(std::uint64_t key) { return key & ((std::uint64_t{1} << 48) - 1); }
 
-/// What is done to one block of points, [begin, end).
+/// A block of points, [begin, end), and its part of the work.
 class Block {
  public:
   Block(const NeighborGraph& graph, std::size_t begin, std::size_t end)
@@ -155,7 +155,7 @@ class Block {
   std::vector<std::uint32_t> parent_;  ///< Within the block, counted from its first point.
 };
 
-/// Of each block.
+/// Keys of edges, a list for each block.
 using BlockKeys = std::vector<std::vector<std::uint64_t>>;
 
 /// The shortest of all edges that lead from or to each point; beyond all: none.
@@ -235,8 +235,8 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
 
   const Array<std::uint64_t> keys = in_order(left);
   left = {};
-  // What all threads can do before; few sets are left, which stay in the cache of the one that
-  // unites them.
+  // All threads look up the roots; few sets are left, which stay in the cache of the one thread
+  // that unites them.
   struct Link {
     std::uint32_t a, b;
     bool differ;

@@ -38,7 +38,7 @@ class SURFEL_API SignedSets {
     return {i, opposed};
   }
 
-  /// The same without shortening paths, for several threads at once.
+  /// find() without shortening paths: several threads may call it at once.
   Root root(std::uint32_t i) const {
     bool opposed = false;
     for (; parent_[i] != i; i = parent_[i]) opposed ^= opposed_[i] != 0;
@@ -83,15 +83,15 @@ struct NeighborGraph {
 };
 
 /// Unites the points along the minimum spanning forest of the graph; equal lengths count as
-/// ascending with the edges' numbers, so that there is just one. `opposed` tells whether the signs
-/// of neighbours differ, and may be called in parallel. Points that `sets` holds together already
-/// stay so, as if by edges of length below zero, if `joined` says that there are any.
+/// ascending with the edges' numbers, so that there is just one forest. `opposed` tells whether the
+/// signs of neighbours differ; it is called in parallel. Points that `sets` holds together already
+/// stay together, as if by edges of length below zero, if `joined` says that there are any.
 ///
-/// Kruskal's algorithm on what is left after blocks of successive points have been looked at, in
-/// parallel, each for itself: an edge that closes a cycle of shorter ones within its block is in no
-/// forest, and one that is the shortest of all that leave either of the sets it joins [Boruvka
-/// 1926] is, whatever the other blocks hold. Points along a space-filling curve leave little. The
-/// same for any number of threads.
+/// Blocks of successive points are looked at first, in parallel and each for itself: an edge that
+/// closes a cycle of shorter edges within its block is in no forest; an edge that is the shortest
+/// of all edges that leave one of the two sets it joins [Boruvka 1926] is in the forest, whatever
+/// the other blocks hold. Kruskal's algorithm does the rest, which is little where points are in
+/// the order of a space-filling curve. The same for any number of threads.
 SURFEL_API void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                                       FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
                                       SignedSets& sets);

@@ -10,6 +10,8 @@
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/splat_size.h>
 #include <surfel/surface/closed_cell.h>
+#include <surfel/surface/sheet.h>
+#include <surfel/surface/tangent_frame.h>
 #include <surfel/surface/voronoi_cell.h>
 
 namespace surfel {
@@ -18,48 +20,68 @@ namespace {
 constexpr std::size_t kGrain = 1024;
 /// Points that surround one in a regular pattern: SS01's small neighbourhood.
 constexpr std::size_t kSmallNeighborhood = 6;
-/// The local spacing is the mean distance to that many.
+/// The local spacing is the mean distance to this many points: a square grid has four neighbours.
 constexpr std::size_t kSpacingNeighbors = 4;
-/// Neighbourhoods are doubled up to this many times `neighbors` where a cell stays open.
+/// A neighbourhood is doubled up to this many times where a cell stays open ...
 constexpr std::size_t kMostDoublings = 3;
-/// ... and up to this many times where they do not reach so many local spacings, as at a jump of
-/// density, where the denser side takes them all. (At a border of an even surface 128 of them reach
-/// 9 spacings.)
+/// ... and up to this many times where it does not reach kJumpReach local spacings, as at a jump of
+/// density, where the denser side holds all of the nearest points. (At a border of an even surface
+/// the 128 nearest points reach 9 spacings.)
 constexpr std::size_t kMostDoublingsAtJumps = 6;
 constexpr double kJumpReach = 4;
-/// Where an open cell ends, in local spacings.
-/// (Chosen on real scans: where leaves, branches and occlusions interrupt the surface, 0.054 % of
-/// the pixels are seen through with 0.75, 0.044 % with this. At the border of a plane areas then
-/// reach half a spacing too far.)
+/// Distance at which an open cell ends, in local spacings. Real scans are interrupted by leaves,
+/// branches and occlusions; a smaller distance opens more holes there, a larger one frays the
+/// silhouettes: at the border of a plane areas reach half a spacing too far with this one.
 constexpr double kBorderReach = 0.95;
-/// Up to here the surface surely goes on, in local spacings.
+/// Distance up to which the surface surely goes on, in local spacings.
 constexpr double kSureReach = 1.15;
-/// Least share of its disc that a cell at a border counts for; 0.44 is the mean of all on random
-/// points.
+/// Least share of its disc that a cell at a border counts for: about the mean share of all cells of
+/// random points, 0.44.
 constexpr double kBorderFill = 0.5;
-/// Voids whose middle is further away than this are holes of the surface, in local spacings. (The
-/// middle between scan lines 10 times as far apart as their points is 3.3 of them away.)
+/// Voids whose middle is further away than this are holes of the surface, in local spacings. The
+/// middle between scan lines 10 times as far apart as their points is 3.3 spacings away.
 constexpr double kVoidReach = 4;
-/// A point is alone whose spacing is that many times its neighbours' (the median of them: outliers
-/// come in pairs, too).
+/// A point is alone if its spacing is this many times the median of its neighbours' spacings; the
+/// median, as outliers come in pairs, too.
 constexpr double kAloneFactor = 3;
-/// Ellipses are no longer than this, so that two points on a line do not make a needle.
-constexpr double kMostElongated = 16;
+/// A cell is elongated if it is longer than this many times its width: below, ellipses are worth
+/// less than the columns that they need.
+constexpr double kElongated = 2;
 /// Ellipses are used for the whole cloud where this share of the cells is elongated.
 constexpr double kElongatedShare = 0.1;
+/// Discs and ellipses are larger than their cells by this factor, as neighbouring tangent planes
+/// differ where the surface bends.
+constexpr double kMargin = 1.05;
 
 enum class CellKind : std::uint8_t { kClosed, kBorder, kAlone };
 
-/// Tangent plane (a, b) and normal n, orthonormal.
-struct Frame {
-  Vec3d a, b, n;
+/// A point's nearest points, the point itself among them.
+struct Neighborhood {
+  std::span<const Neighbor> near;  ///< By ascending distance.
+  std::size_t coincident = 0;      ///< The first ones, at the point's own place.
+  double spacing = 0;              ///< Local spacing: mean distance to the nearest others, if any.
+
+  explicit Neighborhood(std::span<const Neighbor> nearest) : near(nearest) {
+    while (coincident < near.size() && near[coincident].distance2 == 0) ++coincident;
+    const std::size_t end = std::min(near.size(), coincident + kSpacingNeighbors);
+    if (end <= coincident) return;
+    for (std::size_t k = coincident; k < end; ++k) {
+      spacing += std::sqrt(static_cast<double>(near[k].distance2));
+    }
+    spacing /= static_cast<double>(end - coincident);
+  }
+
+  /// Are there others enough to tell the spacing, and to bound a cell?
+  bool bounds_cell() const { return near.size() >= coincident + 2; }
+  /// All points up to this distance are known.
+  double reach() const { return std::sqrt(static_cast<double>(near.back().distance2)); }
 };
 
-/// What is left of a point's cell.
+/// Disc and ellipse that hold a point's cell.
 struct Shape {
-  double radius2 = 0;                          ///< Of the disc that holds the cell, squared.
-  Vec2d axis{1, 0};                            ///< Long axis of the ellipse that holds it, unit ...
-  Vec2d half_axes2 = Eigen::Vector2d::Zero();  ///< ... and its half axes squared, long one first.
+  double radius2 = 0;                ///< Square of the disc's radius.
+  Vec2d axis{1, 0};                  ///< Long axis of the ellipse, unit.
+  Vec2d half_axes2 = Vec2d::Zero();  ///< Squares of its half axes, the long one first.
 };
 
 class Sizer {
@@ -78,7 +100,7 @@ class Sizer {
   }
 
   SplatSizes run() {
-    search_.for_each_nearest(static_cast<std::size_t>(options_.neighbors),
+    search_.for_each_nearest(kSplatNeighbors,
                              [&](std::size_t i, std::span<const Neighbor> near, int worker) {
                                size_point(i, near, workers_[worker]);
                              });
@@ -100,54 +122,41 @@ class Sizer {
     std::vector<Neighbor> more, within;
   };
 
-  /// Does point j bound the cell of point i? Not what faces the other way, nor what lies further
-  /// from the tangent plane than along it: other sheets, and what is behind an edge.
-  bool neighbors_on_surface(std::size_t i, std::size_t j, double height, const Vec2d& flat) const {
-    if (oriented_ && normal_[i].dot(normal_[j]) < 0) return false;
-    return height * height <= flat.squaredNorm();
-  }
-
   void size_point(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
-    if (size_closed(i, near, worker)) return;
+    Neighborhood around(near);
+    if (size_closed(i, around, worker)) return;
     std::size_t doublings = 0;
     if (near.size() < search_.size()) {
-      // Of random points 3 in 100 need that many to see that the surface goes on around them.
+      // Of random points 3 in 100 need this many to see that the surface goes on around them.
       find_more(i, 2 * near.size(), std::sqrt(near.back().distance2), worker.more);
-      near = worker.more;
-      if (size_closed(i, near, worker)) return;
+      around = Neighborhood(worker.more);
+      if (size_closed(i, around, worker)) return;
       doublings = 1;
     }
-    std::size_t coincident = coincident_points(near);
-    // Enough others to tell the spacing, and a cell that those further away cannot cut.
     const bool known = !normal_[i].isZero(0);
-    const Vec3d n = known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ());
-    const Vec3d a = n.unitOrthogonal();
-    const Frame frame{a, n.cross(a), n};
-    double reach = 0;
-    bool settled = false;
-    std::size_t cut = 0;  // Neighbours that the cell is cut by.
-    for (std::size_t k = near.size();; ++doublings) {
-      const bool usable = known && near.size() >= coincident + 2;
-      reach = std::sqrt(static_cast<double>(near.back().distance2));
-      if (usable) cut = cut_cell(i, near, cut, frame, worker);
-      settled = usable && !open_corner(reach, spacing(near, coincident), worker);
-      const bool jump = reach < kJumpReach * spacing(near, coincident);
+    const TangentFrame frame =
+        tangent_frame(known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ()));
+    bool settled = false;  // Do the neighbours suffice to know the cell?
+    std::size_t cut = 0;   // Neighbours that the cell is cut by.
+    for (std::size_t k = around.near.size();; ++doublings) {
+      const bool usable = known && around.bounds_cell();
+      if (usable) cut = cut_cell(i, around.near, cut, frame, worker);
+      settled = usable && !open_corner(around, worker);
+      const bool jump = around.reach() < kJumpReach * around.spacing;
       if (settled || k >= search_.size() ||
           doublings >= (jump ? kMostDoublingsAtJumps : kMostDoublings)) {
         break;
       }
       k *= 2;
-      find_more(i, k, static_cast<float>(reach), worker.more);
-      near = worker.more;
-      coincident = coincident_points(near);
+      find_more(i, k, static_cast<float>(around.reach()), worker.more);
+      around = Neighborhood(worker.more);
     }
-    const double apart = spacing(near, coincident);
-    if (!known || near.size() < coincident + 2) {
+    if (!known || !around.bounds_cell()) {
       kind_[i] = CellKind::kBorder;
-      store_unknown(i, apart);
+      store_unknown(i, around.spacing);
       return;
     }
-    const bool open = !settled && close_at_border(reach, apart, worker);
+    const bool open = !settled && close_at_border(around, worker);
     kind_[i] = open ? CellKind::kBorder : CellKind::kClosed;
     double area = worker.cell.area();
     if (open) {
@@ -156,22 +165,22 @@ class Sizer {
       const double radius = worker.cell.radius();
       area = std::max(area, kBorderFill * std::numbers::pi * radius * radius);
     }
-    store(i, near, coincident, apart, area, shape_of(worker.cell), frame);
+    store(i, around, area, shape_of(worker.cell), frame);
   }
 
-  /// Sizes a point whose cell is closed, as nearly all are, the fast way: the same but for
-  /// rounding. False if the cell may be open, and nothing is done.
-  bool size_closed(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
-    const std::size_t coincident = coincident_points(near);
-    if (normal_[i].isZero(0) || near.size() < coincident + 2) return false;
-    const double spacing = Sizer::spacing(near, coincident);
+  /// Sizes a point whose cell is closed, as nearly all are, the fast way: equal but for rounding.
+  /// False if the cell may be open; nothing is done then.
+  bool size_closed(std::size_t i, const Neighborhood& around, Worker& worker) {
+    if (normal_[i].isZero(0) || !around.bounds_cell()) return false;
+    const std::span<const Neighbor> near = around.near;
     const CellSurface surface{position_, normal_, oriented_};
-    CellLimits limits{std::sqrt(near.back().distance2), static_cast<float>(kSureReach * spacing),
-                      static_cast<float>(kVoidReach * spacing)};
+    CellLimits limits{std::sqrt(near.back().distance2),
+                      static_cast<float>(kSureReach * around.spacing),
+                      static_cast<float>(kVoidReach * around.spacing)};
     ClosedCell& cell = worker.closed;
     CellState state = measure_cell(surface, i, near, limits, cell);
     if (state == CellState::kBeyondReach) {
-      // All that may cut it lies within twice its furthest corner.
+      // All points that may cut the cell lie within twice the distance of its furthest corner.
       constexpr double kRounding = 1 + 1e-5;
       const float reach2 = near.back().distance2;
       const double radius = cell.unit * std::sqrt(static_cast<double>(cell.radius2));
@@ -186,28 +195,23 @@ class Sizer {
     if (state != CellState::kClosed) return false;
     kind_[i] = CellKind::kClosed;
     const double unit2 = cell.unit * cell.unit;
-    store(i, near, coincident, spacing, unit2 * static_cast<double>(cell.area), shape_of(cell),
+    store(i, around, unit2 * static_cast<double>(cell.area), shape_of(cell),
           {cell.a.cast<double>(), cell.b.cast<double>(), normal_[i].cast<double>()});
     return true;
   }
 
-  static std::size_t coincident_points(std::span<const Neighbor> near) {
-    std::size_t count = 0;
-    while (count < near.size() && near[count].distance2 == 0) ++count;
-    return count;
-  }
-
-  /// `apart` is the local spacing.
-  void store(std::size_t i, std::span<const Neighbor> near, std::size_t coincident, double apart,
-             double area, const Shape& shape, const Frame& frame) {
+  /// Notes the size of a point whose cell has this area and shape in this frame.
+  void store(std::size_t i, const Neighborhood& around, double area, const Shape& shape,
+             const TangentFrame& frame) {
     const double two_c = 2 * options_.cutoff;
-    const auto shared = static_cast<double>(std::max<std::size_t>(coincident, 1));
+    const auto shared = static_cast<double>(std::max<std::size_t>(around.coincident, 1));
     SplatSize& size = out_.of[i];
     size.area = static_cast<float>(area / shared);
-    size.spacing = static_cast<float>(apart);
+    size.spacing = static_cast<float>(around.spacing);
     if (options_.rule == VarianceRule::kMaxDistance) {
-      const std::size_t last = std::min(near.size(), coincident + kSmallNeighborhood) - 1;
-      size.variance = near[last].distance2;
+      const std::size_t last =
+          std::min(around.near.size(), around.coincident + kSmallNeighborhood) - 1;
+      size.variance = around.near[last].distance2;
     } else {
       size.variance = static_cast<float>(shape.radius2 / two_c);
     }
@@ -215,8 +219,8 @@ class Sizer {
     size.variance_u = size.variance;
     size.variance_v = size.variance;
     if (!out_.ellipses) return;
-    Vec3d tangent = shape.axis.x() * frame.a + shape.axis.y() * frame.b;
-    // One of the two directions of the axis, whatever the solver took.
+    Vec3d tangent = frame.lifted(shape.axis);
+    // An axis has two directions; which one the solver took must not matter.
     int largest = 0;
     tangent.cwiseAbs().maxCoeff(&largest);
     if (tangent[largest] < 0) tangent = -tangent;
@@ -225,19 +229,19 @@ class Sizer {
     size.variance_v = static_cast<float>(shape.half_axes2[1] / two_c);
   }
 
-  /// The k nearest of point i, half of which lie within `reach`: to look as far as they should on
-  /// an even surface first is faster.
+  /// Finds the k nearest of point i, half of which lie within `reach`. It is faster to look first
+  /// as far as k points should reach on an even surface.
   void find_more(std::size_t i, std::size_t k, float reach, std::vector<Neighbor>& out) const {
     constexpr float kGrowth = 1.7F;
     search_.within(position_[i], kGrowth * reach, k, out);
     if (out.size() < std::min(k, search_.size())) search_.nearest(position_[i], k, out);
   }
 
-  /// Cuts the cell of point i out of its tangent plane; `cut` of the neighbours have cut it before.
-  /// Returns how many have now.
+  /// Cuts the cell of point i out of its tangent plane; the first `cut` neighbours have cut it
+  /// before. Returns how many neighbours have cut it now.
   std::size_t cut_cell(std::size_t i, std::span<const Neighbor> near, std::size_t cut,
-                       const Frame& frame, Worker& worker) const {
-    // A cell that is bounded by the square it started as starts anew, as the square grows.
+                       const TangentFrame& frame, Worker& worker) const {
+    // A cell that is bounded by the square that it started as starts anew, as the square grows.
     const double half_side = std::sqrt(static_cast<double>(near.back().distance2));
     if (cut == 0 || worker.cell.radius2() > worker.half_side * worker.half_side) {
       worker.cell.reset(half_side);
@@ -247,8 +251,10 @@ class Sizer {
     }
     for (const Neighbor& neighbor : near.subspan(cut)) {
       const Vec3d offset = (position_[neighbor.index] - position_[i]).cast<double>();
-      const Vec2d flat(offset.dot(frame.a), offset.dot(frame.b));
-      if (!neighbors_on_surface(i, neighbor.index, offset.dot(frame.n), flat)) continue;
+      const Vec2d flat = frame.flat(offset);
+      const double height = frame.height(offset);
+      if (oriented_ && !same_side(normal_[i].dot(normal_[neighbor.index]))) continue;
+      if (!along_sheet(height * height, flat.squaredNorm())) continue;
       worker.flat.push_back(flat);
       // Bisectors beyond the cell's furthest corner cut nothing.
       if (flat.squaredNorm() <= 4 * worker.cell.radius2()) worker.cell.cut(flat);
@@ -256,27 +262,17 @@ class Sizer {
     return near.size();
   }
 
-  static double spacing(std::span<const Neighbor> near, std::size_t coincident) {
-    const std::size_t end = std::min(near.size(), coincident + kSpacingNeighbors);
-    if (end <= coincident) return 0;
-    double sum = 0;
-    for (std::size_t k = coincident; k < end; ++k) {
-      sum += std::sqrt(static_cast<double>(near[k].distance2));
-    }
-    return sum / static_cast<double>(end - coincident);
-  }
-
   /// Does the surface go on at a corner of the cell? It does if the void around the corner is not
-  /// too large and the corner lies within the convex hull of the neighbours, looked at from five
-  /// sides, 30 degrees apart. Neighbours are known as far as `reach`.
-  static bool on_surface(const Vec2d& corner, double reach, double spacing,
+  /// too large and the corner lies within the convex hull of the neighbours `flat`, looked at from
+  /// five sides, 30 degrees apart.
+  static bool on_surface(const Vec2d& corner, const Neighborhood& around,
                          const std::vector<Vec2d>& flat) {
     const double distance2 = corner.squaredNorm();
     const auto square = [](double x) { return x * x; };
-    if (distance2 <= square(kSureReach * spacing)) return true;
-    if (distance2 > square(std::min(reach / 2, kVoidReach * spacing))) return false;
+    if (distance2 <= square(kSureReach * around.spacing)) return true;
+    if (distance2 > square(std::min(around.reach() / 2, kVoidReach * around.spacing))) return false;
     // A neighbour p is beyond the corner c in the direction of c turned by t if
-    // cos t (p.c - c.c) + sin t (c x p) >= 0. Those that are furthest away are seen first.
+    // cos t (p.c - c.c) + sin t (c x p) >= 0. The furthest neighbours, which decide, come first.
     constexpr double kRoot3 = std::numbers::sqrt3;
     constexpr unsigned kAllSides = 0b11111;
     unsigned sides = 0;
@@ -291,37 +287,37 @@ class Sizer {
   }
 
   /// The furthest corner where the surface does not go on.
-  static std::optional<Vec2d> open_corner(double reach, double spacing, const Worker& worker) {
+  static std::optional<Vec2d> open_corner(const Neighborhood& around, const Worker& worker) {
     std::optional<Vec2d> furthest;
     for (const Vec2d& corner : worker.cell.corners()) {
-      if (on_surface(corner, reach, spacing, worker.flat)) continue;
+      if (on_surface(corner, around, worker.flat)) continue;
       if (!furthest || corner.squaredNorm() > furthest->squaredNorm()) furthest = corner;
     }
     return furthest;
   }
 
   /// Ends the cell in every direction in which it is open. Was there one?
-  static bool close_at_border(double reach, double spacing, Worker& worker) {
+  static bool close_at_border(const Neighborhood& around, Worker& worker) {
     constexpr int kMostCuts = 32;
     int cuts = 0;
     for (; cuts < kMostCuts; ++cuts) {
-      const std::optional<Vec2d> corner = open_corner(reach, spacing, worker);
+      const std::optional<Vec2d> corner = open_corner(around, worker);
       if (!corner) break;
-      worker.cell.cut(2 * kBorderReach * spacing * corner->normalized());
+      worker.cell.cut(2 * kBorderReach * around.spacing * corner->normalized());
     }
     return cuts > 0;
   }
 
   /// The smallest disc about the point, and the smallest ellipse of the cell's second moments xx,
-  /// xy and yy (up to a factor), from its corners(0), ..., corners(count - 1).
+  /// xy and yy (up to a factor), that hold its corners(0), ..., corners(count - 1).
   template <class Corners>
   Shape shape_of(double radius2, double xx, double xy, double yy, std::size_t count,
                  const Corners& corners) const {
     Shape shape;
-    const double margin2 = options_.margin * options_.margin;
+    constexpr double margin2 = kMargin * kMargin;
     shape.radius2 = radius2 * margin2;
     if (!out_.ellipses) return shape;
-    // Eigenvalues mean -+ r; of the two forms of the long axis that without cancellation.
+    // The eigenvalues are mean -+ r; the form of the long axis is the one without cancellation.
     const double mean = (xx + yy) / 2;
     const double half = (xx - yy) / 2;
     const double r = std::sqrt(half * half + xy * xy);
@@ -377,7 +373,7 @@ class Sizer {
       std::vector<float> others;
       for (std::size_t i = begin; i < end; ++i) {
         if (kind_[i] == CellKind::kClosed) continue;
-        search_.nearest(position_[i], static_cast<std::size_t>(options_.neighbors), near);
+        search_.nearest(position_[i], kSplatNeighbors, near);
         others.clear();
         for (const Neighbor& neighbor : near) {
           if (neighbor.index != i) others.push_back(out_.of[neighbor.index].spacing);
@@ -401,7 +397,7 @@ class Sizer {
 
   bool worth_ellipses() const {
     if (options_.anisotropy == Anisotropy::kOn) return true;
-    const auto ratio2 = static_cast<float>(options_.anisotropy_ratio * options_.anisotropy_ratio);
+    constexpr auto ratio2 = static_cast<float>(kElongated * kElongated);
     const std::size_t elongated = count_where(position_.size(), [&](std::size_t i) {
       const SplatSize& size = out_.of[i];
       return kind_[i] == CellKind::kClosed && size.variance_u > ratio2 * size.variance_v;
@@ -422,17 +418,8 @@ class Sizer {
 }  // namespace
 
 std::vector<std::string> SplatSizeOptions::problems() const {
-  std::vector<std::string> found;
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
-  check(neighbors >= 4 && neighbors <= 1024,
-        fmt::format("neighbors is {}; it must be in 4..1024", neighbors));
-  check(anisotropy_ratio > 1 && anisotropy_ratio <= 100,
-        fmt::format("anisotropy-ratio is {}; it must be in (1, 100]", anisotropy_ratio));
-  check(margin >= 1 && margin <= 4, fmt::format("margin is {}; it must be in 1..4", margin));
-  return found;
+  if (cutoff >= 0.1 && cutoff <= 16) return {};
+  return {fmt::format("cutoff is {}; it must be in 0.1..16", cutoff)};
 }
 
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,

@@ -18,7 +18,7 @@ enum class VarianceRule : std::uint8_t {
 };
 
 enum class Anisotropy : std::uint8_t {
-  kAuto,  ///< Ellipses where at least one cell in ten is longer than anisotropy_ratio : 1.
+  kAuto,  ///< Ellipses if more than one cell in ten is twice as long as wide.
   kOn,
   kOff,
 };
@@ -26,45 +26,48 @@ enum class Anisotropy : std::uint8_t {
 struct SplatSizeOptions {
   VarianceRule rule = VarianceRule::kCover;
   Anisotropy anisotropy = Anisotropy::kAuto;
-  double cutoff = 1;            ///< c of beta < c: the disc that covers reaches sqrt(2 c V), > 0.
-  int neighbors = 16;           ///< Nearest points looked at first; more where they do not suffice.
-  double anisotropy_ratio = 2;  ///< Long by short side of a cell from which on it is worth it, > 1.
-  double margin = 1.05;  ///< Discs are larger than their cells by this factor: neighbouring tangent
-                         ///< planes differ where the surface bends.
-  SURFEL_API std::vector<std::string> problems() const;
+  double cutoff = 1;  ///< c of beta < c, 0.1..16: a disc that covers reaches sqrt(2 c V).
+  SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// Of one point; in one piece, as it is read at once and in another order.
+/// Nearest points that the cell of a point is first made from, the point itself among them; more
+/// are looked at where these do not suffice. Of points in even order they close nearly all cells.
+inline constexpr std::size_t kSplatNeighbors = 16;
+
+/// Size of one point's splat. All values of a point are in one piece, as they are read together
+/// and in another order than they are made in.
 struct SplatSize {
-  Vec3f tangent;     ///< Of an ellipse the long axis, unit; of a disc any.
-  float variance;    ///< Of the disc that covers, unit^2.
-  float variance_u;  ///< Of the ellipse that does, along its axis ...
-  float variance_v;  ///< ... and across; of a disc both are `variance`.
-  float area;        ///< Of the cell, unit^2.
+  Vec3f tangent;     ///< Long axis of the ellipse, unit; any tangent where the splat is a disc.
+  float variance;    ///< Variance of the disc that covers, unit^2.
+  float variance_u;  ///< Variance of the ellipse that covers, along `tangent`, unit^2.
+  float variance_v;  ///< The same across `tangent`. Both are `variance` where it is a disc.
+  float area;        ///< Area of the point's cell, unit^2.
   float spacing;     ///< Mean distance to the four nearest others.
 
   bool operator==(const SplatSize&) const = default;
 };
 
-/// Of all points.
+/// Sizes of the splats of all points.
 struct SplatSizes {
-  Array<SplatSize> of;     ///< Each of them.
-  bool ellipses = false;   ///< Instead of discs.
+  Array<SplatSize> of;     ///< By point.
+  bool ellipses = false;   ///< Splats are ellipses; else they are discs.
   std::size_t border = 0;  ///< Points whose cell is open: at the surface's border, or alone.
-  std::size_t capped =
-      0;  ///< Points far from all others, whose splat was cut to their neighbours'.
+  std::size_t capped = 0;  ///< Points far from all others, with splats cut to their neighbours'.
 };
 
-/// Sizes for points with normals (unit; zero = unknown: the cell is measured in a sphere's stead,
-/// by distance alone). The covering rule: restricted to the points that face the same way and lie
-/// near the tangent plane, a point's Voronoi cell is all that is nearer to it than to them; the
-/// smallest disc (or ellipse of the cell's second moments) around the point that holds the cell
-/// closes the surface, since the cells tile it, and overlaps its neighbours no more than it must.
-/// At a border the cell is open: there it ends at 0.95 of the local spacing, so that silhouettes do
-/// not fray. A point alone takes no more than three times its neighbours' spacing.
+/// Sizes of splats for points with normals (unit; zero = unknown: such a point has no cell, and
+/// gets a disc by the distance to its neighbours alone).
 ///
-/// \param search  over `position`, in the order of a space-filling curve for speed.
+/// The covering rule: the Voronoi cell of a point is the part of its tangent plane that is nearer
+/// to the point than to any other point of its sheet (surface/sheet.h). The smallest disc around
+/// the point that holds the cell (or the smallest ellipse of the cell's second moments) closes the
+/// surface, since the cells tile it, and overlaps its neighbours no more than it must. At a border
+/// the cell is open: there it ends at 0.95 of the local spacing, so that silhouettes do not fray. A
+/// point alone takes no more than three times its neighbours' spacing.
+///
+/// \param search    searches `position`; fastest in the order of a space-filling curve.
 /// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
+/// The same for any number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                            bool oriented, const NeighborSearch& search,
                                            const SplatSizeOptions& options = {});

@@ -9,22 +9,22 @@
 
 namespace surfel {
 
-/// What becomes of a cluster of a tree.
+/// What a cut does at a cluster of a tree.
 enum class CutStep : std::uint8_t {
-  kSkip,    ///< It is not seen, nor is anything below it.
-  kDraw,    ///< Its surfels are fine enough.
-  kRefine,  ///< Its children are looked at; one without children is drawn.
+  kSkip,    ///< The cluster is not seen, nor is anything below it.
+  kDraw,    ///< The cluster's surfels are fine enough.
+  kRefine,  ///< The children are looked at instead; a cluster without children is drawn.
 };
 
-/// A cut through the tree, from the root down: of every surfel of level 0, either itself, or one
-/// cluster that stands for it, or a cluster that was skipped, is above it. Clusters in ascending
-/// order. Cost: the clusters looked at.
+/// The clusters to draw, in ascending order: a cut through the tree from the root down. Of the
+/// clusters above a surfel of level 0, exactly one is drawn, or one was skipped. Cost: a call of
+/// `step` for each cluster that is looked at.
 SURFEL_API std::vector<std::uint32_t> cut_tree(const ClusterTree& tree,
                                                FunctionRef<CutStep(std::uint32_t cluster)> step);
 
-/// Is a cluster's spacing at most `error` pixels at `z`, the least depth of its surfels?
-/// `pixels_per_unit` is of a length at depth 1, or of any length where there is no perspective.
-/// Never where it reaches the eye's plane.
+/// Is a cluster's spacing at most `error` pixels at `z`, the least depth of its surfels? Not if the
+/// cluster reaches the eye's plane. `pixels_per_unit` is how many pixels a scene unit has at depth
+/// 1, or at any depth where there is no perspective.
 inline bool fine_enough(const TreeCluster& cluster, float z, float pixels_per_unit,
                         bool orthographic, float error) {
   const float depth = orthographic ? 1.0F : z;

@@ -9,8 +9,10 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/surfel_merge.h>
+#include <surfel/lod/surfel_partition.h>
 
 namespace surfel {
 namespace {
@@ -69,7 +71,7 @@ void split_places(Array<Place>& places, int reduction) {
     std::copy_if(parts.begin(), parts.end(), std::back_inserter(runs),
                  [](const Run& run) { return run.end - run.begin > 1; });
   }
-  // The algorithm's order within a cluster means nothing; the curve's does.
+  // Within a cluster surfels are in the order of the curve again.
   const std::size_t clusters = (places.size() + kClusterSurfels - 1) / kClusterSurfels;
   parallel_for(clusters, kClusterGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t c = begin; c < end; ++c) {
@@ -82,8 +84,8 @@ void split_places(Array<Place>& places, int reduction) {
   });
 }
 
-/// One level: its clusters, and its surfels where they are merged ones. Places are within the
-/// level.
+/// One level: its clusters, which count surfels and children from the level's first, and its merged
+/// surfels; level 0 has none.
 struct Level {
   std::vector<TreeCluster> clusters;
   Array<MergeSurfel> surfels;
@@ -97,7 +99,7 @@ class Builder {
   SurfelCloud build(HierarchyReport& report);
 
  private:
-  void order_finest(HierarchyReport& report);
+  void order_finest(StageTimer& stage, HierarchyReport& report);
   void make_finest();
   void make_coarser();
   void bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const;
@@ -113,13 +115,11 @@ class Builder {
   std::vector<Level> levels_;
 };
 
-void Builder::order_finest(HierarchyReport& report) {
-  Timer timer;
+void Builder::order_finest(StageTimer& stage, HierarchyReport& report) {
   Array<std::uint32_t> order = morton_order(cloud_.position);
   report.dropped = remove_unusable(cloud_, false, order);
   if (order.empty()) throw_input(name_, "holds no surfel that can be drawn");
-  report.stages.add("sort", timer.milliseconds());
-  timer.restart();
+  stage.end("sort");
   Array<Place> places(order.size());
   parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -131,11 +131,11 @@ void Builder::order_finest(HierarchyReport& report) {
   parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) finest_[i] = order[places[i].index];
   });
-  report.stages.add("split", timer.milliseconds());
+  stage.end("split");
 }
 
-/// Largest standard deviation, and the root of the area: renderers widen kernels to that where they
-/// draw a level closer than it is meant to be seen.
+/// The larger of the largest standard deviation and the root of the area, which renderers widen
+/// kernels to where they draw a level closer than it is meant to be seen.
 float reach_of(const MergeSurfel& s) {
   const auto& c = s.covariance;
   return std::sqrt(std::max({c[0] + c[3] + c[5], s.area, 0.0F}));
@@ -213,7 +213,7 @@ std::size_t Builder::surfels_below(std::size_t level, std::size_t cluster) const
   return std::min(place, finest_.size());
 }
 
-/// Sphere around all surfels of level 0 below a cluster: merged ones lie between them.
+/// Sphere around all surfels of level 0 below a cluster: merged surfels lie between them.
 void Builder::bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const {
   const std::size_t begin = surfels_below(level, index);
   const std::size_t end = surfels_below(level, index + 1);
@@ -385,12 +385,11 @@ SurfelCloud Builder::assemble() const {
 }
 
 SurfelCloud Builder::build(HierarchyReport& report) {
-  order_finest(report);
-  Timer timer;
+  StageTimer stage(report.stages);
+  order_finest(stage, report);
   make_finest();
   while (levels_.back().clusters.size() > 1) make_coarser();
-  report.stages.add("merge", timer.milliseconds());
-  timer.restart();
+  stage.end("merge");
   for (const Level& level : levels_) {
     double area = 0;
     double spacing2 = 0;
@@ -403,7 +402,7 @@ SurfelCloud Builder::build(HierarchyReport& report) {
     report.clusters += level.clusters.size();
   }
   SurfelCloud out = assemble();
-  report.stages.add("assemble", timer.milliseconds());
+  stage.end("assemble");
   return out;
 }
 
@@ -433,6 +432,7 @@ SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& op
   }
   HierarchyReport own;
   HierarchyReport& r = report ? *report : own;
+  r = {};
   return Builder(cloud, options, name).build(r);
 }
 

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include <fmt/format.h>
 #include <surfel/lod/surfel_merge.h>
+#include <surfel/surface/tangent_frame.h>
 
 namespace surfel {
 namespace {
@@ -26,7 +26,8 @@ std::array<float, 6> to_float(const Covariance& c) {
   return out;
 }
 
-/// Material of most area; groups are small, so that counting twice is faster than a table.
+/// Material of most area. Groups are small, so that adding up areas again for each member is faster
+/// than a table.
 std::uint16_t majority_material(std::span<const MergeSurfel> surfels,
                                 std::span<const std::uint32_t> members) {
   std::uint16_t best = surfels[members[0]].material;
@@ -50,17 +51,6 @@ std::uint16_t majority_material(std::span<const MergeSurfel> surfels,
 
 }  // namespace
 
-std::vector<std::string> SheetRules::problems() const {
-  std::vector<std::string> found;
-  if (!(normal_angle > 0 && normal_angle <= 90)) {
-    found.push_back(fmt::format("normal-angle is {}; it must be in (0, 90] degrees", normal_angle));
-  }
-  if (!(sheet_weight >= 1 && sheet_weight <= 1000)) {
-    found.push_back(fmt::format("sheet-weight is {}; it must be in 1..1000", sheet_weight));
-  }
-  return found;
-}
-
 MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
   MergeSurfel s{};
   s.position = cloud.position[i];
@@ -77,7 +67,7 @@ MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
     } else if (!n.isZero()) {
       t = n.unitOrthogonal();
     }
-    // Of an unknown normal the tangent has no meaning either: the disc is turned to the eye.
+    // Where the normal is unknown the tangent has no meaning either: the disc is turned to the eye.
     const Vec3d b = n.isZero() ? Vec3d(t.unitOrthogonal()) : Vec3d(n.cross(t));
     add_outer(c, cloud.variance_u[i], t);
     add_outer(c, cloud.variance_v[i], b);
@@ -184,18 +174,12 @@ TangentGaussian tangent_gaussian(const std::array<float, 6>& covariance, const V
     const double v = (solver.eigenvalues()[1] + solver.eigenvalues()[2]) / 2;
     return {Vec3f::UnitX(), static_cast<float>(v), static_cast<float>(v)};
   }
-  const Vec3d n = normal.cast<double>();
-  const Vec3d t = n.unitOrthogonal();
-  const Vec3d b = n.cross(t);
-  const double tt = t.dot(C * t);
-  const double tb = t.dot(C * b);
-  const double bb = b.dot(C * b);
-  // Eigenvalues and the major axis of a symmetric 2x2 matrix.
-  const double mean = (tt + bb) / 2;
-  const double radius = std::hypot((tt - bb) / 2, tb);
-  const double angle = std::atan2(2 * tb, tt - bb) / 2;
-  return {(std::cos(angle) * t + std::sin(angle) * b).cast<float>(),
-          static_cast<float>(mean + radius), static_cast<float>(std::max(0.0, mean - radius))};
+  const TangentFrame frame = tangent_frame(normal.cast<double>());
+  const Vec3d& a = frame.a;
+  const Vec3d& b = frame.b;
+  const PrincipalAxes axes = principal_axes(a.dot(C * a), a.dot(C * b), b.dot(C * b));
+  return {frame.lifted(axes.along).cast<float>(), static_cast<float>(axes.larger),
+          static_cast<float>(axes.smaller)};
 }
 
 }  // namespace surfel

@@ -1,17 +1,18 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 
+#include <surfel/base/error.h>
 #include <surfel/lod/surfel_partition.h>
 
 namespace surfel {
 namespace {
 
-/// A group with a conflict counts as this much larger ...
+/// A group with a conflict counts as this many times as large: what must not be merged is cut
+/// before anything that is less than four times as long.
 constexpr float kConflictSize = 4;
-/// ... and is cut by what is in conflict once it is no larger than this many mean groups: before
-/// that, normals differ because the surface is curved.
+/// A group with a conflict is cut by what is in conflict once it is no longer than this many mean
+/// groups; in longer groups normals differ because the surface is curved.
 constexpr float kConflictReach = 3;
 
 /// Direction of the largest variance of a covariance (xx xy xz yy yz zz), by power iteration from
@@ -22,7 +23,7 @@ std::pair<Vec3f, float> principal_direction(const std::array<float, 6>& c) {
   Eigen::Index longest = 0;
   C.colwise().squaredNorm().maxCoeff(&longest);
   Vec3f v = C.col(longest);
-  // A direction that is not quite the longest costs little; more steps change nothing.
+  // A direction that is not quite the longest makes a slightly longer piece, no more.
   constexpr int kSteps = 6;
   for (int i = 0; i < kSteps; ++i) {
     const float length = v.norm();
@@ -148,8 +149,9 @@ std::uint32_t SurfelPartition::cut(const Group& group) {
 
 void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t groups,
                           const SheetRules& rules) {
+  for (const std::string& problem : rules.problems()) throw_usage(problem);
   surfels_ = surfels;
-  normal_cosine_ = static_cast<float>(std::cos(rules.normal_angle * std::numbers::pi / 180));
+  normal_cosine_ = rules.least_cosine();
   stretch_ = static_cast<float>(rules.sheet_weight);
   float area = 0;
   for (const MergeSurfel& s : surfels) area += s.area;

@@ -7,25 +7,27 @@
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/lod/surfel_merge.h>
+#include <surfel/surface/sheet.h>
 
 namespace surfel {
 
-/// Divides surfels into groups to be merged: starts with one group of all, and cuts the one that
-/// would be the worst surfel in two, across its longest direction, until there are as many as asked
-/// for. So pieces have about the same size where the surface is alike, and what must not be merged
-/// (two sheets, a sharp edge, materials, known and unknown normals) is cut before the rest, unless
-/// there are not enough groups for that. Keeps its memory from call to call.
+/// Divides surfels into groups to be merged: starts with one group of all surfels, and cuts the
+/// group that would be the worst surfel in two, across its longest direction, until there are as
+/// many groups as asked for. So pieces have about the same size where the surface is alike, and
+/// surfels that must not be merged (of two sheets, either side of a sharp edge, of two materials,
+/// with and without normals) are cut apart first, as far as there are groups enough. Keeps its
+/// memory from call to call.
 class SURFEL_API SurfelPartition {
  public:
-  /// Divides them into 1 <= groups <= surfels.size() groups. The result depends on the surfels and
-  /// their order alone.
+  /// Divides the surfels into 1 <= groups <= surfels.size() groups. The result depends on the
+  /// surfels and their order alone. Throws Error(kUsage) for bad rules.
   void run(std::span<const MergeSurfel> surfels, std::size_t groups, const SheetRules& rules);
 
   std::size_t size() const { return groups_.size(); }
   std::span<const std::uint32_t> members(std::size_t group) const {
     return {order_.data() + groups_[group].begin, order_.data() + groups_[group].end};
   }
-  /// Square of the length on the longer side of what a group stands for, scene unit^2.
+  /// Square of the length that a group's piece of surface has on its longer side, scene unit^2.
   float extent2(std::size_t group) const { return groups_[group].extent2; }
 
  private:
@@ -33,9 +35,9 @@ class SURFEL_API SurfelPartition {
     std::uint32_t begin, end;
     float badness;  ///< The group to cut next has the largest.
     float extent2;
-    bool conflict;  ///< It holds what must not be merged.
-    Vec3f mean;
-    Vec3f cut;  ///< Members are on a side by the sign of cut . (position - mean).
+    bool conflict;  ///< Some members must not be merged with each other.
+    Vec3f mean;     ///< Mean position.
+    Vec3f cut;      ///< Members are on a side by the sign of cut . (position - mean).
   };
 
   Group measure(std::uint32_t begin, std::uint32_t end) const;
@@ -46,8 +48,8 @@ class SURFEL_API SurfelPartition {
 
   std::span<const MergeSurfel> surfels_;
   float normal_cosine_ = 0;
-  float stretch_ = 0;
-  float piece2_ = 0;  ///< Square of a mean group's size.
+  float stretch_ = 0;  ///< SheetRules::sheet_weight.
+  float piece2_ = 0;   ///< Square of a mean group's size.
   std::vector<std::uint32_t> order_;
   std::vector<std::uint32_t> scratch_;
   std::vector<Group> groups_;

@@ -2,15 +2,17 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/measure/cloud_needs.h>
 
 namespace surfel {
 namespace {
 
-/// Share of the surfels up to which flaws or see-through ones count as none.
+/// Share of the surfels up to which unknown normals and see-through surfels count as none.
 constexpr double kFew = 1e-3;
+/// Share of coincident surfels from which on merging them is worth a command.
 constexpr double kManyCoincident = 0.01;
-/// Ellipses that are not round, up to this share, are exceptions.
+/// Share of ellipses that are not round up to which they are exceptions.
 constexpr double kFewEllipses = 0.01;
 /// Cutoffs that are tried where there are holes.
 constexpr double kCutoffs[] = {1, 1.5, 2, 3, 4};
@@ -184,6 +186,7 @@ class Needs {
 
 std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud, const CloudStatistics& statistics,
                                    const CloudStatisticsOptions& options, const std::string& file) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   return Needs(cloud, statistics, options, file).find();
 }
 

@@ -12,21 +12,23 @@ namespace surfel {
 /// Something that a cloud lacks, or has without need.
 struct CloudNeed {
   std::string topic;    ///< One word: normals, variance, colors, holes, ...
-  std::string measure;  ///< What was found, with its figure.
-  std::string command;  ///< What mends it.
+  std::string measure;  ///< The finding, with its figure.
+  std::string command;  ///< The command that mends it.
 };
 
-/// What can be told from measures alone:
+/// Needs that can be told from measures alone:
 /// - columns that are missing, and the tool that adds them; values that are not usable;
 /// - holes, with the cutoff from which on discs leave none, if there is one up to 4;
-/// - discs that overlap more than kMuchOverlap times, where those of estimated sizes do 2 to 3;
-/// - areas that are not those of the surfels' cells: sums of kernels are then not about one;
+/// - discs that overlap more than kMuchOverlap times, where estimated sizes overlap 2 to 3 times;
+/// - areas that differ from the areas of the surfels' cells: sums of kernels are not about one
+/// then;
 /// - the cutoff that coefficients were fitted for; coincident surfels; opacities;
-/// - ellipses where discs would do, and at which error;
+/// - ellipses where discs would do, and the error of discs;
 /// - levels of detail where a picture of kPicturePixels has more surfels than pixels.
-/// \param file        to name in commands.
-/// \param statistics  of the cloud, measured with `options`. Holes are measured again at other
-///                    cutoffs, if there are some.
+/// \param statistics  statistics of the cloud, measured with `options`. Where there are holes they
+///                    are measured again at other cutoffs.
+/// \param file        name of the cloud's file in the commands.
+/// Throws Error(kUsage) for bad options.
 SURFEL_API std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud,
                                               const CloudStatistics& statistics,
                                               const CloudStatisticsOptions& options,
@@ -34,11 +36,14 @@ SURFEL_API std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud,
 
 /// Holes up to this share are not worth mentioning: real surfaces have some.
 inline constexpr double kFewHoles = 2e-3;
+/// Discs over a point from which on there are too many: three times as many as close a surface.
 inline constexpr double kMuchOverlap = 8;
-/// Areas of surfels within this factor of their cells' are right.
+/// Mean areas of surfels within this factor of their cells' mean area are right: borders and
+/// irregular places make about as much of a difference.
 inline constexpr double kAreaFactor = 1.5;
-/// Half axes of ellipses that differ from a disc's of the same area by less are round.
+/// Ellipses are round whose half axes differ by less, relative, from the disc of the same area.
 inline constexpr double kRound = 0.1;
+/// A picture of 512 x 512 pixels, as surfel-render makes them by default.
 inline constexpr double kPicturePixels = 512.0 * 512.0;
 
 }  // namespace surfel

@@ -9,6 +9,7 @@
 #include <surfel/base/random.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/surface/neighbor_search.h>
+#include <surfel/surface/tangent_frame.h>
 #include <surfel/surface/voronoi_cell.h>
 
 namespace surfel {
@@ -21,7 +22,9 @@ constexpr std::size_t kCellNeighbors = 24;
 /// Discs looked at per cell; more over one point than this are not counted.
 constexpr std::size_t kMostDiscs = 1024;
 constexpr int kPointsPerCell = 16;
-constexpr float kAgreeingCosine = 0.5F;  // 60 degrees.
+/// Normals within 60 degrees show the same surface (surface/sheet.h says why no more). The rule
+/// that sizes are estimated by is another on purpose: coverage is a second opinion on the sizes.
+constexpr float kAgreeingCosine = 0.5F;
 
 bool finite(float value) { return std::isfinite(value); }
 bool finite(const Vec2f& value) { return value.allFinite(); }
@@ -30,27 +33,16 @@ template <class Integer>
 requires std::is_integral_v<Integer>
 bool finite(Integer) { return true; }
 
-/// Number of i in [0, count) for which `test` holds.
-template <class Test>
-std::size_t count_if(std::size_t count, Test test) {
-  std::vector<std::size_t> partial((count + kGrain - 1) / kGrain);
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) partial[begin / kGrain] += test(i) ? 1 : 0;
-  });
-  std::size_t sum = 0;
-  for (const std::size_t p : partial) sum += p;
-  return sum;
-}
-
 void count_flaws(const SurfelCloud& cloud, CloudStatistics& out) {
   const std::size_t n = cloud.size();
   out.count = n;
-  out.nonfinite_positions = count_if(n, [&](std::size_t i) { return !finite(cloud.position[i]); });
+  out.nonfinite_positions =
+      count_where(n, [&](std::size_t i) { return !finite(cloud.position[i]); });
   if (!cloud.normal.empty()) {
     const auto& normal = cloud.normal;
-    out.nonfinite_normals = count_if(n, [&](std::size_t i) { return !finite(normal[i]); });
-    out.zero_normals = count_if(n, [&](std::size_t i) { return normal[i].isZero(0); });
-    out.non_unit_normals = count_if(n, [&](std::size_t i) {
+    out.nonfinite_normals = count_where(n, [&](std::size_t i) { return !finite(normal[i]); });
+    out.zero_normals = count_where(n, [&](std::size_t i) { return normal[i].isZero(0); });
+    out.non_unit_normals = count_where(n, [&](std::size_t i) {
       return finite(normal[i]) && !normal[i].isZero(0) && std::abs(normal[i].norm() - 1) > 1e-3F;
     });
   }
@@ -65,10 +57,10 @@ void count_flaws(const SurfelCloud& cloud, CloudStatistics& out) {
       }
     });
   });
-  out.nonfinite_values = count_if(n, [&](std::size_t i) { return flawed[i] != 0; });
+  out.nonfinite_values = count_where(n, [&](std::size_t i) { return flawed[i] != 0; });
 }
 
-/// The surfels that take part in the measures of space: finite ones, with what these need.
+/// The surfels with finite positions, which spacing and coverage are measured of.
 struct Discs {
   Array<Vec3f> position;
   Array<std::uint32_t> surfel;  ///< Index into the cloud.
@@ -98,8 +90,8 @@ Discs finite_discs(const SurfelCloud& cloud, double cutoff) {
   return discs;
 }
 
-/// Distances within a disc's plane are measured in its standard deviations: the exponent
-/// beta = d^T V^-1 d / 2 of the offset d from surfel i.   [SS01 (6), without the screen]
+/// The exponent beta = d^T V^-1 d / 2 of a place at the offset d from surfel i: half the squared
+/// distance within the disc's plane, in the disc's standard deviations. [SS01 (6), no screen]
 double exponent(const SurfelCloud& cloud, std::size_t i, const Vec3d& offset) {
   const Vec3d n = cloud.normal[i].cast<double>();
   if (!cloud.anisotropic()) {
@@ -134,11 +126,9 @@ class CoverageProbe {
     const std::uint32_t k = discs_.surfel[disc];
     const Vec3f& normal = cloud_.normal[k];
     if (!finite(normal) || normal.isZero(0)) return out;
-    const Vec3d n = normal.cast<double>().normalized();
-    const Vec3d a = n.unitOrthogonal();
-    const Vec3d b = n.cross(a);
+    const TangentFrame frame = tangent_frame(normal.cast<double>().normalized());
     VoronoiCell cell;
-    if (!closed_cell(disc, a, b, cell)) return out;
+    if (!closed_cell(disc, frame, cell)) return out;
     out.area = cell.area();
 
     const double reach = largest_radius_ + cell.radius();
@@ -148,8 +138,7 @@ class CoverageProbe {
       const double s = random_uniform(options_.seed, k, 2 * point + 1);
       const double t = random_uniform(options_.seed, k, 2 * point + 2);
       const Vec2d p = cell.point(s, t);
-      const int discs =
-          covering(near, k, discs_.position[disc].cast<double>() + p.x() * a + p.y() * b);
+      const int discs = covering(near, k, discs_.position[disc].cast<double>() + frame.lifted(p));
       ++out.points;
       out.holes += discs == 0 ? 1 : 0;
       out.overlap += discs;
@@ -162,9 +151,8 @@ class CoverageProbe {
     return cloud_.normal[i].dot(cloud_.normal[k]) > kAgreeingCosine;
   }
 
-  /// False where the cell is open, or neighbours further than those that were looked at could still
-  /// cut it.
-  bool closed_cell(std::size_t disc, const Vec3d& a, const Vec3d& b, VoronoiCell& cell) const {
+  /// False where the cell is open, or neighbours that were not looked at could still cut it.
+  bool closed_cell(std::size_t disc, const TangentFrame& frame, VoronoiCell& cell) const {
     const Vec3f& center = discs_.position[disc];
     std::vector<Neighbor> near;
     neighbors_.nearest(center, kCellNeighbors + 1, near);
@@ -172,8 +160,8 @@ class CoverageProbe {
     if (!(reach > 0)) return false;
     cell.reset(reach);
     for (const auto& [j, distance2] : near) {
-      const Vec3d offset = (discs_.position[j] - center).cast<double>();
-      if (agree(discs_.surfel[j], discs_.surfel[disc])) cell.cut({offset.dot(a), offset.dot(b)});
+      if (!agree(discs_.surfel[j], discs_.surfel[disc])) continue;
+      cell.cut(frame.flat((discs_.position[j] - center).cast<double>()));
     }
     return cell.radius() <= reach / 2;
   }
@@ -291,14 +279,14 @@ std::vector<std::string> CloudStatisticsOptions::problems() const {
 }
 
 CloudStatistics cloud_statistics(const SurfelCloud& cloud, const CloudStatisticsOptions& options) {
-  if (const auto problems = options.problems(); !problems.empty()) throw_usage(problems.front());
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   CloudStatistics out;
   count_flaws(cloud, out);
   out.bounds = cloud.bounds();
   const Discs discs = finite_discs(cloud, options.cutoff);
   if (has_variance(cloud)) {
     out.negative_variances =
-        count_if(cloud.size(), [&](std::size_t i) { return largest_variance(cloud, i) < 0; });
+        count_where(cloud.size(), [&](std::size_t i) { return largest_variance(cloud, i) < 0; });
     if (!discs.radius.empty())
       out.radius = distribution({discs.radius.begin(), discs.radius.end()});
   }

@@ -21,26 +21,26 @@ struct Distribution {
   double max = 0;
 };
 
-/// Of at least one value; the percentiles are the values of rank floor(p (n - 1) + 1/2).
+/// Spread of one value or more; the percentiles are the values of rank floor(p (n - 1) + 1/2).
 SURFEL_API Distribution distribution(std::vector<double> values);
 
 struct CloudStatisticsOptions {
   double cutoff = 1;            ///< c of beta < c: a disc reaches sqrt(2 c variance), > 0.
   std::size_t samples = 20000;  ///< Surfels that are looked at closely, >= 1.
-  std::uint64_t seed = 1;
-  SURFEL_API std::vector<std::string> problems() const;
+  std::uint64_t seed = 1;       ///< Chooses the surfels and the points of their cells.
+  SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// How well the discs of a cloud cover its surface, at points drawn uniformly from the Voronoi
 /// cells of sampled surfels in their tangent planes. Surfels at a border, whose cells are open, and
-/// those without normal are left out. A disc covers a point where beta < cutoff in the disc's
+/// surfels without normal are left out. A disc covers a point where beta < cutoff in the disc's
 /// plane, the normals agree within 60 degrees and the point is no further from the plane than the
 /// disc's radius.
 struct Coverage {
   std::size_t cells = 0;      ///< Closed cells that were sampled.
   double hole_share = 0;      ///< Share of the points that no disc covers.
   double overlap = 0;         ///< Mean number of discs over a point.
-  double cell_area_mean = 0;  ///< Mean area of the cells, unit^2: what `area` should be.
+  double cell_area_mean = 0;  ///< Mean area of the cells, unit^2, which `area` should have.
 };
 
 /// Counts and measures of a cloud. Lengths are in scene units.
@@ -52,7 +52,7 @@ struct CloudStatistics {
   std::size_t non_unit_normals = 0;    ///< Finite, not zero, length off one by more than 1e-3.
   std::size_t nonfinite_values = 0;    ///< Surfels with NaN or infinity in any other column.
   std::size_t negative_variances = 0;  ///< Surfels whose variance is below zero.
-  Bounds bounds;                       ///< Of the finite positions, world coordinates.
+  Bounds bounds;                       ///< Bounds of the finite positions, world coordinates.
 
   /// Distance from sampled surfels to the nearest other one; needs two finite positions.
   std::optional<Distribution> spacing;
@@ -61,9 +61,9 @@ struct CloudStatistics {
   std::optional<Coverage> coverage;    ///< Needs normals, variances and closed cells.
 };
 
-/// Exact for the counts; spacing and coverage from `samples` surfels, spread evenly over the file,
-/// against all (the exact search, about 40 bytes a surfel). The same for any number of threads.
-/// Throws Error(kUsage) for bad options.
+/// Counts are exact; spacing and coverage are measured at `samples` surfels, spread evenly over the
+/// file, among all surfels (by the exact search, about 40 bytes a surfel). The same for any number
+/// of threads. Throws Error(kUsage) for bad options.
 SURFEL_API CloudStatistics cloud_statistics(const SurfelCloud& cloud,
                                             const CloudStatisticsOptions& options = {});
 

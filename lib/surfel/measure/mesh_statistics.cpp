@@ -1,33 +1,13 @@
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <numeric>
 #include <vector>
 
+#include <surfel/base/disjoint_sets.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/measure/mesh_statistics.h>
+#include <surfel/sample/mesh_face.h>
 
 namespace surfel {
 namespace {
-
-/// Disjoint sets with path halving (Tarjan and van Leeuwen 1984).
-class DisjointSets {
- public:
-  explicit DisjointSets(std::size_t count) : parent_(count) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-  }
-  std::uint32_t find(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void unite(std::uint32_t a, std::uint32_t b) {
-    a = find(a);
-    b = find(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
 
 std::size_t count_components(const TriangleMesh& mesh) {
   DisjointSets sets(mesh.position.size());
@@ -38,7 +18,7 @@ std::size_t count_components(const TriangleMesh& mesh) {
     used[a] = used[b] = used[c] = true;
   }
   std::size_t count = 0;
-  for (std::uint32_t i = 0; i < used.size(); ++i) count += used[i] && sets.find(i) == i ? 1 : 0;
+  for (std::uint32_t i = 0; i < used.size(); ++i) count += used[i] && sets.root(i) == i ? 1 : 0;
   return count;
 }
 
@@ -70,11 +50,8 @@ MeshStatistics mesh_statistics(const TriangleMesh& mesh) {
   out.components = count_components(mesh);
   count_edges(mesh, out);
   for (const Vec3f& p : mesh.position) out.bounds.add(mesh.origin + p.cast<double>());
-  for (const auto& [a, b, c] : mesh.face) {
-    const Vec3d p = mesh.position[a].cast<double>();
-    const Vec3d ab = mesh.position[b].cast<double>() - p;
-    const Vec3d ac = mesh.position[c].cast<double>() - p;
-    out.area += ab.cross(ac).norm() / 2;
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    out.area += area_vector(face_corners(mesh, f)).norm() / 2;
   }
   return out;
 }

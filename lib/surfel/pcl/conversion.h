@@ -79,9 +79,10 @@ inline std::uint8_t to_byte(float unit) {
 /// The surfels as a cloud of PCL, of any of its point types with x, y, z: normals, colour (linear
 /// light becomes 8-bit sRGB), alpha, radius (sqrt of the larger variance, one standard deviation)
 /// and the properties `confidence` and `curvature` are set where the type has them, and left at
-/// PCL's defaults where the surfels have none. Positions are in world coordinates, which PCL holds
-/// in single precision: far from the origin take `keep_origin`, which leaves the cloud's origin
-/// out. What is NaN stays NaN; is_dense tells. Width is the number of surfels, height 1.
+/// PCL's defaults where the surfels have no such column. Positions are in world coordinates, which
+/// PCL holds in single precision: far from the origin take `keep_origin`, which leaves the cloud's
+/// origin out. NaN stays NaN; is_dense says whether all positions are finite. Width is the number
+/// of surfels, height 1.
 template <class Point>
 pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false) {
   namespace detail = pcl_detail;
@@ -140,8 +141,8 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
 
 /// A cloud of PCL as surfels: position, and normal, colour (8-bit sRGB becomes linear light),
 /// variance (radius^2, as toPCL() writes it) and the properties `confidence` and `curvature` where
-/// the point type has them; alpha only from types with `with_alpha`, since PCL leaves it at 255 or
-/// 0 as it comes. The viewpoint is the sensor's. Points that are not finite stay.
+/// the point type has them; alpha only with `with_alpha`, as PCL's readers set it to 255 or 0 where
+/// files have none. The viewpoint is the sensor's pose. Points that are not finite stay.
 template <class Point>
 SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false) {
   namespace detail = pcl_detail;

@@ -9,14 +9,14 @@
 
 namespace surfel {
 
-/// Two choices of cells next to each other in price.
+/// Two choices of cells, next to each other in price.
 struct CutBracket {
-  DetailTree::Cut coarse;  ///< Not fine enough, or at the highest price of all.
-  DetailTree::Cut fine;    ///< Fine enough, or at the lowest price of all.
+  DetailTree::Cut coarse;  ///< Not fine enough, or the cut at the highest price.
+  DetailTree::Cut fine;    ///< Fine enough, or the cut at the lowest price.
 };
 
-/// Finds the highest price at which fine_enough(cut) holds, which finer cuts must fulfil as well.
-/// \param precision  of the price's logarithm.
+/// Finds the highest price at which fine_enough(cut) holds; it must hold for all finer cuts, too.
+/// \param precision  precision of the price's logarithm.
 template <class Test>
 CutBracket bracket_cuts(const DetailTree& tree, double precision, const Test& fine_enough) {
   double low = std::log(tree.lowest_price());
@@ -38,8 +38,8 @@ CutBracket bracket_cuts(const DetailTree& tree, double precision, const Test& fi
   return out;
 }
 
-/// Mean of value(i) over evenly spread i below `count`, 50,000 at most: so many tell the number of
-/// samples that a field makes to better than 1 %.
+/// Mean of value(i) over evenly spread i below `count`, 50,000 at most, which suffice to tell the
+/// number of samples that a field makes to better than 1 %.
 template <class Value>
 double mean_of_probes(std::size_t count, const Value& value) {
   constexpr std::size_t kProbes = 50000;

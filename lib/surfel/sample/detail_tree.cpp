@@ -5,22 +5,24 @@
 #include <cmath>
 #include <numbers>
 
+#include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/sample/detail_tree.h>
+#include <surfel/sample/poisson_disk.h>
 
 namespace surfel {
 namespace {
 
 /// Normals are told apart by the axis that they are nearest to, and its sign.
 constexpr std::size_t kSides = 6;
-/// Sides whose mean normals have a smaller cosine belong to different sheets, as in PoissonDisk.
-constexpr double kOpposedCosine = -0.17;
-/// Parts of a cell, this many levels down, that have less than this share of the mean density of
-/// error are left to the spacing that the others leave them: most of a cell that an edge crosses.
+/// Parts of a cell, kTrimmedLevels down, that have less than kIdleShare of the mean density of
+/// error do not ask for the cell's spacing: most of a cell that an edge crosses.
 constexpr int kTrimmedLevels = 2;
 constexpr double kIdleShare = 0.1;
-/// Spacing where all surfels are kept, in units of the finest one.
+/// Spacing where all surfels are kept, in units of the finest spacing: so small that no two surfels
+/// are near each other.
 constexpr double kKeptSpacing = 1e-3;
 
 std::size_t side_of(const Vec3f& normal) {
@@ -29,7 +31,7 @@ std::size_t side_of(const Vec3f& normal) {
   return 2 * static_cast<std::size_t>(axis) + (normal[axis] < 0 ? 1 : 0);
 }
 
-/// What a surfel is to show at a place: colour, opacity, and what follows the normal.
+/// Channels of a surfel's look at a place: colour, opacity, and shading by the normal.
 constexpr int kChannels = 7;
 using ChannelVector = Eigen::Matrix<double, kChannels, 1>;
 
@@ -71,14 +73,14 @@ struct Moments {
 
   Eigen::Matrix3d covariance() const { return xx / n - (x / n) * (x / n).transpose(); }
 
-  /// Mean over the probes of a third of the squares of all channels of what an affine function of
-  /// the place leaves of them; few probes are left to a constant.
+  /// A third of the mean square, summed over the channels, of the difference between the channels
+  /// and their best affine function of the place; a constant is taken where probes are few.
   double color_residual() const {
     if (n < 2) return 0;
     const double about_mean = std::max(0.0, cc / n - (c / n).squaredNorm()) / 3;
     if (n < 6) return about_mean * n / (n - 1);
     Eigen::Matrix3d M = covariance();
-    // What lies in a plane has no extent along its normal.
+    // Probes in a plane have no extent along its normal, and M would have no inverse.
     M += (1e-9 * M.trace() + 1e-300) * Eigen::Matrix3d::Identity();
     const Eigen::Matrix<double, 3, kChannels> C = xc / n - (x / n) * (c / n).transpose();
     const double explained = (C.transpose() * M.inverse() * C).trace() / 3;
@@ -125,7 +127,7 @@ struct CellMoments {
       Moments sheet;
       for (const Moments& other : side) {
         const double cosine = m.normal.normalized().dot(other.normal.normalized());
-        if (other.n > 0 && cosine >= kOpposedCosine) sheet.add(other);
+        if (other.n > 0 && cosine >= PoissonDisk::kOpposedCosine) sheet.add(other);
       }
       sum += m.weight * sheet.plane_residual();
     }
@@ -261,9 +263,24 @@ class DetailTree::Builder {
   double area_per_weight_;
 };
 
+std::vector<std::string> DetailTree::Options::problems() const {
+  std::vector<std::string> found;
+  const auto check_positive = [&](double value, const char* field) {
+    if (value > 0 && std::isfinite(value)) return;
+    found.push_back(fmt::format("{} is {}; it must be positive", field, value));
+  };
+  check_positive(area, "area");
+  check_positive(probe_spacing, "probe_spacing");
+  check_positive(unit_deviation, "unit_deviation");
+  check_positive(variance_scale, "variance_scale");
+  return found;
+}
+
 DetailTree::DetailTree(const std::vector<SurfaceProbe>& probes,
                        const std::vector<BorderPiece>& border, const Options& options)
     : options_(options), leaf_side_(kCellSigmas * options.probe_spacing) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
+  if (probes.empty()) throw_usage("a detail tree needs one probe at least");
   Vec3f low = probes.front().position;
   Vec3f high = low;
   for (const SurfaceProbe& probe : probes) {

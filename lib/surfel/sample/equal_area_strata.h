@@ -13,17 +13,17 @@ namespace surfel {
 /// of the area element, so that cells are equal in area up to the table's resolution.
 class EqualAreaStrata {
  public:
-  /// Throws Error(kInterrupted) only. Cost: one evaluation of the surface per cell of the table,
-  /// which has about as many cells as there are strata (4096 to 4 million).
+  /// \param count  >= 1. Cost: one evaluation of the surface per cell of the table, which has about
+  /// as many cells as there are strata (4096 to 4 million).
   EqualAreaStrata(const ParametricSurface& surface, std::size_t count);
 
-  /// Area of the surface: of the table's quadrature.
+  /// Area of the surface, by quadrature over the table.
   double area() const { return area_; }
   std::size_t row_count() const { return first_.size() - 1; }
   /// Cells first(row) to first(row + 1) - 1 make up the row.
   std::size_t first(std::size_t row) const { return first_[row]; }
 
-  /// The share of the row's area left of each column boundary of the table, for u_at().
+  /// Share of the row's area to the left of each column boundary of the table, for u_at().
   std::vector<double> row_profile(std::size_t row) const;
   /// u at a share in [0, 1] of the row's area, and v at a share of the row's height by area.
   double u_at(const std::vector<double>& profile, double share) const;

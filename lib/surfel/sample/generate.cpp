@@ -201,7 +201,7 @@ struct Sample {
   ParametricSurface::Point point;
 };
 
-/// Those with codes in [first_code, last_code], in the order of the segments.
+/// The surfels with codes in [first_code, last_code], in the order of the segments.
 std::vector<Sample> samples_between(const std::vector<Segment>& segments, const MortonGrid& grid,
                                     std::uint64_t first_code, std::uint64_t last_code) {
   std::vector<const Segment*> candidates;
@@ -246,7 +246,7 @@ void tessellate(const ParametricSurface& shape, std::size_t n, TriangleMesh& mes
   const auto scaled = [n](std::size_t i) {
     return static_cast<double>(i) / static_cast<double>(n);
   };
-  // Every grid point gets a place; those that stand for another one are dropped in the end.
+  // Every grid point gets a vertex; vertices that another one stands for are dropped in the end.
   const std::size_t vertices = (n + 1) * (n + 1);
   Array<Vec3f> normal(vertices);
   mesh.position.resize(base + vertices);

@@ -27,13 +27,14 @@ struct SURFEL_API GenerateOptions {
 /// Surfels on the scene's surfaces, jittered in cells of equal area h^2 (EqualAreaStrata), h being
 /// the same for all parts up to rounding. Columns: position, normal (exact), variance =
 /// (variance_scale h)^2, area, color, uv, dpdu, dpdv (unless left out) and, in transparent scenes,
-/// alpha. In order of part, row, cell. The same for any number of threads.
+/// alpha. In order of part, row, cell. The same for any number of threads. Throws Error(kUsage) for
+/// bad options, or more surfels than memory holds.
 SURFEL_API SurfelCloud generate_surfels(const ProceduralScene& scene,
                                         const GenerateOptions& options);
 
-/// The same surfels as morton_order() orders them, handed on in pieces of about `piece` surfels, so
-/// that memory does not grow with their number but for 48 bytes per 512 surfels. The surface is
-/// evaluated twice to three times as often.
+/// Makes the surfels of generate_surfels() in the order of morton_order(), and hands them on in
+/// pieces of about `piece` surfels: memory grows by 48 bytes per 512 surfels only. The surface is
+/// evaluated two to three times as often. Throws Error(kUsage) for bad options.
 SURFEL_API void generate_surfels_in_order(const ProceduralScene& scene,
                                           const GenerateOptions& options, std::size_t piece,
                                           FunctionRef<void(SurfelCloud&& piece)> consume);

@@ -23,7 +23,7 @@ constexpr double kPi = std::numbers::pi;
 constexpr int kSize = 128;  ///< Of pictures, pixels a side.
 const Vec3f kYellow(0.9F, 0.8F, 0.3F), kBlue(0.05F, 0.1F, 0.3F);
 
-/// What the makers below are given.
+/// Arguments of the functions below that make the cases.
 struct Request {
   double value;
   std::uint64_t seed;
@@ -40,10 +40,10 @@ CameraOptions look(const Vec3d& eye, const Vec3d& target, double fov = 40,
   return view;
 }
 
-/// The focal length of such a view, pixels.
+/// The focal length of a view of kSize pixels, pixels.
 double focal(double fov = 40) { return kSize / (2 * std::tan(fov * kPi / 360)); }
 
-/// From `distance` in front of the origin, `angle` degrees off the z axis.
+/// View of the origin from `distance` in front of it, `angle` degrees off the z axis.
 CameraOptions orbit(double distance, double angle, double fov = 40) {
   const double a = angle * kPi / 180;
   return look(Vec3d(0, 0.0 - distance * std::sin(a), distance * std::cos(a)), Vec3d(0, 0, 0), fov);
@@ -167,8 +167,8 @@ HardScene near_plane(const Request& r) {
   return scene;
 }
 
-/// Above a pixel: discs of that many pixels across, on a slant. Below: so many of them that there
-/// is something to see, no more than a million.
+/// From a pixel on: discs of so many pixels across, on a slant. Below a pixel: as many discs as
+/// fill a visible square, no more than a million.
 HardScene splat_size(const Request& r) {
   HardScene scene;
   const double spacing = r.value / (2 * std::numbers::sqrt2) / focal();  // At distance 1.
@@ -343,7 +343,7 @@ HardScene condition(const Request& r) {
   return scene;
 }
 
-/// The same, `value` times every surfel.
+/// The sheet of condition(), every surfel `value` times.
 HardScene duplicates(const Request& r) {
   HardScene scene = condition({0.7, r.seed});
   const auto copies = static_cast<std::uint32_t>(r.value);

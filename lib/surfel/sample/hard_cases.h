@@ -16,30 +16,30 @@
 
 namespace surfel {
 
-/// What a hard case is called and means. Some have a number that says how hard they are.
+/// Name and meaning of a hard case. Some cases take a number that says how hard they are.
 struct HardCase {
   std::string name;
-  std::string what;  ///< One line, with the number's unit.
-  double value = 0;  ///< The number where it is not given; meaningless where least == most.
-  double least = 0;  ///< Smallest that is accepted.
-  double most = 0;
+  std::string what;  ///< Meaning in one line, with the number's unit.
+  double value = 0;  ///< Default of the number; meaningless where least == most.
+  double least = 0;  ///< Smallest number that is accepted.
+  double most = 0;   ///< Largest number that is accepted.
   bool has_value() const { return least < most; }
 };
 
-/// A hard case made.
+/// Data of a hard case.
 struct HardScene {
-  SurfelCloud cloud;                 ///< Points only where surfels are yet to be estimated.
-  CameraOptions view;                ///< From where it is hard to see, 128 x 128 pixels.
-  std::optional<TriangleMesh> mesh;  ///< With its charts, where these are what is hard ...
-  std::optional<Image> image;        ///< ... and the picture on them.
+  SurfelCloud cloud;                 ///< Surfels, or points where surfels are yet to be estimated.
+  CameraOptions view;                ///< The hard view, 128 x 128 pixels.
+  std::optional<TriangleMesh> mesh;  ///< Mesh with uv, of cases whose charts are hard.
+  std::optional<Image> image;        ///< Picture on the mesh.
 };
 
-/// All of them, in the order of docs/stability.md.
+/// All hard cases, in the order of docs/stability.md.
 SURFEL_API const std::vector<HardCase>& hard_cases();
 
-/// The case called `text`: "NAME", or "NAME:NUMBER" where it takes one. `seed` chooses the jitter.
-/// The same for any number of threads. Throws Error(kUsage) naming the known ones if a name is
-/// unknown, or the number's range.
+/// Makes the case called `text`: "NAME", or "NAME:NUMBER" where the case takes a number. `seed`
+/// chooses the jitter. The same for any number of threads. Throws Error(kUsage), naming the known
+/// cases if the name is unknown, or the number's range if the number is out of it.
 SURFEL_API HardScene make_hard_case(const std::string& text, std::uint64_t seed = 1);
 
 /// The view as options of surfel-render: "--eye 0,0,2 --target 0,0,0 ...".

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 
+#include <surfel/base/disjoint_sets.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
@@ -10,15 +11,6 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
-
-/// Root of a face's tree; the path to it is halved on the way.
-std::uint32_t root_of(Array<std::uint32_t>& parent, std::uint32_t face) {
-  while (parent[face] != face) {
-    parent[face] = parent[parent[face]];
-    face = parent[face];
-  }
-  return face;
-}
 
 }  // namespace
 
@@ -75,18 +67,13 @@ Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
 }
 
 Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings) {
-  Array<std::uint32_t> parent(rings.size() / 3);
-  for (std::size_t f = 0; f < parent.size(); ++f) parent[f] = static_cast<std::uint32_t>(f);
+  Array<std::uint32_t> component(rings.size() / 3);
+  DisjointSets sets(component.size());
   for (std::size_t e = 0; e < rings.size(); ++e) {
-    if (rings[e] == kBorderEdge) continue;
-    const std::uint32_t a = root_of(parent, static_cast<std::uint32_t>(e / 3));
-    const std::uint32_t b = root_of(parent, rings[e] / 3);
-    parent[std::max(a, b)] = std::min(a, b);
+    if (rings[e] != kBorderEdge) sets.unite(static_cast<std::uint32_t>(e / 3), rings[e] / 3);
   }
-  for (std::size_t f = 0; f < parent.size(); ++f) {
-    parent[f] = root_of(parent, static_cast<std::uint32_t>(f));
-  }
-  return parent;
+  for (std::uint32_t f = 0; f < component.size(); ++f) component[f] = sets.root(f);
+  return component;
 }
 
 }  // namespace surfel

@@ -10,7 +10,7 @@
 
 namespace surfel {
 
-/// In edge_rings(): no other face has this edge.
+/// Value of edge_rings() for edges of a single face.
 inline constexpr std::uint32_t kBorderEdge = std::numeric_limits<std::uint32_t>::max();
 
 /// For every vertex the lowest one at the same position.
@@ -21,7 +21,7 @@ SURFEL_API Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position);
 /// kBorderEdge. Two faces at an edge point at each other; more form a ring in ascending order.
 SURFEL_API Array<std::uint32_t> edge_rings(const TriangleMesh& mesh);
 
-/// Connected parts over edges: the lowest face of its part for every face.
+/// Parts of the mesh that edges connect: for every face the lowest face of its part.
 SURFEL_API Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings);
 
 }  // namespace surfel

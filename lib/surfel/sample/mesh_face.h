@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -23,13 +24,20 @@ inline Vec3d area_vector(const FaceCorners& corner) {
   return (corner[1] - corner[0]).cross(corner[2] - corner[0]);
 }
 
+inline double longest_edge(const FaceCorners& corner) {
+  return std::sqrt(
+      std::max({(corner[1] - corner[0]).squaredNorm(), (corner[2] - corner[1]).squaredNorm(),
+                (corner[0] - corner[2]).squaredNorm()}));
+}
+
 /// Derivatives of the position by uv over a face.
 struct UvFrame {
   Vec3d dpdu = Vec3d::Zero();
   Vec3d dpdv = Vec3d::Zero();
 };
 
-/// Zero where the uv span no area: less than 1e-12 of what their edges could, which is rounding.
+/// The derivatives are zero where the uv span no area: less than 1e-12 of the area that their edges
+/// could span, which is rounding.
 inline UvFrame uv_frame(const FaceCorners& corner, const std::array<Vec2f, 3>& uv) {
   const Vec2d a = (uv[1] - uv[0]).cast<double>();
   const Vec2d b = (uv[2] - uv[0]).cast<double>();

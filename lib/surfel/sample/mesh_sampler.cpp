@@ -9,6 +9,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -21,7 +22,7 @@ namespace {
 constexpr std::size_t kGrain = 1 << 14;
 constexpr std::size_t kMostSamples = std::size_t{1} << 28;
 
-/// What the refusals and the components' variances need of the faces.
+/// Measures of the faces, for refusals and for the variances of small components.
 struct FaceMeasures {
   std::vector<double> area;
   double total_area = 0;
@@ -35,15 +36,13 @@ FaceMeasures measure(const TriangleMesh& mesh) {
   m.area.resize(mesh.face.size());
   for (std::size_t f = 0; f < mesh.face.size(); ++f) {
     const FaceCorners corner = face_corners(mesh, f);
-    double edge2 = 0;
-    for (int k = 0; k < 3; ++k) {
-      edge2 = std::max(edge2, (corner[(k + 1) % 3] - corner[k]).squaredNorm());
-      m.largest_coordinate = std::max(m.largest_coordinate, corner[k].cwiseAbs().maxCoeff());
+    for (const Vec3d& p : corner) {
+      m.largest_coordinate = std::max(m.largest_coordinate, p.cwiseAbs().maxCoeff());
     }
     m.area[f] = area_vector(corner).norm() / 2;
     m.degenerate += !(m.area[f] > 0);
     m.total_area += m.area[f];
-    m.total_edge += std::sqrt(edge2);
+    m.total_edge += longest_edge(corner);
   }
   return m;
 }
@@ -67,10 +66,8 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
   parallel_for(in_field.size(), 1 << 8, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t f = begin; f < end; ++f) {
       const FaceCorners corner = face_corners(mesh, f);
-      double edge = 0;
-      for (int k = 0; k < 3; ++k) edge = std::max(edge, (corner[(k + 1) % 3] - corner[k]).norm());
       const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3;
-      const double parts = edge / field.at(middle.cast<float>());
+      const double parts = longest_edge(corner) / field.at(middle.cast<float>());
       const int n = static_cast<int>(std::clamp(std::ceil(parts), 1.0, kMostParts));
       double sum = 0;
       // Centroids of the upright ones of the n^2 equal triangles.
@@ -90,7 +87,7 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
   return total;
 }
 
-/// What Poisson-disk samples of a mesh are made with.
+/// Inputs of Poisson-disk sampling, at whatever spacing.
 struct Sampling {
   const TriangleMesh& mesh;
   const Array<std::uint32_t>& rings;
@@ -166,8 +163,8 @@ std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spa
   return disk;
 }
 
-/// Largest variance that a component's samples may have, by the component's lowest face: a disc
-/// should not outgrow what it stands for.
+/// Area of each component, by its lowest face. It is the largest variance that a component's
+/// samples may have: a disc should not outgrow the component that it stands for.
 std::vector<double> component_areas(const Array<std::uint32_t>& component,
                                     const std::vector<double>& face_area) {
   std::vector<double> area(component.size(), 0);
@@ -233,7 +230,7 @@ class AttributeTransfer {
     if (!wedge_normal_.empty()) {
       const Vec3f smooth = interpolated(wedge_normal_[face], b);
       const float length = smooth.norm();
-      // Normals that cancel say nothing; the face's does.
+      // Where smooth normals cancel each other the face's normal is taken.
       if (length > 1e-3f) return smooth / length;
     }
     return area_vector(corner).normalized().cast<float>();
@@ -304,11 +301,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   MeshSampleReport unused;
   MeshSampleReport& out = report ? *report : unused;
   out = {};
-  Timer timer;
-  const auto stage = [&](const char* done) {
-    out.times.add(done, timer.milliseconds());
-    timer.restart();
-  };
+  StageTimer stage(out.times);
 
   check_columns(mesh, name);
   const FaceMeasures faces = measure(mesh);
@@ -318,7 +311,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   }
   const Array<std::uint32_t> rings = edge_rings(mesh);
   const Array<std::uint32_t> component = face_components(rings);
-  stage("topology");
+  stage.end("topology");
 
   const SizingField uniform(1);
   const SizingField& field = options.field ? *options.field : uniform;
@@ -328,10 +321,10 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   std::unique_ptr<PoissonDisk> disk = options.count
                                           ? sampling.with_count(*options.count, out.spacing)
                                           : sampling.with_spacing(out.spacing);
-  stage("sample");
+  stage.end("sample");
   const Array<SurfaceSample> samples = disk->samples();
   disk.reset();
-  stage("areas");
+  stage.end("areas");
 
   SurfelCloud cloud;
   cloud.origin = mesh.origin;
@@ -345,7 +338,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   }
   const bool from_file = !options.flat && !mesh.wedge_normal.empty();
   AttributeTransfer attributes(mesh, from_file ? mesh.wedge_normal : computed, cloud);
-  // The samples' areas are those of chunks with rounded corners, which shows in slivers.
+  // The samples' areas were measured on chunks with rounded corners, which shows in slivers.
   double sampled_area = 0;
   for (const SurfaceSample& sample : samples) sampled_area += sample.area;
   const double to_exact = faces.total_area / sampled_area;
@@ -362,7 +355,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
       attributes.transfer(i, sample.face);
     }
   });
-  stage("attributes");
+  stage.end("attributes");
 
   if (options.field)
     out.spacing = std::sqrt(faces.total_area / static_cast<double>(samples.size()));

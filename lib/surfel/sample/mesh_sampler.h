@@ -16,17 +16,20 @@
 namespace surfel {
 
 struct SURFEL_API MeshSampleOptions {
-  std::optional<double> spacing;     ///< Root of the area per sample, scene units, > 0. Either
-  std::optional<std::size_t> count;  ///< this or the number of samples, 1 to 2^28, is given.
-  /// Spacing that varies, or null. `spacing` and what the report says of it are then in units of
-  /// the field's, so that 1 is the field as it is. Its gradient times those is at most
+  /// Either the root of the area per sample, scene units, > 0, ...
+  std::optional<double> spacing;
+  /// ... or the number of samples, 1 to 2^28, is set.
+  std::optional<std::size_t> count;
+  /// Spacing that varies, or null. `spacing` and MeshSampleReport::spacing are factors of the field
+  /// then: 1 is the field as it is. The field's gradient times `spacing` is at most
   /// PoissonDisk::kMaxGradient.
   const SizingField* field = nullptr;
-  std::uint64_t seed = 1;
-  bool flat = false;  ///< Normals of the faces instead of smooth ones.
+  std::uint64_t seed = 1;  ///< Of the pattern.
+  bool flat = false;       ///< Normals of the faces instead of smooth ones.
   /// Standard deviation of the kernels in units of the spacing, > 0. The default is the sharpest
-  /// that leaves no holes: cut off at beta = 1 kernels reach 0.99 spacings, and no point of the
-  /// surface is further from a sample than 0.98. SS01 section 5 has V = h^2 I, which is 1.
+  /// value that leaves no holes: cut off at beta = 1 kernels reach 0.99 spacings, and no point of
+  /// the surface is further from a sample than 0.98 spacings. SS01 section 5 has V = h^2 I: a value
+  /// of 1.
   double variance_scale = kVarianceScale;
   static constexpr double kVarianceScale = 0.7;
   double crease_angle = std::numbers::pi / 4;  ///< Faces that meet at a larger angle share no
@@ -37,30 +40,32 @@ struct SURFEL_API MeshSampleOptions {
 /// What sample_mesh() met and reached.
 struct MeshSampleReport {
   std::size_t faces = 0;
-  std::size_t degenerate_faces = 0;  ///< Of zero area: dropped on reading or skipped.
-  std::size_t flat_uv_faces = 0;     ///< Whose uv span no area: dpdu = dpdv = 0 there.
+  std::size_t degenerate_faces = 0;  ///< Faces without area: dropped on reading, or skipped.
+  std::size_t flat_uv_faces = 0;     ///< Faces whose uv span no area: dpdu = dpdv = 0 there.
   std::size_t components = 0;        ///< Parts that no edge connects.
-  double area = 0;                   ///< Of the mesh.
-  double spacing = 0;                ///< Asked for, or found for the count.
-  double least_distance = 0;         ///< Between samples of one sheet; infinity if there are none.
-  double mean_distance = 0;          ///< To the nearest sample of the sheet, where one is near.
+  double area = 0;                   ///< Area of the mesh.
+  double spacing = 0;                ///< Spacing asked for, or found for the count.
+  double least_distance = 0;  ///< Least distance between samples of one sheet; infinity if no
+                              ///< two samples are near each other.
+  double mean_distance = 0;   ///< Mean distance to the nearest sample of the sheet, over the
+                              ///< samples that have one near.
   StageTimes times;
 };
 
-/// Blue-noise samples over the whole surface: of one sheet, at least 0.62 spacings apart (0.82
-/// where the surface does not bend sharply), no point of the surface further than 0.98 spacings
-/// from one. What one sheet is, PoissonDisk says. Every component has at least one sample.
+/// Blue-noise samples over the whole surface: samples of one sheet (poisson_disk.h) are at least
+/// 0.62 spacings apart, 0.82 where the surface does not bend sharply, and no point of the surface
+/// is further than 0.98 spacings from a sample. Every component has at least one sample.
 ///
-/// With a count, the spacing is searched for so that slightly fewer samples come out, and random
-/// ones that keep 0.62 spacings fill the number up exactly. Where that cannot be (more components
-/// than samples; no room left) the number is the nearest that was found.
+/// With a count, a spacing is searched for at which slightly fewer samples come out; random samples
+/// that keep 0.62 spacings from all others fill the number up exactly. Where this cannot be (more
+/// components than samples; no room left) the number is the nearest that was found.
 ///
 /// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller
-/// than spacing^2: its area instead), area (the samples' areas sum to the mesh's), uv, dpdu and
+/// than spacing^2: its area instead), area (the areas sum to the mesh's area), uv, dpdu and
 /// dpdv where the mesh has uv; color where it has vertex colours or materials without texture;
 /// material where it has more than one. The mesh's origin is kept.
 ///
-/// `name` is the mesh's file, to start messages with, or empty.
+/// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would
 /// not fit into memory or be finer than the coordinates' precision. The same for any number of
 /// threads. Cost: about 2.5 microseconds of one core a sample, 200 bytes a sample.

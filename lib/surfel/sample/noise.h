@@ -13,7 +13,7 @@ struct NoiseValue {
   Eigen::Matrix<double, D, 1> gradient = Eigen::Matrix<double, D, 1>::Zero();
 };
 
-/// Gradient of the lattice point that noise interpolates from, components uniform in [-1, 1).
+/// Gradient at a lattice point, from which noise is interpolated; components uniform in [-1, 1).
 template <int D>
 Eigen::Matrix<double, D, 1> lattice_gradient(const Eigen::Matrix<std::int64_t, D, 1>& cell,
                                              std::uint64_t seed) {
@@ -73,10 +73,10 @@ NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t
 struct FractalNoise {
   int octaves = 6;
   double frequency = 1;  ///< Lattice cells per unit of the first octave.
-  double gain = 0.5;     ///< Amplitude of an octave over that of the one before.
+  double gain = 0.5;     ///< Amplitude of an octave by the amplitude of the octave before.
 };
 
-/// Sum of octaves of gradient_noise, each of twice the frequency of the one before.
+/// Sum of octaves of gradient_noise, each of twice the frequency of the octave before.
 template <int D>
 NoiseValue<D> fractal_noise(const Eigen::Matrix<double, D, 1>& p, const FractalNoise& spectrum,
                             std::uint64_t seed) {

@@ -183,7 +183,7 @@ class PoissonDisk::Impl {
   /// Square of a radius in units of the spacing, for a sample of this size.
   float radius2(double radius, float size) const { return square(radius * spacing_ * size); }
 
-  /// A sample as the triangles near it see it.
+  /// A sample near a triangle that darts are thrown into.
   struct Neighbor {
     Vec3f position;
     float conflict2;  ///< Square of the distance that a dart must keep.
@@ -296,8 +296,8 @@ class PoissonDisk::Impl {
             static_cast<float>(kCoverageRadius * spacing_ * size), agrees};
   }
 
-  /// Throws darts into the triangle until it is covered. The samples that may matter are those of
-  /// darts.list[list_begin, list_end) and those of the pool from `known` on.
+  /// Throws darts into the triangle until it is covered. The samples that may matter are the ones
+  /// in darts.list[list_begin, list_end) and the pool's from `known` on.
   void cover(const Triangle& triangle, Darts& darts, std::size_t list_begin, std::size_t list_end,
              std::size_t known) {
     const Vec3f center = (triangle[0] + triangle[1] + triangle[2]) / 3;
@@ -425,7 +425,7 @@ class PoissonDisk::Impl {
     return kNoSlot;
   }
 
-  /// Adds the chunks around an edge to the walk, those that it has not met yet.
+  /// Adds the chunks around an edge that the walk has not met yet.
   void visit_around(std::uint32_t half_edge, Walk& walk) {
     std::uint32_t next = half_edge;
     for (;;) {
@@ -437,8 +437,8 @@ class PoissonDisk::Impl {
     }
   }
 
-  /// Takes the sample whose walk (find_conflict) this is, and announces it to the chunks that it
-  /// reached; returns its slot.
+  /// Takes the sample that `walk` was made for by find_conflict(), and announces it to the chunks
+  /// that the walk reached; returns its slot.
   std::uint32_t add_sample(const Walk& walk, std::uint32_t chunk, const Vec3f& p, float size) {
     const std::uint32_t slot = first_slot_[chunk] + used_[chunk]++;
     slot_[slot] = p;
@@ -517,7 +517,7 @@ class PoissonDisk::Impl {
 
   std::uint64_t seed_;
   double spacing_;
-  float largest_;  ///< Of the field.
+  float largest_;  ///< Largest value of the field.
   double gap_;  ///< Between the radii of coverage and conflict of a sample that rejects a dart, in
                 ///< spacings where the dart fell.
   SurfaceChunks surface_;

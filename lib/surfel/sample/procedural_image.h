@@ -27,11 +27,11 @@ struct SURFEL_API ProceduralTextureOptions {
 /// Names that procedural_texture() knows: checker, siemens, noise.
 SURFEL_API const std::vector<std::string>& procedural_texture_names();
 
-/// The texture of that name.
+/// The texture called `name`.
 /// checker: squares, dark where floor(u f) + floor(v f) is even.
 /// siemens: Siemens star of radius 1/2 about (1/2, 1/2) in the unit square, repeated; dark outside.
-/// noise: fractal noise of six octaves, its own in each of the three channels.
-/// Throws Error(kUsage) naming the known ones where `name` is none of them or an option is bad.
+/// noise: fractal noise of six octaves, another one in each of the three channels.
+/// Throws Error(kUsage) for bad options, or, naming the known textures, if `name` is none of them.
 SURFEL_API ProceduralTexture procedural_texture(const std::string& name,
                                                 const ProceduralTextureOptions& options = {});
 

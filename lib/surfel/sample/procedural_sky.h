@@ -12,9 +12,9 @@ namespace surfel {
 /// from any thread.
 SURFEL_API Vec3f procedural_sky_radiance(const Vec3d& direction);
 
-/// The same as a lat-long environment map (io/lat_long.h), channels R G B A (opaque), filtered with
-/// a tent of two pixels' width: interpolated linearly, edges have no steps. Throws Error(kUsage)
-/// unless it is twice as wide as high.
+/// The surrounding as a lat-long environment map (scene/lat_long.h), channels R G B A (opaque),
+/// filtered with a tent of two pixels' width: interpolated linearly, edges have no steps. Throws
+/// Error(kUsage) unless it is twice as wide as high.
 SURFEL_API Image procedural_sky(int width, int height);
 
 }  // namespace surfel

@@ -28,8 +28,8 @@ class SURFEL_API ParametricSurface {
   virtual ~ParametricSurface() = default;
   /// Exact for any (u, v) in [0, 1]^2. Callable from any thread.
   virtual Point at(double u, double v) const = 0;
-  virtual bool closed_u() const { return false; }   ///< u = 1 is u = 0 again.
-  virtual bool closed_v() const { return false; }   ///< v = 1 is v = 0 again.
+  virtual bool closed_u() const { return false; }   ///< Places at u = 1 are the places at u = 0.
+  virtual bool closed_v() const { return false; }   ///< Places at v = 1 are the places at v = 0.
   virtual bool has_poles() const { return false; }  ///< v = 0 and v = 1 are a point each.
 };
 
@@ -40,7 +40,7 @@ struct SurfacePart {
   float alpha = 1;
 };
 
-/// Surfaces that a name stands for, all about as large as the unit ball.
+/// Surfaces of a scene that has a name, all about as large as the unit ball.
 /// plane: the square [-1, 1]^2 in z = 0, facing +z, checkered.
 /// sphere: the unit sphere, poles at +-y. torus: radii 0.7 and 0.3 about the z axis.
 /// head: a sphere displaced to a head that looks along +z, with fine relief.
@@ -48,15 +48,15 @@ struct SurfacePart {
 /// transparent: nested and intersecting surfaces of alpha 0.2 to 0.6.
 struct ProceduralScene {
   std::vector<SurfacePart> parts;
-  bool transparent = false;  ///< Some alpha is below 1.
+  bool transparent = false;  ///< Some part has an alpha below 1.
 };
 
-/// The kinds that procedural_scene() knows.
+/// Names of the scenes that procedural_scene() knows.
 SURFEL_API const std::vector<std::string>& procedural_scene_names();
 
-/// The scene of that name; `seed` chooses the relief of head and terrain. With a non-empty
-/// `texture` (see procedural_texture_names()) all parts wear that one, `frequency` as there.
-/// Throws Error(kUsage) naming the known ones if a name is unknown.
+/// The scene called `kind`; `seed` chooses the relief of head and terrain. With a non-empty
+/// `texture` all parts have this procedural_texture(), of this `frequency`. Throws Error(kUsage),
+/// naming the known scenes or textures, if a name is unknown.
 SURFEL_API ProceduralScene procedural_scene(const std::string& kind, std::uint64_t seed,
                                             const std::string& texture = {}, double frequency = 16);
 

@@ -15,13 +15,13 @@ struct SizingCell {
   float spacing;  ///< > 0, finite.
 };
 
-/// Spacing of samples as a function of the place: the largest one that exceeds no cell's inside it,
-/// nor changes by more than `gradient` over a distance of 1,
+/// Spacing of samples as a function of the place: the largest function that exceeds no cell's
+/// spacing inside the cell, nor changes by more than `gradient` over a distance of 1,
 ///   h(p) = min(largest, min_k h_k + gradient |p - cell k|),
 /// so that neighbouring samples have similar sizes.
 class SURFEL_API SizingField {
  public:
-  /// Everywhere the same.
+  /// The same spacing everywhere.
   explicit SizingField(double spacing);
   /// \param cells    may overlap. \param gradient  >= 0. \param largest  > 0.
   SizingField(const std::vector<SizingCell>& cells, double gradient, double largest);
@@ -37,7 +37,7 @@ class SURFEL_API SizingField {
   struct Node {
     Vec3f min;
     Vec3f max;
-    float spacing;  ///< The least.
+    float spacing;  ///< The least spacing of the cells.
   };
 
   void build(std::size_t node, std::size_t begin, std::size_t end);

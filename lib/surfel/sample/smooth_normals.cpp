@@ -33,7 +33,7 @@ struct VertexWedges {
   }
 };
 
-/// What a face contributes at one of its corners.
+/// Contribution of a face to the normal at one of its corners.
 struct Contribution {
   Vec3d normal;  ///< Of the face; zero where it has no area.
   double angle;  ///< At the corner.

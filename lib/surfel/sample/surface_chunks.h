@@ -20,16 +20,16 @@ struct SurfaceChunk {
   /// Edge k runs from corner k to corner k + 1. neighbor[k] is 3 * chunk + edge of the next chunk
   /// around that edge (with more than two chunks at an edge they form a ring), or kBorder.
   std::array<std::uint32_t, 3> neighbor;
-  std::uint32_t face;  ///< Of the mesh.
+  std::uint32_t face;  ///< Face of the mesh that the chunk is a part of.
 
   double area() const;
-  Vec3f normal() const;  ///< Unit; zero where the area is.
+  Vec3f normal() const;  ///< Unit; zero where the chunk has no area.
 };
 
 /// A mesh cut into chunks of bounded size, sorted into cubic blocks, so that blocks far enough
 /// apart can be worked on at the same time.
 struct SurfaceChunks {
-  Array<SurfaceChunk> chunk;               ///< Block by block.
+  Array<SurfaceChunk> chunk;               ///< Chunks, block by block.
   std::vector<std::uint32_t> block_first;  ///< First chunk of each block, then the chunks' number.
   /// Blocks of one phase (of 8) are at least a block's side apart.
   std::array<std::vector<std::uint32_t>, 8> phase;
@@ -38,9 +38,8 @@ struct SurfaceChunks {
 /// Refines `mesh` until no edge is longer than `edge_spacings` times the spacing at its ends and
 /// its middle (edges are halved, alike on both sides, so that neighbours fit), and sorts the chunks
 /// by the block of side `block_side` that holds their centroid. Chunks of zero area are kept: they
-/// connect their neighbours. \param neighbor  3 * face + edge of the next face around edge k of
-/// face f at [3 f + k], or
-///                  SurfaceChunk::kBorder; rings as in SurfaceChunk.
+/// connect their neighbours.
+/// \param neighbor  edge_rings() of the mesh.
 SURFEL_API SurfaceChunks make_surface_chunks(const TriangleMesh& mesh,
                                              const Array<std::uint32_t>& neighbor,
                                              const SizingField& spacing, double edge_spacings,

@@ -4,22 +4,20 @@
 #include <vector>
 
 #include <surfel/simplify/covering_gaussian.h>
+#include <surfel/surface/tangent_frame.h>
 
 namespace surfel {
 namespace {
 
-/// Ellipses are no longer than this, so that places on a line do not make a needle.
-constexpr double kMostElongated = 16;
-
-/// An ellipse's axes: a unit vector along the long one, and both half axes.
+/// Axes of an ellipse.
 struct Axes {
-  Vec2d along{1, 0};
-  double u = 1;
-  double v = 1;
+  Vec2d along{1, 0};  ///< Unit, along the long axis.
+  double u = 1;       ///< Long half axis.
+  double v = 1;       ///< Short half axis.
 };
 
-/// Of places (offset, area), each a square of its area.
-Axes second_moments(const Vec3d& t, const Vec3d& b, const Vec3f& position,
+/// Axes of the second moments about `position` of places, each a square of its area.
+Axes second_moments(const TangentFrame& frame, const Vec3f& position,
                     std::span<const CoveredPlace> places) {
   double total = 0;
   for (const CoveredPlace& place : places) total += place.area;
@@ -27,21 +25,18 @@ Axes second_moments(const Vec3d& t, const Vec3d& b, const Vec3f& position,
   double tb = 0;
   double bb = 0;
   for (const CoveredPlace& place : places) {
-    const Vec3d d = (place.position - position).cast<double>();
-    const double x = d.dot(t);
-    const double y = d.dot(b);
+    const Vec2d flat = frame.flat((place.position - position).cast<double>());
+    const double x = flat.x();
+    const double y = flat.y();
     const double weight = total > 0 ? place.area / total : 1.0 / static_cast<double>(places.size());
     tt += weight * (x * x + place.area / 12.0);
     bb += weight * (y * y + place.area / 12.0);
     tb += weight * x * y;
   }
-  const double mean = (tt + bb) / 2;
-  const double difference = std::hypot((tt - bb) / 2, tb);
-  if (!(mean > 0)) return {};
-  const double angle = std::atan2(2 * tb, tt - bb) / 2;
-  Axes axes{{std::cos(angle), std::sin(angle)}, std::sqrt(mean + difference), 0};
-  axes.v = std::max(std::sqrt(std::max(0.0, mean - difference)), axes.u / kMostElongated);
-  return axes;
+  if (!(tt + bb > 0)) return {};
+  const PrincipalAxes axes = principal_axes(tt, tb, bb);
+  const double u = std::sqrt(axes.larger);
+  return {axes.along, u, std::max(std::sqrt(axes.smaller), u / kMostElongated)};
 }
 
 }  // namespace
@@ -49,12 +44,10 @@ Axes second_moments(const Vec3d& t, const Vec3d& b, const Vec3f& position,
 TangentGaussian covering_gaussian(const Vec3f& position, const Vec3f& normal,
                                   std::span<const CoveredPlace> places, bool ellipse,
                                   double cutoff) {
-  const Vec3d n = normal.cast<double>();
-  const Vec3d t = n.unitOrthogonal();
-  const Vec3d b = n.cross(t);
-  const Axes axes = ellipse ? second_moments(t, b, position, places) : Axes{};
-  const Vec3d along = axes.along.x() * t + axes.along.y() * b;
-  const Vec3d across = n.cross(along);
+  const TangentFrame frame = tangent_frame(normal.cast<double>());
+  const Axes axes = ellipse ? second_moments(frame, position, places) : Axes{};
+  const Vec3d along = frame.lifted(axes.along);
+  const Vec3d across = frame.n.cross(along);
   double scale2 = 0;
   for (const CoveredPlace& place : places) {
     const Vec3d d = (place.position - position).cast<double>();

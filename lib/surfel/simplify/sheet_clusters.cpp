@@ -1,9 +1,8 @@
 #include <algorithm>
-#include <cmath>
 #include <limits>
-#include <numbers>
 #include <vector>
 
+#include <surfel/base/error.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
 #include <surfel/simplify/sheet_clusters.h>
@@ -11,10 +10,10 @@
 namespace surfel {
 namespace {
 
-/// Squared distances, by the seed's radius, at which further seeds are let in where there are too
-/// few: each time this much less ...
+/// Where there are too few seeds, further ones are let in at smaller squared distances, by the
+/// seed's radius: each round at kCloser times the distance of the round before, down to kClosest,
+/// and then at any distance. Larger factors fill up more evenly and take more rounds.
 constexpr float kCloser = 0.8F;
-/// ... down to this; then whatever is left.
 constexpr float kClosest = 1e-3F;
 
 class Clusterer {
@@ -24,12 +23,13 @@ class Clusterer {
       : cloud_(cloud),
         search_(search),
         radius_(radius),
-        least_cosine_(static_cast<float>(std::cos(rules.normal_angle * std::numbers::pi / 180))),
+        least_cosine_(rules.least_cosine()),
         stretch2_(static_cast<float>(rules.sheet_weight * rules.sheet_weight - 1)),
         nearest2_(cloud.size(), std::numeric_limits<float>::infinity()),
         seed_of_(cloud.size()) {}
 
-  /// Makes seeds of what is at least that far, squared and by radii, from all there are.
+  /// Makes surfels seeds, up to `most`, that are at least this far, squared and by radii, from all
+  /// seeds.
   void throw_darts(const Array<std::uint32_t>& order, float least2, std::size_t most) {
     for (const std::uint32_t i : order) {
       if (seeds_ >= most) return;
@@ -75,7 +75,7 @@ class Clusterer {
   void join(const Neighbor& neighbor, std::uint32_t seed, float by_radius2) {
     const std::uint32_t k = neighbor.index;
     const Vec3f& n = cloud_.normal[seed];
-    // Unknown normals have a cosine of 0, and the least one may be that, too.
+    // An unknown normal has a cosine of 0, which may be the least cosine, too.
     const float cosine = n.dot(cloud_.normal[k]);
     if (!(cosine >= least_cosine_) || cloud_.normal[k].squaredNorm() == 0) return;
     if (!cloud_.material.empty() && cloud_.material[k] != cloud_.material[seed]) return;
@@ -94,7 +94,7 @@ class Clusterer {
   float least_cosine_;
   float stretch2_;
   std::size_t seeds_ = 0;
-  Array<float> nearest2_;  ///< To a seed, by its radius; kSeed of seeds.
+  Array<float> nearest2_;  ///< Squared distance to a seed, by the seed's radius; kSeed for seeds.
   Array<std::uint32_t> seed_of_;
   std::vector<Neighbor> near_;
 };
@@ -104,6 +104,7 @@ class Clusterer {
 SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                              const Array<float>& radius, const SheetRules& rules,
                              std::uint64_t random_seed, std::size_t fill_to) {
+  for (const std::string& problem : rules.problems()) throw_usage(problem);
   Array<std::uint64_t> key(cloud.size());
   for (std::size_t i = 0; i < key.size(); ++i) key[i] = random_bits(random_seed, i);
   const Array<std::uint32_t> order = sort_keys(key);

@@ -38,7 +38,8 @@ ShownSurface shown_surface(const SurfelCloud& places, const SurfelBasis& basis,
         const SurfelBasis::Function& f = basis.function[A.column[e]];
         color += A.value[e] * w[A.column[e]];
         normal += A.value[e] * f.normal;
-        // From the place to the function's plane, along that one's normal: all are much alike.
+        // Distance from the place to the function's plane along the function's normal, which hardly
+        // differs from the surface's.
         height += A.value[e] * f.normal.dot(f.position - position);
       }
       out.color[i] = color;

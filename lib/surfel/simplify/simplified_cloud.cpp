@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/simplify/covering_gaussian.h>
 #include <surfel/simplify/simplified_cloud.h>
@@ -16,14 +17,17 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 12;
-/// Most factor of the area of a surfel that leaves a place uncovered.
+/// Largest factor by which close_gaps() raises the area of a surfel. A place that would need more
+/// is hardly reached by the surfel's kernel; a higher weight would only drown the neighbours'
+/// colours.
 constexpr double kMostWeight = 4;
-/// Of the fit: between 0.03 and 0.3 pictures differ by 0.2 dB; this is the best or next to it.
+/// Regularization of the fit: the middle of the range 0.03 to 0.3, within which pictures hardly
+/// differ (0.2 dB).
 constexpr double kRegularization = 0.1;
 /// Relative residual of the fit: a quarter of a tenth of a step of 8-bit colours.
 constexpr double kTolerance = 1e-4;
 
-/// All but variances and coefficients.
+/// The clusters' surfels, complete but for variances and coefficients.
 SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) {
   Array<MergeSurfel> merged_surfel(clusters.size());
   parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -59,9 +63,8 @@ SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) 
   return out;
 }
 
-/// Variances and areas; what was not merged keeps its own. Gaussians are of the kind that the cloud
-/// has: ellipses for pieces of even surfaces gain nothing that would be worth the columns. (Cow, 3
-/// % and 10 % of its surfels: PSNR within 0.2 dB of discs'.)
+/// Sets variances and areas; surfels that were not merged keep their own. Gaussians are of the kind
+/// that the cloud has: ellipses for pieces of even surfaces gain too little for their columns.
 void size(const OriginalCloud& original, const SheetClusters& clusters, double cutoff,
           SurfelCloud& out) {
   if (out.area.empty()) out.area.resize(out.size());
@@ -115,8 +118,8 @@ Places places_on(const OriginalCloud& original, const SimplifiedCloud& a) {
   return out;
 }
 
-/// Gives more weight to what stands for places that were covered and are not any more. (Larger
-/// variances would be of no use: the same area is then spread more thinly.)
+/// Gives more weight to surfels that stand for places that were covered and are not any more.
+/// Larger variances would be of no use: they spread the same area more thinly.
 void close_gaps(const OriginalCloud& original, double cutoff, Places& places, SimplifiedCloud& a) {
   const auto threshold = static_cast<float>(coverage_threshold(cutoff));
   const EvaluatedBasis evaluated = evaluate_basis(places.basis, places.quadrature, cutoff);
@@ -160,7 +163,7 @@ SimplifyError measure(const OriginalCloud& original, double light, const ShownSu
   return out;
 }
 
-/// Coefficients, and the errors.
+/// Fits the coefficients, and measures the errors.
 void fit(const OriginalCloud& original, const SimplifyOptions& options, SimplifiedCloud& a) {
   SurfelCloud& cloud = a.cloud;
   Places places = places_on(original, a);
@@ -205,17 +208,13 @@ SimplifiedCloud simplified_cloud(const OriginalCloud& original, SheetClusters cl
                                  const SimplifyOptions& options, StageTimes& times) {
   SimplifiedCloud out;
   out.clusters = std::move(clusters);
-  Timer timer;
-  const auto stage = [&](const char* done) {
-    times.add(done, timer.milliseconds());
-    timer.restart();
-  };
+  StageTimer stage(times);
   out.cloud = merge(original, out.clusters);
-  stage("merge");
+  stage.end("merge");
   size(original, out.clusters, options.cutoff, out.cloud);
-  stage("size");
+  stage.end("size");
   fit(original, options, out);
-  stage("fit");
+  stage.end("fit");
   return out;
 }
 

@@ -10,17 +10,17 @@
 
 namespace surfel {
 
-/// A cloud that is to be simplified, and what it shows, which is to be kept.
+/// A cloud that is to be simplified, and the look that is to be kept.
 struct OriginalCloud {
-  SurfelCloud cloud;   ///< Usable surfels along a Morton curve, with unit normals, or zero ones.
-  Array<float> area;   ///< By surfel: its weight in the errors.
-  ShownSurface shown;  ///< At the cloud's own surfels.
+  SurfelCloud cloud;  ///< Usable surfels along a Morton curve; normals are unit, or zero = unknown.
+  Array<float> area;  ///< Weight of each surfel in the errors.
+  ShownSurface shown;  ///< Look of the cloud at its own surfels.
   double total_area = 0;
   double unit_deviation = 0;  ///< SimplifyOptions::unit_deviation, or the default.
   double brightness = 0;      ///< Mean of the colours shown.
 };
 
-/// Surfels that stand for clusters of an original's, and how far what they show is from it.
+/// Surfels that stand for clusters of an original's surfels, and the error of their look.
 struct SimplifiedCloud {
   SheetClusters clusters;
   SurfelCloud cloud;  ///< A surfel for each cluster.

@@ -6,7 +6,9 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
+#include <surfel/sample/poisson_disk.h>
 #include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
 #include <surfel/surface/neighbor_search.h>
@@ -15,20 +17,23 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 12;
-/// Distance that seeds keep from each other, in units of the spacing asked for: PoissonDisk says
-/// why this gives one a spacing squared.
-constexpr double kSeedRadius = 0.82;
-/// The finest cells of the octrees hold 16 times the square of this many surfels.
+/// Distance that seeds keep from each other, in units of the spacing asked for: with this one a
+/// seed has a spacing squared of surface.
+constexpr double kSeedRadius = PoissonDisk::kConflictRadius;
+/// Standard deviation of the finest cells' kernels by the surfels' mean spacing: a cell, which is
+/// DetailTree::kCellSigmas of them wide, holds about 8 surfels then, few enough to be kept as they
+/// are and enough for an affine function of the place.
 constexpr double kFinestSigma = 0.7;
-/// Standard deviation of fitted kernels by their spacing.
+/// Standard deviation of fitted kernels by their spacing: a fit sharpens what kernels of the width
+/// that covers would blur.
 constexpr double kVarianceScale = 0.5;
-/// Of the logarithm of a cut's price: 1 % of the number of surfels, which clusters differ by
-/// anyway.
+/// Precision of the logarithm of a cut's price: 1 % of the number of surfels, which the number of
+/// clusters differs by anyway.
 constexpr double kPricePrecision = 0.02;
 /// An error this close below the one asked for is not improved upon.
 constexpr double kCloseEnough = 0.93;
-/// Rounds towards an error, and clusterings towards a count: the best so far is taken then. Each
-/// round comes closer by a factor of two or more, so that these are bounds, not goals.
+/// Most rounds towards an error, and most clusterings towards a count; the best result is taken
+/// then. Each round comes closer by a factor of two or more, so that these are bounds, not goals.
 constexpr int kMostRounds = 8;
 constexpr int kMostCounts = 12;
 /// Counts this close below the one asked for are filled up.
@@ -119,7 +124,7 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
   search_ = make_neighbor_search(kept.position);
 }
 
-/// What the cloud shows at its own surfels: that is to be kept.
+/// Finds the look of the cloud at its own surfels, which is to be kept.
 void Simplifier::look() {
   timer_.restart();
   const SurfelBasis basis = make_basis(original_.cloud);

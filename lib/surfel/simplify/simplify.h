@@ -16,49 +16,52 @@
 namespace surfel {
 
 struct SURFEL_API SimplifyOptions {
-  /// Error that must not be exceeded, as SimplifyError::total() has it, > 0. Either
+  /// Largest SimplifyError::total() allowed, > 0. Either `max_error` or `count` is set.
   std::optional<double> max_error;
-  std::optional<std::size_t> count;  ///< this or the number of surfels to keep, >= 1.
+  std::optional<std::size_t> count;  ///< Number of surfels to keep, >= 1.
   /// Distance from the surface, scene units, > 0, that counts as much as black against white.
   /// Unset: 1/30 of the bounding box's diagonal.
   std::optional<double> unit_deviation;
   /// Strength of the light that pictures will have, 0..100: by how much a normal's error tells.
   double light = 1;
-  SheetRules sheets;
-  double cutoff = 1;       ///< c of the renderer: the surface closes, and colours fit, 0.1..16.
-  std::uint64_t seed = 1;  ///< Of the order in which surfels are looked at.
-  /// Called with the share that is done; may be empty.
+  SheetRules sheets;       ///< Which surfels may be merged.
+  double cutoff = 1;       ///< Cutoff of the renderer for which the surface closes and colours fit,
+                           ///< 0.1..16.
+  std::uint64_t seed = 1;  ///< Chooses the order in which surfels are looked at.
+  /// Called with the share of the work that is done; may be empty.
   std::function<void(double)> progress{};
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// Root mean square errors over the surface, measured at the surfels that a cloud had before it was
-/// simplified, each by the surface that it stands for. At each, the simplified surface is what the
-/// renderer makes of the surfels there, seen from near: the mean of their values, weighted by their
-/// kernels.
+/// simplified, weighted by their areas. The simplified surface at a place is seen from near: the
+/// mean of the surfels' values there, weighted by their kernels, as the renderer draws it.
 struct SimplifyError {
-  double color = 0;  ///< Per channel, linear light (opacity is a fourth one), 1 = black to white.
-  /// Of a surface lit by one light of the given strength, from anywhere in front: of the normals
-  /// (per axis) by the mean brightness of the cloud. The same unit.
+  double color = 0;  ///< Error per channel, linear light, opacity being a fourth channel; 1 = black
+                     ///< against white.
+  /// Error of the shading by one light of the given strength, from anywhere in front: the error of
+  /// the normals (per axis) times the mean brightness of the cloud; 1 = black against white.
   double shading = 0;
-  double shape = 0;         ///< Of the distance along the normal, in units of unit_deviation.
-  double max_distance = 0;  ///< The largest, scene units.
-  SURFEL_API double total() const;  ///< Root of the sum of the squares of the first three.
+  double shape = 0;         ///< Error of the distance along the normal, in units of unit_deviation.
+  double max_distance = 0;  ///< Largest distance along the normal, scene units.
+  SURFEL_API double total() const;  ///< Root of the sum of the squares of color, shading and shape.
 };
 
-/// What simplify() met and made.
+/// What simplify_surfels() met and made.
 struct SimplifyReport {
-  UnusableSurfels dropped;    ///< Left out.
-  std::size_t surfels = 0;    ///< Usable ones, before ...
-  std::size_t merged = 0;     ///< ... of which so many were merged with others ...
-  std::size_t result = 0;     ///< ... and surfels there are now.
-  std::size_t no_normal = 0;  ///< Kept as they are, as they face no side.
+  UnusableSurfels dropped;    ///< Surfels left out.
+  std::size_t surfels = 0;    ///< Usable surfels before.
+  std::size_t merged = 0;     ///< Usable surfels that were merged with others.
+  std::size_t result = 0;     ///< Surfels after.
+  std::size_t no_normal = 0;  ///< Surfels without a normal, which are kept as they are.
   double unit_deviation = 0;  ///< Scene units.
-  SimplifyError error;        ///< Measured.
-  std::size_t uncovered = 0;  ///< Places that were covered and that merging left a gap at: closed.
-  bool reached = true;        ///< count: that many. max_error: met with fewer surfels than before.
-  int rounds = 0;             ///< Times that a simplified cloud was made and measured.
-  std::vector<std::string> left_out;  ///< Columns that say nothing of merged surfels.
+  SimplifyError error;        ///< Measured error of the result.
+  std::size_t uncovered =
+      0;                ///< Places that merging would have left a gap at; the gaps are closed.
+  bool reached = true;  ///< With `count`: there are as many surfels. With `max_error`: it is
+                        ///< kept with fewer surfels than before.
+  int rounds = 0;       ///< Times that a simplified cloud was made and measured.
+  std::vector<std::string> left_out;  ///< Columns left out, as they do not apply to merged surfels.
   StageTimes times;
 };
 
@@ -67,23 +70,25 @@ struct SimplifyReport {
 ///
 /// 1. Spacing: octree cells are chosen such that a further surfel lowers the squared error most
 ///    where it is spent (detail_tree.h, sizing_field.h).
-/// 2. Seeds: a Poisson-disk subset with that spacing; every surfel joins the nearest on its sheet
-///    (sheet_clusters.h). What faces differently or has another material is never merged.
-/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. One of a
-///    single surfel stays as it is.
-/// 4. Sizes: Gaussians of the kind that the cloud has that just cover their cluster's places at the
-///    cutoff (covering_gaussian.h), with more weight where a place was covered and is not.
+/// 2. Seeds: a Poisson-disk subset with this spacing; every surfel joins the nearest seed on its
+///    sheet (sheet_clusters.h). Surfels that face differently, or of different materials, are never
+///    merged.
+/// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A
+/// cluster
+///    of a single surfel stays as it is.
+/// 4. Sizes: Gaussians that just cover their cluster's places at the cutoff (covering_gaussian.h),
+///    discs or ellipses as the cloud has them, with more weight where a place would be uncovered.
 /// 5. Coefficients: least squares in the renderer's basis (render_system.h) against the colours
-///    that the cloud shows at all of its surfels' places.
-/// With max_error, the errors are then measured, and steps 2 to 5 repeated with another spacing,
-/// until it is met, if only just.
+///    that the cloud shows at all places of its surfels.
+/// With max_error, the errors are then measured, and steps 2 to 5 are repeated with another
+/// spacing, until the error is only just kept.
 ///
-/// Columns: position, normal, variances, area, colours, coefficients, alpha and material are those
-/// of the merged surfels; uv is moved along with the position; other columns are those of the
-/// member nearest to it; group, group_radius and source are left out. Surfels come out along a
-/// Morton curve. Throws Error(kUsage) for bad options, Error(kInput), its message starting with
-/// `name`, if there is no usable surfel, or no column of normals or variances. Does not depend on
-/// the number of threads, nor on the order of the surfels.
+/// Columns: position, normal, variances, area, colours, coefficients, alpha and material are
+/// merged; uv is moved along with the position; other columns come from the member nearest to the
+/// position; group, group_radius and source are left out. Surfels come out along a Morton curve.
+/// Throws Error(kUsage) for bad options, Error(kInput), its message starting with `name`, if there
+/// is no usable surfel, or no column of normals or variances. Does not depend on the number of
+/// threads, nor on the order of the surfels.
 SURFEL_API SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
                                         SimplifyReport* report = nullptr,
                                         const std::string& name = {});

@@ -32,8 +32,7 @@ void set_frame(const Vec3f& n, ClosedCell& cell) {
   cell.b = {b, sign + n.y() * n.y() * a, -n.y()};
 }
 
-/// Adds those of `near` that are on the surface. Not so what faces the other way, nor what lies
-/// further from the tangent plane than along it.
+/// Adds the neighbours on the point's sheet: same_side() and along_sheet() of sheet.h, in vectors.
 void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> near,
          ClosedCell& cell) {
   const D d;
@@ -49,7 +48,7 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
   const float* normal = surface.normal.data()->data();
   const auto place = [](std::size_t index) { return static_cast<std::int32_t>(3 * index); };
   for (; !near.empty(); near = near.subspan(std::min(kWidth, near.size()))) {
-    // The point itself stands for what is not there.
+    // The point itself, which is never added, fills up the last vector.
     alignas(64) std::int32_t places[kWidth];
     for (std::size_t k = 0; k < kWidth; ++k) {
       places[k] = place(k < near.size() ? near[k].index : i);
@@ -95,7 +94,7 @@ struct Sums {
       : area(zero), xx(zero), xy(zero), yy(zero), gap_x(zero), gap_y(zero), radius2(zero) {}
 
   HWY_INLINE void add(const V& ax, const V& ay, const V& bx, const V& by) {
-    // Of a triangle (0, a, b): cross(a, b) / 24 times the sum over its corners' products.
+    // Moments of a triangle (0, a, b), as in VoronoiCell::moments(), but for the factor 1 / 24.
     const V cx = hn::Add(ax, bx);
     const V cy = hn::Add(ay, by);
     const V cross = hn::MulSub(ax, by, hn::Mul(ay, bx));
@@ -109,13 +108,13 @@ struct Sums {
   }
 };
 
-/// The edges that `count` bisectors, of the neighbours in cell.bound_x and cell.bound_y, give.
-/// False if they do not close.
+/// Makes the cell's edges from the bisectors of the `count` neighbours in cell.bound_x and
+/// cell.bound_y. False if the edges do not close.
 bool intersect(std::size_t count, ClosedCell& cell) {
   constexpr float kFar = 1e18F;
-  /// Below this sines are rounding, and their reciprocals may be infinite.
+  /// Sines below this are rounding, and their reciprocals may be infinite.
   constexpr float kLeast = 1e-30F;
-  /// Of the radius; rounding tears edges 1e-5 apart at most, but for slivers.
+  /// Largest gap between edges, by the radius; rounding makes gaps of 1e-5, larger ones in slivers.
   constexpr float kLargestGap = 1e-4F;
   const D d;
   const V zero = hn::Zero(d);
@@ -192,8 +191,8 @@ bool intersect(std::size_t count, ClosedCell& cell) {
   return true;
 }
 
-/// Do the neighbours surround the corner, looked at from five sides, 30 degrees apart?
-/// (on_surface() in splat_size.cpp.)
+/// Do the neighbours surround the corner, looked at from five sides, 30 degrees apart? on_surface()
+/// in estimate/splat_size.cpp has the rule.
 HWY_INLINE bool surrounded(float corner_x, float corner_y, const ClosedCell& cell) {
   const D d;
   const V zero = hn::Zero(d);
@@ -251,7 +250,7 @@ CellState extend(const CellSurface& surface, std::size_t i, std::span<const Neig
                  const CellLimits& limits, ClosedCell& cell) {
   const std::size_t before = cell.neighbors;
   add(surface, i, further, cell);
-  // Bisectors that bounded nothing do not with more of them either.
+  // A bisector that bounds nothing will not with more neighbours either.
   std::size_t bounds = cell.bounds;
   for (std::size_t k = before; k < cell.neighbors; ++k) {
     const float x = cell.x[k];

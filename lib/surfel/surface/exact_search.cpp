@@ -10,14 +10,20 @@
 namespace surfel {
 namespace {
 
+/// Which places are searched for.
+struct Wanted {
+  std::size_t k;  ///< The k nearest ones; no more than there are.
+  float limit2;   ///< Square of the largest distance, or infinity.
+};
+
 /// Memory that searches reuse.
 struct SearchScratch {
-  std::vector<std::uint32_t> leaves;  ///< Gathered.
-  Array<float> distance2;             ///< Of their entries.
+  std::vector<std::uint32_t> leaves;  ///< Gathered leaves.
+  Array<float> distance2;             ///< Squared distances of the leaves' entries.
   Array<std::uint32_t> slot;          ///< Entries within the bound.
-  Array<std::uint64_t> key;           ///< And their keys ...
-  Array<std::int64_t> rank;           ///< ... how many are smaller ...
-  Array<std::uint64_t> sorted;        ///< ... in ascending order.
+  Array<std::uint64_t> key;           ///< Keys of the entries within the bound.
+  Array<std::int64_t> rank;           ///< By key: how many keys are smaller.
+  Array<std::uint64_t> sorted;        ///< The keys in ascending order.
 };
 
 }  // namespace
@@ -41,7 +47,7 @@ using D = hn::CappedTag<float, kWidth>;
 using V = hn::Vec<D>;
 using Key = ExactSearch::Key;
 
-/// What leaves are searched for: the squared distances from it to boxes count.
+/// Box around the queries of a search: distances to the tree's boxes are measured from here.
 struct Box {
   Vec3f low, high;
 };
@@ -53,11 +59,10 @@ HWY_INLINE V squared_length(const V& x, const V& y, const V& z) {
 
 class Searcher {
  public:
-  /// The k nearest places within limit2 are found; k is no more than there are.
-  Searcher(const PointTree& tree, std::size_t k, float limit2, SearchScratch& scratch)
+  Searcher(const PointTree& tree, const Wanted& wanted, SearchScratch& scratch)
       : tree_(tree),
-        k_(k),
-        limit2_(limit2),
+        k_(wanted.k),
+        limit2_(wanted.limit2),
         leaves_(scratch.leaves),
         distance2_(scratch.distance2),
         slot_(scratch.slot),
@@ -65,7 +70,7 @@ class Searcher {
         rank_(scratch.rank),
         sorted_(scratch.sorted) {}
 
-  /// Calls found(entry, keys) for each of the leaf's places.
+  /// Calls found(entry, keys) for each place of the leaf.
   template <class Found>
   void search_leaf(std::size_t leaf, Found&& found) {
     const PointTree::Leaf& own = tree_.leaf(leaf);
@@ -74,8 +79,7 @@ class Searcher {
     const bool limited = limit2_ < kInfinity;
     if (leaf_reach2_ < 0) leaf_reach2_ = first_guess(box, count);
     float reach2 = limited ? limit2_ : leaf_reach2_;
-    // Where the density jumps the guess may reach far too much; what lies within half of it is a
-    // better start.
+    // Where the density jumps the guess may reach far too much; half of it is a better start.
     constexpr int kMostShrinks = 8;
     int shrinks = 0;
     while (!gather(box, reach2, shrinks < kMostShrinks ? most_leaves() : kNoMost)) {
@@ -125,15 +129,17 @@ class Searcher {
  private:
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr std::size_t kNoMost = std::numeric_limits<std::size_t>::max();
-  /// The k-th neighbour of a point is expected within this times the squared distance of the
-  /// point's before it. Larger values take longer to select from, smaller ones miss more often.
+  /// The k-th neighbour of a point is expected within kSlack times the squared distance that the
+  /// k-th neighbour of the point before it has. Larger values take longer to select from, smaller
+  /// values miss more often.
   static constexpr float kSlack = 1.5F;
-  /// The same from leaf to leaf, of the furthest of all.
+  /// The furthest k-th neighbour of a leaf's points is expected within kLeafSlack times the squared
+  /// distance of the leaf before it.
   static constexpr float kLeafSlack = 1.2F;
-  /// Up to here counting all smaller keys is faster than sorting.
+  /// Up to this many keys counting all smaller ones is faster than sorting.
   static constexpr std::size_t kMostRanked = 96;
 
-  /// More leaves than this are hardly needed for k neighbours.
+  /// Leaves that k neighbours hardly ever need more of.
   std::size_t most_leaves() const { return 64 + k_; }
 
   static float widened(float reach2) {
@@ -153,7 +159,8 @@ class Searcher {
     return box;
   }
 
-  /// As if the leaf were a square with its places spread evenly, or else the root.
+  /// Reach, squared, that k places would have if the leaf (or the root, if the leaf has no extent)
+  /// were a square with its places spread evenly.
   float first_guess(const Box& box, std::size_t count) const {
     float diagonal2 = (box.high - box.low).squaredNorm();
     if (!(diagonal2 > 0)) {
@@ -168,7 +175,7 @@ class Searcher {
     return diagonal2 * static_cast<float>(k_) / static_cast<float>(count);
   }
 
-  /// Which children are within reach, as bits.
+  /// The children within reach, as bits.
   HWY_INLINE std::uint32_t children_within(const PointTree::Node& node, const Box& box,
                                            float reach2) const {
     const D d;
@@ -203,7 +210,8 @@ class Searcher {
     }
   }
 
-  /// The leaves within reach of a box; false if there are more than `most`, and not all are noted.
+  /// Gathers the leaves within reach of a box; false if there are more than `most`: some are left
+  /// out then.
   bool gather(const Box& box, float reach2, std::size_t most) {
     leaves_.clear();
     visit(tree_.levels() - 1, 0, box, reach2, most);
@@ -222,7 +230,7 @@ class Searcher {
   struct LeafRange {
     std::size_t begin, end;
   };
-  /// Leaves under a node.
+  /// The leaves under a node.
   LeafRange leaves_under(std::size_t level, std::size_t index) const {
     LeafRange range{index, index + 1};
     for (std::size_t l = level + 1; l-- > 0;) {
@@ -232,7 +240,8 @@ class Searcher {
     return range;
   }
 
-  /// The leaves of the smallest node that holds k places, on the way down to the nearest leaf.
+  /// Gathers the leaves of the smallest node that holds k places, on the way down to the nearest
+  /// leaf.
   void gather_node(const Vec3f& query) {
     std::size_t level = tree_.levels() - 1;
     LeafRange range = leaves_under(level, 0);
@@ -322,8 +331,8 @@ class Searcher {
       std::sort(key_.begin(), last);
       return {key, kept};
     }
-    // The place of a key is the number of smaller ones. Signed, as the sign of a squared distance
-    // is clear.
+    // The place of a key is the number of smaller keys. As signed numbers keys have the same order,
+    // since the sign of a squared distance is clear, and more instruction sets compare those.
     const hn::CappedTag<std::int64_t, kWidth / 2> d;
     const auto* signed_key = reinterpret_cast<const std::int64_t*>(key);
     for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
@@ -354,11 +363,11 @@ class Searcher {
 
 }  // namespace
 
-/// Of leaves begin to end - 1; `found` is called for every place.
-void search_leaves(const PointTree& tree, std::size_t begin, std::size_t end, std::size_t k,
-                   float limit2, SearchScratch& scratch,
+/// Calls found(place, keys) for every place of the leaves begin to end - 1.
+void search_leaves(const PointTree& tree, std::size_t begin, std::size_t end, const Wanted& wanted,
+                   SearchScratch& scratch,
                    FunctionRef<void(std::size_t, std::span<const Key>)> found) {
-  Searcher searcher(tree, k, limit2, scratch);
+  Searcher searcher(tree, wanted, scratch);
   for (std::size_t leaf = begin; leaf < end; ++leaf) {
     searcher.search_leaf(leaf, [&](std::size_t entry, std::span<const Key> keys) {
       found(tree.first_place(leaf) + entry, keys);
@@ -366,9 +375,9 @@ void search_leaves(const PointTree& tree, std::size_t begin, std::size_t end, st
   }
 }
 
-void search_point(const PointTree& tree, const Vec3f& query, std::size_t k, float limit2,
+void search_point(const PointTree& tree, const Vec3f& query, const Wanted& wanted,
                   SearchScratch& scratch, FunctionRef<void(std::span<const Key>)> found) {
-  found(Searcher(tree, k, limit2, scratch).search_point(query));
+  found(Searcher(tree, wanted, scratch).search_point(query));
 }
 
 }  // namespace HWY_NAMESPACE
@@ -383,7 +392,7 @@ HWY_EXPORT(search_leaves);
 HWY_EXPORT(search_point);
 
 constexpr float kNoLimit = std::numeric_limits<float>::infinity();
-/// A guess of the reach is carried on from leaf to leaf within this many.
+/// Leaves of a range, within which the guess of the reach is carried on from leaf to leaf.
 constexpr std::size_t kLeafGrain = 128;
 
 Neighbor neighbor_of(ExactSearch::Key key) {
@@ -393,8 +402,8 @@ Neighbor neighbor_of(ExactSearch::Key key) {
 
 }  // namespace
 
-/// The points at the nearest places. The place of each of the `most` nearest points is among the
-/// `most` nearest places: fewer than that have a first point before it.
+/// Turns the nearest places into their points. The `most` nearest places hold the `most` nearest
+/// points: fewer than `most` places have a first point before any of these points.
 void ExactSearch::expand(std::span<const Key> places, std::size_t most,
                          std::vector<Neighbor>& out) const {
   out.clear();
@@ -427,7 +436,7 @@ void ExactSearch::search(const Vec3f& query, std::size_t most, float limit2,
   // Single queries come by the million; allocating would take longer than searching.
   thread_local SearchScratch scratch;
   HWY_DYNAMIC_DISPATCH(search_point)
-  (tree_, query, std::min(most, tree_.places()), limit2, scratch,
+  (tree_, query, {std::min(most, tree_.places()), limit2}, scratch,
    [&](std::span<const Key> keys) { expand(keys, most, out); });
 }
 
@@ -451,7 +460,7 @@ void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
       return;
     }
     HWY_DYNAMIC_DISPATCH(search_leaves)
-    (tree_, begin, end, std::min(most, tree_.places()), limit2, memory.search, found);
+    (tree_, begin, end, {std::min(most, tree_.places()), limit2}, memory.search, found);
   });
 }
 

@@ -14,13 +14,13 @@ namespace surfel {
 
 /// The exact search of all points' neighbourhoods at once. The points of a leaf are near one
 /// another and so are their neighbours: for each leaf the leaves within reach are gathered once,
-/// and each of its points looks at all of their points, 4 to 16 at a time. What the reach must be
+/// and each of its points looks at all points of the gathered leaves, 4 to 16 at a time. The reach
 /// is guessed from the leaf before; a point whose k-th neighbour lies beyond it is looked at again
-/// with a wider one, so that the guess decides on the time and never on the result. Queries for
+/// with a wider reach, so that the guess decides on the time and never on the result. Queries for
 /// single points bound the reach by the k-th distance within the node around them.
 ///
-/// Nothing is rounded away: distances to boxes are computed by the same monotone operations, in
-/// the same order, as those to points, so that none exceeds the distance of a point in the box.
+/// Rounding leaves nothing out: distances to boxes and to points are computed by the same monotone
+/// operations in the same order, so that no box is further away than a point in it.
 class ExactSearch final : public NeighborSearch {
  public:
   /// `points` are finite.
@@ -33,8 +33,9 @@ class ExactSearch final : public NeighborSearch {
   void for_each_nearest(std::size_t k, Body body) const override;
   void for_each_within(float radius, std::size_t most, Body body) const override;
 
-  /// A neighbouring place: squared distance in the upper half, as the bits of a float, index of its
-  /// first point in the lower one. Ascending keys are ascending distances, ties by index.
+  /// A neighbouring place: the upper half holds its squared distance, as the bits of a float, the
+  /// lower half the index of its first point. Ascending keys are ascending distances, ties by
+  /// index.
   using Key = std::uint64_t;
 
  private:

@@ -46,7 +46,7 @@ std::uint64_t rank(const Neighbor& n) {
 }
 bool nearer(const Neighbor& a, const Neighbor& b) { return rank(a) < rank(b); }
 
-/// Keeps the `most` first neighbours in the order of nearer(), of those within a distance.
+/// Keeps the nearest neighbours within a distance, up to a number, in the order of nearer().
 class NearestSet final : public flann::ResultSet<float> {
  public:
   NearestSet(const Places& places, std::vector<Neighbor>& out) : places_(places), out_(out) {}
@@ -115,9 +115,10 @@ class NearestSet final : public flann::ResultSet<float> {
 
   void set_bound(float bound2) {
     bound2_ = bound2;
-    // FLANN skips what is as far as the bound, where a lower index may still count, and adds up its
-    // distances to boxes step by step, with rounding of up to 4 * 2^-24 each. The margin is beyond
-    // both for any tree; the smallest normal float makes it one at distance 0, too.
+    // FLANN skips points that are as far as the bound, where a lower index may still count, and
+    // adds up its distances to boxes step by step, with rounding of up to 4 * 2^-24 each. The
+    // margin is beyond both for any tree; the smallest normal float makes a margin at distance 0,
+    // too.
     reach2_ = bound2 * (1 + 0x1p-14F) + std::numeric_limits<float>::min();
   }
 
@@ -127,7 +128,7 @@ class NearestSet final : public flann::ResultSet<float> {
   std::size_t most_ = 0;
   bool sorted_ = true;
   float bound2_ = 0;
-  float reach2_ = 0;  ///< What FLANN is told.
+  float reach2_ = 0;  ///< The bound that FLANN is told: wider than bound2_, see set_bound().
 };
 
 class FlannSearch final : public NeighborSearch {
@@ -173,7 +174,7 @@ class FlannSearch final : public NeighborSearch {
   }
 
   /// Goes from place to place along the Morton curve, whatever the order of the points: successive
-  /// queries find the tree's nodes and the points in the cache. Those at one place share a search.
+  /// queries find the tree's nodes and the points in the cache. Points at one place share a search.
   void for_each(std::size_t most, float limit2, Body body) const {
     PerWorker<std::vector<Neighbor>> scratch;
     parallel_for(places_.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {

@@ -10,15 +10,14 @@
 
 namespace surfel {
 
-/// The k nearest neighbours of all points, searched for once and kept (4 k bytes a point) for
-/// several stages that go over all neighbourhoods: the first for_each_nearest() of no more than k
-/// of them searches and keeps what it finds, so that its body runs while the points are in the
-/// cache; later ones, and rows(), read the lists. Every other query goes to the search behind. The
-/// same results as that search's. for_each_nearest() and rows() are not for several threads at
-/// once.
+/// Search that keeps the k nearest neighbours of all points (4 k bytes a point) for several stages
+/// that go over all neighbourhoods. The first for_each_nearest() of no more than k neighbours
+/// searches and keeps the neighbours, so that its body runs while the points are in the cache;
+/// later calls, and rows(), read the lists. All other queries go to the search behind. The results
+/// are the same as without the lists. One thread at a time may call for_each_nearest() and rows().
 class SURFEL_API NeighborLists final : public NeighborSearch {
  public:
-  /// `search` is over `points`; both outlive this object.
+  /// `search` searches `points`; both outlive this object.
   NeighborLists(const NeighborSearch& search, const Array<Vec3f>& points, std::size_t k);
 
   std::size_t size() const override { return search_.size(); }
@@ -39,7 +38,7 @@ class SURFEL_API NeighborLists final : public NeighborSearch {
   const NeighborSearch& search_;
   const Array<Vec3f>& points_;
   std::size_t k_;
-  mutable Array<std::uint32_t> index_;  ///< k_ of every point, nearest first; empty at first.
+  mutable Array<std::uint32_t> index_;  ///< k_ a point, nearest first; empty before the search.
 };
 
 }  // namespace surfel

@@ -12,8 +12,8 @@
 
 namespace surfel {
 
-/// How neighbours are searched for. The first two find the same. The approximate one stops early
-/// (FLANN's eps = 1): it returns as many, but may miss about 1 in 100 of the nearest.
+/// How neighbours are searched for. kExact and kFlann find the same neighbours. kFlannApproximate
+/// stops early (FLANN's eps = 1): it finds as many, but may miss about 1 in 100 of the nearest.
 enum class SearchMethod : std::uint8_t {
   kExact,  ///< A tree of SIMD vectors in Morton order, see exact_search.h; the fastest.
   kFlann,
@@ -25,24 +25,24 @@ struct Neighbor {
   float distance2;  ///< Squared distance to the query, unit^2.
 };
 
-/// The numbers of the points nearest to every point, nearest first, in rows.
+/// Indices of the points nearest to every point, nearest first, a row a point.
 struct NeighborRows {
   const std::uint32_t* index = nullptr;
-  std::size_t count = 0;      ///< In each row.
-  std::size_t stride = 0;     ///< From row to row.
-  Array<std::uint32_t> kept;  ///< The rows, unless somebody else keeps them.
+  std::size_t count = 0;      ///< Indices of a row.
+  std::size_t stride = 0;     ///< Indices from row to row.
+  Array<std::uint32_t> kept;  ///< The rows; empty if the search keeps them.
 
   std::span<const std::uint32_t> of(std::size_t point) const {
     return {index + point * stride, count};
   }
 };
 
-/// Neighbour search among fixed points, ordered by ascending distance, equal distances by index;
-/// the same for any number of threads. Queries may run in parallel. Those of
-/// all points at once are several times as fast as one by one.
+/// Neighbour search among fixed points. Neighbours come by ascending distance, at equal distances
+/// by index; they are the same for any number of threads. Queries may run in parallel. The searches
+/// for all points at once are several times as fast as queries one by one.
 class SURFEL_API NeighborSearch {
  public:
-  /// What is done with the neighbourhood of point `i`; the span is valid during the call only.
+  /// Called with the neighbourhood of point `i`; the span is valid during the call only.
   using Body = FunctionRef<void(std::size_t i, std::span<const Neighbor> neighbors, int worker)>;
 
   virtual ~NeighborSearch() = default;
@@ -51,7 +51,7 @@ class SURFEL_API NeighborSearch {
   /// The k points nearest to `query` (all, if there are fewer), a point at the query itself
   /// included.
   virtual void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const = 0;
-  /// Those within `radius` (inclusive), at most the `most` nearest.
+  /// The points within `radius` (inclusive) of `query`, at most the `most` nearest.
   virtual void within(const Vec3f& query, float radius, std::size_t most,
                       std::vector<Neighbor>& out) const = 0;
 
@@ -68,9 +68,9 @@ class SURFEL_API NeighborSearch {
 SURFEL_API std::unique_ptr<NeighborSearch> make_neighbor_search(
     const Array<Vec3f>& points, SearchMethod method = SearchMethod::kExact);
 
-/// Share of the k nearest neighbours that `search`, over the same points, finds: at up to 1000
-/// points, spread evenly over all, held against the exact search, which is built for this. What is
-/// as far away as the last of the k counts as found. 1 if there are no points.
+/// Share of the k nearest neighbours that `search`, which searches `points`, finds: compared with
+/// an exact search at up to 1000 points, spread evenly. A neighbour as far away as the k-th counts
+/// as found. 1 if there are no points.
 SURFEL_API double neighbor_recall(const Array<Vec3f>& points, const NeighborSearch& search,
                                   std::size_t k);
 

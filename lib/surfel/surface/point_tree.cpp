@@ -138,7 +138,7 @@ PointTree::PointTree(const Array<Vec3f>& points) : member_(morton_order(points))
   add_levels(std::move(leaf_code));
 }
 
-/// Of the places from `begin` on, which have these codes.
+/// Cuts the places from `begin` on, which have these codes, into leaves.
 void PointTree::cut_leaves(std::span<const Vec3f> place, std::size_t begin,
                            std::span<const std::uint64_t> code) {
   for_each_block(
@@ -147,7 +147,7 @@ void PointTree::cut_leaves(std::span<const Vec3f> place, std::size_t begin,
         leaf_place_.push_back(static_cast<std::uint32_t>(begin + b));
       },
       [&](std::size_t b, std::size_t e) {
-        // The grid that refine() ordered them by.
+        // refine() ordered the places by this grid.
         const MortonGrid grid = morton_grid(place.subspan(begin + b, e - b));
         std::vector<std::uint64_t> finer(e - b);
         for (std::size_t i = b; i < e; ++i) finer[i - b] = grid.code(place[begin + i]);
@@ -174,7 +174,7 @@ void PointTree::fill_leaves(std::span<const Vec3f> place) {
   });
 }
 
-/// Until there is one node; `code` is that of every leaf.
+/// Adds levels until one has a single node; `code` has the Morton code of every leaf.
 void PointTree::add_levels(std::vector<std::uint64_t> code) {
   do {
     std::vector<std::uint32_t> first;

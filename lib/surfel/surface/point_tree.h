@@ -9,25 +9,30 @@
 
 namespace surfel {
 
-/// Points in Morton order, cut into the largest dyadic boxes (whatever their size and shape: a
-/// cell, a half or a quarter of one) that hold no more than 16 distinct positions, and these boxes
-/// into nodes by the same rule: a tree with 16 branches whose leaves are SIMD vectors. It follows
-/// the density by itself; where more than 16 positions share a cell of the Morton grid (a cluster
-/// in a huge extent) a finer grid divides that cell. About 40 bytes a point.
+/// Points in Morton order, cut into the largest dyadic boxes (cells of the Morton grid, or halves
+/// or quarters of cells) that hold no more than 16 distinct positions. Boxes are gathered into
+/// nodes by the same rule. So the tree follows the density by itself; where more than 16 positions
+/// share a cell of the Morton grid (a cluster in a huge extent) a finer grid divides the cell.
+/// About 40 bytes a point.
 ///
-/// However many points coincide, they are one entry, a place, so that equal distances at which a
-/// search would have to visit all of them do not arise.
+/// Points that coincide are one entry, a place: however many there are, a search visits them once.
+///
+/// Why this is no general tree over boxes, nor a library's: searches for k neighbours of all points
+/// spend their time in leaves, which are SIMD vectors of 16 points here, and in telling which of 16
+/// children are near, which is one comparison of vectors. A binary tree is four times as deep;
+/// FLANN's takes 5.5 to 7 times as long (docs/speed.md).
 class PointTree {
  public:
   static constexpr std::size_t kWidth = 16;
 
-  /// Unused entries are NaN, whose distance compares below nothing.
+  /// Places of a leaf, in columns. Unused entries are NaN: no comparison with their distance holds.
   struct alignas(64) Leaf {
     float x[kWidth], y[kWidth], z[kWidth];
     std::uint32_t index[kWidth];  ///< Least index of the points at the place.
   };
 
-  /// Tight boxes of the children: leaves at the lowest level, else nodes of the level below.
+  /// Tight boxes of up to 16 children, in columns. Children of the lowest level are leaves,
+  /// children of other levels are nodes of the level below.
   struct alignas(64) Node {
     float low[3][kWidth], high[3][kWidth];
     std::uint32_t first_child = 0;
@@ -40,7 +45,7 @@ class PointTree {
   std::size_t size() const { return member_.size(); }
   std::size_t places() const { return first_.size() - 1; }
   std::size_t leaves() const { return leaf_.size(); }
-  /// 0 without points; the last level is the root alone.
+  /// Number of levels, 0 without points; the last level is the root alone.
   std::size_t levels() const { return level_.size(); }
   const Leaf& leaf(std::size_t i) const { return leaf_[i]; }
   const Node& node(std::size_t level, std::size_t i) const { return level_[level][i]; }
@@ -54,7 +59,7 @@ class PointTree {
   std::span<const std::uint32_t> at(std::size_t place) const {
     return {member_.data() + first_[place], member_.data() + first_[place + 1]};
   }
-  /// Of the first point of a place, that place. Only where some points coincide.
+  /// The place whose first point is `index`. Only to be called if some points coincide.
   std::size_t place_of(std::uint32_t index) const { return place_of_[index]; }
 
  private:

@@ -63,7 +63,7 @@ double VoronoiCell::area() const {
 }
 
 Mat2d VoronoiCell::moments() const {
-  // Of a triangle (0, a, b): cross(a, b) / 24 times the sum over its corners' products.
+  // A triangle (0, a, b) has the moments cross(a, b) / 24 (a a^T + b b^T + (a + b) (a + b)^T).
   Eigen::Matrix2d sum = Eigen::Matrix2d::Zero();
   for (std::size_t i = 0; i < corners_.size(); ++i) {
     const Vec2d& a = corners_[i];
@@ -75,7 +75,7 @@ Mat2d VoronoiCell::moments() const {
 }
 
 Vec2d VoronoiCell::point(double s, double t) const {
-  // s picks a triangle of the fan by area, and what is left of it the place in the triangle.
+  // s picks a triangle of the fan by area; its remainder picks the place in the triangle.
   double rest = s * area();
   std::size_t i = 1;
   double triangle = 0;

@@ -15,14 +15,14 @@ class SURFEL_API VoronoiCell {
  public:
   /// Starts anew with the square |x|, |y| <= half_side, > 0.
   void reset(double half_side);
-  /// Keeps what is no further from the origin than from `neighbor` (Sutherland and Hodgman 1974). A
-  /// neighbour at the origin is ignored. Was anything cut off?
+  /// Keeps the part that is no further from the origin than from `neighbor` (Sutherland and Hodgman
+  /// 1974). A neighbour at the origin is ignored. Was anything cut off?
   bool cut(const Vec2d& neighbor);
 
   /// Counter-clockwise.
   std::span<const Vec2d> corners() const { return corners_; }
-  /// Distance of the furthest corner. Where all neighbours up to a distance d are known and cut,
-  /// the cell is final if this is d / 2 at most: one further away cannot reach it.
+  /// Distance of the furthest corner. A cell that all neighbours up to a distance d have cut is
+  /// final if its radius is d / 2 at most: no neighbour further away can cut it.
   double radius() const { return std::sqrt(radius2_); }
   double radius2() const { return radius2_; }
   double area() const;
