@@ -343,7 +343,8 @@ void PcdFile::convert_wide_integers() {
   for (const Field& field : fields_) {
     const bool convert = is_wide_integer(field.type, field.size) && field.name != "_";
     if (convert && storage_.empty() && table_.count > 0) {
-      table_.read(0, table_.count, storage_);
+      const std::byte* from = table_.read(0, table_.count, storage_);
+      if (storage_.empty()) storage_.assign(from, from + table_.count * table_.stride);
       table_.file = nullptr;
       table_.data = storage_.data();
     }
