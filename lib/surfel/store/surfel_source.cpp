@@ -1,6 +1,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <surfel/base/error.h>
@@ -23,17 +25,23 @@ Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal) {
   return normal.isZero() ? Vec3f::UnitX() : Vec3f(normal.unitOrthogonal());
 }
 
-void make_unit_normals(float* x, float* y, float* z, std::size_t count) {
+void make_unit_normals(float* __restrict x, float* __restrict y, float* __restrict z,
+                       std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     const float length = std::sqrt(x[i] * x[i] + (y[i] * y[i] + z[i] * z[i]));
     const bool known = length > 0 && length <= std::numeric_limits<float>::max();
-    x[i] = known ? x[i] / length : 0.0F;
-    y[i] = known ? y[i] / length : 0.0F;
-    z[i] = known ? z[i] / length : 0.0F;
+    // Divided in any case, since a division that may not happen keeps the loop from being
+    // vectorised.
+    const float unit_x = x[i] / length;
+    const float unit_y = y[i] / length;
+    const float unit_z = z[i] / length;
+    x[i] = known ? unit_x : 0.0F;
+    y[i] = known ? unit_y : 0.0F;
+    z[i] = known ? unit_z : 0.0F;
   }
 }
 
-/// Value i of a column that may be empty is copied to to[i].
+/// Copies surfels [begin, end) of a column.
 template <class T>
 void copy(const Array<T>& column, std::size_t begin, std::size_t end, T* to) {
   std::copy(column.data() + begin, column.data() + end, to);
