@@ -25,6 +25,7 @@
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
+#include <surfel/io/text_numbers.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
@@ -242,7 +243,7 @@ void ChartRunner::Impl::look_at_input() {
     describe("Options for all points", fmt::format("{}", fmt::join(options.with, "; ")));
   context.cores = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   if (const std::string* cutoff = base.value(Stage::kRender, "--cutoff")) {
-    context.cutoff = std::strtod(cutoff->c_str(), nullptr);
+    context.cutoff = parse_number(*cutoff).value_or(0);
   }
   describe("Pictures",
            fmt::format("{} x {} pixels, 8 bits: errors below an RMSE of {:.4f} are those "

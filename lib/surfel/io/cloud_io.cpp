@@ -202,8 +202,7 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
     if (!options.levels) coarser = levels->tree[first_leaf(levels->tree)].begin;
   }
   // The finest level is the last.
-  records.data += coarser * records.stride;
-  records.count -= coarser;
+  records.skip(coarser);
   SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
   if (levels && options.levels) {
     cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
@@ -217,12 +216,12 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
 
 SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
-  if (input.bytes().empty()) throw_input(name, "is empty");
-  if (PlyFile::matches(input.bytes())) {
+  if (input.size() == 0) throw_input(name, "is empty");
+  if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
     return read_cloud(ply, options);
   }
-  if (PcdFile::matches(input.bytes())) return read_pcd(std::move(input));
+  if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
   if (has_extension(name, ".ply"))
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
   if (has_extension(name, ".pcd")) throw_input(name, "is not a PCD file: it has no PCD header");

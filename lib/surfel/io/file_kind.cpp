@@ -39,8 +39,8 @@ FileKind ply_kind(InputFile file) {
 FileKind file_kind(const std::string& path) {
   if (path == "-") return FileKind::kCloud;
   InputFile file(path);
-  if (file.bytes().empty()) throw_input(path, "is empty");
-  if (PlyFile::matches(file.bytes())) return ply_kind(std::move(file));
+  if (file.size() == 0) throw_input(path, "is empty");
+  if (PlyFile::matches(file.head(4))) return ply_kind(std::move(file));
   std::string extension = std::filesystem::path(path).extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });

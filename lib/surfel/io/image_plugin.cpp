@@ -3,6 +3,8 @@
 #include <filesystem>
 #include <limits>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -22,6 +24,7 @@
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_writer.h>
+#include <surfel/io/surfel_decoder.h>
 
 namespace surfel {
 namespace {
@@ -35,14 +38,35 @@ std::uint64_t most_megabytes() {
   return std::min<std::uint64_t>(available_memory_bytes() / kMegabyte, 32768);
 }
 
-/// OpenImageIO's own limits and thread pools; they are global to the process, so they are set
-/// before each use.
-void configure_openimageio(std::uint64_t limit) {
-  OIIO::attribute("threads", thread_count());
-  OIIO::attribute("exr_threads", thread_count());
-  OIIO::attribute("limits:channels", kMostChannels);
-  OIIO::attribute("limits:imagesize_MB", static_cast<int>(std::max<std::uint64_t>(1, limit)));
-}
+/// Limits of OpenImageIO and threads of OpenEXR, which count when a file is opened. They are one
+/// for the whole process and belong to the program: they are set while a file is opened, and then
+/// as they were. Threads of a reader or writer are its own setting.
+class OpeningSettings {
+ public:
+  explicit OpeningSettings(std::uint64_t most_megabytes) : lock_(mutex()) {
+    set(0, "exr_threads", thread_count());
+    set(1, "limits:channels", kMostChannels);
+    set(2, "limits:imagesize_MB", static_cast<int>(std::max<std::uint64_t>(1, most_megabytes)));
+  }
+  ~OpeningSettings() {
+    for (const auto& [name, value] : before_) OIIO::attribute(name, value);
+  }
+  OpeningSettings(const OpeningSettings&) = delete;
+  OpeningSettings& operator=(const OpeningSettings&) = delete;
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex one;
+    return one;
+  }
+  void set(std::size_t i, const char* name, int value) {
+    before_[i] = {name, OIIO::get_int_attribute(name)};
+    OIIO::attribute(name, value);
+  }
+
+  std::lock_guard<std::mutex> lock_;
+  std::array<std::pair<const char*, int>, 3> before_;
+};
 
 /// Last line of OpenImageIO's message without trailing punctuation; the first lines often repeat
 /// the same for each reader that was tried.
@@ -65,13 +89,7 @@ float fraction(float value) { return value; }
 /// One colour value in linear light.
 float linear(std::uint8_t value) { return srgb8_to_linear(value); }
 float linear(std::uint16_t value) {
-  static const std::vector<float> table = [] {
-    std::vector<float> t(65536);
-    for (std::size_t i = 0; i < t.size(); ++i) {
-      t[i] = srgb16_to_linear(static_cast<std::uint16_t>(i));
-    }
-    return t;
-  }();
+  static const float* const table = srgb16_table();
   return table[value];
 }
 float linear(float value) { return value; }
@@ -94,10 +112,18 @@ float straight(T value, T alpha) {
   return linear(alpha > T{} ? divided(value, alpha) : value);
 }
 
-/// Rows of `width` pixels to R G B A.
+/// How the pixels of a file lie in memory.
+struct StoredPixels {
+  std::size_t width, height;
+  std::size_t stride;  ///< Channels of a pixel.
+  ColorChannels channel;
+  bool associated;  ///< Colours are multiplied by alpha.
+};
+
+/// Converts pixels to R G B A.
 template <class T>
-void convert_to_rgba(const T* in, std::size_t stride, const ColorChannels& c, bool associated,
-                     bool premultiply, std::size_t width, std::size_t height, float* rgba) {
+void convert_to_rgba(const T* in, const StoredPixels& stored, bool premultiply, float* rgba) {
+  const auto& [width, height, stride, c, associated] = stored;
   // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
   // and the light where alpha is zero.
   const bool as_stored = premultiply && associated && std::is_floating_point_v<T>;
@@ -127,9 +153,9 @@ void convert_raw(const T* in, std::size_t channels, int alpha, Image& image) {
   });
 }
 
-/// The same for 8 bits, R G B still encoded and straight.
-void convert_to_coded(const std::uint8_t* in, std::size_t stride, const ColorChannels& c,
-                      bool associated, std::size_t width, std::size_t height, std::uint8_t* rgba) {
+/// Converts pixels to R G B A of 8 bits, R G B still encoded and straight.
+void convert_to_coded(const std::uint8_t* in, const StoredPixels& stored, std::uint8_t* rgba) {
+  const auto& [width, height, stride, c, associated] = stored;
   parallel_for(height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
     std::uint8_t* out = rgba + begin * width * 4;
     for (const std::uint8_t* p = in + begin * width * stride; p != in + end * width * stride;
@@ -170,9 +196,10 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm for
   } else {
     image.channels = {"R", "G", "B", "A"};
     image.data.resize(pixel_count * 4);
-    convert_to_rgba(pixels.data(), channels, c, has_associated_alpha(input, c),
-                    form == ImageForm::kPremultiplied, static_cast<std::size_t>(spec.width),
-                    static_cast<std::size_t>(spec.height), image.data.data());
+    const StoredPixels stored{static_cast<std::size_t>(spec.width),
+                              static_cast<std::size_t>(spec.height), channels, c,
+                              has_associated_alpha(input, c)};
+    convert_to_rgba(pixels.data(), stored, form == ImageForm::kPremultiplied, image.data.data());
   }
 }
 
@@ -254,14 +281,15 @@ void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
 
 /// A file that has been found to be a flat picture.
 struct OpenedImage {
-  OpenedImage(const std::string& path, std::uint64_t most_megabytes)
-      : file(path), memory(file.bytes().data(), file.bytes().size()) {
-    configure_openimageio(most_megabytes);
+  OpenedImage(const std::string& path, std::uint64_t most_megabytes) : file(path) {
+    const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
     // A pipe, which has been read, cannot be opened a second time.
     const bool named = path != "-" && std::filesystem::is_regular_file(path);
-    input = named ? open_file(path, hints) : open_piped(file, hints, memory);
+    if (!named) memory.emplace(file.bytes().data(), file.bytes().size());
+    input = named ? open_file(path, hints) : open_piped(file, hints, *memory);
+    input->threads(thread_count());
     if (std::string(input->format_name()) == "jpeg" && !jpeg_is_whole(file.bytes())) {
       throw_input(file.name(), "damaged image: the JPEG data ends too early");
     }
@@ -269,7 +297,7 @@ struct OpenedImage {
   }
 
   InputFile file;
-  OIIO::Filesystem::IOMemReader memory;
+  std::optional<OIIO::Filesystem::IOMemReader> memory;  ///< Of a pipe.
   std::unique_ptr<OIIO::ImageInput> input;
 };
 
@@ -306,8 +334,7 @@ class PluginReader final : public ImageReader {
   void read(const Box& box, void* rgba) override {
     if (layout_.coded) {
       const Array<std::uint8_t> pixels = stored<std::uint8_t>(box);
-      convert_to_coded(pixels.data(), static_cast<std::size_t>(channel_count_), channel_,
-                       associated_, box.width(), box.height(), static_cast<std::uint8_t*>(rgba));
+      convert_to_coded(pixels.data(), layout_of(box), static_cast<std::uint8_t*>(rgba));
     } else if (spec_.format.is_floating_point()) {
       read_floats<float>(box, static_cast<float*>(rgba));
     } else {
@@ -316,10 +343,13 @@ class PluginReader final : public ImageReader {
   }
 
  private:
+  StoredPixels layout_of(const Box& box) const {
+    return {box.width(), box.height(), static_cast<std::size_t>(channel_count_), channel_,
+            associated_};
+  }
   template <class T>
   void read_floats(const Box& box, float* rgba) {
-    convert_to_rgba(stored<T>(box).data(), static_cast<std::size_t>(channel_count_), channel_,
-                    associated_, false, box.width(), box.height(), rgba);
+    convert_to_rgba(stored<T>(box).data(), layout_of(box), false, rgba);
   }
 
   /// The box's channels from first_channel_ on. Tiles are read whole, and cut.
@@ -444,8 +474,12 @@ std::vector<unsigned char> encode_file(OIIO::ImageOutput& output, OIIO::ImageSpe
                                        const T* pixels, const std::string& path) {
   OIIO::Filesystem::IOVecOutput memory;
   spec.set_format(OIIO::BaseTypeFromC<T>::value);
-  const bool written = output.set_ioproxy(&memory) && output.open("memory", spec) &&
-                       output.write_image(OIIO::BaseTypeFromC<T>::value, pixels);
+  bool written = output.set_ioproxy(&memory);
+  {
+    const OpeningSettings settings(most_megabytes());
+    written = written && output.open("memory", spec);
+  }
+  written = written && output.write_image(OIIO::BaseTypeFromC<T>::value, pixels);
   // libtiff's failures at the end are known by the message alone.
   if (!output.close() || !written || output.has_error()) {
     throw_io(path, "cannot be written: " + cause(output.geterror()));
@@ -521,8 +555,8 @@ SURFEL_API void surfel_image_plugin_open(const std::string& path,
 SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std::string& path,
                                           const surfel::ImageWriteOptions& options) {
   using namespace surfel;
-  configure_openimageio(most_megabytes());
   const auto output = make_output(path);
+  output->threads(thread_count());
   // Before the work is done, so that a target that cannot be written is found at once.
   OutputFile file(path, options.no_clobber);
   const std::vector<unsigned char> bytes = encode_image(*output, image, path, options);

@@ -7,7 +7,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/io/input_file.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -28,10 +27,20 @@ struct Descriptor {
   Descriptor& operator=(const Descriptor&) = delete;
 };
 
+/// Does the text hold a whole line that starts with `start`, with a character after its end?
+bool has_line(std::string_view text, std::string_view start) {
+  for (std::size_t at = text.find(start); at != std::string_view::npos;
+       at = text.find(start, at + 1)) {
+    if (at > 0 && text[at - 1] != '\n' && text[at - 1] != '\r') continue;
+    return text.find_first_of("\n\r", at) < text.size() - 1;
+  }
+  return false;
+}
+
 }  // namespace
 
 InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard input" : path) {
-  const Descriptor file(path);
+  Descriptor file(path);
   struct stat status {};
   if (file.value < 0 || fstat(file.value, &status) != 0) {
     throw_io(name_, "cannot be opened: " + cause());
@@ -39,70 +48,91 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
   if (S_ISDIR(status.st_mode)) throw_io(name_, "is a directory; name a file");
   const bool whole = S_ISREG(status.st_mode) && lseek(file.value, 0, SEEK_CUR) == 0;
   if (!whole) {
-    read_all(file.value);
+    read_pipe(file.value);
     return;
   }
-  const auto size = static_cast<std::size_t>(status.st_size);
-  if (size == 0) return;
-  descriptor_ = dup(file.value);
-  if (descriptor_ < 0) throw_io(name_, "cannot be read: " + cause());
-  void* data = mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.value, 0);
-  if (data == MAP_FAILED) throw_io(name_, "cannot be read: " + cause());
-  mapped_ = true;
-  bytes_ = {static_cast<const std::byte*>(data), size};
+  size_ = static_cast<std::size_t>(status.st_size);
+  descriptor_ = std::exchange(file.value, -1);
 }
 
 InputFile::~InputFile() {
-  if (mapped_) munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
   if (descriptor_ >= 0) close(descriptor_);
 }
 
 InputFile::InputFile(InputFile&& other) noexcept
     : name_(std::move(other.name_)),
-      bytes_(std::exchange(other.bytes_, {})),
-      mapped_(std::exchange(other.mapped_, false)),
+      size_(std::exchange(other.size_, 0)),
       descriptor_(std::exchange(other.descriptor_, -1)),
-      buffer_(std::move(other.buffer_)) {}
+      start_(std::move(other.start_)) {}
 
-const std::byte* InputFile::read_at(std::size_t offset, std::size_t size,
-                                    Array<std::byte>& scratch) const {
-  if (!mapped_) return bytes_.data() + offset;
-  if (scratch.size() < size) scratch.resize(size);
+std::span<const std::byte> InputFile::head(std::size_t size) const {
+  size = std::min(size, size_);
+  const std::size_t held = start_.size();
+  if (held < size) {
+    if (size > available_memory_bytes()) {
+      throw_io(name_, "is too large for this machine's memory");
+    }
+    start_.resize(size);
+    try {
+      read(start_.data() + held, held, size - held);
+    } catch (...) {
+      start_.resize(held);
+      throw;
+    }
+  }
+  return {start_.data(), size};
+}
+
+std::string_view InputFile::header(std::string_view last) const {
+  constexpr std::size_t kFirst = std::size_t{1} << 16;  // Longer than nearly all headers.
+  for (std::size_t size = kFirst;; size *= 4) {
+    const std::string_view text = as_text(head(size));
+    if (text.size() == size_ || has_line(text, last)) return text;
+  }
+}
+
+void InputFile::read(std::byte* to, std::size_t offset, std::size_t size) const {
   for (std::size_t done = 0; done < size;) {
     const ssize_t got =
-        pread(descriptor_, scratch.data() + done, size - done, static_cast<off_t>(offset + done));
+        pread(descriptor_, to + done, size - done, static_cast<off_t>(offset + done));
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) throw_io(name_, "cannot be read: " + cause());
     if (got == 0) throw_io(name_, "became shorter while it was read");
     done += static_cast<std::size_t>(got);
   }
+}
+
+const std::byte* InputFile::read_at(std::size_t offset, std::size_t size,
+                                    Array<std::byte>& scratch) const {
+  if (offset + size <= start_.size()) return start_.data() + offset;
+  if (scratch.size() < size) scratch.resize(size);
+  read(scratch.data(), offset, size);
   return scratch.data();
 }
 
 void InputFile::expect(std::size_t offset, std::size_t size) const noexcept {
-  if (!mapped_) return;
+  if (descriptor_ < 0) return;
   posix_fadvise(descriptor_, static_cast<off_t>(offset), static_cast<off_t>(size),
                 POSIX_FADV_WILLNEED);
 }
 
-void InputFile::read_all(int descriptor) {
+void InputFile::read_pipe(int descriptor) {
   constexpr std::size_t kFirst = std::size_t{1} << 20;
-  std::size_t size = 0;
   for (;;) {
-    if (size == buffer_.size()) {
-      const std::size_t grown = std::max(kFirst, 2 * size);
+    if (size_ == start_.size()) {
+      const std::size_t grown = std::max(kFirst, 2 * size_);
       if (grown > available_memory_bytes()) {
         throw_io(name_, "is too large for this machine's memory; store it in a file");
       }
-      buffer_.resize(grown);
+      start_.resize(grown);
     }
-    const ssize_t got = read(descriptor, buffer_.data() + size, buffer_.size() - size);
+    const ssize_t got = ::read(descriptor, start_.data() + size_, start_.size() - size_);
     if (got == 0) break;
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) throw_io(name_, "cannot be read: " + cause());
-    size += static_cast<std::size_t>(got);
+    size_ += static_cast<std::size_t>(got);
   }
-  bytes_ = {buffer_.data(), size};
+  start_.resize(size_);
 }
 
 }  // namespace surfel

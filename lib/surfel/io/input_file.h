@@ -3,17 +3,20 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 
 namespace surfel {
 
-/// The bytes of a file, or of standard input. Regular files are mapped, not copied; pipes are read
-/// to their end as long as the machine has memory for them.
+/// The bytes of a file, or of standard input. Regular files are read when their bytes are asked
+/// for and never mapped: a mapped file that another program cuts ends this one by a signal, where a
+/// read gives an error. Pipes are read to their end as long as the machine has memory for them.
 class SURFEL_API InputFile {
  public:
-  /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause.
+  /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause, as all members
+  /// do, also where the file became shorter after it was opened.
   explicit InputFile(const std::string& path);
   ~InputFile();
   InputFile(InputFile&& other) noexcept;
@@ -21,24 +24,36 @@ class SURFEL_API InputFile {
 
   /// For messages: the path, or "standard input".
   const std::string& name() const { return name_; }
-  std::span<const std::byte> bytes() const { return bytes_; }
+  std::size_t size() const { return size_; }
 
-  /// `size` bytes from `offset` on, which the file has: copied into `scratch` where the file is
-  /// mapped, so that none of its pages becomes part of this process's memory, else a view. For
-  /// large files read once in pieces: no slower than the mapping, whose pages cost a fault each.
-  /// Callable from any thread. Throws Error(kIo) naming the file, also if it was cut meanwhile.
+  /// The first `size` bytes, or all of a shorter file. They stay in memory, where a call for more
+  /// bytes moves them. One thread at a time.
+  std::span<const std::byte> head(std::size_t size) const;
+  /// All bytes, in memory. One thread at a time.
+  std::span<const std::byte> bytes() const { return head(size_); }
+  /// The first bytes as text, at least as far as the end of the line that starts with `last`; all
+  /// of a file without such a line.
+  std::string_view header(std::string_view last) const;
+
+  /// `size` bytes from `offset` on, which the file has: a view of them if they are in memory, else
+  /// read into `scratch`. Callable from any thread, but for calls of head() at the same time.
   const std::byte* read_at(std::size_t offset, std::size_t size, Array<std::byte>& scratch) const;
   /// Tells that read_at() will soon be called for these bytes; the system may read them ahead.
   void expect(std::size_t offset, std::size_t size) const noexcept;
 
  private:
-  void read_all(int descriptor);
+  void read_pipe(int descriptor);
+  void read(std::byte* to, std::size_t offset, std::size_t size) const;
 
   std::string name_;
-  std::span<const std::byte> bytes_;
-  bool mapped_ = false;
-  int descriptor_ = -1;      ///< Of a mapped file.
-  Array<std::byte> buffer_;  ///< What was read from a pipe.
+  std::size_t size_ = 0;
+  int descriptor_ = -1;             ///< Of a regular file.
+  mutable Array<std::byte> start_;  ///< The first bytes of a file, or all of a pipe.
 };
+
+/// The bytes as characters.
+inline std::string_view as_text(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
 
 }  // namespace surfel

@@ -6,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/triangulate.h>
+#include <surfel/io/unit_vector.h>
 
 namespace surfel {
 namespace {
@@ -20,13 +21,6 @@ bool has_area(const Vec3f& a, const Vec3f& b, const Vec3f& c) {
 }
 
 }  // namespace
-
-Vec3f unit_or_zero(const Vec3f& v) {
-  const Vec3d wide = v.cast<double>();
-  const double length = wide.norm();
-  if (!(length > 0 && std::isfinite(length))) return Vec3f::Zero();
-  return (wide / length).cast<float>();
-}
 
 void MeshBuilder::add_polygon(std::span<const Corner> corners, std::uint16_t polygon_material) {
   corner_.insert(corner_.end(), corners.begin(), corners.end());

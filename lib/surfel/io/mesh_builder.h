@@ -56,7 +56,4 @@ class MeshBuilder {
   bool any_uv_ = false;
 };
 
-/// Unit vector, or zero where the vector has no direction.
-Vec3f unit_or_zero(const Vec3f& v);
-
 }  // namespace surfel

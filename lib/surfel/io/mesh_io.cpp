@@ -24,11 +24,10 @@ std::string lower_extension(const std::string& path) {
 
 /// Standard input has no extension; of the formats only OBJ has no mark of its own.
 std::string extension_of_content(const InputFile& file) {
-  const std::string_view text(reinterpret_cast<const char*>(file.bytes().data()),
-                              file.bytes().size());
-  if (PlyFile::matches(file.bytes())) return ".ply";
-  if (text.substr(0, 5) == "solid") return ".stl";
-  return text.substr(0, 5).find("OFF") != std::string_view::npos ? ".off" : ".obj";
+  const std::string_view text = as_text(file.head(5));
+  if (PlyFile::matches(file.head(4))) return ".ply";
+  if (text == "solid") return ".stl";
+  return text.find("OFF") != std::string_view::npos ? ".off" : ".obj";
 }
 
 /// Writers rely on what readers guarantee; meshes may also come from a program.
@@ -58,7 +57,7 @@ void check_columns(const TriangleMesh& mesh, const std::string& path) {
 
 TriangleMesh read_mesh(const std::string& path) {
   InputFile file(path);
-  if (file.bytes().empty()) throw_input(file.name(), "the file is empty");
+  if (file.size() == 0) throw_input(file.name(), "the file is empty");
   const std::string extension = path == "-" ? extension_of_content(file) : lower_extension(path);
   if (extension == ".obj") return read_obj(file);
   if (extension == ".ply") return read_ply_mesh(std::move(file));

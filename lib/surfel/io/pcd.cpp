@@ -28,10 +28,6 @@ std::vector<std::string_view> words(std::string_view line) {
   return found;
 }
 
-std::string_view as_text(std::span<const std::byte> bytes) {
-  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-
 constexpr std::string_view kKeywords[] = {"VERSION",   "FIELDS", "COLUMNS", "SIZE",
                                           "TYPE",      "COUNT",  "WIDTH",   "HEIGHT",
                                           "VIEWPOINT", "POINTS", "DATA"};
@@ -61,7 +57,7 @@ bool is_wide_integer(char type, std::size_t size) {
 /// Fills a PcdFile from its header.
 class PcdHeaderParser {
  public:
-  explicit PcdHeaderParser(PcdFile& pcd) : pcd_(pcd), text_(as_text(pcd.file_.bytes())) {}
+  explicit PcdHeaderParser(PcdFile& pcd) : pcd_(pcd), text_(pcd.file_.header("DATA")) {}
 
   void parse() {
     if (text_.empty()) throw_input(pcd_.file_.name(), "is empty");
@@ -243,8 +239,7 @@ PcdFile::PcdFile(InputFile file) : file_(std::move(file)) {
 }
 
 bool PcdFile::matches(std::span<const std::byte> bytes) {
-  constexpr std::size_t kLooked = 4096;
-  std::string_view text = as_text(bytes.first(std::min(kLooked, bytes.size())));
+  std::string_view text = as_text(bytes).substr(0, kMatched);
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());
     const std::vector<std::string_view> all = words(text.substr(0, end));
@@ -284,7 +279,7 @@ void PcdFile::read_ascii() {
   std::size_t values = 0;
   for (const Field& field : fields_) values += field.count;
   // A value is a character and a separator, which the last one does not need.
-  const std::size_t room = (file_.bytes().size() - body_begin_ + 1) / (2 * values);
+  const std::size_t room = (file_.size() - body_begin_ + 1) / (2 * values);
   if (table_.count > room) fail_short(room);
   storage_.resize(table_.count * table_.stride);
   table_.data = storage_.data();
@@ -308,9 +303,10 @@ void PcdFile::read_ascii() {
 }
 
 void PcdFile::read_binary() {
-  const std::size_t room = (file_.bytes().size() - body_begin_) / table_.stride;
+  const std::size_t room = (file_.size() - body_begin_) / table_.stride;
   if (table_.count > room) fail_short(room);
-  table_.data = file_.bytes().data() + body_begin_;
+  table_.file = &file_;
+  table_.offset = body_begin_;
 }
 
 void PcdFile::read_compressed() {
@@ -347,7 +343,9 @@ void PcdFile::convert_wide_integers() {
   for (const Field& field : fields_) {
     const bool convert = is_wide_integer(field.type, field.size) && field.name != "_";
     if (convert && storage_.empty() && table_.count > 0) {
-      storage_.assign(table_.data, table_.data + table_.count * table_.stride);
+      const std::byte* from = table_.read(0, table_.count, storage_);
+      if (storage_.empty()) storage_.assign(from, from + table_.count * table_.stride);
+      table_.file = nullptr;
       table_.data = storage_.data();
     }
     for (std::size_t k = 0; k < field.count; ++k, offset += field.size) {
@@ -381,10 +379,15 @@ void PcdFile::unpack_colors() {
     add_byte("blue", 0);
     if (packed.name == "rgb" || table_.find("alpha")) return;
     add_byte("alpha", 3);
-    const std::byte* alpha = table_.data + table_.columns.back().offset;
+    constexpr std::size_t kBlock = 4096;
+    Array<std::byte> scratch;
     bool any = false;
-    for (std::size_t row = 0; row < table_.count; ++row) {
-      any |= alpha[row * table_.stride] != std::byte{0};
+    for (std::size_t begin = 0; begin < table_.count && !any; begin += kBlock) {
+      const std::size_t end = std::min(begin + kBlock, table_.count);
+      const std::byte* alpha = table_.read(begin, end, scratch) + table_.columns.back().offset;
+      for (std::size_t row = begin; row < end; ++row, alpha += table_.stride) {
+        any |= *alpha != std::byte{0};
+      }
     }
     if (!any) table_.columns.pop_back();
     return;

@@ -28,7 +28,8 @@ class PcdFile {
   /// Throws Error(kInput) naming the file and the header line, text line or point.
   explicit PcdFile(InputFile file);
 
-  /// Does the content start as a PCD file does?
+  /// Does the content, of which the first kMatched bytes suffice, start as a PCD file does?
+  static constexpr std::size_t kMatched = 4096;
   static bool matches(std::span<const std::byte> bytes);
 
   const RecordTable& records() const { return table_; }

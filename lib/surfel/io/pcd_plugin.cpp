@@ -1,6 +1,7 @@
 // Plug-in libsurfel_pcd.so: the one place that sees PCL's files library, which takes long to load.
 
 #include <exception>
+#include <mutex>
 #include <sstream>
 #include <string>
 
@@ -10,11 +11,35 @@
 #include <surfel/base/export.h>
 #include <surfel/io/pcd_plugin.h>
 
+namespace {
+
+/// Silences PCL, whose messages go to the terminal, and gives its verbosity, one for the whole
+/// process, back to the program that set it.
+class Silence {
+ public:
+  Silence() : lock_(mutex()), before_(pcl::console::getVerbosityLevel()) {
+    pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
+  }
+  ~Silence() { pcl::console::setVerbosityLevel(before_); }
+  Silence(const Silence&) = delete;
+  Silence& operator=(const Silence&) = delete;
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex one;
+    return one;
+  }
+  std::lock_guard<std::mutex> lock_;
+  pcl::console::VERBOSITY_LEVEL before_;
+};
+
+}  // namespace
+
 extern "C" SURFEL_API bool surfel_pcd_decompress(surfel::PcdDecompression& work);
 
 /// PCL reports by printing, by throwing and by return value; all three become false.
 extern "C" bool surfel_pcd_decompress(surfel::PcdDecompression& work) {
-  pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
+  const Silence silence;
   try {
     std::istringstream header(
         std::string(reinterpret_cast<const char*>(work.file), work.header_size));

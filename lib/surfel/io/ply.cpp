@@ -291,11 +291,16 @@ void read_records(Source& source, const PlyElement& element, ElementData* data) 
 template <class T, bool kSwapped>
 void convert_column(const RecordTable& table, const RecordColumn& column, Array<T>& out,
                     FunctionRef<void(std::size_t, double)> refuse) {
+  // Columns of one table are converted one by one: the file's bytes stay for all of them.
+  if (table.file) table.file->bytes();
+  Array<std::byte> none;
+  const std::byte* records = table.read(0, table.count, none);
   visit_type(column.type, [&]<class From>(From) {
     parallel_for(table.count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+      const std::byte* at = records + begin * table.stride + column.offset;
       for (std::size_t i = begin; i < end; ++i) {
-        const std::byte* at = table.data + i * table.stride + column.offset;
         const From value = load_scalar<From, kSwapped>(at);
+        at += table.stride;
         if (!representable<T>(value)) refuse(i, static_cast<double>(value));
         out[i] = static_cast<T>(value);
       }
@@ -307,8 +312,7 @@ void convert_column(const RecordTable& table, const RecordColumn& column, Array<
 
 struct PlyFile::Impl {
   explicit Impl(InputFile input) : file(std::move(input)) {
-    const auto bytes = file.bytes();
-    HeaderParser parser(file.name(), {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+    HeaderParser parser(file.name(), file.header("end_header"));
     header = parser.parse();
     elements.resize(header.elements.size());
     if (!elements.empty()) elements.front().begin = parser.body();
@@ -355,7 +359,7 @@ void PlyFile::Impl::check_count(std::size_t index) const {
   const std::size_t least = least_record_size(element, header.format);
   // The last value of a text file needs no separator.
   const std::size_t rest =
-      file.bytes().size() - elements[index].begin + (header.format == PlyFormat::kAscii ? 1 : 0);
+      file.size() - elements[index].begin + (header.format == PlyFormat::kAscii ? 1 : 0);
   if (least > 0 && element.count > rest / least) {
     throw_input(
         file.name(),
@@ -436,7 +440,8 @@ ElementData& PlyFile::Impl::decode(std::size_t index,
   const PlyElement& element = header.elements[index];
   const bool only_scalars = data.scalars.columns.size() == element.properties.size();
   if (header.format != PlyFormat::kAscii && only_scalars) {
-    data.scalars.data = file.bytes().data() + data.begin;
+    data.scalars.file = &file;
+    data.scalars.offset = data.begin;
     data.scalars.swapped = swapped();
     data.end = data.begin + data.scalars.count * data.scalars.stride;
   } else {
@@ -463,8 +468,7 @@ PlyFile::~PlyFile() = default;
 PlyFile::PlyFile(PlyFile&&) noexcept = default;
 
 bool PlyFile::matches(std::span<const std::byte> bytes) {
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()),
-                              std::min<std::size_t>(bytes.size(), 4));
+  const std::string_view text = as_text(bytes).substr(0, 4);
   return text.starts_with("ply") &&
          (text.size() == 3 || is_blank(text[3]) || text[3] == '\r' || text[3] == '\n');
 }

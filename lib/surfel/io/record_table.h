@@ -13,6 +13,7 @@
 #include <type_traits>
 #include <vector>
 
+#include <surfel/io/input_file.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -31,15 +32,31 @@ struct RecordColumn {
   std::size_t offset = 0;  ///< Bytes from the record's start; need not be aligned.
 };
 
-/// Records of equal size, one after the other, as PLY and PCD store them: a view, it owns nothing.
-/// Internal to the io module.
+/// Records of equal size, one after the other, as PLY and PCD store them: in memory, or in a file,
+/// which must outlive the table. It owns nothing. Internal to the library.
 struct RecordTable {
-  const std::byte* data = nullptr;
+  const std::byte* data = nullptr;  ///< The first record, unless the records are in `file`.
+  const InputFile* file = nullptr;
+  std::size_t offset = 0;  ///< Of the first record in `file`.
   std::size_t count = 0;
   std::size_t stride = 0;  ///< Bytes from one record to the next.
   bool swapped = false;    ///< Values are in the other byte order than this machine's.
   std::vector<RecordColumn> columns;
 
+  /// Drops the first records.
+  void skip(std::size_t records) {
+    if (file) {
+      offset += records * stride;
+    } else {
+      data += records * stride;
+    }
+    count -= records;
+  }
+  /// Records [begin, end): a view, or read into `scratch`, see InputFile::read_at().
+  const std::byte* read(std::size_t begin, std::size_t end, Array<std::byte>& scratch) const {
+    if (!file) return data + begin * stride;
+    return file->read_at(offset + begin * stride, (end - begin) * stride, scratch);
+  }
   const RecordColumn* find(std::string_view name) const {
     for (const RecordColumn& column : columns) {
       if (column.name == name) return &column;

@@ -87,7 +87,7 @@ TriangleMesh read_text(const InputFile& file) {
 
 TriangleMesh read_stl(const InputFile& file) {
   const std::span<const std::byte> bytes = file.bytes();
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::string_view text = as_text(bytes);
   const bool has_header = bytes.size() >= kHeaderBytes;
   const std::size_t needed =
       has_header ? kHeaderBytes + promised_triangles(bytes) * kRecordBytes : kHeaderBytes;

@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
 
 #include <fmt/format.h>
+#include <locale.h>
 #include <surfel/base/error.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/text_numbers.h>
@@ -36,7 +38,8 @@ std::optional<T> parse(std::string_view text) {
   if (error == std::errc{} && stop == end) return value;
   if constexpr (std::is_floating_point_v<T>) {
     if (error == std::errc::result_out_of_range && stop == end) {
-      return static_cast<T>(std::strtod(std::string(text).c_str(), nullptr));
+      static const locale_t plain = newlocale(LC_ALL_MASK, "C", nullptr);
+      return static_cast<T>(strtod_l(std::string(text).c_str(), nullptr, plain));
     }
     if (negative) text.remove_prefix(1);
     if (const auto special = parse_windows_special(text)) {

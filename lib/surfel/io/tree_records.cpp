@@ -119,10 +119,12 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                                     kTreeElement, kColumns[k].name));
     }
   }
+  Array<std::byte> scratch;
+  const std::byte* records = table.read(0, table.count, scratch);
   const auto row_at = [&](std::size_t i) {
     Row row;
     for (std::size_t k = 0; k < kColumnCount; ++k) {
-      const std::byte* at = table.data + i * table.stride + columns[k]->offset;
+      const std::byte* at = records + i * table.stride + columns[k]->offset;
       visit_type(columns[k]->type, [&]<class T>(T) {
         row[k] = static_cast<double>(table.swapped ? load_scalar<T, true>(at)
                                                    : load_scalar<T, false>(at));

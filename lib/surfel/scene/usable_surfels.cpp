@@ -5,26 +5,30 @@
 namespace surfel {
 namespace {
 
-enum class Verdict : std::uint8_t { kUsable, kPosition, kVariance, kColor };
+bool usable_size(float v) { return std::isfinite(v) && v > 0; }
 
-bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
-
-Verdict judge(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
-              std::size_t i) {
-  if (!cloud.position[i].allFinite()) return Verdict::kPosition;
-  const bool variance_ok = cloud.anisotropic() ? usable_variance(cloud.variance_u[i]) &&
-                                                     usable_variance(cloud.variance_v[i])
-                                               : usable_variance(cloud.variance[i]);
-  if (!variance_ok || (group_radius && !usable_variance(cloud.group_radius[i]))) {
-    return Verdict::kVariance;
-  }
-  if (color && !(*color)[i].allFinite()) return Verdict::kColor;
-  if (!cloud.alpha.empty() && !std::isfinite(cloud.alpha[i])) return Verdict::kColor;
-  if (!cloud.area.empty() && !std::isfinite(cloud.area[i])) return Verdict::kColor;
-  return Verdict::kUsable;
+SurfelValues values(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
+                    std::size_t i) {
+  SurfelValues v{.position = cloud.position[i],
+                 .size_u = cloud.anisotropic() ? cloud.variance_u[i] : cloud.variance[i]};
+  if (cloud.anisotropic()) v.size_v = cloud.variance_v[i];
+  if (group_radius) v.group_radius = cloud.group_radius[i];
+  if (color) v.color = (*color)[i];
+  if (!cloud.alpha.empty()) v.alpha = cloud.alpha[i];
+  if (!cloud.area.empty()) v.area = cloud.area[i];
+  return v;
 }
 
 }  // namespace
+
+Usability usability(const SurfelValues& s) {
+  if (!s.position.allFinite()) return Usability::kPosition;
+  if (!usable_size(s.size_u) || !usable_size(s.size_v) || !usable_size(s.group_radius)) {
+    return Usability::kVariance;
+  }
+  const bool color = s.color.allFinite() && std::isfinite(s.alpha) && std::isfinite(s.area);
+  return color ? Usability::kUsable : Usability::kColor;
+}
 
 UnusableSurfels remove_unusable(const SurfelCloud& cloud, bool group_radius,
                                 Array<std::uint32_t>& order) {
@@ -32,20 +36,9 @@ UnusableSurfels remove_unusable(const SurfelCloud& cloud, bool group_radius,
   const Array<Vec3f>* color = cloud.render_color();
   std::size_t kept = 0;
   for (const std::uint32_t i : order) {
-    switch (judge(cloud, color, group_radius, i)) {
-      case Verdict::kUsable:
-        order[kept++] = i;
-        break;
-      case Verdict::kPosition:
-        ++dropped.position;
-        break;
-      case Verdict::kVariance:
-        ++dropped.variance;
-        break;
-      case Verdict::kColor:
-        ++dropped.color;
-        break;
-    }
+    const Usability found = usability(values(cloud, color, group_radius, i));
+    dropped.add(found);
+    if (found == Usability::kUsable) order[kept++] = i;
   }
   order.resize(kept);
   return dropped;

@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
-#include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
@@ -31,7 +30,7 @@ constexpr std::size_t kLeastBatch = std::size_t{1} << 14;
 /// The points as records, if the file is a binary PLY file of scalars; else null.
 const RecordTable* binary_records(PlyFile& ply) {
   const PlyElement* vertex = ply.header().find("vertex");
-  const bool plain = vertex && ply.header().format == PlyFormat::kBinaryLittleEndian &&
+  const bool plain = vertex && ply.header().format != PlyFormat::kAscii &&
                      std::none_of(vertex->properties.begin(), vertex->properties.end(),
                                   [](const PlyProperty& property) { return property.is_list(); });
   return plain ? &ply.scalars("vertex") : nullptr;
@@ -78,13 +77,13 @@ bool LoadedCloud::Impl::open_records() {
   const RecordTable* table = binary_records(*ply);
   if (!table) return false;
   if (!ply->header().find(kTreeElement)) {
-    source = RecordSource::make(ply->file(), *table);
-    return source != nullptr;
+    source = std::make_unique<RecordSource>(*table, ply->name());
+    return true;
   }
   TreeRecords levels = tree_from_records(ply->scalars(kTreeElement), table->count, ply->name());
-  source = RecordSource::make(ply->file(), *table, levels.reach.front());
-  if (source) tree = recentered_tree(std::move(levels), source->origin());
-  return source != nullptr;
+  source = std::make_unique<RecordSource>(*table, ply->name(), levels.reach.front());
+  tree = recentered_tree(std::move(levels), source->origin());
+  return true;
 }
 
 /// Surfels of the levels that are wanted.
@@ -108,7 +107,7 @@ std::size_t LoadedCloud::Impl::batch(std::uint64_t memory) const {
 
 /// False if the file is to be read as a SurfelCloud.
 bool LoadedCloud::Impl::load_records(InputFile& input) {
-  if (!PlyFile::matches(input.bytes())) return false;
+  if (!PlyFile::matches(input.head(4))) return false;
   ply.emplace(std::move(input));
   if (!open_records()) return false;
   SurfelCloud header;

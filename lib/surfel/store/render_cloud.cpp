@@ -18,8 +18,6 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 15;
 
-bool usable_size(float v) { return std::isfinite(v) && v > 0; }
-
 }  // namespace
 
 RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
@@ -112,7 +110,9 @@ std::vector<Array<float>*> RenderCloud::float_columns() {
 /// Makes the columns that are there and needed.
 void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
                            const RenderColumns& needed, const std::string& name) {
-  if (needed.groups && rows > 0 && !attributes.group) throw_no_groups(name);
+  if (needed.groups && rows > 0 && !attributes.group) {
+    throw_input(name, "the surfels have no groups; run surfel-group on them");
+  }
   const bool has_radius = needed.group_radius && attributes.group_radius;
   for (Array<float>* column : float_columns()) {
     const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
@@ -130,18 +130,16 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
 
 /// Can a surfel be drawn? Counts it if not.
 bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
-  if (!Vec3f(x[i], y[i], z[i]).allFinite()) {
-    ++dropped.position;
-  } else if (!usable_size(deviation_u[i]) || (anisotropic() && !usable_size(deviation_v[i])) ||
-             (!group_radius.empty() && !usable_size(group_radius[i]))) {
-    ++dropped.variance;
-  } else if (!Vec3f(red[i], green[i], blue[i]).allFinite() ||
-             (!alpha.empty() && !std::isfinite(alpha[i])) || !std::isfinite(area[i])) {
-    ++dropped.color;
-  } else {
-    return true;
-  }
-  return false;
+  SurfelValues values{.position = {x[i], y[i], z[i]},
+                      .size_u = deviation_u[i],
+                      .color = {red[i], green[i], blue[i]},
+                      .area = area[i]};
+  if (anisotropic()) values.size_v = deviation_v[i];
+  if (!group_radius.empty()) values.group_radius = group_radius[i];
+  if (!alpha.empty()) values.alpha = alpha[i];
+  const Usability found = usability(values);
+  dropped.add(found);
+  return found == Usability::kUsable;
 }
 
 /// The order of the surfels that can be drawn along the Morton curve; of copies (RenderColumns) the

@@ -12,9 +12,12 @@ namespace surfel {
 
 class RenderCloud;
 
-/// Optional attributes that the surfels of a source have.
+/// Attributes that a source may have besides positions and variances.
 struct SurfelAttributes {
   bool anisotropic = false;
+  bool normal = false;
+  bool area = false;
+  bool color = false;
   bool alpha = false;
   bool material = false;
   bool group = false;
@@ -47,9 +50,16 @@ class SurfelSource {
   virtual void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const = 0;
   /// Tells that fill() will soon be called for surfels [begin, end).
   virtual void expect(std::size_t /*begin*/, std::size_t /*end*/) const {}
+
+ protected:
+  /// Makes attributes as a cloud or file has them, which stand in `count` rows from `row` on,
+  /// variances in the columns of deviations, what fill() promises; fills the columns of attributes
+  /// that are not known.
+  static void make_drawable(const SurfelAttributes& known, RenderCloud& cloud, std::size_t row,
+                            std::size_t count);
 };
 
-/// Those of a cloud, to which it refers.
+/// Source over an in-memory cloud, which must outlive it.
 class SURFEL_API CloudSource : public SurfelSource {
  public:
   /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance; `name`
@@ -66,20 +76,7 @@ class SURFEL_API CloudSource : public SurfelSource {
   const SurfelCloud& cloud_;
 };
 
-/// Unit length; zero where the vector has no direction.
-Vec3f unit_normal(const Vec3f& normal);
-/// Unit and perpendicular to the unit normal, as splat set-up relies on it; any such where the
-/// tangent tells none.
-Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal);
-/// NaN where infinite.
-float usable_position(float x);
-/// At least 0, and 0..1; NaN where not finite, so that the surfel is left out.
-float usable_area(float area);
-float usable_alpha(float alpha);
-
-/// The error of surfels without variance; `file` may be empty.
+/// Throws the error of surfels without variance; `file` may be empty.
 [[noreturn]] void throw_no_variance(const std::string& file);
-/// The error of surfels without groups where they are needed.
-[[noreturn]] void throw_no_groups(const std::string& file);
 
 }  // namespace surfel

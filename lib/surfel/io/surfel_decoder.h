@@ -1,0 +1,127 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+#include <vector>
+
+#include <surfel/base/bounds.h>
+#include <surfel/base/export.h>
+#include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+/// What a file's records may tell of a surfel, named as the columns of SurfelCloud.
+enum class SurfelAttribute : std::uint8_t {
+  kPosition,
+  kNormal,
+  kTangent,
+  kVarianceU,
+  kVarianceV,
+  kVariance,
+  kArea,
+  kColor,
+  kAlpha,
+  kCoefficient,
+  kUv,
+  kDpdu,
+  kDpdv,
+  kMaterial,
+  kGroup,
+  kGroupRadius,
+  kSource,
+  kLevel
+};
+inline constexpr std::size_t kSurfelAttributes = 18;
+
+/// Where the values of an attribute go: component k of the i-th surfel to at[k][i * stride].
+template <class T>
+struct ComponentColumns {
+  std::array<T*, 3> at;
+  std::size_t stride = 1;
+};
+
+/// The one decoder from a file's records to columns of surfels, for whole files, pieces of them and
+/// levels of detail alike. The constructor resolves which property stands for which attribute:
+/// design.md section 2 names the properties, which may be of any type and either byte order and
+/// have several spellings, case aside. An integer attribute whose values do not fit is taken for a
+/// property of another meaning. Internal to the library.
+class SurfelDecoder {
+ public:
+  /// Records decoded at a time: so few that they and their columns stay in the first-level cache
+  /// while column after column is filled.
+  static constexpr std::size_t kPiece = 256;
+
+  /// Throws Error(kInput) naming `file` where there are no records or a coordinate is missing.
+  /// Keeps a reference to the table. Reads all records where the type of an integer attribute is
+  /// wider than the attribute.
+  SurfelDecoder(const RecordTable& table, const std::string& file);
+
+  bool has(SurfelAttribute attribute) const { return fields_[index(attribute)].columns[0]; }
+  bool anisotropic() const { return has(SurfelAttribute::kTangent); }
+  bool double_positions() const;
+  ColorEncoding color_encoding() const { return color_encoding_; }
+  bool alpha_as_uint8() const { return alpha_as_uint8_; }
+  /// Properties that stand for no attribute.
+  const std::vector<const RecordColumn*>& others() const { return others_; }
+
+  /// Positions are decoded relative to the origin, which is zero at first.
+  const Vec3d& origin() const { return origin_; }
+  void set_origin(const Vec3d& origin) { origin_ = origin; }
+
+  /// Writes the attribute of `count` consecutive records in memory. T is what SurfelCloud stores:
+  /// float, or for integer attributes their type. Normals and tangents become unit, or zero without
+  /// a direction, but stay bit for bit where they are unit; colours linear light; alpha 0..1; a
+  /// radius the variance at cutoff 1, radius^2 / 2. Callable from any thread.
+  template <class T>
+  void decode(SurfelAttribute attribute, const std::byte* records, std::size_t count,
+              const ComponentColumns<T>& to) const;
+  /// Writes a property as it is, in this machine's byte order.
+  void decode(const RecordColumn& column, const std::byte* records, std::size_t count,
+              std::byte* to) const;
+  /// Extends the box by the finite coordinates of `count` records, in world coordinates.
+  void measure(const std::byte* records, std::size_t count, Bounds& box) const;
+
+ private:
+  /// The properties of an attribute's components, null where it has none, and how to decode them.
+  struct Field {
+    std::array<const RecordColumn*, 3> columns{};
+    bool radius = false;           ///< Of kVariance.
+    const float* table = nullptr;  ///< Linear light of an sRGB code.
+    float scale = 1;               ///< What alpha is divided by.
+  };
+  using Names = std::array<const char*, 3>;
+
+  static constexpr std::size_t index(SurfelAttribute a) { return static_cast<std::size_t>(a); }
+  Field* find(SurfelAttribute attribute, const Names& names);
+  void release(Field& field);
+  void find_vector(SurfelAttribute attribute, std::initializer_list<Names> spellings);
+  template <class T>
+  void find_integer(SurfelAttribute attribute, const char* name);
+  void find_variances();
+  void find_colors();
+  void find_alpha();
+  template <class T>
+  bool fit(const Field& field) const;
+  template <class To>
+  void decode_component(SurfelAttribute attribute, int component, const std::byte* records,
+                        std::size_t count, To* to, std::size_t stride) const;
+
+  const RecordTable& table_;
+  const std::string file_;
+  std::array<Field, kSurfelAttributes> fields_{};
+  std::vector<bool> taken_;  ///< Of the table's columns: it stands for an attribute.
+  std::vector<const RecordColumn*> others_;
+  ColorEncoding color_encoding_ = ColorEncoding::kUint8Srgb;
+  bool alpha_as_uint8_ = false;
+  Vec3d origin_{0, 0, 0};
+};
+
+/// Linear light of every 8-bit and 16-bit sRGB value.
+const float* srgb8_table();
+SURFEL_API const float* srgb16_table();
+
+}  // namespace surfel

@@ -1,0 +1,163 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <surfel/base/error.h>
+#include <surfel/store/render_cloud.h>
+#include <surfel/store/surfel_source.h>
+
+namespace surfel {
+namespace {
+
+Vec3f unit_normal(const Vec3f& normal) {
+  const float length = normal.norm();
+  return std::isfinite(length) && length > 0 ? Vec3f(normal / length) : Vec3f(0, 0, 0);
+}
+
+/// Unit and perpendicular to the unit normal, as splat set-up relies on it; any such vector where
+/// the tangent tells none.
+Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal) {
+  const Vec3f t = unit_normal(tangent - normal * normal.dot(tangent));
+  if (!t.isZero()) return t;
+  return normal.isZero() ? Vec3f::UnitX() : Vec3f(normal.unitOrthogonal());
+}
+
+void make_unit_normals(float* __restrict x, float* __restrict y, float* __restrict z,
+                       std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const float length = std::sqrt(x[i] * x[i] + (y[i] * y[i] + z[i] * z[i]));
+    const bool known = length > 0 && length <= std::numeric_limits<float>::max();
+    // Divided in any case, since a division that may not happen keeps the loop from being
+    // vectorised.
+    const float unit_x = x[i] / length;
+    const float unit_y = y[i] / length;
+    const float unit_z = z[i] / length;
+    x[i] = known ? unit_x : 0.0F;
+    y[i] = known ? unit_y : 0.0F;
+    z[i] = known ? unit_z : 0.0F;
+  }
+}
+
+/// Copies surfels [begin, end) of a column.
+template <class T>
+void copy(const Array<T>& column, std::size_t begin, std::size_t end, T* to) {
+  std::copy(column.data() + begin, column.data() + end, to);
+}
+
+void copy(const Array<Vec3f>& column, std::size_t begin, std::size_t end,
+          const std::array<float*, 3>& to) {
+  for (std::size_t i = begin; i < end; ++i) {
+    for (int k = 0; k < 3; ++k) to[static_cast<std::size_t>(k)][i - begin] = column[i][k];
+  }
+}
+
+}  // namespace
+
+void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& cloud, std::size_t row,
+                                 std::size_t count) {
+  // A value minus itself is zero, or NaN where the value is not finite.
+  for (Array<float>* column : {&cloud.x, &cloud.y, &cloud.z}) {
+    float* p = column->data() + row;
+    for (std::size_t i = 0; i < count; ++i) p[i] += p[i] - p[i];
+  }
+  float* const n[] = {cloud.normal_x.data() + row, cloud.normal_y.data() + row,
+                      cloud.normal_z.data() + row};
+  if (known.normal) {
+    make_unit_normals(n[0], n[1], n[2], count);
+  } else {
+    for (float* column : n) std::fill_n(column, count, 0.0F);
+  }
+  // The area where the file has none is sqrt |V|, the amplitude of SS01.
+  float* u = cloud.deviation_u.data() + row;
+  float* area = cloud.area.data() + row;
+  if (!known.anisotropic && !known.area) std::copy_n(u, count, area);
+  for (std::size_t i = 0; i < count; ++i) u[i] = std::sqrt(u[i]);
+  if (known.anisotropic) {
+    float* v = cloud.deviation_v.data() + row;
+    for (std::size_t i = 0; i < count; ++i) v[i] = std::sqrt(v[i]);
+    for (std::size_t i = 0; i < count && !known.area; ++i) area[i] = u[i] * v[i];
+    float* const t[] = {cloud.tangent_x.data() + row, cloud.tangent_y.data() + row,
+                        cloud.tangent_z.data() + row};
+    for (std::size_t i = 0; i < count; ++i) {
+      const Vec3f tangent =
+          unit_tangent(Vec3f(t[0][i], t[1][i], t[2][i]), Vec3f(n[0][i], n[1][i], n[2][i]));
+      for (int k = 0; k < 3; ++k) t[k][i] = tangent[k];
+    }
+  }
+  for (std::size_t i = 0; i < count && known.area; ++i) {
+    area[i] = (area[i] > 0 ? area[i] : 0.0F) + (area[i] - area[i]);
+  }
+  if (!known.color) {
+    const Vec3f grey = SurfelCloud::colorless();
+    std::fill_n(cloud.red.data() + row, count, grey.x());
+    std::fill_n(cloud.green.data() + row, count, grey.y());
+    std::fill_n(cloud.blue.data() + row, count, grey.z());
+  }
+  if (cloud.alpha.empty()) return;
+  float* alpha = cloud.alpha.data() + row;
+  for (std::size_t i = 0; i < count; ++i) {
+    alpha[i] = std::clamp(alpha[i], 0.0F, 1.0F) + (alpha[i] - alpha[i]);
+  }
+}
+
+CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name) : cloud_(cloud) {
+  cloud.check_columns(name);
+  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance(name);
+}
+
+SurfelAttributes CloudSource::attributes() const {
+  return {.anisotropic = cloud_.anisotropic(),
+          .normal = !cloud_.normal.empty(),
+          .area = !cloud_.area.empty(),
+          .color = cloud_.render_color() != nullptr,
+          .alpha = !cloud_.alpha.empty(),
+          .material = !cloud_.material.empty(),
+          .group = !cloud_.group.empty(),
+          .group_radius = !cloud_.group_radius.empty(),
+          .source = !cloud_.source.empty()};
+}
+
+void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& to, std::size_t row) const {
+  const SurfelAttributes known = attributes();
+  for (; begin < end; begin += RenderCloud::kClusterSize, row += RenderCloud::kClusterSize) {
+    const std::size_t stop = std::min<std::size_t>(end, begin + RenderCloud::kClusterSize);
+    const auto vector = [&](const Array<Vec3f>& from, Array<float>& x, Array<float>& y,
+                            Array<float>& z) {
+      copy(from, begin, stop, {x.data() + row, y.data() + row, z.data() + row});
+    };
+    vector(cloud_.position, to.x, to.y, to.z);
+    if (known.normal) vector(cloud_.normal, to.normal_x, to.normal_y, to.normal_z);
+    if (known.anisotropic) {
+      vector(cloud_.tangent, to.tangent_x, to.tangent_y, to.tangent_z);
+      copy(cloud_.variance_u, begin, stop, to.deviation_u.data() + row);
+      copy(cloud_.variance_v, begin, stop, to.deviation_v.data() + row);
+    } else {
+      copy(cloud_.variance, begin, stop, to.deviation_u.data() + row);
+    }
+    if (known.area) copy(cloud_.area, begin, stop, to.area.data() + row);
+    if (known.color) vector(*cloud_.render_color(), to.red, to.green, to.blue);
+    const auto optional = [&](const auto& from, auto& column) {
+      if (!column.empty()) copy(from, begin, stop, column.data() + row);
+    };
+    optional(cloud_.alpha, to.alpha);
+    optional(cloud_.material, to.material);
+    optional(cloud_.group, to.group);
+    optional(cloud_.group_radius, to.group_radius);
+    make_drawable(known, to, row, stop - begin);
+  }
+}
+
+void CloudSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const {
+  copy(cloud_.source, begin, end, to);
+}
+
+void throw_no_variance(const std::string& file) {
+  throw_input(file,
+              "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
+              "surfel-estimate");
+}
+
+}  // namespace surfel
