@@ -27,11 +27,6 @@ constexpr std::size_t kMostDoublings = 3;
 /// 9 spacings.)
 constexpr std::size_t kMostDoublingsAtJumps = 6;
 constexpr double kJumpReach = 4;
-/// Where an open cell ends, in local spacings.
-/// (Chosen on real scans: where leaves, branches and occlusions interrupt the surface, 0.054 % of
-/// the pixels are seen through with 0.75, 0.044 % with this. At the border of a plane areas then
-/// reach half a spacing too far.)
-constexpr double kBorderReach = 0.95;
 /// Up to here the surface surely goes on, in local spacings.
 constexpr double kSureReach = 1.15;
 /// Least share of its disc that a cell at a border counts for; 0.44 is the mean of all on random
