@@ -156,16 +156,12 @@ TEST(GramSystem, ColumnsAscendUpToTheDiagonal) {
 
 TEST(GramSystem, LambdaOfWhatIsLeftOutMakesItDefinite) {
   for (const double kappa : {0.5, 0.8, 1.0, 1.25, 1.5}) {
-    for (const double reach : {0.0, 4.0, 6.0}) {
-      GramOptions options;
-      if (reach > 0) options.reach = reach;
-      GramSystem system =
-          make_gram_system(make_basis(jittered_plane(24, kappa, Kernels::kIsotropic)), options);
-      scale_to_unit_diagonal(system.matrix);
-      // Beyond that, only what rounding takes.
-      add_to_diagonal(system.matrix, system.left_out + 1e-13);
-      EXPECT_GT(eigenvalues(dense(system.matrix)).minCoeff(), 0) << kappa << " " << reach;
-    }
+    GramSystem system =
+        make_gram_system(make_basis(jittered_plane(24, kappa, Kernels::kIsotropic)));
+    scale_to_unit_diagonal(system.matrix);
+    // Beyond that, only what rounding takes.
+    add_to_diagonal(system.matrix, system.left_out + 1e-13);
+    EXPECT_GT(eigenvalues(dense(system.matrix)).minCoeff(), 0) << kappa;
   }
 }
 
@@ -176,9 +172,7 @@ TEST(GramSystem, DefiniteOnASphere) {
 
 TEST(GramSystem, LeftOutBoundsTheCut) {
   const SurfelBasis basis = make_basis(jittered_plane(30, 0.7, Kernels::kIsotropic));
-  GramOptions options;
-  options.reach = 4;
-  const GramSystem system = make_gram_system(basis, options);
+  const GramSystem system = make_gram_system(basis);
   const Eigen::MatrixXd cut = planar_gram(basis) - dense(system.matrix);
   EXPECT_LT(eigenvalues(cut).cwiseAbs().maxCoeff(),
             3 * system.left_out * planar_gram(basis).diagonal().maxCoeff());
@@ -209,9 +203,7 @@ TEST(GramSystem, SheetsAndEdgesDoNotCouple) {
 /// Coefficients of a step, by surfel of the cloud.
 Eigen::VectorXd step_coefficients(const SurfelCloud& cloud, double lambda) {
   const SurfelBasis basis = make_basis(cloud);
-  GramOptions options;
-  options.reach = 7;
-  GramSystem system = make_gram_system(basis, options);
+  GramSystem system = make_gram_system(basis);
   const Array<double> scale = scale_to_unit_diagonal(system.matrix);
   add_to_diagonal(system.matrix, lambda);
   const auto n = static_cast<Eigen::Index>(basis.size());
@@ -238,7 +230,8 @@ TEST(GramSystem, DuplicatesShareTheCoefficient) {
   // (2 R + lambda) w = c for each of the two.
   const Eigen::VectorXd half = step_coefficients(cloud, 0.5e-2) / 2;
   const Eigen::VectorXd both = step_coefficients(twice, 1e-2);
-  const double bound = 1e-9 * half.lpNorm<Eigen::Infinity>();
+  // Twice as dense, the surfels reach further; with either reach coefficients are so accurate.
+  const double bound = 1e-6 * half.lpNorm<Eigen::Infinity>();
   EXPECT_LT((both.head(half.size()) - half).lpNorm<Eigen::Infinity>(), bound);
   EXPECT_LT((both.tail(half.size()) - half).lpNorm<Eigen::Infinity>(), bound);
 }
@@ -346,22 +339,6 @@ TEST(GramSystem, NoneOneAndIsolated) {
   cloud.variance.push_back(1);
   cloud.area.push_back(1);
   EXPECT_EQ(make_gram_system(make_basis(cloud)).matrix.entries(), 2U);
-}
-
-TEST(GramOptions, BadValuesAreRefused) {
-  EXPECT_TRUE(GramOptions().problems().empty());
-  const auto refused = [](const auto& change) {
-    GramOptions options;
-    change(options);
-    EXPECT_EQ(options.problems().size(), 1U);
-    EXPECT_THROW(make_gram_system(SurfelBasis(), options), Error);
-  };
-  refused([](GramOptions& o) { o.reach = 2; });
-  refused([](GramOptions& o) { o.reach = 9; });
-  refused([](GramOptions& o) { o.accuracy = 0; });
-  refused([](GramOptions& o) { o.min_cosine = 1; });
-  refused([](GramOptions& o) { o.min_cosine = std::nan(""); });
-  refused([](GramOptions& o) { o.thickness = 0; });
 }
 
 }  // namespace

@@ -29,10 +29,6 @@ constexpr std::size_t kMostDoublings = 3;
 /// the 128 nearest points reach 9 spacings.)
 constexpr std::size_t kMostDoublingsAtJumps = 6;
 constexpr double kJumpReach = 4;
-/// Distance at which an open cell ends, in local spacings. Real scans are interrupted by leaves,
-/// branches and occlusions; a smaller distance opens more holes there, a larger one frays the
-/// silhouettes: at the border of a plane areas reach half a spacing too far with this one.
-constexpr double kBorderReach = 0.95;
 /// Distance up to which the surface surely goes on, in local spacings.
 constexpr double kSureReach = 1.15;
 /// Least share of its disc that a cell at a border counts for: about the mean share of all cells of

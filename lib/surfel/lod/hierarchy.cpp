@@ -13,6 +13,7 @@
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
+#include <surfel/scene/amplitude.h>
 
 namespace surfel {
 namespace {
@@ -355,10 +356,7 @@ SurfelCloud Builder::assemble() const {
         const bool oriented = !out.normal.empty() && !out.normal[k].isZero();
         out.tangent[k] = oriented ? Vec3f(out.normal[k].unitOrthogonal()) : Vec3f::UnitX();
       }
-      if (cloud_.area.empty()) {
-        out.area[k] =
-            anisotropic ? std::sqrt(out.variance_u[k] * out.variance_v[k]) : out.variance_u[k];
-      }
+      if (cloud_.area.empty()) out.area[k] = root_of_determinant(cloud_, source[k]);
       out.level[k] = 0;
     }
   });

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include <surfel/lod/surfel_merge.h>
+#include <surfel/scene/amplitude.h>
 #include <surfel/surface/tangent_frame.h>
 
 namespace surfel {
@@ -57,7 +58,6 @@ MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
   s.normal = cloud.normal.empty() ? Vec3f(0, 0, 0) : cloud.normal[i];
   const Vec3d n = s.normal.cast<double>();
   Covariance c{};
-  float root_of_V = 0;
   if (cloud.anisotropic()) {
     const Vec3d wide = cloud.tangent[i].cast<double>();
     const Vec3d across = wide - n * n.dot(wide);
@@ -75,15 +75,13 @@ MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
       const double mean = (cloud.variance_u[i] + cloud.variance_v[i]) / 2.0;
       c = {mean, 0, 0, mean, 0, mean};
     }
-    root_of_V = std::sqrt(cloud.variance_u[i] * cloud.variance_v[i]);
   } else {
     const double v = cloud.variance[i];
     c = {v, 0, 0, v, 0, v};
     add_outer(c, -v, n);
-    root_of_V = cloud.variance[i];
   }
   s.covariance = to_float(c);
-  s.area = cloud.area.empty() ? root_of_V : std::max(0.0F, cloud.area[i]);
+  s.area = std::max(0.0F, amplitude(cloud, i));
   s.extent2 = s.area;
   s.color = cloud.color.empty() ? Vec3f(0, 0, 0) : cloud.color[i];
   s.coefficient = cloud.coefficient.empty() ? Vec3f(0, 0, 0) : cloud.coefficient[i];

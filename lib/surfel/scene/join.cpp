@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/scene/amplitude.h>
 #include <surfel/scene/join.h>
 
 namespace surfel {
@@ -19,12 +20,6 @@ constexpr std::size_t kMostMaterials = std::size_t{1} << 16;
 
 bool has_variance(const SurfelCloud& cloud) {
   return !cloud.variance.empty() || cloud.anisotropic();
-}
-
-/// sqrt |V|: the amplitude of a surfel whose cloud has no areas.
-float amplitude(const SurfelCloud& cloud, std::size_t i) {
-  return cloud.anisotropic() ? std::sqrt(cloud.variance_u[i] * cloud.variance_v[i])
-                             : cloud.variance[i];
 }
 
 Vec3f any_tangent(const SurfelCloud& cloud, std::size_t i) {
@@ -207,7 +202,7 @@ class Joiner {
       fill("variance_u", &SurfelCloud::variance_u, isotropic);
       fill("variance_v", &SurfelCloud::variance_v, isotropic);
     }
-    fill("area", &SurfelCloud::area, amplitude);
+    fill("area", &SurfelCloud::area, root_of_determinant<>);
   }
 
   void join_colors() {

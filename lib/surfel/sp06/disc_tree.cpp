@@ -1,7 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include <surfel/base/error.h>
@@ -104,39 +103,10 @@ TangentPlane::TangentPlane(const Discs& discs, std::size_t disc)
   b_ = n.cross(a_);
 }
 
-DiscTree::DiscTree(const Discs& discs) : size_(discs.size()) {
-  level_begin_.push_back(0);
-  for (std::size_t count = (size_ + kLeafSize - 1) / kLeafSize; count > 0;
-       count = count > 1 ? (count + 1) / 2 : 0) {
-    level_begin_.push_back(level_begin_.back() + count);
-  }
-  nodes_.resize(level_begin_.back());
-  const std::size_t leaves = levels() > 0 ? level_size(0) : 0;
-  parallel_for(leaves, kGrain / kLeafSize, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t leaf = begin; leaf < end; ++leaf) {
-      Node node{Eigen::Vector4f::Constant(std::numeric_limits<float>::max()),
-                Eigen::Vector4f::Constant(-std::numeric_limits<float>::max())};
-      const auto add = [&](std::size_t i) {
+DiscTree::DiscTree(const Discs& discs)
+    : tree_(discs.size(), [&](std::size_t i) {
         const Vec3f& p = discs.center[i];
-        node.low = node.low.cwiseMin(Eigen::Vector4f(p.x(), p.y(), p.z(), 0));
-        node.high = node.high.cwiseMax(Eigen::Vector4f(p.x(), p.y(), p.z(), discs.radius[i]));
-      };
-      visit_leaf(leaf, add);
-      nodes_[leaf] = node;
-    }
-  });
-  for (std::size_t level = 1; level < levels(); ++level) {
-    for (std::size_t place = 0; place < level_size(level); ++place) {
-      const std::size_t child = level_begin_[level - 1] + 2 * place;
-      Node node = nodes_[child];
-      if (2 * place + 1 < level_size(level - 1)) {
-        const Node& other = nodes_[child + 1];
-        node.low = node.low.cwiseMin(other.low);
-        node.high = node.high.cwiseMax(other.high);
-      }
-      nodes_[level_begin_[level] + place] = node;
-    }
-  }
-}
+        return Node{{p.x(), p.y(), p.z(), 0}, {p.x(), p.y(), p.z(), discs.radius[i]}};
+      }) {}
 
 }  // namespace surfel

@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include <fmt/format.h>
+#include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
@@ -18,9 +19,8 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kLanes = 8;      ///< Splats in a block.
-constexpr std::size_t kBranching = 4;  ///< Boxes in the box above.
-constexpr std::size_t kGrain = 256;    ///< Blocks.
+constexpr std::size_t kLanes = 8;    ///< Splats in a block.
+constexpr std::size_t kGrain = 256;  ///< Blocks.
 constexpr std::size_t kSplatGrain = 1 << 14;
 constexpr double kOctavesPerClass = 2;  ///< Radii of one class differ by less than 4 : 1.
 /// Single precision decides with this margin which pairs are worth a look in double. Its own error
@@ -78,28 +78,30 @@ class OverlapSearch {
         radius_(count_),
         blocks_((count_ + kLanes - 1) / kLanes) {
     gather(cloud, splat);
-    build_boxes();
+    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t b = begin; b < end; ++b) fill_block(b);
+    });
+    tree_ = {count_, [&](std::size_t v) { return box_of(v / kLanes, v % kLanes); }};
   }
 
   std::size_t blocks() const { return blocks_.size(); }
-  std::size_t lanes(std::size_t block) const { return std::min(kLanes, count_ - block * kLanes); }
+  std::size_t lanes(std::size_t block) const { return tree_.leaf_size(block); }
 
   /// Blocks that may hold neighbours of those in block b, ascending.
   void collect(std::size_t b, std::vector<std::uint32_t>& blocks) const {
     blocks.clear();
-    if (!levels_.empty()) descend(levels_[0][b], levels_.size() - 1, 0, blocks);
+    tree_.for_each_leaf(
+        [&](const Box& box) { return tree_.leaf(b).may_overlap(box); },
+        [&](std::size_t leaf) { blocks.push_back(static_cast<std::uint32_t>(leaf)); });
   }
 
   /// Appends the neighbours of splat `lane` of block b, ascending.
   void append_neighbors(std::size_t b, std::size_t lane, const std::vector<std::uint32_t>& near,
                         std::vector<std::uint32_t>& out) const {
     const std::size_t v = b * kLanes + lane;
-    const Block& own = blocks_[b];
-    Box row;
-    row.min = row.max = {own.x[lane], own.y[lane], own.z[lane]};
-    row.reach = own.reach[lane];
+    const Box row = box_of(b, lane);
     for (const std::uint32_t other : near) {
-      if (!row.may_overlap(levels_[0][other])) continue;
+      if (!row.may_overlap(tree_.leaf(other))) continue;
       std::uint32_t candidates[kLanes];
       const std::size_t found = find_candidates(row, other, candidates);
       for (std::size_t i = 0; i < found; ++i) {
@@ -128,52 +130,29 @@ class OverlapSearch {
     });
   }
 
-  void build_boxes() {
-    if (count_ == 0) return;
-    levels_.emplace_back(blocks_.size());
-    parallel_for(blocks_.size(), kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t b = begin; b < end; ++b) fill_block(b);
-    });
-    while (levels_.back().size() > 1) {
-      const std::vector<Box>& below = levels_.back();
-      std::vector<Box> above((below.size() + kBranching - 1) / kBranching);
-      for (std::size_t i = 0; i < below.size(); ++i) above[i / kBranching].add(below[i]);
-      levels_.push_back(std::move(above));
-    }
-  }
-
   void fill_block(std::size_t b) {
     constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
     Block& block = blocks_[b];
     for (float* column : {block.x, block.y, block.z, block.reach}) {
       std::fill_n(column, kLanes, kNowhere);
     }
-    Box& box = levels_[0][b];
-    for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+    const std::size_t lanes = std::min(kLanes, count_ - b * kLanes);
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
       const Vec3f& p = position_[b * kLanes + lane];
       block.x[lane] = p.x();
       block.y[lane] = p.y();
       block.z[lane] = p.z();
       block.reach[lane] = static_cast<float>(options_.overlap * radius_[b * kLanes + lane]);
-      Box one;
-      one.min = one.max = p.array();
-      one.reach = block.reach[lane];
-      box.add(one);
     }
   }
 
-  /// Blocks below box i of a level.
-  void descend(const Box& rows, std::size_t level, std::size_t i,
-               std::vector<std::uint32_t>& blocks) const {
-    if (!rows.may_overlap(levels_[level][i])) return;
-    if (level == 0) {
-      blocks.push_back(static_cast<std::uint32_t>(i));
-      return;
-    }
-    const std::size_t end = std::min((i + 1) * kBranching, levels_[level - 1].size());
-    for (std::size_t child = i * kBranching; child < end; ++child) {
-      descend(rows, level - 1, child, blocks);
-    }
+  /// A splat as a box.
+  Box box_of(std::size_t b, std::size_t lane) const {
+    const Block& block = blocks_[b];
+    Box box;
+    box.min = box.max = {block.x[lane], block.y[lane], block.z[lane]};
+    box.reach = block.reach[lane];
+    return box;
   }
 
   /// Splats of block b that overlap that of `row` to single precision, and a few more.
@@ -223,7 +202,7 @@ class OverlapSearch {
   Array<float> radius_;
   Array<Look> look_;  ///< Empty if no relaxation needs it.
   Array<Block> blocks_;
-  std::vector<std::vector<Box>> levels_;  ///< levels_[0] has a box for every block.
+  BoxTree<Box, kLanes, 4> tree_;  ///< Its leaves are the blocks.
 };
 
 /// The usable splats, by class of radius, then along a Morton curve. Splats of very different

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <surfel/base/timing.h>
+#include <surfel/scene/amplitude.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
 #include <surfel/solve/direct_solve.h>
@@ -124,9 +125,7 @@ void leave_out_unknown(Quadrature& quadrature, Array<Channels>& color,
 void store_variances(const SurfelBasis& basis, SurfelCloud& cloud) {
   if (cloud.area.empty()) {
     for (std::size_t k = 0; k < cloud.size(); ++k) {
-      cloud.area.push_back(cloud.anisotropic()
-                               ? std::sqrt(cloud.variance_u[k] * cloud.variance_v[k])
-                               : cloud.variance[k]);
+      cloud.area.push_back(root_of_determinant(cloud, k));
     }
   }
   for (std::size_t i = 0; i < basis.size(); ++i) {

@@ -6,19 +6,28 @@
 #include <numbers>
 #include <numeric>
 
-#include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/box_tree.h>
 #include <surfel/base/parallel.h>
 #include <surfel/texture/gram_system.h>
 
 namespace surfel {
 namespace {
 
-constexpr std::size_t kLanes = 8;      ///< Functions in a block.
-constexpr std::size_t kBranching = 4;  ///< Boxes in the box above.
-constexpr std::size_t kGrain = 64;     ///< Blocks.
+constexpr std::size_t kLanes = 8;   ///< Functions in a block.
+constexpr std::size_t kGrain = 64;  ///< Blocks.
 constexpr std::size_t kRowGrain = 1 << 14;
-constexpr double kMinReach = 3;
+/// Surfels whose normals are further apart than this cosine (60 degrees) are not coupled: between
+/// them there is a sharp edge, or they are the two sides of a sheet.
+constexpr double kMinCosine = 0.5;
+constexpr double kMinSum2 = 2 * (1 + kMinCosine);  ///< Least |n_k + n_j|^2 of a coupled pair.
+/// Surfels further apart along their mean normal than this many standard deviations of the kernels'
+/// minor axes (root mean square of the two), squared, lie on different sheets: at 1, noise does not
+/// part a sheet, whose kernels are wider than the noise is high.
+constexpr double kThickness2 = 1;
+/// Error of the coefficients, relative to the largest, that the entries left out may cause: below
+/// the rounding of the single precision in which coefficients are stored would be wasted.
+constexpr double kAccuracy = 1e-6;
+constexpr double kMinReach = 3;     ///< Within it the overlap is counted.
 constexpr double kMaxReach = 8.5;   ///< exp(-8.5^2 / 2) is the rounding error of the diagonal.
 constexpr double kNowhere = 1e100;  ///< Far from everything; its square is finite.
 
@@ -71,42 +80,29 @@ struct Couplings {
   }
 };
 
-/// Finds the coupled pairs, row by row. The basis lies along a space-filling curve, so that runs of
-/// it are compact: a hierarchy of boxes over runs finds the neighbours of kernels of any size, in
-/// ascending order.
+/// Finds the coupled pairs, row by row, of kernels of any size, in ascending order: the basis lies
+/// along a space-filling curve, so that the boxes around runs of it are small.
 class PairSearch {
  public:
-  PairSearch(const SurfelBasis& basis, const GramOptions& options)
-      : count_(basis.size()),
-        min_sum2_(2 * (1 + options.min_cosine)),
-        thickness2_(options.thickness * options.thickness) {
+  explicit PairSearch(const SurfelBasis& basis)
+      : basis_(basis), blocks_((basis.size() + kLanes - 1) / kLanes) {
     isotropic_ = std::all_of(basis.function.begin(), basis.function.end(),
                              [](const auto& f) { return f.variance_u == f.variance_v; });
-    blocks_.resize((count_ + kLanes - 1) / kLanes);
-    levels_.emplace_back(blocks_.size());
     parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t b = begin; b < end; ++b) fill_block(basis, b);
+      for (std::size_t b = begin; b < end; ++b) fill_block(b);
     });
-    while (levels_.back().size() > 1) {
-      levels_.emplace_back((levels_.back().size() + kBranching - 1) / kBranching);
-    }
   }
 
   /// \param reach2  of every function, the largest exponent it asks for.
   void set_reach(const Array<double>& reach2) {
-    for (std::size_t b = 0; b < blocks_.size(); ++b) {
-      levels_[0][b].reach2 = 0;
-      for (std::size_t lane = 0; lane < lanes(b); ++lane) {
-        blocks_[b].reach2[lane] = reach2[b * kLanes + lane];
-        levels_[0][b].reach2 = std::max(levels_[0][b].reach2, blocks_[b].reach2[lane]);
-      }
+    for (std::size_t k = 0; k < basis_.size(); ++k) {
+      blocks_[k / kLanes].reach2[k % kLanes] = reach2[k];
     }
-    for (std::size_t l = 1; l < levels_.size(); ++l) {
-      std::fill(levels_[l].begin(), levels_[l].end(), Box());
-      for (std::size_t i = 0; i < levels_[l - 1].size(); ++i) {
-        levels_[l][i / kBranching].add(levels_[l - 1][i]);
-      }
-    }
+    tree_ = {basis_.size(), [&](std::size_t k) {
+               const SurfelBasis::Function& f = basis_.function[k];
+               return Box{f.position.array(), f.position.array(),
+                          std::max(f.variance_u, f.variance_v), reach2[k]};
+             }};
   }
 
   /// Calls body(k, couplings) for every row k, rows in parallel. \tparam kLower  only of functions
@@ -118,12 +114,16 @@ class PairSearch {
       std::vector<std::uint32_t> near;
       for (std::size_t b = begin; b < end; ++b) {
         near.clear();
-        collect(levels_[0][b], levels_.size() - 1, 0, kLower ? b + 1 : blocks_.size(), near);
-        for (std::size_t lane = 0; lane < lanes(b); ++lane) {
+        tree_.for_each_leaf([&](const Box& box) { return may_couple(tree_.leaf(b), box); },
+                            [&](std::size_t leaf) {
+                              if (kLower && leaf > b) return;
+                              near.push_back(static_cast<std::uint32_t>(leaf));
+                            });
+        for (std::size_t lane = 0; lane < tree_.leaf_size(b); ++lane) {
           const Box row = box_of(b, lane);
           couplings.count = 0;
           for (const std::uint32_t other : near) {
-            if (!may_couple(row, levels_[0][other])) continue;
+            if (!may_couple(row, tree_.leaf(other))) continue;
             if (isotropic_) {
               couple<true>(b, lane, other, couplings);
             } else {
@@ -141,14 +141,13 @@ class PairSearch {
   }
 
  private:
-  std::size_t lanes(std::size_t block) const { return std::min(kLanes, count_ - block * kLanes); }
-
-  void fill_block(const SurfelBasis& basis, std::size_t b) {
+  void fill_block(std::size_t b) {
     Block& block = blocks_[b];
     std::fill_n(reinterpret_cast<double*>(&block), sizeof(Block) / sizeof(double), 0.0);
     std::fill_n(block.x, kLanes, kNowhere);
-    for (std::size_t lane = 0; lane < lanes(b); ++lane) {
-      const SurfelBasis::Function& f = basis.function[b * kLanes + lane];
+    const std::size_t lanes = std::min(kLanes, basis_.size() - b * kLanes);
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      const SurfelBasis::Function& f = basis_.function[b * kLanes + lane];
       const double minor = std::min(f.variance_u, f.variance_v);
       const Eigen::Matrix3d covariance =
           minor * Eigen::Matrix3d::Identity() +
@@ -168,9 +167,6 @@ class PairSearch {
       block.zz[lane] = covariance(2, 2);
       block.minor[lane] = minor;
       block.area[lane] = f.area;
-      Box box = box_of(b, lane);
-      box.major = std::max(f.variance_u, f.variance_v);
-      levels_[0][b].add(box);
     }
   }
 
@@ -179,7 +175,7 @@ class PairSearch {
     const Block& block = blocks_[b];
     Box box;
     box.min = box.max = {block.x[lane], block.y[lane], block.z[lane]};
-    box.major = levels_[0][b].major;
+    box.major = tree_.leaf(b).major;
     box.reach2 = block.reach2[lane];
     return box;
   }
@@ -187,22 +183,7 @@ class PairSearch {
   /// d^2 is at most reach^2 times the largest variance in the mean plane, plus the thickness^2.
   bool may_couple(const Box& p, const Box& q) const {
     return p.distance2(q) <=
-           (std::max(p.reach2, q.reach2) + thickness2_ / 2) * (p.major + q.major) * (1 + 1e-12);
-  }
-
-  /// Blocks before block `limit`, below box i of a level, that may couple with those in `rows`,
-  /// ascending.
-  void collect(const Box& rows, std::size_t level, std::size_t i, std::size_t limit,
-               std::vector<std::uint32_t>& blocks) const {
-    if (!may_couple(rows, levels_[level][i])) return;
-    if (level == 0) {
-      if (i < limit) blocks.push_back(static_cast<std::uint32_t>(i));
-      return;
-    }
-    const std::size_t end = std::min((i + 1) * kBranching, levels_[level - 1].size());
-    for (std::size_t child = i * kBranching; child < end; ++child) {
-      collect(rows, level - 1, child, limit, blocks);
-    }
+           (std::max(p.reach2, q.reach2) + kThickness2 / 2) * (p.major + q.major) * (1 + 1e-12);
   }
 
   /// Adds those of a block that function `lane` of block b couples with. What is computed depends
@@ -253,8 +234,8 @@ class PairSearch {
       }
       const double reach2 = q.reach2[i] > p.reach2[lane] ? q.reach2[i] : p.reach2[lane];
       const double too_far = exponent[i] - reach2;
-      const double too_high = 2 * along * along - thickness2_ * (q.minor[i] + p.minor[lane]) * sum2;
-      const double too_steep = min_sum2_ - sum2;
+      const double too_high = 2 * along * along - kThickness2 * (q.minor[i] + p.minor[lane]) * sum2;
+      const double too_steep = kMinSum2 - sum2;
       const double worse = too_far > too_high ? too_far : too_high;
       excess[i] = worse > too_steep ? worse : too_steep;
     }
@@ -270,12 +251,10 @@ class PairSearch {
     out.count = n;
   }
 
-  std::size_t count_;
-  bool isotropic_;   ///< All functions.
-  double min_sum2_;  ///< Of |n_k + n_j|^2.
-  double thickness2_;
+  const SurfelBasis& basis_;
+  bool isotropic_;  ///< All functions.
   Array<Block> blocks_;
-  std::vector<std::vector<Box>> levels_;  ///< levels_[0] has a box for every block.
+  BoxTree<Box, kLanes, 4> tree_;  ///< Its leaves are the blocks.
 };
 
 /// kappa^2 = (sigma / h)^2 of a function that couples with `count` others and itself within
@@ -285,12 +264,12 @@ double overlap(std::size_t count) {
   return static_cast<double>(count) / (2 * std::numbers::pi * kMinReach * kMinReach);
 }
 
-/// Squared reach that keeps the coefficients to `accuracy`. On jittered grids, kappa 0.5 to 1.5,
+/// Squared reach that keeps the coefficients to kAccuracy. On jittered grids, kappa 0.5 to 1.5,
 /// cond(R) is measured to be about exp(0.9 + 15 kappa^2), and the error of the coefficients, over
 /// their largest, cond(R) exp(-reach^2 / 2) / 5. Beyond cond(R) = 1e6 there is no such accuracy.
-double overlap_reach2(double overlap, double accuracy) {
+double overlap_reach2(double overlap) {
   const double log_condition = std::min(0.9 + 15 * overlap, std::log(1e6));
-  return std::clamp(2 * (log_condition - std::log(5 * accuracy)), kMinReach * kMinReach,
+  return std::clamp(2 * (log_condition - std::log(5 * kAccuracy)), kMinReach * kMinReach,
                     kMaxReach * kMaxReach);
 }
 
@@ -300,15 +279,14 @@ struct Reach {
   Array<double> left_out;  ///< GramSystem::left_out of every function.
 };
 
-Reach choose_reach(PairSearch& search, std::size_t count, const GramOptions& options) {
+Reach choose_reach(PairSearch& search, std::size_t count) {
   Reach reach;
   reach.squared.assign(count, kMinReach * kMinReach);
   reach.left_out.resize(count);
   search.set_reach(reach.squared);
   search.for_each_row<false>([&](std::size_t k, const Couplings& near) {
     const double kappa2 = overlap(near.count);
-    const double reach2 =
-        options.reach ? *options.reach * *options.reach : overlap_reach2(kappa2, options.accuracy);
+    const double reach2 = overlap_reach2(kappa2);
     reach.squared[k] = reach2;
     // Of a constant, the integral of the Gaussian beyond the reach.
     reach.left_out[k] = 4 * std::numbers::pi * kappa2 * std::exp(-reach2 / 2);
@@ -332,24 +310,10 @@ void write_entries(double area, const Couplings& couplings, double* value) {
 
 }  // namespace
 
-std::vector<std::string> GramOptions::problems() const {
-  std::vector<std::string> found;
-  const auto check = [&](const char* option, double value, double min, double max) {
-    if (value >= min && value <= max) return;
-    found.push_back(fmt::format("{} is {}; it must be {} to {}", option, value, min, max));
-  };
-  if (reach) check("reach", *reach, kMinReach, kMaxReach);
-  check("accuracy", accuracy, 1e-9, 1e-1);
-  check("min_cosine", min_cosine, 0.1, 0.99);
-  check("thickness", thickness, 0.01, 100);
-  return found;
-}
-
-GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options) {
-  if (const auto found = options.problems(); !found.empty()) throw_usage(found.front());
-  PairSearch search(basis, options);
+GramSystem make_gram_system(const SurfelBasis& basis) {
+  PairSearch search(basis);
   GramSystem system;
-  const Reach reach = choose_reach(search, basis.size(), options);
+  const Reach reach = choose_reach(search, basis.size());
   search.set_reach(reach.squared);
   if (basis.size() > 0) {
     const auto [least, most] = std::minmax_element(reach.squared.begin(), reach.squared.end());

@@ -1,34 +1,11 @@
 #pragma once
 
-#include <cstddef>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/solve/symmetric_matrix.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
-
-/// Which inner products of the surfels' functions are kept.
-struct SURFEL_API GramOptions {
-  /// Largest distance of a coupled pair, in standard deviations of G_{V_k + V_j}, 3 to 8.5. Unset:
-  /// from the local overlap, far enough for `accuracy` where cond(R) is up to 1e6.
-  std::optional<double> reach;
-  /// Error of the coefficients, relative to the largest, that the entries left out may cause, 1e-9
-  /// to 1e-1; without meaning where `reach` is set.
-  double accuracy = 1e-6;
-  /// Surfels whose normals are further apart than this cosine are not coupled (a sharp edge, the
-  /// other side of a sheet), 0.1 to 0.99.
-  double min_cosine = 0.5;
-  /// Surfels further apart along their mean normal than this many standard deviations, of the
-  /// kernels' minor axes (root mean square of the two), are not coupled (another sheet), 0.01 to
-  /// 100.
-  double thickness = 1;
-  std::vector<std::string> problems() const;  ///< Empty if usable.
-};
 
 /// The matrix of SS01 (11) and how it was cut.
 struct GramSystem {
@@ -48,12 +25,13 @@ struct GramSystem {
 /// Entries are carried to where they cannot matter, not tapered: Wendland's function, which keeps R
 /// positive definite at any reach, changes the coefficients by 20 to 100 % at 10 standard
 /// deviations; a cut changes them by cond(R) exp(-reach^2 / 2). The condition is estimated from the
-/// overlap of the kernels, by surfel.
+/// overlap of the kernels, by surfel, and the reach is far enough for errors of 1e-6 of the largest
+/// coefficient where cond(R) is up to 1e6. Surfels across a sharp edge or on another sheet are not
+/// coupled.
 ///
 /// Work and memory follow the number of entries, whatever the range of the kernels' sizes; besides
-/// the matrix some 160 bytes a surfel are in use. Throws Error(kUsage) where the options are not
-/// usable.
-SURFEL_API GramSystem make_gram_system(const SurfelBasis& basis, const GramOptions& options = {});
+/// the matrix some 160 bytes a surfel are in use.
+SURFEL_API GramSystem make_gram_system(const SurfelBasis& basis);
 
 /// Adds lambda times the mean of the diagonal to it.
 SURFEL_API void add_to_diagonal(SymmetricMatrix& matrix, double lambda);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/surface/voronoi_cell.h>
@@ -15,8 +16,6 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 11;
-/// Where a cell without neighbours ends, in spacings: as in estimate/splat_size.cpp.
-constexpr double kBorderReach = 0.95;
 /// Least cosine between the normals of a point and of a function that takes part there.
 constexpr double kMinCosine = 0.5;
 /// Functions closer than this, by the furthest that a cell may extend, share their cell.
@@ -34,48 +33,37 @@ double reach_of(const SurfelBasis::Function& f, double cutoff) {
   return std::sqrt(2 * cutoff * std::max(f.variance_u, f.variance_v));
 }
 
-/// Hierarchy of boxes over functions in the order of a space-filling curve, each with the furthest
-/// reach in it: the functions that reach a place are found at a cost that follows their number,
-/// however much their sizes differ.
+/// Finds the functions that reach a place, at a cost that follows their number, however much the
+/// functions' sizes differ.
 class ReachTree {
  public:
   /// \param cutoff  of the kernels; 0: only the positions count.
-  ReachTree(const SurfelBasis& basis, double cutoff) : basis_(basis), cutoff_(cutoff) {
-    std::size_t count = (basis.size() + kLeaf - 1) / kLeaf;
-    levels_.emplace_back(count);
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t n = begin; n < end; ++n) {
-        Node& node = levels_[0][n];
-        const std::size_t last = std::min(basis.size(), (n + 1) * kLeaf);
-        for (std::size_t k = n * kLeaf; k < last; ++k) {
+  ReachTree(const SurfelBasis& basis, double cutoff)
+      : basis_(basis), cutoff_(cutoff), tree_(basis.size(), [&](std::size_t k) {
           const SurfelBasis::Function& f = basis.function[k];
-          node.add({f.position, f.position, reach_of(f, cutoff)});
-        }
-      }
-    });
-    while (count > 1) {
-      const std::vector<Node>& below = levels_.back();
-      count = (below.size() + kFan - 1) / kFan;
-      std::vector<Node> level(count);
-      for (std::size_t n = 0; n < below.size(); ++n) level[n / kFan].add(below[n]);
-      levels_.push_back(std::move(level));
-    }
-  }
+          return Node{f.position, f.position, reach_of(f, cutoff)};
+        }) {}
 
   /// Calls body(k) in ascending order for every function whose reach meets the ball.
   template <class Body>
   void meeting(const Vec3d& center, double radius, const Body& body) const {
-    if (!levels_[0].empty()) descend(levels_.size() - 1, 0, center, radius, body);
+    tree_.for_each_leaf([&](const Node& node) { return node.meets(center, radius); },
+                        [&](std::size_t leaf) {
+                          tree_.for_each_item(leaf, [&](std::size_t k) {
+                            const SurfelBasis::Function& f = basis_.function[k];
+                            const double limit = radius + reach_of(f, cutoff_);
+                            const double distance2 = (f.position - center).squaredNorm();
+                            if (distance2 <= limit * limit) body(k);
+                          });
+                        });
   }
 
  private:
-  static constexpr std::size_t kLeaf = 4;
-  static constexpr std::size_t kFan = 4;
-
+  /// Box around functions' centres.
   struct Node {
     Vec3d min = Vec3d::Constant(HUGE_VAL);
     Vec3d max = Vec3d::Constant(-HUGE_VAL);
-    double reach = 0;
+    double reach = 0;  ///< Largest.
 
     void add(const Node& other) {
       min = min.cwiseMin(other.min);
@@ -89,26 +77,9 @@ class ReachTree {
     }
   };
 
-  template <class Body>
-  void descend(std::size_t level, std::size_t n, const Vec3d& center, double radius,
-               const Body& body) const {
-    if (!levels_[level][n].meets(center, radius)) return;
-    if (level > 0) {
-      const std::size_t end = std::min(levels_[level - 1].size(), (n + 1) * kFan);
-      for (std::size_t i = n * kFan; i < end; ++i) descend(level - 1, i, center, radius, body);
-      return;
-    }
-    const std::size_t end = std::min(basis_.size(), (n + 1) * kLeaf);
-    for (std::size_t k = n * kLeaf; k < end; ++k) {
-      const SurfelBasis::Function& f = basis_.function[k];
-      const double limit = radius + reach_of(f, cutoff_);
-      if ((f.position - center).squaredNorm() <= limit * limit) body(k);
-    }
-  }
-
   const SurfelBasis& basis_;
   double cutoff_;
-  std::vector<std::vector<Node>> levels_;  ///< Leaves first.
+  BoxTree<Node, 4, 4> tree_;
 };
 
 /// The cell of a function that has no neighbours: an octagon, drawn out as V is.
@@ -420,52 +391,89 @@ void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
   }
 }
 
+/// A sparse row that is summed up: an open-addressing hash table (linear probing) of its columns,
+/// whose size follows the row's length, not the matrix's.
+class RowSum {
+ public:
+  RowSum() : table_(kLeastSlots, kFree) {}
+
+  double& operator[](std::uint32_t column) {
+    std::size_t slot = first_slot(column);
+    for (; table_[slot] != kFree; slot = (slot + 1) & (table_.size() - 1)) {
+      Sum& sum = sums_[table_[slot]];
+      if (sum.column == column) return sum.value;
+    }
+    // At most half full, so that probing ends soon.
+    if (2 * (sums_.size() + 1) > table_.size()) {
+      grow();
+      return (*this)[column];
+    }
+    table_[slot] = static_cast<std::uint32_t>(sums_.size());
+    sums_.push_back({column, static_cast<std::uint32_t>(slot), 0.0});
+    return sums_.back().value;
+  }
+
+  /// Ends the row: adds its entries to `rows` by ascending column, and starts the next one.
+  void move_to(RowChunk& rows) {
+    for (const Sum& sum : sums_) table_[sum.slot] = kFree;
+    std::sort(sums_.begin(), sums_.end(),
+              [](const Sum& a, const Sum& b) { return a.column < b.column; });
+    for (const Sum& sum : sums_) rows.add(sum.column, sum.value);
+    rows.end_row();
+    sums_.clear();
+  }
+
+ private:
+  static constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
+  static constexpr std::size_t kLeastSlots = 256;  ///< A power of two; most rows need no more.
+  struct Sum {
+    std::uint32_t column;
+    std::uint32_t slot;  ///< In the table.
+    double value;
+  };
+
+  /// Columns that follow each other, as most in a row do, get slots that follow each other.
+  std::size_t first_slot(std::uint32_t column) const { return column & (table_.size() - 1); }
+  void grow() {
+    table_.assign(2 * table_.size(), kFree);
+    for (std::size_t i = 0; i < sums_.size(); ++i) {
+      std::size_t slot = first_slot(sums_[i].column);
+      while (table_[slot] != kFree) slot = (slot + 1) & (table_.size() - 1);
+      table_[slot] = static_cast<std::uint32_t>(i);
+      sums_[i].slot = static_cast<std::uint32_t>(slot);
+    }
+  }
+
+  std::vector<std::uint32_t> table_;  ///< Places in sums_.
+  std::vector<Sum> sums_;             ///< Of the row's columns, as they came.
+};
+
 /// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B.
 SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* weight = nullptr) {
   const std::size_t columns = system.near.A.columns;
-  constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  struct Sum {
-    std::uint32_t column;
-    double value;
-  };
   struct Worker {
-    Array<std::uint32_t> place;  ///< Of a column in `row`.
-    std::vector<Sum> row;
+    RowSum row;
     RowChunk rows;
   };
   PerWorker<Worker> workers;
   std::vector<RowChunk> chunks(chunk_count(columns));
   parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
-    Worker& worker = workers[w];
-    Array<std::uint32_t>& place = worker.place;
-    std::vector<Sum>& row = worker.row;
-    RowChunk& rows = worker.rows;
-    if (place.empty()) place.assign(columns, kFree);
+    auto& [row, rows] = workers[w];
     for (std::size_t k = begin; k < end; ++k) {
       // The diagonal is there even where it is zero: lambda is added to it.
-      row.assign(1, {static_cast<std::uint32_t>(k), 0.0});
-      place[k] = 0;
-      const auto add = [&](const EvaluatedBasis& basis, const auto& weight_of) {
+      row[static_cast<std::uint32_t>(k)] = 0;
+      const auto add = [&, &row = row](const EvaluatedBasis& basis, const auto& weight_of) {
         const SparseMatrix& A = basis.A;
         for_column(basis, k, [&](std::size_t q, std::size_t entry) {
           const double d = weight_of(q);
           for (std::size_t e = A.row_begin[q]; e <= entry; ++e) {
-            std::uint32_t& at = place[A.column[e]];
-            if (at == kFree) {
-              at = static_cast<std::uint32_t>(row.size());
-              row.push_back({A.column[e], 0.0});
-            }
-            row[at].value += d * (A.value[entry] * A.value[e]);
+            row[A.column[e]] += d * (A.value[entry] * A.value[e]);
           }
         });
       };
       add(system.near, [&](std::size_t q) { return weight ? (*weight)[q] : 1; });
       if (system.mu > 0) add(system.far, [&](std::size_t) { return system.mu; });
-      for (const Sum& e : row) place[e.column] = kFree;
-      std::sort(row.begin(), row.end(),
-                [](const Sum& a, const Sum& b) { return a.column < b.column; });
-      for (const Sum& e : row) rows.add(e.column, e.value);
-      rows.end_row();
+      row.move_to(rows);
     }
     chunks[begin / kGrain] = rows.take();
   });

@@ -114,7 +114,8 @@ struct SurfacePoint {
 
 /// Bounding volume hierarchy over a mesh's faces: a complete 4-ary tree of boxes, split at medians,
 /// whose leaves hold equal shares of the faces. Node i has the children 4 i + 1 to 4 i + 4, so that
-/// there are no links.
+/// there are no links. It is no BoxTree (base/box_tree.h), as a node holds its children's boxes
+/// side by side, in the lanes of a register, and the order of the faces is that of the splits.
 class FaceTree {
  public:
   explicit FaceTree(const TriangleMesh& mesh) : mesh_(mesh) {

@@ -3,6 +3,7 @@
 #include <optional>
 
 #include <surfel/base/morton.h>
+#include <surfel/scene/amplitude.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
@@ -30,8 +31,7 @@ std::optional<SurfelBasis::Function> make_function(const SurfelCloud& cloud, std
   }
   if (!usable_variance(f.variance_u) || !usable_variance(f.variance_v)) return std::nullopt;
   f.bitangent = f.normal.cross(f.tangent);
-  f.area = cloud.area.empty() ? std::sqrt(f.variance_u * f.variance_v)
-                              : static_cast<double>(cloud.area[k]);
+  f.area = amplitude<double>(cloud, k);
   if (!(f.area > 0) || !std::isfinite(f.area)) return std::nullopt;
   return f;
 }
