@@ -1,3 +1,4 @@
+#include <atomic>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -6,11 +7,26 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/base/export.h>
 #include <surfel/base/output_file.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "support/test_data.h"
+
+namespace {
+
+std::atomic<int> g_umask_calls{0};
+
+}  // namespace
+
+/// Stands before the C library's function in the library under test as well, which sees it.
+extern "C" SURFEL_API mode_t umask(mode_t mask) noexcept {
+  ++g_umask_calls;
+  return static_cast<mode_t>(syscall(SYS_umask, mask));
+}
 
 namespace surfel {
 namespace {
@@ -83,10 +99,23 @@ TEST(OutputFile, ReplacesAnOlderFileAndKeepsItsMode) {
 
 TEST(OutputFile, HonoursTheUmaskForANewFile) {
   const TemporaryFolder folder;
-  const mode_t before = umask(027);
-  OutputFile(folder / "a").commit();
-  umask(before);
+  const pid_t child = fork();
+  if (child == 0) {
+    umask(027);
+    OutputFile(folder / "a").commit();
+    _exit(0);
+  }
+  int status = -1;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_EQ(status, 0);
   EXPECT_EQ(fs::status(folder / "a").permissions(), fs::perms(0640));
+}
+
+TEST(OutputFile, LeavesTheUmaskAlone) {
+  const TemporaryFolder folder;
+  const int calls = g_umask_calls;
+  OutputFile(folder / "a").commit();
+  EXPECT_EQ(g_umask_calls, calls);
 }
 
 TEST(OutputFile, NoClobberRefusesAnOlderFile) {

@@ -8,7 +8,8 @@
 #include <cstring>
 #include <filesystem>
 #include <mutex>
-#include <tuple>
+#include <random>
+#include <string_view>
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
@@ -93,9 +94,12 @@ std::string follow_links(const std::string& target) {
   return path;
 }
 
-/// Pattern for mkstemps() of a hidden temporary beside `path` with its extension, and the
-/// extension's length. Long names are cut: the random part must not make them too long.
-std::pair<std::string, int> temporary_pattern(const std::string& path) {
+/// What stands in a temporary's name for the part that makes it the only one.
+constexpr std::string_view kRandomPart = "XXXXXX";
+
+/// Name of a hidden temporary beside `path` with its extension, kRandomPart in the middle. Long
+/// names are cut: the random part must not make them too long.
+std::string temporary_pattern(const std::string& path) {
   constexpr std::size_t kLongestStem = 64;
   constexpr std::size_t kLongestExtension = 32;
   const auto [folder, name] = split(path);
@@ -103,16 +107,33 @@ std::pair<std::string, int> temporary_pattern(const std::string& path) {
   std::string extension = dot == std::string::npos || dot == 0 ? "" : name.substr(dot);
   if (extension.size() > kLongestExtension) extension.clear();
   const std::string stem = name.substr(0, std::min(kLongestStem, name.size() - extension.size()));
-  return {folder + "." + stem + ".XXXXXX" + extension, static_cast<int>(extension.size())};
+  return folder + "." + stem + "." + std::string(kRandomPart) + extension;
+}
+
+/// Creates and opens a file that was not there, with letters for the last kRandomPart of its name.
+/// The kernel takes the process's umask off the mode: to ask for the umask would mean to change it,
+/// which other threads would notice in the files that they create. Returns the descriptor, or -1
+/// with errno.
+int create_temporary(std::string& path, mode_t mode) {
+  constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyz0123456789";
+  constexpr int kMostTries = 100;  // 36^6 names: one that is taken is rare, two in a row are none.
+  const std::size_t place = path.rfind(kRandomPart);
+  std::random_device random;
+  for (int i = 0; i < kMostTries; ++i) {
+    for (std::size_t k = 0; k < kRandomPart.size(); ++k) {
+      path[place + k] = kLetters[random() % kLetters.size()];
+    }
+    const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode);
+    if (descriptor >= 0 || errno != EEXIST) return descriptor;
+  }
+  return -1;
 }
 
 }  // namespace
 
 OutputFile::OutputFile(std::string target, bool no_clobber)
     : target_(std::move(target)), no_clobber_(no_clobber) {
-  std::string pattern;
-  int suffix = 0;
-  mode_t mode = 0;
+  mode_t mode = 0666;
   struct stat status {};
   const bool exists = target_ != "-" && stat(target_.c_str(), &status) == 0;
   if (exists && S_ISDIR(status.st_mode)) throw_io(target_, "is a directory; name a file");
@@ -120,7 +141,9 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
   copied_ = target_ == "-" || (exists && !S_ISREG(status.st_mode));
   if (copied_) {
     const char* folder = std::getenv("TMPDIR");
-    pattern = std::string(folder && *folder ? folder : "/tmp") + "/surfel-XXXXXX";
+    temporary_ = std::string(folder && *folder ? folder : "/tmp") + "/surfel-";
+    temporary_ += kRandomPart;
+    mode = 0600;  // The folder is everybody's, the data are not.
   } else {
     if (exists) {
       if (no_clobber) throw_io(target_, "exists already and --no-clobber is set");
@@ -131,21 +154,16 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
     }
     target_ = follow_links(target_);
     if (split(target_).second.empty()) throw_io(target_, "is not a file name");
-    std::tie(pattern, suffix) = temporary_pattern(target_);
+    temporary_ = temporary_pattern(target_);
   }
-  descriptor_ = mkstemps(pattern.data(), suffix);
+  descriptor_ = create_temporary(temporary_, mode);
   if (descriptor_ < 0) {
     throw_io(display_name(target_),
              "cannot be created: " + cause() + "; is the folder there and writable?");
   }
-  temporary_ = pattern;
   remember(temporary_);
-  if (mode == 0) {
-    const mode_t mask = umask(0);
-    umask(mask);
-    mode = 0666 & ~mask;
-  }
-  fchmod(descriptor_, mode);
+  // The older file's permissions, whatever the umask.
+  if (exists && !copied_) fchmod(descriptor_, mode);
 }
 
 OutputFile::~OutputFile() {
