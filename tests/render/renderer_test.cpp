@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -356,6 +357,11 @@ TEST(RenderOptions, DefaultsAreValidAndBadValuesAreRefused) {
   EXPECT_TRUE(refused([](RenderOptions& o) { o.batch = 1; }));
 }
 
+// A Renderer keeps references: temporaries do not bind.
+static_assert(std::is_constructible_v<Renderer, RenderCloud&, const Scene&, RenderOptions>);
+static_assert(!std::is_constructible_v<Renderer, RenderCloud, const Scene&, RenderOptions>);
+static_assert(!std::is_constructible_v<Renderer, RenderCloud&, Scene, RenderOptions>);
+
 TEST(Renderer, ScenesAndCamerasThatCannotBeAreRefused) {
   RenderCloud surfels(fibonacci_sphere(100, 1));
   Scene bare;
@@ -363,17 +369,8 @@ TEST(Renderer, ScenesAndCamerasThatCannotBeAreRefused) {
   EXPECT_THROW(Renderer(surfels, bare, {}), Error);
   const Scene scene;
   Renderer renderer(surfels, scene, {});
-  const Camera good = camera_at(3, 16);
-  EXPECT_NO_THROW(renderer.render(good));
-  std::vector<Camera> bad(7, good);
-  bad[0].width = 0;
-  bad[1].height = Camera::kMostSide + 1;
-  bad[2].eye.x() = NAN;
-  bad[3].camera_from_world(1, 1) = INFINITY;
-  bad[4].focal_x = 0;
-  bad[5].center_y = NAN;
-  bad[6].near = -1;
-  for (const Camera& camera : bad) EXPECT_THROW(renderer.render(camera), Error);
+  EXPECT_NO_THROW(renderer.render(camera_at(3, 16)));
+  for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

@@ -186,7 +186,8 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   return out;
 }
 
-Fragment contribution(float rho, float depth, const Splat& splat, const SplatNormal* normal) {
+Fragment unmerged(const PixelContribution& contribution) {
+  const auto& [rho, depth, splat, normal] = contribution;
   Fragment out{};
   float* c = out.channel;
   c[kWeight] = rho;
@@ -233,9 +234,9 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 
 }  // namespace
 
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal) {
-  const Fragment fresh = contribution(rho, depth, splat, normal);
+void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution) {
+  const Fragment fresh = unmerged(contribution);
+  const float depth = contribution.depth;
   const Sorted sorted(tile, pixel);
   int in_front = 0;  // How many fragments are nearer than the newcomer.
   while (in_front < sorted.count && front_depth(sorted[in_front]) >= depth) ++in_front;
@@ -280,12 +281,11 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
-                         const Splat& splat, const SplatNormal* normal) {
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
+                         const PixelContribution& contribution) {
   const float x = static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F;
   const float y = static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F;
-  const Rgba color =
-      tile.shader->shade(contribution(rho, depth, splat, normal), x, y, tile.full_weight);
+  const Rgba color = tile.shader->shade(unmerged(contribution), x, y, tile.full_weight);
   const float open = 1 - tile.at(layer, kAlpha, pixel);
   tile.at(layer, kRed, pixel) += open * color.red;
   tile.at(layer, kGreen, pixel) += open * color.green;

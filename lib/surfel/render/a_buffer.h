@@ -108,6 +108,13 @@ struct TileABuffer {
   }
 };
 
+/// What one splat adds to one pixel.
+struct PixelContribution {
+  float rho, depth;
+  const Splat& splat;
+  const SplatNormal* normal;  ///< Null in unshaded pictures.
+};
+
 /// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a
 /// merged pair: steps 2 and 3 of SS01 section 6. It joins the fragment next to it in depth if that
 /// shows the same side and does not cover the pixel yet: without this, a grazing
@@ -115,14 +122,13 @@ struct TileABuffer {
 /// Otherwise, as contributions arrive roughly front to back, the nearest two fragments are the ones
 /// that are complete: they are shaded and composited (12), and the free layer goes to the newcomer.
 /// With a single layer the nearer surface stays.
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal);
+void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution);
 
 /// A contribution that comes after its surface has been merged into `layer`: composites it into
 /// what the merged surfaces leave open. For opaque surfaces, where the order behind them matters
 /// less than that nothing is missing.
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
-                         const Splat& splat, const SplatNormal* normal);
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
+                         const PixelContribution& contribution);
 
 /// Nearest surface of a pixel.
 struct NearestLayer {
