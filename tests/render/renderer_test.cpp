@@ -267,6 +267,35 @@ double covered_area(const Image& image) {
   return area;
 }
 
+/// The picture moved by some pixels shows the same, though other pixels are at the borders of
+/// tiles.
+TEST(Renderer, PicturesDoNotDependOnWhereTilesLie) {
+  constexpr int kSize = 200;
+  for (const float alpha : {1.0F, 0.5F}) {
+    // Splats are smaller than the pixel filter: edges are looked for.
+    SurfelCloud cloud = fibonacci_sphere(200000, 0.8);
+    cloud.alpha.assign(cloud.size(), alpha);
+    const Camera camera = camera_at(2.6, kSize);
+    const Image still = render_unlit(cloud, camera);
+    for (const auto& [dx, dy] : {std::pair(5, 3), std::pair(1, 8)}) {
+      Camera moved = camera;
+      moved.center_x += dx;
+      moved.center_y += dy;
+      const Image image = render_unlit(cloud, moved);
+      double worst = 0;
+      for (int y = 4; y < kSize - 12; ++y) {
+        for (int x = 4; x < kSize - 12; ++x) {
+          for (int c = 0; c < 4; ++c) {
+            const double difference = still.pixel(x, y)[c] - image.pixel(x + dx, y + dy)[c];
+            worst = std::max(worst, std::abs(difference));
+          }
+        }
+      }
+      EXPECT_LT(worst, 1e-3) << alpha << " " << dx << " " << dy;
+    }
+  }
+}
+
 TEST(Renderer, SilhouettesAreWhereTheSurfaceEnds) {
   // Of a sphere and of a square, both with samples half a pixel apart: their radius and half side,
   // from the area that is covered, are measured 0.2 to 0.36 pixels too large, where q / tau alone

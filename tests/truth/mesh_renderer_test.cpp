@@ -547,8 +547,8 @@ TEST(MeshRenderer, ScenesAndCamerasThatCannotBeAreRefused) {
   EXPECT_THROW(MeshRenderer(mesh, nullptr, bare, {}), Error);
   const Scene scene;
   const MeshRenderer renderer(mesh, nullptr, scene, {});
-  EXPECT_NO_THROW(renderer.render(camera_at(3, 16)));
-  for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
+  EXPECT_NO_THROW(renderer.render(test::camera_at(3, 16)));
+  for (const Camera& camera : test::unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

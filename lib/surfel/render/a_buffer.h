@@ -2,9 +2,11 @@
 
 // SS01 section 6 and table 1; design notes in lib/README.md.
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 #include <surfel/render/splat.h>
 
@@ -54,6 +56,18 @@ struct Fragment {
   float channel[kNormalZ + 1];
 };
 
+inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
+/// Depth of the nearest part.
+inline float front_depth(const Fragment& fragment) {
+  return is_merged(fragment) ? fragment.channel[kDepth]
+                             : fragment.channel[kDepth] / fragment.channel[kWeight];
+}
+/// kFrontTag and kFilteredTag of a fragment's kTag.
+inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
+inline bool is_filtered(float tag) {
+  return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
+}
+
 /// Premultiplied colour.
 struct Rgba {
   float red = 0, green = 0, blue = 0, alpha = 0;
@@ -84,6 +98,7 @@ struct MergeStatistics {
 };
 
 class Shader;
+struct OpenPixels;
 
 /// One tile being rasterised: its A-buffer and what merging needs to know.
 struct TileABuffer {
@@ -92,6 +107,8 @@ struct TileABuffer {
   int x0 = 0, y0 = 0;     ///< Top left pixel of the tile in the picture.
   int width = kTileSize;  ///< Pixels of the tile inside the picture.
   int height = kTileSize;
+  int picture_width = kTileSize;
+  int picture_height = kTileSize;
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
   float edge_weight =
       1;  ///< The same at its edge, >= tau. A surface hides what is behind from it on.
@@ -157,7 +174,9 @@ struct PixelResult {
 /// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
 /// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
 /// independent parts (12).
-/// \param rest  a merged fragment that lies behind all others; of weight 0 or null: none.
-PixelResult resolve_pixel(TileABuffer& tile, int pixel, const Fragment* rest = nullptr);
+/// Where an edge depends on another tile, the pixel is added to `open` instead.
+/// \param rest  a merged fragment that lies behind all others; of weight 0: none.
+std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
+                                         OpenPixels& open);
 
 }  // namespace surfel
