@@ -541,7 +541,8 @@ static_assert(!std::is_constructible_v<MeshRenderer, const TriangleMesh&, const 
                                        MeshRenderOptions>);
 
 TEST(MeshRenderer, ScenesAndCamerasThatCannotBeAreRefused) {
-  const TriangleMesh mesh = square();
+  TriangleMesh mesh = square();
+  mesh.face_material.clear();  // Of materials that the mesh does not have.
   Scene bare;
   bare.materials.clear();
   EXPECT_THROW(MeshRenderer(mesh, nullptr, bare, {}), Error);
