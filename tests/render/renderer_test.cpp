@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -266,6 +267,35 @@ double covered_area(const Image& image) {
   return area;
 }
 
+/// The picture moved by some pixels shows the same, though other pixels are at the borders of
+/// tiles.
+TEST(Renderer, PicturesDoNotDependOnWhereTilesLie) {
+  constexpr int kSize = 200;
+  for (const float alpha : {1.0F, 0.5F}) {
+    // Splats are smaller than the pixel filter: edges are looked for.
+    SurfelCloud cloud = fibonacci_sphere(200000, 0.8);
+    cloud.alpha.assign(cloud.size(), alpha);
+    const Camera camera = camera_at(2.6, kSize);
+    const Image still = render_unlit(cloud, camera);
+    for (const auto& [dx, dy] : {std::pair(5, 3), std::pair(1, 8)}) {
+      Camera moved = camera;
+      moved.center_x += dx;
+      moved.center_y += dy;
+      const Image image = render_unlit(cloud, moved);
+      double worst = 0;
+      for (int y = 4; y < kSize - 12; ++y) {
+        for (int x = 4; x < kSize - 12; ++x) {
+          for (int c = 0; c < 4; ++c) {
+            const double difference = still.pixel(x, y)[c] - image.pixel(x + dx, y + dy)[c];
+            worst = std::max(worst, std::abs(difference));
+          }
+        }
+      }
+      EXPECT_LT(worst, 1e-3) << alpha << " " << dx << " " << dy;
+    }
+  }
+}
+
 TEST(Renderer, SilhouettesAreWhereTheSurfaceEnds) {
   // Of a sphere and of a square, both with samples half a pixel apart: their radius and half side,
   // from the area that is covered, are measured 0.2 to 0.36 pixels too large, where q / tau alone
@@ -356,6 +386,11 @@ TEST(RenderOptions, DefaultsAreValidAndBadValuesAreRefused) {
   EXPECT_TRUE(refused([](RenderOptions& o) { o.batch = 1; }));
 }
 
+// A Renderer keeps references: temporaries do not bind.
+static_assert(std::is_constructible_v<Renderer, RenderCloud&, const Scene&, RenderOptions>);
+static_assert(!std::is_constructible_v<Renderer, RenderCloud, const Scene&, RenderOptions>);
+static_assert(!std::is_constructible_v<Renderer, RenderCloud&, Scene, RenderOptions>);
+
 TEST(Renderer, ScenesAndCamerasThatCannotBeAreRefused) {
   RenderCloud surfels(fibonacci_sphere(100, 1));
   Scene bare;
@@ -363,17 +398,8 @@ TEST(Renderer, ScenesAndCamerasThatCannotBeAreRefused) {
   EXPECT_THROW(Renderer(surfels, bare, {}), Error);
   const Scene scene;
   Renderer renderer(surfels, scene, {});
-  const Camera good = camera_at(3, 16);
-  EXPECT_NO_THROW(renderer.render(good));
-  std::vector<Camera> bad(7, good);
-  bad[0].width = 0;
-  bad[1].height = Camera::kMostSide + 1;
-  bad[2].eye.x() = NAN;
-  bad[3].camera_from_world(1, 1) = INFINITY;
-  bad[4].focal_x = 0;
-  bad[5].center_y = NAN;
-  bad[6].near = -1;
-  for (const Camera& camera : bad) EXPECT_THROW(renderer.render(camera), Error);
+  EXPECT_NO_THROW(renderer.render(camera_at(3, 16)));
+  for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

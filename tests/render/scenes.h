@@ -145,4 +145,17 @@ inline SurfelInCamera in_camera(const SurfelCloud& cloud, std::size_t i, const C
   return s;
 }
 
+/// Cameras that no picture can be taken with.
+inline std::vector<Camera> unusable_cameras() {
+  std::vector<Camera> bad(7, camera_at(3, 16));
+  bad[0].width = 0;
+  bad[1].height = Camera::kMostSide + 1;
+  bad[2].eye.x() = NAN;
+  bad[3].camera_from_world(1, 1) = INFINITY;
+  bad[4].focal_x = 0;
+  bad[5].center_y = NAN;
+  bad[6].near = -1;
+  return bad;
+}
+
 }  // namespace surfel::test

@@ -1,6 +1,7 @@
 #include <cmath>
 #include <cstring>
 #include <numbers>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -529,6 +530,26 @@ TEST(MeshRenderer, SeesTheEnvironment) {
   for (int i = 0; i < 16; ++i) expect_pixel(image, i, 8, {0.5F, 1, 2, 1}, 1e-5F);
   const Image empty = render({}, nullptr, square_perspective(4), options, scene);
   expect_pixel(empty, 1, 1, {0.5F, 1, 2, 1}, 1e-5F);
+}
+
+// A MeshRenderer keeps references: temporaries do not bind.
+static_assert(std::is_constructible_v<MeshRenderer, const TriangleMesh&, const TextureSet*,
+                                      const Scene&, MeshRenderOptions>);
+static_assert(!std::is_constructible_v<MeshRenderer, TriangleMesh, const TextureSet*, const Scene&,
+                                       MeshRenderOptions>);
+static_assert(!std::is_constructible_v<MeshRenderer, const TriangleMesh&, const TextureSet*, Scene,
+                                       MeshRenderOptions>);
+
+TEST(MeshRenderer, ScenesAndCamerasThatCannotBeAreRefused) {
+  TriangleMesh mesh = square();
+  mesh.face_material.clear();  // Of materials that the mesh does not have.
+  Scene bare;
+  bare.materials.clear();
+  EXPECT_THROW(MeshRenderer(mesh, nullptr, bare, {}), Error);
+  const Scene scene;
+  const MeshRenderer renderer(mesh, nullptr, scene, {});
+  EXPECT_NO_THROW(renderer.render(test::camera_at(3, 16)));
+  for (const Camera& camera : test::unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

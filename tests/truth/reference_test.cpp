@@ -1,6 +1,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <numbers>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -488,6 +489,25 @@ TEST(DiscHierarchy, FindsAllBallsThatABeamMeets) {
   }
   EXPECT_GT(hits, 300U);
   EXPECT_LT(visits, 300 * kCount / 10);
+}
+
+// A ReferenceRenderer keeps references: temporaries do not bind.
+static_assert(
+    std::is_constructible_v<ReferenceRenderer, const RenderCloud&, const Scene&, RenderOptions>);
+static_assert(
+    !std::is_constructible_v<ReferenceRenderer, RenderCloud, const Scene&, RenderOptions>);
+static_assert(
+    !std::is_constructible_v<ReferenceRenderer, const RenderCloud&, Scene, RenderOptions>);
+
+TEST(Reference, ScenesAndCamerasThatCannotBeAreRefused) {
+  const RenderCloud cloud(fibonacci_sphere(100, 1));
+  Scene bare;
+  bare.materials.clear();
+  EXPECT_THROW(ReferenceRenderer(cloud, bare, {}), Error);
+  const Scene scene;
+  const ReferenceRenderer renderer(cloud, scene, {});
+  EXPECT_NO_THROW(renderer.render(camera_at(3, 16)));
+  for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

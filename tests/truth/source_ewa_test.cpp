@@ -1,6 +1,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <numbers>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -318,6 +319,25 @@ TEST(SourceEwa, BadOptionsAreRefused) {
   RenderOptions options;
   options.lowpass = -1;
   EXPECT_THROW(render_source({}, camera_at(3, 8), options), Error);
+}
+
+// A SourceEwaRenderer keeps references: temporaries do not bind.
+static_assert(
+    std::is_constructible_v<SourceEwaRenderer, const RenderCloud&, const Scene&, RenderOptions>);
+static_assert(
+    !std::is_constructible_v<SourceEwaRenderer, RenderCloud, const Scene&, RenderOptions>);
+static_assert(
+    !std::is_constructible_v<SourceEwaRenderer, const RenderCloud&, Scene, RenderOptions>);
+
+TEST(SourceEwa, ScenesAndCamerasThatCannotBeAreRefused) {
+  const RenderCloud cloud(fibonacci_sphere(100, 1));
+  Scene bare;
+  bare.materials.clear();
+  EXPECT_THROW(SourceEwaRenderer(cloud, bare, {}), Error);
+  const Scene scene;
+  const SourceEwaRenderer renderer(cloud, scene, {});
+  EXPECT_NO_THROW(renderer.render(camera_at(3, 16)));
+  for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

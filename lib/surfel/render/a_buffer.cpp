@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_search.h>
 #include <surfel/render/shading.h>
 
 namespace surfel {
@@ -22,89 +23,16 @@ void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
   }
 }
 
-bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
-
-float front_depth(const Fragment& fragment) {
-  return is_merged(fragment) ? fragment.channel[kDepth]
-                             : fragment.channel[kDepth] / fragment.channel[kWeight];
-}
-
 float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
-}
-
-bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
-bool is_filtered(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0; }
-
-/// Sum of rho, at another pixel, of the fragment that continues this one: of the same side, nearest
-/// in depth.
-float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  const float depth = front_depth(fragment);
-  float weight = 0;
-  float least = std::numeric_limits<float>::infinity();
-  for (int layer = 0; layer < tile.layout.layers; ++layer) {
-    const float w = tile.at(layer, kWeight, pixel);
-    if (w == 0) break;
-    if (w < 0 || shows_front(tile.at(layer, kTag, pixel)) != shows_front(fragment.channel[kTag])) {
-      continue;
-    }
-    const float distance = std::abs(tile.at(layer, kDepth, pixel) / w - depth);
-    if (distance < least) {
-      least = distance;
-      weight = w;
-    }
-  }
-  return weight;
-}
-
-/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1.
-float edge_of(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  constexpr int kReach = 2;  ///< Pixels; looked at along columns and rows.
-  // The sums beyond an edge, by tau: 1 where they are less than the first, 0 where they are more
-  // than kInsideShare. Inside a surface they are above it, where its discs just close, too.
-  constexpr float kOutside = 1.0F / 6;
-  // Where both sides have more than this many times the sum, there is a gap, not an edge.
-  constexpr float kGap = 1.2F;
-  const float weight = fragment.channel[kWeight];
-  if (weight >= tile.edge_weight || !is_filtered(fragment.channel[kTag])) return 0;
-  const int x = tile_pixel_x(pixel);
-  const int y = tile_pixel_y(pixel);
-  float least = weight;
-  bool gap = false;
-  const auto look = [&](int dx, int dy) {
-    float at[2 * kReach + 1];
-    for (int step = -kReach; step <= kReach; ++step) {
-      const int column = x + step * dx;
-      const int row = y + step * dy;
-      const bool inside = column >= 0 && column < tile.width && row >= 0 && row < tile.height;
-      at[kReach + step] = step == 0 ? weight
-                          : inside  ? weight_of_neighbor(tile, fragment, tile_pixel(column, row))
-                                    : -1.0F;
-    }
-    const auto [left2, left, middle, right, right2] = at;
-    gap = gap || std::min(std::max(left, left2), std::max(right, right2)) > kGap * weight;
-    // What lies in another tile is taken to go on as it came.
-    const auto end = [&](float far, float near, float before, float before2) {
-      if (far >= 0) return far;
-      if (near >= 0) return before > near ? near * near / before : near;
-      return before2 > weight ? weight * weight / before2 : weight;
-    };
-    least = std::min({least, end(left2, left, right, right2), end(right2, right, left, left2)});
-  };
-  look(1, 0);
-  look(0, 1);
-  if (gap) return 0;
-  return std::clamp((kInsideShare - least / tile.full_weight) / (kInsideShare - kOutside), 0.0F,
-                    1.0F);
 }
 
 /// Composites the fragments of a pixel front to back.
 class FrontToBack {
  public:
-  FrontToBack(const TileABuffer& tile, int pixel)
-      : tile_(tile),
-        x_(static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F),
-        y_(static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F) {}
+  /// \param x, y  the pixel in the picture.
+  FrontToBack(const TileABuffer& tile, int x, int y)
+      : tile_(tile), x_(static_cast<float>(x) + 0.5F), y_(static_cast<float>(y) + 0.5F) {}
 
   /// \param edge  see edge_of().
   void add(const Fragment& fragment, float edge) {
@@ -166,7 +94,7 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   const auto edge = [](const Fragment& f) {
     return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F;
   };
-  FrontToBack pair(tile, pixel);
+  FrontToBack pair(tile, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel));
   pair.add(front, edge(front));
   pair.add(back, edge(back));
   const Rgba& color = pair.color();
@@ -186,7 +114,8 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   return out;
 }
 
-Fragment contribution(float rho, float depth, const Splat& splat, const SplatNormal* normal) {
+Fragment unmerged(const PixelContribution& contribution) {
+  const auto& [rho, depth, splat, normal] = contribution;
   Fragment out{};
   float* c = out.channel;
   c[kWeight] = rho;
@@ -203,6 +132,47 @@ Fragment contribution(float rho, float depth, const Splat& splat, const SplatNor
   }
   return out;
 }
+
+/// Makes a PixelResult of a pixel's fragments.
+class Resolver {
+ public:
+  Resolver(const TileABuffer& tile, int x, int y) : tile_(tile), composite_(tile, x, y) {
+    result_.depth = result_.depth_first = kInfinity;
+  }
+
+  /// The next fragment, front to back. \param edge  see edge_of().
+  void add(const Fragment& fragment, float edge) {
+    composite_.add(fragment, edge);
+    const float z = tile_.shader->z(front_depth(fragment));
+    if (result_.depth_first == kInfinity) {
+      result_.depth_first = z;
+      if (!is_merged(fragment)) {
+        result_.weight = fragment.channel[kWeight];
+        if (tile_.layout.normals) {
+          const Vec3f n = Vec3f(fragment.channel[kNormalX], fragment.channel[kNormalY],
+                                fragment.channel[kNormalZ])
+                              .normalized();
+          std::copy_n(n.data(), 3, result_.normal);
+        }
+      }
+    }
+    if (result_.depth == kInfinity && composite_.color().alpha >= 0.5F) result_.depth = z;
+  }
+
+  PixelResult finish(const Fragment& rest) {
+    if (is_merged(rest)) composite_.add(rest, 0);
+    if (tile_.shader->has_environment()) composite_.add_environment();
+    result_.color = composite_.color();
+    return result_;
+  }
+
+ private:
+  static constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+  const TileABuffer& tile_;
+  FrontToBack composite_;
+  PixelResult result_;
+};
 
 /// Layers of a pixel in use, nearest first.
 struct Sorted {
@@ -233,9 +203,9 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 
 }  // namespace
 
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal) {
-  const Fragment fresh = contribution(rho, depth, splat, normal);
+void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution) {
+  const Fragment fresh = unmerged(contribution);
+  const float depth = contribution.depth;
   const Sorted sorted(tile, pixel);
   int in_front = 0;  // How many fragments are nearer than the newcomer.
   while (in_front < sorted.count && front_depth(sorted[in_front]) >= depth) ++in_front;
@@ -280,12 +250,11 @@ void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, con
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
-                         const Splat& splat, const SplatNormal* normal) {
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
+                         const PixelContribution& contribution) {
   const float x = static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F;
   const float y = static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F;
-  const Rgba color =
-      tile.shader->shade(contribution(rho, depth, splat, normal), x, y, tile.full_weight);
+  const Rgba color = tile.shader->shade(unmerged(contribution), x, y, tile.full_weight);
   const float open = 1 - tile.at(layer, kAlpha, pixel);
   tile.at(layer, kRed, pixel) += open * color.red;
   tile.at(layer, kGreen, pixel) += open * color.green;
@@ -299,36 +268,51 @@ NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
   return {front_depth(sorted[0]), shows_front(sorted[0].channel[kTag])};
 }
 
-PixelResult resolve_pixel(TileABuffer& tile, int pixel, const Fragment* rest) {
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  PixelResult result;
-  result.depth = kInfinity;
-  result.depth_first = kInfinity;
+std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
+                                         OpenPixels& open) {
   const Sorted sorted(tile, pixel);
-  FrontToBack composite(tile, pixel);
+  const int x = tile.x0 + tile_pixel_x(pixel);
+  const int y = tile.y0 + tile_pixel_y(pixel);
+  std::array<EdgeNeighbors, Sorted::kMost> around;
+  std::array<bool, Sorted::kMost> looked;
+  bool known = true;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
-    composite.add(fragment, is_merged(fragment) ? 0 : edge_of(tile, fragment, pixel));
-    const float z = tile.shader->z(front_depth(fragment));
-    if (i == 0) {
-      result.depth_first = z;
-      if (!is_merged(fragment)) {
-        result.weight = fragment.channel[kWeight];
-        if (tile.layout.normals) {
-          const Vec3f n = Vec3f(fragment.channel[kNormalX], fragment.channel[kNormalY],
-                                fragment.channel[kNormalZ])
-                              .normalized();
-          std::copy_n(n.data(), 3, result.normal);
-        }
-      }
-    }
-    if (result.depth == kInfinity && composite.color().alpha >= 0.5F) result.depth = z;
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
+    looked[i] = may_be_at_edge(tile, fragment);
+    if (!looked[i]) continue;
+    around[i] = look_around(tile, fragment, pixel);
+    known = known && around[i].known();
   }
-  if (rest && is_merged(*rest)) composite.add(*rest, 0);
-  if (tile.shader->has_environment()) composite.add_environment();
-  result.color = composite.color();
-  return result;
+  if (!known) {
+    const std::size_t begin = open.surfaces.size();
+    for (int i = 0; i < sorted.count; ++i) {
+      open.surfaces.push_back({sorted[i], looked[i], looked[i] ? around[i] : EdgeNeighbors{}});
+    }
+    open.pixels.push_back({x, y, begin, open.surfaces.size(), rest});
+    return std::nullopt;
+  }
+  Resolver resolver(tile, x, y);
+  for (int i = 0; i < sorted.count; ++i) {
+    resolver.add(sorted[i], looked[i] ? edge_of(tile, sorted[i], around[i]) : 0);
+  }
+  return resolver.finish(rest);
+}
+
+PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
+                               const OpenPixels::Pixel& pixel, const TileRims& rims) {
+  Resolver resolver(tile, pixel.x, pixel.y);
+  for (std::size_t i = pixel.begin; i < pixel.end; ++i) {
+    const OpenPixels::Surface& surface = open.surfaces[i];
+    float edge = 0;
+    if (surface.looked) {
+      EdgeNeighbors around = surface.around;
+      rims.complete(surface.fragment, pixel.x, pixel.y, around);
+      edge = edge_of(tile, surface.fragment, around);
+    }
+    resolver.add(surface.fragment, edge);
+  }
+  return resolver.finish(pixel.rest);
 }
 
 }  // namespace surfel

@@ -2,9 +2,11 @@
 
 // SS01 section 6 and table 1; design notes in lib/README.md.
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 #include <surfel/render/splat.h>
 
@@ -54,6 +56,18 @@ struct Fragment {
   float channel[kNormalZ + 1];
 };
 
+inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
+/// Depth of the nearest part.
+inline float front_depth(const Fragment& fragment) {
+  return is_merged(fragment) ? fragment.channel[kDepth]
+                             : fragment.channel[kDepth] / fragment.channel[kWeight];
+}
+/// kFrontTag and kFilteredTag of a fragment's kTag.
+inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
+inline bool is_filtered(float tag) {
+  return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
+}
+
 /// Premultiplied colour.
 struct Rgba {
   float red = 0, green = 0, blue = 0, alpha = 0;
@@ -84,6 +98,7 @@ struct MergeStatistics {
 };
 
 class Shader;
+struct OpenPixels;
 
 /// One tile being rasterised: its A-buffer and what merging needs to know.
 struct TileABuffer {
@@ -92,6 +107,8 @@ struct TileABuffer {
   int x0 = 0, y0 = 0;     ///< Top left pixel of the tile in the picture.
   int width = kTileSize;  ///< Pixels of the tile inside the picture.
   int height = kTileSize;
+  int picture_width = kTileSize;
+  int picture_height = kTileSize;
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
   float edge_weight =
       1;  ///< The same at its edge, >= tau. A surface hides what is behind from it on.
@@ -108,6 +125,13 @@ struct TileABuffer {
   }
 };
 
+/// What one splat adds to one pixel.
+struct PixelContribution {
+  float rho, depth;
+  const Splat& splat;
+  const SplatNormal* normal;  ///< Null in unshaded pictures.
+};
+
 /// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a
 /// merged pair: steps 2 and 3 of SS01 section 6. It joins the fragment next to it in depth if that
 /// shows the same side and does not cover the pixel yet: without this, a grazing
@@ -115,14 +139,13 @@ struct TileABuffer {
 /// Otherwise, as contributions arrive roughly front to back, the nearest two fragments are the ones
 /// that are complete: they are shaded and composited (12), and the free layer goes to the newcomer.
 /// With a single layer the nearer surface stays.
-void insert_by_merging(TileABuffer& tile, int pixel, float rho, float depth, const Splat& splat,
-                       const SplatNormal* normal);
+void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution);
 
 /// A contribution that comes after its surface has been merged into `layer`: composites it into
 /// what the merged surfaces leave open. For opaque surfaces, where the order behind them matters
 /// less than that nothing is missing.
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, float rho, float depth,
-                         const Splat& splat, const SplatNormal* normal);
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
+                         const PixelContribution& contribution);
 
 /// Nearest surface of a pixel.
 struct NearestLayer {
@@ -151,7 +174,9 @@ struct PixelResult {
 /// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
 /// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
 /// independent parts (12).
-/// \param rest  a merged fragment that lies behind all others; of weight 0 or null: none.
-PixelResult resolve_pixel(TileABuffer& tile, int pixel, const Fragment* rest = nullptr);
+/// Where an edge depends on another tile, the pixel is added to `open` instead.
+/// \param rest  a merged fragment that lies behind all others; of weight 0: none.
+std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
+                                         OpenPixels& open);
 
 }  // namespace surfel

@@ -10,6 +10,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_search.h>
 #include <surfel/render/frame.h>
 #include <surfel/render/plain_pixels.h>
 #include <surfel/render/renderer.h>
@@ -27,6 +28,7 @@ struct Worker {
   Array<float> a_buffer;
   std::vector<TileJob> jobs;
   MergeStatistics merges;
+  OpenPixels open;
 };
 
 /// A batch of clusters drawn into a frame.
@@ -76,6 +78,7 @@ struct Renderer::Impl {
   }};
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
   Array<float> a_buffer;          ///< Of all tiles of a band, where it takes several batches.
+  TileRims rims;                  ///< Of all tiles of a band.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {
@@ -105,7 +108,11 @@ struct Renderer::Impl {
   void draw(const Pass& pass);
   void draw_block(const Pass& pass, std::size_t block, int w);
   void draw_tile(TileABuffer& tile, int x, int y, int w);
-  void resolve(TileABuffer& tile, const Compositor::Worker* background, Image& image) const;
+  Rgba backdrop() const;
+  void put(PixelResult result, float* out) const;
+  void resolve(TileABuffer& tile, const Compositor::Worker* background, OpenPixels& open,
+               Image& image) const;
+  void resolve_open(const Frame& frame, Image& image);
   void finish(FrameStatistics& statistics);
 };
 
@@ -142,18 +149,39 @@ void Renderer::Impl::draw_tile(TileABuffer& tile, int x, int y, int w) {
   worker.compositor->draw(worker.jobs, tile);
 }
 
-void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
-                             Image& image) const {
+/// The background, premultiplied.
+Rgba Renderer::Impl::backdrop() const {
   const std::array<float, 4>& b = options.background;
-  const Rgba backdrop{b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  return {b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+}
+
+/// Writes a pixel's channels.
+void Renderer::Impl::put(PixelResult result, float* out) const {
+  result.color.composite(backdrop());
+  out[0] = result.color.red;
+  out[1] = result.color.green;
+  out[2] = result.color.blue;
+  out[3] = result.color.alpha;
+  if (options.aovs) {
+    out[4] = result.depth;
+    out[5] = result.depth_first;
+    std::copy_n(result.normal, 3, out + 6);
+    out[9] = result.weight;
+  }
+}
+
+/// Resolves the pixels of a tile, but for the ones that depend on other tiles.
+void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
+                             OpenPixels& open, Image& image) const {
+  const Rgba behind = backdrop();
   std::optional<PlainPixels> plain;
   if (!options.aovs && !background && !tile.shader->has_environment()) {
-    plain = resolve_plain_pixels(tile, tile.shader->lighting(), backdrop);
+    plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
-    nothing = {backdrop.red, backdrop.green, backdrop.blue, backdrop.alpha};
+    nothing = {behind.red, behind.green, behind.blue, behind.alpha};
     if (options.aovs) {
       constexpr float kInfinity = std::numeric_limits<float>::infinity();
       nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
@@ -166,18 +194,8 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
     }
     // SP06: I = alpha C_F + (1 - alpha) C_O
     const Fragment others = background ? background->behind(pixel) : Fragment{};
-    PixelResult result = resolve_pixel(tile, pixel, &others);
-    result.color.composite(backdrop);
-    out[0] = result.color.red;
-    out[1] = result.color.green;
-    out[2] = result.color.blue;
-    out[3] = result.color.alpha;
-    if (options.aovs) {
-      out[4] = result.depth;
-      out[5] = result.depth_first;
-      std::copy_n(result.normal, 3, out + 6);
-      out[9] = result.weight;
-    }
+    const std::optional<PixelResult> result = resolve_pixel(tile, pixel, others, open);
+    if (result) put(*result, out);
   };
   const std::size_t channels = image.channels.size();
   for (int y = 0; y < tile.height; ++y) {
@@ -203,6 +221,37 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   }
 }
 
+/// Resolves the pixels that wait for other tiles, but for those that wait for the next band.
+void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
+  TileABuffer tile = blank_tile;
+  tile.shader = &frame.shader;
+  const bool last = frame.band.y1 == image.height;
+  const auto waits = [&](const OpenPixels::Pixel& pixel) {
+    return !last && pixel.y >= frame.band.y1 - kEdgeReach;
+  };
+  workers.for_each([&](Worker& worker) {
+    const OpenPixels& open = worker.open;
+    constexpr std::size_t kGrain = 256;
+    parallel_for(open.pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const OpenPixels::Pixel& pixel = open.pixels[i];
+        if (waits(pixel)) continue;
+        put(resolve_open_pixel(tile, open, pixel, rims), image.pixel(pixel.x, pixel.y));
+      }
+    });
+    OpenPixels left;
+    for (OpenPixels::Pixel pixel : open.pixels) {
+      if (!waits(pixel)) continue;
+      const auto surfaces = std::span(open.surfaces).subspan(pixel.begin, pixel.end - pixel.begin);
+      pixel.begin = left.surfaces.size();
+      left.surfaces.insert(left.surfaces.end(), surfaces.begin(), surfaces.end());
+      pixel.end = left.surfaces.size();
+      left.pixels.push_back(pixel);
+    }
+    worker.open = std::move(left);
+  });
+}
+
 /// Sets up the splats that a block has in the batch and draws its tiles, in several parts where
 /// they are very many.
 void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
@@ -220,6 +269,8 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
   const int tiles_y = std::min(1 << frame.grid.shift, band.tiles_y - first_y);
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;
+  tile.picture_width = image.width;
+  tile.picture_height = image.height;
   // A-buffers stay from batch to batch, or from part to part; else one serves all tiles.
   const std::size_t size = tile.layout.size();
   const bool batches = !(first && last);
@@ -246,7 +297,9 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
         tile.merges = {};
         draw_tile(tile, x, y, w);
         if (last && end == clusters) {
-          resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr, image);
+          rims.store(tile);
+          resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr,
+                  worker.open, image);
         }
         worker.merges.add(tile.merges);
       }
@@ -280,6 +333,7 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
   statistics.clusters += most;
   const Frame frame{camera, shader, band, BlockGrid(band, most * RenderCloud::kClusterSize)};
   stages.add("cull", timer.milliseconds());
+  rims.begin(band.tiles_x, band.tiles_y, band.y0 / kTileSize, blank_tile.layout.layers);
   const std::span<VisibleCluster> clusters = seen.front();
   const std::size_t size =
       std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
@@ -296,7 +350,9 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
     for (std::size_t i = 1; i < lists.size(); ++i) lists[i].bin(frame, seen[i]);
     stages.add("cull", timer.milliseconds());
     timer.restart();
-    draw({frame, begin == 0, begin + batch.size() == clusters.size(), image});
+    const bool last = begin + batch.size() == clusters.size();
+    draw({frame, begin == 0, last, image});
+    if (last) resolve_open(frame, image);
     stages.add("raster", timer.milliseconds());
   }
 }
@@ -304,7 +360,10 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
 /// Makes workers ready for a picture.
 void Renderer::Impl::begin(const Camera& camera) {
   compositor->begin(camera);
-  workers.for_each([](Worker& worker) { worker.merges = {}; });
+  workers.for_each([](Worker& worker) {
+    worker.merges = {};
+    worker.open = {};
+  });
 }
 
 /// Sums up what the workers counted.

@@ -26,6 +26,8 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<float, 16>;
 using V = hn::Vec<D>;
+using M = hn::Mask<D>;
+using Ints = hn::RebindToSigned<D>;
 
 using Vec3 = HWY_NAMESPACE::Vec3<V>;
 
@@ -48,278 +50,430 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
           hn::Mul(sign, hn::Mul(hn::Mul(n.x, n.y), a)), hn::Neg(hn::Mul(sign, n.x))};
 }
 
-template <bool kPerspective, bool kAnisotropic>
-void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
-            Splat* splats, SetUpSplats& out) {
-  /// Below this cosine between normal and line of sight the depth gradient and the footprint stop
-  /// growing: a grazing plane runs to infinity.
-  constexpr float kLeastCosine = 0.1F;
-  constexpr float kLeastGradientCosine = 1e-3F;
-  constexpr float kInvTwoPi = 0.15915494309189535F;
-  constexpr float kLeastAmplitude = 1e-30F;
-  /// From the eye's plane, in radii: nearer discs may be seen anywhere.
-  constexpr float kLeastDistance = 0.01F;
+/// Below this cosine between normal and line of sight the footprint of the pixel filter on the
+/// plane stops growing: a grazing plane runs to infinity. At 0.1 the footprint is ten pixels long.
+constexpr float kLeastCosine = 0.1F;
+/// The same bound for the depth gradient, which is exact down to where single precision keeps four
+/// digits of the cosine.
+constexpr float kLeastGradientCosine = 1e-3F;
+constexpr float kInvTwoPi = 0.15915494309189535F;
+/// Splats with a smaller peak are seen edge-on: their fragments would have no weight.
+constexpr float kLeastAmplitude = 1e-30F;
+/// From the eye's plane, in radii: nearer discs may be seen anywhere.
+constexpr float kLeastDistance = 0.01F;
 
-  const D d;
-  const hn::RebindToSigned<D> di;
-  const V zero = hn::Zero(d);
-  const V one = hn::Set(d, 1.0F);
-  const V focal_x = hn::Set(d, view.focal_x);
-  const V focal_y = hn::Set(d, view.focal_y);
-  const V inv_focal_x = hn::Set(d, 1.0F / view.focal_x);
-  const V inv_focal_y = hn::Set(d, 1.0F / view.focal_y);
-  const V h2 = hn::Set(d, view.lowpass2);
-  const V two_c = hn::Set(d, 2.0F * view.cutoff);
-  // Standard deviation of the pixel filter at distance 1.
-  const V filter_reach = hn::Sqrt(hn::Mul(two_c, h2));
-  const V pixel = hn::Mul(hn::Sqrt(h2), hn::Max(inv_focal_x, inv_focal_y));
+/// Centres of surfels in camera space and in the picture, and their extents.
+struct Discs {
+  Vec3 p;                      ///< Camera space.
+  V inv_z;                     ///< 1 / p.z; orthographic: 1.
+  V slope_x, slope_y;          ///< p.x / p.z and p.y / p.z; orthographic: 0.
+  V x, y;                      ///< Pixels.
+  V deviation_u, deviation_v;  ///< Standard deviations, scene units.
+  V deviation, radius;         ///< The larger one, and the disc's radius sqrt(2 c) times it.
+};
 
-  const hn::RebindToUnsigned<D> du;
-  const V filtered_diagonal2 = hn::Mul(hn::Set(d, 4.0F), hn::Mul(two_c, h2));
-  // From the first pixel of the rectangle whose centre lies at or after lo, or from none left of
-  // the rectangle, to the last one at or before hi.
-  struct Pixels {
-    V unclipped, first, last;
-  };
-  const auto pixels_of = [&](V lo, V hi, float clip0, float clip1) {
-    const V offset = hn::Set(d, clip0 + 0.5F);
-    const V first = hn::Ceil(hn::Sub(lo, offset));
-    const V last = hn::Floor(hn::Sub(hi, offset));
-    return Pixels{first, hn::Max(first, zero), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
-  };
+/// Resampling kernels (6) of surfels, as Splat has them.
+struct Kernels {
+  V m, k, q, amplitude;
+  V half_x, half_y;  ///< Half the sides of the box around beta < c, pixels.
+  V size2;           ///< Sum of the squared half sides of the box without the pixel filter.
+  V n_ray;           ///< Normal . (slope_x, slope_y, 1).
+};
 
-  const float* ahead[sizeof(SurfelColumns) / sizeof(const float*)];
-  int ahead_count = 0;
-  if (next) {
+/// Depth planes of surfels, as Splat has them.
+struct DepthPlanes {
+  V depth, depth_dx, depth_dy, depth_range;
+  M front;  ///< The surfel's front faces the eye.
+};
+
+/// Pixels from the first one of the rectangle whose centre lies at or after a place, or from none
+/// left of the rectangle, to the last one at or before another.
+struct Pixels {
+  V unclipped, first, last;
+};
+
+/// Which surfels become splats.
+struct Classes {
+  M visible, exact;
+};
+
+/// Everything about a vector of surfels that a Splat keeps.
+struct Projected {
+  Discs discs;
+  Kernels kernels;
+  DepthPlanes planes;
+  Pixels columns, rows;
+  Classes classes;
+};
+
+/// Fetches the columns of a cluster into the caches, a vector at a time.
+class Fetcher {
+ public:
+  explicit Fetcher(const SurfelColumns* surfels) {
+    if (!surfels) return;
+    const SurfelColumns& s = *surfels;
     for (const float* column :
-         {next->x, next->y, next->z, next->normal_x, next->normal_y, next->normal_z,
-          next->deviation_u, next->deviation_v, next->tangent_x, next->tangent_y, next->tangent_z,
-          next->area, next->red, next->green, next->blue, next->alpha}) {
-      if (column) ahead[ahead_count++] = column;
+         {s.x, s.y, s.z, s.normal_x, s.normal_y, s.normal_z, s.deviation_u, s.deviation_v,
+          s.tangent_x, s.tangent_y, s.tangent_z, s.area, s.red, s.green, s.blue, s.alpha}) {
+      if (column) columns_[count_++] = column;
     }
   }
+  HWY_INLINE void fetch(int i) const {
+    for (int column = 0; column < count_; ++column) hwy::Prefetch(columns_[column] + i);
+  }
 
-  Splat dropped;
-  int visible_count = 0;
-  int exact_count = 0;
-  std::size_t first_count = 0;
-  for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
-    for (int column = 0; column < ahead_count; ++column) hwy::Prefetch(ahead[column] + i);
-    // Camera space.
-    const Vec3 world{hn::LoadU(d, in.x + i), hn::LoadU(d, in.y + i), hn::LoadU(d, in.z + i)};
-    Vec3 p = rotate(view.rotation, world);
-    p.x = hn::Add(p.x, hn::Set(d, view.translation[0]));
-    p.y = hn::Add(p.y, hn::Set(d, view.translation[1]));
-    p.z = hn::Add(p.z, hn::Set(d, view.translation[2]));
-    const V inv_z = kPerspective ? hn::Div(one, p.z) : one;
-    const V X = kPerspective ? hn::Mul(p.x, inv_z) : zero;
-    const V Y = kPerspective ? hn::Mul(p.y, inv_z) : zero;
-    const V center_x = hn::MulAdd(focal_x, kPerspective ? X : p.x, hn::Set(d, view.center_x));
-    const V center_y = hn::MulAdd(focal_y, kPerspective ? Y : p.y, hn::Set(d, view.center_y));
-    const V deviation_u = hn::LoadU(d, in.deviation_u + i);
-    const V deviation_v = kAnisotropic ? hn::LoadU(d, in.deviation_v + i) : deviation_u;
-    const V deviation = hn::Max(deviation_u, deviation_v);
-    const V disc = hn::Mul(hn::Sqrt(two_c), deviation);
+ private:
+  const float* columns_[sizeof(SurfelColumns) / sizeof(const float*)];
+  int count_ = 0;
+};
 
-    // Most clusters that reach over the rectangle's edge have surfels far outside of it. A disc
-    // that is not near the eye's plane is within its bounding sphere; see outside() below.
-    if (!view.circular) {
-      const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) HWY_ATTR {
-        const V wide = hn::MulAdd(slope, slope, one);  // >= sqrt(slope^2 + 1)
-        const V reach = hn::MulAdd(hn::Mul(focal, hn::Mul(inv_z, disc)),
-                                   hn::Mul(hn::Set(d, 4.0F / 3), wide), filter_reach);
-        return hn::Or(hn::Lt(hn::Add(center, reach), hn::Set(d, clip0)),
-                      hn::Gt(hn::Sub(center, reach), hn::Set(d, clip1)));
-      };
-      const auto unseen = hn::Or(outside(center_x, X, focal_x, view.clip_x0, view.clip_x1),
-                                 outside(center_y, Y, focal_y, view.clip_y0, view.clip_y1));
-      const auto far = hn::Lt(hn::Mul(hn::Set(d, 4.0F), disc), p.z);
-      if (hn::AllTrue(d, hn::And(unseen, far))) continue;
+/// Writes splats and lists which surfels they are of.
+class Writer {
+ public:
+  Writer(const SurfelColumns& in, const SplatView& view, Splat* splats, SetUpSplats& out)
+      : in_(in),
+        splats_(splats),
+        out_(out),
+        first_column_(view.first_column),
+        first_row_(view.first_row),
+        filtered_diagonal2_(hn::Mul(hn::Set(D(), 4.0F), hn::Mul(hn::Set(D(), 2.0F * view.cutoff),
+                                                                hn::Set(D(), view.lowpass2)))) {}
+
+  /// The surfels from i on.
+  HWY_INLINE void write(int i, const Projected& s) {
+    HWY_ALIGN float quarters[4][4 * kTileSize];
+    interleave(i, s, quarters);
+    const D d;
+    const Ints di;
+    HWY_ALIGN std::int32_t taken[kTileSize];
+    hn::Store(hn::VecFromMask(di, hn::RebindMask(di, s.classes.visible)), di, taken);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      // Splats that are not visible go where nobody reads.
+      auto* const to = reinterpret_cast<std::byte*>(taken[lane] != 0 ? splats_ : &dropped_);
+      for (std::size_t q = 0; q < 4; ++q) {
+        std::memcpy(to + q * kQuarter, quarters[q] + 4 * lane, kQuarter);
+      }
+      splats_ -= taken[lane];
     }
+    M first = s.classes.visible;
+    if (!first_column_) first = hn::And(first, hn::Ge(s.columns.unclipped, hn::Zero(d)));
+    if (!first_row_) first = hn::And(first, hn::Ge(s.rows.unclipped, hn::Zero(d)));
+    first_count_ += hn::CountTrue(d, first);
+    note(i, s.classes.visible, out_.visible, visible_count_);
+    if (!hn::AllFalse(d, s.classes.exact)) note(i, s.classes.exact, out_.exact, exact_count_);
+  }
 
-    const V distance = kPerspective ? hn::Sqrt(dot(p, p)) : one;
+  void finish() const {
+    out_.visible_count = visible_count_;
+    out_.exact_count = exact_count_;
+    out_.first_count = static_cast<int>(first_count_);
+  }
 
-    // An unknown normal looks at the eye.
-    Vec3 n = rotate(view.rotation, {hn::LoadU(d, in.normal_x + i), hn::LoadU(d, in.normal_y + i),
-                                    hn::LoadU(d, in.normal_z + i)});
-    const auto unknown = hn::Eq(dot(n, n), zero);
+ private:
+  /// Bytes of four fields that follow one another in a Splat.
+  static constexpr std::size_t kQuarter = sizeof(Splat) / 4;
+
+  /// The splats of all lanes, a quarter of their fields at a time.
+  HWY_INLINE void interleave(int i, const Projected& s, float (&quarters)[4][4 * kTileSize]) const {
+    const D d;
+    const Ints di;
+    const hn::RebindToUnsigned<D> du;
+    const auto byte_of = [&](V place)
+                             HWY_ATTR { return hn::BitCast(du, hn::ConvertTo(di, place)); };
+    const auto box =
+        hn::Or(hn::Or(byte_of(s.columns.first), hn::ShiftLeft<8>(byte_of(s.rows.first))),
+               hn::Or(hn::ShiftLeft<16>(byte_of(s.columns.last)),
+                      hn::ShiftLeft<24>(byte_of(s.rows.last))));
+    const auto flag = [&](M mask, std::uint32_t bit) HWY_ATTR {
+      return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
+    };
+    const Kernels& k = s.kernels;
+    const V diagonal2 = hn::MulAdd(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
+    const auto tag = hn::Or(flag(s.planes.front, kFrontTag),
+                            flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag));
+    const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
+    const auto color = [&](const float* column)
+                           HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
+    hn::StoreInterleaved4(s.discs.x, s.discs.y, k.m, k.k, d, quarters[0]);
+    hn::StoreInterleaved4(k.q, k.amplitude, s.planes.depth, s.planes.depth_dx, d, quarters[1]);
+    hn::StoreInterleaved4(s.planes.depth_dy, s.planes.depth_range, hn::BitCast(d, box),
+                          color(in_.red), d, quarters[2]);
+    hn::StoreInterleaved4(color(in_.green), color(in_.blue), alpha, hn::BitCast(d, tag), d,
+                          quarters[3]);
+  }
+
+  /// A whole vector fits: there are no more of either list than lanes before.
+  static HWY_INLINE void note(int i, M mask, std::int32_t* to, int& noted) {
+    const Ints di;
+    const Compressor<D> listed(mask);
+    listed.store(hn::Iota(di, i), di, to + noted);
+    noted += static_cast<int>(listed.count());
+  }
+
+  const SurfelColumns& in_;
+  Splat* splats_;
+  SetUpSplats& out_;
+  bool first_column_, first_row_;
+  V filtered_diagonal2_;  ///< Squared diagonal below which a kernel's box is the filter's.
+  int visible_count_ = 0;
+  int exact_count_ = 0;
+  std::size_t first_count_ = 0;
+  Splat dropped_;
+};
+
+/// Projects the surfels of a cluster, a vector at a time.
+template <bool kPerspective, bool kAnisotropic>
+class SplatSetup {
+ public:
+  SplatSetup(const SplatView& view, const SurfelColumns& in)
+      : view_(view),
+        in_(in),
+        focal_x_(hn::Set(D(), view.focal_x)),
+        focal_y_(hn::Set(D(), view.focal_y)),
+        h2_(hn::Set(D(), view.lowpass2)),
+        two_c_(hn::Set(D(), 2.0F * view.cutoff)),
+        filter_reach_(hn::Sqrt(hn::Mul(two_c_, h2_))) {}
+
+  void run(int count, const SurfelColumns* next, Splat* splats, SetUpSplats& out) const {
+    const D d;
+    const Fetcher ahead(next);
+    Writer writer(in_, view_, splats, out);
+    Projected s;
+    for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
+      ahead.fetch(i);
+      s.discs = discs(i);
+      // Most clusters that reach over the rectangle's edge have surfels far outside of it.
+      if (!view_.circular && all_outside(s.discs)) continue;
+      const V distance = kPerspective ? hn::Sqrt(dot(s.discs.p, s.discs.p)) : hn::Set(d, 1.0F);
+      const Vec3 n = normals(i, s.discs, distance);
+      s.kernels = kernels(i, s.discs, n);
+      s.planes = depth_planes(s.discs, n, s.kernels.n_ray, distance);
+      s.columns = pixels(s.discs.x, s.kernels.half_x, view_.clip_x0, view_.clip_x1);
+      s.rows = pixels(s.discs.y, s.kernels.half_y, view_.clip_y0, view_.clip_y1);
+      s.classes = seen(classify(s.discs, n, s.kernels.size2), s, count - i);
+      writer.write(i, s);
+    }
+    writer.finish();
+  }
+
+ private:
+  HWY_INLINE Discs discs(int i) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    Discs s;
+    s.p = rotate(view_.rotation,
+                 {hn::LoadU(d, in_.x + i), hn::LoadU(d, in_.y + i), hn::LoadU(d, in_.z + i)});
+    s.p.x = hn::Add(s.p.x, hn::Set(d, view_.translation[0]));
+    s.p.y = hn::Add(s.p.y, hn::Set(d, view_.translation[1]));
+    s.p.z = hn::Add(s.p.z, hn::Set(d, view_.translation[2]));
+    s.inv_z = kPerspective ? hn::Div(hn::Set(d, 1.0F), s.p.z) : hn::Set(d, 1.0F);
+    s.slope_x = kPerspective ? hn::Mul(s.p.x, s.inv_z) : zero;
+    s.slope_y = kPerspective ? hn::Mul(s.p.y, s.inv_z) : zero;
+    s.x = hn::MulAdd(focal_x_, kPerspective ? s.slope_x : s.p.x, hn::Set(d, view_.center_x));
+    s.y = hn::MulAdd(focal_y_, kPerspective ? s.slope_y : s.p.y, hn::Set(d, view_.center_y));
+    s.deviation_u = hn::LoadU(d, in_.deviation_u + i);
+    s.deviation_v = kAnisotropic ? hn::LoadU(d, in_.deviation_v + i) : s.deviation_u;
+    s.deviation = hn::Max(s.deviation_u, s.deviation_v);
+    s.radius = hn::Mul(hn::Sqrt(two_c_), s.deviation);
+    return s;
+  }
+
+  /// Lanes whose splats, `reach_x` and `reach_y` around their centres, miss the rectangle.
+  HWY_INLINE M outside(const Discs& s, V reach_x, V reach_y) const {
+    const auto beyond = [&](V center, V reach, float clip0, float clip1) HWY_ATTR {
+      return hn::Or(hn::Lt(hn::Add(center, reach), hn::Set(D(), clip0)),
+                    hn::Gt(hn::Sub(center, reach), hn::Set(D(), clip1)));
+    };
+    return hn::Or(beyond(s.x, reach_x, view_.clip_x0, view_.clip_x1),
+                  beyond(s.y, reach_y, view_.clip_y0, view_.clip_y1));
+  }
+
+  /// Whether none of the discs meets the rectangle for sure. A disc that is four radii from the
+  /// eye's plane lies within its bounding sphere, whose projection reaches 4 / 3 sqrt(slope^2 + 1)
+  /// radius / z around the centre at most; slope^2 + 1 bounds the root.
+  HWY_INLINE bool all_outside(const Discs& s) const {
+    const D d;
+    const auto reach = [&](V slope, V focal) HWY_ATTR {
+      const V wide = hn::MulAdd(slope, slope, hn::Set(d, 1.0F));
+      return hn::MulAdd(hn::Mul(focal, hn::Mul(s.inv_z, s.radius)),
+                        hn::Mul(hn::Set(d, 4.0F / 3), wide), filter_reach_);
+    };
+    const M unseen = outside(s, reach(s.slope_x, focal_x_), reach(s.slope_y, focal_y_));
+    const M far = hn::Lt(hn::Mul(hn::Set(d, 4.0F), s.radius), s.p.z);
+    return hn::AllTrue(d, hn::And(unseen, far));
+  }
+
+  /// Normals in camera space. An unknown normal looks at the eye.
+  HWY_INLINE Vec3 normals(int i, const Discs& s, V distance) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    Vec3 n = rotate(view_.rotation, {hn::LoadU(d, in_.normal_x + i), hn::LoadU(d, in_.normal_y + i),
+                                     hn::LoadU(d, in_.normal_z + i)});
+    const M unknown = hn::Eq(dot(n, n), zero);
     if (HWY_UNLIKELY(!hn::AllFalse(d, unknown))) {
       const V to_eye = hn::Div(hn::Set(d, -1.0F), distance);
-      n.x = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.x, to_eye) : zero, n.x);
-      n.y = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.y, to_eye) : zero, n.y);
-      n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(p.z, to_eye) : hn::Neg(one), n.z);
+      n.x = hn::IfThenElse(unknown, kPerspective ? hn::Mul(s.p.x, to_eye) : zero, n.x);
+      n.y = hn::IfThenElse(unknown, kPerspective ? hn::Mul(s.p.y, to_eye) : zero, n.y);
+      n.z = hn::IfThenElse(unknown, kPerspective ? hn::Mul(s.p.z, to_eye) : hn::Set(d, -1.0F), n.z);
     }
+    return n;
+  }
 
+  HWY_INLINE Kernels kernels(int i, const Discs& s, const Vec3& n) const {
+    const D d;
     // Columns of J V^(1/2): see screen_from_tangent_jacobian().
     Vec3 t;
     if constexpr (kAnisotropic) {
-      t = rotate(view.rotation, {hn::LoadU(d, in.tangent_x + i), hn::LoadU(d, in.tangent_y + i),
-                                 hn::LoadU(d, in.tangent_z + i)});
+      t = rotate(view_.rotation, {hn::LoadU(d, in_.tangent_x + i), hn::LoadU(d, in_.tangent_y + i),
+                                  hn::LoadU(d, in_.tangent_z + i)});
     } else {
       t = any_tangent(n);
     }
     const Vec3 b = cross(n, t);
-    const V scale_x = hn::Mul(focal_x, inv_z);
-    const V scale_y = hn::Mul(focal_y, inv_z);
-    const V tx = hn::Mul(hn::Mul(scale_x, deviation_u), hn::NegMulAdd(X, t.z, t.x));
-    const V ty = hn::Mul(hn::Mul(scale_y, deviation_u), hn::NegMulAdd(Y, t.z, t.y));
-    const V bx = hn::Mul(hn::Mul(scale_x, deviation_v), hn::NegMulAdd(X, b.z, b.x));
-    const V by = hn::Mul(hn::Mul(scale_y, deviation_v), hn::NegMulAdd(Y, b.z, b.y));
+    const V scale_x = hn::Mul(focal_x_, s.inv_z);
+    const V scale_y = hn::Mul(focal_y_, s.inv_z);
+    const V tx = hn::Mul(hn::Mul(scale_x, s.deviation_u), hn::NegMulAdd(s.slope_x, t.z, t.x));
+    const V ty = hn::Mul(hn::Mul(scale_y, s.deviation_u), hn::NegMulAdd(s.slope_y, t.z, t.y));
+    const V bx = hn::Mul(hn::Mul(scale_x, s.deviation_v), hn::NegMulAdd(s.slope_x, b.z, b.x));
+    const V by = hn::Mul(hn::Mul(scale_y, s.deviation_v), hn::NegMulAdd(s.slope_y, b.z, b.y));
 
     // Sigma = J V J^T + h^2 I, SS01 (6); |Sigma| as a sum of positive terms.
     const V xx = hn::MulAdd(tx, tx, hn::Mul(bx, bx));
     const V yy = hn::MulAdd(ty, ty, hn::Mul(by, by));
-    V Sigma_xx = hn::Add(xx, h2);
-    V Sigma_yy = hn::Add(yy, h2);
+    V Sigma_xx = hn::Add(xx, h2_);
+    V Sigma_yy = hn::Add(yy, h2_);
     V Sigma_xy = hn::MulAdd(tx, ty, hn::Mul(bx, by));
-    const V n_ray = hn::MulAdd(n.x, X, hn::MulAdd(n.y, Y, n.z));  // n . (X, Y, 1)
-    const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(n_ray));
-    const V det_JV = hn::Mul(det_J, hn::Mul(deviation_u, deviation_v));
-    V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2, hn::Add(hn::Add(xx, yy), h2)));
+    Kernels out;
+    out.n_ray = hn::MulAdd(n.x, s.slope_x, hn::MulAdd(n.y, s.slope_y, n.z));
+    const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(out.n_ray));
+    const V det_JV = hn::Mul(det_J, hn::Mul(s.deviation_u, s.deviation_v));
+    V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2_, hn::Add(hn::Add(xx, yy), h2_)));
     const V half = hn::Set(d, 0.5F);
-    if (view.circular) {
+    if (view_.circular) {
       // The larger eigenvalue.
       const V mean = hn::Mul(half, hn::Add(Sigma_xx, Sigma_yy));
       const V difference = hn::Mul(half, hn::Sub(Sigma_xx, Sigma_yy));
       Sigma_xx =
           hn::Add(mean, hn::Sqrt(hn::MulAdd(difference, difference, hn::Mul(Sigma_xy, Sigma_xy))));
       Sigma_yy = Sigma_xx;
-      Sigma_xy = zero;
+      Sigma_xy = hn::Zero(d);
       det_Sigma = hn::Mul(Sigma_xx, Sigma_xx);
     }
-    const V inv_yy = hn::Div(one, Sigma_yy);
-    const V inv_det = hn::Div(one, det_Sigma);
-    const V amplitude =
-        hn::Mul(hn::Mul(hn::Mul(hn::LoadU(d, in.area + i), hn::Set(d, kInvTwoPi)), det_J),
+    const V inv_yy = hn::Div(hn::Set(d, 1.0F), Sigma_yy);
+    const V inv_det = hn::Div(hn::Set(d, 1.0F), det_Sigma);
+    out.m = hn::Mul(Sigma_xy, inv_yy);
+    out.k = hn::Mul(half, hn::Mul(Sigma_yy, inv_det));
+    out.q = hn::Mul(half, inv_yy);
+    out.amplitude =
+        hn::Mul(hn::Mul(hn::Mul(hn::LoadU(d, in_.area + i), hn::Set(d, kInvTwoPi)), det_J),
                 hn::Sqrt(inv_det));
+    out.half_x = hn::Sqrt(hn::Mul(two_c_, Sigma_xx));
+    out.half_y = hn::Sqrt(hn::Mul(two_c_, Sigma_yy));
+    out.size2 = hn::Mul(two_c_, hn::Add(xx, yy));
+    return out;
+  }
 
-    // Depth plane: see depth_plane(). n . p = n_ray * p.z.
-    const V n_p = kPerspective ? hn::Mul(n_ray, p.z) : n.z;
+  /// See depth_plane(). normal . p = n_ray * p.z.
+  HWY_INLINE DepthPlanes depth_planes(const Discs& s, const Vec3& n, V n_ray, V distance) const {
+    const D d;
+    const V one = hn::Set(d, 1.0F);
+    const V inv_focal_x = hn::Set(d, 1.0F / view_.focal_x);
+    const V inv_focal_y = hn::Set(d, 1.0F / view_.focal_y);
+    const V n_p = kPerspective ? hn::Mul(n_ray, s.p.z) : n.z;
     const V least = hn::Mul(hn::Set(d, kLeastGradientCosine), distance);
     const V inv_np = hn::Div(one, hn::CopySign(hn::Max(hn::Abs(n_p), least), n_p));
     // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
     // divided by the cosine.
     const V inv_cosine = hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
-    const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, p.z) : pixel, inv_cosine);
-    const V reach = hn::Sqrt(
-        hn::Mul(two_c, hn::MulAdd(deviation, deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
-    const V depth_reach = hn::Mul(reach, hn::Mul(inv_z, inv_z));  // dz / z^2, of d = 1 / z
+    // Standard deviation of the pixel filter at distance 1.
+    const V pixel = hn::Mul(hn::Sqrt(h2_), hn::Max(inv_focal_x, inv_focal_y));
+    const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, s.p.z) : pixel, inv_cosine);
+    const V reach = hn::Sqrt(hn::Mul(
+        two_c_, hn::MulAdd(s.deviation, s.deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
+    DepthPlanes out;
+    out.depth = kPerspective ? s.inv_z : hn::Neg(s.p.z);
+    out.depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
+    out.depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
+    out.depth_range = hn::Mul(reach, hn::Mul(s.inv_z, s.inv_z));  // dz / z^2, of d = 1 / z
+    out.front = hn::Lt(n_p, hn::Zero(d));
+    return out;
+  }
 
-    const V half_x = hn::Sqrt(hn::Mul(two_c, Sigma_xx));
-    const V half_y = hn::Sqrt(hn::Mul(two_c, Sigma_yy));
+  HWY_INLINE Pixels pixels(V center, V half, float clip0, float clip1) const {
+    const D d;
+    const V offset = hn::Set(d, clip0 + 0.5F);
+    const V first = hn::Ceil(hn::Sub(hn::Sub(center, half), offset));
+    const V last = hn::Floor(hn::Sub(hn::Add(center, half), offset));
+    return {first, hn::Max(first, hn::Zero(d)), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
+  }
 
-    // Where the disc reaches through the near plane, the affine approximation (4) has no meaning.
-    // Comparisons are false for NaN.
-    const V near = hn::Set(d, view.near);
-    const V tolerance = hn::Set(d, view.tolerance);
-    const V size2 = hn::Mul(two_c, hn::Add(xx, yy));
-    auto exact = hn::FirstN(d, 0);
-    auto visible = hn::Not(exact);
-    // Most are so small that the angle to the line of sight need not be known for what follows.
-    const V least_z = hn::Sub(p.z, disc);
-    auto small = hn::Gt(least_z, near);
+  /// Tells apart the surfels whose kernel is affine, exact, or neither as the disc is not in front
+  /// of the near plane. Where the disc reaches through the near plane, the affine approximation (4)
+  /// has no meaning. Comparisons are false for NaN.
+  HWY_INLINE Classes classify(const Discs& s, const Vec3& n, V size2) const {
+    const D d;
+    const V near = hn::Set(d, view_.near);
+    const V tolerance = hn::Set(d, view_.tolerance);
+    Classes out;
+    out.exact = hn::FirstN(d, 0);
+    out.visible = hn::Not(out.exact);
+    // Most discs are so small that the angle to the line of sight need not be known.
+    const V least_z = hn::Sub(s.p.z, s.radius);
+    M small = hn::Gt(least_z, near);
     if constexpr (kPerspective) {
       const V most_error = hn::Mul(tolerance, least_z);
-      small = hn::And(small,
-                      hn::Le(hn::Mul(size2, hn::Mul(disc, disc)), hn::Mul(most_error, most_error)));
+      small = hn::And(small, hn::Le(hn::Mul(size2, hn::Mul(s.radius, s.radius)),
+                                    hn::Mul(most_error, most_error)));
     }
-    if (view.tolerance < 0 || !hn::AllTrue(d, small)) {
-      const V sine = hn::Sqrt(hn::Max(zero, hn::NegMulAdd(n.z, n.z, one)));
-      const V depth_extent = hn::Mul(disc, sine);
-      visible = hn::Gt(hn::Sub(p.z, depth_extent), near);
-      // A point of the disc that is nearer than the centre by the share e of its depth is projected
-      // 1 / (1 - e) times as far from the centre as (4) says: off by e / (1 - e) of that.
-      if (kPerspective && view.tolerance < std::numeric_limits<float>::infinity()) {
-        const V error_z = hn::Mul(hn::Sqrt(size2), depth_extent);
-        const auto affine =
-            hn::And(visible, hn::Le(error_z, hn::Mul(tolerance, hn::Sub(p.z, depth_extent))));
-        exact = hn::AndNot(affine, hn::Gt(hn::Add(p.z, depth_extent), near));
-        visible = affine;
-      }
-      if (!hn::AllFalse(d, exact)) {
-        // A disc that is far enough from the eye's plane is within its bounding sphere.
-        const auto bounded = hn::Gt(least_z, hn::Mul(hn::Set(d, kLeastDistance), disc));
-        const auto outside = [&](V center, V slope, V focal, float clip0, float clip1) {
-          const V bound = hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, one))),
-                                     hn::Div(disc, least_z), filter_reach);
-          return hn::Or(hn::Lt(hn::Add(center, bound), hn::Set(d, clip0)),
-                        hn::Gt(hn::Sub(center, bound), hn::Set(d, clip1)));
-        };
-        const auto unseen = hn::Or(outside(center_x, X, focal_x, view.clip_x0, view.clip_x1),
-                                   outside(center_y, Y, focal_y, view.clip_y0, view.clip_y1));
-        exact = hn::AndNot(hn::And(bounded, unseen), exact);
-      }
+    if (!(view_.tolerance < 0) && hn::AllTrue(d, small)) return out;
+    const V sine = hn::Sqrt(hn::Max(hn::Zero(d), hn::NegMulAdd(n.z, n.z, hn::Set(d, 1.0F))));
+    const V depth_extent = hn::Mul(s.radius, sine);
+    out.visible = hn::Gt(hn::Sub(s.p.z, depth_extent), near);
+    // A point of the disc that is nearer than the centre by the share e of its depth is projected
+    // 1 / (1 - e) times as far from the centre as (4) says: off by e / (1 - e) of that.
+    if (kPerspective && view_.tolerance < std::numeric_limits<float>::infinity()) {
+      const V error_z = hn::Mul(hn::Sqrt(size2), depth_extent);
+      const M affine =
+          hn::And(out.visible, hn::Le(error_z, hn::Mul(tolerance, hn::Sub(s.p.z, depth_extent))));
+      out.exact = hn::AndNot(affine, hn::Gt(hn::Add(s.p.z, depth_extent), near));
+      out.visible = affine;
     }
-    const V depth = kPerspective ? inv_z : hn::Neg(p.z);
-    const V depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
-    const V depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
-    const Pixels columns =
-        pixels_of(hn::Sub(center_x, half_x), hn::Add(center_x, half_x), view.clip_x0, view.clip_x1);
-    const Pixels rows =
-        pixels_of(hn::Sub(center_y, half_y), hn::Add(center_y, half_y), view.clip_y0, view.clip_y1);
-    visible = hn::And(visible,
-                      hn::And(hn::Le(columns.first, columns.last), hn::Le(rows.first, rows.last)));
-    // Edge-on ones would leave fragments without weight.
-    visible = hn::And(visible, hn::Gt(amplitude, hn::Set(d, kLeastAmplitude)));
-    const auto front = hn::Lt(n_p, zero);
-    if (view.cull_back) {
-      visible = hn::And(visible, front);
-      exact = hn::And(exact, front);
+    if (!hn::AllFalse(d, out.exact)) {
+      // A disc that is far enough from the eye's plane lies within its bounding sphere.
+      const M bounded = hn::Gt(least_z, hn::Mul(hn::Set(d, kLeastDistance), s.radius));
+      const auto reach = [&](V slope, V focal) HWY_ATTR {
+        return hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, hn::Set(d, 1.0F)))),
+                          hn::Div(s.radius, least_z), filter_reach_);
+      };
+      const M unseen = outside(s, reach(s.slope_x, focal_x_), reach(s.slope_y, focal_y_));
+      out.exact = hn::AndNot(hn::And(bounded, unseen), out.exact);
     }
-    const auto index = hn::Iota(di, i);
-    const auto exists = hn::RebindMask(d, hn::Lt(index, hn::Set(di, count)));
-    visible = hn::And(visible, exists);
-    exact = hn::And(exact, exists);
-
-    const auto byte_of = [&](V place) { return hn::BitCast(du, hn::ConvertTo(di, place)); };
-    const auto box = hn::Or(
-        hn::Or(byte_of(columns.first), hn::ShiftLeft<8>(byte_of(rows.first))),
-        hn::Or(hn::ShiftLeft<16>(byte_of(columns.last)), hn::ShiftLeft<24>(byte_of(rows.last))));
-    const auto flag = [&](auto mask, std::uint32_t bit) {
-      return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
-    };
-    const V diagonal2 = hn::MulAdd(half_x, half_x, hn::Mul(half_y, half_y));
-    const auto tag =
-        hn::Or(flag(front, kFrontTag), flag(hn::Lt(diagonal2, filtered_diagonal2), kFilteredTag));
-    const V alpha = in.alpha ? hn::LoadU(d, in.alpha + i) : one;
-    const auto color = [&](const float* column)
-                           HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
-    // Four fields that follow one another in a Splat, of every lane.
-    constexpr std::size_t kQuarter = sizeof(Splat) / 4;
-    HWY_ALIGN float quarters[4][4 * kTileSize];
-    hn::StoreInterleaved4(center_x, center_y, hn::Mul(Sigma_xy, inv_yy),
-                          hn::Mul(half, hn::Mul(Sigma_yy, inv_det)), d, quarters[0]);
-    hn::StoreInterleaved4(hn::Mul(half, inv_yy), amplitude, depth, depth_dx, d, quarters[1]);
-    hn::StoreInterleaved4(depth_dy, depth_reach, hn::BitCast(d, box), color(in.red), d,
-                          quarters[2]);
-    hn::StoreInterleaved4(color(in.green), color(in.blue), alpha, hn::BitCast(d, tag), d,
-                          quarters[3]);
-    HWY_ALIGN std::int32_t taken[kTileSize];
-    hn::Store(hn::VecFromMask(di, hn::RebindMask(di, visible)), di, taken);
-    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      // Those that are not visible go where nobody reads.
-      auto* const to = reinterpret_cast<std::byte*>(taken[lane] != 0 ? splats : &dropped);
-      for (std::size_t q = 0; q < 4; ++q) {
-        std::memcpy(to + q * kQuarter, quarters[q] + 4 * lane, kQuarter);
-      }
-      splats -= taken[lane];
-    }
-    auto first = visible;
-    if (!view.first_column) first = hn::And(first, hn::Ge(columns.unclipped, zero));
-    if (!view.first_row) first = hn::And(first, hn::Ge(rows.unclipped, zero));
-    first_count += hn::CountTrue(d, first);
-    // A whole vector fits: there are no more of either than lanes before.
-    const auto note = [&](auto mask, std::int32_t* to, int& noted) HWY_ATTR {
-      const Compressor<D> listed(mask);
-      listed.store(index, di, to + noted);
-      noted += static_cast<int>(listed.count());
-    };
-    note(visible, out.visible, visible_count);
-    if (kPerspective && !hn::AllFalse(d, exact)) note(exact, out.exact, exact_count);
+    return out;
   }
-  out.visible_count = visible_count;
-  out.exact_count = exact_count;
-  out.first_count = static_cast<int>(first_count);
+
+  /// Leaves the surfels of which something may be drawn in the rectangle; `left` exist.
+  HWY_INLINE Classes seen(Classes classes, const Projected& s, int left) const {
+    const D d;
+    const M in_rectangle =
+        hn::And(hn::Le(s.columns.first, s.columns.last), hn::Le(s.rows.first, s.rows.last));
+    classes.visible = hn::And(classes.visible, in_rectangle);
+    classes.visible =
+        hn::And(classes.visible, hn::Gt(s.kernels.amplitude, hn::Set(d, kLeastAmplitude)));
+    M drawn = hn::RebindMask(d, hn::Lt(hn::Iota(Ints(), 0), hn::Set(Ints(), left)));
+    if (view_.cull_back) drawn = hn::And(drawn, s.planes.front);
+    return {hn::And(classes.visible, drawn), hn::And(classes.exact, drawn)};
+  }
+
+  const SplatView& view_;
+  const SurfelColumns& in_;
+  V focal_x_, focal_y_, h2_, two_c_;
+  V filter_reach_;  ///< Radius of the pixel filter, pixels.
+};
+
+template <bool kPerspective, bool kAnisotropic>
+void set_up(const SplatView& view, const SurfelColumns& in, int count, const SurfelColumns* next,
+            Splat* splats, SetUpSplats& out) {
+  SplatSetup<kPerspective, kAnisotropic>(view, in).run(count, next, splats, out);
 }
 
 }  // namespace

@@ -287,8 +287,6 @@ class Rasterizer {
   /// layer in some pixel.
   HWY_NOINLINE bool add_without_layer(std::size_t pixel, const Contribution& c) {
     const D d;
-    const Splat& splat = job_.splats[c.splat];
-    const SplatNormal* normal = normal_of(c.splat);
     const V rho = c.rho;
     const V depth = c.depth;
     M open = hn::Gt(rho, hn::Zero(d));
@@ -302,9 +300,9 @@ class Rasterizer {
     }
     // What nobody sees is not worth two surfaces merged.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
-    open = add_to_merged(splat, normal, pixel, open, rho, depth, c.epsilon);
-    for_each_lane(open, rho, depth, [&](std::size_t lane, float r, float z) {
-      insert_by_merging(tile_, static_cast<int>(pixel + lane), r, z, splat, normal);
+    open = add_to_merged(pixel, open, c);
+    for_each_lane(open, c, [&](std::size_t lane, const PixelContribution& one) {
+      insert_by_merging(tile_, static_cast<int>(pixel + lane), one);
     });
     return !hn::AllFalse(d, open);
   }
@@ -312,9 +310,10 @@ class Rasterizer {
   /// Contributions that come after their surface has been merged: those behind an opaque pair are
   /// not seen; those within a pair fill what it leaves open if all is opaque, and are dropped
   /// otherwise, as their place in the pair is not known. Returns the others.
-  HWY_INLINE M add_to_merged(const Splat& splat, const SplatNormal* normal, std::size_t pixel,
-                             M open, V rho, V depth, V epsilon) {
+  HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Contribution& c) {
     const D d;
+    const V depth = c.depth;
+    const V epsilon = c.epsilon;
     const float* fragment = tile_.fragment(0, pixel);
     for (int layer = 0; layer < layers_; ++layer, fragment += stride_) {
       if (hn::AllFalse(d, open)) break;
@@ -327,31 +326,33 @@ class Rasterizer {
           hn::And(hn::Lt(hn::Sub(depth, epsilon), front), hn::Gt(hn::Add(depth, epsilon), back)));
       if (hn::AllFalse(d, within)) continue;
       tile_.merges.late += hn::CountTrue(d, within);
-      late_weight_ = hn::Add(late_weight_, hn::IfThenElseZero(within, rho));
+      late_weight_ = hn::Add(late_weight_, hn::IfThenElseZero(within, c.rho));
       open = hn::AndNot(within, open);
       if constexpr (kOpaqueSplats) {
-        for_each_lane(within, rho, depth, [&](std::size_t lane, float r, float z) {
-          add_to_merged_layer(tile_, layer, static_cast<int>(pixel + lane), r, z, splat, normal);
+        for_each_lane(within, c, [&](std::size_t lane, const PixelContribution& one) {
+          add_to_merged_layer(tile_, layer, static_cast<int>(pixel + lane), one);
         });
       }
     }
     return open;
   }
 
-  /// Calls `function(lane, rho, depth)` for the lanes of the mask, in order.
+  /// Calls `function(lane, PixelContribution)` for the lanes of the mask, in order.
   template <class Function>
-  static HWY_INLINE void for_each_lane(M lanes, V rho, V depth, const Function& function) {
+  HWY_INLINE void for_each_lane(M lanes, const Contribution& c, const Function& function) const {
     const D d;
     if (hn::AllFalse(d, lanes)) return;
     HWY_ALIGN float rhos[kTileSize];
     HWY_ALIGN float depths[kTileSize];
-    hn::Store(rho, d, rhos);
-    hn::Store(depth, d, depths);
+    hn::Store(c.rho, d, rhos);
+    hn::Store(c.depth, d, depths);
+    const Splat& splat = job_.splats[c.splat];
+    const SplatNormal* const normal = normal_of(c.splat);
     std::uint8_t bytes[8] = {};  // As many as may be written.
     hn::StoreMaskBits(d, lanes, bytes);
     for (unsigned left = bytes[0] | bytes[1] << 8U; left != 0; left &= left - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(left));
-      function(lane, rhos[lane], depths[lane]);
+      function(lane, PixelContribution{rhos[lane], depths[lane], splat, normal});
     }
   }
 

@@ -17,6 +17,9 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
+using Tags = hn::RebindToUnsigned<D>;
+using Ints = hn::RebindToSigned<D>;
+
 /// Places of a splat's attributes among its floats.
 constexpr int kSplatFloats = sizeof(Splat) / sizeof(float);
 constexpr int kRedFloat = offsetof(Splat, red) / sizeof(float);
@@ -34,30 +37,44 @@ HWY_INLINE M same_side(Entry a, Entry b) {
   return hn::RebindMask(D(), hn::Eq(hn::And(hn::Xor(a, b), hn::Set(du, kFrontTag)), hn::Zero(du)));
 }
 
+HWY_INLINE hn::Vec<Tags> entries(GroupImages& images, int image, std::size_t pixel) {
+  return hn::BitCast(Tags(), hn::Load(D(), at(images, image, GroupImages::kEntry, pixel)));
+}
+
+/// The nearest fragments of a vector of pixels.
+struct NearestFragments {
+  V depth;  ///< Minus infinity where there are none.
+  hn::Vec<Tags> entry;
+};
+
+/// Looks through the first `count` images.
+HWY_INLINE NearestFragments nearest_of(GroupImages& images, int count, std::size_t pixel) {
+  const D d;
+  NearestFragments nearest{hn::Set(d, -__builtin_inff()), hn::Zero(Tags())};
+  for (int k = 0; k < count; ++k) {
+    const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
+    const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+    const M nearer = hn::And(hn::Gt(sum, hn::Zero(d)), hn::Gt(depth, nearest.depth));
+    nearest.depth = hn::IfThenElse(nearer, depth, nearest.depth);
+    nearest.entry =
+        hn::IfThenElse(hn::RebindMask(Tags(), nearer), entries(images, k, pixel), nearest.entry);
+  }
+  return nearest;
+}
+
 /// Of every pixel, the depth that a splat must reach for something of it to be seen: that of the
 /// nearest surface, where it covers the pixel; minus infinity where it does not.
 void find_hidden(GroupImages& images, const TileABuffer& weights, const float* outside,
                  float* hidden) {
   const D d;
-  const hn::RebindToUnsigned<D> du;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-    V nearest = hn::Set(d, -__builtin_inff());
-    auto nearest_entry = hn::Zero(du);
-    const auto entry_of = [&](int k) HWY_ATTR {
-      return hn::BitCast(du, hn::Load(d, at(images, k, GroupImages::kEntry, pixel)));
-    };
-    for (int k = 0; k < images.groups(); ++k) {  // The nearest layers.
-      const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
-      const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
-      const M nearer = hn::And(hn::Gt(sum, hn::Zero(d)), hn::Gt(depth, nearest));
-      nearest = hn::IfThenElse(nearer, depth, nearest);
-      nearest_entry = hn::IfThenElse(hn::RebindMask(du, nearer), entry_of(k), nearest_entry);
-    }
+    const auto [nearest, nearest_entry] = nearest_of(images, images.groups(), pixel);
     V weight = hn::Zero(d);
     for (int k = 0; k < images.groups(); ++k) {
       const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
       const V reach = hn::Load(d, at(images, k, GroupImages::kReach, pixel));
-      const M joins = hn::And(hn::Ge(reach, nearest), same_side(entry_of(k), nearest_entry));
+      const M joins =
+          hn::And(hn::Ge(reach, nearest), same_side(entries(images, k, pixel), nearest_entry));
       weight = hn::Add(weight, hn::IfThenElseZero(joins, sum));
     }
     const M covered = hn::Ge(weight, hn::Set(d, weights.edge_weight));
@@ -166,104 +183,141 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
   }
 }
 
+/// Composites the images of a tile: see composite_groups().
 template <bool kNormals, bool kOpaqueSplats>
-void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
-  const D d;
-  const hn::RebindToSigned<D> di;
-  const hn::RebindToUnsigned<D> du;
-  const auto* splats = reinterpret_cast<const float*>(job.splats);
-  const auto* normals = reinterpret_cast<const float*>(job.normals);
-  const V none = hn::Set(d, -__builtin_inff());
-  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-    M open = hn::Eq(none, none);
-    for (int layer = 0; layer < tile.layout.layers; ++layer) {
-      // What lies in front of all is among the nearest of each group.
-      const int count = images.groups() * (layer == 0 ? 1 : images.layers());
-      const auto entry_of = [&](int k) HWY_ATTR {
-        return hn::BitCast(du, hn::Load(d, at(images, k, GroupImages::kEntry, pixel)));
-      };
-      V nearest = none;
-      auto nearest_entry = hn::Zero(du);
-      for (int k = 0; k < count; ++k) {
-        const V used = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
-        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
-        const auto entry = entry_of(k);
-        const M nearer = hn::And(hn::Gt(used, hn::Zero(d)), hn::Gt(depth, nearest));
-        nearest = hn::IfThenElse(nearer, depth, nearest);
-        nearest_entry = hn::IfThenElse(hn::RebindMask(du, nearer), entry, nearest_entry);
+class ImageCompositor {
+ public:
+  ImageCompositor(const TileJob& job, GroupImages& images, TileABuffer& tile)
+      : splats_(reinterpret_cast<const float*>(job.splats)),
+        normals_(reinterpret_cast<const float*>(job.normals)),
+        images_(images),
+        tile_(tile) {}
+
+  void run() const {
+    const D d;
+    const V none = hn::Set(d, -__builtin_inff());
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
+      M open = hn::Eq(none, none);
+      for (int layer = 0; layer < tile_.layout.layers; ++layer) {
+        // What lies in front of all is among the nearest of each group.
+        const int count = images_.groups() * (layer == 0 ? 1 : images_.layers());
+        const NearestFragments nearest = nearest_of(images_, count, pixel);
+        open = hn::And(open, hn::Gt(nearest.depth, none));
+        if (hn::AllFalse(d, open)) break;
+        const Surface surface = take_surface(count, pixel, open, nearest);
+        store(layer, pixel, open, nearest, surface);
+        open = hn::And(open, hn::Lt(surface.weight, hn::Set(d, tile_.edge_weight)));
       }
-      open = hn::And(open, hn::Gt(nearest, none));
-      if (hn::AllFalse(d, open)) break;
-      const auto splat_at = [&](auto entry)
-                                HWY_ATTR { return hn::BitCast(di, hn::ShiftRight<1>(entry)); };
-      // Figure 5 goes by the nearest fragment, which lets the far ones of a surface that is steep
-      // or noisy fall off as another layer; the mean of what it joins does not.
-      V near_weight = hn::Zero(d);
-      V near_depth = hn::Zero(d);
-      for (int k = 0; k < count; ++k) {
-        const V rho = hn::Load(d, at(images, k, GroupImages::kRho, pixel));
-        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
-        const M joins = hn::And(
-            same_side(entry_of(k), nearest_entry),
-            hn::And(hn::Gt(hn::Load(d, at(images, k, GroupImages::kSum, pixel)), hn::Zero(d)),
-                    hn::Ge(hn::Load(d, at(images, k, GroupImages::kReach, pixel)), nearest)));
-        const V w = hn::IfThenElseZero(joins, rho);
-        near_weight = hn::Add(near_weight, w);
-        near_depth = hn::MulAdd(w, hn::IfThenElseZero(joins, depth), near_depth);
-      }
-      const V anchor = hn::Min(nearest, hn::Div(near_depth, near_weight));
-      V sum[kNormalZ + 1];
-      for (V& s : sum) s = hn::Zero(d);
-      V all = hn::Zero(d);
-      for (int k = 0; k < count; ++k) {
-        float* group_sums = at(images, k, GroupImages::kSum, pixel);
-        const V group_sum = hn::Load(d, group_sums);
-        const V rho = hn::Load(d, at(images, k, GroupImages::kRho, pixel));
-        const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
-        const V reach = hn::Load(d, at(images, k, GroupImages::kReach, pixel));
-        const auto entry = entry_of(k);
-        const M joins = hn::And(hn::And(open, same_side(entry, nearest_entry)),
-                                hn::And(hn::Gt(group_sum, hn::Zero(d)), hn::Ge(reach, anchor)));
-        if (hn::AllFalse(d, joins)) continue;
-        hn::Store(hn::IfThenZeroElse(joins, group_sum), d, group_sums);
-        all = hn::Add(all, hn::IfThenElseZero(joins, group_sum));
-        const V w = hn::IfThenElseZero(joins, rho);
-        const auto splat = hn::IfThenElseZero(hn::RebindMask(di, joins), splat_at(entry));
-        const auto place = hn::Mul(splat, hn::Set(di, kSplatFloats));
-        const auto add = [&](int channel,
-                             V value) HWY_ATTR {  // Masked as well: what does not join may be
-                                                  // anything, and 0 times it not a number.
-          sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), sum[channel]);
-        };
-        sum[kWeight] = hn::Add(sum[kWeight], w);
-        add(kDepth, depth);
-        for (int c = 0; c < (kOpaqueSplats ? 3 : 4); ++c) {
-          add(kRed + c, hn::GatherIndex(d, splats + kRedFloat + c, place));
-        }
-        if constexpr (kNormals) {
-          const auto normal = hn::Mul(splat, hn::Set(di, kNormalFloats));
-          for (int c = 0; c < kNormalFloats; ++c) {
-            add(kNormalX + c, hn::GatherIndex(d, normals + c, normal));
-          }
-        }
-      }
-      // The weight is to be the sum of all kernels.
-      const V scale = hn::Div(all, sum[kWeight]);
-      const auto put = [&](int channel, V value) HWY_ATTR {
-        hn::Store(hn::IfThenElseZero(open, value), d,
-                  tile.fragment(layer, pixel) + channel * kPatchPixels);
-      };
-      const int last = kNormals ? kNormalZ : kAlpha;
-      for (int c = 0; c <= last; ++c) {
-        if (c != kTag && c != kBack) put(c, hn::Mul(scale, sum[c]));
-      }
-      const auto nearest_place =
-          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, open), splat_at(nearest_entry)),
-                  hn::Set(di, kSplatFloats));
-      put(kTag, hn::GatherIndex(d, splats + kTagFloat, nearest_place));
-      open = hn::And(open, hn::Lt(all, hn::Set(d, tile.edge_weight)));
     }
   }
+
+ private:
+  /// Of a vector of pixels.
+  struct Surface {
+    V sum[kNormalZ + 1];  ///< By FragmentChannel; weighted by the rho of the winning fragments.
+    V weight;             ///< Sum of all kernels.
+  };
+
+  static HWY_INLINE hn::Vec<Ints> splat_of(hn::Vec<Tags> entry) {
+    return hn::BitCast(Ints(), hn::ShiftRight<1>(entry));
+  }
+
+  /// Figure 5 goes by the nearest fragment, which lets the far ones of a surface that is steep or
+  /// noisy fall off as another layer; the mean depth of what the nearest fragment joins does not.
+  HWY_INLINE V anchor(int count, std::size_t pixel, const NearestFragments& nearest) const {
+    const D d;
+    V weight = hn::Zero(d);
+    V weighted_depth = hn::Zero(d);
+    for (int k = 0; k < count; ++k) {
+      const V rho = hn::Load(d, at(images_, k, GroupImages::kRho, pixel));
+      const V depth = hn::Load(d, at(images_, k, GroupImages::kDepth, pixel));
+      const M joins = joining(k, pixel, nearest, nearest.depth);
+      const V w = hn::IfThenElseZero(joins, rho);
+      weight = hn::Add(weight, w);
+      weighted_depth = hn::MulAdd(w, hn::IfThenElseZero(joins, depth), weighted_depth);
+    }
+    return hn::Min(nearest.depth, hn::Div(weighted_depth, weight));
+  }
+
+  /// The fragments of an image that are there, show the nearest one's side and are as near as a
+  /// depth, within their epsilon.
+  HWY_INLINE M joining(int image, std::size_t pixel, const NearestFragments& nearest,
+                       V depth) const {
+    const D d;
+    const V sum = hn::Load(d, at(images_, image, GroupImages::kSum, pixel));
+    const V reach = hn::Load(d, at(images_, image, GroupImages::kReach, pixel));
+    return hn::And(same_side(entries(images_, image, pixel), nearest.entry),
+                   hn::And(hn::Gt(sum, hn::Zero(d)), hn::Ge(reach, depth)));
+  }
+
+  /// Sums up the fragments of the nearest surface and takes them out of their images.
+  HWY_INLINE Surface take_surface(int count, std::size_t pixel, M open,
+                                  const NearestFragments& nearest) const {
+    const D d;
+    const Ints di;
+    const V anchor_depth = anchor(count, pixel, nearest);
+    Surface out;
+    for (V& s : out.sum) s = hn::Zero(d);
+    out.weight = hn::Zero(d);
+    for (int k = 0; k < count; ++k) {
+      const M joins = hn::And(open, joining(k, pixel, nearest, anchor_depth));
+      if (hn::AllFalse(d, joins)) continue;
+      float* const group_sums = at(images_, k, GroupImages::kSum, pixel);
+      const V group_sum = hn::Load(d, group_sums);
+      hn::Store(hn::IfThenZeroElse(joins, group_sum), d, group_sums);
+      out.weight = hn::Add(out.weight, hn::IfThenElseZero(joins, group_sum));
+      const V w = hn::IfThenElseZero(joins, hn::Load(d, at(images_, k, GroupImages::kRho, pixel)));
+      const auto splat =
+          hn::IfThenElseZero(hn::RebindMask(di, joins), splat_of(entries(images_, k, pixel)));
+      const auto place = hn::Mul(splat, hn::Set(di, kSplatFloats));
+      // Values are masked, as what does not join may be anything, and 0 times it not a number.
+      const auto add = [&](int channel, V value) HWY_ATTR {
+        out.sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), out.sum[channel]);
+      };
+      out.sum[kWeight] = hn::Add(out.sum[kWeight], w);
+      add(kDepth, hn::Load(d, at(images_, k, GroupImages::kDepth, pixel)));
+      for (int c = 0; c < (kOpaqueSplats ? 3 : 4); ++c) {
+        add(kRed + c, hn::GatherIndex(d, splats_ + kRedFloat + c, place));
+      }
+      if constexpr (kNormals) {
+        const auto normal = hn::Mul(splat, hn::Set(di, kNormalFloats));
+        for (int c = 0; c < kNormalFloats; ++c) {
+          add(kNormalX + c, hn::GatherIndex(d, normals_ + c, normal));
+        }
+      }
+    }
+    return out;
+  }
+
+  /// The fragment's weight is the sum of all kernels, and its other sums are scaled to it.
+  HWY_INLINE void store(int layer, std::size_t pixel, M open, const NearestFragments& nearest,
+                        const Surface& surface) const {
+    const D d;
+    const Ints di;
+    const V scale = hn::Div(surface.weight, surface.sum[kWeight]);
+    const auto put = [&](int channel, V value) HWY_ATTR {
+      hn::Store(hn::IfThenElseZero(open, value), d,
+                tile_.fragment(layer, pixel) + channel * kPatchPixels);
+    };
+    const int last = kNormals ? kNormalZ : kAlpha;
+    for (int c = 0; c <= last; ++c) {
+      if (c != kTag && c != kBack) put(c, hn::Mul(scale, surface.sum[c]));
+    }
+    const auto place =
+        hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, open), splat_of(nearest.entry)),
+                hn::Set(di, kSplatFloats));
+    put(kTag, hn::GatherIndex(d, splats_ + kTagFloat, place));
+  }
+
+  const float* splats_;
+  const float* normals_;
+  GroupImages& images_;
+  TileABuffer& tile_;
+};
+
+template <bool kNormals, bool kOpaqueSplats>
+void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
+  ImageCompositor<kNormals, kOpaqueSplats>(job, images, tile).run();
 }
 
 }  // namespace

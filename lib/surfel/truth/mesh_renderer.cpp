@@ -236,6 +236,7 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
                            const MeshRenderOptions& options)
     : impl_(new Impl{mesh, textures, scene, options}) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
+  for (const std::string& problem : scene.problems()) throw_usage(problem);
   if (textures) impl_->check_textures();
   if (mesh.face.empty()) return;
   if (options.lit && mesh.wedge_normal.empty()) {
@@ -254,6 +255,7 @@ MeshRenderer::~MeshRenderer() = default;
 
 Image MeshRenderer::render(const Camera& camera,
                            const std::function<void(double)>& progress) const {
+  for (const std::string& problem : camera.problems()) throw_usage(problem);
   const MeshRenderOptions& options = impl_->options;
   const Shader shader(options.lit ? &impl_->scene : nullptr, camera);
   const View view{camera, shader, camera.eye - impl_->mesh.origin};

@@ -45,18 +45,24 @@ struct MeshRenderOptions {
 /// Memory: some 120 bytes a face beside the mesh, half of them for normals.
 class SURFEL_API MeshRenderer {
  public:
-  /// Keeps references to all but the options.
+  /// Keeps references to all but the options; they must outlive the renderer.
   /// \param textures  null: none are to be seen. Charts play no role.
-  /// Throws Error: kUsage for options that are not usable; kInput where there are textures but the
-  /// mesh has no texture coordinates, or has a material without a map; kNumeric if the mesh does
-  /// not fit into memory a second time.
+  /// Throws Error: kUsage for options or scenes that are not usable; kInput where there are
+  /// textures but the mesh has no texture coordinates, or has a material without a map; kNumeric if
+  /// the mesh does not fit into memory a second time.
   MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                const MeshRenderOptions& options);
+  MeshRenderer(TriangleMesh&& mesh, const TextureSet* textures, const Scene& scene,
+               const MeshRenderOptions& options) = delete;
+  MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, Scene&& scene,
+               const MeshRenderOptions& options) = delete;
   ~MeshRenderer();
   MeshRenderer(const MeshRenderer&) = delete;
   MeshRenderer& operator=(const MeshRenderer&) = delete;
 
-  /// Premultiplied linear R G B A over the background. The same for any number of threads.
+  /// Premultiplied linear R G B A over the background. The same for any number of threads. Draws
+  /// on all threads; several calls may run at once. Throws Error(kUsage) for a camera that is not
+  /// usable.
   /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 

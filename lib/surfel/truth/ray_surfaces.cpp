@@ -30,11 +30,7 @@ Disc::Disc(const RenderCloud& cloud, std::uint32_t i, const Camera& camera)
   bitangent = normal.cross(tangent);
 }
 
-Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, const Scene& scene,
-                        const Shader& shader, double x, double y, double full_weight) {
-  std::sort(hits.begin(), hits.end(), [](const RayHit& a, const RayHit& b) {
-    return std::pair(a.z, a.surfel) < std::pair(b.z, b.surfel);
-  });
+void RaySurfaces::separate(const std::vector<RayHit>& hits) {
   surfaces_.clear();
   for (const RayHit& hit : hits) {
     Surface* surface = nullptr;
@@ -47,25 +43,33 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
       }
     }
     const std::uint32_t i = hit.surfel;
-    const std::uint32_t material = cloud.material.empty() ? 0 : cloud.material[i];
+    const std::uint32_t material = cloud_.material.empty() ? 0 : cloud_.material[i];
     if (!surface) {
       surface = &surfaces_.emplace_back();
       surface->material = material;
       surface->front = hit.front;
     }
     const double opacity =
-        scene.materials[std::min<std::size_t>(material, scene.materials.size() - 1)].opacity;
-    const double weighted_alpha = hit.weight * opacity * (cloud.alpha.empty() ? 1 : cloud.alpha[i]);
+        scene_.materials[std::min<std::size_t>(material, scene_.materials.size() - 1)].opacity;
+    const double weighted_alpha =
+        hit.weight * opacity * (cloud_.alpha.empty() ? 1 : cloud_.alpha[i]);
     surface->weight += hit.weight;
     surface->z += hit.weight * hit.z;
-    surface->color += weighted_alpha * Vec3d(cloud.red[i], cloud.green[i], cloud.blue[i]);
+    surface->color += weighted_alpha * Vec3d(cloud_.red[i], cloud_.green[i], cloud_.blue[i]);
     surface->alpha += weighted_alpha;
-    surface->normal += hit.weight * Vec3d(cloud.normal_x[i], cloud.normal_y[i], cloud.normal_z[i]);
+    surface->normal +=
+        hit.weight * Vec3d(cloud_.normal_x[i], cloud_.normal_y[i], cloud_.normal_z[i]);
   }
   // Later hits may have moved one surface's mean behind another's.
   std::sort(surfaces_.begin(), surfaces_.end(),
             [](const Surface& a, const Surface& b) { return a.mean_z() < b.mean_z(); });
+}
 
+Rgba RaySurfaces::color(std::vector<RayHit>& hits, double x, double y) {
+  std::sort(hits.begin(), hits.end(), [](const RayHit& a, const RayHit& b) {
+    return std::pair(a.z, a.surfel) < std::pair(b.z, b.surfel);
+  });
+  separate(hits);
   Rgba color;
   SeenThrough seen_through;
   for (const Surface& surface : surfaces_) {
@@ -75,7 +79,7 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
     const double z = surface.mean_z();
     const double inv_weight = 1 / surface.weight;
     c[kWeight] = 1;
-    c[kDepth] = shader.depth(static_cast<float>(z));
+    c[kDepth] = shader_.depth(static_cast<float>(z));
     c[kRed] = static_cast<float>(surface.color.x() * inv_weight);
     c[kGreen] = static_cast<float>(surface.color.y() * inv_weight);
     c[kBlue] = static_cast<float>(surface.color.z() * inv_weight);
@@ -85,13 +89,13 @@ Rgba RaySurfaces::color(std::vector<RayHit>& hits, const RenderCloud& cloud, con
     c[kNormalX] = static_cast<float>(surface.normal.x() * inv_weight);
     c[kNormalY] = static_cast<float>(surface.normal.y() * inv_weight);
     c[kNormalZ] = static_cast<float>(surface.normal.z() * inv_weight);
-    const Rgba shaded = shader.shade(fragment, static_cast<float>(x), static_cast<float>(y),
-                                     static_cast<float>(full_weight * inv_weight));
+    const Rgba shaded = shader_.shade(fragment, static_cast<float>(x), static_cast<float>(y),
+                                      static_cast<float>(full_weight_ * inv_weight));
     color.composite(shaded);
-    const auto coverage = static_cast<float>(std::min(1.0, surface.weight / full_weight));
+    const auto coverage = static_cast<float>(std::min(1.0, surface.weight / full_weight_));
     seen_through.add(fragment, 1, coverage, shaded.alpha);
   }
-  shader.add_environment(color, seen_through, static_cast<float>(x), static_cast<float>(y));
+  shader_.add_environment(color, seen_through, static_cast<float>(x), static_cast<float>(y));
   return color;
 }
 

@@ -47,14 +47,18 @@ struct RayHit {
 /// The surfaces that one ray meets. Kept from ray to ray, so that nothing is allocated for each.
 class RaySurfaces {
  public:
+  /// Keeps references to the cloud, the scene and the shader. `full_weight` is tau.
+  RaySurfaces(const RenderCloud& cloud, const Scene& scene, const Shader& shader,
+              double full_weight)
+      : cloud_(cloud), scene_(scene), shader_(shader), full_weight_(full_weight) {}
+
   /// Takes the hits of a ray in any order, leaves them sorted. Separates them front to back into
   /// surfaces: a hit joins the nearest surface of the same side whose mean depth is within its
   /// epsilon, or else opens one. Each surface is normalised by its sum of rho (9), shaded at the
   /// picture coordinates (x, y) and weighed by its coverage (SS01 section 7); they are composited
-  /// front to back (12), however many there are, over the environment. `full_weight` is tau.
+  /// front to back (12), however many there are, over the environment.
   /// \return premultiplied.
-  Rgba color(std::vector<RayHit>& hits, const RenderCloud& cloud, const Scene& scene,
-             const Shader& shader, double x, double y, double full_weight);
+  Rgba color(std::vector<RayHit>& hits, double x, double y);
 
  private:
   /// Sums over the hits, each times its weight.
@@ -69,6 +73,13 @@ class RaySurfaces {
 
     double mean_z() const { return z / weight; }
   };
+  /// Fills surfaces_, nearest first.
+  void separate(const std::vector<RayHit>& hits);
+
+  const RenderCloud& cloud_;
+  const Scene& scene_;
+  const Shader& shader_;
+  double full_weight_;
   std::vector<Surface> surfaces_;
 };
 

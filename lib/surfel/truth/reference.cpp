@@ -23,12 +23,11 @@ class RayCaster {
   RayCaster(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
             const DiscHierarchy& hierarchy, const Shader& shader, const Camera& camera)
       : cloud_(cloud),
-        scene_(scene),
         options_(options),
         hierarchy_(hierarchy),
-        shader_(shader),
         camera_(camera),
-        full_weight_(options.coverage_threshold.value_or(coverage_threshold(options.cutoff))) {}
+        surfaces_(cloud, scene, shader,
+                  options.coverage_threshold.value_or(coverage_threshold(options.cutoff))) {}
 
   /// Premultiplied colour at picture coordinates.
   Rgba trace(double x, double y) {
@@ -42,7 +41,7 @@ class RayCaster {
     for (const Disc& disc : candidates_) {
       if (const std::optional<RayHit> hit = meet(disc, ray)) hits_.push_back(*hit);
     }
-    return surfaces_.color(hits_, cloud_, scene_, shader_, x, y, full_weight_);
+    return surfaces_.color(hits_, x, y);
   }
 
  private:
@@ -76,12 +75,9 @@ class RayCaster {
   }
 
   const RenderCloud& cloud_;
-  const Scene& scene_;
   const RenderOptions& options_;
   const DiscHierarchy& hierarchy_;
-  const Shader& shader_;
   const Camera& camera_;
-  double full_weight_;
 
   double pixel_x_ = std::nan(""), pixel_y_ = std::nan("");  ///< Of the candidates: none yet.
   std::vector<Disc> candidates_;
@@ -105,19 +101,20 @@ ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scen
       reference_(reference),
       hierarchy_(cloud, std::sqrt(2 * options.cutoff), DiscHierarchy::Bound::kDisc) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
+  for (const std::string& problem : scene.problems()) throw_usage(problem);
   for (const std::string& problem : reference.problems()) throw_usage(problem);
 }
 
 Image ReferenceRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
+  for (const std::string& problem : camera.problems()) throw_usage(problem);
   const Shader shader(options_.lit ? &scene_ : nullptr, camera);
   PerWorker<RayCaster> workers([&] {
     return std::make_unique<RayCaster>(cloud_, scene_, options_, hierarchy_, shader, camera);
   });
   Image image = supersample(
       camera, {reference_.samples, options_.lowpass},
-      [&](double x, double y, int worker) { return workers[worker].trace(x, y); },
-      progress);
+      [&](double x, double y, int worker) { return workers[worker].trace(x, y); }, progress);
   composite_over(image, options_.background);
   return image;
 }

@@ -122,19 +122,23 @@ SourceEwaRenderer::SourceEwaRenderer(const RenderCloud& cloud, const Scene& scen
       options_(options),
       hierarchy_(cloud, std::sqrt(2 * options.cutoff), DiscHierarchy::Bound::kBall) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
+  for (const std::string& problem : scene.problems()) throw_usage(problem);
 }
 
 Image SourceEwaRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
+  for (const std::string& problem : camera.problems()) throw_usage(problem);
   const Shader shader(options_.lit ? &scene_ : nullptr, camera, options_.lowpass);
   const SourceKernels kernels(options_, camera);
   const double full_weight =
       options_.coverage_threshold.value_or(coverage_threshold(options_.cutoff));
   struct Worker {
-    std::vector<RayHit> hits;
     RaySurfaces surfaces;
+    std::vector<RayHit> hits;
   };
-  PerWorker<Worker> workers;
+  PerWorker<Worker> workers([&] {
+    return std::make_unique<Worker>(Worker{{cloud_, scene_, shader, full_weight}, {}});
+  });
 
   Image image;
   image.width = camera.width;
@@ -156,8 +160,7 @@ Image SourceEwaRenderer::render(const Camera& camera,
             const std::optional<RayHit> hit = kernels.meet(Disc(cloud_, surfel, camera), ray);
             if (hit) worker.hits.push_back(*hit);
           });
-          const Rgba color = worker.surfaces.color(worker.hits, cloud_, scene_, shader, x + 0.5,
-                                                   y + 0.5, full_weight);
+          const Rgba color = worker.surfaces.color(worker.hits, x + 0.5, y + 0.5);
           float* pixel = image.pixel(x, y);
           pixel[0] = color.red;
           pixel[1] = color.green;

@@ -41,11 +41,15 @@ namespace surfel {
 /// infinity. Of the RenderOptions the same ones apply.
 class SURFEL_API SourceEwaRenderer {
  public:
-  /// Keeps references to the cloud and the scene. Throws Error(kUsage) for options that are not
-  /// usable.
+  /// Keeps references to the cloud and the scene, which must outlive the renderer. Throws
+  /// Error(kUsage) for options or scenes that are not usable.
   SourceEwaRenderer(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options);
+  SourceEwaRenderer(RenderCloud&& cloud, const Scene& scene, const RenderOptions& options) = delete;
+  SourceEwaRenderer(const RenderCloud& cloud, Scene&& scene, const RenderOptions& options) = delete;
 
-  /// Premultiplied linear R G B A over the background. The same for any number of threads.
+  /// Premultiplied linear R G B A over the background. The same for any number of threads. Draws
+  /// on all threads; several calls may run at once. Throws Error(kUsage) for a camera that is not
+  /// usable.
   /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 
