@@ -104,7 +104,7 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
       kept_position.push_back(position[i]);
     }
     r.outliers = order.size() - kept.size();
-    if (kept.empty()) throw_input(name, "every point is an outlier; raise --outlier-deviations");
+    if (kept.empty()) throw_input(name, "every point is an outlier; raise `deviations`");
     order = std::move(kept);
     position = std::move(kept_position);
     lap("outliers");

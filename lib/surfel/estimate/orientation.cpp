@@ -253,10 +253,10 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
 
 std::vector<std::string> OrientationOptions::problems() const {
   std::vector<std::string> found;
-  if (!viewpoint.allFinite()) found.emplace_back("viewpoint must be three finite numbers");
-  if (!up.allFinite() || up.isZero(0)) found.emplace_back("up must be finite and not zero");
+  if (!viewpoint.allFinite()) found.emplace_back("`viewpoint` must be three finite numbers");
+  if (!up.allFinite() || up.isZero(0)) found.emplace_back("`up` must be finite and not zero");
   if (neighbors < 2 || neighbors > 64) {
-    found.push_back(fmt::format("orient-k is {}; it must be in 2..64", neighbors));
+    found.push_back(fmt::format("`neighbors` is {}; it must be in 2..64", neighbors));
   }
   return found;
 }

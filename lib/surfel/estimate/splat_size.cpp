@@ -426,12 +426,13 @@ std::vector<std::string> SplatSizeOptions::problems() const {
   const auto check = [&](bool ok, const std::string& message) {
     if (!ok) found.push_back(message);
   };
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+  check(cutoff >= 0.1 && cutoff <= 16,
+        fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff));
   check(neighbors >= 4 && neighbors <= 1024,
-        fmt::format("neighbors is {}; it must be in 4..1024", neighbors));
+        fmt::format("`neighbors` is {}; it must be in 4..1024", neighbors));
   check(anisotropy_ratio > 1 && anisotropy_ratio <= 100,
-        fmt::format("anisotropy-ratio is {}; it must be in (1, 100]", anisotropy_ratio));
-  check(margin >= 1 && margin <= 4, fmt::format("margin is {}; it must be in 1..4", margin));
+        fmt::format("`anisotropy_ratio` is {}; it must be in (1, 100]", anisotropy_ratio));
+  check(margin >= 1 && margin <= 4, fmt::format("`margin` is {}; it must be in 1..4", margin));
   return found;
 }
 

@@ -336,7 +336,7 @@ std::vector<std::string> GramOptions::problems() const {
   std::vector<std::string> found;
   const auto check = [&](const char* option, double value, double min, double max) {
     if (value >= min && value <= max) return;
-    found.push_back(fmt::format("{} is {}; it must be {} to {}", option, value, min, max));
+    found.push_back(fmt::format("`{}` is {}; it must be {} to {}", option, value, min, max));
   };
   if (reach) check("reach", *reach, kMinReach, kMaxReach);
   check("accuracy", accuracy, 1e-9, 1e-1);

@@ -93,7 +93,7 @@ class RayCaster {
 
 std::vector<std::string> ReferenceOptions::problems() const {
   if (samples >= 1 && samples <= 64) return {};
-  return {fmt::format("samples is {}; it must be in 1..64", samples)};
+  return {fmt::format("`samples` is {}; it must be in 1..64", samples)};
 }
 
 ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scene,
@@ -116,8 +116,7 @@ Image ReferenceRenderer::render(const Camera& camera,
   });
   Image image = supersample(
       camera, {reference_.samples, options_.lowpass},
-      [&](double x, double y, int worker) { return workers[worker].trace(x, y); },
-      progress);
+      [&](double x, double y, int worker) { return workers[worker].trace(x, y); }, progress);
   composite_over(image, options_.background);
   return image;
 }
