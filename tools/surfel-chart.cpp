@@ -6,10 +6,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/chart_runner.h>
 #include <surfel/chart/plot.h>
-#include <surfel/chart/process.h>
 #include <surfel/chart/sweeps.h>
 
 #include "tools/support/options.h"
@@ -48,7 +48,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Input");
   app.add_option("--image", c.image, "Texture of the mesh; default: its materials' own");
   app.add_option("--mesh", c.mesh, "Of surfels: the mesh that they stand for, for --truth mesh");
-  app.add_option("--count", c.count, "Samples of a mesh")->capture_default_str();
+  app.add_option("--count", c.count, "Samples of a mesh");
   app.add_option("--scene", c.scene, "Lights, materials, environment (TOML)");
   app.add_option("--with", c.with,
                  "Options of a tool for all points, such as \"surfel-estimate --orient align\"; "
@@ -60,13 +60,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--truth", c.truth,
                  "reference (the surfels, ray cast), mesh (ray traced), or a picture of the "
                  "camera's view; default: the mesh where there is one, else the reference");
-  app.add_option("--samples", c.samples, "Rays along each side of the truth's pixels, 1..64")
-      ->capture_default_str();
-  app.add_option("--repeats", c.repeats, "Runs of which the median time counts, 1..1000")
-      ->capture_default_str();
+  app.add_option("--samples", c.samples, "Rays along each side of the truth's pixels, 1..64");
+  app.add_option("--repeats", c.repeats, "Runs of which the median time counts, 1..1000");
   app.add_option("--frames", c.frames,
-                 "Frames of a turn by 0.25 degrees each, for flicker, 2..1000; 0 = none")
-      ->capture_default_str();
+                 "Frames of a turn by 0.25 degrees each, for flicker, 2..1000; 0 = none");
 
   app.option_defaults()->group("Camera");
   c.camera.width = c.camera.height = 400;
@@ -84,7 +81,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Options");
 }
 
-/// What --quick changes, where it is not given.
+/// Changes options for --quick, unless they are given.
 void make_quick(const CLI::App& app, surfel::ChartOptions& c) {
   const auto unless_given = [&](const char* option, auto& value, auto quick) {
     if (app.get_option(option)->count() == 0) value = quick;
@@ -102,9 +99,8 @@ void check(const Settings& s) {
   const bool goal = s.goal.min_psnr || s.goal.max_time;
   if (s.recommend != goal) {
     problems.emplace_back("--recommend needs --max-error or --max-time, and they need it");
-  }
-  if (s.goal.max_time && !(*s.goal.max_time > 0)) {
-    problems.push_back(fmt::format("max-time is {}; it must be greater than 0", *s.goal.max_time));
+  } else if (goal) {
+    surfel::tool::append(problems, s.goal.problems());
   }
   if (s.recommend && !s.sweeps.empty()) {
     problems.emplace_back("--recommend has settings of its own; leave out --sweep");
@@ -137,8 +133,8 @@ class WorkFolder {
   ~WorkFolder() {
     if (temporary_) remove();
   }
-  /// Runs something that works in the folder. What wrong usage ends before it begins leaves
-  /// nothing.
+  /// Runs a function that works in the folder. Where wrong usage ends it, a folder that this object
+  /// made is removed.
   template <class Function>
   auto run(const Function& function) const {
     try {
@@ -162,7 +158,7 @@ class WorkFolder {
 
  private:
   bool temporary_;
-  bool resumed_ = false;  ///< The folder of an earlier run, which may go on.
+  bool resumed_ = false;  ///< The folder is an earlier run's, which may go on.
   bool made_outer_ = false;
   std::string path_;
 };
@@ -182,7 +178,7 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
   const surfel::ChartReport report = work.run([&] { return surfel::ChartRunner(options).run(); });
   surfel::write_report(report, command, work.path(), s.output, tool.common().no_clobber);
   work.remove();
-  tool.report()["chart"] = surfel::report_json(report);
+  tool.report()["chart"] = nlohmann::json::parse(surfel::report_json(report));
   for (const surfel::ChartSweep& sweep : report.sweeps) {
     if (sweep.standard_off) tool.note(sweep.name + ": " + sweep.verdict);
   }
@@ -214,6 +210,7 @@ int main(int argc, char** argv) {
             "one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.name_fields({{"sweeps", "--sweep"}, {"min_psnr", "--max-error"}});
   return tool.run(argc, argv, [&] {
     check(s);
     if (s.chart.quick) make_quick(tool.app(), s.chart);

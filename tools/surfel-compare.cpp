@@ -11,6 +11,7 @@
 #include <surfel/truth/image_error.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -20,7 +21,7 @@ using surfel::ImageError;
 using surfel::tool::Tool;
 using Json = nlohmann::ordered_json;
 
-/// What the run asks of the measures; unset: nothing.
+/// Limits that the measures must keep; unset: none.
 struct Limits {
   std::optional<double> min_psnr;
   std::optional<double> max_beyond;
@@ -179,8 +180,8 @@ int main(int argc, char** argv) {
     tool.report()["compare"] = json;
     surfel::tool::print(s.json ? json.dump(2) + "\n" : table(found));
     if (const auto missed = violations(error, s.limits); !missed.empty()) {
-      const std::string name = s.tested == "-" ? "standard input" : s.tested;
-      surfel::throw_input(name, fmt::format("{}", fmt::join(missed, "; ")));
+      surfel::throw_input(surfel::tool::shown_name(s.tested),
+                          fmt::format("{}", fmt::join(missed, "; ")));
     }
   });
 }

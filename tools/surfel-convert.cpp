@@ -14,6 +14,7 @@
 #include <surfel/scene/transform.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -47,7 +48,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "Put the rows of each file after those of the files before it");
 
   app.option_defaults()->group("Place of the result, in this order, about the world's origin");
-  app.add_option("--scale", s.scale, "Factor of lengths, 1e-9..1e9")->capture_default_str();
+  app.add_option("--scale", s.scale, "Factor of lengths, 1e-9..1e9");
   add_vector(app, "--rotate", s.rotation, "Axis and angle in degrees, right-handed: X,Y,Z,DEGREES");
   add_vector(app, "--translate", s.translation, "Offset, scene units (of the result): X,Y,Z");
   app.option_defaults()->group("Options");
@@ -63,10 +64,10 @@ std::vector<int> parse_materials(const std::string& text, std::size_t files) {
         !word.empty() && word.size() <= 5 &&
         std::all_of(word.begin(), word.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
     if (!digits && word != "keep") {
-      surfel::throw_usage(
-          fmt::format("material is '{}'; it must be a row in 0..65535, or keep, for all files or, "
-                      "parted by commas, for each",
-                      text));
+      surfel::throw_usage(fmt::format(
+          "--material is '{}'; it must be a row in 0..65535, or keep, for all files or, "
+          "parted by commas, for each",
+          text));
     }
     rows.push_back(digits ? std::stoi(word) : -1);
     begin = end + 1;
@@ -96,7 +97,7 @@ std::string extension_of(const std::string& path) {
 void check(Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
-  for (std::string& problem : similarity(s).problems()) problems.push_back(std::move(problem));
+  surfel::tool::append(problems, similarity(s).problems());
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only");
   }
@@ -131,7 +132,7 @@ void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::JoinR
   }
 }
 
-/// A loss of precision that somebody may see: files far from one another.
+/// Tells of a loss of precision that somebody may see, where files lie far from one another.
 void tell_rounding(const surfel::tool::Tool& tool, const Settings& s, double rounding,
                    double extent) {
   constexpr double kVisible = 1e-5;
@@ -173,9 +174,7 @@ int main(int argc, char** argv) {
     report["rounding"] = joined.rounding;
 
     surfel::transform_cloud(cloud, similarity(s));
-    cloud.provenance.push_back(tool.provenance());
-    surfel::write_cloud(cloud, s.output,
-                        {.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
+    surfel::tool::write_result(tool, cloud, s.output, s.ascii);
     report["surfels"] = cloud.size();
     tool.note(fmt::format("{}: {} surfels", s.output, cloud.size()));
   });

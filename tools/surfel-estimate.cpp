@@ -1,3 +1,5 @@
+// surfel-estimate: surfels from raw points.
+
 #include <charconv>
 #include <optional>
 
@@ -6,7 +8,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
 #include <surfel/estimate/estimate.h>
-#include <surfel/io/cloud_io.h>
 
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
@@ -34,15 +35,11 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Neighbourhoods");
   app.add_option("-k", s.k,
                  "Points of a neighbourhood, the point itself included, 3..65535; auto = from "
-                 "--k-min to --k-max, as noise, curvature and density ask for it")
-      ->capture_default_str();
-  app.add_option("--k-min", s.estimate.normals.k_min, "Least points with -k auto")
-      ->capture_default_str();
-  app.add_option("--k-max", s.estimate.normals.k_max, "Most points with -k auto")
-      ->capture_default_str();
+                 "--k-min to --k-max, as noise, curvature and density ask for it");
+  app.add_option("--k-min", s.estimate.normals.k_min, "Least points with -k auto");
+  app.add_option("--k-max", s.estimate.normals.k_max, "Most points with -k auto");
   app.add_option("--radius", s.estimate.normals.radius,
-                 "Above 0: all points within that distance instead, scene units")
-      ->capture_default_str();
+                 "Above 0: all points within that distance instead, scene units");
   add_choice(app, "--search", s.estimate.search,
              {{"exact", SearchMethod::kExact},
               {"flann", SearchMethod::kFlann},
@@ -51,11 +48,9 @@ void declare_options(CLI::App& app, Settings& s) {
              "about 1 in 100 neighbours: --verbose and --stats tell how many");
   app.add_flag("--remove-outliers", s.remove_outliers,
                "Remove points that are further from their neighbours than most");
-  app.add_option("--outlier-k", s.outliers.neighbors, "Neighbours whose mean distance counts")
-      ->capture_default_str();
+  app.add_option("--outlier-k", s.outliers.neighbors, "Neighbours whose mean distance counts");
   app.add_option("--outlier-deviations", s.outliers.deviations,
-                 "Standard deviations above the mean of all from which on a point is one")
-      ->capture_default_str();
+                 "Standard deviations above the mean of all from which on a point is one");
 
   app.option_defaults()->group("Orientation");
   add_choice(app, "--orient", s.estimate.orientation.method,
@@ -81,12 +76,11 @@ void declare_options(CLI::App& app, Settings& s) {
              {{"auto", Anisotropy::kAuto}, {"on", Anisotropy::kOn}, {"off", Anisotropy::kOff}},
              "Ellipses instead of discs: auto = where samples lie in lines");
   app.add_option("--cutoff", s.estimate.size.cutoff,
-                 "c that --variance cover closes the surface at, 0.1..16")
-      ->capture_default_str();
+                 "c that --variance cover closes the surface at, 0.1..16");
   app.option_defaults()->group("Options");
 }
 
-/// Fills in what the library's options hold in other types.
+/// Fills in the viewpoint, which the file may tell.
 void finish(Settings& s, const surfel::SurfelCloud& cloud) {
   if (s.viewpoint) {
     s.estimate.orientation.viewpoint = *s.viewpoint;
@@ -131,7 +125,7 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
   json["border"] = r.border;
   json["capped"] = r.capped;
   json["anisotropic"] = r.anisotropic;
-  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, r.times);
 }
 
 void warn(const surfel::tool::Tool& tool, const std::string& input,
@@ -157,6 +151,7 @@ int main(int argc, char** argv) {
                           "Makes surfels of raw points: normals, their side, splat sizes.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.name_fields({{"neighbors", "--outlier-k"}, {"deviations", "--outlier-deviations"}});
   return tool.run(argc, argv, [&] {
     check(settings);
     const surfel::Timer timer;
@@ -170,8 +165,7 @@ int main(int argc, char** argv) {
     report(tool.report(), estimate);
     warn(tool, settings.input, estimate);
 
-    surfels.provenance.push_back(tool.provenance());
-    surfel::write_cloud(surfels, settings.output, {.no_clobber = tool.common().no_clobber});
+    surfel::tool::write_result(tool, surfels, settings.output);
     tool.report()["surfels"] = surfels.size();
     tool.note(fmt::format("{}: {} surfels", settings.output, surfels.size()));
   });

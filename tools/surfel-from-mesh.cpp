@@ -1,3 +1,5 @@
+// surfel-from-mesh: surfels that cover a mesh.
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -6,14 +8,15 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/timing.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/adaptive_spacing.h>
 #include <surfel/texture/texture_source.h>
-#include <tools/support/options.h>
-#include <tools/support/tool.h>
+
+#include "tools/support/options.h"
+#include "tools/support/surfels.h"
+#include "tools/support/tool.h"
 
 namespace {
 
@@ -77,12 +80,9 @@ void check(const CLI::App& app, const Request& r) {
       problems.emplace_back("--spacing has no effect with --adaptive; give --max-error or --count");
     }
   } else {
-    for (const char* option : {"--max-error", "--unit-deviation", "--image", "--wrap"}) {
-      if (app.get_option(option)->count() == 0) continue;
-      problems.push_back(fmt::format("{} has no effect without --adaptive; leave it out", option));
-    }
-    const std::vector<std::string> sampling = r.options.problems();
-    problems.insert(problems.end(), sampling.begin(), sampling.end());
+    problems = tool::without_effect(app, {"--max-error", "--unit-deviation", "--image", "--wrap"},
+                                    "without --adaptive");
+    tool::append(problems, r.options.problems());
   }
   tool::require_valid(problems);
 }
@@ -107,9 +107,7 @@ SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
                       {"shape_error", report.shape_error},
                       {"least_spacing", report.least_spacing},
                       {"reached", report.reached}};
-  for (const auto& [name, milliseconds] : report.times.stages()) {
-    json["stages"][name] = milliseconds;
-  }
+  tool::add_stages(json, report.times);
   tool.note(
       fmt::format("{}: expected error {:.3g} (colour {:.3g}, shape {:.3g} of {:.3g} units), "
                   "spacing from {:.3g} up",
@@ -134,9 +132,7 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   // A single sample has no distance to others; JSON has no infinity.
   if (std::isfinite(report.least_distance)) json["least_distance"] = report.least_distance;
   json["mean_distance"] = report.mean_distance;
-  for (const auto& [name, milliseconds] : report.times.stages()) {
-    json["stages"][name] = milliseconds;
-  }
+  tool::add_stages(json, report.times);
 }
 
 void tell(const tool::Tool& tool, const Request& r, const SurfelCloud& cloud,
@@ -182,10 +178,9 @@ int main(int argc, char** argv) {
     }
     MeshSampleReport report;
     SurfelCloud cloud = sample_mesh(mesh, request.options, &report, request.mesh);
-    cloud.provenance.push_back(tool.provenance());
     fill_report(tool.report(), cloud, report);
     timer.restart();
-    write_cloud(cloud, request.output, {.no_clobber = tool.common().no_clobber});
+    tool::write_result(tool, cloud, request.output);
     tool.report()["write_ms"] = timer.milliseconds();
     tell(tool, request, cloud, report);
   });

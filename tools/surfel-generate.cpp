@@ -1,3 +1,5 @@
+// surfel-generate: surfels, meshes and images from formulas.
+
 #include <algorithm>
 #include <filesystem>
 
@@ -6,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
@@ -17,14 +20,16 @@
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
 #include <surfel/scene/triangle_mesh.h>
-#include <tools/support/options.h>
-#include <tools/support/tool.h>
+
+#include "tools/support/options.h"
+#include "tools/support/surfels.h"
+#include "tools/support/tool.h"
 
 namespace {
 
 using namespace surfel;
 
-/// Surfels that are in memory at once, about: 500 MB with what makes them.
+/// Surfels that are in memory at once: about 500 MB with the scratch that makes them.
 constexpr std::size_t kPiece = std::size_t{2} << 20;
 
 struct Request {
@@ -77,8 +82,7 @@ void declare(tool::Tool& tool, Request& r) {
       "Write the surface as triangles with uv to this file (OBJ, PLY); with --image, its "
       "material names that picture");
   app.add_option("--resolution", r.resolution,
-                 "Cells of the mesh along u and v of every part, 3 to 16384")
-      ->capture_default_str();
+                 "Cells of the mesh along u and v of every part, 3 to 16384");
   app.add_option("--image", r.image,
                  "Write the surface's texture, or the picture of an image kind, to this file")
       ->expected(0, 1);
@@ -94,14 +98,10 @@ void declare(tool::Tool& tool, Request& r) {
 
 /// Options that do nothing for the kind asked for must not be given.
 void refuse(tool::Tool& tool, const std::string& kind, const std::vector<std::string>& options) {
-  for (const std::string& option : options) {
-    if (tool.app().get_option(option)->count() > 0) {
-      throw_usage(fmt::format("{} has no effect on {}; leave it out", option, kind));
-    }
-  }
+  tool::require_valid(tool::without_effect(tool.app(), options, "on " + kind));
 }
 
-/// Of surfels and meshes alone.
+/// Options that surfels and meshes alone have.
 const std::vector<std::string> kSurfaceOptions{
     "--count", "--jitter", "--variance-scale", "--no-uv", "--mesh", "--texture", "--resolution"};
 
@@ -197,12 +197,11 @@ void generate_hard_case(tool::Tool& tool, const Request& r) {
   const bool no_clobber = tool.common().no_clobber;
   if (!r.output.empty()) {
     SurfelCloud cloud = scene.cloud;
-    cloud.provenance.push_back(tool.provenance());
-    write_cloud(cloud, r.output, {.no_clobber = no_clobber});
+    tool::write_result(tool, cloud, r.output);
     tool.report()["surfels"] = cloud.size();
     tool.report()["view"] = view_options(scene.view);
-    tool.note(fmt::format("{}: {} surfels; see them with surfel-render {}", r.output, cloud.size(),
-                          view_options(scene.view)));
+    tool.note(fmt::format("{}: {} surfels; see them with surfel-render {} {} -o OUT", r.output,
+                          cloud.size(), shell_file(r.output), view_options(scene.view)));
   }
   if (!r.mesh.empty()) {
     TriangleMesh mesh = *scene.mesh;

@@ -1,3 +1,5 @@
+// surfel-group: groups in which no two surfels overlap.
+
 #include <filesystem>
 #include <optional>
 
@@ -5,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/sp06/coverage.h>
 #include <surfel/sp06/grouping.h>
 
@@ -37,24 +38,19 @@ void declare_options(CLI::App& app, Settings& s) {
 
   app.option_defaults()->group("Overlap");
   app.add_option("--cutoff", overlap.cutoff,
-                 "c that a splat ends at: its radius is sqrt(2 c variance), 0.01..16")
-      ->capture_default_str();
+                 "c that a splat ends at: its radius is sqrt(2 c variance), 0.01..16");
   app.add_option("--overlap", overlap.overlap,
-                 "Splats of a group are no closer than this times the sum of their radii, 0..4")
-      ->capture_default_str();
+                 "Splats of a group are no closer than this times the sum of their radii, 0..4");
   app.add_flag("--relax-opposite", overlap.relax_opposite,
                "Let splats overlap whose normals point into opposite directions");
   app.add_flag("--relax-coplanar", overlap.relax_coplanar,
                "Let splats overlap that lie in one plane and look the same");
   app.add_option("--coplanar-angle", overlap.coplanar_angle,
-                 "Of --relax-coplanar: how far planes may differ, degrees, 0..45")
-      ->capture_default_str();
+                 "Of --relax-coplanar: how far planes may differ, degrees, 0..45");
   app.add_option("--coplanar-color", overlap.coplanar_color,
-                 "Of --relax-coplanar: how far linear colours and alpha may differ")
-      ->capture_default_str();
+                 "Of --relax-coplanar: how far linear colours and alpha may differ");
   app.add_option("--max-memory", s.max_memory_gb,
-                 "Most that the overlapping pairs may take, GB; 0 = half of what is free")
-      ->capture_default_str();
+                 "Most that the overlapping pairs may take, GB; 0 = half of what is free");
 
   app.option_defaults()->group("Groups");
   tool::add_choice(
@@ -66,8 +62,7 @@ void declare_options(CLI::App& app, Settings& s) {
       "and take longer");
   app.add_option("--groups", s.grouping.groups,
                  "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
-                 "no two splats of a group to overlap")
-      ->capture_default_str();
+                 "no two splats of a group to overlap");
 
   app.option_defaults()->group("Coverage of the surface by every group, for transparent rendering");
   tool::add_choice(app, "--cover", s.cover,
@@ -79,24 +74,20 @@ void declare_options(CLI::App& app, Settings& s) {
                    "radius for every splat, the least overlap; duplicate = add splats of other "
                    "groups; default: leave out");
   app.add_option("--cover-target", s.coverage.target,
-                 "Of --cover enlarge: share of the surface that a group shall cover, up to 1")
-      ->capture_default_str();
+                 "Of --cover enlarge: share of the surface that a group shall cover, up to 1");
   app.add_option("--most-growth", s.coverage.most_growth,
                  "Of --cover enlarge-each: most that a radius grows by, times the median of its "
-                 "group, >= 1; discs at creases would stick out of the surface")
-      ->capture_default_str();
+                 "group, >= 1; discs at creases would stick out of the surface");
   app.add_option("--least-gain", s.coverage.least_gain,
                  "Of --cover duplicate: a splat is added if it newly covers more than this share "
-                 "of its disc, between 0 and 1")
-      ->capture_default_str();
+                 "of its disc, between 0 and 1");
   app.add_option("--fixed-point", s.coverage.fixed_point_iterations,
                  "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
-                 "solution for comparison; 0 = none")
-      ->capture_default_str();
+                 "solution for comparison; 0 = none");
   app.option_defaults()->group("Options");
 }
 
-/// Options that the others given leave without effect.
+/// Adds a problem for each given option that has no effect beside the others.
 void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
   using surfel::CoverMethod;
   const auto needs = [&](const char* option, bool in_force, const char* other) {
@@ -132,7 +123,7 @@ void check(const CLI::App& app, Settings& s) {
   if (s.cover) {
     s.coverage.method = *s.cover;
     s.coverage.cutoff = s.grouping.overlap.cutoff;
-    for (std::string& problem : s.coverage.problems()) problems.push_back(std::move(problem));
+    surfel::tool::append(problems, s.coverage.problems());
   }
   surfel::tool::require_valid(problems);
   s.grouping.overlap.max_memory = static_cast<std::uint64_t>(s.max_memory_gb * 1e9);
@@ -147,7 +138,7 @@ void report(nlohmann::json& json, const surfel::GroupingReport& r) {
   json["edges"] = r.edges;
   json["graph_bytes"] = r.graph_bytes;
   json["group_sizes"] = r.sizes;
-  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, r.times);
   if (!r.overlap) return;
   json["least_overlap"] = {{"disc_area", r.overlap->disc_area},
                            {"placed_overlap_area", r.overlap->placed_overlap_area},
@@ -176,7 +167,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["hidden"] = r.hidden;
   json["without_disc"] = r.without_disc;
   json["border_splats"] = r.border_splats;
-  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, r.times);
   for (const surfel::GroupCoverage& g : r.groups) {
     nlohmann::json group = {{"splats", g.splats},
                             {"added", g.added},
@@ -195,7 +186,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   }
 }
 
-/// Covers the surface as --cover says, and tells what came of it.
+/// Covers the surface as --cover says, and reports and tells the result.
 void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
            nlohmann::json& json) {
   const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage, s.input);
@@ -224,7 +215,7 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   }
 }
 
-/// SP06 table 1: a row for the cloud.
+/// Prints a row of SP06, table 1, for the cloud.
 void print_table(const surfel::SurfelCloud& cloud, const Settings& s, nlohmann::json& json) {
   std::string head = "| surfels | points |";
   std::string row =
@@ -252,6 +243,7 @@ int main(int argc, char** argv) {
                           "Divides surfels into groups in which no two overlap (SP06).");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.name_fields({{"target", "--cover-target"}, {"fixed_point_iterations", "--fixed-point"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const surfel::Timer timer;
@@ -271,8 +263,7 @@ int main(int argc, char** argv) {
     }
 
     if (settings.cover) cover(cloud, settings, tool, tool.report()["coverage"]);
-    cloud.provenance.push_back(tool.provenance());
-    surfel::write_cloud(cloud, settings.output, {.no_clobber = tool.common().no_clobber});
+    surfel::tool::write_result(tool, cloud, settings.output);
     tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
                           settings.output, cloud.size(), grouping.groups, grouping.mean_degree,
                           grouping.max_degree));

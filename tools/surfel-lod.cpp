@@ -2,9 +2,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/lod/hierarchy.h>
 
 #include "tools/support/options.h"
@@ -27,15 +25,12 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Levels");
   app.add_option("--reduction", s.hierarchy.reduction,
                  "Surfels of a level for one of the next coarser level, 2..16: less comes closer "
-                 "to what a picture needs, and makes a larger file")
-      ->capture_default_str();
+                 "to what a picture needs, and makes a larger file");
   app.add_option("--normal-angle", s.hierarchy.sheets.normal_angle,
                  "Normals this far from the mean of what is merged are of another sheet, degrees, "
-                 "in (0, 90]")
-      ->capture_default_str();
+                 "in (0, 90]");
   app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
-                 "How much more distances across the surface count than along it, 1..1000")
-      ->capture_default_str();
+                 "How much more distances across the surface count than along it, 1..1000");
   app.option_defaults()->group("Options");
 }
 
@@ -44,7 +39,7 @@ void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
   json["levels"] = r.levels;
   json["spacing"] = r.spacing;
   json["clusters"] = r.clusters;
-  for (const auto& [stage, ms] : r.stages.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, r.stages);
 }
 
 }  // namespace
@@ -56,7 +51,7 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.hierarchy.problems());
-    const std::string name = s.input == "-" ? "standard input" : s.input;
+    const std::string name = surfel::tool::shown_name(s.input);
     const surfel::Timer timer;
     surfel::HierarchyReport levels;
     surfel::SurfelCloud result;
@@ -65,15 +60,9 @@ int main(int argc, char** argv) {
       tool.report()["load_ms"] = timer.milliseconds();
       result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
     }
-    if (const auto& d = levels.dropped; d.total() > 0) {
-      tool.note(
-          fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
-                      "colours that are not usable numbers)",
-                      name, d.total(), d.position, d.variance, d.color));
-    }
+    surfel::tool::tell_left_out(tool, name, levels.dropped);
     report(tool.report(), levels);
-    result.provenance.push_back(tool.provenance());
-    surfel::write_cloud(result, s.output, {.no_clobber = tool.common().no_clobber});
+    surfel::tool::write_result(tool, result, s.output);
     tool.note(fmt::format("{}: {} surfels in {} levels of {} down to {}", s.output, result.size(),
                           levels.levels.size(), levels.levels.front(), levels.levels.back()));
   });

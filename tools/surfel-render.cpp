@@ -1,3 +1,5 @@
+// surfel-render: pictures of surfels by EWA splatting, and the truths to measure them against.
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -28,11 +30,12 @@
 #include <surfel/truth/source_ewa.h>
 
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
 
-/// Pictures of a turntable that wait to be encoded, at most.
+/// Most pictures that wait to be encoded: one while the next is drawn, and one to spare.
 constexpr std::size_t kPicturesInFlight = 2;
 
 enum class Shading { kPhong, kNone };
@@ -66,26 +69,20 @@ struct Settings {
   Eigen::Vector4d background{0, 0, 0, 0};
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_camera(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
-  app.add_option("surfels", s.input,
-                 "Surfels (PLY, PCD; - = standard input); with --mesh they only frame the picture, "
-                 "and may be left out");
-  app.add_option("-o,--output", s.output,
-                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
-      ->required();
-
   app.option_defaults()->group("Camera");
   add_view(app, s.camera);
-  app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0")
-      ->capture_default_str();
+  app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0");
   app.add_option(
       "--camera", s.camera_file,
       "Camera file (TOML); its keys win over the options above; [[camera]] = one view each");
   app.add_option("--turntable", s.turntable,
-                 "That many pictures around the target, 1..100000; 0 = one picture")
-      ->capture_default_str();
+                 "That many pictures around the target, 1..100000; 0 = one picture");
+}
 
+void declare_kernel(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
   app.option_defaults()->group("Kernel and filter");
   using surfel::Kernel;
   add_choice(
@@ -94,8 +91,7 @@ void declare_options(CLI::App& app, Settings& s) {
       "Projection of the kernel: affine about each surfel's centre, exact, or exact where "
       "affine may be off by more than --kernel-tolerance");
   app.add_option("--kernel-tolerance", s.render.kernel_tolerance,
-                 "Of --kernel auto: error on the splat's rim, pixels, > 0")
-      ->capture_default_str();
+                 "Of --kernel auto: error on the splat's rim, pixels, > 0");
   add_choice(app, "--filter", s.filter,
              {{"ewa", Filter::kEwa},
               {"ewa-source", Filter::kEwaSource},
@@ -103,12 +99,13 @@ void declare_options(CLI::App& app, Settings& s) {
               {"none", Filter::kNone}},
              "Filter; the others are there to compare with: ewa-source filters in the surfels' "
              "planes, slowly, circular in all directions alike (always affine), none not at all");
-  app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16")
-      ->capture_default_str();
+  app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16");
   app.add_option("--lowpass", s.render.lowpass,
-                 "Standard deviation of the low-pass filter, pixels, 0.1..16")
-      ->capture_default_str();
+                 "Standard deviation of the low-pass filter, pixels, 0.1..16");
+}
 
+void declare_visibility(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
   app.option_defaults()->group("Visibility and coverage");
   using surfel::Method;
   add_choice(
@@ -130,19 +127,19 @@ void declare_options(CLI::App& app, Settings& s) {
              "Of methods with groups: how fragments of one layer are told, of which the nearest to "
              "its splat's centre stays: not at all, by steps of depth (with seams between them), "
              "or by --depth-epsilon");
-  app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64")
-      ->capture_default_str();
+  app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
   app.add_option("--layers", s.render.layers,
-                 "Fragments per pixel of --method abuffer and deferred, 1..64")
-      ->capture_default_str();
+                 "Fragments per pixel of --method abuffer and deferred, 1..64");
   app.add_option("--depth-epsilon", s.render.depth_epsilon,
-                 "Surfaces within this many footprints (to beta = 1) in depth are one, > 0")
-      ->capture_default_str();
+                 "Surfaces within this many footprints (to beta = 1) in depth are one, > 0");
   app.add_option("--coverage-threshold", s.render.coverage_threshold,
                  "Sum of kernels that covers a pixel, > 0; default: by the cutoff");
   add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
              "Leave out surfels that face away: for closed, opaque surfaces");
+}
 
+void declare_levels(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
   app.option_defaults()->group("Level of detail");
   add_choice(app, "--lod", s.lod, {{"auto", Lod::kAuto}, {"on", Lod::kOn}, {"off", Lod::kOff}},
              "Use the levels of detail of the file (surfel-lod), so that the time follows the "
@@ -154,9 +151,11 @@ void declare_options(CLI::App& app, Settings& s) {
                              surfel::RenderOptions::kLodError));
   app.add_option("--progressive", s.progressive,
                  "Make every picture in that many steps, 1..10, each with half the --lod-error of "
-                 "the one before it, and write each over the last")
-      ->capture_default_str();
+                 "the one before it, and write each over the last");
+}
 
+void declare_truth(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
   app.option_defaults()->group("Truth");
   CLI::Option* reference =
       app.add_flag("--reference", s.reference,
@@ -177,9 +176,11 @@ void declare_options(CLI::App& app, Settings& s) {
              "Of --mesh: what lies beyond the image's borders")
       ->needs(mesh);
   app.add_option("--samples", s.rays.samples,
-                 "Of --reference and --mesh: rays along each side of a pixel, 1..64")
-      ->capture_default_str();
+                 "Of --reference and --mesh: rays along each side of a pixel, 1..64");
+}
 
+void declare_shading(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
   app.option_defaults()->group("Shading");
   add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
              "none shows the filtered texture itself");
@@ -191,6 +192,22 @@ void declare_options(CLI::App& app, Settings& s) {
              "Of --scene: rays are refracted by the nearest surface alone, or once by each; scene "
              "= as the file says");
   add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
+}
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace surfel::tool;
+  app.add_option("surfels", s.input,
+                 "Surfels (PLY, PCD; - = standard input); with --mesh they only frame the picture, "
+                 "and may be left out");
+  app.add_option("-o,--output", s.output,
+                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
+      ->required();
+  declare_camera(app, s);
+  declare_kernel(app, s);
+  declare_visibility(app, s);
+  declare_levels(app, s);
+  declare_truth(app, s);
+  declare_shading(app, s);
   app.option_defaults()->group("Options");
   app.add_flag("--explain", s.explain,
                "Say what was chosen for the (first) picture where there was a choice, and why");
@@ -236,7 +253,7 @@ void check_levels(const CLI::App& app, const Settings& s) {
   }
 }
 
-/// Fills in what the library's options hold in other types.
+/// Fills in fields of the library's options that the command line has in other types.
 void finish(Settings& s) {
   s.render.method = surfel::compositing_method(s.method, s.method_options);
   s.render.lit = s.shading == Shading::kPhong;
@@ -248,15 +265,10 @@ void finish(Settings& s) {
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
 
-/// What only the fast renderer heeds must not be given to the others.
+/// Refuses options that the chosen renderer or method does not heed.
 void require_effect(const CLI::App& app, const Settings& s) {
   const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
-    for (const std::string& option : options) {
-      if (app.get_option(option)->count() > 0) {
-        surfel::throw_usage(
-            fmt::format("{} has no effect with {}; leave it out", option, renderer));
-      }
-    }
+    surfel::tool::require_valid(surfel::tool::without_effect(app, options, "with " + renderer));
   };
   if (s.reference) {
     refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--method",
@@ -298,16 +310,16 @@ void require_effect(const CLI::App& app, const Settings& s) {
 
 void check(const Settings& s) {
   std::vector<std::string> problems = s.camera.problems();
-  for (const std::string& p : s.render.problems()) problems.push_back(p);
-  for (const std::string& p : s.rays.problems()) problems.push_back(p);
+  surfel::tool::append(problems, s.render.problems());
+  surfel::tool::append(problems, s.rays.problems());
   if (s.progressive < 1 || s.progressive > 10) {
-    problems.push_back(fmt::format("progressive is {}; it must be in 1..10", s.progressive));
+    problems.push_back(fmt::format("--progressive is {}; it must be in 1..10", s.progressive));
   }
   if (s.progressive > 1 && s.output == "-") {
     problems.emplace_back("--progressive writes its steps over one another; give --output a file");
   }
   if (s.turntable < 0 || s.turntable > 100000) {
-    problems.push_back(fmt::format("turntable is {}; it must be in 0..100000", s.turntable));
+    problems.push_back(fmt::format("--turntable is {}; it must be in 0..100000", s.turntable));
   }
   surfel::tool::require_valid(problems);
 }
@@ -327,7 +339,7 @@ using Paint =
     std::function<surfel::Image(const surfel::Camera& camera, surfel::FrameStatistics& statistics,
                                 const std::function<void(double)>& progress)>;
 
-/// Of a renderer that takes its time.
+/// Makes pictures by a slow renderer, which tells its progress.
 template <class Renderer>
 Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
   return [renderer](const surfel::Camera& camera, surfel::FrameStatistics& statistics,
@@ -339,7 +351,7 @@ Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
   };
 }
 
-/// The renderer of surfels that was asked for, with `options` instead of those of the settings.
+/// The renderer of surfels that the settings choose, with these options.
 Paint surfel_painter(const Settings& s, const surfel::RenderOptions& options,
                      const surfel::LoadedCloud& loaded, const surfel::Scene& scene) {
   const surfel::RenderCloud& surfels = loaded.surfels();
@@ -450,10 +462,10 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
           {"unpeeled_pixels", frame.unpeeled_pixels}};
 }
 
-/// Reads and prepares surfels, and tells what of them cannot be used.
+/// Reads and prepares surfels, and tells how many of them cannot be used.
 std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool,
                                                   const Settings& s) {
-  const std::string name = s.input == "-" ? "standard input" : s.input;
+  const std::string name = surfel::tool::shown_name(s.input);
   surfel::CloudLoadOptions options{.columns = s.render.compositing().columns(),
                                    .memory = s.memory,
                                    .may_stream = s.method == surfel::Method::kABuffer &&
@@ -468,12 +480,7 @@ std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool
     tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
                           *loaded->basis_cutoff(), s.render.cutoff));
   }
-  if (const auto& d = loaded->surfels().dropped(); d.total() > 0) {
-    tool.note(
-        fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
-                    "colours that are not usable numbers)",
-                    name, d.total(), d.position, d.variance, d.color));
-  }
+  surfel::tool::tell_left_out(tool, name, loaded->surfels().dropped());
   if (!loaded->store().resident() && loaded->surfels().tree().empty()) {
     tool.note(fmt::format("{}: more than fits into --memory; read piece by piece for each picture",
                           name));
@@ -481,7 +488,7 @@ std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool
   return loaded;
 }
 
-/// Tells of a picture that is incomplete.
+/// Tells where a picture is incomplete.
 void warn(const surfel::tool::Tool& tool, const Settings& s, std::size_t picture,
           const surfel::FrameStatistics& frame) {
   if (frame.unpeeled_pixels == 0) return;
@@ -491,7 +498,7 @@ void warn(const surfel::tool::Tool& tool, const Settings& s, std::size_t picture
                   picture, frame.unpeeled_pixels, s.method_options.peel));
 }
 
-/// What was chosen for a picture, and why.
+/// Tells the choices that were made for a picture, and why.
 void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::LoadedCloud& loaded,
              const surfel::Camera& camera, const surfel::FrameStatistics& frame) {
   const surfel::RenderCloud& cloud = loaded.surfels();

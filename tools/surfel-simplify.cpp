@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
-#include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/simplify/simplify.h>
 
 #include "tools/support/options.h"
@@ -42,18 +40,14 @@ void declare_options(CLI::App& app, Settings& s) {
                  "units; default: 1/30 of the bounding box's diagonal");
   app.add_option("--light", s.simplify.light,
                  "Strength of the light of the pictures to come, 0..100: what errors of the "
-                 "normals count for; 0 = unlit pictures")
-      ->capture_default_str();
+                 "normals count for; 0 = unlit pictures");
   app.add_option("--normal-angle", s.simplify.sheets.normal_angle,
-                 "Surfels whose normals differ by more are not merged, degrees, in (0, 90]")
-      ->capture_default_str();
+                 "Surfels whose normals differ by more are not merged, degrees, in (0, 90]");
   app.add_option("--sheet-weight", s.simplify.sheets.sheet_weight,
-                 "How much more distances across the surface count than along it, 1..1000")
-      ->capture_default_str();
+                 "How much more distances across the surface count than along it, 1..1000");
   app.add_option("--cutoff", s.simplify.cutoff,
                  "The --cutoff that surfel-render is going to use, 0.1..16: the surface closes, "
-                 "and colours fit, there")
-      ->capture_default_str();
+                 "and colours fit, there");
   app.option_defaults()->group("Options");
   app.add_option("--seed", s.simplify.seed, "Seed of the pattern");
 }
@@ -74,18 +68,13 @@ void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
   json["reached"] = r.reached;
   json["rounds"] = r.rounds;
   json["left_out"] = r.left_out;
-  for (const auto& [stage, ms] : r.times.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, r.times);
 }
 
-/// What became of the input that was not asked for.
+/// Tells what was left out, and where the goal was not reached.
 void tell(const surfel::tool::Tool& tool, const std::string& name, const Settings& s,
           const surfel::SimplifyReport& r) {
-  if (const auto& d = r.dropped; d.total() > 0) {
-    tool.note(
-        fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with "
-                    "colours that are not usable numbers)",
-                    name, d.total(), d.position, d.variance, d.color));
-  }
+  surfel::tool::tell_left_out(tool, name, r.dropped);
   if (r.no_normal > 0) {
     tool.note(
         fmt::format("{}: {} of {} surfels have no normal: kept as they are; surfel-estimate "
@@ -121,7 +110,7 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.simplify.problems());
-    const std::string name = s.input == "-" ? "standard input" : s.input;
+    const std::string name = surfel::tool::shown_name(s.input);
     const surfel::Timer timer;
     s.simplify.progress = [&tool](double share) { tool.progress("simplifying", share); };
     surfel::SimplifyReport done;
@@ -133,8 +122,7 @@ int main(int argc, char** argv) {
     }
     report(tool.report(), done);
     tell(tool, name, s, done);
-    result.provenance.push_back(tool.provenance());
-    surfel::write_cloud(result, s.output, {.no_clobber = tool.common().no_clobber});
+    surfel::tool::write_result(tool, result, s.output);
     tool.note(
         fmt::format("{}: {} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
                     "shape {:.3g} of {:.3g} units)",

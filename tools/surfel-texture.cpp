@@ -1,10 +1,11 @@
+// surfel-texture: the coefficients of a texture for surfels.
+
 #include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/triangle_mesh.h>
@@ -32,6 +33,59 @@ struct Settings {
   std::optional<Eigen::Vector2d> bounds;
 };
 
+/// Options of the least-squares fits.
+void declare_systems(CLI::App& app, Settings& s) {
+  using namespace surfel;
+  app.option_defaults()->group("Systems of equations (--fit gram, render)");
+  tool::add_choice(app, "--solver", s.fit.solver,
+                   {{"cg", FitSolver::kConjugateGradients},
+                    {"ldlt", FitSolver::kLdlt},
+                    {"ceres", FitSolver::kCeres}},
+                   "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
+                   "for small systems; ceres = least squares by Ceres, to compare with, for small "
+                   "systems");
+  app.add_option("--tolerance", s.fit.tolerance,
+                 "Of cg: relative residual; of ceres and --robust: relative change of the "
+                 "coefficients in the last step; 1e-14..0.1");
+  tool::add_text(app, "--lambda", "X", "auto",
+                 "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
+                 "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
+                 "below 1e6",
+                 [&s](const std::string& text) {
+                   if (text == "auto") {
+                     s.fit.lambda.reset();
+                   } else {
+                     s.fit.lambda = tool::parse_numbers("--lambda", text, 1).front();
+                   }
+                 });
+  tool::add_vector(app, "--bounds", s.bounds,
+                   "Of cg: keep coefficients within these two, such as 0,1");
+  app.add_option("--cutoff", s.fit.cutoff,
+                 "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16");
+  app.add_option(
+      "--points", s.fit.points,
+      "Of --fit render: points of the surface a surfel that are fitted, 1..256; default: "
+      "6, 12 with --refine-variance");
+  tool::add_text(app, "--robust", "X", "",
+                 "Of --fit render: residuals longer than this, linear R G B, are outliers and "
+                 "count by their length instead of its square (Huber's loss), > 0, or auto: twice "
+                 "the median residual",
+                 [&s](const std::string& text) {
+                   s.fit.robust = true;
+                   if (text == "auto") {
+                     s.fit.robust_scale.reset();
+                   } else {
+                     s.fit.robust_scale = tool::parse_numbers("--robust", text, 1).front();
+                   }
+                 });
+  app.add_flag(
+      "--refine-variance", s.fit.refine_variance,
+      "Of --fit render: fit the surfels' variances together with the coefficients, "
+      "standard deviations within 1/2..2 of what they were; takes about 0.5 ms of one core "
+      "a surfel");
+  app.option_defaults()->group("Options");
+}
+
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
   app.add_option("surfels", s.input, "Surfels with uv (PLY, PCD; - = standard input)")->required();
@@ -57,87 +111,30 @@ void declare_options(CLI::App& app, Settings& s) {
                    "for the sum of all kernels; render = least squares for what surfel-render "
                    "makes of them: the sharpest under magnification");
   app.add_option("--reconstruction", s.fit.reconstruction,
-                 "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16")
-      ->capture_default_str();
+                 "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16");
   app.add_option("--max-aspect", s.fit.max_aspect,
-                 "Kernels longer than this many times their width are widened, 1..10000")
-      ->capture_default_str();
+                 "Kernels longer than this many times their width are widened, 1..10000");
   app.add_flag("--exact", s.fit.exact,
                "Sum over the image's own texels whatever it takes, instead of a pyramid's");
 
-  app.option_defaults()->group("Systems of equations (--fit gram, render)");
-  tool::add_choice(app, "--solver", s.fit.solver,
-                   {{"cg", FitSolver::kConjugateGradients},
-                    {"ldlt", FitSolver::kLdlt},
-                    {"ceres", FitSolver::kCeres}},
-                   "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
-                   "for small systems; ceres = least squares by Ceres, to compare with, for small "
-                   "systems");
-  app.add_option("--tolerance", s.fit.tolerance,
-                 "Of cg: relative residual; of ceres and --robust: relative change of the "
-                 "coefficients in the last step; 1e-14..0.1")
-      ->capture_default_str();
-  tool::add_text(app, "--lambda", "X", "auto",
-                 "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
-                 "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
-                 "below 1e6",
-                 [&s](const std::string& text) {
-                   if (text == "auto") {
-                     s.fit.lambda.reset();
-                   } else {
-                     s.fit.lambda = tool::parse_numbers("--lambda", text, 1).front();
-                   }
-                 });
-  tool::add_vector(app, "--bounds", s.bounds,
-                   "Of cg: keep coefficients within these two, such as 0,1");
-  app.add_option("--cutoff", s.fit.cutoff,
-                 "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16")
-      ->capture_default_str();
-  app.add_option(
-      "--points", s.fit.points,
-      "Of --fit render: points of the surface a surfel that are fitted, 1..256; default: "
-      "6, 12 with --refine-variance");
-  tool::add_text(app, "--robust", "X", "",
-                 "Of --fit render: residuals longer than this, linear R G B, are outliers and "
-                 "count by their length instead of its square (Huber's loss), > 0, or auto: twice "
-                 "the median residual",
-                 [&s](const std::string& text) {
-                   s.fit.robust = true;
-                   if (text == "auto") {
-                     s.fit.robust_scale.reset();
-                   } else {
-                     s.fit.robust_scale = tool::parse_numbers("--robust", text, 1).front();
-                   }
-                 });
-  app.add_flag(
-      "--refine-variance", s.fit.refine_variance,
-      "Of --fit render: fit the surfels' variances together with the coefficients, "
-      "standard deviations within 1/2..2 of what they were; takes about 0.5 ms of one core "
-      "a surfel");
-  app.option_defaults()->group("Options");
+  declare_systems(app, s);
 }
 
 void check(const CLI::App& app, const Settings& s) {
   std::vector<std::string> problems = s.fit.problems();
+  const auto refuse = [&](const std::vector<std::string>& options, const std::string& where) {
+    surfel::tool::append(problems, surfel::tool::without_effect(app, options, where));
+  };
   if (s.fit.kind == surfel::TextureFitKind::kEwa) {
-    for (const char* option : {"--solver", "--tolerance", "--lambda", "--bounds"}) {
-      if (app.get_option(option)->count() == 0) continue;
-      problems.push_back(fmt::format("{} has no effect with --fit ewa; leave it out", option));
-    }
+    refuse({"--solver", "--tolerance", "--lambda", "--bounds"}, "with --fit ewa");
   }
   if (s.fit.kind != surfel::TextureFitKind::kRender) {
-    for (const char* option : {"--cutoff", "--points"}) {
-      if (app.get_option(option)->count() == 0) continue;
-      problems.push_back(
-          fmt::format("{} has no effect without --fit render; leave it out", option));
-    }
+    refuse({"--cutoff", "--points"}, "without --fit render");
   }
   if (s.from == From::kColors) {
-    for (const char* option : {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
-                               "--max-aspect", "--exact", "--points", "--refine-variance"}) {
-      if (app.get_option(option)->count() == 0) continue;
-      problems.push_back(fmt::format("{} has no effect with --from colors; leave it out", option));
-    }
+    refuse({"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction", "--max-aspect",
+            "--exact", "--points", "--refine-variance"},
+           "with --from colors");
     if (s.fit.kind == surfel::TextureFitKind::kEwa) {
       problems.emplace_back(
           "--from colors is for --fit gram and render: ewa leaves them as they are");
@@ -181,7 +178,7 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
   json["alpha"] = fit.alpha;
   json["coefficient_min"] = to_json(fit.coefficient_min);
   json["coefficient_max"] = to_json(fit.coefficient_max);
-  for (const auto& [stage, ms] : fit.times.stages()) json["stages"][stage] = ms;
+  surfel::tool::add_stages(json, fit.times);
   if (!fit.system) return;
   const surfel::SystemReport& system = *fit.system;
   json["system"] = {{"functions", system.functions},
@@ -259,6 +256,7 @@ int main(int argc, char** argv) {
                           "Gives surfels the coefficients w_k of a texture, filtered for each.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.name_fields({{"robust_scale", "--robust"}});
   return tool.run(argc, argv, [&] {
     if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
     check(tool.app(), settings);
@@ -274,8 +272,7 @@ int main(int argc, char** argv) {
     report(tool.report(), fit);
     warn(tool, settings.input, fit);
 
-    cloud.provenance.push_back(tool.provenance());
-    surfel::write_cloud(cloud, settings.output, {.no_clobber = tool.common().no_clobber});
+    surfel::tool::write_result(tool, cloud, settings.output);
     tool.note(fmt::format("{}: {} surfels", settings.output, cloud.size()));
   });
 }

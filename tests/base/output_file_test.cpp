@@ -124,7 +124,7 @@ TEST(OutputFile, NoClobberRefusesAnOlderFile) {
   put(path, "old");
   const std::string message = io_error([&] { OutputFile file(path, true); });
   EXPECT_NE(message.find(path), std::string::npos);
-  EXPECT_NE(message.find("--no-clobber"), std::string::npos);
+  EXPECT_NE(message.find("`no_clobber`"), std::string::npos);
   EXPECT_EQ(content(path), "old");
 }
 

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/chart/chart_judge.h>
 
 namespace surfel {
@@ -94,6 +95,19 @@ TEST(RecommendationOrder, LeavesOutWhatWasRefused) {
   points[0].refused = "not so";
   EXPECT_EQ(recommendation_order(points, {.min_psnr = 30, .max_time = {}}),
             (std::vector<std::size_t>{1}));
+}
+
+TEST(ChartGoal, IsOneOfTheTwoWithAUsableValue) {
+  const auto goal = [](std::optional<double> psnr, std::optional<double> time) {
+    return ChartGoal{.min_psnr = psnr, .max_time = time};
+  };
+  EXPECT_TRUE(goal(40, {}).problems().empty());
+  EXPECT_TRUE(goal({}, 5).problems().empty());
+  for (const ChartGoal& bad :
+       {goal({}, {}), goal(40, 5), goal(std::nan(""), {}), goal({}, 0), goal({}, std::nan(""))}) {
+    EXPECT_EQ(bad.problems().size(), 1U);
+    EXPECT_THROW(recommendation_order({}, bad), Error);
+  }
 }
 
 }  // namespace

@@ -81,7 +81,7 @@ TEST_F(SmallReport, PageIsWholeAndEscaped) {
 }
 
 TEST_F(SmallReport, JsonHoldsWhatWasMeasured) {
-  const auto json = report_json(report_);
+  const auto json = nlohmann::json::parse(report_json(report_));
   const auto& points = json["sweeps"][0]["points"];
   EXPECT_TRUE(points[0]["psnr"].is_null());
   EXPECT_EQ(points[0]["alpha_psnr"], 40);
@@ -90,7 +90,6 @@ TEST_F(SmallReport, JsonHoldsWhatWasMeasured) {
   EXPECT_EQ(points[0]["stages_ms"]["surfel-render raster"], 9.5);
   EXPECT_EQ(points[1]["refused"], "surfel-render: no <such> thing");
   EXPECT_FALSE(points[1].contains("psnr"));
-  EXPECT_NO_THROW(json.dump());  // All of it is UTF-8.
 }
 
 TEST_F(SmallReport, CsvHasARowForEveryPoint) {

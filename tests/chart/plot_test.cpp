@@ -29,7 +29,7 @@ TEST(PlaceLabels, KeepsThemApartAndInside) {
       points.push_back({80 + 690 * spread * unit(random), 50 + 360 * spread * unit(random)});
       widths.push_back(20 + 100 * unit(random));
     }
-    const auto labels = place_labels(points, widths, {}, 70, 40, 785, 425);
+    const auto labels = place_labels(points, widths, {}, {70, 40, 785, 425});
     ASSERT_EQ(labels.size(), points.size());
     std::vector<Box> boxes;
     for (std::size_t i = 0; i < labels.size(); ++i) {
@@ -46,12 +46,12 @@ TEST(PlaceLabels, KeepsThemApartAndInside) {
 }
 
 TEST(PlaceLabels, PutsALoneOneBesideItsPoint) {
-  const auto labels = place_labels({{200, 200}}, {50}, {}, 70, 40, 785, 425);
+  const auto labels = place_labels({{200, 200}}, {50}, {}, {70, 40, 785, 425});
   EXPECT_NEAR(labels[0].x, 210, 5);
   EXPECT_NEAR(labels[0].y, 200, 1);
   EXPECT_FALSE(labels[0].leader);
   // At the right border to the left of it.
-  EXPECT_LT(place_labels({{780, 200}}, {50}, {}, 70, 40, 785, 425)[0].x, 725);
+  EXPECT_LT(place_labels({{780, 200}}, {50}, {}, {70, 40, 785, 425})[0].x, 725);
 }
 
 TEST(PlotSvg, HoldsLabelsAxesAndUnits) {

@@ -29,18 +29,5 @@ TEST(RunProcess, RefusesAProgramThatIsNotThere) {
   EXPECT_NE(find_program("sh"), "");
 }
 
-TEST(ShellCommand, IsReadBackByAShell) {
-  const std::vector<std::string> words = {"plain", "two words",  "it's",    "$HOME",      "", "a;b",
-                                          "*",     "--eye=-1,2", "quote\"", "back\\slash"};
-  const std::string command = shell_command(words);
-  EXPECT_TRUE(command.starts_with("plain 'two words'"));
-  // The shell writes each of its words to a line of standard error.
-  const ProcessResult shell =
-      run_process({"sh", "-c", "set -- " + command + "; printf '%s\\n' \"$@\" >&2"}, "/");
-  std::string expected;
-  for (const std::string& word : words) expected += word + "\n";
-  EXPECT_EQ(shell.errors, expected);
-}
-
 }  // namespace
 }  // namespace surfel

@@ -44,5 +44,43 @@ TEST(LongName, IsTheOneWithTwoDashes) {
   EXPECT_EQ(long_name("file"), "file");
 }
 
+class OptionNames : public testing::Test {
+ protected:
+  OptionNames() {
+    for (const char* name : {"--outlier-k", "--lod-error", "-k", "-o,--output"}) {
+      app_.add_option(name, value_);
+    }
+  }
+  std::string told(const std::string& message) const {
+    return with_option_names(message, app_, {{"neighbors", "--outlier-k"}});
+  }
+  std::string value_;
+  CLI::App app_;
+};
+
+TEST_F(OptionNames, StandForTheFieldsThatTheySet) {
+  EXPECT_EQ(told("`lod_error` is 5; it must be less"), "--lod-error is 5; it must be less");
+  EXPECT_EQ(told("raise `neighbors` or `k`"), "raise --outlier-k or -k");
+  EXPECT_EQ(told("a.ply: lower `output`"), "a.ply: lower --output");
+}
+
+TEST_F(OptionNames, FieldsWithoutAnOptionLoseTheirQuotes) {
+  EXPECT_EQ(told("`max_distance` is -1"), "max_distance is -1");
+  EXPECT_EQ(told("`x` is -1"), "x is -1");
+}
+
+TEST_F(OptionNames, OtherQuotesStay) {
+  for (const char* text : {"", "`", "``", "`a", "``a", "`My file`.ply", "a `b c` d"}) {
+    EXPECT_EQ(told(text), text);
+  }
+}
+
+TEST_F(OptionNames, OfOptionsWithoutEffectAreTold) {
+  app_.parse("--lod-error 1 -k 3");
+  EXPECT_EQ(without_effect(app_, {"--lod-error", "--outlier-k", "-k"}, "here"),
+            (std::vector<std::string>{"--lod-error has no effect here; leave it out",
+                                      "-k has no effect here; leave it out"}));
+}
+
 }  // namespace
 }  // namespace surfel::tool

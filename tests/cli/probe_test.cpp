@@ -146,7 +146,9 @@ TEST_F(Probe, ProvenanceHoldsWhatCanChangeTheResult) {
             0);
   EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 in.ply --spacing 0.5 --flat --eye 1,2,3\n");
   ASSERT_EQ(probe({"two\nlines and blanks", "-o", output_}).exit_code, 0);
-  EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 \"two\\nlines and blanks\"\n");
+  EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 'two lines and blanks'\n");
+  ASSERT_EQ(probe({"-o", output_, "--", "-it's"}).exit_code, 0);
+  EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 './-it'\\''s'\n");
 }
 
 TEST_F(Probe, ConfigFileSetsOptionsAndTheCommandLineWins) {
@@ -234,22 +236,18 @@ TEST_F(Probe, StandardOutputThatFailsIsAnError) {
   EXPECT_EQ(closed.exit_code, 0);
 }
 
-/// Waits until the tool's temporary is there, then signals.
-RunSetup signal_at_work(const std::string& folder, const std::vector<int>& signals) {
-  return {.input = {}, .meanwhile = [=](pid_t process) {
-            for (int i = 0; i < 10000 && entries(folder).empty(); ++i) usleep(1000);
-            usleep(20000);
-            for (const int signal : signals) {
-              kill(process, signal);
-              usleep(20000);
-            }
-          }};
+/// Signals once the tool's temporary is there, which it makes after it began to handle signals.
+void signal_at_work(pid_t process, int signal, const std::string& folder) {
+  wait_until([&] { return !entries(folder).empty(); });
+  kill(process, signal);
 }
 
 TEST_F(Probe, InterruptedRunsEndByTheirErrorPath) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     const RunResult result = probe({"in", "-o", output_, "--ending", "wait", "--quiet"},
-                                   signal_at_work(folder_ / "", {signal}));
+                                   {.input = {}, .meanwhile = [&](pid_t process) {
+                                      signal_at_work(process, signal, folder_ / "");
+                                    }});
     EXPECT_EQ(result.exit_code, 1) << result.signal;
     EXPECT_EQ(result.errors, "surfel-probe: error: interrupted\n");
     EXPECT_TRUE(entries(folder_ / "").empty());
@@ -257,10 +255,16 @@ TEST_F(Probe, InterruptedRunsEndByTheirErrorPath) {
 }
 
 TEST_F(Probe, ASecondSignalEndsAtOnceAndLeavesNoTemporary) {
-  const RunResult result = probe({"in", "-o", output_, "--ending", "stuck", "--quiet"},
-                                 signal_at_work(folder_ / "", {SIGINT, SIGTERM}));
+  // The probe makes its input once it has seen the first signal.
+  const std::string seen = folder_ / "seen";
+  const RunResult result = probe({seen, "-o", output_, "--ending", "stuck", "--quiet"},
+                                 {.input = {}, .meanwhile = [&](pid_t process) {
+                                    signal_at_work(process, SIGINT, folder_ / "");
+                                    wait_until([&] { return std::filesystem::exists(seen); });
+                                    kill(process, SIGTERM);
+                                  }});
   EXPECT_EQ(result.signal, SIGTERM);
-  EXPECT_TRUE(entries(folder_ / "").empty());
+  EXPECT_EQ(entries(folder_ / ""), std::vector<std::string>{"seen"});
 }
 
 TEST_F(Probe, WritesNoControlSequencesWhereThereIsNoTerminal) {

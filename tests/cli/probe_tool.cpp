@@ -2,6 +2,7 @@
 // kind, and failures on request.
 
 #include <cstdint>
+#include <fstream>
 #include <new>
 #include <stdexcept>
 
@@ -26,7 +27,14 @@ void wait_for_interrupt() {
   }
 }
 
-void end(Ending ending) {
+/// Never ends, and makes a file once a first signal has come.
+void stick(const std::string& file) {
+  while (!surfel::interrupt_requested()) usleep(1000);
+  std::ofstream(file).flush();
+  for (;;) usleep(1000);
+}
+
+void end(Ending ending, const std::string& input) {
   switch (ending) {
     case Ending::kDone:
       return;
@@ -41,7 +49,7 @@ void end(Ending ending) {
     case Ending::kWait:
       return wait_for_interrupt();
     case Ending::kStuck:
-      for (;;) usleep(1000);
+      return stick(input);
   }
 }
 
@@ -90,7 +98,7 @@ int main(int argc, char** argv) {
     tool.report()["spacing"] = spacing;
     tool.report()["flat"] = flat;
     tool.report()["target"] = target.has_value();
-    end(ending);
+    end(ending, input);
     file.write(tool.provenance() + "\n");
     file.commit();
   });

@@ -340,7 +340,7 @@ TEST(Simplify, RefusesWhatHasNoSurface) {
   EXPECT_NE(message(cloud).find("no surfel that can be drawn"), std::string::npos);
   cloud = smooth_plane(4);
   EXPECT_EQ(message_of([&] { simplify_surfels(cloud, {}); }),
-            "either max-error or count must be given, and not both");
+            "either `max_error` or `count` must be given, and not both");
 }
 
 }  // namespace

@@ -134,7 +134,7 @@ TEST(OverlapGraph, RefusesMoreEdgesThanMemoryHolds) {
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), ErrorKind::kInput);
     EXPECT_NE(std::string(error.what()).find("one_place.ply: "), std::string::npos);
-    EXPECT_NE(std::string(error.what()).find("--max-memory"), std::string::npos);
+    EXPECT_NE(std::string(error.what()).find("`max_memory`"), std::string::npos);
   }
 }
 

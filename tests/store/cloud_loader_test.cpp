@@ -367,7 +367,7 @@ TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {
     return std::string("none");
   };
   EXPECT_NE(message(path(), {.memory = 1000}).find("give 11 MB at least"), std::string::npos);
-  EXPECT_NE(message(path(), {.memory = kLittle, .may_stream = false}).find("--method abuffer"),
+  EXPECT_NE(message(path(), {.memory = kLittle, .may_stream = false}).find("`method` abuffer"),
             std::string::npos);
   const LoadedCloud streamed(path(), {.memory = kLittle});
   const Scene scene;

@@ -48,6 +48,16 @@ inline std::string tool(const std::string& name) {
   return (std::filesystem::path(SURFEL_TOOL_DIR) / name).string();
 }
 
+/// Waits until the state holds; for two minutes at most, after which the test that asked fails by
+/// what it finds.
+template <class State>
+void wait_until(const State& state) {
+  const auto start = std::chrono::steady_clock::now();
+  while (!state() && std::chrono::steady_clock::now() - start < std::chrono::minutes(2)) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
 struct RunResult {
   int exit_code = -1;  ///< -1 where a signal ended the process.
   int signal = 0;

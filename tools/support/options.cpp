@@ -1,5 +1,6 @@
 #include "tools/support/options.h"
 
+#include <algorithm>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -24,7 +25,43 @@ std::optional<Number> parse_number(const char* begin, const char* end) {
   throw CLI::ConversionError(fmt::format("{}: '{}' is not {}", option, text, expected));
 }
 
+/// The option that sets a field; the field itself if there is none.
+std::string option_of(const std::string& field, const CLI::App& app, const FieldNames& names) {
+  if (const auto named = names.find(field); named != names.end()) return named->second;
+  std::string option = (field.size() == 1 ? "-" : "--") + field;
+  std::replace(option.begin(), option.end(), '_', '-');
+  return app.get_option_no_throw(option) ? option : field;
+}
+
 }  // namespace
+
+std::string with_option_names(const std::string& message, const CLI::App& app,
+                              const FieldNames& names) {
+  static constexpr const char* kFieldLetters = "abcdefghijklmnopqrstuvwxyz0123456789_";
+  std::string out;
+  for (std::size_t at = 0; at < message.size();) {
+    const std::size_t end =
+        message[at] == '`' ? message.find_first_not_of(kFieldLetters, at + 1) : std::string::npos;
+    if (end != std::string::npos && message[end] == '`' && end > at + 1) {
+      out += option_of(message.substr(at + 1, end - at - 1), app, names);
+      at = end + 1;
+    } else {
+      out += message[at++];
+    }
+  }
+  return out;
+}
+
+std::vector<std::string> without_effect(const CLI::App& app,
+                                        const std::vector<std::string>& options,
+                                        const std::string& where) {
+  std::vector<std::string> problems;
+  for (const std::string& option : options) {
+    if (app.get_option(option)->count() == 0) continue;
+    problems.push_back(fmt::format("{} has no effect {}; leave it out", option, where));
+  }
+  return problems;
+}
 
 std::string long_name(const std::string& names) {
   const std::size_t dashes = names.find("--");
@@ -103,13 +140,11 @@ void add_view(CLI::App& app, CameraOptions& camera) {
   add_vector(app, "--from", camera.from, "Instead of --eye: direction from the target to the eye");
   add_vector(app, "--target", camera.target, "Point looked at; default: the scene's centre");
   add_vector(app, "--up", camera.up, "Direction that is up in the picture");
-  app.add_option("--fov", camera.fov, "Vertical field of view, degrees, in (0, 180)")
-      ->capture_default_str();
+  app.add_option("--fov", camera.fov, "Vertical field of view, degrees, in (0, 180)");
   app.add_option("--ortho", camera.ortho,
                  "Orthographic projection of this visible height, scene units, > 0");
   add_size(app, "--size", camera.width, camera.height, "Size of the picture, pixels");
-  app.add_option("--zoom", camera.zoom, "Enlarges the picture about its centre, once framed, > 0")
-      ->capture_default_str();
+  app.add_option("--zoom", camera.zoom, "Enlarges the picture about its centre, once framed, > 0");
   app.add_flag("--frame-all", camera.frame_all,
                "Move the eye along its line of sight until the whole scene is just seen");
 }

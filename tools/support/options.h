@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -23,6 +24,21 @@ std::pair<int, int> parse_size(const std::string& option, const std::string& tex
 
 /// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
 std::uint64_t parse_bytes(const std::string& option, const std::string& text);
+
+/// Options that set fields of the library's options structs under a name of their own.
+using FieldNames = std::map<std::string, std::string>;
+
+/// A message of the library for the user of a tool. The library puts names of fields into
+/// backquotes: each becomes the option that sets the field, which is the one in `names`, else
+/// "--the-field", or "-f" for a field f of one letter. Where the tool has no such option, the
+/// quotes go.
+std::string with_option_names(const std::string& message, const CLI::App& app,
+                              const FieldNames& names);
+
+/// "OPTION has no effect WHERE; leave it out" for each of the options that was given.
+std::vector<std::string> without_effect(const CLI::App& app,
+                                        const std::vector<std::string>& options,
+                                        const std::string& where);
 
 /// Declares an option whose value is one text, handed to `assign`; `value` is the default, for the
 /// help.

@@ -5,15 +5,30 @@
 
 namespace surfel::tool {
 
+std::string shown_name(const std::string& path) { return path == "-" ? "standard input" : path; }
+
 SurfelCloud read_finest(const Tool& tool, const std::string& path) {
   SurfelCloud cloud = read_cloud(path);
   if (cloud.coarser_skipped > 0) {
     tool.note(fmt::format(
         "{}: has levels of detail; the finest alone is used, {} of {} surfels (run surfel-lod on "
         "the result to have them again)",
-        path == "-" ? "standard input" : path, cloud.size(), cloud.size() + cloud.coarser_skipped));
+        shown_name(path), cloud.size(), cloud.size() + cloud.coarser_skipped));
   }
   return cloud;
+}
+
+void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out) {
+  if (left_out.total() == 0) return;
+  tool.note(
+      fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with colours "
+                  "that are not usable numbers)",
+                  name, left_out.total(), left_out.position, left_out.variance, left_out.color));
+}
+
+void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path, bool ascii) {
+  cloud.provenance.push_back(tool.provenance());
+  write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii});
 }
 
 }  // namespace surfel::tool

@@ -3,13 +3,24 @@
 #include <string>
 
 #include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/usable_surfels.h>
 
 #include "tools/support/tool.h"
 
 namespace surfel::tool {
 
-/// Reads surfels for a tool that works on the finest level alone; tells where a file has levels of
-/// detail, as they will be missing from what is written.
+/// The path of an input as messages name it: "-" is the standard input.
+std::string shown_name(const std::string& path);
+
+/// Reads surfels for a tool that works on the finest level alone. Tells where a file has levels of
+/// detail, as they will be missing in the result.
 SurfelCloud read_finest(const Tool& tool, const std::string& path);
+
+/// Tells how many surfels of an input are left out and why, if there are some.
+void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);
+
+/// Writes the surfels that a tool made, with its line of provenance; `ascii` makes PLY a text.
+void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
+                  bool ascii = false);
 
 }  // namespace surfel::tool

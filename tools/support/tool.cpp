@@ -14,7 +14,7 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/timing.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/version.h>
 #include <unistd.h>
 
@@ -22,8 +22,6 @@
 
 namespace surfel::tool {
 namespace {
-
-constexpr int kMostThreads = 1024;
 
 std::atomic<bool> g_signalled{false};
 
@@ -68,11 +66,6 @@ std::string one_line(std::string text) {
   return text;
 }
 
-std::string quoted(const std::string& value) {
-  if (!value.empty() && value.find_first_of(" \"'") == std::string::npos) return value;
-  return nlohmann::json(value).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
 /// How a run ended.
 struct Outcome {
   ExitCode code = kDone;
@@ -80,21 +73,6 @@ struct Outcome {
 };
 
 ExitCode exit_code(ErrorKind kind) { return kind == ErrorKind::kUsage ? kWrongUsage : kFailed; }
-
-Outcome attempt(const std::function<void()>& action) {
-  try {
-    action();
-    return {};
-  } catch (const Error& error) {
-    return {exit_code(error.kind()), error.what()};
-  } catch (const CLI::Error& error) {
-    return {kWrongUsage, error.what()};
-  } catch (const std::bad_alloc&) {
-    return {kFailed, "out of memory; use fewer surfels, a smaller picture or a larger machine"};
-  } catch (const std::exception& error) {
-    return {kFailed, error.what()};
-  }
-}
 
 }  // namespace
 
@@ -104,6 +82,7 @@ struct Tool::Impl {
 
   std::string name;
   CLI::App app;
+  FieldNames field_names;
   CommonOptions common;
   bool print_config = false;
   nlohmann::json report = nlohmann::json::object();
@@ -115,6 +94,7 @@ struct Tool::Impl {
 
   void add_common_options();
   bool parse(int argc, char** argv);
+  Outcome attempt(const std::function<void()>& action) const;
   void message(const std::string& text);
   void error(const std::string& text);
   void clear_bar();
@@ -187,6 +167,21 @@ bool Tool::Impl::parse(int argc, char** argv) {
   return !print_config;
 }
 
+Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
+  try {
+    action();
+    return {};
+  } catch (const Error& error) {
+    return {exit_code(error.kind()), with_option_names(error.what(), app, field_names)};
+  } catch (const CLI::Error& error) {
+    return {kWrongUsage, error.what()};
+  } catch (const std::bad_alloc&) {
+    return {kFailed, "out of memory; use fewer surfels, a smaller picture or a larger machine"};
+  } catch (const std::exception& error) {
+    return {kFailed, error.what()};
+  }
+}
+
 void Tool::Impl::clear_bar() {
   if (bar_width == 0) return;
   fmt::print(stderr, "\r{:{}}\r", "", bar_width);
@@ -234,6 +229,7 @@ Tool::Tool(std::string name, const std::string& summary)
 Tool::~Tool() = default;
 
 CLI::App& Tool::app() { return impl_->app; }
+void Tool::name_fields(FieldNames names) { impl_->field_names = std::move(names); }
 const CommonOptions& Tool::common() const { return impl_->common; }
 nlohmann::json& Tool::report() { return impl_->report; }
 
@@ -276,8 +272,10 @@ std::string Tool::provenance() const {
     }
     if (!option->get_lnames().empty()) line += " --" + name;
     if (option->get_expected_max() == 0) continue;
+    const bool file = option->get_lnames().empty();
     for (const std::string& value : option->results()) {
-      line += " " + quoted(value.substr(value.rfind('/') + 1));
+      const std::string plain = value.substr(value.rfind('/') + 1);
+      line += " " + (file ? shell_file(plain) : shell_quoted(plain));
     }
   }
   return one_line(line);
@@ -287,14 +285,14 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   impl_->total.restart();
   install_signal_handlers();
   bool proceed = false;
-  Outcome outcome = attempt([&] { proceed = impl_->parse(argc, argv); });
+  Outcome outcome = impl_->attempt([&] { proceed = impl_->parse(argc, argv); });
   if (outcome.code == kWrongUsage) {
     impl_->error(fmt::format("{}; see {} --help", outcome.message, impl_->name));
     return outcome.code;
   }
   std::optional<OutputFile> stats;
   if (proceed) {
-    outcome = attempt([&] {
+    outcome = impl_->attempt([&] {
       set_thread_count(impl_->common.threads);
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {
@@ -304,7 +302,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
     });
   }
   if (stats) {
-    const Outcome reported = attempt([&] { impl_->write_report(*stats, outcome); });
+    const Outcome reported = impl_->attempt([&] { impl_->write_report(*stats, outcome); });
     if (outcome.code == kDone) outcome = reported;
   }
   {
@@ -327,6 +325,14 @@ void print(const std::string& text) {
 
 void require_valid(const std::vector<std::string>& problems) {
   if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+}
+
+void append(std::vector<std::string>& problems, const std::vector<std::string>& more) {
+  problems.insert(problems.end(), more.begin(), more.end());
+}
+
+void add_stages(nlohmann::json& report, const StageTimes& times) {
+  for (const auto& [stage, ms] : times.stages()) report["stages"][stage] = ms;
 }
 
 }  // namespace surfel::tool

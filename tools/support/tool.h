@@ -7,6 +7,9 @@
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json_fwd.hpp>
+#include <surfel/base/timing.h>
+
+#include "tools/support/options.h"
 
 namespace surfel::tool {
 
@@ -40,8 +43,7 @@ struct CommonOptions {
 ///         surfel::tool::require_valid(options.problems());
 ///         const surfel::SurfelCloud cloud = surfel::read_cloud(input);
 ///         surfel::SurfelCloud thinned = surfel::thin(cloud, options);
-///         thinned.provenance.push_back(tool.provenance());
-///         surfel::write_cloud(thinned, output, {.no_clobber = tool.common().no_clobber});
+///         surfel::tool::write_result(tool, thinned, output);
 ///         tool.report()["surfels"] = thinned.size();
 ///         tool.note(fmt::format("{}: {} surfels", output, thinned.size()));
 ///       });
@@ -57,15 +59,18 @@ class Tool {
   Tool& operator=(const Tool&) = delete;
 
   CLI::App& app();
+  /// Names the options that set fields of the library's structs under another name than the
+  /// field's: messages of the library are told with the options' names (with_option_names()).
+  void name_fields(FieldNames names);
   const CommonOptions& common() const;
 
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
-  /// its options were understood writes the report too, with its message as `error`.
+  /// its options were understood writes the report, too, with its message as `error`.
   nlohmann::json& report();
 
-  /// Message on standard error: note() unless --quiet, detail() with --verbose only. Prefixed with
-  /// the tool's name.
+  /// Message on standard error after the tool's name: note() unless --quiet, detail() with
+  /// --verbose only.
   void note(const std::string& message) const;
   void detail(const std::string& message) const;
   /// Progress 0..1 on standard error: a bar on a terminal only, none with --quiet. Cheap enough to
@@ -73,8 +78,8 @@ class Tool {
   void progress(const std::string& what, double fraction) const;
 
   /// "surfel-x 0.1.0 --spacing 0.01 ..." for provenance comments: tool, version and the options
-  /// given. What cannot change the result (threads, output, reports) and the folders of input files
-  /// are left out, so that the same work gives the same bytes.
+  /// given, for a shell. Options that cannot change the result (threads, output, reports) and the
+  /// folders of input files are left out, so that equal work gives equal bytes.
   std::string provenance() const;
 
   /// Parses, runs the body, reports; returns the exit code.
@@ -91,5 +96,11 @@ void print(const std::string& text);
 
 /// Throws Error(kUsage) with all the problems of an options struct, if there are any.
 void require_valid(const std::vector<std::string>& problems);
+
+/// Adds `more` to the problems.
+void append(std::vector<std::string>& problems, const std::vector<std::string>& more);
+
+/// Adds the times of a run's stages to a report, as its "stages".
+void add_stages(nlohmann::json& report, const StageTimes& times);
 
 }  // namespace surfel::tool

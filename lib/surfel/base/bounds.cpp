@@ -8,14 +8,14 @@ namespace {
 /// A coordinate this many extents away from zero loses two bits or more of the extent's in float.
 constexpr double kFar = 4;
 
-/// Where to put the origin on one axis, given the range there and the extent of all axes: zero
-/// unless the range lies far away. It is a multiple of a power of two of about the extent, so that
+/// The origin on one axis, given the range there and the extent of all axes: zero unless the range
+/// lies far away. The origin is a multiple of a power of two of about the extent, so that
 /// float coordinates minus it are exact: they are multiples of their spacing, which is finer than
 /// the origin's, and the difference is smaller than they are.
 double choose_origin(double min, double max, double extent) {
   const double center = min / 2 + max / 2;
   if (!(std::abs(center) > kFar * extent)) return 0;
-  if (extent == 0) {  // All in one place: only what float cannot hold is left to the offset.
+  if (extent == 0) {  // All points are in one place: the offset holds what float cannot.
     const auto nearest = static_cast<double>(static_cast<float>(center));
     return nearest == center ? 0 : nearest;
   }

@@ -17,8 +17,8 @@ double encode(double linear) {
 }
 
 /// Encodes to 8 bits without pow(), rounded exactly: floats are looked up by exponent and first 7
-/// bits of the mantissa. As such a step of floats is at most 1/128 of their size and the curve
-/// reaches its next value after 1/112 at the earliest, a step has two values at most.
+/// bits of the mantissa. Floats that share these differ by at most 1/128 of their size, and the
+/// curve reaches its next 8-bit value after 1/112 at the earliest: they have two values at most.
 class Srgb8Encoder {
  public:
   Srgb8Encoder() noexcept {
@@ -51,8 +51,8 @@ class Srgb8Encoder {
   static constexpr std::uint32_t kFirst = std::bit_cast<std::uint32_t>(0x1p-13F) >> kShift;
   static constexpr std::uint32_t kSteps = (std::bit_cast<std::uint32_t>(1.0F) >> kShift) - kFirst;
   struct Step {
-    float next;  ///< Least float of the value after it.
-    int value;   ///< Of the step's first float.
+    float next;  ///< Least float that has the value after `value`.
+    int value;   ///< Value of the step's first float.
   };
   std::array<Step, kSteps> steps_;
 };

@@ -23,7 +23,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 /// hn::Compress() of one mask for several vectors of 32-bit lanes.
 ///
 /// AVX2 has no instruction for it, and Highway's table is not static there: GCC copies its 1 KB to
-/// the stack at every call, which took a sixth of a frame.
+/// the stack at every call. The table here is static.
 template <class D>
 class Compressor {
  public:
@@ -33,7 +33,7 @@ class Compressor {
   /// Lanes of the mask.
   HWY_INLINE std::size_t count() const { return count_; }
 
-  /// Writes the lanes of the mask, and something after them up to a whole vector.
+  /// Writes the lanes of the mask, and values of no meaning after them up to a whole vector.
   template <class DV>
   HWY_INLINE void store(hn::Vec<DV> v, DV d, hn::TFromD<DV>* to) const {
     static_assert(sizeof(*to) == sizeof(std::uint32_t));
@@ -46,10 +46,11 @@ class Compressor {
 
  private:
 #if HWY_TARGET == HWY_AVX2
-  using Lanes = hn::Vec<hn::RebindToUnsigned<D>>;  ///< Numbers of those of the mask, lowest first.
+  using Lanes = hn::Vec<hn::RebindToUnsigned<D>>;  ///< Numbers of the mask's lanes, lowest first.
   static constexpr std::uint32_t kLaneBits = 4;
 
-  /// Of every mask of eight lanes the numbers of those it holds, kLaneBits each, lowest first.
+  /// For every mask of eight lanes the numbers of the lanes that it holds, kLaneBits each, lowest
+  /// first.
   static constexpr std::array<std::uint32_t, 256> kLanesOf = [] {
     std::array<std::uint32_t, 256> lanes_of{};
     for (std::uint32_t mask = 0; mask < 256; ++mask) {
@@ -66,7 +67,7 @@ class Compressor {
   static HWY_INLINE Lanes lanes(hn::Mask<D> mask) {
     static_assert(hn::MaxLanes(D()) <= 8);
     const hn::RebindToUnsigned<D> d;
-    std::uint8_t bits[8];  // As many as it may write, of which one counts.
+    std::uint8_t bits[8];  // StoreMaskBits() may write eight bytes; the first holds the lanes.
     hn::StoreMaskBits(D(), mask, bits);
     const auto shift = hn::Mul(hn::Iota(d, 0), hn::Set(d, kLaneBits));
     return hn::And(hn::Shr(hn::Set(d, kLanesOf[bits[0]]), shift), hn::Set(d, 7));

@@ -10,17 +10,18 @@ namespace surfel {
 /// Largest resident set of this process so far, in bytes; 0 where the system does not tell.
 SURFEL_API std::uint64_t peak_memory_bytes() noexcept;
 
-/// Memory that the machine still has to give, in bytes; a file whose header promises more than this
-/// is refused before anything is allocated. The largest value where the system does not tell.
+/// Bytes that this process may still take, by the machine, its control groups and its limits
+/// (memory_limits.h). A file whose header promises more is refused before anything is allocated.
+/// The largest value where the system does not tell.
 SURFEL_API std::uint64_t available_memory_bytes() noexcept;
 
 /// Memory for large arrays of plain values, which begins at a cache line, as SIMD code wants it.
-/// From the size of a huge page on it begins at one and comes in such, where the system gives them:
-/// millions of values are then filled with hundreds of page faults instead of tens of thousands.
-/// What is left after the last whole huge page comes in small ones, so that no more memory is taken
-/// than is touched. Throws std::bad_alloc.
+/// An array of at least a huge page begins at the border of one and consists of huge pages, where
+/// the system gives them: millions of values are then filled with hundreds of page faults instead
+/// of tens of thousands. The rest after the last whole huge page consists of small pages, so that
+/// no more memory is taken than is touched. Throws std::bad_alloc.
 SURFEL_API void* allocate_array(std::size_t bytes);
-/// Gives it back; `bytes` as allocated.
+/// Gives back the memory of allocate_array(bytes).
 SURFEL_API void free_array(void* data, std::size_t bytes) noexcept;
 
 }  // namespace surfel

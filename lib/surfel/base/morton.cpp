@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kGrain = 1 << 16;
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// The order of n points, at(i) each, along a given curve.
+/// The order of the n points at(i) along the curve through a grid.
 template <class At>
 Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& grid) {
   Array<std::uint64_t> keys(n);
@@ -30,7 +30,7 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
     const Vec3f q = at(b);
     return std::make_tuple(p.x(), p.y(), p.z(), a) < std::make_tuple(q.x(), q.y(), q.z(), b);
   };
-  // Each range orders the cells that begin in it, and looks at keys alone beyond its end.
+  // Each range orders the cells that begin in it; beyond its end it reads keys only.
   parallel_for(n, kGrain, [&](std::size_t range_begin, std::size_t range_end, int) {
     for (std::size_t i = range_begin; i < range_end; ++i) {
       if (i + 1 == n || keys[i] != keys[i + 1] || (i > 0 && keys[i] == keys[i - 1])) continue;
@@ -45,7 +45,7 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
   return order;
 }
 
-/// The grid around the finite ones of n points, at(i) each.
+/// The grid around the finite ones among the n points at(i).
 template <class At>
 MortonGrid grid_around(std::size_t n, const At& at) {
   std::vector<std::pair<Vec3f, Vec3f>> partial((n + kGrain - 1) / kGrain);
@@ -91,7 +91,7 @@ Array<std::uint32_t> column_morton_order(const PointColumns& points) {
 
 MortonGrid::MortonGrid(const Vec3f& min, const Vec3f& max) {
   if (!(min.x() <= max.x())) return;
-  // Double, as the extent of finite floats may exceed the largest float.
+  // In double, as the extent of finite floats may exceed the largest float.
   low = min.cast<double>();
   const double extent = (max.cast<double>() - low).maxCoeff();
   if (extent > 0) cells_per_unit = 0x1fffff / extent;

@@ -24,7 +24,7 @@ constexpr std::uint64_t morton_code(std::uint32_t x, std::uint32_t y, std::uint3
   return spread(x) | spread(y) << 1 | spread(z) << 2;
 }
 
-/// Points as three columns; `count` of them, each column possibly longer.
+/// `count` points as three columns, which may be longer.
 struct PointColumns {
   const float* x = nullptr;
   const float* y = nullptr;
@@ -38,21 +38,21 @@ struct SURFEL_API MortonGrid {
   double cells_per_unit = 0;  ///< 0 where all points are at one place.
 
   MortonGrid() = default;
-  /// Around finite bounds, or empty ones (min > max) for no points.
+  /// Makes the grid around finite bounds; empty bounds (min > max) stand for no points.
   MortonGrid(const Vec3f& min, const Vec3f& max);
 
-  /// Of a point in the cube, its Morton code.
+  /// Morton code of a point in the cube.
   std::uint64_t code(const Vec3f& p) const {
     const Vec3d cell = (p.cast<double>() - low) * cells_per_unit;
     return morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
                        static_cast<std::uint32_t>(cell.z()));
   }
-  /// Would morton_order() leave these points, all in the cube, as they are? Compares neighbours
-  /// without making their codes: a fraction of the cost of an order.
+  /// Whether morton_order() would leave these points, all in the cube, as they are. Neighbours are
+  /// compared without making their codes: a fraction of the cost of an order.
   bool in_order(const PointColumns& points) const;
 };
 
-/// Of the points that are finite; there may be none.
+/// The grid around the points that are finite; there may be none.
 SURFEL_API MortonGrid morton_grid(std::span<const Vec3f> position);
 
 /// Order of points along a Morton curve through the cube around the finite ones (2^21 cells a
@@ -60,10 +60,10 @@ SURFEL_API MortonGrid morton_grid(std::span<const Vec3f> position);
 /// position, then index, so that a shuffled cloud gives the same sequence of points.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
 
-/// The same along the curve through a given cube that holds all points, which are finite.
+/// Order of points, all finite, along the curve through a given cube that holds them.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position, const MortonGrid& grid);
 
-/// The same for points in columns.
+/// Order of points in columns, as morton_order() makes it.
 SURFEL_API Array<std::uint32_t> column_morton_order(const PointColumns& points);
 
 }  // namespace surfel

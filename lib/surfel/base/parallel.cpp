@@ -94,7 +94,7 @@ std::shared_ptr<tbb::task_arena> arena(int threads) {
   static int current_threads = 0;
   const std::lock_guard lock(mutex);
   if (current_threads != threads) {
-    // oneTBB caps its workers at the cores; --threads may ask for more, to test determinism.
+    // oneTBB caps its workers at the cores; set_thread_count() may ask for more.
     limit =
         std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                               static_cast<std::size_t>(std::max(threads, cores())));

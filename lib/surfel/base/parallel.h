@@ -20,8 +20,8 @@ inline constexpr int kMostThreads = 1024;
 /// Number of threads that parallel loops use, in [1, kMostThreads].
 SURFEL_API int thread_count() noexcept;
 
-/// Sets the number for the whole process; 0 or less means one per core, more than kMostThreads
-/// means kMostThreads. Loops that run keep their number; results never depend on it.
+/// Sets the number of threads for the whole process; 0 or less means one per core, more than
+/// kMostThreads means kMostThreads. Loops that run keep their number; results never depend on it.
 SURFEL_API void set_thread_count(int threads) noexcept;
 
 /// Asks all parallel loops of the process to stop: running loops throw Error(kInterrupted) at the
@@ -51,8 +51,7 @@ template <class T>
 class PerWorker {
  public:
   /// Every T is made by its default constructor.
-  PerWorker()
-    requires std::is_default_constructible_v<T>
+  PerWorker() requires std::is_default_constructible_v<T>
       : PerWorker([] { return std::make_unique<T>(); }) {}
   /// \param make  makes one worker's T; workers call it at once.
   explicit PerWorker(std::function<std::unique_ptr<T>()> make) : make_(std::move(make)) {}
@@ -63,7 +62,8 @@ class PerWorker {
     if (!place) place = make_();
     return *place;
   }
-  /// Calls body(scratch) for what has been made, in the order of the workers. Not during a loop.
+  /// Calls body(scratch) for every T that was made, in the order of the workers; not while a loop
+  /// uses them.
   template <class Body>
   void for_each(Body&& body) {
     for (std::unique_ptr<T>& place : places_) {

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/chart/chart_judge.h>
 
 namespace surfel {
@@ -11,8 +12,21 @@ constexpr double kTimeMargin = 1.2;
 
 }  // namespace
 
+std::vector<std::string> ChartGoal::problems() const {
+  std::vector<std::string> found;
+  if (min_psnr.has_value() == max_time.has_value()) {
+    found.emplace_back("either `min_psnr` or `max_time` must be given, and not both");
+  }
+  if (min_psnr && std::isnan(*min_psnr)) found.emplace_back("`min_psnr` is no number");
+  if (max_time && !(*max_time > 0)) {
+    found.push_back(fmt::format("`max_time` is {}; it must be greater than 0", *max_time));
+  }
+  return found;
+}
+
 std::vector<std::size_t> recommendation_order(const std::vector<ChartPoint>& points,
                                               const ChartGoal& goal) {
+  for (const std::string& problem : goal.problems()) throw_usage(problem);
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const ChartPoint& p = points[i];

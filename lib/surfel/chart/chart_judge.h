@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstddef>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -10,15 +11,20 @@
 
 namespace surfel {
 
-/// What a recommendation must reach: one of the two.
+/// Goal of a recommendation: one of the two is set.
 struct ChartGoal {
-  std::optional<double> min_psnr;  ///< dB.
-  std::optional<double> max_time;  ///< Milliseconds of the picture, without reading and writing.
+  std::optional<double> min_psnr;  ///< Least PSNR, dB.
+  std::optional<double>
+      max_time;  ///< Longest time of a picture without reading and writing, ms, > 0.
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// Order in which settings are tried for a goal, cheapest first under min_psnr, most accurate first
-/// under max_time; those that do not meet it, the time with a margin of a fifth for its noise, are
-/// left out, and so are settings that the tools refused.
+/// Order in which settings are tried for a goal: cheapest first under min_psnr, most accurate first
+/// under max_time. Settings that miss the goal are left out, where times need a margin of a fifth
+/// for their noise, and so are settings that the tools refused. Throws Error(kUsage) for a goal
+/// with problems().
 SURFEL_API std::vector<std::size_t> recommendation_order(const std::vector<ChartPoint>& points,
                                                          const ChartGoal& goal);
 

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/output_file.h>
+#include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/plot.h>
 #include <surfel/chart/tool_chain.h>
@@ -18,6 +19,8 @@ namespace {
 
 using Json = nlohmann::json;
 
+/// Pictures of differences are so many times brighter, for errors of a few levels of 8 bits to
+/// show.
 constexpr double kDifferenceScale = 10;
 
 const char* const kStyle = R"(
@@ -88,9 +91,9 @@ std::string milliseconds(double ms) {
                     : fmt::format("{:.2f}", ms);
 }
 
-/// PSNR for a plot: errors that are those of rounding to 8 bits alone are not told apart.
+/// PSNR for a plot, which does not tell errors apart that rounding to 8 bits alone makes.
 double plotted_psnr(const ChartPoint& p) {
-  return -20 * std::log10(std::max(p.error.rmse, 1 / (255 * std::sqrt(12.0))));
+  return -20 * std::log10(std::max(p.error.rmse, kRoundingError));
 }
 
 Plot plot_of(const ChartSweep& sweep) {
@@ -386,7 +389,7 @@ std::string report_csv(const ChartReport& report) {
   return out;
 }
 
-Json report_json(const ChartReport& report) {
+std::string report_json(const ChartReport& report) {
   Json out = {
       {"summary", Json::object()}, {"truth_commands", Json::array()}, {"sweeps", Json::array()}};
   for (const auto& [key, value] : report.summary) out["summary"][key] = utf8(value);
@@ -406,7 +409,7 @@ Json report_json(const ChartReport& report) {
                              {"default_error_factor", sweep.standard.error},
                              {"points", points}});
   }
-  return out;
+  return out.dump(2);
 }
 
 std::string report_html(const ChartReport& report, const std::string& command,
@@ -455,7 +458,7 @@ void write_report(const ChartReport& report, const std::string& command,
   OutputFile json(folder + "/report.json", no_clobber);
   html.write(report_html(report, command, work_folder));
   csv.write(report_csv(report));
-  json.write(report_json(report).dump(2) + "\n");
+  json.write(report_json(report) + "\n");
   html.commit();
   csv.commit();
   json.commit();

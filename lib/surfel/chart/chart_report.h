@@ -2,7 +2,6 @@
 
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
 #include <surfel/base/export.h>
 #include <surfel/chart/chart_result.h>
 
@@ -17,11 +16,11 @@ SURFEL_API std::string csv_field(const std::string& text);
 /// Standard base 64, padded.
 SURFEL_API std::string base64(const std::string& bytes);
 
-/// A row for every point.
+/// The report as CSV: a row for every point.
 SURFEL_API std::string report_csv(const ChartReport& report);
 
-/// The whole report, without pictures.
-SURFEL_API nlohmann::json report_json(const ChartReport& report);
+/// The whole report as JSON in UTF-8, without pictures.
+SURFEL_API std::string report_json(const ChartReport& report);
 
 /// One page that needs nothing else: tables, plots (SVG, drawn in `folder` by gnuplot), pictures
 /// with their differences from the truth, the commands of every point. `command` is the one that

@@ -20,40 +20,42 @@ struct TimeSpread {
 /// A stage of a tool: "surfel-render raster".
 using StageTime = std::pair<std::string, double>;
 
-/// What was measured of one setting.
+/// One setting, and what was measured of it.
 struct ChartPoint {
   std::string label;
-  bool standard = false;              ///< The default.
-  std::vector<std::string> commands;  ///< As they ran, a shell line each.
-  std::string refused;  ///< Not empty: why a tool does not take this setting; nothing is measured.
-  TimeSpread time;      ///< Of the sweep's tool.
-  std::vector<StageTime> stages;  ///< Of every tool, in the median run.
-  double prepare_ms = 0;          ///< All tools before surfel-render, without reading and writing.
-  TimeSpread render;              ///< The picture, without reading and writing.
-  std::uint64_t memory = 0;       ///< Largest peak of the tools, bytes.
+  bool standard = false;              ///< The setting is the tools' default.
+  std::vector<std::string> commands;  ///< The commands that ran, for a shell.
+  std::string refused;  ///< Not empty: why a tool refuses the setting; nothing is measured then.
+  TimeSpread time;      ///< Time of the tool that the sweep is about.
+  std::vector<StageTime> stages;  ///< Stages of every tool in the median run.
+  double prepare_ms = 0;  ///< Time of all tools before surfel-render, without reading and writing.
+  TimeSpread render;      ///< Time of the picture, without reading and writing.
+  std::uint64_t memory = 0;  ///< Largest peak of the tools, bytes.
   std::size_t surfels = 0;
   int groups = 0;
   ImageError error;
   std::optional<double> flicker;
-  std::string picture;  ///< File.
-  bool front = false;   ///< On the Pareto front of time and error.
+  std::string picture;  ///< The picture's file.
+  bool front = false;   ///< The point is on the Pareto front of time and error.
 };
 
+/// A family of settings of one kind, and how the default stands among them.
 struct ChartSweep {
   std::string name, title, about;
-  std::string time;   ///< What the time is that of.
+  std::string time;   ///< Title of the times: "time of the picture".
   std::string truth;  ///< File of the truth's picture.
   std::vector<ChartPoint> points;
-  FrontDistance standard;  ///< Of the default.
+  FrontDistance standard;  ///< Distance of the default from the front.
   std::string verdict;     ///< How the default stands to the front, a sentence.
-  bool standard_off =
-      false;  ///< It is off by more than 20 %; in time, by more than it spreads, too.
+  /// The default is off the front by more than kFrontTolerance; in time, also by more than its
+  /// times spread.
+  bool standard_off = false;
 };
 
 struct ChartReport {
-  std::vector<std::pair<std::string, std::string>> summary;  ///< Of input, machine and measures.
-  std::vector<std::string> truth_commands;
-  std::string camera_path;  ///< TOML of the flicker's cameras; empty without.
+  std::vector<std::pair<std::string, std::string>> summary;  ///< Input, machine and measures.
+  std::vector<std::string> truth_commands;                   ///< Commands for a shell.
+  std::string camera_path;  ///< TOML of the cameras that flicker is measured with; empty without.
   std::vector<ChartSweep> sweeps;
 };
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -12,11 +13,11 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/base/version.h>
 #include <surfel/chart/chart_runner.h>
 #include <surfel/chart/journal.h>
-#include <surfel/chart/process.h>
 #include <surfel/chart/sweeps.h>
 #include <surfel/chart/tool_chain.h>
 #include <surfel/chart/tool_run.h>
@@ -25,7 +26,6 @@
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
-#include <surfel/io/text_numbers.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
@@ -40,7 +40,9 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Words = std::vector<std::string>;
 
+/// Step of the turn that flicker is measured on: of a slow, smooth one, whose frames differ little.
 constexpr double kTurnDegrees = 0.25;
+
 TimeSpread spread_of(std::vector<double> times) {
   std::sort(times.begin(), times.end());
   const std::size_t n = times.size();
@@ -51,7 +53,7 @@ std::string numbers(const Vec3d& v) {
   return fmt::format("{:.12g},{:.12g},{:.12g}", v.x(), v.y(), v.z());
 }
 
-/// A file as it is now: what a journal's entries hold for.
+/// Name, size and time of a file: entries of a journal hold while they stay.
 std::string identity(const std::string& path) {
   if (path.empty()) return "-";
   std::error_code error;
@@ -92,15 +94,15 @@ Words operator+(Words a, const Words& b) {
 
 std::vector<std::string> ChartOptions::problems() const {
   std::vector<std::string> problems = camera.problems();
-  if (count < 1) problems.emplace_back("count is 0; it must be at least 1");
+  if (count < 1) problems.emplace_back("`count` is 0; it must be at least 1");
   if (repeats < 1 || repeats > 1000) {
-    problems.push_back(fmt::format("repeats is {}; it must be in 1..1000", repeats));
+    problems.push_back(fmt::format("`repeats` is {}; it must be in 1..1000", repeats));
   }
   if (frames != 0 && (frames < 2 || frames > 1000)) {
-    problems.push_back(fmt::format("frames is {}; it must be 0 or in 2..1000", frames));
+    problems.push_back(fmt::format("`frames` is {}; it must be 0 or in 2..1000", frames));
   }
   if (samples < 1 || samples > 64) {
-    problems.push_back(fmt::format("samples is {}; it must be in 1..64", samples));
+    problems.push_back(fmt::format("`samples` is {}; it must be in 1..64", samples));
   }
   return problems;
 }
@@ -111,8 +113,8 @@ struct ChartRunner::Impl {
   ChartOptions options;
   std::unique_ptr<Journal> journal;
   std::optional<ToolRunner> tools;  ///< Refers to the journal.
-  ToolChain user;                   ///< The options that were asked for alone ...
-  ToolChain base;                   ///< ... and with what leads from the input to a picture.
+  ToolChain user;                   ///< The options that were asked for.
+  ToolChain base;                   ///< All tools from the input to a picture, with these options.
   SweepContext context;
   Words camera;
   std::string path_toml;
@@ -126,7 +128,7 @@ struct ChartRunner::Impl {
     std::vector<Image> frames;
   };
   std::map<std::string, Truth> truths;
-  std::vector<Image> standard_frames;  ///< Of the base chain, where the truth has none.
+  std::vector<Image> standard_frames;  ///< Frames of the base chain, where the truth has none.
 
   Timer timer;
   double runs_done = 0;
@@ -136,7 +138,15 @@ struct ChartRunner::Impl {
   bool mesh_truth() const { return options.truth == "mesh"; }
   bool file_truth() const { return options.truth != "mesh" && options.truth != "reference"; }
 
+  void describe(const std::string& key, const std::string& value) {
+    summary.emplace_back(key, value);
+  }
   void look_at_input();
+  void choose_truth(bool with_mesh);
+  void make_base();
+  void open_journal();
+  void look_at_surfels();
+  void describe_measures();
   void aim(const SurfelCloud& cloud);
   void write_path(const Camera& view, const Vec3d& target);
 
@@ -169,51 +179,61 @@ ChartRunner::Impl::Impl(ChartOptions given) : options(std::move(given)) {
   look_at_input();
 }
 
-/// What the input is decides on the tools that lead to a picture.
+/// The kind of the input decides on the tools that lead to a picture.
 void ChartRunner::Impl::look_at_input() {
   for (const std::string& changes : options.with) user.apply(changes);
   if (user.value(Stage::kSample, "--spacing")) {
-    throw_usage("surfel-from-mesh --spacing: give the number of samples as --count instead");
+    throw_usage("surfel-from-mesh --spacing: give the number of samples as `count` instead");
   }
   const FileKind kind = file_kind(options.input);
   if (kind == FileKind::kImage) {
     throw_input(options.input, "is a picture; give surfels, points or a mesh");
   }
-  std::optional<TriangleMesh> mesh;
-  std::string mesh_file = options.mesh;
   context.mesh = kind == FileKind::kMesh;
-  if (context.mesh) {
-    if (!options.mesh.empty()) throw_usage("--mesh is for surfels, and the input is a mesh");
-    mesh_file = options.input;
+  if (context.mesh && !options.mesh.empty()) {
+    throw_usage("`mesh` is for surfels, and the input is a mesh");
   }
+  std::optional<TriangleMesh> mesh;
+  const std::string& mesh_file = context.mesh ? options.input : options.mesh;
   if (!mesh_file.empty()) mesh = read_mesh(mesh_file);
-  if (options.truth.empty()) options.truth = mesh ? "mesh" : "reference";
-  if (mesh_truth() && !mesh) throw_usage("--truth mesh needs a mesh; name it with --mesh");
-  if (file_truth()) {
-    options.truth = fs::absolute(options.truth).lexically_normal().string();
-    if (!fs::exists(options.truth)) {
-      throw_usage(options.truth +
-                  ": --truth is reference, mesh, or a picture that is there; this is none");
-    }
-  }
+  choose_truth(mesh.has_value());
   const bool named = mesh && std::any_of(mesh->material.begin(), mesh->material.end(),
                                          [](const auto& m) { return !m.texture.empty(); });
   context.texture = named || !options.image.empty();
-  context.outside_truth = options.truth != "reference";
 
-  if (context.mesh) base.run(Stage::kSample);
-  if (context.mesh && context.texture) base.run(Stage::kTexture);
-  base.run(Stage::kRender);
-  if (!options.scene.empty()) base.set(Stage::kRender, {"--scene", options.scene});
-
-  const auto describe = [&](const std::string& key, const std::string& value) {
-    summary.emplace_back(key, value);
-  };
   describe("Input", options.input);
   if (context.mesh) {
     describe("Mesh", fmt::format("{} vertices, {} faces{}", mesh->position.size(),
                                  mesh->face.size(), context.texture ? ", textured" : ""));
-  } else {
+  }
+  make_base();
+  open_journal();
+  look_at_surfels();
+  describe_measures();
+}
+
+void ChartRunner::Impl::choose_truth(bool with_mesh) {
+  if (options.truth.empty()) options.truth = with_mesh ? "mesh" : "reference";
+  if (mesh_truth() && !with_mesh) {
+    throw_usage("`truth` is mesh, but there is none; name it as `mesh`");
+  }
+  if (file_truth()) {
+    options.truth = fs::absolute(options.truth).lexically_normal().string();
+    if (!fs::exists(options.truth)) {
+      throw_usage(options.truth +
+                  ": `truth` is reference, mesh, or a picture that is there; this is none");
+    }
+  }
+  context.outside_truth = options.truth != "reference";
+}
+
+/// The tools that all points run, with their options.
+void ChartRunner::Impl::make_base() {
+  if (context.mesh) base.run(Stage::kSample);
+  if (context.mesh && context.texture) base.run(Stage::kTexture);
+  base.run(Stage::kRender);
+  if (!options.scene.empty()) base.set(Stage::kRender, {"--scene", options.scene});
+  if (!context.mesh) {
     const SurfelCloud cloud = read_cloud(options.input, {.levels = true});
     if (cloud.empty()) throw_input(options.input, "holds no surfel");
     if (cloud.normal.empty() || (cloud.variance.empty() && !cloud.anisotropic())) {
@@ -222,13 +242,23 @@ void ChartRunner::Impl::look_at_input() {
   }
   for (const std::string& changes : options.with) base.apply(changes);
   complete(base);
+  context.cores = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  if (const std::string* cutoff = base.value(Stage::kRender, "--cutoff")) {
+    // A value that is no number stays for surfel-render to refuse.
+    std::from_chars(cutoff->data(), cutoff->data() + cutoff->size(), context.cutoff);
+  }
+}
 
+void ChartRunner::Impl::open_journal() {
   const std::string run = fmt::format(
       "surfel-chart {} {} {} {} {} {}", version(), identity(options.input), identity(options.image),
       identity(options.mesh), identity(options.scene), identity(options.tools + "/surfel-render"));
   journal = std::make_unique<Journal>(path("journal.jsonl"), run);
   tools.emplace(options.tools, options.folder, *journal);
+}
 
+/// Makes the surfels of the base chain, and aims at them.
+void ChartRunner::Impl::look_at_surfels() {
   prepare(base);
   const std::string surfels = prepared(base);
   const SurfelCloud cloud =
@@ -239,11 +269,12 @@ void ChartRunner::Impl::look_at_input() {
            fmt::format("{}{}{}{}", cloud.size(), cloud.anisotropic() ? ", elliptical" : ", round",
                        cloud.tree.empty() ? "" : ", with levels of detail",
                        context.transparent ? ", transparent" : ""));
-  if (!options.with.empty())
+}
+
+/// Tells in the summary how errors and times are measured.
+void ChartRunner::Impl::describe_measures() {
+  if (!options.with.empty()) {
     describe("Options for all points", fmt::format("{}", fmt::join(options.with, "; ")));
-  context.cores = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  if (const std::string* cutoff = base.value(Stage::kRender, "--cutoff")) {
-    context.cutoff = parse_number(*cutoff).value_or(0);
   }
   describe("Pictures",
            fmt::format("{} x {} pixels, 8 bits: errors below an RMSE of {:.4f} are those "
@@ -271,7 +302,7 @@ void ChartRunner::Impl::look_at_input() {
            fmt::format("{}, {} cores, {} threads", processor(), context.cores, thread_count()));
 }
 
-/// One camera for all points: that of the base surfels, in numbers.
+/// Makes the camera that sees the base surfels the camera of all points, in numbers.
 void ChartRunner::Impl::aim(const SurfelCloud& cloud) {
   const RenderCloud surfels(cloud);
   context.transparent = surfels.transparent();
@@ -465,7 +496,7 @@ void ChartRunner::Impl::measure(const Sweep& sweep,
                                 const std::string& what, bool with_flicker, int first_repeat) {
   struct Runs {
     std::vector<ChainCommand> commands;
-    std::vector<std::vector<ToolRun>> of;  ///< Of each command.
+    std::vector<std::vector<ToolRun>> of;  ///< The runs of each command.
   };
   std::vector<Runs> all(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -579,6 +610,7 @@ ChartReport ChartRunner::run() {
 }
 
 Recommendation ChartRunner::recommend(const ChartGoal& goal) {
+  for (const std::string& problem : goal.problems()) throw_usage(problem);
   Impl& run = *impl_;
   Sweep candidates;
   candidates.name = "recommend";

@@ -16,23 +16,23 @@ namespace surfel {
 struct ChartOptions {
   std::string input;  ///< Surfels, points, or a mesh to sample.
   std::string image;  ///< Texture of the mesh; empty: its materials' own, if there are any.
-  std::string mesh;   ///< Of surfels: the mesh that they stand for, for `truth` = "mesh".
+  std::string mesh;   ///< Mesh that input surfels stand for, for `truth` = "mesh".
   /// "reference" (the surfels ray cast), "mesh" (ray traced), or a picture's file of the camera's
   /// size. Empty: the mesh where there is one, else the reference.
   std::string truth;
   std::vector<std::string> sweeps;  ///< Names; empty: all that make sense for the input.
   /// Options of the tools for all points, as ToolChain::apply() takes them.
   std::vector<std::string> with;
-  std::string scene;  ///< Scene file; empty: the tools' default.
+  std::string scene;  ///< Scene file; empty: the tools' default scene.
   CameraOptions camera;
   std::size_t count = 100000;  ///< Samples of a mesh, >= 1.
   int repeats = 5;             ///< Runs of which the median time counts, 1..1000.
-  int frames = 8;              ///< Of the camera path for flicker, 0 = none, else 2..1000.
+  int frames = 8;              ///< Frames of the camera path for flicker, 0 = none, else 2..1000.
   int samples = 8;             ///< Rays along each side of the truth's pixels, 1..64.
-  bool quick = false;          ///< Fewer points.
+  bool quick = false;          ///< Only points that are marked as quick are measured.
   std::string tools;           ///< Folder of the tools.
   std::string folder;          ///< Where journal, surfels and pictures of the run lie; must exist.
-  /// Told what is done, and the share of all that is.
+  /// Is called with the work at hand and the share of all work that is done.
   std::function<void(const std::string&, double)> progress = [](const std::string&, double) {};
 
   /// Empty if usable, else one sentence per violated rule.
@@ -40,15 +40,15 @@ struct ChartOptions {
 };
 
 struct Recommendation {
-  ChartPoint point;  ///< As measured again by running its commands.
+  ChartPoint point;  ///< The setting, measured again by running its commands.
   int tried = 1;     ///< Settings that were run again, the last of which met the goal.
 };
 
 /// Runs the tools for the points of sweeps, one process at a time, and measures. All runs are kept
-/// in a journal in the folder, so that the next one of the same options takes up from there.
+/// in a journal in the folder, so that a later ChartRunner with equal options goes on from there.
 class SURFEL_API ChartRunner {
  public:
-  /// Looks at the input. Throws Error.
+  /// Reads the input and makes the surfels of the default. Throws Error.
   explicit ChartRunner(ChartOptions options);
   ~ChartRunner();
   ChartRunner(const ChartRunner&) = delete;
@@ -57,7 +57,8 @@ class SURFEL_API ChartRunner {
   /// Throws Error(kUsage) for sweeps that do not fit the input, kInput where a tool fails.
   ChartReport run();
 
-  /// Throws Error(kInput) where no setting meets the goal, telling the best.
+  /// Throws Error(kUsage) for a goal with problems(), kInput where no setting meets the goal: the
+  /// message tells the best.
   Recommendation recommend(const ChartGoal& goal);
 
  private:

@@ -15,29 +15,37 @@ namespace {
 
 constexpr double kWidth = 800;
 constexpr double kHeight = 480;
-// Of the area between the axes, in pixels from the top left.
+// The area between the axes, pixels from the top left: it leaves room for their numbers and titles.
 constexpr double kLeft = 82;
 constexpr double kRight = 785;
 constexpr double kTop = 40;
 constexpr double kBottom = 425;
-constexpr double kGlyphWidth = 6.8;  ///< Of the labels' 12 px sans-serif, a generous mean.
+constexpr double kGlyphWidth = 6.8;  ///< A generous mean for the labels' 12 px sans-serif.
 constexpr double kLineHeight = 14;
-constexpr double kMarker = 9;     ///< Half the side of what a marker takes.
-constexpr double kLineReach = 2;  ///< Half the side of what a point of a line takes.
+constexpr double kMarker = 9;     ///< Half the side of the square that a marker takes.
+constexpr double kLineReach = 2;  ///< Half the side of the square that a point of a line takes.
 /// From here on the slowest point is so much slower than the fastest that a linear axis would crowd
 /// the fast ones.
 constexpr double kLogarithmicFrom = 4;
 
-struct Box {
-  double x0, y0, x1, y1;
-  double overlap(const Box& other) const {
-    const double w = std::min(x1, other.x1) - std::max(x0, other.x0);
-    const double h = std::min(y1, other.y1) - std::max(y0, other.y0);
-    return w > 0 && h > 0 ? w * h : 0;
-  }
-};
+/// The area that two areas share, pixels squared.
+double overlap(const PlotArea& a, const PlotArea& b) {
+  const double width = std::min(a.right, b.right) - std::max(a.left, b.left);
+  const double height = std::min(a.bottom, b.bottom) - std::max(a.top, b.top);
+  return width > 0 && height > 0 ? width * height : 0;
+}
 
-/// One axis: what it spans, and where values are on it, 0..1.
+/// A square around a place, of this half side.
+PlotArea square(const LabelPlace& place, double reach) {
+  return {place.x - reach, place.y - reach, place.x + reach, place.y + reach};
+}
+
+/// A label of this width, with some space beside it.
+PlotArea label_area(const LabelPlace& place, double width) {
+  return {place.x - 2, place.y - kLineHeight / 2, place.x + width + 2, place.y + kLineHeight / 2};
+}
+
+/// One axis: the values at its ends, and where others are on it, 0..1.
 struct Axis {
   double low = 0, high = 1;
   bool logarithmic = false;
@@ -101,7 +109,7 @@ std::string logarithmic_ticks(const Axis& axis) {
   return "";
 }
 
-/// As a text of gnuplot's, which knows no escape but the doubled quote.
+/// A text of gnuplot's language, which knows no escape but the doubled quote.
 std::string quoted(std::string text) {
   std::replace_if(
       text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
@@ -157,7 +165,7 @@ std::string script(const Plot& plot) {
     widths.push_back(kGlyphWidth * static_cast<double>(p.label.size()));
   }
   const auto labels =
-      place_labels(at, widths, front_line(plot, at), kLeft + 2, kTop + 2, kRight, kBottom - 2);
+      place_labels(at, widths, front_line(plot, at), {kLeft + 2, kTop + 2, kRight, kBottom - 2});
   const auto screen = [](double px, double py) {
     return fmt::format("screen {:.5f},{:.5f}", px / kWidth, 1 - py / kHeight);
   };
@@ -200,43 +208,37 @@ std::string script(const Plot& plot) {
 
 std::vector<LabelPlace> place_labels(const std::vector<LabelPlace>& points,
                                      const std::vector<double>& widths,
-                                     const std::vector<LabelPlace>& obstacles, double left,
-                                     double top, double right, double bottom) {
-  std::vector<Box> taken;
-  for (const LabelPlace& o : obstacles) {
-    taken.push_back({o.x - kLineReach, o.y - kLineReach, o.x + kLineReach, o.y + kLineReach});
-  }
-  for (const LabelPlace& p : points) {
-    taken.push_back({p.x - kMarker, p.y - kMarker, p.x + kMarker, p.y + kMarker});
-  }
+                                     const std::vector<LabelPlace>& obstacles,
+                                     const PlotArea& area) {
+  std::vector<PlotArea> taken;
+  for (const LabelPlace& o : obstacles) taken.push_back(square(o, kLineReach));
+  for (const LabelPlace& p : points) taken.push_back(square(p, kMarker));
   std::vector<LabelPlace> places;
   for (std::size_t i = 0; i < points.size(); ++i) {
     LabelPlace best;
     double least = std::numeric_limits<double>::infinity();
     // Rings about the point, nearest first; on a ring: right, left, above, below, between these.
     for (double ring = 0; ring <= 12 && least > 0; ++ring) {
-      const double out = kMarker + 3 + 14 * ring;
+      const double out = kMarker + 3 + kLineHeight * ring;
       static constexpr std::array<std::array<double, 2>, 8> kSides{
           {{1, 0}, {-1, 0}, {0, -1}, {0, 1}, {1, -1}, {1, 1}, {-1, -1}, {-1, 1}}};
       for (const auto& [dx, dy] : kSides) {
         LabelPlace place;
         const double shift = dx > 0 ? out : dx < 0 ? -out - widths[i] : -widths[i] / 2;
-        place.x = std::clamp(points[i].x + shift, left, std::max(left, right - widths[i]));
-        place.y = std::clamp(points[i].y + dy * (out + kLineHeight / 2), top + kLineHeight / 2,
-                             bottom - kLineHeight / 2);
+        place.x =
+            std::clamp(points[i].x + shift, area.left, std::max(area.left, area.right - widths[i]));
+        place.y = std::clamp(points[i].y + dy * (out + kLineHeight / 2), area.top + kLineHeight / 2,
+                             area.bottom - kLineHeight / 2);
         place.leader = ring > 0;
-        const Box box{place.x - 2, place.y - kLineHeight / 2, place.x + widths[i] + 2,
-                      place.y + kLineHeight / 2};
         double cost = 0;
-        for (const Box& other : taken) cost += box.overlap(other);
+        for (const PlotArea& other : taken) cost += overlap(label_area(place, widths[i]), other);
         if (cost < least) {
           least = cost;
           best = place;
         }
       }
     }
-    taken.push_back(
-        {best.x - 2, best.y - kLineHeight / 2, best.x + widths[i] + 2, best.y + kLineHeight / 2});
+    taken.push_back(label_area(best, widths[i]));
     places.push_back(best);
   }
   return places;

@@ -17,8 +17,13 @@ struct PlotPoint {
 
 /// Error against time.
 struct Plot {
-  std::string time;  ///< What the time is that of, for the axis.
+  std::string time;  ///< Title of the time's axis, without its unit.
   std::vector<PlotPoint> points;
+};
+
+/// An area of a picture, pixels from its top left.
+struct PlotArea {
+  double left = 0, top = 0, right = 0, bottom = 0;
 };
 
 struct LabelPlace {
@@ -26,18 +31,16 @@ struct LabelPlace {
   bool leader = false;  ///< So far from its point that a line must lead there.
 };
 
-/// Where the labels of points go: beside their point, inside width x height less the margins, not
-/// over one another, over points nor over `obstacles`, as long as there is room. `widths` are the
-/// texts' in pixels.
+/// Where the labels of points go: beside their points, inside the area, and, as long as there is
+/// room, over no other label, point or obstacle. `widths` are the widths of the labels, pixels.
 SURFEL_API std::vector<LabelPlace> place_labels(const std::vector<LabelPlace>& points,
                                                 const std::vector<double>& widths,
                                                 const std::vector<LabelPlace>& obstacles,
-                                                double left, double top, double right,
-                                                double bottom);
+                                                const PlotArea& area);
 
-/// The plot as SVG of 800 x 480 pixels, drawn by gnuplot, which is started in `folder` and leaves
-/// files there. The time's axis is logarithmic where the times are far apart. Throws Error(kIo)
-/// where gnuplot cannot be run or fails; kUsage without points.
+/// The plot as SVG of 800 x 480 pixels. Gnuplot draws it, runs in `folder` and leaves files there.
+/// The time's axis is logarithmic where the times are far apart. Throws Error(kIo) where gnuplot
+/// cannot be run or fails; kUsage without points.
 SURFEL_API std::string plot_svg(const Plot& plot, const std::string& folder);
 
 /// Throws Error(kIo), telling which package to install, where there is no gnuplot.

@@ -34,7 +34,7 @@ std::string read_all(std::FILE* file) {
   return text;
 }
 
-/// What to open for a process before it starts.
+/// Files that a process has open when it starts.
 class FileActions {
  public:
   FileActions(const std::string& folder, int errors) {
@@ -97,23 +97,6 @@ std::string find_program(const std::string& name) {
     if (access(file.c_str(), X_OK) == 0) return file;
   }
   return "";
-}
-
-std::string shell_command(const std::vector<std::string>& words) {
-  static const std::string kPlain =
-      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=,:+@";
-  std::string line;
-  for (const std::string& word : words) {
-    if (!line.empty()) line += ' ';
-    if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) {
-      line += word;
-      continue;
-    }
-    line += '\'';
-    for (const char c : word) line += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    line += '\'';
-  }
-  return line;
 }
 
 }  // namespace surfel

@@ -9,7 +9,7 @@ namespace surfel {
 
 struct ProcessResult {
   int exit_code = -1;  ///< -1 where a signal ended the process.
-  std::string errors;  ///< What it wrote to standard error.
+  std::string errors;  ///< Text that the process wrote to standard error.
 };
 
 /// Runs a program in `folder` and waits for its end; its standard output is thrown away. words[0]
@@ -21,8 +21,5 @@ SURFEL_API ProcessResult run_process(const std::vector<std::string>& words,
 
 /// Path of a program that PATH leads to; empty if there is none.
 SURFEL_API std::string find_program(const std::string& name);
-
-/// A command as a shell reads it: words that need it are quoted.
-SURFEL_API std::string shell_command(const std::vector<std::string>& words);
 
 }  // namespace surfel

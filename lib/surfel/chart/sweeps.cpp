@@ -29,18 +29,16 @@ std::vector<SweepPoint> values_of(const std::string& option, const std::vector<V
 }
 
 Sweep cutoff(const SweepContext& c) {
-  return {
-      .name = "cutoff",
-      .title = "Cutoff c at which kernels end",
-      .about = c.outside_truth ? "Small cutoffs are fast, large ones smooth."
-                               : "The reference's kernels end at c = 4, so that what "
-                                 "truncation does shows as an error.",
-      .standard = "1",
-      .base = "",
-      .truth = "surfel-render --cutoff 4",
-      .points = values_of("surfel-render --cutoff",
-                          {{"0.5", kQuick}, {"0.7"}, {"1.5"}, {"2", kQuick}, {"3"}, {"4", kQuick}}),
-      .needs = ""};
+  return {.name = "cutoff",
+          .title = "Cutoff c at which kernels end",
+          .about = c.outside_truth ? "Small cutoffs are fast, large ones smooth."
+                                   : "The reference's kernels end at c = 4, so that what "
+                                     "truncation does shows as an error.",
+          .standard = "1",
+          .truth = "surfel-render --cutoff 4",
+          .points =
+              values_of("surfel-render --cutoff",
+                        {{"0.5", kQuick}, {"0.7"}, {"1.5"}, {"2", kQuick}, {"3"}, {"4", kQuick}})};
 }
 
 Sweep layers(const SweepContext& c) {
@@ -49,11 +47,8 @@ Sweep layers(const SweepContext& c) {
       .title = "Fragments per pixel of the A-buffer",
       .about = "Surfaces behind one another that a pixel can tell apart.",
       .standard = "3",
-      .base = "",
-      .truth = "",
       .points = values_of("surfel-render --layers",
-                          {{"1", kQuick}, {"2", kQuick}, {"4"}, {"6"}, {"8", kQuick}, {"16"}}),
-      .needs = ""};
+                          {{"1", kQuick}, {"2", kQuick}, {"4"}, {"6"}, {"8", kQuick}, {"16"}})};
   if (c.transparent) sweep.points.push_back({"32", "surfel-render --layers 32", false});
   return sweep;
 }
@@ -65,11 +60,8 @@ Sweep filter() {
               "ewa-source filters in the surfels' planes, slowly; circular and none are there "
               "to compare with.",
           .standard = "ewa",
-          .base = "",
-          .truth = "",
           .points = values_of("surfel-render --filter",
-                              {{"circular", kQuick}, {"none", kQuick}, {"ewa-source", kQuick}}),
-          .needs = ""};
+                              {{"circular", kQuick}, {"none", kQuick}, {"ewa-source", kQuick}})};
 }
 
 Sweep kernel() {
@@ -79,15 +71,12 @@ Sweep kernel() {
               "Affine about each surfel's centre, exact, or exact where affine may be off by "
               "more than the tolerance in pixels.",
           .standard = "auto, 0.1 px",
-          .base = "",
-          .truth = "",
           .points = {{"affine", "surfel-render --kernel affine", kQuick},
                      {"exact", "surfel-render --kernel perspective", kQuick},
                      {"auto, 0.01 px", "surfel-render --kernel-tolerance 0.01"},
                      {"auto, 0.03 px", "surfel-render --kernel-tolerance 0.03"},
                      {"auto, 0.3 px", "surfel-render --kernel-tolerance 0.3"},
-                     {"auto, 1 px", "surfel-render --kernel-tolerance 1"}},
-          .needs = ""};
+                     {"auto, 1 px", "surfel-render --kernel-tolerance 1"}}};
 }
 
 Sweep depth_epsilon() {
@@ -95,11 +84,8 @@ Sweep depth_epsilon() {
           .title = "Depth within which contributions are of one surface",
           .about = "In footprints of the splat.",
           .standard = "1",
-          .base = "",
-          .truth = "",
           .points = values_of("surfel-render --depth-epsilon",
-                              {{"0.25", kQuick}, {"0.5"}, {"0.7"}, {"1.4"}, {"2"}, {"4", kQuick}}),
-          .needs = ""};
+                              {{"0.25", kQuick}, {"0.5"}, {"0.7"}, {"1.4"}, {"2"}, {"4", kQuick}})};
 }
 
 Sweep sigma(const SweepContext& c) {
@@ -107,12 +93,9 @@ Sweep sigma(const SweepContext& c) {
               .title = "Standard deviation of the kernels by the spacing",
               .about = "Narrow kernels are sharp and leave holes, wide ones blur and cost time.",
               .standard = fmt::format("{:g}", MeshSampleOptions::kVarianceScale),
-              .base = "",
-              .truth = "",
               .points = values_of(
                   "surfel-from-mesh --variance-scale",
-                  {{"0.5", kQuick}, {"0.6"}, {"0.85"}, {"1", kQuick}, {"1.2"}, {"1.5", kQuick}}),
-              .needs = ""};
+                  {{"0.5", kQuick}, {"0.6"}, {"0.85"}, {"1", kQuick}, {"1.2"}, {"1.5", kQuick}})};
   if (!c.mesh) sweep.needs = "a mesh to sample, as the kernels of given surfels are what they are";
   return sweep;
 }
@@ -128,23 +111,21 @@ Sweep fit(const SweepContext& c) {
               .standard = "ewa",
               .timed = Stage::kTexture,
               .base = "surfel-texture",
-              .truth = "",
               .points = {{"gram", "surfel-texture --fit gram", kQuick},
                          {"gram, lambda 0.1", "surfel-texture --fit gram --lambda 0.1"},
                          {"render", render, kQuick},
                          {"render, tolerance 1e-2", render + " --tolerance 0.01"},
                          {"render, tolerance 1e-8", render + " --tolerance 1e-8"},
                          {"render, lambda 0.003", render + " --lambda 0.003"},
-                         {"render, lambda 0.3", render + " --lambda 0.3", kQuick}},
-              .needs = ""};
+                         {"render, lambda 0.3", render + " --lambda 0.3", kQuick}}};
   if (c.surfels <= kMostForDirectSolvers) {
     sweep.points.push_back({"render, ldlt", render + " --solver ldlt"});
     sweep.points.push_back({"render, ceres", render + " --solver ceres"});
   }
   if (!c.texture) {
-    sweep.needs = "a texture: a mesh with one, or --image";
+    sweep.needs = "a texture: a mesh with one, or `image`";
   } else if (!c.outside_truth) {
-    sweep.needs = "another truth than the surfels' own coefficients: --truth mesh, or a picture";
+    sweep.needs = "another truth than the surfels' own coefficients: `truth` mesh, or a picture";
   }
   return sweep;
 }
@@ -156,7 +137,6 @@ Sweep neighbours(const SweepContext& c) {
               .standard = "k = 16, exact",
               .timed = Stage::kEstimate,
               .base = "surfel-estimate",
-              .truth = "",
               .points = {{"k = 6", "surfel-estimate -k 6", kQuick},
                          {"k = 8", "surfel-estimate -k 8"},
                          {"k = 12", "surfel-estimate -k 12"},
@@ -164,8 +144,7 @@ Sweep neighbours(const SweepContext& c) {
                          {"k = 32", "surfel-estimate -k 32"},
                          {"k auto", "surfel-estimate -k auto"},
                          {"k = 16, flann", "surfel-estimate --search flann", kQuick},
-                         {"k = 16, approximate", "surfel-estimate --search flann-approx", kQuick}},
-              .needs = ""};
+                         {"k = 16, approximate", "surfel-estimate --search flann-approx", kQuick}}};
   if (!c.outside_truth) {
     sweep.about +=
         " The reference is made of the input's own normals and sizes; where it is raw "
@@ -184,7 +163,6 @@ Sweep groups(const SweepContext& c) {
                   "that of the grouping.",
               .standard = "largest-first",
               .base = "surfel-group; surfel-render --method deferred",
-              .truth = "",
               .points = {{"smallest-last", "surfel-group --order smallest-last"},
                          {"dsatur", "surfel-group --order dsatur", kQuick},
                          {"overlap 0.8", "surfel-group --overlap 0.8"},
@@ -194,8 +172,7 @@ Sweep groups(const SweepContext& c) {
                          {"K = 8", "surfel-group --groups 8", kQuick},
                          {"K = 4, enlarge", "surfel-group --groups 4 --cover enlarge"},
                          {"Voronoi off", "surfel-render --voronoi off"},
-                         {"Voronoi quantised", "surfel-render --voronoi quantised", kQuick}},
-              .needs = ""};
+                         {"Voronoi quantised", "surfel-render --voronoi quantised", kQuick}}};
   if (!c.transparent) return sweep;
   sweep.base =
       "surfel-group --groups 4 --cover enlarge-each; surfel-render --method "
@@ -221,12 +198,9 @@ Sweep method(const SweepContext& c) {
               .title = "What becomes of the splats of a pixel",
               .about = "The A-buffer, SP06's methods with groups, and depth peeling.",
               .standard = "A-buffer",
-              .base = "",
-              .truth = "",
               .points = {{"transparent", covered + "--method transparent", kQuick},
                          {"transparent-high", covered + "--method transparent-high", kQuick},
-                         {"depth-peel", "surfel-render --method depth-peel", kQuick}},
-              .needs = ""};
+                         {"depth-peel", "surfel-render --method depth-peel", kQuick}}};
   if (c.transparent) {
     sweep.points.push_back({"A-buffer, 8 layers", "surfel-render --layers 8", kQuick});
     sweep.points.push_back({"A-buffer, 16 layers", "surfel-render --layers 16"});
@@ -243,14 +217,12 @@ Sweep lod(const SweepContext& c) {
               .about = "In pixels.",
               .standard = "1.4 px",
               .base = "surfel-lod",
-              .truth = "",
               .points = {{"off", "surfel-render --lod off", kQuick},
                          {"0.7 px", "surfel-render --lod-error 0.7"},
                          {"1 px", "surfel-render --lod-error 1"},
                          {"2 px", "surfel-render --lod-error 2", kQuick},
                          {"4 px", "surfel-render --lod-error 4"},
-                         {"8 px", "surfel-render --lod-error 8", kQuick}},
-              .needs = ""};
+                         {"8 px", "surfel-render --lod-error 8", kQuick}}};
   if (c.surfels < kLeastForLevels) {
     sweep.needs = fmt::format("{} surfels at least; there are {}", kLeastForLevels, c.surfels);
   }
@@ -266,11 +238,7 @@ Sweep spacing(const SweepContext& c) {
   Sweep sweep{.name = "spacing",
               .title = "Number of surfels",
               .about = "That many samples of the mesh.",
-              .standard = fmt::format("{}", c.surfels),
-              .base = "",
-              .truth = "",
-              .points = {},
-              .needs = ""};
+              .standard = fmt::format("{}", c.surfels)};
   for (const auto& [factor, quick] : {std::pair{1.0 / 16, false},
                                       {1.0 / 8, false},
                                       {1.0 / 4, true},
@@ -287,11 +255,7 @@ Sweep threads(const SweepContext& c) {
   Sweep sweep{.name = "threads",
               .title = "Threads",
               .about = "The picture is the same for any number of them.",
-              .standard = fmt::format("{}, one a core", c.cores),
-              .base = "",
-              .truth = "",
-              .points = {},
-              .needs = ""};
+              .standard = fmt::format("{}, one a core", c.cores)};
   for (int n = 1; n < c.cores; n *= 2) {
     sweep.points.push_back(
         {fmt::format("{}", n), fmt::format("surfel-render --threads {}", n), kQuick});
@@ -312,7 +276,7 @@ void require_known_sweeps(const std::vector<std::string>& names) {
   for (const Sweep& sweep : all_sweeps({})) known.push_back(sweep.name);
   for (const std::string& name : names) {
     if (std::find(known.begin(), known.end(), name) == known.end()) {
-      throw_usage(fmt::format("--sweep: '{}' is not one of {}", name, fmt::join(known, ", ")));
+      throw_usage(fmt::format("`sweeps`: '{}' is not one of {}", name, fmt::join(known, ", ")));
     }
   }
 }
@@ -325,7 +289,7 @@ std::vector<Sweep> choose_sweeps(const std::vector<std::string>& names,
     const auto found = std::find_if(all.begin(), all.end(),
                                     [&](const Sweep& sweep) { return sweep.name == name; });
     if (!found->needs.empty()) {
-      throw_usage(fmt::format("--sweep {} needs {}", name, found->needs));
+      throw_usage(fmt::format("`sweeps` has {}, which needs {}", name, found->needs));
     }
   }
   std::erase_if(all, [&](const Sweep& sweep) {
@@ -336,8 +300,8 @@ std::vector<Sweep> choose_sweeps(const std::vector<std::string>& names,
 }
 
 std::vector<SweepPoint> recommendation_candidates(const SweepContext& c) {
-  // What trades time for accuracy in a picture: the number of surfels, the fit, where kernels end,
-  // and the layers where one sees through them.
+  // These trade time for accuracy: the number of surfels, the fit, the cutoff of kernels, and the
+  // layers where surfaces are see-through.
   std::vector<SweepPoint> sources;
   if (c.mesh) {
     for (const auto& [factor, quick] :

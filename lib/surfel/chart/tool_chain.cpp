@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/chart/tool_chain.h>
 
 namespace surfel {

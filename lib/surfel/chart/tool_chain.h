@@ -23,16 +23,16 @@ struct ToolOption {
   bool operator==(const ToolOption&) const = default;
 };
 
-/// Which tools run, with which options.
+/// The tools that run, with their options.
 class SURFEL_API ToolChain {
  public:
   /// Makes the changes that a text tells: "TOOL option...; TOOL option...". A tool that is named
   /// runs from now on; an option replaces the one of that name. Words that begin with a dash are
-  /// options, a value that does is joined by "=" (--from=-1,0,0). Throws Error(kUsage) for what is
-  /// no such text, or of an unknown tool.
+  /// options, a value that does is joined by "=" (--from=-1,0,0). Throws Error(kUsage) for another
+  /// text, or an unknown tool.
   void apply(const std::string& changes);
 
-  /// Gives a tool an option, in place of one of that name; the tool runs from now on.
+  /// Gives a tool an option, which replaces the one of its name; the tool runs from now on.
   void set(Stage stage, const ToolOption& option);
   /// Makes a tool run with the options that it has.
   void run(Stage stage) { tools_[static_cast<std::size_t>(stage)].runs = true; }
@@ -61,11 +61,12 @@ class SURFEL_API ToolChain {
 struct ChainCommand {
   Stage stage = Stage::kRender;
   std::vector<std::string> words;  ///< words[0] is the tool's name.
-  std::string output;              ///< The file that it writes, a name without folder.
+  std::string output;              ///< Name of the file that it writes, without a folder.
 };
 
 /// The commands of a chain up to the last stage before rendering. `input` is read by the first; the
-/// outputs are named after what leads to them, so that equal beginnings of chains share files.
+/// outputs are named after the commands that lead to them, so that chains that begin alike share
+/// files.
 SURFEL_API std::vector<ChainCommand> preparing_commands(const ToolChain& chain,
                                                         const std::string& input);
 

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/chart/process.h>
 #include <surfel/chart/tool_run.h>
 

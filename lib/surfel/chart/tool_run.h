@@ -11,34 +11,35 @@
 
 namespace surfel {
 
-/// What a run of a tool told.
+/// The outcome of a tool's run.
 struct ToolRun {
   int exit_code = 0;
-  std::string message;  ///< What was wrong, where the exit code is not 0.
-  double ms = 0;        ///< Its work, without reading and writing.
+  std::string message;  ///< The tool's error, where the exit code is not 0.
+  double ms = 0;        ///< Time of its work, without reading and writing.
   std::vector<StageTime> stages;
   std::uint64_t memory = 0;
   std::size_t surfels = 0;
   int groups = 0;
 
-  /// The tool was not used as it wants to be: what it was asked for does not fit the input.
+  /// The tool refused its options: they contradict each other, or do not fit the input.
   bool wrong_usage() const { return exit_code == 2; }
   /// Throws Error(kUsage), or kInput for other failures, with the message.
   void require_success() const;
 };
 
-/// Runs tools in a folder, one process at a time. Internal to the chart module, as all here.
+/// Runs tools in a folder, one process at a time.
 class ToolRunner {
  public:
   /// \param tools    Folder of the tools.
-  /// \param folder   Where they run.
-  /// \param journal  Has the runs of before, and takes the new ones.
+  /// \param folder   Folder that they run in.
+  /// \param journal  Keeps the runs; it must outlive the runner.
   ToolRunner(std::string tools, std::string folder, Journal& journal)
       : tools_(std::move(tools)), folder_(std::move(folder)), journal_(journal) {}
 
-  /// Runs a tool, unless the journal has its run on that occasion and what it made is there.
+  /// Runs a tool, unless the journal has its run on that occasion and its output is still there.
   /// \param words   The tool's name and arguments.
   /// \param output  File that it makes, relative to the folder; may be empty.
+  /// \param occasion  Tells runs of equal words apart that must not stand for one another.
   ToolRun run(const std::vector<std::string>& words, const std::string& output,
               const std::string& occasion);
 

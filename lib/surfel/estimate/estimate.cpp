@@ -89,7 +89,7 @@ std::size_t remove_outliers(const OutlierOptions& options, const std::string& na
     points.order[kept] = points.order[i];
     points.position[kept++] = points.position[i];
   }
-  if (kept == 0) throw_input(name, "every point is an outlier; raise the outliers' deviations");
+  if (kept == 0) throw_input(name, "every point is an outlier; raise `deviations`");
   points.order.resize(kept);
   points.position.resize(kept);
   return inlier.size() - kept;

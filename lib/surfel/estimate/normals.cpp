@@ -4,6 +4,7 @@
 #include <limits>
 #include <optional>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/normals.h>
@@ -227,8 +228,7 @@ void store(const Result& result, std::size_t i, NormalEstimate& out) {
 }
 
 std::string out_of_range(const char* name, int value, int least, int most) {
-  return std::string(name) + " is " + std::to_string(value) + "; it must be " +
-         std::to_string(least) + " to " + std::to_string(most);
+  return fmt::format("`{}` is {}; it must be {} to {}", name, value, least, most);
 }
 
 }  // namespace
@@ -242,10 +242,10 @@ std::vector<std::string> NormalOptions::problems() const {
     out.push_back(out_of_range("k_min", k_min, 4, k_max));
   }
   if (!(radius >= 0) || !std::isfinite(radius)) {
-    out.push_back("radius is " + std::to_string(radius) + "; it must be above 0, or 0 for none");
+    out.push_back(fmt::format("`radius` is {}; it must be above 0, or 0 for none", radius));
   }
   if (adaptive && radius > 0) {
-    out.emplace_back("radius and an adaptive number of neighbours exclude each other");
+    out.emplace_back("`radius` and an adaptive number of neighbours exclude each other");
   }
   return out;
 }

@@ -254,8 +254,8 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
 
 std::vector<std::string> OrientationOptions::problems() const {
   std::vector<std::string> found;
-  if (!viewpoint.allFinite()) found.emplace_back("viewpoint must be three finite numbers");
-  if (!up.allFinite() || up.isZero(0)) found.emplace_back("up must be finite and not zero");
+  if (!viewpoint.allFinite()) found.emplace_back("`viewpoint` must be three finite numbers");
+  if (!up.allFinite() || up.isZero(0)) found.emplace_back("`up` must be finite and not zero");
   return found;
 }
 

@@ -11,10 +11,10 @@ namespace surfel {
 std::vector<std::string> OutlierOptions::problems() const {
   std::vector<std::string> found;
   if (neighbors < 1 || neighbors > 1024) {
-    found.push_back(fmt::format("outlier-k is {}; it must be in 1..1024", neighbors));
+    found.push_back(fmt::format("`neighbors` is {}; it must be in 1..1024", neighbors));
   }
   if (!(deviations > 0 && deviations <= 1e6)) {
-    found.push_back(fmt::format("outlier-deviations is {}; it must be in (0, 1e6]", deviations));
+    found.push_back(fmt::format("`deviations` is {}; it must be in (0, 1e6]", deviations));
   }
   return found;
 }

@@ -415,7 +415,7 @@ class Sizer {
 
 std::vector<std::string> SplatSizeOptions::problems() const {
   if (cutoff >= 0.1 && cutoff <= 16) return {};
-  return {fmt::format("cutoff is {}; it must be in 0.1..16", cutoff)};
+  return {fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff)};
 }
 
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,

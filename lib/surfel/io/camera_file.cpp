@@ -20,7 +20,10 @@ std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOpt
     table.read("zoom", options.zoom);
     table.read("frame-all", options.frame_all);
     table.reject_unread();
-    for (const std::string& problem : options.problems()) throw_input(path, problem);
+    for (std::string& problem : options.problems()) {
+      std::erase(problem, '`');  // The fields are keys of the file, not options of a tool.
+      throw_input(path, problem);
+    }
     return options;
   };
   std::vector<CameraOptions> cameras;

@@ -409,7 +409,7 @@ SurfelCloud Builder::build(HierarchyReport& report) {
 std::vector<std::string> HierarchyOptions::problems() const {
   std::vector<std::string> found = sheets.problems();
   if (reduction < 2 || reduction > 16) {
-    found.push_back(fmt::format("reduction is {}; it must be in 2..16", reduction));
+    found.push_back(fmt::format("`reduction` is {}; it must be in 2..16", reduction));
   }
   return found;
 }

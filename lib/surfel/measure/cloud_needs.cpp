@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/measure/cloud_needs.h>
 
 namespace surfel {
@@ -21,7 +22,7 @@ class Needs {
  public:
   Needs(const SurfelCloud& cloud, const CloudStatistics& statistics,
         const CloudStatisticsOptions& options, const std::string& file)
-      : cloud_(cloud), s_(statistics), options_(options), file_(file) {}
+      : cloud_(cloud), s_(statistics), options_(options), file_(shell_file(file)) {}
 
   std::vector<CloudNeed> find() {
     flaws();
@@ -178,7 +179,7 @@ class Needs {
   const SurfelCloud& cloud_;
   const CloudStatistics& s_;
   const CloudStatisticsOptions& options_;
-  const std::string& file_;
+  const std::string file_;  ///< As a word for a shell.
   std::vector<CloudNeed> found_;
 };
 

@@ -4,6 +4,7 @@
 #include <limits>
 #include <type_traits>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
@@ -272,9 +273,9 @@ Distribution distribution(std::vector<double> values) {
 std::vector<std::string> CloudStatisticsOptions::problems() const {
   std::vector<std::string> out;
   if (!(cutoff > 0) || !std::isfinite(cutoff)) {
-    out.push_back("cutoff is " + std::to_string(cutoff) + "; it must be above 0");
+    out.push_back(fmt::format("`cutoff` is {}; it must be above 0", cutoff));
   }
-  if (samples < 1) out.emplace_back("samples is 0; it must be at least 1");
+  if (samples < 1) out.emplace_back("`samples` is 0; it must be at least 1");
   return out;
 }
 

@@ -408,7 +408,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     throw Error(
         ErrorKind::kNumeric,
         "more than 134 million surfels are seen in a few pixels, more than this method draws; "
-        "use --method abuffer");
+        "use `method` abuffer");
   }
   SplatView view = view_;
   const int tile_x = frame_->grid.first_tile_x(block);

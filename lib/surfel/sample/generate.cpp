@@ -307,13 +307,13 @@ void drop_unused_vertices(TriangleMesh& mesh) {
 std::vector<std::string> GenerateOptions::problems() const {
   std::vector<std::string> found;
   if (count < 1 || count > std::numeric_limits<std::uint32_t>::max()) {
-    found.push_back(fmt::format("count is {}; it must be 1 to 4294967295", count));
+    found.push_back(fmt::format("`count` is {}; it must be 1 to 4294967295", count));
   }
   if (!(jitter >= 0 && jitter <= 0.5)) {
-    found.push_back(fmt::format("jitter is {}; it must be 0 to 0.5 of the spacing", jitter));
+    found.push_back(fmt::format("`jitter` is {}; it must be 0 to 0.5 of the spacing", jitter));
   }
   if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("variance-scale is {}; it must be positive", variance_scale));
+    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
   }
   return found;
 }
@@ -383,7 +383,7 @@ void generate_surfels_in_order(const ProceduralScene& scene, const GenerateOptio
 TriangleMesh generate_mesh(const ProceduralScene& scene, int resolution,
                            const std::string& texture) {
   if (resolution < 3 || resolution > 16384) {
-    throw_usage(fmt::format("resolution is {}; it must be 3 to 16384", resolution));
+    throw_usage(fmt::format("`resolution` is {}; it must be 3 to 16384", resolution));
   }
   TriangleMesh mesh;
   for (const SurfacePart& part : scene.parts) {

@@ -278,19 +278,19 @@ std::size_t count_flat_uv(const TriangleMesh& mesh) {
 std::vector<std::string> MeshSampleOptions::problems() const {
   std::vector<std::string> found;
   if (spacing.has_value() == count.has_value()) {
-    found.emplace_back("either spacing or count must be given, and not both");
+    found.emplace_back("either `spacing` or `count` must be given, and not both");
   }
   if (spacing && !(*spacing > 0 && std::isfinite(*spacing))) {
-    found.push_back(fmt::format("spacing is {}; it must be positive", *spacing));
+    found.push_back(fmt::format("`spacing` is {}; it must be positive", *spacing));
   }
   if (count && (*count < 1 || *count > kMostSamples)) {
-    found.push_back(fmt::format("count is {}; it must be 1 to {}", *count, kMostSamples));
+    found.push_back(fmt::format("`count` is {}; it must be 1 to {}", *count, kMostSamples));
   }
   if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("variance-scale is {}; it must be positive", variance_scale));
+    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
   }
   if (!(crease_angle >= 0 && crease_angle <= std::numbers::pi)) {
-    found.emplace_back("crease-angle must be 0 to 180 degrees");
+    found.emplace_back("`crease_angle` must be 0 to 180 degrees");
   }
   return found;
 }

@@ -46,7 +46,7 @@ ProceduralTexture noise(const ProceduralTextureOptions& options) {
 std::vector<std::string> ProceduralTextureOptions::problems() const {
   std::vector<std::string> found;
   if (!(frequency > 0 && std::isfinite(frequency))) {
-    found.push_back(fmt::format("frequency is {}; it must be positive", frequency));
+    found.push_back(fmt::format("`frequency` is {}; it must be positive", frequency));
   }
   return found;
 }

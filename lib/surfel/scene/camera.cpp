@@ -12,12 +12,13 @@ std::vector<std::string> Camera::problems() const {
   };
   check(width >= 1 && width <= kMostSide && height >= 1 && height <= kMostSide,
         fmt::format("size is {}x{}; each side must be in 1..{}", width, height, kMostSide));
-  check(camera_from_world.allFinite(), "camera_from_world must be finite");
-  check(eye.allFinite(), "eye must be finite");
+  check(camera_from_world.allFinite(), "`camera_from_world` must be finite");
+  check(eye.allFinite(), "`eye` must be finite");
   check(std::isfinite(focal_x) && focal_x > 0 && std::isfinite(focal_y) && focal_y > 0,
         fmt::format("the focal lengths are {} and {}; they must be > 0", focal_x, focal_y));
-  check(std::isfinite(center_x) && std::isfinite(center_y), "center_x and center_y must be finite");
-  check(near >= 0 && std::isfinite(near), fmt::format("near is {}; it must be >= 0", near));
+  check(std::isfinite(center_x) && std::isfinite(center_y),
+        "`center_x` and `center_y` must be finite");
+  check(near >= 0 && std::isfinite(near), fmt::format("`near` is {}; it must be >= 0", near));
   return found;
 }
 

@@ -38,19 +38,19 @@ std::vector<std::string> CameraOptions::problems() const {
   const auto check = [&](bool ok, const std::string& message) {
     if (!ok) found.push_back(message);
   };
-  check(fov > 0 && fov < 180, fmt::format("fov is {}; it must be in (0, 180) degrees", fov));
+  check(fov > 0 && fov < 180, fmt::format("`fov` is {}; it must be in (0, 180) degrees", fov));
   check(!ortho || (*ortho > 0 && std::isfinite(*ortho)),
-        fmt::format("ortho is {}; it must be a positive height", ortho.value_or(0)));
+        fmt::format("`ortho` is {}; it must be a positive height", ortho.value_or(0)));
   check(width >= 1 && width <= Camera::kMostSide && height >= 1 && height <= Camera::kMostSide,
         fmt::format("size is {}x{}; each side must be in 1..{}", width, height, Camera::kMostSide));
-  check(near >= 0 && std::isfinite(near), fmt::format("near is {}; it must be >= 0", near));
-  check(up.allFinite() && up.norm() > 0, "up must be a finite direction, not zero");
-  check(zoom > 0 && std::isfinite(zoom), fmt::format("zoom is {}; it must be > 0", zoom));
-  check(!eye || eye->allFinite(), "eye must be finite");
+  check(near >= 0 && std::isfinite(near), fmt::format("`near` is {}; it must be >= 0", near));
+  check(up.allFinite() && up.norm() > 0, "`up` must be a finite direction, not zero");
+  check(zoom > 0 && std::isfinite(zoom), fmt::format("`zoom` is {}; it must be > 0", zoom));
+  check(!eye || eye->allFinite(), "`eye` must be finite");
   check(!from || (from->allFinite() && from->norm() > 0),
-        "from must be a finite direction, not zero");
+        "`from` must be a finite direction, not zero");
   check(!eye || !from, "eye and from exclude each other");
-  check(!target || target->allFinite(), "target must be finite");
+  check(!target || target->allFinite(), "`target` must be finite");
   return found;
 }
 

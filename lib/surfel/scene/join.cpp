@@ -56,7 +56,7 @@ void use_materials(std::vector<SurfelCloud>& clouds, const JoinOptions& options,
     const std::size_t last = first + *std::max_element(rows.begin(), rows.end());
     if (last >= kMostMaterials) {
       throw_input(names[k], fmt::format("its materials would take rows {} to {}, and there are "
-                                        "65536; give rows with --material",
+                                        "65536; give rows as `material`",
                                         first, last));
     }
     for (std::uint16_t& row : rows) row = static_cast<std::uint16_t>(row + first);
@@ -311,7 +311,7 @@ std::vector<std::string> JoinOptions::problems(std::size_t clouds) const {
   }
   for (const int row : material) {
     if (row < -1 || row >= static_cast<int>(kMostMaterials)) {
-      found.push_back(fmt::format("material is {}; it must be in 0..65535", row));
+      found.push_back(fmt::format("`material` is {}; it must be in 0..65535", row));
     }
   }
   if (!material.empty() && separate_materials) {

@@ -10,7 +10,7 @@ std::vector<std::string> Scene::problems() const {
     if (!ok) found.push_back(message);
   };
   check(!materials.empty(), "the scene has no materials; it needs one at least");
-  check(ambient.allFinite(), "ambient must be finite");
+  check(ambient.allFinite(), "`ambient` must be finite");
   for (const Light& light : lights) {
     check(light.vector.allFinite() && light.color.allFinite(),
           "vectors and colors of lights must be finite");

@@ -27,7 +27,7 @@ bool Similarity::identity() const {
 std::vector<std::string> Similarity::problems() const {
   std::vector<std::string> found;
   if (!(scale >= 1 / kMostScale && scale <= kMostScale)) {
-    found.push_back(fmt::format("scale is {}; it must be in 1e-9..1e9", scale));
+    found.push_back(fmt::format("`scale` is {}; it must be in 1e-9..1e9", scale));
   }
   if (!(std::abs(rotation.norm() - 1) < 1e-9)) {
     found.emplace_back("the rotation's axis has no direction");

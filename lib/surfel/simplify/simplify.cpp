@@ -292,14 +292,15 @@ std::vector<std::string> SimplifyOptions::problems() const {
     if (!ok) found.push_back(message);
   };
   check(max_error.has_value() != count.has_value(),
-        "either max-error or count must be given, and not both");
+        "either `max_error` or `count` must be given, and not both");
   check(!max_error || (*max_error > 0 && std::isfinite(*max_error)),
-        fmt::format("max-error is {}; it must be positive", max_error.value_or(0)));
-  check(!count || *count >= 1, "count is 0; it must be at least 1");
+        fmt::format("`max_error` is {}; it must be positive", max_error.value_or(0)));
+  check(!count || *count >= 1, "`count` is 0; it must be at least 1");
   check(!unit_deviation || (*unit_deviation > 0 && std::isfinite(*unit_deviation)),
-        fmt::format("unit-deviation is {}; it must be positive", unit_deviation.value_or(0)));
-  check(light >= 0 && light <= 100, fmt::format("light is {}; it must be in 0..100", light));
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+        fmt::format("`unit_deviation` is {}; it must be positive", unit_deviation.value_or(0)));
+  check(light >= 0 && light <= 100, fmt::format("`light` is {}; it must be in 0..100", light));
+  check(cutoff >= 0.1 && cutoff <= 16,
+        fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff));
   return found;
 }
 

@@ -244,7 +244,7 @@ Coloring greedy_coloring(const OverlapGraph& graph, const Array<std::uint32_t>& 
     coloring.colors = std::max(coloring.colors, color[v] + 1);
     if (coloring.colors > max_colors) {
       throw_input(name, fmt::format("more than {} groups are needed, which the column 'group' "
-                                    "cannot number; lower --overlap or --cutoff, or fix --groups",
+                                    "cannot number; lower `overlap` or `cutoff`, or fix `groups`",
                                     max_colors));
     }
   }

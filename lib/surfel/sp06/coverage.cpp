@@ -275,14 +275,15 @@ std::vector<std::string> CoverageOptions::problems() const {
     if (!ok) found.push_back(message);
   };
   check(cutoff > 0 && std::isfinite(cutoff),
-        fmt::format("cutoff is {}; it must be above 0", cutoff));
-  check(target > 0 && target <= 1, fmt::format("target is {}; it must be in (0, 1]", target));
+        fmt::format("`cutoff` is {}; it must be above 0", cutoff));
+  check(target > 0 && target <= 1, fmt::format("`target` is {}; it must be in (0, 1]", target));
   check(least_gain > 0 && least_gain < 1,
-        fmt::format("least-gain is {}; it must be in (0, 1)", least_gain));
+        fmt::format("`least_gain` is {}; it must be in (0, 1)", least_gain));
   check(most_growth >= 1 && std::isfinite(most_growth),
-        fmt::format("most-growth is {}; it must be at least 1", most_growth));
-  check(fixed_point_iterations >= 0,
-        fmt::format("fixed-point-iterations is {}; it must be 0 or more", fixed_point_iterations));
+        fmt::format("`most_growth` is {}; it must be at least 1", most_growth));
+  check(
+      fixed_point_iterations >= 0,
+      fmt::format("`fixed_point_iterations` is {}; it must be 0 or more", fixed_point_iterations));
   return found;
 }
 

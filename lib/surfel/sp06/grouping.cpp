@@ -8,7 +8,7 @@ std::vector<std::string> GroupingOptions::problems() const {
   std::vector<std::string> found = overlap.problems();
   if (groups < 0 || groups > static_cast<int>(kMaxGroups)) {
     found.push_back(
-        fmt::format("groups is {}; it must be 0 (as few as it takes) to {}", groups, kMaxGroups));
+        fmt::format("`groups` is {}; it must be 0 (as few as it takes) to {}", groups, kMaxGroups));
   }
   return found;
 }

@@ -201,7 +201,7 @@ class PeelMethod final : public CompositingMethod {
   explicit PeelMethod(int peel) : peel_(peel) {}
   std::vector<std::string> problems(const RenderOptions& /*options*/) const override {
     if (peel_ >= 1 && peel_ <= kMostLayers) return {};
-    return {fmt::format("peel is {}; it must be in 1..{}", peel_, kMostLayers)};
+    return {fmt::format("`peel` is {}; it must be in 1..{}", peel_, kMostLayers)};
   }
   std::unique_ptr<Compositor> make(const RenderCloud& /*cloud*/, const RenderOptions& options,
                                    bool /*opaque*/) const override {

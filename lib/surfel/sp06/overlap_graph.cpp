@@ -240,8 +240,8 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
                                  const std::string& name) {
   throw_input(
       name, fmt::format("more than {} pairs of the {} splats overlap, the most that memory is set "
-                        "aside for; lower --overlap or --cutoff, remove splats that lie in one "
-                        "place, or raise --max-memory",
+                        "aside for; lower `overlap` or `cutoff`, remove splats that lie in one "
+                        "place, or raise `max_memory`",
                         most / 2, graph.size()));
 }
 
@@ -316,12 +316,12 @@ std::vector<std::string> OverlapOptions::problems() const {
   std::vector<std::string> found;
   const auto check = [&](const char* option, double value, double min, double max) {
     if (value >= min && value <= max) return;
-    found.push_back(fmt::format("{} is {}; it must be {} to {}", option, value, min, max));
+    found.push_back(fmt::format("`{}` is {}; it must be {} to {}", option, value, min, max));
   };
   check("cutoff", cutoff, 0.01, 16);
   check("overlap", overlap, 0, 4);
-  check("coplanar-angle", coplanar_angle, 0, 45);
-  check("coplanar-color", coplanar_color, 0, 1e6);
+  check("coplanar_angle", coplanar_angle, 0, 45);
+  check("coplanar_color", coplanar_color, 0, 1e6);
   return found;
 }
 

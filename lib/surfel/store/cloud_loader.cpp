@@ -63,7 +63,7 @@ struct LoadedCloud::Impl {
 /// Why the records must not be streamed; null if they may.
 const char* LoadedCloud::Impl::why_in_memory() const {
   if (!options.may_stream || options.columns.groups) {
-    return "what is asked for wants all of them at once; raise it, or use --method abuffer";
+    return "what is asked for wants all of them at once; raise it, or use `method` abuffer";
   }
   if (tree.empty() && source->attributes().source && !options.columns.copies) {
     return "copies of splats are found among all of them at once; raise it, or render the surfels "
@@ -124,7 +124,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (stream) return true;
   if (!fits && (options.memory || wanted() > available / kSurfelBytes)) {
     throw_input(ply->name(),
-                fmt::format("{} surfels need more than the {} MB of --memory, and {}", wanted(),
+                fmt::format("{} surfels need more than the {} MB of `memory`, and {}", wanted(),
                             memory >> 20,
                             why ? why
                                 : "consecutive ones do not lie close together, as streaming "
@@ -146,7 +146,7 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
         index_bytes() + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
     const std::uint64_t least = std::min(streamed, wanted() * kSurfelBytes);
     throw_input(ply->name(),
-                fmt::format("{} surfels cannot be streamed with {} MB of --memory; give {} MB at "
+                fmt::format("{} surfels cannot be streamed with {} MB of `memory`; give {} MB at "
                             "least",
                             wanted(), memory >> 20, (least >> 20) + 1));
   }
@@ -162,7 +162,7 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
 
 void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {
   if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
-    throw_input(name, fmt::format("{} surfels need more than the {} MB of --memory, and only "
+    throw_input(name, fmt::format("{} surfels need more than the {} MB of `memory`, and only "
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }

@@ -25,7 +25,7 @@ constexpr std::size_t kLongestExpected = 4096;
 
 std::vector<std::string> CloudStreamOptions::problems() const {
   if (batch >= RenderCloud::kClusterSize) return {};
-  return {fmt::format("batch is {}; it must be >= {}", batch, RenderCloud::kClusterSize)};
+  return {fmt::format("`batch` is {}; it must be >= {}", batch, RenderCloud::kClusterSize)};
 }
 
 CloudStream::CloudStream(SurfelSource& source, const CloudStreamOptions& options,

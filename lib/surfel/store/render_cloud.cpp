@@ -194,7 +194,7 @@ void RenderCloud::number_groups(const std::string& name) {
   }
   if (groups_ > kMostGroups) {
     throw_input(name, fmt::format("the surfels are in {} groups, at most {} can be drawn; run "
-                                  "surfel-group on them with a smaller --overlap",
+                                  "surfel-group on them with a smaller overlap",
                                   groups_, kMostGroups));
   }
   for (std::uint16_t& g : group) g = static_cast<std::uint16_t>(number[g]);

@@ -13,10 +13,11 @@ float SheetRules::least_cosine() const {
 std::vector<std::string> SheetRules::problems() const {
   std::vector<std::string> found;
   if (!(normal_angle > 0 && normal_angle <= 90)) {
-    found.push_back(fmt::format("normal-angle is {}; it must be in (0, 90] degrees", normal_angle));
+    found.push_back(
+        fmt::format("`normal_angle` is {}; it must be in (0, 90] degrees", normal_angle));
   }
   if (!(sheet_weight >= 1 && sheet_weight <= 1000)) {
-    found.push_back(fmt::format("sheet-weight is {}; it must be in 1..1000", sheet_weight));
+    found.push_back(fmt::format("`sheet_weight` is {}; it must be in 1..1000", sheet_weight));
   }
   return found;
 }

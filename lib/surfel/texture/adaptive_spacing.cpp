@@ -91,17 +91,17 @@ std::vector<SurfaceProbe> look(const TriangleMesh& mesh, TextureSet* textures, d
 std::vector<std::string> AdaptiveSpacingOptions::problems() const {
   std::vector<std::string> found;
   if (max_error.has_value() == count.has_value()) {
-    found.emplace_back("either max-error or count must be given, and not both");
+    found.emplace_back("either `max_error` or `count` must be given, and not both");
   }
   if (max_error && !(*max_error > 0 && std::isfinite(*max_error))) {
-    found.push_back(fmt::format("max-error is {}; it must be positive", *max_error));
+    found.push_back(fmt::format("`max_error` is {}; it must be positive", *max_error));
   }
-  if (count && *count < 1) found.emplace_back("count is 0; it must be at least 1");
+  if (count && *count < 1) found.emplace_back("`count` is 0; it must be at least 1");
   if (unit_deviation && !(*unit_deviation > 0 && std::isfinite(*unit_deviation))) {
-    found.push_back(fmt::format("unit-deviation is {}; it must be positive", *unit_deviation));
+    found.push_back(fmt::format("`unit_deviation` is {}; it must be positive", *unit_deviation));
   }
   if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("variance-scale is {}; it must be positive", variance_scale));
+    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
   }
   return found;
 }

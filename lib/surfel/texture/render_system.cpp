@@ -512,7 +512,7 @@ SurfelBasis minified(const SurfelBasis& basis, double cutoff) {
 
 Quadrature cover_surface(const SurfelBasis& basis, int points) {
   if (points < 1 || points > 256) {
-    throw_usage(fmt::format("points is {}; it must be in 1..256", points));
+    throw_usage(fmt::format("`points` is {}; it must be in 1..256", points));
   }
   const auto m = static_cast<std::size_t>(points);
   Quadrature quadrature;
@@ -553,16 +553,16 @@ Quadrature at_functions(const SurfelBasis& basis) {
 std::vector<std::string> RenderSystemOptions::problems() const {
   std::vector<std::string> found;
   if (!(cutoff >= 0.1 && cutoff <= 16)) {
-    found.push_back(fmt::format("cutoff is {}; it must be in 0.1..16", cutoff));
+    found.push_back(fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff));
   }
   if (!(minified >= 0 && minified <= 1e6)) {
-    found.push_back(fmt::format("minified is {}; it must be in 0..1e6", minified));
+    found.push_back(fmt::format("`minified` is {}; it must be in 0..1e6", minified));
   }
   if (!(regularization > 0 && regularization <= 1e6)) {
-    found.push_back(fmt::format("regularization is {}; it must be in (0, 1e6]", regularization));
+    found.push_back(fmt::format("`regularization` is {}; it must be in (0, 1e6]", regularization));
   }
   if (lambda && !(*lambda > 0 && std::isfinite(*lambda))) {
-    found.push_back(fmt::format("lambda is {}; it must be positive", *lambda));
+    found.push_back(fmt::format("`lambda` is {}; it must be positive", *lambda));
   }
   return found;
 }

@@ -454,10 +454,10 @@ void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh,
 std::vector<std::string> SurfaceLookupOptions::problems() const {
   std::vector<std::string> found;
   if (!(max_deviations >= 0)) {
-    found.push_back(fmt::format("max-deviations is {}; it must not be negative", max_deviations));
+    found.push_back(fmt::format("`max_deviations` is {}; it must not be negative", max_deviations));
   }
   if (max_distance && !(*max_distance >= 0)) {
-    found.push_back(fmt::format("max-distance is {}; it must not be negative", *max_distance));
+    found.push_back(fmt::format("`max_distance` is {}; it must not be negative", *max_distance));
   }
   return found;
 }

@@ -89,41 +89,41 @@ std::vector<std::string> TextureFitOptions::problems() const {
   std::vector<std::string> found;
   if (!(reconstruction >= 0.25 && reconstruction <= 16)) {
     found.push_back(
-        fmt::format("reconstruction is {}; it must be 0.25 to 16 texels", reconstruction));
+        fmt::format("`reconstruction` is {}; it must be 0.25 to 16 texels", reconstruction));
   }
   if (!(max_aspect >= 1 && max_aspect <= 10000)) {
-    found.push_back(fmt::format("max-aspect is {}; it must be 1 to 10000", max_aspect));
+    found.push_back(fmt::format("`max_aspect` is {}; it must be 1 to 10000", max_aspect));
   }
   const auto check = [&](bool ok, const std::string& message) {
     if (!ok) found.push_back(message);
   };
   check(tolerance >= 1e-14 && tolerance <= 0.1,
-        fmt::format("tolerance is {}; it must be 1e-14 to 0.1", tolerance));
+        fmt::format("`tolerance` is {}; it must be 1e-14 to 0.1", tolerance));
   check(!lambda || (*lambda >= 0 && *lambda <= 1e6),
-        fmt::format("lambda is {}; it must be 0 to 1e6", lambda.value_or(0)));
+        fmt::format("`lambda` is {}; it must be 0 to 1e6", lambda.value_or(0)));
   check(kind != TextureFitKind::kRender || lambda != 0.0,
-        "lambda is 0; the render fit needs more, as points may not reach every surfel");
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("cutoff is {}; it must be 0.1 to 16", cutoff));
+        "`lambda` is 0; the render fit needs more, as points may not reach every surfel");
+  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("`cutoff` is {}; it must be 0.1 to 16", cutoff));
   check(!points || (*points >= 1 && *points <= 256),
-        fmt::format("points is {}; it must be 1 to 256", points.value_or(0)));
+        fmt::format("`points` is {}; it must be 1 to 256", points.value_or(0)));
   check(!bounds || (std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
                     bounds->lower < bounds->upper),
-        "bounds must be two numbers, the lower first");
+        "`bounds` must be two numbers, the lower first");
   check(!bounds || solver == FitSolver::kConjugateGradients,
-        "bounds need the solver cg; ldlt and ceres know none");
+        "`bounds` need the solver cg; ldlt and ceres know none");
   const auto needs_render = [&](bool used, const char* option) {
     check(!used || kind == TextureFitKind::kRender,
-          fmt::format("{} has no effect without the render fit; leave it out", option));
-    check(!used || !bounds, fmt::format("{} and bounds do not go together", option));
+          fmt::format("`{}` has no effect without the render fit; leave it out", option));
+    check(!used || !bounds, fmt::format("`{}` and `bounds` do not go together", option));
   };
   needs_render(robust, "robust");
-  check(!robust || solver != FitSolver::kLdlt, "robust needs the solver cg or ceres");
+  check(!robust || solver != FitSolver::kLdlt, "`robust` needs the solver cg or ceres");
   check(!robust_scale || (*robust_scale > 0 && std::isfinite(*robust_scale)),
-        fmt::format("robust scale is {}; it must be positive", robust_scale.value_or(0)));
-  needs_render(refine_variance, "refine-variance");
-  check(!robust || !refine_variance, "robust and refine-variance do not go together");
+        fmt::format("`robust_scale` is {}; it must be positive", robust_scale.value_or(0)));
+  needs_render(refine_variance, "refine_variance");
+  check(!robust || !refine_variance, "`robust` and `refine_variance` do not go together");
   check(coverage >= 0 && coverage <= 1e6,
-        fmt::format("coverage is {}; it must be 0 to 1e6", coverage));
+        fmt::format("`coverage` is {}; it must be 0 to 1e6", coverage));
   return found;
 }
 
@@ -165,7 +165,8 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
                             const std::string& name) {
   require_usable(options);
   if (options.refine_variance) {
-    throw_usage("refine-variance needs a texture: one colour a surfel does not tell its variance");
+    throw_usage(
+        "`refine_variance` needs a texture: one colour a surfel does not tell its variance");
   }
   check_kernels_present(cloud, name);
   if (!cloud.empty() && cloud.color.empty()) {

@@ -23,8 +23,8 @@ Image procedural_image(const std::string& name, const std::string& frequency) {
     const auto [stop, error] = std::from_chars(frequency.data(), end, options.frequency);
     if (error != std::errc{} || stop != end || !(options.frequency >= kLeastFrequency) ||
         !(options.frequency <= kLargestFrequency)) {
-      throw_usage(fmt::format("image is {}:{}; the frequency must be a number from {} to {}", name,
-                              frequency, kLeastFrequency, kLargestFrequency));
+      throw_usage(fmt::format("`image` is {}:{}; the frequency must be a number from {} to {}",
+                              name, frequency, kLeastFrequency, kLargestFrequency));
     }
   }
   return rasterize(procedural_texture(name, options), kProceduralSize, kProceduralSize,
@@ -65,7 +65,7 @@ Image load_texture_image(const std::string& name) {
   const std::string stem = name.substr(0, colon);
   if (colon == std::string::npos) return procedural_image(stem, "");
   if (colon + 1 == name.size()) {
-    throw_usage(fmt::format("image is {}; a frequency must follow the colon", name));
+    throw_usage(fmt::format("`image` is {}; a frequency must follow the colon", name));
   }
   return procedural_image(stem, name.substr(colon + 1));
 }

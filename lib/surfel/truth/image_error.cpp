@@ -154,11 +154,12 @@ double decibels(double rms) { return -20 * std::log10(rms); }
 std::vector<std::string> ImageErrorOptions::problems() const {
   std::vector<std::string> out;
   if (!(threshold >= 0 && threshold < 1)) {
-    out.push_back(fmt::format("threshold is {}; it must be at least 0 and less than 1", threshold));
+    out.push_back(
+        fmt::format("`threshold` is {}; it must be at least 0 and less than 1", threshold));
   }
   if (!std::all_of(background.begin(), background.end(),
                    [](float v) { return std::isfinite(v); })) {
-    out.push_back(fmt::format("background is {}; it must be four finite numbers",
+    out.push_back(fmt::format("`background` is {}; it must be four finite numbers",
                               fmt::join(background, ",")));
   }
   return out;
@@ -202,7 +203,7 @@ ImageError image_error(const Image& tested, const Image& truth, const ImageError
 Image difference_image(const Image& tested, const Image& truth, const ImageErrorOptions& options,
                        double scale) {
   if (!(std::isfinite(scale) && scale > 0)) {
-    throw_usage(fmt::format("scale is {}; it must be finite and greater than 0", scale));
+    throw_usage(fmt::format("`scale` is {}; it must be finite and greater than 0", scale));
   }
   const auto [a, b, counts] = prepare(tested, truth, options);
   Image out = rgba_image(a.width, a.height);

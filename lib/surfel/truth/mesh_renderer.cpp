@@ -110,13 +110,14 @@ std::vector<std::string> MeshRenderOptions::problems() const {
   const auto check = [&](bool ok, const std::string& message) {
     if (!ok) found.push_back(message);
   };
-  check(samples >= 1 && samples <= 64, fmt::format("samples is {}; it must be in 1..64", samples));
+  check(samples >= 1 && samples <= 64,
+        fmt::format("`samples` is {}; it must be in 1..64", samples));
   check(lowpass >= 0 && lowpass <= 16,
-        fmt::format("lowpass is {}; it must be in 0..16 pixels", lowpass));
+        fmt::format("`lowpass` is {}; it must be in 0..16 pixels", lowpass));
   check(std::all_of(background.begin(), background.end(),
                     [](float v) { return std::isfinite(v) && v >= 0; }) &&
             background[3] <= 1,
-        "background must be four numbers >= 0, alpha at most 1");
+        "`background` must be four numbers >= 0, alpha at most 1");
   return found;
 }
 

@@ -89,7 +89,7 @@ class RayCaster {
 
 std::vector<std::string> ReferenceOptions::problems() const {
   if (samples >= 1 && samples <= 64) return {};
-  return {fmt::format("samples is {}; it must be in 1..64", samples)};
+  return {fmt::format("`samples` is {}; it must be in 1..64", samples)};
 }
 
 ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scene,

@@ -87,10 +87,10 @@ Image supersample(const Camera& camera, const SupersampleOptions& options,
                   FunctionRef<Rgba(double x, double y, int worker)> trace,
                   const std::function<void(double)>& progress) {
   if (options.samples < 1 || options.samples > 64) {
-    throw_usage(fmt::format("samples is {}; it must be in 1..64", options.samples));
+    throw_usage(fmt::format("`samples` is {}; it must be in 1..64", options.samples));
   }
   if (!(options.lowpass >= 0 && options.lowpass <= 16)) {
-    throw_usage(fmt::format("lowpass is {}; it must be in 0..16 pixels", options.lowpass));
+    throw_usage(fmt::format("`lowpass` is {}; it must be in 0..16 pixels", options.lowpass));
   }
   const FilterTaps taps(options);
   const auto width = static_cast<std::size_t>(camera.width);
