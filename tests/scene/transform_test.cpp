@@ -27,10 +27,9 @@ SurfelCloud surfel() {
 TEST(TransformCloud, ScalesTurnsAndMoves) {
   SurfelCloud cloud = surfel();
   // A quarter turn about z: x to y, y to -x.
-  const Similarity similarity{
-      .scale = 2,
-      .rotation = Quaternion(Eigen::AngleAxisd(M_PI / 2, Vec3d::UnitZ())),
-      .translation = Vec3d(10, 0, -1)};
+  const Similarity similarity{.scale = 2,
+                              .rotation = Quaternion(Eigen::AngleAxisd(M_PI / 2, Vec3d::UnitZ())),
+                              .translation = Vec3d(10, 0, -1)};
   transform_cloud(cloud, similarity);
   EXPECT_LT((cloud.world(0) - Vec3d(6, 2, 5)).norm(), 1e-6);
   EXPECT_LT((cloud.normal[0] - Vec3f(0, 1, 0)).norm(), 1e-6F);
@@ -44,9 +43,8 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   EXPECT_EQ(cloud.group_radius[0], 10);
   EXPECT_EQ(cloud.uv[0], Vec2f(0.5F, 0.25F));
   EXPECT_LT((cloud.viewpoint->position - Vec3d(10, 2, -1)).norm(), 1e-12);
-  EXPECT_LT(
-      (cloud.viewpoint->orientation - Vec4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
-      1e-12);
+  EXPECT_LT((cloud.viewpoint->orientation - Vec4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
+            1e-12);
 }
 
 TEST(TransformCloud, FarAwayNothingIsLost) {

@@ -549,7 +549,8 @@ TEST(MeshRenderer, ScenesAndCamerasThatCannotBeAreRefused) {
   const Scene scene;
   const MeshRenderer renderer(mesh, nullptr, scene, {});
   EXPECT_NO_THROW(renderer.render(test::camera_at(3, 16)));
-  for (const Camera& camera : test::unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
+  for (const Camera& camera : test::unusable_cameras())
+    EXPECT_THROW(renderer.render(camera), Error);
 }
 
 }  // namespace

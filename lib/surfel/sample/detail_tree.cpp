@@ -267,7 +267,7 @@ std::vector<std::string> DetailTree::Options::problems() const {
   std::vector<std::string> found;
   const auto check_positive = [&](double value, const char* field) {
     if (value > 0 && std::isfinite(value)) return;
-    found.push_back(fmt::format("{} is {}; it must be positive", field, value));
+    found.push_back(fmt::format("`{}` is {}; it must be positive", field, value));
   };
   check_positive(area, "area");
   check_positive(probe_spacing, "probe_spacing");

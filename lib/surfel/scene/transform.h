@@ -11,9 +11,9 @@ namespace surfel {
 
 /// World coordinates to others: x -> scale * (rotation * x) + translation.
 struct Similarity {
-  double scale = 1;                                             ///< 1e-9..1e9.
+  double scale = 1;                             ///< 1e-9..1e9.
   Quaternion rotation{Quaternion::Identity()};  ///< Unit.
-  Vec3d translation{0, 0, 0};                                   ///< Scene units.
+  Vec3d translation{0, 0, 0};                   ///< Scene units.
 
   bool identity() const;
   /// Empty if usable, else one sentence per violated rule.

@@ -32,9 +32,9 @@ class SURFEL_API SymmetricProduct {
   std::vector<Array<std::uint32_t>> halo_;  ///< By range: the rows before it that it adds to.
   Array<std::uint64_t> halo_begin_;         ///< By range: its first sum; then the number of sums.
   Array<Channels> halo_sum_;
-  Array<std::uint64_t> incoming_begin_;     ///< By row: the first of incoming_; then their number.
-  Array<std::uint64_t> incoming_;           ///< Sums that are added to each row.
-  PerWorker<Array<std::uint32_t>> slot_;    ///< By row: its place in a halo.
+  Array<std::uint64_t> incoming_begin_;   ///< By row: the first of incoming_; then their number.
+  Array<std::uint64_t> incoming_;         ///< Sums that are added to each row.
+  PerWorker<Array<std::uint32_t>> slot_;  ///< By row: its place in a halo.
 };
 
 /// |b - A x| / |b| of the worst channel.

@@ -13,7 +13,9 @@
 #include <surfel/solve/symmetric_product.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/gram_system.h>
+#include <surfel/texture/robust_fit.h>
 #include <surfel/texture/unresolved_detail.h>
+#include <surfel/texture/variance_fit.h>
 
 namespace surfel {
 namespace {

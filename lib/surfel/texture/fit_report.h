@@ -24,7 +24,7 @@ struct VarianceFitReport {
   double objective = 0;        ///< The objective with the variances found.
   double sigma_min = 1;        ///< Least change of a standard deviation, a factor.
   double sigma_max = 1;        ///< Largest change of a standard deviation, a factor.
-  std::size_t held = 0;  ///< Functions whose change was cut back for the sake of coverage.
+  std::size_t held = 0;        ///< Functions whose change was cut back for the sake of coverage.
 };
 
 }  // namespace surfel

@@ -31,8 +31,8 @@ PrincipalVariances principal_variances(const Mat2d& variance) {
   return {major, std::max(0.0, variance.determinant() / major)};
 }
 
-std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
-                                                      int width, int height) {
+std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel, int width,
+                                            int height) {
   // Image rows run downwards, v upwards.
   const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
   const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
@@ -90,8 +90,7 @@ bool limit_kernel(Mat2d& variance, const KernelLimits& limits) {
   const double least = axes.major / (limits.max_aspect * limits.max_aspect);
   if (axes.minor >= least) return false;
   // Adds to the minor axis alone: major I - M projects on it.
-  const Mat2d projector =
-      (axes.major * Mat2d::Identity() - variance) / (axes.major - axes.minor);
+  const Mat2d projector = (axes.major * Mat2d::Identity() - variance) / (axes.major - axes.minor);
   variance += (least - axes.minor) * projector;
   return true;
 }

@@ -38,9 +38,8 @@ inline Vec2d texel_position(const Vec2f& uv, int width, int height) {
 /// \return texel^2; nullopt where there is none: derivatives that are zero, parallel (uv without
 ///         area) or not finite, or a variance that is negative or not finite.
 /// The cloud must have the columns dpdu, dpdv and variance or (tangent, variance_u, variance_v).
-SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud,
-                                                                 std::size_t surfel, int width,
-                                                                 int height);
+SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
+                                                       int width, int height);
 
 /// T^-1 as a map from scene units to texels: a step d along the surface at the surfel moves
 /// texel_position() by the product with it, and an isotropic Gaussian of variance 1 there is one of

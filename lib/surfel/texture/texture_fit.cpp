@@ -6,6 +6,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
+#include <surfel/texture/robust_fit.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {
