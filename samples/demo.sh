@@ -6,7 +6,8 @@ set -euo pipefail
 output=$(realpath -m "${1:-$(dirname "${BASH_SOURCE[0]}")/../out}")
 source "$(dirname "${BASH_SOURCE[0]}")/../tests/support/setup.sh"
 surfel_install_packages
-surfel_build release
+# The plug-in reads and writes pictures.
+surfel_build release surfel-from-mesh surfel-texture surfel-info surfel-render surfel_image
 PATH=$surfel_root/build/release/bin:$PATH
 samples=$surfel_root/samples
 mkdir -p "$output"

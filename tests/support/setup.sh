@@ -1,6 +1,6 @@
 # Sourced by the scripts that need the project built: surfel_install_packages installs what is
-# missing on a Debian 12, surfel_build PRESET configures and builds in build/PRESET. Both are quick
-# when there is nothing to do.
+# missing on a Debian 12, surfel_build PRESET [TARGET...] configures and builds in build/PRESET, all if
+# no target is named. Both are quick when there is nothing to do.
 
 surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 
@@ -35,5 +35,6 @@ surfel_install_packages() {
 surfel_build() {
   local preset=$1
   shift
-  (cd "$surfel_root" && cmake --preset "$preset" "$@" >/dev/null && cmake --build --preset "$preset")
+  (cd "$surfel_root" && cmake --preset "$preset" >/dev/null &&
+    cmake --build --preset "$preset" ${@:+--target "$@"})
 }
