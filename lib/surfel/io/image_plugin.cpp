@@ -123,13 +123,15 @@ struct StoredPixels {
 /// Converts pixels to R G B A.
 template <class T>
 void convert_to_rgba(const T* in, const StoredPixels& stored, bool premultiply, float* rgba) {
-  const auto& [width, height, stride, c, associated] = stored;
+  const std::size_t width = stored.width;
+  const std::size_t stride = stored.stride;
+  const ColorChannels c = stored.channel;
   // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
   // and the light where alpha is zero.
-  const bool as_stored = premultiply && associated && std::is_floating_point_v<T>;
-  const bool divide = associated && !as_stored;
+  const bool as_stored = premultiply && stored.associated && std::is_floating_point_v<T>;
+  const bool divide = stored.associated && !as_stored;
   const bool multiply = premultiply && !as_stored;
-  parallel_for(height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(stored.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
     float* out = rgba + begin * width * 4;
     for (const T* p = in + begin * width * stride; p != in + end * width * stride;
          p += stride, out += 4) {
@@ -155,15 +157,17 @@ void convert_raw(const T* in, std::size_t channels, int alpha, Image& image) {
 
 /// Converts pixels to R G B A of 8 bits, R G B still encoded and straight.
 void convert_to_coded(const std::uint8_t* in, const StoredPixels& stored, std::uint8_t* rgba) {
-  const auto& [width, height, stride, c, associated] = stored;
-  parallel_for(height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+  const std::size_t width = stored.width;
+  const std::size_t stride = stored.stride;
+  const ColorChannels c = stored.channel;
+  parallel_for(stored.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
     std::uint8_t* out = rgba + begin * width * 4;
     for (const std::uint8_t* p = in + begin * width * stride; p != in + end * width * stride;
          p += stride, out += 4) {
       const std::array<std::uint8_t, 3> rgb{p[c.red], p[c.green], p[c.blue]};
       out[3] = c.alpha >= 0 ? p[c.alpha] : std::numeric_limits<std::uint8_t>::max();
       for (std::size_t i = 0; i < 3; ++i) {
-        out[i] = associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
+        out[i] = stored.associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
       }
     }
   });
