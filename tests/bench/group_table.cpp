@@ -40,7 +40,7 @@ double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
       }
     }
     const DiscTree tree(discs);
-    std::vector<std::size_t> missed(static_cast<std::size_t>(thread_count()));
+    PerWorker<std::size_t> missed;
     parallel_for(samples.size(), 1024, [&](std::size_t begin, std::size_t end, int worker) {
       for (std::size_t s = begin; s < end; ++s) {
         const Vec3f place = samples.position[s] + (samples.origin - groups.origin).cast<float>();
@@ -56,10 +56,10 @@ double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
               found = found || (distance2 <= discs.radius[i] * discs.radius[i] &&
                                 samples.normal[s].dot(discs.normal[i]) > 0);
             });
-        missed[static_cast<std::size_t>(worker)] += found ? 0 : 1;
+        missed[worker] += found ? 0 : 1;
       }
     });
-    for (const std::size_t m : missed) open += m;
+    missed.for_each([&](std::size_t m) { open += m; });
   }
   return static_cast<double>(open) / static_cast<double>(members.size() * samples.size());
 }

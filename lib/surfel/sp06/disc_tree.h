@@ -95,21 +95,22 @@ class SURFEL_API DiscTree {
   /// enter(node, number, distance2), visit(disc).
   template <class Enter, class Visit>
   void search(const Vec3f& from, const Enter& enter, const Visit& visit) const {
-    tree_.search(distance2_from(from), enter, visit);
+    tree_.search(Distance2(from), enter, visit);
   }
   /// BoxTree::search_around() with the squared distances of the boxes from `from`.
   template <class Enter, class Visit>
   void search_around(std::size_t disc, const Vec3f& from, const Enter& enter,
                      const Visit& visit) const {
-    tree_.search_around(disc, distance2_from(from), enter, visit);
+    tree_.search_around(disc, Distance2(from), enter, visit);
   }
 
  private:
-  static auto distance2_from(const Vec3f& from) {
-    return [p = Eigen::Vector4f(from.x(), from.y(), from.z(), 0)](const Node& node) {
-      return node.distance2(p);
-    };
-  }
+  /// Squared distance of boxes from a place.
+  struct Distance2 {
+    explicit Distance2(const Vec3f& from) : place(from.x(), from.y(), from.z(), 0) {}
+    float operator()(const Node& node) const { return node.distance2(place); }
+    Eigen::Vector4f place;
+  };
 
   BoxTree<Node, 4, 2> tree_;
 };
