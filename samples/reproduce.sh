@@ -55,7 +55,7 @@ data=$(realpath -m "${SURFEL_TEST_DATA:-$surfel_root/../shared/data}")
 [[ " ${wanted[*]}" != *" sp06"* || -d $data/meshes ]] ||
   fail 1 "$data: has no folder 'meshes'; set SURFEL_TEST_DATA to the folder of the test data, or ask for figures of ss01"
 if [[ -z ${SURFEL_BIN:-} ]]; then
-  surfel_install_packages
+  surfel_install_packages "${surfel_packages[@]}"
   surfel_build release
 fi
 bin=$(realpath -m "${SURFEL_BIN:-$surfel_root/build/release/bin}")

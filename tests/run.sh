@@ -10,7 +10,7 @@ if [ $# -gt 0 ] && [[ $1 != -* ]]; then
   preset=$1
   shift
 fi
-surfel_install_packages
+surfel_install_packages "${surfel_packages[@]}"
 surfel_build "$preset"
 cd "$surfel_root"
 exec ctest --preset "$preset" -j "$(nproc)" "$@"

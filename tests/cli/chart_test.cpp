@@ -13,12 +13,6 @@
 namespace surfel::test {
 namespace {
 
-using Words = std::vector<std::string>;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 class SurfelChart : public testing::Test {
  protected:
   void SetUp() override {

@@ -9,12 +9,6 @@
 namespace surfel::test {
 namespace {
 
-using Words = std::vector<std::string>;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 class SurfelConvert : public testing::Test {
  protected:
   void SetUp() override {

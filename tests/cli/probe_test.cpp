@@ -10,10 +10,6 @@ namespace {
 
 using nlohmann::json;
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 class Probe : public testing::Test {
  protected:
   RunResult probe(const std::vector<std::string>& arguments, const RunSetup& setup = {}) const {

@@ -10,8 +10,6 @@
 namespace surfel::test {
 namespace {
 
-using Words = std::vector<std::string>;
-
 /// A textured square as mesh, and its surfels.
 struct Square {
   TemporaryFolder folder;

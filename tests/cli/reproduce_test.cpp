@@ -12,8 +12,6 @@
 namespace surfel::test {
 namespace {
 
-using Words = std::vector<std::string>;
-
 std::size_t count(const std::string& text, const std::string& part) {
   std::size_t found = 0;
   for (auto at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;

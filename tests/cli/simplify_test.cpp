@@ -12,12 +12,6 @@
 namespace surfel::test {
 namespace {
 
-using Words = std::vector<std::string>;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 class SurfelSimplify : public testing::Test {
  protected:
   static void SetUpTestSuite() {

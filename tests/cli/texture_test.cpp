@@ -12,10 +12,6 @@
 namespace surfel::test {
 namespace {
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 class SurfelTexture : public testing::Test {
  protected:
   void SetUp() override {

@@ -10,7 +10,7 @@
 namespace surfel {
 namespace {
 
-struct Points {
+struct OrientedPoints {
   Array<Vec3f> position;
   Array<Vec3f> normal;
   void add(double x, double y, double z = 0, const Vec3f& n = {0, 0, 1}) {
@@ -20,8 +20,8 @@ struct Points {
 };
 
 /// n x n points over the unit square, rows `aspect` times as far apart as columns.
-Points grid(int n, double jitter, double aspect = 1) {
-  Points out;
+OrientedPoints grid(int n, double jitter, double aspect = 1) {
+  OrientedPoints out;
   const double h = 1.0 / n;
   const int rows = static_cast<int>(n / aspect);
   for (int j = 0; j < rows; ++j) {
@@ -35,14 +35,15 @@ Points grid(int n, double jitter, double aspect = 1) {
   return out;
 }
 
-SplatSizes sizes_of(const Points& points, const SplatSizeOptions& options = {}) {
+SplatSizes sizes_of(const OrientedPoints& points, const SplatSizeOptions& options = {}) {
   const auto search = make_neighbor_search(points.position);
   return estimate_splat_sizes(points.position, points.normal, true, *search, options);
 }
 
 /// Mean number of discs or ellipses (beta < cutoff) over random places of the square's interior;
 /// -1 if one is not covered.
-double overlap(const Points& points, const SplatSizes& sizes, double cutoff, double border) {
+double overlap(const OrientedPoints& points, const SplatSizes& sizes, double cutoff,
+               double border) {
   const auto search = make_neighbor_search(points.position);
   double reach = 0;
   for (std::size_t i = 0; i < points.position.size(); ++i) {
@@ -86,7 +87,7 @@ TEST(SplatSize, RefusesBadOptions) {
 
 TEST(SplatSize, CoverHasNoHolesAndLittleOverlap) {
   for (const double jitter : {0.0, 0.35, 1.0}) {
-    const Points points = grid(60, jitter);
+    const OrientedPoints points = grid(60, jitter);
     SplatSizeOptions options;
     const double cover = overlap(points, sizes_of(points, options), 1, 0.1);
     options.rule = VarianceRule::kMaxDistance;
@@ -101,7 +102,7 @@ TEST(SplatSize, CoverHasNoHolesAndLittleOverlap) {
 }
 
 TEST(SplatSize, VarianceFollowsTheCutoff) {
-  const Points points = grid(40, 0.35);
+  const OrientedPoints points = grid(40, 0.35);
   for (const double cutoff : {0.5, 2.0, 4.0}) {
     SplatSizeOptions options;
     options.cutoff = cutoff;
@@ -110,7 +111,7 @@ TEST(SplatSize, VarianceFollowsTheCutoff) {
 }
 
 TEST(SplatSize, AreasSumToTheSurface) {
-  const Points points = grid(80, 0.35);
+  const OrientedPoints points = grid(80, 0.35);
   double sum = 0;
   for (const SplatSize& size : sizes_of(points).of) sum += size.area;
   // The border ends a quarter of a spacing outside of the square, and counts for half of its discs.
@@ -119,7 +120,7 @@ TEST(SplatSize, AreasSumToTheSurface) {
 
 TEST(SplatSize, ScanLinesGetEllipses) {
   for (const double aspect : {3.0, 8.0}) {
-    const Points points = grid(200, 0.1, aspect);
+    const OrientedPoints points = grid(200, 0.1, aspect);
     const SplatSizes ellipses = sizes_of(points);
     ASSERT_TRUE(ellipses.ellipses) << aspect;
     SplatSizeOptions options;
@@ -136,7 +137,7 @@ TEST(SplatSize, ScanLinesGetEllipses) {
 }
 
 TEST(SplatSize, BordersDoNotFray) {
-  const Points points = grid(60, 0.3);
+  const OrientedPoints points = grid(60, 0.3);
   const SplatSizes sizes = sizes_of(points);
   EXPECT_GT(sizes.border, 200U);
   EXPECT_LT(sizes.border, 300U);
@@ -154,7 +155,7 @@ TEST(SplatSize, BordersDoNotFray) {
 }
 
 TEST(SplatSize, APointAloneDoesNotSmear) {
-  Points points = grid(60, 0.3);
+  OrientedPoints points = grid(60, 0.3);
   points.add(0.5, 0.5, 0.7);
   points.add(3, 0.5, 0, Vec3f(0, 0, 0));  // Nor does one without a normal.
   const SplatSizes sizes = sizes_of(points);
@@ -166,7 +167,7 @@ TEST(SplatSize, APointAloneDoesNotSmear) {
 }
 
 TEST(SplatSize, SheetsDoNotDisturbEachOther) {
-  Points points = grid(50, 0.3);
+  OrientedPoints points = grid(50, 0.3);
   const SplatSizes alone = sizes_of(points);
   const std::size_t front = points.position.size();
   for (std::size_t i = 0; i < front; ++i) {  // The plate's other side, a tenth of a spacing away.
@@ -182,14 +183,14 @@ TEST(SplatSize, SheetsDoNotDisturbEachOther) {
 }
 
 TEST(SplatSize, DegenerateCloudsGiveFiniteNumbers) {
-  std::vector<Points> clouds(5);
+  std::vector<OrientedPoints> clouds(5);
   clouds[0].add(1, 2, 3);
   for (int i = 0; i < 2; ++i) clouds[1].add(i, 0);
   for (int i = 0; i < 100; ++i) clouds[2].add(1, 1, 1);
   for (int i = 0; i < 100; ++i) clouds[3].add(i * 0.1, 0);
   for (int i = 0; i < 100; ++i) clouds[4].add(i % 10, i / 50, 0, Vec3f(0, 0, 0));
   clouds.emplace_back();
-  for (const Points& points : clouds) {
+  for (const OrientedPoints& points : clouds) {
     SplatSizeOptions options;
     for (const Anisotropy anisotropy : {Anisotropy::kOn, Anisotropy::kOff}) {
       options.anisotropy = anisotropy;
@@ -207,7 +208,7 @@ TEST(SplatSize, DegenerateCloudsGiveFiniteNumbers) {
 }
 
 TEST(SplatSize, CoincidentPointsShareTheirArea) {
-  Points points = grid(40, 0.2);
+  OrientedPoints points = grid(40, 0.2);
   const std::size_t count = points.position.size();
   for (std::size_t i = 0; i < count; ++i) {
     points.add(points.position[i].x(), points.position[i].y());
@@ -218,7 +219,7 @@ TEST(SplatSize, CoincidentPointsShareTheirArea) {
 }
 
 TEST(SplatSize, SameForAnyNumberOfThreads) {
-  const Points points = grid(100, 0.4, 4);
+  const OrientedPoints points = grid(100, 0.4, 4);
   set_thread_count(1);
   const SplatSizes one = sizes_of(points);
   for (const int threads : {2, 5}) {

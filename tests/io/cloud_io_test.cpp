@@ -17,29 +17,17 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "io/cloud_of_bytes.h"
 #include "support/memory_file.h"
 #include "support/test_data.h"
 
 namespace surfel {
 namespace {
 
+using test::cloud_of;
+using test::error_of;
 using test::MemoryFile;
 using test::TemporaryFolder;
-
-SurfelCloud cloud_of(const std::string& bytes) { return read_cloud(MemoryFile(bytes).path()); }
-
-/// The message of the error that reading gives, without the file's name in front.
-std::string error_of(const std::string& bytes) {
-  const MemoryFile file(bytes);
-  try {
-    read_cloud(file.path());
-  } catch (const Error& e) {
-    const std::string message = e.what();
-    EXPECT_TRUE(message.starts_with(file.path() + ": ")) << message;
-    return message.substr(file.path().size() + 2);
-  }
-  return "no error";
-}
 
 std::string content(const std::string& path) {
   std::ifstream file(path, std::ios::binary);

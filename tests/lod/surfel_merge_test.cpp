@@ -5,6 +5,8 @@
 #include <surfel/base/random.h>
 #include <surfel/lod/surfel_merge.h>
 
+#include "lod/merge_surfels.h"
+
 namespace surfel::test {
 namespace {
 
@@ -29,12 +31,6 @@ SurfelCloud random_plane(int count, const Vec3f& normal, const Vec3f& at) {
     cloud.alpha.push_back(r(9));
   }
   return cloud;
-}
-
-std::vector<MergeSurfel> merge_surfels(const SurfelCloud& cloud) {
-  std::vector<MergeSurfel> surfels;
-  for (std::uint32_t i = 0; i < cloud.size(); ++i) surfels.push_back(merge_surfel(cloud, i));
-  return surfels;
 }
 
 MergeSurfel merged_all(const std::vector<MergeSurfel>& surfels) {

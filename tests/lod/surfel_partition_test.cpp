@@ -6,16 +6,11 @@
 #include <surfel/base/error.h>
 #include <surfel/lod/surfel_partition.h>
 
+#include "lod/merge_surfels.h"
 #include "render/scenes.h"
 
 namespace surfel::test {
 namespace {
-
-std::vector<MergeSurfel> merge_surfels(const SurfelCloud& cloud) {
-  std::vector<MergeSurfel> surfels;
-  for (std::uint32_t i = 0; i < cloud.size(); ++i) surfels.push_back(merge_surfel(cloud, i));
-  return surfels;
-}
 
 SurfelPartition partition(const std::vector<MergeSurfel>& surfels, std::size_t groups) {
   SurfelPartition parts;

@@ -15,7 +15,7 @@ namespace surfel::test {
 namespace {
 
 constexpr int kFrames = 24;
-constexpr int kSize = 56;
+constexpr int kViewSize = 56;
 
 /// Colours that vary over a few surfels.
 void color_waves(SurfelCloud& cloud, double wave) {
@@ -65,12 +65,12 @@ Flight fly(const SurfelCloud& cloud, const Vec3d& from, const Vec3d& to, const V
     view.target = *view.eye + forward;
     view.up = Vec3d(0.01, 1, 0.02);
     view.fov = 60;
-    view.width = view.height = kSize;
+    view.width = view.height = kViewSize;
     const Camera camera = make_camera(view, SceneExtent{});
     Image image = fast.render(camera);
     Image truth = reference.render(camera);
-    for (int y = 0; y < kSize; ++y) {
-      for (int x = 0; x < kSize; ++x) {
+    for (int y = 0; y < kViewSize; ++y) {
+      for (int x = 0; x < kViewSize; ++x) {
         const float alpha = image.pixel(x, y)[3];
         const float true_alpha = truth.pixel(x, y)[3];
         flight.holes += true_alpha > 0.99F && alpha < 0.5F ? 1 : 0;

@@ -7,7 +7,7 @@
 namespace surfel::test {
 namespace {
 
-constexpr int kSize = 150;  // Not a multiple of a tile's.
+constexpr int kOddSize = 150;  // Not a multiple of a tile's.
 
 void expect_same_colors(const SurfelCloud& cloud, const Scene& scene, const Camera& camera,
                         RenderOptions options) {
@@ -20,8 +20,8 @@ void expect_same_colors(const SurfelCloud& cloud, const Scene& scene, const Came
   const Image plain = picture(false);
   const Image truth = picture(true);
   ASSERT_EQ(plain.channels.size(), 4U);
-  for (int y = 0; y < kSize; ++y) {
-    for (int x = 0; x < kSize; ++x) {
+  for (int y = 0; y < kOddSize; ++y) {
+    for (int x = 0; x < kOddSize; ++x) {
       for (int c = 0; c < 4; ++c) {
         // Rounding, of powers of cosines above all.
         ASSERT_NEAR(plain.pixel(x, y)[c], truth.pixel(x, y)[c], 2e-5) << x << " " << y << " " << c;
@@ -49,7 +49,7 @@ TEST(PlainPixels, AreWhatCompositingMakesOfThem) {
   for (const float alpha : {1.0F, 0.6F}) {
     SurfelCloud cloud = spheres_and_plane();
     cloud.alpha.assign(cloud.size(), alpha);
-    for (const Camera& camera : {camera_at(2.6, kSize), square_camera(kSize)}) {
+    for (const Camera& camera : {camera_at(2.6, kOddSize), square_camera(kOddSize)}) {
       for (const int layers : {1, 2, 5}) {  // Surfaces are merged, of two; of five there is room.
         for (const bool lit : {false, true}) {
           RenderOptions options;
@@ -86,7 +86,7 @@ TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   for (std::size_t i = 0; i < cloud.size(); i += 5) {
     if (cloud.position[i].y() > 0.3F) cloud.normal[i].setZero();
   }
-  for (const Camera& camera : {camera_at(2.6, kSize), square_camera(kSize)}) {
+  for (const Camera& camera : {camera_at(2.6, kOddSize), square_camera(kOddSize)}) {
     expect_same_colors(cloud, scene, camera, {});
   }
 }
@@ -98,9 +98,9 @@ TEST(PlainPixels, AreThinWhereTheSurfaceIs) {
   options.lit = false;
   SurfelCloud cloud = jittered_plane(40, 1.2, 0.3);
   for (float& v : cloud.variance) v *= 0.2F;
-  expect_same_colors(cloud, scene, camera_at(2.6, kSize), options);
+  expect_same_colors(cloud, scene, camera_at(2.6, kOddSize), options);
   cloud = fibonacci_sphere(400, 0.8, {0.5F, 0.6F, 0.7F});
-  expect_same_colors(cloud, scene, camera_at(2.6, kSize), options);
+  expect_same_colors(cloud, scene, camera_at(2.6, kOddSize), options);
 }
 
 /// A surface that ends at every column of a tile: its last pixels are thin while all around is not.
@@ -109,8 +109,8 @@ TEST(PlainPixels, KnowAnEdgeNextToTheirTile) {
   RenderOptions options;
   options.lit = false;
   for (int column = 0; column < kTileSize; ++column) {
-    const double half = 0.8 + column * 2.0 / kSize;
-    expect_same_colors(jittered_plane(260, half, 0.2), scene, square_camera(kSize), options);
+    const double half = 0.8 + column * 2.0 / kOddSize;
+    expect_same_colors(jittered_plane(260, half, 0.2), scene, square_camera(kOddSize), options);
   }
 }
 

@@ -29,14 +29,14 @@ SurfaceProbe flat(float x, float y, float grey) {
 }
 
 constexpr int kProbes = 128;
-constexpr double kSpacing = 1.0 / kProbes;
+constexpr double kProbeSpacing = 1.0 / kProbes;
 
 DetailTree tree_of(const Probes& probes, const std::vector<BorderPiece>& border = {},
                    double unit_deviation = 1) {
-  return {probes, border, {1, kSpacing, unit_deviation, 1}};
+  return {probes, border, {1, kProbeSpacing, unit_deviation, 1}};
 }
 
-/// The error where all cells are as fine as they come: sigma = kSpacing.
+/// The error where all cells are as fine as they come: sigma = kProbeSpacing.
 DetailTree::Cut finest(const DetailTree& tree) { return tree.cut(tree.lowest_price()); }
 
 double spacing_at(const DetailTree::Cut& cut, const Vec3f& p) {
@@ -77,7 +77,7 @@ TEST(DetailTree, StepHasTheErrorOfABlur) {
       square(kProbes, [](float x, float y) { return flat(x, y, x + 0.3f * y < 0.6f ? 0 : 1); });
   const DetailTree::Cut cut = finest(tree_of(probes));
   const double length = std::sqrt(1 + 0.3 * 0.3);
-  const double expected = std::sqrt(0.25 * kSpacing * length);
+  const double expected = std::sqrt(0.25 * kProbeSpacing * length);
   EXPECT_NEAR(cut.color_error, expected, 0.15 * expected);
   EXPECT_LT(cut.shape_error, 1e-6);
 }
@@ -86,7 +86,7 @@ TEST(DetailTree, SmoothColorHasTheErrorOfABlur) {
   // c'' = 8 along x everywhere, so that all cells are alike: 0.36 c''^2 sigma^4.
   const Probes probes = square(kProbes, [](float x, float y) { return flat(x, y, 4 * x * x); });
   const DetailTree::Cut cut = finest(tree_of(probes));
-  const double expected = std::sqrt(0.36) * 8 * kSpacing * kSpacing;
+  const double expected = std::sqrt(0.36) * 8 * kProbeSpacing * kProbeSpacing;
   EXPECT_NEAR(cut.color_error, expected, 0.3 * expected);
 }
 
@@ -100,7 +100,7 @@ TEST(DetailTree, CylinderDeviatesByItsCurvature) {
     return SurfaceProbe{p, normal, Vec3f(0, 0, 0)};
   });
   const DetailTree::Cut cut = finest(tree_of(probes, {}, 0.001));
-  const double expected = 0.6 * kSpacing * kSpacing / kRadius / 0.001;
+  const double expected = 0.6 * kProbeSpacing * kProbeSpacing / kRadius / 0.001;
   EXPECT_NEAR(cut.shape_error, expected, 0.35 * expected);
   EXPECT_EQ(cut.color_error, 0);
 }

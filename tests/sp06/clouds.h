@@ -9,6 +9,7 @@
 
 #include <surfel/base/random.h>
 #include <surfel/scene/surfel_cloud.h>
+#include <surfel/sp06/coloring.h>
 #include <surfel/sp06/overlap_graph.h>
 
 namespace surfel::test {
@@ -18,6 +19,9 @@ constexpr std::size_t kManySplats = 3000;
 #else
 constexpr std::size_t kManySplats = 20000;
 #endif
+
+constexpr ColoringOrder kColoringOrders[] = {ColoringOrder::kLargestFirst,
+                                             ColoringOrder::kSmallestLast, ColoringOrder::kDsatur};
 
 inline void add_splat(SurfelCloud& cloud, const Vec3d& position, const Vec3d& normal,
                       double radius) {

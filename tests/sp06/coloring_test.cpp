@@ -15,9 +15,6 @@ namespace {
 using test::graph_of;
 using test::Pair;
 
-constexpr ColoringOrder kOrders[] = {ColoringOrder::kLargestFirst, ColoringOrder::kSmallestLast,
-                                     ColoringOrder::kDsatur};
-
 /// No edge within a color, all colors in use, no more than Brooks' simple bound.
 void expect_valid(const OverlapGraph& graph, const Coloring& coloring) {
   std::set<std::uint16_t> used;
@@ -49,7 +46,7 @@ OverlapGraph crown(std::uint32_t n) {
 }
 
 TEST(Coloring, OfGraphsDrawnByHand) {
-  for (const ColoringOrder order : kOrders) {
+  for (const ColoringOrder order : test::kColoringOrders) {
     EXPECT_EQ(colored(graph_of(0, {}), order).colors, 0U);
     EXPECT_EQ(colored(graph_of(3, {}), order).colors, 1U);
     EXPECT_EQ(colored(graph_of(2, {{0, 1}}), order).colors, 2U);
@@ -133,7 +130,7 @@ TEST(Coloring, IsValidForEveryOrder) {
   graphs.push_back(make_overlap_graph(test::cloud_of_all_radii(700), {}));
   graphs.push_back(make_overlap_graph(test::coincident_cloud(200), {}));
   for (const OverlapGraph& graph : graphs) {
-    for (const ColoringOrder order : kOrders) {
+    for (const ColoringOrder order : test::kColoringOrders) {
       const Array<std::uint32_t> permutation = coloring_order(graph, order);
       EXPECT_EQ(std::set<std::uint32_t>(permutation.begin(), permutation.end()).size(),
                 graph.size());
@@ -153,7 +150,7 @@ TEST(Coloring, EqualsBoostsInTheSameOrder) {
   }
   const Graph boost_graph(boost::edges_are_sorted, edges.begin(), edges.end(),
                           static_cast<std::uint32_t>(graph.size()));
-  for (const ColoringOrder order : kOrders) {
+  for (const ColoringOrder order : test::kColoringOrders) {
     const Array<std::uint32_t> permutation = coloring_order(graph, order);
     std::vector<std::uint32_t> color(graph.size());
     const auto colors = boost::sequential_vertex_coloring(

@@ -14,8 +14,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// Surfels of a procedural scene in `groups` groups drawn at random, or each where it overlaps
 /// least of those before it.
 SurfelCloud grouped_scene(const std::string& kind, std::size_t count, std::size_t groups,
@@ -89,7 +87,7 @@ double uncovered_share(const SurfelCloud& cloud, std::uint16_t group, const std:
 
 Vec2d on_plane(double s, double t) { return {s, t}; }
 /// The sphere's poles are at v = 0 and 1.
-Vec2d on_sphere(double s, double t) { return {s, std::acos(1 - 2 * t) / kPi}; }
+Vec2d on_sphere(double s, double t) { return {s, std::acos(1 - 2 * t) / std::numbers::pi}; }
 
 SurfelCloud covered_by(SurfelCloud cloud, CoverMethod method, CoverageReport* report = nullptr) {
   const CoverageReport found = cover_groups(cloud, {.method = method});
@@ -97,8 +95,8 @@ SurfelCloud covered_by(SurfelCloud cloud, CoverMethod method, CoverageReport* re
   return cloud;
 }
 
-constexpr CoverMethod kMethods[] = {CoverMethod::kNone, CoverMethod::kEnlarge,
-                                    CoverMethod::kEnlargeEach, CoverMethod::kDuplicate};
+constexpr CoverMethod kCoverMethods[] = {CoverMethod::kNone, CoverMethod::kEnlarge,
+                                         CoverMethod::kEnlargeEach, CoverMethod::kDuplicate};
 
 TEST(CoverageOptions, DefaultsAreValidAndBadValuesRefused) {
   EXPECT_TRUE(CoverageOptions{}.problems().empty());
@@ -143,7 +141,7 @@ TEST(Coverage, OfAGridInClosedForm) {
   const int side = 20;
   covered_by(grid(side, static_cast<float>(r)), CoverMethod::kNone, &report);
   const double lenses = 2.0 * side * (side - 1);
-  const double expected = side * side * kPi * r * r - lenses * 2 * segment;
+  const double expected = side * side * std::numbers::pi * r * r - lenses * 2 * segment;
   // Without `area` A is the union of the discs, as they are one group.
   EXPECT_FALSE(report.area_from_column);
   EXPECT_NEAR(report.area, expected, 1e-5 * expected);
@@ -167,7 +165,7 @@ TEST(Coverage, OfASphereAgreesWithRandomPoints) {
     const SurfelCloud cloud =
         covered_by(grouped_scene("sphere", 3000, 4, random), CoverMethod::kNone, &report);
     EXPECT_TRUE(report.area_from_column);
-    EXPECT_NEAR(report.area, 4 * kPi, 0.01);
+    EXPECT_NEAR(report.area, 4 * std::numbers::pi, 0.01);
     const double holes = uncovered_share(cloud, 1, "sphere", 6000, on_sphere);
     const GroupCoverage& group = report.groups[1];
     // 1 % and two standard errors of the random points.
@@ -207,7 +205,7 @@ TEST(Coverage, CoveredAreaOfSeparateDiscsIsTheirs) {
     for (std::size_t i = 0; i < cloud.size(); ++i) cloud.group.push_back(i % 3 == 0 ? 1 : 0);
     CoverageReport report;
     covered_by(cloud, CoverMethod::kNone, &report);
-    const double disc = kPi * 2 * static_cast<double>(cloud.variance[0]);
+    const double disc = std::numbers::pi * 2 * static_cast<double>(cloud.variance[0]);
     for (const GroupCoverage& group : report.groups) {
       const double expected = static_cast<double>(group.splats) * disc;
       EXPECT_NEAR(group.covered_area, expected, 0.001 * expected) << kind;
@@ -385,7 +383,7 @@ TEST(Coverage, CreasesMakeNoSpikes) {
   // Two jittered squares, folded along the y axis by more and more: no disc grows by what its plane
   // meets beyond the fold.
   for (const double fold : {30.0, 60.0, 85.0, 95.0, 150.0}) {
-    const double angle = fold * kPi / 180;
+    const double angle = fold * std::numbers::pi / 180;
     SurfelCloud cloud = grouped_scene("plane", 1600, 3, true);
     double unfolded = 0;
     for (const float r : covered_by(cloud, CoverMethod::kEnlargeEach).group_radius) {
@@ -405,16 +403,16 @@ TEST(Coverage, CreasesMakeNoSpikes) {
 }
 
 TEST(Coverage, OneSplatAndEmptyClouds) {
-  for (const CoverMethod method : kMethods) {
+  for (const CoverMethod method : kCoverMethods) {
     CoverageReport report;
     const SurfelCloud one = covered_by(grid(1, 2), method, &report);
     EXPECT_EQ(one.size(), 1U);
     // The directions in which the border is measured make a polygon of 16 sides about the disc.
-    const double polygon = 16 * std::tan(kPi / 16) * 4;
+    const double polygon = 16 * std::tan(std::numbers::pi / 16) * 4;
     EXPECT_NEAR(report.groups[0].cell_area, polygon, 1e-4);
     EXPECT_GE(report.covered_area,
-              method == CoverMethod::kEnlarge ? 0.998 * polygon : 4 * kPi - 1e-4);
-    EXPECT_LE(radius_of(one, 0), 2 / std::cos(kPi / 16) + 1e-5);
+              method == CoverMethod::kEnlarge ? 0.998 * polygon : 4 * std::numbers::pi - 1e-4);
+    EXPECT_LE(radius_of(one, 0), 2 / std::cos(std::numbers::pi / 16) + 1e-5);
     SurfelCloud empty;
     EXPECT_EQ(cover_groups(empty, {.method = method}).groups.size(), 0U);
   }
@@ -436,7 +434,7 @@ TEST(Coverage, GroupOfOneSplatCoversWhatItSees) {
 }
 
 TEST(Coverage, CoincidentSplatsCoverOnce) {
-  for (const CoverMethod method : kMethods) {
+  for (const CoverMethod method : kCoverMethods) {
     SurfelCloud cloud = grid(1, 1);
     const std::size_t count = 5000;
     cloud.position.assign(count, Vec3f(1, 2, 3));
@@ -448,15 +446,15 @@ TEST(Coverage, CoincidentSplatsCoverOnce) {
     covered_by(cloud, method, &report);
     EXPECT_EQ(report.points_added, 0U);
     EXPECT_EQ(report.hidden, count - 3);
-    EXPECT_NEAR(report.area, kPi, 1e-5);
-    EXPECT_NEAR(report.covered_area, kPi, 0.014 * kPi);
+    EXPECT_NEAR(report.area, std::numbers::pi, 1e-5);
+    EXPECT_NEAR(report.covered_area, std::numbers::pi, 0.014 * std::numbers::pi);
     EXPECT_LT(report.growth_max, 1.03);
   }
 }
 
 TEST(Coverage, RadiiOfNineMagnitudesInOneCloud) {
   const SurfelCloud source = grouped_scene("plane", 600, 3);
-  for (const CoverMethod method : kMethods) {
+  for (const CoverMethod method : kCoverMethods) {
     SurfelCloud cloud = source;
     for (std::size_t i = 0; i < cloud.size(); ++i) {
       const double radius = std::pow(10, -6 + 9 * random_uniform(3, i));
@@ -500,7 +498,7 @@ TEST(Coverage, SplatsWithoutDiscAreCountedAndLeftAlone) {
   cloud.variance[10] = 0;
   cloud.variance[11] = nan;
   cloud.variance[12] = -1;
-  for (const CoverMethod method : kMethods) {
+  for (const CoverMethod method : kCoverMethods) {
     CoverageReport report;
     const SurfelCloud out = covered_by(cloud, method, &report);
     EXPECT_EQ(report.without_disc, 5U);
@@ -511,7 +509,7 @@ TEST(Coverage, SplatsWithoutDiscAreCountedAndLeftAlone) {
 
 TEST(Coverage, SameBytesForAnyNumberOfThreads) {
   const SurfelCloud source = grouped_scene("head", 2000, 5);
-  for (const CoverMethod method : kMethods) {
+  for (const CoverMethod method : kCoverMethods) {
     SurfelCloud first;
     CoverageReport first_report;
     for (const int threads : {1, 2, 5}) {

@@ -10,12 +10,10 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// Lens of two discs, by the textbook formula.
 double lens(double r, double s, double d) {
   if (d >= r + s) return 0;
-  if (d <= std::abs(r - s)) return kPi * std::min(r, s) * std::min(r, s);
+  if (d <= std::abs(r - s)) return std::numbers::pi * std::min(r, s) * std::min(r, s);
   const double a = std::acos((d * d + r * r - s * s) / (2 * d * r));
   const double b = std::acos((d * d + s * s - r * r) / (2 * d * s));
   return r * r * (a - std::sin(2 * a) / 2) + s * s * (b - std::sin(2 * b) / 2);
@@ -42,7 +40,7 @@ std::vector<Vec2d> convex_polygon(std::uint64_t seed) {
   const auto count = 3 + static_cast<std::size_t>(6 * uniform(0));
   const Vec2d center(uniform(1) - 0.5, uniform(2) - 0.5);
   std::vector<double> angle;
-  for (std::size_t k = 0; k < count; ++k) angle.push_back(2 * kPi * uniform(10 + k));
+  for (std::size_t k = 0; k < count; ++k) angle.push_back(2 * std::numbers::pi * uniform(10 + k));
   std::sort(angle.begin(), angle.end());
   std::vector<Vec2d> corners;
   for (const double a : angle) {
@@ -62,12 +60,12 @@ bool inside_polygon(const std::vector<Vec2d>& polygon, const Vec2d& p) {
 
 TEST(DiscAreaInPolygon, SquareInClosedForm) {
   const std::vector<Vec2d> square{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
-  EXPECT_NEAR(disc_area_in_polygon(0.5, square), kPi / 4, 1e-14);
-  EXPECT_NEAR(disc_area_in_polygon(1, square), kPi, 1e-14);
+  EXPECT_NEAR(disc_area_in_polygon(0.5, square), std::numbers::pi / 4, 1e-14);
+  EXPECT_NEAR(disc_area_in_polygon(1, square), std::numbers::pi, 1e-14);
   EXPECT_NEAR(disc_area_in_polygon(1.5, square), 4, 1e-14) << "the corners are at 1.41";
   const double r = 1.2;
   const double segment = r * r * std::acos(1 / r) - std::sqrt(r * r - 1);
-  EXPECT_NEAR(disc_area_in_polygon(r, square), kPi * r * r - 4 * segment, 1e-13);
+  EXPECT_NEAR(disc_area_in_polygon(r, square), std::numbers::pi * r * r - 4 * segment, 1e-13);
   EXPECT_EQ(disc_area_in_polygon(0, square), 0);
   EXPECT_EQ(disc_area_in_polygon(1, {}), 0);
 }
@@ -76,10 +74,12 @@ TEST(DiscAreaInPolygon, HoldsAtAnyScale) {
   for (const double scale : {1e-12, 1e-6, 1e6, 1e12}) {
     const std::vector<Vec2d> square{
         {-scale, -scale}, {scale, -scale}, {scale, scale}, {-scale, scale}};
-    EXPECT_NEAR(disc_area_in_polygon(scale, square) / (scale * scale), kPi, 1e-12) << scale;
+    EXPECT_NEAR(disc_area_in_polygon(scale, square) / (scale * scale), std::numbers::pi, 1e-12)
+        << scale;
     // A quarter of a disc far smaller than the polygon.
     const std::vector<Vec2d> corner{{0, 0}, {scale, 0}, {scale, scale}, {0, scale}};
-    EXPECT_NEAR(disc_area_in_polygon(1e-3 * scale, corner) / (1e-6 * scale * scale), kPi / 4, 1e-9);
+    EXPECT_NEAR(disc_area_in_polygon(1e-3 * scale, corner) / (1e-6 * scale * scale),
+                std::numbers::pi / 4, 1e-9);
   }
 }
 
@@ -96,14 +96,14 @@ TEST(DiscAreaInPolygon, AgreesWithNumericIntegration) {
 TEST(UncoveredDiscArea, LensesInClosedForm) {
   UncoveredDiscArea uncovered;
   const Circle disc{{3, -2}, 1};
-  EXPECT_NEAR(uncovered(disc, {}), kPi, 1e-14);
+  EXPECT_NEAR(uncovered(disc, {}), std::numbers::pi, 1e-14);
   for (const double d : {0.1, 0.5, 0.9, 1.3, 1.7, 2.5}) {
     for (const double s : {0.2, 0.7, 1.0, 1.6}) {
       const std::vector<Circle> other{{disc.center + d * Vec2d(0.6, 0.8), s}};
-      EXPECT_NEAR(uncovered(disc, other), kPi - lens(1, s, d), 1e-12) << d << ' ' << s;
+      EXPECT_NEAR(uncovered(disc, other), std::numbers::pi - lens(1, s, d), 1e-12) << d << ' ' << s;
       // The same disc twice hides no more than once.
       const std::vector<Circle> twice{other[0], other[0]};
-      EXPECT_NEAR(uncovered(disc, twice), kPi - lens(1, s, d), 1e-12) << d << ' ' << s;
+      EXPECT_NEAR(uncovered(disc, twice), std::numbers::pi - lens(1, s, d), 1e-12) << d << ' ' << s;
     }
   }
   EXPECT_EQ(uncovered(disc, std::vector<Circle>{disc}), 0) << "covered by its own copy";

@@ -12,9 +12,6 @@
 namespace surfel {
 namespace {
 
-constexpr ColoringOrder kOrders[] = {ColoringOrder::kLargestFirst, ColoringOrder::kSmallestLast,
-                                     ColoringOrder::kDsatur};
-
 TEST(GroupingOptions, DefaultsAreValidAndBadValuesAreNot) {
   EXPECT_TRUE(GroupingOptions().problems().empty());
   EXPECT_EQ(GroupingOptions{.groups = -1}.problems().size(), 1U);
@@ -27,7 +24,7 @@ TEST(Grouping, NoTwoSplatsOfAGroupOverlapButByARelaxation) {
   for (std::size_t i = 0; i < cloud.size(); i += 3) cloud.normal[i] = -cloud.normal[i];
   const std::vector<test::Pair> pairs = test::overlapping_pairs(cloud, 1, 1);
   ASSERT_GT(pairs.size(), cloud.size() * 8);
-  for (const ColoringOrder order : kOrders) {
+  for (const ColoringOrder order : test::kColoringOrders) {
     for (const double overlap : {1.0, 0.6}) {
       for (const bool opposite : {false, true}) {
         for (const bool coplanar : {false, true}) {
@@ -94,7 +91,7 @@ TEST(Grouping, FewerGroupsForASmallerOverlap) {
 
 TEST(Grouping, IsTheSameForAnyNumberOfThreads) {
   const SurfelCloud cloud = test::sphere_cloud(5000, 18);
-  for (const ColoringOrder order : kOrders) {
+  for (const ColoringOrder order : test::kColoringOrders) {
     for (const int groups : {0, 4}) {
       const GroupingOptions options{.order = order, .groups = groups};
       const Array<std::uint16_t> first = make_groups(cloud, options);
@@ -112,7 +109,7 @@ TEST(Grouping, OfShuffledSplatsIsTheSame) {
   Array<std::uint32_t> order(cloud.size());
   for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = (i * 7 + 3) % 2000;
   const SurfelCloud shuffled = cloud.gathered(order);
-  for (const ColoringOrder coloring : kOrders) {
+  for (const ColoringOrder coloring : test::kColoringOrders) {
     const Array<std::uint16_t> group = make_groups(cloud, {.order = coloring});
     const Array<std::uint16_t> other = make_groups(shuffled, {.order = coloring});
     for (std::size_t i = 0; i < order.size(); ++i) ASSERT_EQ(other[i], group[order[i]]);

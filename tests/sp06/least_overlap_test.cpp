@@ -11,16 +11,15 @@ namespace surfel {
 namespace {
 
 TEST(LensArea, IsThatOfClosedForms) {
-  constexpr double kPi = std::numbers::pi;
   EXPECT_EQ(lens_area(1, 2, 3), 0);
   EXPECT_EQ(lens_area(1, 2, 5), 0);
-  EXPECT_DOUBLE_EQ(lens_area(1, 2, 0.5), kPi);
-  EXPECT_DOUBLE_EQ(lens_area(2, 1, 1), kPi);
-  EXPECT_DOUBLE_EQ(lens_area(1, 1, 0), kPi);
+  EXPECT_DOUBLE_EQ(lens_area(1, 2, 0.5), std::numbers::pi);
+  EXPECT_DOUBLE_EQ(lens_area(2, 1, 1), std::numbers::pi);
+  EXPECT_DOUBLE_EQ(lens_area(1, 1, 0), std::numbers::pi);
   // Equal discs through each other's centres.
-  EXPECT_NEAR(lens_area(1, 1, 1), 2 * kPi / 3 - std::sqrt(3.0) / 2, 1e-14);
+  EXPECT_NEAR(lens_area(1, 1, 1), 2 * std::numbers::pi / 3 - std::sqrt(3.0) / 2, 1e-14);
   // The small one's centre on the large one's rim: nearly half of it.
-  EXPECT_NEAR(lens_area(1e-3, 1, 1), kPi / 2 * 1e-6, 1e-9);
+  EXPECT_NEAR(lens_area(1e-3, 1, 1), std::numbers::pi / 2 * 1e-6, 1e-9);
   EXPECT_DOUBLE_EQ(lens_area(1e-6, 1e3, 1e3), lens_area(1e3, 1e-6, 1e3));
 }
 

@@ -1,25 +1,29 @@
-# Sourced by the scripts that need the project built: surfel_install_packages installs what is
-# missing on a Debian 12, surfel_build PRESET [TARGET...] configures and builds in build/PRESET, all if
+# Sourced by the scripts that need the project built: surfel_install_packages installs those of the packages
+# that are missing on a Debian 12, surfel_build PRESET [TARGET...] configures and builds in build/PRESET, all if
 # no target is named. Both are quick when there is nothing to do.
 
 surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 
-surfel_packages=(
-  # Compiler and build.
+# The compiler, and the libraries of the core and of the plug-in for pictures.
+surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
-  # Libraries that the project links (design: which does what).
-  libceres-dev libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev
-  libembree-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev libtbb-dev libtomlplusplus-dev
-  nlohmann-json3-dev
+  libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev liblz4-dev libopenimageio-dev
+  libpng-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
+)
+surfel_packages=(
+  "${surfel_demo_packages[@]}"
+  # The other plug-ins.
+  libceres-dev libembree-dev libopenmesh-dev libpcl-dev
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
 )
 
+# surfel_install_packages PACKAGE...
 surfel_install_packages() {
   local missing=() package
-  for package in "${surfel_packages[@]}"; do
+  for package in "$@"; do
     if [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" != installed ]; then
       missing+=("$package")
     fi

@@ -9,17 +9,17 @@
 namespace surfel {
 namespace {
 
-struct Points {
+struct OrientedPoints {
   Array<Vec3f> position;
   Array<Vec3f> normal;
 };
 
 /// 20 x 20 points of a tilted plane, `spacing` apart, moved by up to `jitter` spacings.
-Points tilted_grid(double jitter, float spacing) {
+OrientedPoints tilted_grid(double jitter, float spacing) {
   const Vec3f n = Vec3f(0.3F, -0.5F, -0.8F).normalized();
   const Vec3f a = n.unitOrthogonal();
   const Vec3f b = n.cross(a);
-  Points out;
+  OrientedPoints out;
   for (std::uint64_t k = 0; k < 400; ++k) {
     const auto at = [&](double i, int axis) {
       return static_cast<float>(i + jitter * (2 * random_uniform(4, k, axis) - 1)) * spacing;
@@ -33,7 +33,7 @@ Points tilted_grid(double jitter, float spacing) {
 }
 
 /// All as far as the plane reaches: the cell is what VoronoiCell makes of the same neighbours.
-void expect_voronoi_cells(const Points& points, std::size_t k, float spacing) {
+void expect_voronoi_cells(const OrientedPoints& points, std::size_t k, float spacing) {
   const auto search = make_neighbor_search(points.position);
   const CellSurface surface{points.position, points.normal, true};
   std::vector<Neighbor> near;
@@ -94,7 +94,7 @@ TEST(ClosedCell, IsTheVoronoiCell) {
 
 TEST(ClosedCell, CoincidentAndNearlyCoincidentNeighborsCountOnce) {
   for (const float apart : {0.0F, 1e-7F, 1e-5F, 1e-3F}) {
-    Points points = tilted_grid(0.3, 1);
+    OrientedPoints points = tilted_grid(0.3, 1);
     const std::size_t count = points.position.size();
     for (std::size_t i = 0; i < count; ++i) {
       points.position.emplace_back(points.position[i] + Vec3f(apart, apart, 0));
@@ -121,7 +121,7 @@ TEST(ClosedCell, CoincidentAndNearlyCoincidentNeighborsCountOnce) {
 }
 
 TEST(ClosedCell, OtherSheetsAndBordersAreSeen) {
-  Points points = tilted_grid(0.3, 1);
+  OrientedPoints points = tilted_grid(0.3, 1);
   const auto search = make_neighbor_search(points.position);
   std::vector<Neighbor> near;
   ClosedCell cell;

@@ -19,6 +19,7 @@ namespace {
 
 using test::eigenvalues;
 using test::noise_image;
+using test::one_map;
 using test::solve_definite;
 
 /// Jittered grid of n x n surfels over a unit square that carries the image once; sigma by the
@@ -44,12 +45,6 @@ SurfelCloud grid(int n, double kappa) {
   cloud.variance.assign(cloud.size(), static_cast<float>(kappa * kappa) * h * h);
   cloud.area.assign(cloud.size(), h * h);
   return cloud;
-}
-
-TextureSet one_map(Image image) {
-  TextureSet textures;
-  textures.maps.emplace_back(std::move(image), WrapMode::kRepeat);
-  return textures;
 }
 
 TextureFitOptions fit_of(TextureFitKind kind) {

@@ -15,6 +15,7 @@ namespace {
 using test::brute_force;
 using test::make_image;
 using test::noise_image;
+using test::one_map;
 
 /// Surfels at random places of a flat square of side 1 that carries the whole image, or, where
 /// `reach` is not 1, so many of it.
@@ -32,12 +33,6 @@ SurfelCloud flat_surfels(std::size_t count, float sigma, float reach = 1) {
   cloud.dpdv.assign(count, Vec3f(0, 1 / reach, 0));
   cloud.variance.assign(count, sigma * sigma);
   return cloud;
-}
-
-TextureSet one_map(Image image, WrapMode wrap = WrapMode::kRepeat) {
-  TextureSet textures;
-  textures.maps.emplace_back(std::move(image), wrap);
-  return textures;
 }
 
 /// Two squares side by side, left and right half of the image, as charts of their own: they share

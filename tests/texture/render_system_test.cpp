@@ -9,11 +9,13 @@
 #include <surfel/base/parallel.h>
 #include <surfel/texture/render_system.h>
 
+#include "solve/test_systems.h"
 #include "support/dense_algebra.h"
 
 namespace surfel {
 namespace {
 
+using test::dense;
 using test::eigenvalues;
 using test::product;
 using test::solve_definite;
@@ -77,8 +79,6 @@ Eigen::MatrixXd dense(const SparseMatrix& matrix) {
   return result;
 }
 
-Eigen::MatrixXd dense(const SymmetricMatrix& matrix) { return dense(both_triangles(matrix)); }
-
 /// The definition, point by point and function by function.
 Eigen::MatrixXd brute_force(const SurfelBasis& basis, const Quadrature& points, double cutoff) {
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(points.size()),
@@ -128,14 +128,6 @@ Array<Channels> noise(std::size_t count, unsigned seed) {
     for (double& channel : value) channel = uniform(generator);
   }
   return values;
-}
-
-Eigen::MatrixX4d dense(const Array<Channels>& values) {
-  Eigen::MatrixX4d result(static_cast<Eigen::Index>(values.size()), 4);
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    result.row(static_cast<Eigen::Index>(i)) = values[i].matrix().transpose();
-  }
-  return result;
 }
 
 Array<Channels> solve(const RenderSystem& system, const Array<Channels>& right_side) {

@@ -4,8 +4,10 @@
 #include <cmath>
 #include <functional>
 #include <random>
+#include <utility>
 
 #include <surfel/scene/image.h>
+#include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_map.h>
 
 namespace surfel::test {
@@ -20,6 +22,12 @@ inline Image make_image(int width, int height, const std::function<Eigen::Vector
     for (int x = 0; x < width; ++x) Eigen::Map<Eigen::Vector4f>(image.pixel(x, y)) = at(x, y);
   }
   return image;
+}
+
+inline TextureSet one_map(Image image, WrapMode wrap = WrapMode::kRepeat) {
+  TextureSet textures;
+  textures.maps.emplace_back(std::move(image), wrap);
+  return textures;
 }
 
 /// Independent values in [0, 1] per texel and channel: as hard to filter as an image can be.

@@ -12,6 +12,7 @@
 #include <surfel/truth/supersample.h>
 
 #include "render/scenes.h"
+#include "truth/pictures.h"
 
 namespace surfel::test {
 namespace {
@@ -32,15 +33,6 @@ Image render_reference(const SurfelCloud& cloud, const Camera& camera, const Ren
   return ReferenceRenderer(surfels, scene, options, {samples}).render(camera);
 }
 
-Camera orthographic_camera(double height, int size) {
-  CameraOptions options;
-  options.eye = Vec3d(0, 0, 5);
-  options.target = Vec3d(0, 0, 0);
-  options.ortho = height;
-  options.width = options.height = size;
-  return make_camera(options, SceneExtent{});
-}
-
 /// Where the ray of a picture's coordinates meets the plane through `point`, world coordinates.
 Vec3d on_plane(const Camera& camera, double x, double y, const Vec3d& point, const Vec3d& normal) {
   const ViewRay ray = view_ray(camera, x, y);
@@ -55,15 +47,6 @@ double sum_of_alpha(const Image& image) {
 }
 
 /// dB, of all channels.
-double psnr(const Image& a, const Image& b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.data.size(); ++i) {
-    const double difference = static_cast<double>(a.data[i]) - b.data[i];
-    sum += difference * difference;
-  }
-  return -10 * std::log10(sum / static_cast<double>(a.data.size()));
-}
-
 void expect_color(const Image& image, int x, int y, const Rgba& expected, double tolerance) {
   const float* p = image.pixel(x, y);
   EXPECT_NEAR(p[0], expected.red, tolerance);

@@ -12,6 +12,7 @@
 #include <surfel/truth/supersample.h>
 
 #include "render/scenes.h"
+#include "truth/pictures.h"
 
 namespace surfel::test {
 namespace {
@@ -41,29 +42,6 @@ SurfelCloud single(const Vec3f& position, const Vec3f& normal, float deviation_u
   cloud.variance_u.push_back(deviation_u * deviation_u);
   cloud.variance_v.push_back(deviation_v * deviation_v);
   return cloud;
-}
-
-Camera orthographic_camera(double height, int size) {
-  CameraOptions options;
-  options.eye = Vec3d(0, 0, 5);
-  options.target = Vec3d(0, 0, 0);
-  options.ortho = height;
-  options.width = options.height = size;
-  return make_camera(options, SceneExtent{});
-}
-
-/// dB, of all four channels.
-double psnr(const Image& a, const Image& b) {
-  double sum = 0;
-  const auto pixels = static_cast<std::size_t>(a.width) * static_cast<std::size_t>(a.height);
-  for (std::size_t i = 0; i < pixels; ++i) {
-    for (std::size_t c = 0; c < 4; ++c) {
-      const double difference = static_cast<double>(a.data[i * a.channels.size() + c]) -
-                                b.data[i * b.channels.size() + c];
-      sum += difference * difference;
-    }
-  }
-  return -10 * std::log10(sum / (4 * static_cast<double>(pixels)));
 }
 
 /// Equation (8) as it is printed, with the inverse of a Jacobian from finite differences.

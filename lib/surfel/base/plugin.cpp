@@ -29,6 +29,9 @@ std::string plugin_path(const std::string& file) {
 }  // namespace
 
 void* open_plugin(const std::string& path) {
+  if (access(path.c_str(), F_OK) != 0) {
+    throw_io(path, "is missing; build or install Surfelkit with this plug-in (SURFEL_PLUGINS)");
+  }
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (!handle) throw_io(path, std::string("cannot be loaded: ") + dlerror());
   const auto abi = reinterpret_cast<int (*)()>(dlsym(handle, kPluginAbiSymbol));

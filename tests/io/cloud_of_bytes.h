@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/io/cloud_io.h>
+
+#include "support/memory_file.h"
+
+namespace surfel::test {
+
+/// The cloud in a file of these bytes.
+inline SurfelCloud cloud_of(const std::string& bytes) {
+  return read_cloud(MemoryFile(bytes).path());
+}
+
+/// The message of the error that reading gives, without the file's name in front.
+inline std::string error_of(const std::string& bytes) {
+  const MemoryFile file(bytes);
+  try {
+    read_cloud(file.path());
+  } catch (const Error& e) {
+    const std::string message = e.what();
+    EXPECT_TRUE(message.starts_with(file.path() + ": ")) << message;
+    return message.substr(file.path().size() + 2);
+  }
+  return "no error";
+}
+
+}  // namespace surfel::test
