@@ -1,7 +1,6 @@
 // surfel-chart: speed against accuracy of the tools' settings, on the user's own data.
 
 #include <filesystem>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -109,13 +108,6 @@ void check(const Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-std::vector<std::string> names(const std::string& list) {
-  std::vector<std::string> all;
-  std::istringstream in(list);
-  for (std::string name; std::getline(in, name, ',');) all.push_back(name);
-  return all;
-}
-
 /// The folder where a run works: beside the report, to be found again, or a temporary one.
 class WorkFolder {
  public:
@@ -214,7 +206,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(s);
     if (s.chart.quick) make_quick(tool.app(), s.chart);
-    s.chart.sweeps = names(s.sweeps);
+    if (!s.sweeps.empty()) s.chart.sweeps = CLI::detail::split(s.sweeps, ',');
     s.chart.tools = fs::read_symlink("/proc/self/exe").parent_path().string();
     s.chart.progress = [&](const std::string& what, double share) { tool.progress(what, share); };
     if (s.recommend) {

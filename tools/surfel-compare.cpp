@@ -33,7 +33,6 @@ struct Settings {
   std::string truth;
   std::string output;
   double scale = 10;
-  Eigen::Vector4d background{0, 0, 0, 0};
   surfel::ImageErrorOptions options;
   Limits limits;
   bool json = false;
@@ -50,7 +49,7 @@ void declare(CLI::App& app, Settings& s) {
   tool::add_choice(app, "--encoding", s.options.encoding,
                    {{"srgb", ImageEncoding::kSrgb}, {"linear", ImageEncoding::kLinear}},
                    "Compare what a viewer sees, clamped and encoded, or linear light as it is");
-  tool::add_vector(app, "--background", s.background,
+  tool::add_vector(app, "--background", s.options.background,
                    "What both pictures are laid over: linear R,G,B and straight alpha");
   app.add_flag("--inside", s.options.inside_only,
                "Compare colours only where both alphas are at least 0.99");
@@ -70,8 +69,7 @@ void declare(CLI::App& app, Settings& s) {
       ->group(group);
 }
 
-void check(Settings& s) {
-  for (int i = 0; i < 4; ++i) s.options.background[i] = static_cast<float>(s.background[i]);
+void check(const Settings& s) {
   std::vector<std::string> problems = s.options.problems();
   const auto require_share = [&](const char* name, const std::optional<double>& share) {
     if (share && !(*share >= 0 && *share <= 1)) {
@@ -168,11 +166,8 @@ int main(int argc, char** argv) {
     const Image truth = surfel::read_premultiplied_image(s.truth);
     const ImageError error = surfel::image_error(tested, truth, s.options);
     if (!s.output.empty()) {
-      const Image difference = surfel::difference_image(tested, truth, s.options, s.scale);
-      surfel::ImageWriteOptions write;
-      write.no_clobber = tool.common().no_clobber;
-      surfel::write_image(difference, s.output, write);
-      tool.note(fmt::format("{}: {}x{} pixels", s.output, difference.width, difference.height));
+      surfel::tool::write_picture(tool, surfel::difference_image(tested, truth, s.options, s.scale),
+                                  s.output);
     }
     const std::vector<Measure> found = measures(error, s.options.threshold);
     Json json;

@@ -87,13 +87,6 @@ surfel::Similarity similarity(const Settings& s) {
   return out;
 }
 
-std::string extension_of(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
-
 void check(Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
@@ -101,7 +94,8 @@ void check(Settings& s) {
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only");
   }
-  const std::string extension = extension_of(s.output);
+  const std::string extension =
+      CLI::detail::to_lower(std::filesystem::path(s.output).extension().string());
   if (!extension.empty() && extension != ".ply" && extension != ".pcd") {
     problems.push_back(
         fmt::format("{}: format not supported; surfels are written as PLY and PCD", s.output));
@@ -135,7 +129,7 @@ void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::JoinR
 /// Tells of a loss of precision that somebody may see, where files lie far from one another.
 void tell_rounding(const surfel::tool::Tool& tool, const Settings& s, double rounding,
                    double extent) {
-  constexpr double kVisible = 1e-5;
+  constexpr double kVisible = 1e-5;  ///< A hundredth of a pixel of 1000.
   if (rounding <= kVisible * extent) return;
   tool.note(
       fmt::format("{}: the files lie so far apart that positions were rounded, by {:.2g} at most; "

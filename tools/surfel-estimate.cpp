@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
-#include <surfel/base/timing.h>
 #include <surfel/estimate/estimate.h>
 
 #include "tools/support/options.h"
@@ -154,10 +153,8 @@ int main(int argc, char** argv) {
   tool.name_fields({{"neighbors", "--outlier-k"}, {"deviations", "--outlier-deviations"}});
   return tool.run(argc, argv, [&] {
     check(settings);
-    const surfel::Timer timer;
     const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     finish(settings, cloud);
-    tool.report()["load_ms"] = timer.milliseconds();
 
     surfel::EstimateReport estimate;
     surfel::SurfelCloud surfels =

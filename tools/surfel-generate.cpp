@@ -11,7 +11,6 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
-#include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/hard_cases.h>
@@ -105,13 +104,6 @@ void refuse(tool::Tool& tool, const std::string& kind, const std::vector<std::st
 const std::vector<std::string> kSurfaceOptions{
     "--count", "--jitter", "--variance-scale", "--no-uv", "--mesh", "--texture", "--resolution"};
 
-void write_picture(const tool::Tool& tool, const Image& image, const std::string& path) {
-  ImageWriteOptions options;
-  options.no_clobber = tool.common().no_clobber;
-  write_image(image, path, options);
-  tool.note(fmt::format("{}: {}x{} pixels", path, image.width, image.height));
-}
-
 const std::string& picture_path(const Request& r) {
   const std::string& path = r.image.empty() ? r.output : r.image;
   if (path.empty()) throw_usage("nothing to write; name the picture with --image");
@@ -126,8 +118,8 @@ void generate_sky(tool::Tool& tool, const Request& r) {
   if (extension != ".exr" && extension != ".hdr") {
     throw_usage(path + ": only EXR and HDR hold a sky's range; name the picture .exr or .hdr");
   }
-  write_picture(tool, r.size_given ? procedural_sky(r.width, r.height) : procedural_sky(1024, 512),
-                path);
+  tool::write_picture(
+      tool, r.size_given ? procedural_sky(r.width, r.height) : procedural_sky(1024, 512), path);
 }
 
 void generate_picture(tool::Tool& tool, const Request& r) {
@@ -135,8 +127,8 @@ void generate_picture(tool::Tool& tool, const Request& r) {
   ProceduralTextureOptions options;
   options.frequency = r.frequency;
   options.seed = r.surfels.seed;
-  write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height),
-                picture_path(r));
+  tool::write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height),
+                      picture_path(r));
 }
 
 /// Surfels are written in space-filling order: readers then need not sort them, and files of any
@@ -178,7 +170,7 @@ void generate_surface(tool::Tool& tool, const Request& r) {
     tool.note(fmt::format("{}: {} faces", r.mesh, mesh.face.size()));
   }
   if (!r.image.empty()) {
-    write_picture(tool, generate_texture(scene, r.width, r.height), r.image);
+    tool::write_picture(tool, generate_texture(scene, r.width, r.height), r.image);
   }
 }
 
@@ -211,7 +203,7 @@ void generate_hard_case(tool::Tool& tool, const Request& r) {
     }
     write_mesh(mesh, r.mesh, {.no_clobber = no_clobber});
   }
-  if (!r.image.empty()) write_picture(tool, *scene.image, r.image);
+  if (!r.image.empty()) tool::write_picture(tool, *scene.image, r.image);
 }
 
 }  // namespace

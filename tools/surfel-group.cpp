@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
-#include <surfel/base/timing.h>
 #include <surfel/sp06/coverage.h>
 #include <surfel/sp06/grouping.h>
 
@@ -246,9 +245,7 @@ int main(int argc, char** argv) {
   tool.name_fields({{"target", "--cover-target"}, {"fixed_point_iterations", "--fixed-point"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
-    const surfel::Timer timer;
     surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
-    tool.report()["load_ms"] = timer.milliseconds();
     if (settings.print_table) print_table(cloud, settings, tool.report());
     if (settings.output.empty()) return;
 

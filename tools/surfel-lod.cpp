@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <surfel/base/timing.h>
 #include <surfel/lod/hierarchy.h>
 
 #include "tools/support/options.h"
@@ -52,12 +51,10 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.hierarchy.problems());
     const std::string name = surfel::tool::shown_name(s.input);
-    const surfel::Timer timer;
     surfel::HierarchyReport levels;
     surfel::SurfelCloud result;
     {
       const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-      tool.report()["load_ms"] = timer.milliseconds();
       result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
     }
     surfel::tool::tell_left_out(tool, name, levels.dropped);

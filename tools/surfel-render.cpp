@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -66,7 +67,6 @@ struct Settings {
   std::optional<std::uint64_t> memory;
   std::string mesh;
   surfel::TextureSourceOptions texture;
-  Eigen::Vector4d background{0, 0, 0, 0};
 };
 
 void declare_camera(CLI::App& app, Settings& s) {
@@ -191,7 +191,8 @@ void declare_shading(CLI::App& app, Settings& s) {
               {"multi", Refractions::kMulti}},
              "Of --scene: rays are refracted by the nearest surface alone, or once by each; scene "
              "= as the file says");
-  add_vector(app, "--background", s.background, "Linear R,G,B and straight alpha, each 0..1");
+  add_vector(app, "--background", s.render.background,
+             "Linear R,G,B and straight alpha, each 0..1");
 }
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -259,7 +260,6 @@ void finish(Settings& s) {
   s.render.lit = s.shading == Shading::kPhong;
   s.texture.charts = false;
   s.render.cull_back = s.cull == Cull::kBack;
-  for (int i = 0; i < 4; ++i) s.render.background[i] = static_cast<float>(s.background[i]);
   s.render.aovs = std::filesystem::path(s.output).extension() == ".exr" && !blends_layers(s);
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
@@ -270,35 +270,26 @@ void require_effect(const CLI::App& app, const Settings& s) {
   const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
     surfel::tool::require_valid(surfel::tool::without_effect(app, options, "with " + renderer));
   };
-  if (s.reference) {
-    refuse("--reference", {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--method",
-                           "--voronoi", "--peel", "--explain"});
-  }
-  if (s.filter == Filter::kEwaSource) {
-    refuse("--filter ewa-source", {"--kernel", "--kernel-tolerance", "--layers", "--method",
-                                   "--voronoi", "--peel", "--explain"});
-  }
-  switch (s.method) {
-    case surfel::Method::kABuffer:
-      refuse("--method abuffer", {"--voronoi", "--peel"});
-      break;
-    case surfel::Method::kDeferred:
-      refuse("--method deferred", {"--peel"});
-      break;
-    case surfel::Method::kTransparent:
-      refuse("--method transparent", {"--peel", "--layers", "--lowpass", "--coverage-threshold"});
-      break;
-    case surfel::Method::kTransparentHigh:
-      refuse("--method transparent-high", {"--peel", "--layers"});
-      break;
-    case surfel::Method::kDepthPeel:
-      refuse("--method depth-peel", {"--voronoi", "--layers"});
-      break;
-  }
+  const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
+    for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
+                               "--voronoi", "--peel", "--explain"}) {
+      options.emplace_back(option);
+    }
+    refuse(renderer, options);
+  };
+  if (s.reference) refuse_fast("--reference", {"--filter"});
+  if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {});
+  static const std::map<surfel::Method, std::pair<const char*, std::vector<std::string>>> kMethods{
+      {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--peel"}}},
+      {surfel::Method::kDeferred, {"deferred", {"--peel"}}},
+      {surfel::Method::kTransparent,
+       {"transparent", {"--peel", "--layers", "--lowpass", "--coverage-threshold"}}},
+      {surfel::Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
+      {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers"}}}};
+  const auto& [method, unheeded] = kMethods.at(s.method);
+  refuse(std::string("--method ") + method, unheeded);
   if (!s.mesh.empty()) {
-    refuse("--mesh",
-           {"--kernel", "--kernel-tolerance", "--layers", "--filter", "--cutoff", "--depth-epsilon",
-            "--coverage-threshold", "--method", "--voronoi", "--peel", "--explain"});
+    refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
   } else if (s.input.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
@@ -447,19 +438,19 @@ std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent
 }
 
 nlohmann::json to_json(const surfel::FrameStatistics& frame) {
-  nlohmann::json stages = nlohmann::json::object();
-  for (const auto& [name, ms] : frame.stages.stages()) stages[name] = ms;
-  return {{"ms", frame.milliseconds},
-          {"stages", stages},
-          {"clusters", frame.clusters},
-          {"splats", frame.splats},
-          {"exact_splats", frame.exact_splats},
-          {"merged_fragments", frame.merged},
-          {"late_weight_share", frame.late_weight_share},
-          {"groups", frame.groups},
-          {"culled_fragments", frame.culled},
-          {"peeled_layers", frame.peeled_layers},
-          {"unpeeled_pixels", frame.unpeeled_pixels}};
+  nlohmann::json json = {{"ms", frame.milliseconds},
+                         {"stages", nlohmann::json::object()},
+                         {"clusters", frame.clusters},
+                         {"splats", frame.splats},
+                         {"exact_splats", frame.exact_splats},
+                         {"merged_fragments", frame.merged},
+                         {"late_weight_share", frame.late_weight_share},
+                         {"groups", frame.groups},
+                         {"culled_fragments", frame.culled},
+                         {"peeled_layers", frame.peeled_layers},
+                         {"unpeeled_pixels", frame.unpeeled_pixels}};
+  surfel::tool::add_stages(json, frame.stages);
+  return json;
 }
 
 /// Reads and prepares surfels, and tells how many of them cannot be used.

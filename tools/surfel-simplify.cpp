@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
-#include <surfel/base/timing.h>
 #include <surfel/simplify/simplify.h>
 
 #include "tools/support/options.h"
@@ -111,13 +110,11 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.simplify.problems());
     const std::string name = surfel::tool::shown_name(s.input);
-    const surfel::Timer timer;
     s.simplify.progress = [&tool](double share) { tool.progress("simplifying", share); };
     surfel::SimplifyReport done;
     surfel::SurfelCloud result;
     {
       const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-      tool.report()["load_ms"] = timer.milliseconds();
       result = surfel::simplify_surfels(cloud, s.simplify, &done, name);
     }
     report(tool.report(), done);

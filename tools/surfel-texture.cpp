@@ -261,7 +261,7 @@ int main(int argc, char** argv) {
     if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
     check(tool.app(), settings);
     settings.fit.coverage = surfel::coverage_threshold(settings.fit.cutoff);
-    surfel::Timer timer;
+    const surfel::Timer timer;
     surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);

@@ -2,33 +2,20 @@
 // library and of the tests, and the targets of links.
 
 #include <filesystem>
-#include <fstream>
 #include <regex>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "support/project_text.h"
+
+namespace surfel::test {
 namespace {
 
 namespace fs = std::filesystem;
 
 const fs::path kRoot = SURFEL_SOURCE_DIR;
-
-std::string text_of(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-/// First groups of all matches, in the order of the text.
-std::vector<std::string> matches(const std::string& text, const std::regex& pattern) {
-  std::vector<std::string> found;
-  for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern);
-       it != std::sregex_iterator(); ++it) {
-    found.push_back((*it)[1]);
-  }
-  return found;
-}
 
 std::vector<fs::path> pages() {
   std::vector<fs::path> found{kRoot / "README.md", kRoot / "CHANGELOG.md", kRoot / "lib/README.md",
@@ -74,13 +61,13 @@ TEST(Documents, EveryLinkResolves) {
 }
 
 TEST(Documents, TableOfLayersHasTheFoldersInTheirOrder) {
-  const std::vector<std::string> folders = matches(
-      text_of(kRoot / "lib/CMakeLists.txt"), std::regex(R"(add_subdirectory\(surfel/(\w+)\))"));
   const std::string page = text_of(kRoot / "lib/README.md");
   const std::size_t begin = page.find("## Layers");
   ASSERT_NE(begin, std::string::npos);
   const std::size_t end = page.find("\n## ", begin + 1);
-  EXPECT_EQ(matches(page.substr(begin, end - begin), std::regex(R"(\n\| `(\w+)` \|)")), folders);
+  EXPECT_EQ(matches(page.substr(begin, end - begin), std::regex(R"(\n\| `(\w+)` \|)")),
+            library_folders());
 }
 
 }  // namespace
+}  // namespace surfel::test

@@ -3,41 +3,23 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <regex>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "support/project_text.h"
+
+namespace surfel::test {
 namespace {
 
 namespace fs = std::filesystem;
 
 const fs::path kLibrary = fs::path(SURFEL_SOURCE_DIR) / "lib";
 
-std::string text_of(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-/// First groups of all matches, in the order of the text.
-std::vector<std::string> matches(const std::string& text, const std::regex& pattern) {
-  std::vector<std::string> found;
-  for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern);
-       it != std::sregex_iterator(); ++it) {
-    found.push_back((*it)[1]);
-  }
-  return found;
-}
-
-std::vector<std::string> layers() {
-  return matches(text_of(kLibrary / "CMakeLists.txt"),
-                 std::regex(R"(add_subdirectory\(surfel/(\w+)\))"));
-}
-
 TEST(Layers, EveryFolderIsOne) {
-  const std::vector<std::string> known = layers();
+  const std::vector<std::string> known = library_folders();
   ASSERT_GT(known.size(), 10u);
   for (const fs::directory_entry& entry : fs::directory_iterator(kLibrary / "surfel")) {
     EXPECT_EQ(std::count(known.begin(), known.end(), entry.path().filename().string()), 1)
@@ -46,7 +28,7 @@ TEST(Layers, EveryFolderIsOne) {
 }
 
 TEST(Layers, FoldersIncludeOnlyWhatStandsBelowThem) {
-  const std::vector<std::string> order = layers();
+  const std::vector<std::string> order = library_folders();
   const std::regex include(R"(#\s*include\s*[<"]surfel/(\w+)/)");
   std::size_t includes = 0;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kLibrary / "surfel")) {
@@ -64,3 +46,4 @@ TEST(Layers, FoldersIncludeOnlyWhatStandsBelowThem) {
 }
 
 }  // namespace
+}  // namespace surfel::test

@@ -201,5 +201,13 @@ TEST(CloudProperties, NameEveryColumnInItsType) {
             "green:ushort blue:ushort time:int ");
 }
 
+TEST(CloudProperties, OfFarAwayCloudsAreFloatWhereFloatIsExact) {
+  SurfelCloud cloud = grid(2, 1, 1);
+  cloud.origin = Vec3d(4096, 0, 0);
+  EXPECT_EQ(cloud_properties(cloud).front().type, "float");
+  cloud.origin = Vec3d(1e9 + 0.1, 0, 0);
+  EXPECT_EQ(cloud_properties(cloud).front().type, "double");
+}
+
 }  // namespace
 }  // namespace surfel

@@ -107,7 +107,7 @@ std::uint64_t parse_bytes(const std::string& option, const std::string& text) {
   const double bytes =
       number.value_or(-1) *
       (unit == std::string::npos ? 1 : std::exp2(10 * static_cast<double>(unit + 1)));
-  constexpr double kMost = 0x1p60;
+  constexpr double kMost = 0x1p60;  ///< More than any machine has, and exact.
   if (!(bytes >= 1 && bytes <= kMost)) {
     throw_conversion(option, text, "a number of bytes such as 512M or 2G");
   }
@@ -125,6 +125,17 @@ CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string
       },
       description);
   return option->type_name(type)->default_str(value)->expected(1);
+}
+
+CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
+                         const std::string& value, const std::string& description,
+                         const std::function<void(const std::vector<double>&)>& assign) {
+  std::string type = "N";
+  for (int i = 1; i < count; ++i) type += ",N";
+  return add_text(app, names, type, value, description,
+                  [assign, count, name = long_name(names)](const std::string& text) {
+                    assign(parse_numbers(name, text, count));
+                  });
 }
 
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,

@@ -1,7 +1,8 @@
 #pragma once
 
-#include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -25,7 +26,7 @@ std::pair<int, int> parse_size(const std::string& option, const std::string& tex
 /// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
 std::uint64_t parse_bytes(const std::string& option, const std::string& text);
 
-/// Options that set fields of the library's options structs under a name of their own.
+/// Names of options by the fields that they set, where an option's name is not its field's.
 using FieldNames = std::map<std::string, std::string>;
 
 /// A message of the library for the user of a tool. The library puts names of fields into
@@ -49,32 +50,31 @@ CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string
 /// The long name of "-o,--output": "--output".
 std::string long_name(const std::string& names);
 
-/// Option for a vector of fixed size, given as numbers parted by commas.
-template <class Scalar, int N>
-CLI::Option* add_vector(CLI::App& app, const std::string& names, Eigen::Matrix<Scalar, N, 1>& value,
+/// Declares an option whose value is `count` numbers parted by commas, handed to `assign`; `value`
+/// is the default, for the help.
+CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
+                         const std::string& value, const std::string& description,
+                         const std::function<void(const std::vector<double>&)>& assign);
+
+/// Option for a vector of fixed size, Eigen's or std::array.
+template <class Vector>
+CLI::Option* add_vector(CLI::App& app, const std::string& names, Vector& value,
                         const std::string& description) {
-  std::string type = "N";
-  for (int i = 1; i < N; ++i) type += ",N";
-  return add_text(app, names, type, fmt::format("{}", fmt::join(value.begin(), value.end(), ",")),
-                  description, [&value, name = long_name(names)](const std::string& text) {
-                    const std::vector<double> numbers = parse_numbers(name, text, N);
-                    for (int i = 0; i < N; ++i) value[i] = static_cast<Scalar>(numbers[i]);
-                  });
+  return add_numbers(app, names, static_cast<int>(value.size()),
+                     fmt::format("{}", fmt::join(value.begin(), value.end(), ",")), description,
+                     [&value](const std::vector<double>& numbers) {
+                       std::copy(numbers.begin(), numbers.end(), value.begin());
+                     });
 }
 
-/// The same where leaving it out has a meaning of its own.
-template <class Scalar, int N>
-CLI::Option* add_vector(CLI::App& app, const std::string& names,
-                        std::optional<Eigen::Matrix<Scalar, N, 1>>& value,
+/// Option for a vector without which something else happens.
+template <class Vector>
+CLI::Option* add_vector(CLI::App& app, const std::string& names, std::optional<Vector>& value,
                         const std::string& description) {
-  std::string type = "N";
-  for (int i = 1; i < N; ++i) type += ",N";
-  return add_text(app, names, type, "", description,
-                  [&value, name = long_name(names)](const std::string& text) {
-                    const std::vector<double> numbers = parse_numbers(name, text, N);
-                    value.emplace();
-                    for (int i = 0; i < N; ++i) (*value)[i] = static_cast<Scalar>(numbers[i]);
-                  });
+  return add_numbers(app, names, static_cast<int>(Vector().size()), "", description,
+                     [&value](const std::vector<double>& numbers) {
+                       std::copy(numbers.begin(), numbers.end(), value.emplace().begin());
+                     });
 }
 
 /// Option for a picture's size, "WxH".

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
 
@@ -12,9 +13,9 @@ namespace surfel::tool {
 /// The path of an input as messages name it: "-" is the standard input.
 std::string shown_name(const std::string& path);
 
-/// Reads surfels for a tool that works on the finest level alone. Tells where a file has levels of
-/// detail, as they will be missing in the result.
-SurfelCloud read_finest(const Tool& tool, const std::string& path);
+/// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
+/// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.
+SurfelCloud read_finest(Tool& tool, const std::string& path);
 
 /// Tells how many surfels of an input are left out and why, if there are some.
 void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);
@@ -22,5 +23,8 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
 /// Writes the surfels that a tool made, with its line of provenance; `ascii` makes PLY a text.
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
                   bool ascii = false);
+
+/// Writes a picture that a tool made, and tells its size.
+void write_picture(const Tool& tool, const Image& image, const std::string& path);
 
 }  // namespace surfel::tool

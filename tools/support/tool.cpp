@@ -244,8 +244,8 @@ void Tool::detail(const std::string& message) const {
 void Tool::progress(const std::string& what, double fraction) const {
   static const bool shown = interactive();
   if (!shown || impl_->common.quiet) return;
-  constexpr double kRedrawMilliseconds = 100;
-  constexpr std::size_t kCells = 30;
+  constexpr double kRedrawMilliseconds = 100;  ///< Often enough to look alive.
+  constexpr std::size_t kCells = 30;           ///< Columns of the bar.
   const std::lock_guard lock(impl_->bar_mutex);
   if (fraction >= 1) return impl_->clear_bar();
   if (impl_->bar_width > 0 && impl_->bar_age.milliseconds() < kRedrawMilliseconds) return;
@@ -314,13 +314,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
 }
 
 void print(const std::string& text) {
-  for (std::size_t done = 0; done < text.size();) {
-    const ssize_t written = write(STDOUT_FILENO, text.data() + done, text.size() - done);
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0)
-      throw_io("standard output", std::string("cannot be written: ") + std::strerror(errno));
-    done += static_cast<std::size_t>(written);
-  }
+  write_all(STDOUT_FILENO, text.data(), text.size(), "standard output");
 }
 
 void require_valid(const std::vector<std::string>& problems) {

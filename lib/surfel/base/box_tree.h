@@ -90,7 +90,7 @@ class BoxTree {
   }
 
   /// Does what search() does, but starts with the items of the leaf that holds `item`, without
-  /// asking enter(), and goes on with the siblings of that leaf, those of its parent, and so on.
+  /// asking enter(), and goes on with the leaf's siblings, its parent's siblings, and so on.
   template <class DistanceOf, class Enter, class Visit>
   void search_around(std::size_t item, const DistanceOf& distance_of, const Enter& enter,
                      const Visit& visit) const {
@@ -106,7 +106,7 @@ class BoxTree {
  private:
   /// Nodes of a level that one thread makes at a time: a few microseconds' work.
   static constexpr std::size_t kGrain = 1 << 12;
-  /// Of a tree over as many items as std::size_t can count.
+  /// Levels of a tree over as many items as std::size_t can count.
   static constexpr std::size_t kMostLevels = 64 / (std::bit_width(kChildren) - 1);
 
   std::size_t levels() const { return level_begin_.size() - 1; }
@@ -168,7 +168,7 @@ class BoxTree {
 
   std::size_t items_ = 0;
   Array<Node> nodes_;
-  std::vector<std::size_t> level_begin_{0};  ///< Of every level, leaves first, and the end.
+  std::vector<std::size_t> level_begin_{0};  ///< First node of every level, leaves first; the end.
 };
 
 }  // namespace surfel

@@ -46,7 +46,7 @@ class Srgb8Encoder {
   }
 
  private:
-  static constexpr int kShift = 16;
+  static constexpr int kShift = 16;  ///< Leaves sign, exponent and 7 bits of the mantissa.
   /// From 2^-13, which is below the first threshold, to 1.
   static constexpr std::uint32_t kFirst = std::bit_cast<std::uint32_t>(0x1p-13F) >> kShift;
   static constexpr std::uint32_t kSteps = (std::bit_cast<std::uint32_t>(1.0F) >> kShift) - kFirst;

@@ -47,7 +47,7 @@ class Compressor {
  private:
 #if HWY_TARGET == HWY_AVX2
   using Lanes = hn::Vec<hn::RebindToUnsigned<D>>;  ///< Numbers of the mask's lanes, lowest first.
-  static constexpr std::uint32_t kLaneBits = 4;
+  static constexpr std::uint32_t kLaneBits = 4;    ///< Room for the number of a lane.
 
   /// For every mask of eight lanes the numbers of the lanes that it holds, kLaneBits each, lowest
   /// first.

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <charconv>
-#include <fstream>
 #include <limits>
 #include <optional>
 #include <sstream>
@@ -9,21 +8,15 @@
 #include <fmt/format.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/memory_limits.h>
+#include <surfel/base/whole_file.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::uint64_t kUnlimited = std::numeric_limits<std::uint64_t>::max();
 
-/// A small file that the kernel makes; empty if there is none.
-std::string text_of(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path, std::ios::binary).rdbuf();
-  return text.str();
-}
-
 /// The number after a line's key, such as "MemAvailable:  123 kB"; the first number of the text for
-/// an empty key. None if there is no such line, or a word such as "max" stands there.
+/// an empty key. None if no line has the key, or a word like "max" stands there.
 std::optional<std::uint64_t> number_after(std::string_view text, std::string_view key) {
   std::size_t at = 0;
   while (!text.substr(at).starts_with(key)) {
@@ -39,7 +32,7 @@ std::optional<std::uint64_t> number_after(std::string_view text, std::string_vie
 }
 
 std::optional<std::uint64_t> kernel_bytes(const std::string& file, std::string_view key) {
-  const auto kib = number_after(text_of(file), key);
+  const auto kib = number_after(whole_file(file), key);
   return kib ? std::optional(*kib * 1024) : std::nullopt;
 }
 
@@ -57,16 +50,17 @@ constexpr GroupFiles kVersion1{"memory.limit_in_bytes", "memory.usage_in_bytes",
                                "total_inactive_file "};
 constexpr GroupFiles kVersion2{"memory.max", "memory.current", "inactive_file "};
 
-/// What a group and those above it leave. A group that a container cannot see has no folder.
+/// Bytes that a group and all groups above it leave. A group that a container cannot see has no
+/// folder.
 std::uint64_t left_by_groups(const std::string& mount, std::string group, const GroupFiles& files) {
   std::uint64_t least = kUnlimited;
   for (;;) {
     const std::string folder = mount + group + "/";
-    const auto limit = number_after(text_of(folder + files.limit), "");
-    const auto used = number_after(text_of(folder + files.used), "");
+    const auto limit = number_after(whole_file(folder + files.limit), "");
+    const auto used = number_after(whole_file(folder + files.used), "");
     if (limit && used) {
       const std::uint64_t free_pages =
-          number_after(text_of(folder + "memory.stat"), files.unused_file_pages).value_or(0);
+          number_after(whole_file(folder + "memory.stat"), files.unused_file_pages).value_or(0);
       least = std::min(least, left_of(*limit, left_of(*used, free_pages)));
     }
     if (group.empty()) return least;
@@ -78,7 +72,7 @@ std::uint64_t left_by_groups(const std::string& mount, std::string group, const 
 std::uint64_t left_by_all_groups(const std::string& root) {
   const std::string mount = root + "/sys/fs/cgroup";
   std::uint64_t least = kUnlimited;
-  std::istringstream lines(text_of(root + "/proc/self/cgroup"));
+  std::istringstream lines(whole_file(root + "/proc/self/cgroup"));
   for (std::string line; std::getline(lines, line);) {
     const std::size_t first = line.find(':');
     const std::size_t second = line.find(':', first + 1);
@@ -101,7 +95,7 @@ std::uint64_t available_memory_below(const std::string& root) {
   std::uint64_t least =
       std::min(kernel_bytes(root + "/proc/meminfo", "MemAvailable:").value_or(kUnlimited),
                left_by_all_groups(root));
-  if (const auto space = number_after(text_of(process + "limits"), "Max address space ")) {
+  if (const auto space = number_after(whole_file(process + "limits"), "Max address space ")) {
     least =
         std::min(least, left_of(*space, kernel_bytes(process + "status", "VmSize:").value_or(0)));
   }

@@ -5,6 +5,7 @@
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 
 namespace surfel {
@@ -17,11 +18,9 @@ constexpr float kInf = std::numeric_limits<float>::infinity();
 template <class At>
 Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& grid) {
   Array<std::uint64_t> keys(n);
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f p = at(i);
-      keys[i] = p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max();
-    }
+  parallel_each(n, kGrain, [&](std::size_t i) {
+    const Vec3f p = at(i);
+    keys[i] = p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max();
   });
   Array<std::uint32_t> order = sort_keys(keys);
 

@@ -30,7 +30,8 @@ bool pair_in_order(const MortonGrid& grid, const PointColumns& points, std::size
   return !(key(i + 1) < key(i));
 }
 
-/// Along one axis, the cells of points and by which bits those of the next points differ.
+/// Along one axis: the bits in which the cells of points and of the points after them differ, and
+/// how much higher the points after them are.
 struct Step {
   hn::Vec<I> differing, rise;
 
@@ -47,7 +48,7 @@ struct Step {
   }
 };
 
-/// That of the two whose highest differing bit is the higher one, the first if they have the same:
+/// The step whose highest differing bit is the higher one, `a` if both have one bit highest:
 /// a < b and a < (a ^ b) where b has the higher highest bit.
 HWY_INLINE Step leading(const Step& a, const Step& b) {
   const auto second = hn::And(hn::Lt(a.differing, b.differing),
@@ -77,7 +78,7 @@ bool in_order_simd(const MortonGrid& grid, const PointColumns& points, std::size
     // before x's.
     const Step first = leading(leading(step(points.z, 2), step(points.y, 1)), step(points.x, 0));
     if (!hn::AllFalse(I(), hn::Lt(first.rise, zero))) return false;
-    // Those in one cell stand by their positions.
+    // Points in one cell are ordered by their positions.
     if (!hn::AllFalse(I(), hn::Eq(first.differing, zero)) && !one_by_one(begin, begin + kPairs)) {
       return false;
     }

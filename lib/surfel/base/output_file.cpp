@@ -55,15 +55,15 @@ struct Descriptor {
 
 std::string cause() { return std::strerror(errno); }
 
-void write_all(int descriptor, const char* data, std::size_t bytes, const std::string& name) {
-  while (bytes > 0) {
-    const ssize_t written = ::write(descriptor, data, bytes);
-    if (written < 0) {
-      if (errno == EINTR) continue;
-      throw_io(name, "cannot be written: " + cause());
-    }
-    data += written;
-    bytes -= static_cast<std::size_t>(written);
+/// Calls write(done), which writes what follows the first `done` bytes and returns how many it
+/// took, until all are written.
+template <class Write>
+void write_on(std::size_t bytes, const std::string& name, const Write& write) {
+  for (std::size_t done = 0; done < bytes;) {
+    const ssize_t written = write(done);
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) throw_io(name, "cannot be written: " + cause());
+    done += static_cast<std::size_t>(written);
   }
 }
 
@@ -100,7 +100,7 @@ constexpr std::string_view kRandomPart = "XXXXXX";
 /// Name of a hidden temporary beside `path` with its extension, kRandomPart in the middle. Long
 /// names are cut: the random part must not make them too long.
 std::string temporary_pattern(const std::string& path) {
-  constexpr std::size_t kLongestStem = 64;
+  constexpr std::size_t kLongestStem = 64;  ///< File systems allow 255 bytes a name.
   constexpr std::size_t kLongestExtension = 32;
   const auto [folder, name] = split(path);
   const std::size_t dot = name.rfind('.');
@@ -173,7 +173,7 @@ OutputFile::~OutputFile() {
 }
 
 void OutputFile::write(const void* data, std::size_t bytes) {
-  write_all(descriptor_, static_cast<const char*>(data), bytes, display_name(target_));
+  write_all(descriptor_, data, bytes, display_name(target_));
 }
 
 std::uint64_t OutputFile::reserve(std::uint64_t bytes) {
@@ -184,16 +184,9 @@ std::uint64_t OutputFile::reserve(std::uint64_t bytes) {
 
 void OutputFile::write_at(std::uint64_t offset, const void* data, std::size_t bytes) const {
   const char* from = static_cast<const char*>(data);
-  while (bytes > 0) {
-    const ssize_t written = pwrite(descriptor_, from, bytes, static_cast<off_t>(offset));
-    if (written < 0) {
-      if (errno == EINTR) continue;
-      throw_io(display_name(target_), "cannot be written: " + cause());
-    }
-    from += written;
-    offset += static_cast<std::uint64_t>(written);
-    bytes -= static_cast<std::size_t>(written);
-  }
+  write_on(bytes, display_name(target_), [&](std::size_t done) {
+    return pwrite(descriptor_, from + done, bytes - done, static_cast<off_t>(offset + done));
+  });
 }
 
 void OutputFile::commit() {
@@ -231,6 +224,12 @@ void OutputFile::copy_to_target() const {
     write_all(out.value, buffer.data(), static_cast<std::size_t>(got), name);
   }
   if (got < 0) throw_io(name, "temporary file cannot be read: " + cause());
+}
+
+void write_all(int descriptor, const void* data, std::size_t bytes, const std::string& name) {
+  const char* from = static_cast<const char*>(data);
+  write_on(bytes, name,
+           [&](std::size_t done) { return ::write(descriptor, from + done, bytes - done); });
 }
 
 void remove_temporaries() noexcept {

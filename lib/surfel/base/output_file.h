@@ -33,7 +33,7 @@ class SURFEL_API OutputFile {
   void write_at(std::uint64_t offset, const void* data, std::size_t bytes) const;
 
   /// Name of the temporary, for libraries that want to open it themselves. It keeps the target's
-  /// extension, by which such libraries choose the format.
+  /// extension, by which image libraries choose the format.
   const std::string& temporary() const { return temporary_; }
 
   /// Flushes and renames to the target (or copies to standard output).
@@ -50,6 +50,11 @@ class SURFEL_API OutputFile {
   bool copied_ = false;  ///< The target cannot be renamed to: commit() copies.
   bool committed_ = false;
 };
+
+/// Writes bytes to a descriptor, however many calls that takes. Throws Error(kIo) starting with
+/// `name`, what the descriptor stands for.
+SURFEL_API void write_all(int descriptor, const void* data, std::size_t bytes,
+                          const std::string& name);
 
 /// Removes the temporaries of all OutputFiles that are open; for handlers of signals that end the
 /// process (async-signal-safe).

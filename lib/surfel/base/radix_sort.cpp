@@ -8,12 +8,13 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 
 namespace surfel {
 namespace {
 
-constexpr int kDigitBits = 11;
+constexpr int kDigitBits = 11;  ///< A histogram of 2^11 counts stays in the first-level cache.
 constexpr std::size_t kBuckets = std::size_t{1} << kDigitBits;
 using Histogram = std::array<std::uint32_t, kBuckets>;
 /// Up to here inserting one after the other is faster than to count digits.
@@ -82,7 +83,7 @@ void sort_alone(Item* items, Item* other, std::size_t count, Output out) {
   }
 }
 
-/// The same by all threads.
+/// Sorts as sort_alone() does, by all threads.
 void sort_together(Item* items, Item* other, std::size_t n, Output out) {
   const std::size_t grain = std::max<std::size_t>(1 << 14, n / 64 + 1);
   const std::size_t blocks = (n + grain - 1) / grain;
@@ -122,10 +123,8 @@ void sort_together(Item* items, Item* other, std::size_t n, Output out) {
     if (divided(d)) bucket(d, sort_together);
   }
   constexpr std::size_t kBucketGrain = 8;
-  parallel_for(digits.count(), kBucketGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t d = begin; d < end; ++d) {
-      if (!divided(d)) bucket(d, sort_alone);
-    }
+  parallel_each(digits.count(), kBucketGrain, [&](std::size_t d) {
+    if (!divided(d)) bucket(d, sort_alone);
   });
 }
 
@@ -153,8 +152,8 @@ Array<std::uint32_t> sort_keys(Array<std::uint64_t>& keys) {
 
   Array<Item> items(n);
   Array<Item> other(n);
-  parallel_for(n, grain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) items[i] = {keys[i], static_cast<std::uint32_t>(i)};
+  parallel_each(n, grain, [&](std::size_t i) {
+    items[i] = {keys[i], static_cast<std::uint32_t>(i)};
   });
   sort_together(items.data(), other.data(), n, {keys.data(), order.data()});
   return order;

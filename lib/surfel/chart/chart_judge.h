@@ -14,8 +14,8 @@ namespace surfel {
 /// Goal of a recommendation: one of the two is set.
 struct ChartGoal {
   std::optional<double> min_psnr;  ///< Least PSNR, dB.
-  std::optional<double>
-      max_time;  ///< Longest time of a picture without reading and writing, ms, > 0.
+  /// Longest time of a picture without reading and writing, ms, > 0.
+  std::optional<double> max_time;
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;

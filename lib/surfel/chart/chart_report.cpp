@@ -1,12 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <map>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/output_file.h>
+#include <surfel/base/whole_file.h>
 #include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/plot.h>
@@ -70,12 +69,6 @@ nav a { margin-right: 12px; color: #174f82; text-decoration: none; }
 std::string utf8(const std::string& text) {
   return Json::parse(Json(text).dump(-1, ' ', false, Json::error_handler_t::replace))
       .get<std::string>();
-}
-
-std::string read_file(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path, std::ios::binary).rdbuf();
-  return text.str();
 }
 
 /// JSON knows no infinity: the PSNR of equal pictures is null.
@@ -142,7 +135,7 @@ class Pictures {
 
   /// A reference to a picture's file; EXR is made a PNG first.
   std::string file(const std::string& path) {
-    if (path.ends_with(".png")) return use(read_file(path), read_image(path));
+    if (path.ends_with(".png")) return use(whole_file(path), read_image(path));
     const Image image = read_premultiplied_image(path);
     return use(png(image), image);
   }
@@ -157,7 +150,7 @@ class Pictures {
   std::string png(const Image& image) const {
     const std::string path = folder_ + "/page.png";
     write_image(image, path);
-    return read_file(path);
+    return whole_file(path);
   }
 
   /// The first use holds the picture, later ones refer to it.

@@ -40,7 +40,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Words = std::vector<std::string>;
 
-/// Step of the turn that flicker is measured on: of a slow, smooth one, whose frames differ little.
+/// Step of the turn along which flicker is measured: the frames of a slow turn differ little.
 constexpr double kTurnDegrees = 0.25;
 
 TimeSpread spread_of(std::vector<double> times) {
@@ -318,19 +318,16 @@ void ChartRunner::Impl::aim(const SurfelCloud& cloud) {
   camera = {"--eye=" + numbers(view.eye), "--target=" + numbers(target),
             "--up=" + numbers(options.camera.up), "--size",
             fmt::format("{}x{}", view.width, view.height)};
+  const auto add = [&](const char* option, double value) {
+    camera = camera + Words{option, fmt::format("{:.12g}", value)};
+  };
   if (view.orthographic) {
-    camera =
-        camera +
-        Words{"--ortho", fmt::format("{:.12g}", view.height / view.focal_y * options.camera.zoom)};
+    add("--ortho", view.height / view.focal_y * options.camera.zoom);
   } else {
-    camera = camera + Words{"--fov", fmt::format("{:.12g}", options.camera.fov)};
+    add("--fov", options.camera.fov);
   }
-  if (options.camera.zoom != 1) {
-    camera = camera + Words{"--zoom", fmt::format("{:.12g}", options.camera.zoom)};
-  }
-  if (options.camera.near > 0) {
-    camera = camera + Words{"--near", fmt::format("{:.12g}", options.camera.near)};
-  }
+  if (options.camera.zoom != 1) add("--zoom", options.camera.zoom);
+  if (options.camera.near > 0) add("--near", options.camera.near);
   if (options.frames > 0) write_path(view, target);
 }
 

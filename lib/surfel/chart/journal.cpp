@@ -2,11 +2,11 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
+#include <surfel/base/whole_file.h>
 #include <surfel/chart/journal.h>
 
 namespace surfel {
@@ -23,16 +23,10 @@ bool is_pair_of_texts(const Json& entry) {
   return entry.is_array() && entry.size() == 2 && entry[0].is_string() && entry[1].is_string();
 }
 
-std::string read_file(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path, std::ios::binary).rdbuf();
-  return text.str();
-}
-
 }  // namespace
 
 Journal::Journal(std::string path, const std::string& run) : path_(std::move(path)) {
-  const std::string text = read_file(path_);
+  const std::string text = whole_file(path_);
   const std::string header = line_of(run);
   std::string kept = header;
   if (text.starts_with(header)) {

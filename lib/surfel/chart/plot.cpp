@@ -1,12 +1,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
+#include <surfel/base/whole_file.h>
 #include <surfel/chart/plot.h>
 #include <surfel/chart/process.h>
 
@@ -261,9 +260,7 @@ std::string plot_svg(const Plot& plot, const std::string& folder) {
   }
   const ProcessResult result = run_process({"gnuplot", "plot.gp"}, folder);
   if (result.exit_code != 0) throw_io("gnuplot", "failed: " + result.errors);
-  std::ostringstream svg;
-  svg << std::ifstream(folder + "/plot.svg", std::ios::binary).rdbuf();
-  return svg.str();
+  return whole_file(folder + "/plot.svg");
 }
 
 }  // namespace surfel

@@ -56,7 +56,7 @@ class FileActions {
 /// The status that a process ended with. It is polled: the tools' signal handlers let waitpid() go
 /// on, so that a wait that blocks would not see an interrupt.
 int wait_for(pid_t process) {
-  constexpr auto kPoll = std::chrono::milliseconds(2);
+  constexpr auto kPoll = std::chrono::milliseconds(2);  ///< Tools measure their own times.
   int status = 0;
   bool asked_to_end = false;
   while (waitpid(process, &status, WNOHANG) == 0) {

@@ -86,7 +86,7 @@ ToolRun ToolRunner::run(const std::vector<std::string>& words, const std::string
     result.message = words[0] + ": " + error_message(process.errors);
   }
   result.exit_code = process.exit_code;
-  // Other failures may have come from outside, such as an interrupt.
+  // Other failures may have come from outside, like an interrupt.
   if (result.exit_code == 0 || result.wrong_usage()) {
     journal_.add(key, to_json(result).dump(-1, ' ', false, Json::error_handler_t::replace));
   }

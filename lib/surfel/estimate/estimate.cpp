@@ -3,7 +3,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/surface/neighbor_lists.h>
@@ -20,9 +20,7 @@ constexpr std::size_t kGrain = 1 << 14;
 template <class T>
 Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
   Array<T> out(order.size());
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) out[i] = values[order[i]];
-  });
+  parallel_each(order.size(), kGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
   return out;
 }
 
@@ -32,13 +30,10 @@ Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) 
   constexpr std::uint32_t kRemoved = std::numeric_limits<std::uint32_t>::max();
   Array<std::uint32_t> place(count);
   if (order.size() < count) place.assign(count, kRemoved);
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) place[order[i]] = static_cast<std::uint32_t>(i);
-  });
+  parallel_each(order.size(), kGrain,
+                [&](std::size_t i) { place[order[i]] = static_cast<std::uint32_t>(i); });
   if (order.size() == count) {  // None was removed.
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<std::uint32_t>(i);
-    });
+    parallel_each(count, kGrain, [&](std::size_t i) { order[i] = static_cast<std::uint32_t>(i); });
     return place;
   }
   std::size_t kept = 0;
@@ -161,24 +156,22 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
   auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
   static_assert(sizeof(PointFlag) == 1);
   auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::uint32_t from = place[i];
-      const SplatSize& size = estimates.sizes.of[from];
-      const NormalQuality& quality = estimates.normals.quality[from];
-      out.normal[i] = estimates.normals.normal[from];
-      out.area[i] = size.area;
-      if (ellipses) {
-        out.tangent[i] = size.tangent;
-        out.variance_u[i] = size.variance_u;
-        out.variance_v[i] = size.variance_v;
-      } else {
-        out.variance[i] = size.variance;
-      }
-      curvature[i] = quality.curvature;
-      confidence[i] = quality.confidence;
-      flag[i] = quality.flag;
+  parallel_each(count, kGrain, [&](std::size_t i) {
+    const std::uint32_t from = place[i];
+    const SplatSize& size = estimates.sizes.of[from];
+    const NormalQuality& quality = estimates.normals.quality[from];
+    out.normal[i] = estimates.normals.normal[from];
+    out.area[i] = size.area;
+    if (ellipses) {
+      out.tangent[i] = size.tangent;
+      out.variance_u[i] = size.variance_u;
+      out.variance_v[i] = size.variance_v;
+    } else {
+      out.variance[i] = size.variance;
     }
+    curvature[i] = quality.curvature;
+    confidence[i] = quality.confidence;
+    flag[i] = quality.flag;
   });
   return out;
 }

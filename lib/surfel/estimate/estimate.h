@@ -46,8 +46,9 @@ struct EstimateReport {
 /// order in which the points came. Points that are not finite are removed. A normal that cannot be
 /// told is zero, its splat a disc that looks at the eye.
 ///
-/// About 250 bytes a point besides the cloud. The same for any number of threads. Throws
-/// Error(kUsage) for bad options, Error(kInput) starting with `name` if no finite point is left.
+/// The work takes about 250 bytes a point besides the cloud; its result does not depend on the
+/// number of threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` if
+/// no finite point is left.
 SURFEL_API SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& options,
                                         EstimateReport* report = nullptr,
                                         const std::string& name = {});

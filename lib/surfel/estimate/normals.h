@@ -79,8 +79,8 @@ struct NormalEstimate {
 /// it needs the curvature, which is not known where noise is strong. Relief finer than the spacing
 /// cannot be told from noise: there k = 16 is better.
 ///
-/// The same for any number of threads. Throws Error(kUsage) for bad options, or if `search` has
-/// another number of points.
+/// Normals do not depend on the number of threads. Throws Error(kUsage) for bad options, or if
+/// `search` has another number of points.
 SURFEL_API NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch& search,
                                            const NormalOptions& options = {});
 

@@ -5,6 +5,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/spanning_forest.h>
 
@@ -13,7 +14,7 @@ namespace {
 
 constexpr std::size_t kGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-constexpr float kLongestWeight = 65534;
+constexpr float kLongestWeight = 65534;  ///< The largest length below NeighborGraph::kNoEdge.
 /// Squared sine of 51 degrees: steeper edges to a tangent plane lead to another sheet. 45 degrees
 /// (along_sheet() in surface/sheet.h) would be too strict here, as all edges across a right-angled
 /// bend may have them, and the bend's sides would fall apart.
@@ -52,21 +53,19 @@ class Spreader {
     for (int round = 0; round < kJoinRounds && parts_ > 1 && join_parts(); ++round) look_up();
     const bool right_opposed = settled_ != kNone && opposed_[settled_] != 0;
     const std::uint32_t right = settled_ == kNone ? kNone : part_[settled_];
-    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        if ((opposed_[i] != 0) != (part_[i] == right && right_opposed)) normal_[i] = -normal_[i];
-      }
+    parallel_each(position_.size(), kGrain, [&](std::size_t i) {
+      if ((opposed_[i] != 0) != (part_[i] == right && right_opposed)) normal_[i] = -normal_[i];
     });
   }
 
   bool known(std::size_t i) const { return !normal_[i].isZero(0); }
-  /// Of each point, one point of its part, the same for all of them. Set by spread().
+  /// For each point the one point that stands for its part. Set by spread().
   const Array<std::uint32_t>& part() const { return part_; }
   /// How many parts there are, besides points without a normal.
   std::size_t parts() const { return parts_; }
 
  private:
-  /// In 0..1, see orient_normals(), or kNoEdge.
+  /// Weight of an edge in 0..1, see orient_normals(), or kNoEdge.
   float weight(std::size_t i, std::size_t j) const {
     const Vec3f edge = position_[j] - position_[i];
     const float length2 = edge.squaredNorm();
@@ -231,11 +230,9 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
       if (at != kNone) vote[n] += static_cast<double>(normal[at].dot(d));
     }
   }
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      if (normal[i].isZero(0) || part[i] == settled) continue;
-      if (vote[number[part[i]]] < 0) normal[i] = -normal[i];
-    }
+  parallel_each(count, kGrain, [&](std::size_t i) {
+    if (normal[i].isZero(0) || part[i] == settled) return;
+    if (vote[number[part[i]]] < 0) normal[i] = -normal[i];
   });
 }
 
@@ -268,9 +265,8 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
   // Turning a normal changes the sign of its x, of a zero too.
   Array<std::uint8_t> before(count);
   const auto negative = [&](std::size_t i) { return std::signbit(normal[i].x()) ? 1 : 0; };
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) before[i] = static_cast<std::uint8_t>(negative(i));
-  });
+  parallel_each(count, kGrain,
+                [&](std::size_t i) { before[i] = static_cast<std::uint8_t>(negative(i)); });
   switch (options.method) {
     case Orientation::kNone:
       break;
@@ -278,11 +274,9 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
     case Orientation::kUp: {
       const bool towards_point = options.method == Orientation::kViewpoint;
       const Vec3d eye = options.viewpoint - origin;
-      parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t i = begin; i < end; ++i) {
-          const Vec3d to = towards_point ? Vec3d(eye - position[i].cast<double>()) : options.up;
-          if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
-        }
+      parallel_each(count, kGrain, [&](std::size_t i) {
+        const Vec3d to = towards_point ? Vec3d(eye - position[i].cast<double>()) : options.up;
+        if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
       });
       break;
     }

@@ -54,10 +54,10 @@ struct OrientationReport {
 /// point besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined
 /// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
 ///
-/// \param origin    of the positions, world coordinates: the viewpoint is seen from there.
+/// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.
 /// \param search    searches `position`.
 /// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty.
-/// The same for any number of threads. Throws Error(kUsage) for bad options.
+/// Sides do not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                             const NeighborSearch& search,
                                             const Array<Vec3f>& previous,

@@ -8,7 +8,7 @@ namespace surfel {
 
 /// Covariances of up to kSize neighbourhoods, and the planes that fit the neighbourhoods best.
 struct PlaneBatch {
-  static constexpr std::size_t kSize = 16;
+  static constexpr std::size_t kSize = 16;  ///< Two of the widest vectors.
   using Column = double[kSize];
 
   alignas(64) Column xx = {}, xy = {}, xz = {}, yy = {}, yz = {}, zz = {};  ///< Set by the caller.

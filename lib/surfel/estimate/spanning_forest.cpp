@@ -7,7 +7,9 @@
 #include <numeric>
 #include <vector>
 
+#include <surfel/base/disjoint_sets.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/estimate/spanning_forest.h>
 
 namespace surfel {
@@ -88,15 +90,11 @@ class Block {
   template <class Sure>
   void run(std::vector<std::uint64_t>& left, Sure&& sure) {
     sort_inner();
-    parent_.resize(end_ - begin_);
-    for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<std::uint32_t>(i);
-    std::size_t trees = parent_.size();
+    std::size_t trees = end_ - begin_;
+    DisjointSets united(trees);
     for (auto next = inner_.begin(); next != inner_.end() && trees > 1; ++next) {
-      const std::uint32_t a = root(next->from);
-      const std::uint32_t b = root(next->to);
-      if (a == b) continue;
+      if (!united.unite(next->from, next->to)) continue;
       --trees;
-      parent_[std::max(a, b)] = std::min(a, b);
       const std::size_t from = begin_ + next->from;
       const std::uint64_t key = order_key(graph_, from * graph_.degree() + next->place);
       if (!sure(static_cast<std::uint32_t>(from), static_cast<std::uint32_t>(begin_ + next->to),
@@ -138,21 +136,15 @@ class Block {
     }
   }
 
-  std::uint32_t root(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-
   const NeighborGraph& graph_;
   std::size_t begin_, end_;
   /// Points are counted from the block's first.
   struct Edge {
-    std::uint16_t length, place;  ///< In the row.
+    std::uint16_t length, place;  ///< `place` counts within the row.
     std::uint16_t from, to;
   };
   static_assert(kBlockEdges <= std::size_t{1} << 16);
   Array<Edge> inner_, other_;
-  std::vector<std::uint32_t> parent_;  ///< Within the block, counted from its first point.
 };
 
 /// Keys of edges, a list for each block.
@@ -200,12 +192,10 @@ Array<std::uint64_t> in_order(const BlockKeys& keys) {
 }  // namespace
 
 SignedSets::SignedSets(std::size_t count) : parent_(count), opposed_(count), rank_(count) {
-  parallel_for(count, kPointGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      parent_[i] = static_cast<std::uint32_t>(i);
-      opposed_[i] = 0;
-      rank_[i] = 0;
-    }
+  parallel_each(count, kPointGrain, [&](std::size_t i) {
+    parent_[i] = static_cast<std::uint32_t>(i);
+    opposed_[i] = 0;
+    rank_[i] = 0;
   });
 }
 
@@ -243,15 +233,13 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
   };
   Array<Link> links(keys.size());
   constexpr std::size_t kGrain = 1 << 12;
-  parallel_for(keys.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t e = edge_of(keys[i]);
-      const auto from = static_cast<std::uint32_t>(e / graph.degree());
-      const std::uint32_t to = graph.to(e);
-      const SignedSets::Root a = sets.root(from);
-      const SignedSets::Root b = sets.root(to);
-      links[i] = {a.index, b.index, (opposed(from, to) != a.opposed) != b.opposed};
-    }
+  parallel_each(keys.size(), kGrain, [&](std::size_t i) {
+    const std::size_t e = edge_of(keys[i]);
+    const auto from = static_cast<std::uint32_t>(e / graph.degree());
+    const std::uint32_t to = graph.to(e);
+    const SignedSets::Root a = sets.root(from);
+    const SignedSets::Root b = sets.root(to);
+    links[i] = {a.index, b.index, (opposed(from, to) != a.opposed) != b.opposed};
   });
   for (const Link& link : links) {
     sets.unite(link.a, link.b, [&] { return link.differ; });

@@ -91,7 +91,7 @@ struct NeighborGraph {
 /// closes a cycle of shorter edges within its block is in no forest; an edge that is the shortest
 /// of all edges that leave one of the two sets it joins [Boruvka 1926] is in the forest, whatever
 /// the other blocks hold. Kruskal's algorithm does the rest, which is little where points are in
-/// the order of a space-filling curve. The same for any number of threads.
+/// the order of a space-filling curve. The forest does not depend on the number of threads.
 SURFEL_API void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                                       FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
                                       SignedSets& sets);

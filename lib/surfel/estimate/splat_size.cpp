@@ -113,7 +113,7 @@ class Sizer {
   struct Worker {
     ClosedCell closed;
     VoronoiCell cell;
-    double half_side = 0;     ///< Of the square that the cell started as.
+    double half_side = 0;     ///< Half the side of the square that the cell started as.
     std::vector<Vec2d> flat;  ///< Neighbours on the surface, in the tangent plane.
     std::vector<Neighbor> more, within;
   };
@@ -228,7 +228,7 @@ class Sizer {
   /// Finds the k nearest of point i, half of which lie within `reach`. It is faster to look first
   /// as far as k points should reach on an even surface.
   void find_more(std::size_t i, std::size_t k, float reach, std::vector<Neighbor>& out) const {
-    constexpr float kGrowth = 1.7F;
+    constexpr float kGrowth = 1.7F;  ///< sqrt(2) on an even surface, and some more for uneven ones.
     search_.within(position_[i], kGrowth * reach, k, out);
     if (out.size() < std::min(k, search_.size())) search_.nearest(position_[i], k, out);
   }

@@ -40,7 +40,7 @@ struct SplatSize {
   Vec3f tangent;     ///< Long axis of the ellipse, unit; any tangent where the splat is a disc.
   float variance;    ///< Variance of the disc that covers, unit^2.
   float variance_u;  ///< Variance of the ellipse that covers, along `tangent`, unit^2.
-  float variance_v;  ///< The same across `tangent`. Both are `variance` where it is a disc.
+  float variance_v;  ///< Variance across `tangent`, unit^2. Both are `variance` for discs.
   float area;        ///< Area of the point's cell, unit^2.
   float spacing;     ///< Mean distance to the four nearest others.
 
@@ -67,7 +67,7 @@ struct SplatSizes {
 ///
 /// \param search    searches `position`; fastest in the order of a space-filling curve.
 /// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
-/// The same for any number of threads. Throws Error(kUsage) for bad options.
+/// Sizes do not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                            bool oriented, const NeighborSearch& search,
                                            const SplatSizeOptions& options = {});

@@ -20,7 +20,7 @@ struct CloudRecordOptions {
   bool for_text = false;
 };
 
-/// A cloud's columns as a file's records, made range by range. Internal to the io module.
+/// A cloud's columns as a file's records, made range by range. Internal to the library.
 class CloudRecords {
  public:
   /// Keeps a reference to the cloud.

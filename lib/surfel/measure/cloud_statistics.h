@@ -62,16 +62,17 @@ struct CloudStatistics {
 };
 
 /// Counts are exact; spacing and coverage are measured at `samples` surfels, spread evenly over the
-/// file, among all surfels (by the exact search, about 40 bytes a surfel). The same for any number
-/// of threads. Throws Error(kUsage) for bad options.
+/// file, among all surfels (by the exact search, about 40 bytes a surfel). Results do not depend
+/// on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API CloudStatistics cloud_statistics(const SurfelCloud& cloud,
                                             const CloudStatisticsOptions& options = {});
 
-/// Name and type of a property as write_cloud() would write it.
+/// Name and type of a property as write_cloud() would write it to PLY.
 struct PropertyInfo {
   std::string name;
   std::string type;
 };
+/// The properties of a cloud, but for the radii that write_cloud() makes of the variances.
 SURFEL_API std::vector<PropertyInfo> cloud_properties(const SurfelCloud& cloud);
 
 }  // namespace surfel

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <utility>
 
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/sample/detail_tree.h>
 
 namespace surfel {
@@ -45,9 +45,7 @@ double mean_of_probes(std::size_t count, const Value& value) {
   constexpr std::size_t kProbes = 50000;
   const std::size_t stride = count / kProbes + 1;
   Array<double> values((count + stride - 1) / stride);
-  parallel_for(values.size(), 1 << 10, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) values[i] = value(i * stride);
-  });
+  parallel_each(values.size(), 1 << 10, [&](std::size_t i) { values[i] = value(i * stride); });
   double sum = 0;
   for (const double v : values) sum += v;
   return sum / static_cast<double>(values.size());

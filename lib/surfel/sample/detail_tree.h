@@ -18,8 +18,8 @@ struct SurfaceProbe {
   Vec3f normal;
   Vec3f color;      ///< Linear light.
   float alpha = 1;  ///< Opacity: a further channel of colour.
-  Vec3f shading{0, 0,
-                0};  ///< Three further channels: the part of the light that the normal decides.
+  /// Three further channels: the part of the light that the normal decides.
+  Vec3f shading{0, 0, 0};
   float weight = 1;  ///< Share of the surface, by the sum of all probes' weights; >= 0.
 };
 
@@ -73,7 +73,7 @@ class SURFEL_API DetailTree {
     double samples = 0;         ///< Area of the whole cells in units of their spacings squared.
     double finest_samples = 0;  ///< The part of `samples` in cells that cannot be divided further.
     double color_error = 0;     ///< Root mean square over the surface.
-    double shape_error = 0;     ///< The same, in units of unit_deviation.
+    double shape_error = 0;     ///< Root mean square, in units of unit_deviation.
     double error() const;       ///< Root of the sum of both errors' squares.
   };
 
@@ -98,13 +98,13 @@ class SURFEL_API DetailTree {
     double shape = 0;
     double sum() const { return color + shape; }
   };
-  /// In post-order, one octree after the other: a node's subtree is [first, itself].
+  /// Nodes are in post-order, one octree after the other: a node's subtree is [first, itself].
   struct Node {
     Vec3f min;
-    int level;  ///< Of the cell: its side is leaf_side * 2^level.
+    int level;  ///< The cell's side is leaf_side * 2^level.
     std::uint32_t first;
     double area;
-    double probes;  ///< Their number.
+    double probes;  ///< Number of the cell's probes.
     Errors own;     ///< Integrals, with the cell's sigma ...
     Errors halved;  ///< ... and with sigma / sqrt 2, between the cell's and its children's.
   };

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/sample/equal_area_strata.h>
 
 namespace surfel {
@@ -42,21 +42,19 @@ EqualAreaStrata::EqualAreaStrata(const ParametricSurface& surface, std::size_t c
   element_.resize(table_size_ * table_size_);
   std::vector<double> row_area(table_size_);
   std::vector<double> row_height(table_size_);  // Mean length along v.
-  parallel_for(table_size_, 8, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t row = begin; row < end; ++row) {
-      double area = 0;
-      double height = 0;
-      for (std::size_t column = 0; column < table_size_; ++column) {
-        const auto point = surface.at((static_cast<double>(column) + 0.5) * step,
-                                      (static_cast<double>(row) + 0.5) * step);
-        const double element = point.area_element();
-        element_[row * table_size_ + column] = static_cast<float>(element);
-        area += element;
-        height += point.dpdv.norm();
-      }
-      row_area[row] = area * step * step;
-      row_height[row] = height * step * step;
+  parallel_each(table_size_, 8, [&](std::size_t row) {
+    double area = 0;
+    double height = 0;
+    for (std::size_t column = 0; column < table_size_; ++column) {
+      const auto point = surface.at((static_cast<double>(column) + 0.5) * step,
+                                    (static_cast<double>(row) + 0.5) * step);
+      const double element = point.area_element();
+      element_[row * table_size_ + column] = static_cast<float>(element);
+      area += element;
+      height += point.dpdv.norm();
     }
+    row_area[row] = area * step * step;
+    row_height[row] = height * step * step;
   });
   double height = 0;
   for (std::size_t row = 0; row < table_size_; ++row) {

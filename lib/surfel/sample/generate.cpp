@@ -8,6 +8,7 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/equal_area_strata.h>
 #include <surfel/sample/generate.h>
@@ -132,7 +133,8 @@ constexpr std::size_t kRowGrain = 16;
 
 /// Consecutive cells of a row, with bounds of their positions.
 struct Segment {
-  static constexpr std::size_t kCells = 512;
+  static constexpr std::size_t kCells =
+      512;  ///< A segment takes 48 bytes, a tenth of a byte a surfel.
   const PartSampler* part;
   std::uint32_t row;
   std::uint32_t begin;  ///< First cell; kCells of them, or up to the row's end.
@@ -250,13 +252,11 @@ void tessellate(const ParametricSurface& shape, std::size_t n, TriangleMesh& mes
   const std::size_t vertices = (n + 1) * (n + 1);
   Array<Vec3f> normal(vertices);
   mesh.position.resize(base + vertices);
-  parallel_for(n + 1, 16, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t j = begin; j < end; ++j) {
-      for (std::size_t i = 0; i <= n; ++i) {
-        const auto point = shape.at(scaled(i), scaled(j));
-        mesh.position[base + j * (n + 1) + i] = point.position.cast<float>();
-        normal[j * (n + 1) + i] = point.normal.cast<float>();
-      }
+  parallel_each(n + 1, 16, [&](std::size_t j) {
+    for (std::size_t i = 0; i <= n; ++i) {
+      const auto point = shape.at(scaled(i), scaled(j));
+      mesh.position[base + j * (n + 1) + i] = point.position.cast<float>();
+      normal[j * (n + 1) + i] = point.normal.cast<float>();
     }
   });
   using Corner = std::array<std::size_t, 2>;
@@ -327,13 +327,11 @@ SurfelCloud generate_surfels(const ProceduralScene& scene, const GenerateOptions
   SurfelCloud cloud;
   resize_columns(cloud, options.count, options.uv, scene.transparent);
   for (const PartSampler& part : parts) {
-    parallel_for(part.row_count(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t row = begin; row < end; ++row) {
-        const std::vector<double> profile = part.profile(row);
-        for (std::size_t cell = 0; cell < part.cells(row); ++cell) {
-          const Vec2d uv = part.uv(row, cell, profile);
-          part.store(uv, part.at(uv), cloud, part.first(row) + cell);
-        }
+    parallel_each(part.row_count(), kRowGrain, [&](std::size_t row) {
+      const std::vector<double> profile = part.profile(row);
+      for (std::size_t cell = 0; cell < part.cells(row); ++cell) {
+        const Vec2d uv = part.uv(row, cell, profile);
+        part.store(uv, part.at(uv), cloud, part.first(row) + cell);
       }
     });
   }
@@ -370,11 +368,9 @@ void generate_surfels_in_order(const ProceduralScene& scene, const GenerateOptio
     const Array<std::uint32_t> order = morton_order(position, grid);
     SurfelCloud cloud;
     resize_columns(cloud, samples.size(), options.uv, scene.transparent);
-    parallel_for(order.size(), 4096, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const Sample& sample = samples[order[i]];
-        sample.part->store(sample.uv, sample.point, cloud, i);
-      }
+    parallel_each(order.size(), 4096, [&](std::size_t i) {
+      const Sample& sample = samples[order[i]];
+      sample.part->store(sample.uv, sample.point, cloud, i);
     });
     consume(std::move(cloud));
   }

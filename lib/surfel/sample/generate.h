@@ -24,11 +24,11 @@ struct SURFEL_API GenerateOptions {
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// Surfels on the scene's surfaces, jittered in cells of equal area h^2 (EqualAreaStrata), h being
-/// the same for all parts up to rounding. Columns: position, normal (exact), variance =
+/// Surfels on the scene's surfaces, jittered in cells of equal area h^2 (EqualAreaStrata), where
+/// all parts have one h up to rounding. Columns: position, normal (exact), variance =
 /// (variance_scale h)^2, area, color, uv, dpdu, dpdv (unless left out) and, in transparent scenes,
-/// alpha. In order of part, row, cell. The same for any number of threads. Throws Error(kUsage) for
-/// bad options, or more surfels than memory holds.
+/// alpha. Surfels come by part, row and cell, and do not depend on the number of threads. Throws
+/// Error(kUsage) for bad options, or more surfels than memory holds.
 SURFEL_API SurfelCloud generate_surfels(const ProceduralScene& scene,
                                         const GenerateOptions& options);
 

@@ -136,6 +136,13 @@ SurfelCloud sphere(int count, double radius, const Vec3d& center = {0, 0, 0}) {
   return cloud;
 }
 
+/// A sheet with a view.
+HardScene sheet_scene(const Sheet& sheet, const SheetColor& color, const CameraOptions& view) {
+  HardScene scene{{}, view};
+  add_sheet(scene.cloud, sheet, color);
+  return scene;
+}
+
 /// The sphere's points without normals and sizes.
 SurfelCloud points(int count) {
   SurfelCloud cloud = sphere(count, 1);
@@ -151,102 +158,83 @@ void add_point(SurfelCloud& cloud, const Vec3d& position) {
 }
 
 HardScene grazing(const Request& r) {
-  HardScene scene;
   const Sheet sheet{.side = 40, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, checks(4 * sheet.spacing()));
-  scene.view = orbit(2.2, r.value, 10);
-  return scene;
+  return sheet_scene(sheet, checks(4 * sheet.spacing()), orbit(2.2, r.value, 10));
 }
 
 HardScene near_plane(const Request& r) {
-  HardScene scene;
   const Sheet floor{
       .across = Vec3d::UnitX(), .along = -Vec3d::UnitZ(), .half = 2, .side = 60, .seed = r.seed};
-  add_sheet(scene.cloud, floor, checks(4 * floor.spacing()));
-  scene.view = look(Vec3d(0.01, r.value, 0.02), Vec3d(0.3, r.value - 0.15, -1), 60);
-  return scene;
+  return sheet_scene(floor, checks(4 * floor.spacing()),
+                     look(Vec3d(0.01, r.value, 0.02), Vec3d(0.3, r.value - 0.15, -1), 60));
 }
 
 /// From a pixel on: discs of so many pixels across, on a slant. Below a pixel: as many discs as
 /// fill a visible square, no more than a million.
 HardScene splat_size(const Request& r) {
-  HardScene scene;
   const double spacing = r.value / (2 * std::numbers::sqrt2) / focal();  // At distance 1.
   const int side = r.value >= 1 ? std::clamp(static_cast<int>(1.5 / spacing), 6, 1000)
                                 : std::min(static_cast<int>(8 / r.value), 1000);
   const Sheet sheet{.half = side * spacing / 2, .side = side, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, r.value >= 1 ? checks(spacing) : plain(Vec3f(0.8F, 0.8F, 0.8F)));
-  scene.view = orbit(1, r.value >= 1 ? 60 : 0);
-  return scene;
+  return sheet_scene(sheet, r.value >= 1 ? checks(spacing) : plain(Vec3f(0.8F, 0.8F, 0.8F)),
+                     orbit(1, r.value >= 1 ? 60 : 0));
 }
 
 HardScene inside(const Request& r) {
-  HardScene scene;
-  scene.cloud = sphere(4000, 1);
   const Vec3d eye((1 - r.value) * Vec3d(1, 0.02, 0.01).normalized());
-  scene.view = look(eye, eye + Vec3d(0.3, 0.1, 1), 60);
-  return scene;
+  return {sphere(4000, 1), look(eye, eye + Vec3d(0.3, 0.1, 1), 60)};
 }
 
 HardScene coincident(const Request& r) {
-  HardScene scene;
-  scene.cloud = points(3000);
+  HardScene scene{points(3000), orbit(3.2, 0)};
   for (int i = 0; i < 3000; i += 10) {
     for (int copy = 1; copy < static_cast<int>(r.value); ++copy) {
       scene.cloud.position.push_back(scene.cloud.position[i]);
       scene.cloud.color.push_back(scene.cloud.color[i]);
     }
   }
-  scene.view = orbit(3.2, 0);
   return scene;
 }
 
 HardScene collinear(const Request& r) {
-  HardScene scene;
-  scene.cloud = points(3000);
+  HardScene scene{points(3000), orbit(4, 0)};
   for (int i = 0; i < 200; ++i) {
     add_point(scene.cloud, Vec3d(1.2, -1 + 0.01 * i, 0.2 * random_uniform(r.seed, 0)));
   }
-  scene.view = orbit(4, 0);
   return scene;
 }
 
 HardScene isolated(const Request& r) {
-  HardScene scene;
-  scene.cloud = points(3000);
+  HardScene scene{points(3000), orbit(5, 0)};
   for (int i = 0; i < 20; ++i) {
     const double phi = 2 * kPi * (i + 0.5 * random_uniform(r.seed, i)) / 20;
     add_point(scene.cloud, Vec3d(1.6 * std::cos(phi), 1.6 * std::sin(phi), 0));
   }
-  scene.view = orbit(5, 0);
   return scene;
 }
 
 HardScene not_finite(const Request& r) {
-  HardScene scene;
-  scene.cloud = points(3000);
+  HardScene scene{points(3000), orbit(3.2, 0)};
   for (std::size_t i = 0; i < scene.cloud.size(); i += 20) {
     scene.cloud.position[i][static_cast<int>(random_bits(r.seed, i) % 3)] =
         i % 40 == 0 ? std::numeric_limits<float>::quiet_NaN()
                     : std::numeric_limits<float>::infinity();
   }
-  scene.view = orbit(3.2, 0);
   return scene;
 }
 
 /// So few points that a neighbourhood of 16 holds them all.
 HardScene few_points(const Request& r) {
-  HardScene scene;
+  HardScene scene{{}, orbit(4, 0)};
   for (int i = 0; i < static_cast<int>(r.value); ++i) {
     add_point(scene.cloud, Vec3d(0.3 * i, 0.1 * i * i, 0.01 * i * i * i));
   }
-  scene.view = orbit(4, 0);
   return scene;
 }
 
 /// `value` times as many points to the left of x = 0 as to the right.
 HardScene density(const Request& r) {
-  HardScene scene;
+  HardScene scene{{}, orbit(1.3, 0)};
   const double ratio = std::sqrt(r.value);
   const int coarse = 12;
   const int fine = static_cast<int>(std::lround(coarse * ratio));
@@ -258,19 +246,17 @@ HardScene density(const Request& r) {
                                 half.position.end());
     scene.cloud.color.insert(scene.cloud.color.end(), half.color.begin(), half.color.end());
   }
-  scene.view = orbit(1.3, 0);
   return scene;
 }
 
 /// Red in front of green. `value` is their distance in radii of the discs at cutoff 1.
 HardScene two_sheets(const Request& r, bool back_to_back) {
-  HardScene scene;
   const double gap = r.value * std::numbers::sqrt2 * Sheet{}.spacing();
-  add_sheet(scene.cloud, Sheet{.seed = r.seed}, plain(Vec3f(0.8F, 0.05F, 0.05F)));
+  HardScene scene =
+      sheet_scene(Sheet{.seed = r.seed}, plain(Vec3f(0.8F, 0.05F, 0.05F)), orbit(1.6, 0));
   Sheet behind{.center = {0, 0, -gap}, .seed = r.seed + 1};
   if (back_to_back) behind.across *= -1;
   add_sheet(scene.cloud, behind, plain(Vec3f(0.05F, 0.8F, 0.05F)));
-  scene.view = orbit(1.6, 0);
   return scene;
 }
 HardScene sheets(const Request& r) { return two_sheets(r, false); }
@@ -278,7 +264,7 @@ HardScene thin_body(const Request& r) { return two_sheets(r, true); }
 
 /// Two panes that cross at `value` degrees.
 HardScene intersecting(const Request& r) {
-  HardScene scene;
+  HardScene scene{{}, look(Vec3d(0, 0, 2.2), Vec3d(0, 0, 0))};
   const double a = r.value * kPi / 360;
   for (const double turn : {a, -a}) {
     const Vec3d across(std::cos(turn), 0, std::sin(turn));
@@ -286,15 +272,12 @@ HardScene intersecting(const Request& r) {
               plain(turn > 0 ? Vec3f(0.9F, 0.2F, 0.1F) : Vec3f(0.1F, 0.3F, 0.9F)));
   }
   scene.cloud.alpha.assign(scene.cloud.size(), 0.5F);
-  scene.view = look(Vec3d(0, 0, 2.2), Vec3d(0, 0, 0));
   return scene;
 }
 
 HardScene silhouette(const Request& r) {
-  HardScene scene;
-  scene.cloud = sphere(static_cast<int>(r.value), 1);
+  HardScene scene{sphere(static_cast<int>(r.value), 1), look(Vec3d(0, 0, 3.5), Vec3d(0, 0, 0))};
   std::fill(scene.cloud.color.begin(), scene.cloud.color.end(), Vec3f(0.8F, 0.8F, 0.8F));
-  scene.view = look(Vec3d(0, 0, 3.5), Vec3d(0, 0, 0));
   return scene;
 }
 
@@ -302,7 +285,6 @@ HardScene silhouette(const Request& r) {
 enum class Arrival { kShuffled, kNearFirst, kFarFirst };
 
 HardScene stack(const Request& r, Arrival arrival) {
-  HardScene scene;
   const int count = static_cast<int>(r.value);
   SurfelCloud cloud;
   for (int i = 0; i < count; ++i) {
@@ -323,9 +305,7 @@ HardScene stack(const Request& r, Arrival arrival) {
     });
     cloud = cloud.gathered(order);
   }
-  scene.cloud = std::move(cloud);
-  scene.view = look(Vec3d(0, 0, 2.5), Vec3d(0, 0, 0), 30);
-  return scene;
+  return {std::move(cloud), look(Vec3d(0, 0, 2.5), Vec3d(0, 0, 0), 30)};
 }
 HardScene layers(const Request& r) { return stack(r, Arrival::kShuffled); }
 HardScene layers_near_first(const Request& r) { return stack(r, Arrival::kNearFirst); }
@@ -333,13 +313,12 @@ HardScene layers_far_first(const Request& r) { return stack(r, Arrival::kFarFirs
 
 /// A sheet with texture coordinates, its kernels `value` spacings wide.
 HardScene condition(const Request& r) {
-  HardScene scene;
   const Sheet sheet{.side = 32, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, plain(Vec3f(0.5F, 0.5F, 0.5F)));
+  // Neighbours two pixels apart: kernels of any width leave no holes there.
+  HardScene scene =
+      sheet_scene(sheet, plain(Vec3f(0.5F, 0.5F, 0.5F)), orbit(focal() * sheet.spacing() / 2, 0));
   add_uv(scene.cloud, sheet);
   for (float& variance : scene.cloud.variance) variance *= static_cast<float>(r.value * r.value);
-  // Neighbours two pixels apart: kernels of any width leave no holes there.
-  scene.view = orbit(focal() * sheet.spacing() / 2, 0);
   return scene;
 }
 
@@ -355,7 +334,6 @@ HardScene duplicates(const Request& r) {
 
 /// Two white charts side by side on the surface and apart in a picture that is black between.
 HardScene seam(const Request& r) {
-  HardScene scene;
   const auto width = static_cast<int>(r.value);
   Image image;
   image.width = image.height = width;
@@ -370,8 +348,8 @@ HardScene seam(const Request& r) {
     }
   }
   TriangleMesh mesh;
-  const Sheet sheet{.side = 40, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, plain(Vec3f(0.5F, 0.5F, 0.5F)));
+  HardScene scene =
+      sheet_scene(Sheet{.side = 40, .seed = r.seed}, plain(Vec3f(0.5F, 0.5F, 0.5F)), orbit(2.4, 0));
   for (const Vec3f& p : scene.cloud.position) {
     const float u = p.x() < 0 ? 0.45F + 0.4F * p.x() : 0.55F + 0.4F * p.x();
     scene.cloud.uv.push_back(Vec2f(u, 0.5F + 0.5F * p.y()));
@@ -396,7 +374,6 @@ HardScene seam(const Request& r) {
   }
   scene.mesh = std::move(mesh);
   scene.image = std::move(image);
-  scene.view = orbit(2.4, 0);
   return scene;
 }
 
@@ -415,19 +392,16 @@ HardScene uv_degenerate(const Request& r) {
 
 /// Clumped discs in one group, too far from one another in between.
 HardScene saturated(const Request& r) {
-  HardScene scene;
-  const Sheet sheet{.side = 24, .jitter = 0.5, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, plain(Vec3f(0.6F, 0.6F, 0.6F)));
+  HardScene scene = sheet_scene(Sheet{.side = 24, .jitter = 0.5, .seed = r.seed},
+                                plain(Vec3f(0.6F, 0.6F, 0.6F)), orbit(2.6, 0));
   scene.cloud.group.assign(scene.cloud.size(), 0);
-  scene.view = orbit(2.6, 0);
   return scene;
 }
 
 /// A rolling surface whose depth crosses many steps, its splats of colours of their own.
 HardScene quantised(const Request& r) {
-  HardScene scene;
-  const Sheet sheet{.side = 64, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, plain(Vec3f(0, 0, 0)));
+  HardScene scene =
+      sheet_scene(Sheet{.side = 64, .seed = r.seed}, plain(Vec3f(0, 0, 0)), orbit(2.2, r.value));
   scene.cloud.group.assign(scene.cloud.size(), 0);
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
     Vec3f& p = scene.cloud.position[i];
@@ -435,13 +409,11 @@ HardScene quantised(const Request& r) {
     scene.cloud.normal[i] = Vec3f(-0.3F * std::cos(3 * p.x()), 0, 1).normalized();
     scene.cloud.color[i] = random_color(r.seed, i);
   }
-  scene.view = orbit(2.2, r.value);
   return scene;
 }
 
 HardScene offset(const Request& r) {
-  HardScene scene;
-  scene.cloud = sphere(8000, 1);
+  HardScene scene{sphere(8000, 1), {}};
   scene.cloud.origin = r.value * Vec3d(1, -1, 1);
   scene.cloud.double_positions = true;
   scene.view = look(scene.cloud.origin + Vec3d(0, 0, 3.2), scene.cloud.origin);
@@ -449,17 +421,13 @@ HardScene offset(const Request& r) {
 }
 
 HardScene scale(const Request& r) {
-  HardScene scene;
-  scene.cloud = sphere(8000, r.value);
-  scene.view = look(Vec3d(0, 0, 3.2 * r.value), Vec3d(0, 0, 0));
-  return scene;
+  return {sphere(8000, r.value), look(Vec3d(0, 0, 3.2 * r.value), Vec3d(0, 0, 0))};
 }
 
 /// Ellipses `value` times as long as wide, which tile a plane.
 HardScene slivers(const Request& r) {
-  HardScene scene;
-  const Sheet sheet{.side = 48, .seed = r.seed};
-  add_sheet(scene.cloud, sheet, plain(Vec3f(0.5F, 0.5F, 0.5F)));
+  HardScene scene = sheet_scene(Sheet{.side = 48, .seed = r.seed}, plain(Vec3f(0.5F, 0.5F, 0.5F)),
+                                orbit(2.2, 75));
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
     const double angle = kPi * random_uniform(r.seed, i, 2);
     const float variance = scene.cloud.variance[i];
@@ -469,7 +437,6 @@ HardScene slivers(const Request& r) {
     scene.cloud.color[i] = random_color(r.seed, i);
   }
   scene.cloud.variance = {};
-  scene.view = orbit(2.2, 75);
   return scene;
 }
 

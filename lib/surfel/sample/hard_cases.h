@@ -28,18 +28,18 @@ struct HardCase {
 
 /// Data of a hard case.
 struct HardScene {
-  SurfelCloud cloud;                 ///< Surfels, or points where surfels are yet to be estimated.
-  CameraOptions view;                ///< The hard view, 128 x 128 pixels.
-  std::optional<TriangleMesh> mesh;  ///< Mesh with uv, of cases whose charts are hard.
-  std::optional<Image> image;        ///< Picture on the mesh.
+  SurfelCloud cloud;   ///< Surfels, or points where surfels are yet to be estimated.
+  CameraOptions view;  ///< The hard view, 128 x 128 pixels.
+  std::optional<TriangleMesh> mesh{};  ///< Mesh with uv, of cases whose charts are hard.
+  std::optional<Image> image{};        ///< Picture on the mesh.
 };
 
 /// All hard cases, in the order of docs/stability.md.
 SURFEL_API const std::vector<HardCase>& hard_cases();
 
 /// Makes the case called `text`: "NAME", or "NAME:NUMBER" where the case takes a number. `seed`
-/// chooses the jitter. The same for any number of threads. Throws Error(kUsage), naming the known
-/// cases if the name is unknown, or the number's range if the number is out of it.
+/// chooses the jitter. The case does not depend on the number of threads. Throws Error(kUsage),
+/// naming the known cases if the name is unknown, or the number's range if the number is out of it.
 SURFEL_API HardScene make_hard_case(const std::string& text, std::uint64_t seed = 1);
 
 /// The view as options of surfel-render: "--eye 0,0,2 --target 0,0,0 ...".

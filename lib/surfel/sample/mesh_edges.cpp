@@ -2,7 +2,7 @@
 #include <bit>
 
 #include <surfel/base/disjoint_sets.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/mesh_edges.h>
@@ -16,13 +16,11 @@ constexpr std::size_t kGrain = 1 << 14;
 
 Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   Array<std::uint64_t> keys(position.size());
-  parallel_for(position.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f p = position[i] + Vec3f::Zero();  // -0 becomes 0, to which it is equal.
-      const auto xy = static_cast<std::uint64_t>(std::bit_cast<std::uint32_t>(p.x())) << 32 |
-                      std::bit_cast<std::uint32_t>(p.y());
-      keys[i] = random_bits(xy, std::bit_cast<std::uint32_t>(p.z()));
-    }
+  parallel_each(position.size(), kGrain, [&](std::size_t i) {
+    const Vec3f p = position[i] + Vec3f::Zero();  // -0 becomes 0, to which it is equal.
+    const auto xy = static_cast<std::uint64_t>(std::bit_cast<std::uint32_t>(p.x())) << 32 |
+                    std::bit_cast<std::uint32_t>(p.y());
+    keys[i] = random_bits(xy, std::bit_cast<std::uint32_t>(p.z()));
   });
   const Array<std::uint32_t> order = sort_keys(keys);
   Array<std::uint32_t> welded(position.size());
@@ -43,13 +41,11 @@ Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
   const Array<std::uint32_t> welded = welded_vertices(mesh.position);
   const std::size_t edges = 3 * mesh.face.size();
   Array<std::uint64_t> keys(edges);
-  parallel_for(mesh.face.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t f = begin; f < end; ++f) {
-      for (int k = 0; k < 3; ++k) {
-        const std::uint64_t a = welded[mesh.face[f][k]];
-        const std::uint64_t b = welded[mesh.face[f][(k + 1) % 3]];
-        keys[3 * f + k] = std::min(a, b) << 32 | std::max(a, b);
-      }
+  parallel_each(mesh.face.size(), kGrain, [&](std::size_t f) {
+    for (int k = 0; k < 3; ++k) {
+      const std::uint64_t a = welded[mesh.face[f][k]];
+      const std::uint64_t b = welded[mesh.face[f][(k + 1) % 3]];
+      keys[3 * f + k] = std::min(a, b) << 32 | std::max(a, b);
     }
   });
   const Array<std::uint32_t> order = sort_keys(keys);

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_face.h>
@@ -20,7 +20,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
-constexpr std::size_t kMostSamples = std::size_t{1} << 28;
+constexpr std::size_t kMostSamples = std::size_t{1}
+                                     << 28;  ///< PoissonDisk counts slots in 31 bits.
 
 /// Measures of the faces, for refusals and for the variances of small components.
 struct FaceMeasures {
@@ -61,26 +62,24 @@ void check_columns(const TriangleMesh& mesh, const std::string& name) {
 /// Area of the mesh in units of the field's spacing squared, by quadrature.
 double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const SizingField& field) {
   if (field.least() == field.largest()) return m.total_area / (field.least() * field.least());
-  constexpr double kMostParts = 64;
+  constexpr double kMostParts = 64;  ///< Bounds the quadrature of a face to 2080 points.
   Array<double> in_field(mesh.face.size());
-  parallel_for(in_field.size(), 1 << 8, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t f = begin; f < end; ++f) {
-      const FaceCorners corner = face_corners(mesh, f);
-      const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3;
-      const double parts = longest_edge(corner) / field.at(middle.cast<float>());
-      const int n = static_cast<int>(std::clamp(std::ceil(parts), 1.0, kMostParts));
-      double sum = 0;
-      // Centroids of the upright ones of the n^2 equal triangles.
-      for (int i = 0; i < n; ++i) {
-        for (int j = 0; i + j < n; ++j) {
-          const Vec3d p = corner[0] + (i + 1 / 3.0) / n * (corner[1] - corner[0]) +
-                          (j + 1 / 3.0) / n * (corner[2] - corner[0]);
-          const double spacing = field.at(p.cast<float>());
-          sum += 1 / (spacing * spacing);
-        }
+  parallel_each(in_field.size(), 1 << 8, [&](std::size_t f) {
+    const FaceCorners corner = face_corners(mesh, f);
+    const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3;
+    const double parts = longest_edge(corner) / field.at(middle.cast<float>());
+    const int n = static_cast<int>(std::clamp(std::ceil(parts), 1.0, kMostParts));
+    double sum = 0;
+    // Centroids of the upright ones of the n^2 equal triangles.
+    for (int i = 0; i < n; ++i) {
+      for (int j = 0; i + j < n; ++j) {
+        const Vec3d p = corner[0] + (i + 1 / 3.0) / n * (corner[1] - corner[0]) +
+                        (j + 1 / 3.0) / n * (corner[2] - corner[0]);
+        const double spacing = field.at(p.cast<float>());
+        sum += 1 / (spacing * spacing);
       }
-      in_field[f] = m.area[f] * sum * 2 / (n * (n + 1));
     }
+    in_field[f] = m.area[f] * sum * 2 / (n * (n + 1));
   });
   double total = 0;
   for (const double a : in_field) total += a;
@@ -137,7 +136,7 @@ struct Sampling {
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
 std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spacing) const {
   const auto wanted = static_cast<double>(count);
-  constexpr int kTrials = 14;
+  constexpr int kTrials = 14;  ///< Halving alone finds the spacing to 1e-4 of itself.
   // Bounds of the spacing: too fine for the count, and coarse enough.
   double fine = 0;
   double coarse = std::numeric_limits<double>::infinity();
@@ -343,17 +342,15 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   for (const SurfaceSample& sample : samples) sampled_area += sample.area;
   const double to_exact = faces.total_area / sampled_area;
   const double scale2 = options.variance_scale * options.variance_scale;
-  parallel_for(samples.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const SurfaceSample& sample = samples[i];
-      const double spacing = out.spacing * sample.size;
-      const double cell = spacing * spacing;
-      cloud.position[i] = sample.position;
-      cloud.area[i] = static_cast<float>(to_exact * sample.area);
-      cloud.variance[i] =
-          static_cast<float>(scale2 * std::min(cell, component_area[component[sample.face]]));
-      attributes.transfer(i, sample.face);
-    }
+  parallel_each(samples.size(), kGrain, [&](std::size_t i) {
+    const SurfaceSample& sample = samples[i];
+    const double spacing = out.spacing * sample.size;
+    const double cell = spacing * spacing;
+    cloud.position[i] = sample.position;
+    cloud.area[i] = static_cast<float>(to_exact * sample.area);
+    cloud.variance[i] =
+        static_cast<float>(scale2 * std::min(cell, component_area[component[sample.face]]));
+    attributes.transfer(i, sample.face);
   });
   stage.end("attributes");
 

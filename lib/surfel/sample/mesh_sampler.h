@@ -24,7 +24,7 @@ struct SURFEL_API MeshSampleOptions {
   /// then: 1 is the field as it is. The field's gradient times `spacing` is at most
   /// PoissonDisk::kMaxGradient.
   const SizingField* field = nullptr;
-  std::uint64_t seed = 1;  ///< Of the pattern.
+  std::uint64_t seed = 1;  ///< Chooses the pattern.
   bool flat = false;       ///< Normals of the faces instead of smooth ones.
   /// Standard deviation of the kernels in units of the spacing, > 0. The default is the sharpest
   /// value that leaves no holes: cut off at beta = 1 kernels reach 0.99 spacings, and no point of
@@ -67,8 +67,8 @@ struct MeshSampleReport {
 ///
 /// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would
-/// not fit into memory or be finer than the coordinates' precision. The same for any number of
-/// threads. Cost: about 2.5 microseconds of one core a sample, 200 bytes a sample.
+/// not fit into memory or be finer than the coordinates' precision. The samples do not depend on
+/// the number of threads. A sample takes about 2.5 microseconds of one core and 200 bytes.
 SURFEL_API SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
                                    MeshSampleReport* report = nullptr,
                                    const std::string& name = {});

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/poisson_disk.h>
 #include <surfel/sample/surface_chunks.h>
@@ -94,9 +95,7 @@ class PoissonDisk::Impl {
             kBlockSide * field.largest() * spacing)) {
     prepare_chunks(field);
     for (const std::vector<std::uint32_t>& blocks : surface_.phase) {
-      parallel_for(blocks.size(), 1, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t i = begin; i < end; ++i) sample_block(blocks[i]);
-      });
+      parallel_each(blocks.size(), 1, [&](std::size_t i) { sample_block(blocks[i]); });
     }
     for (const std::uint16_t used : used_) size_ += used;
   }
@@ -160,14 +159,12 @@ class PoissonDisk::Impl {
         }
       }
     });
-    parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t c = begin; c < end; ++c) {
-        for (std::uint32_t k = 0; k < used_[c]; ++k) {
-          const std::uint32_t slot = first_slot_[c] + k;
-          out[first_sample[c] + k] = {slot_[slot], surface_.chunk[c].face,
-                                      static_cast<float>(static_cast<double>(share[slot]) * unit),
-                                      nearest_distance(c, slot), size_of_[slot]};
-        }
+    parallel_each(n, kGrain, [&](std::size_t c) {
+      for (std::uint32_t k = 0; k < used_[c]; ++k) {
+        const std::uint32_t slot = first_slot_[c] + k;
+        out[first_sample[c] + k] = {slot_[slot], surface_.chunk[c].face,
+                                    static_cast<float>(static_cast<double>(share[slot]) * unit),
+                                    nearest_distance(c, slot), size_of_[slot]};
       }
     });
     return out;
@@ -229,13 +226,11 @@ class PoissonDisk::Impl {
     visited_.assign(n, 0);
     reach_.resize(n);
     grade_.resize(n);
-    parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t c = begin; c < end; ++c) {
-        const SurfaceChunk& chunk = surface_.chunk[c];
-        grade_[c] = grade(chunk, field);
-        first_slot_[c + 1] = packing_bound(chunk, kAsideRadius * spacing_ * grade_[c].least);
-        normal_[c] = chunk.normal();
-      }
+    parallel_each(n, kGrain, [&](std::size_t c) {
+      const SurfaceChunk& chunk = surface_.chunk[c];
+      grade_[c] = grade(chunk, field);
+      first_slot_[c + 1] = packing_bound(chunk, kAsideRadius * spacing_ * grade_[c].least);
+      normal_[c] = chunk.normal();
     });
     first_slot_[0] = 0;
     for (std::size_t c = 0; c < n; ++c) first_slot_[c + 1] += first_slot_[c];

@@ -61,11 +61,10 @@ class SURFEL_API PoissonDisk {
   /// Largest change of the spacing by distance at which samples see each other.
   static constexpr double kMaxGradient = 0.42;
 
-  /// Samples the whole surface. The same for any number of threads.
+  /// Samples the whole surface. The samples do not depend on the number of threads.
   /// \param neighbor  edge_rings() of the mesh.
-  /// \param field     spacing by place, in units of `spacing`; its gradient times `spacing` is at
-  /// most
-  ///                  kMaxGradient.
+  /// \param field     spacing by place, in units of `spacing`; its gradient times `spacing` is
+  ///                  kMaxGradient at most.
   PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
               const SizingField& field, double spacing, std::uint64_t seed);
   ~PoissonDisk();

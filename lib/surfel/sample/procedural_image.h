@@ -18,7 +18,7 @@ using ProceduralTexture = std::function<Vec3f(double u, double v)>;
 struct SURFEL_API ProceduralTextureOptions {
   double frequency = 16;   ///< > 0. Squares of the checker, pairs of spokes of the star (rounded to
                            ///< a whole number), cells of the noise's first octave per unit of uv.
-  std::uint64_t seed = 1;  ///< Of the noise.
+  std::uint64_t seed = 1;  ///< Chooses the noise.
   Vec3f dark{0, 0, 0};     ///< The two colours of checker and star, linear.
   Vec3f light{1, 1, 1};
   std::vector<std::string> problems() const;  ///< Empty if usable.

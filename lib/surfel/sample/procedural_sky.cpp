@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/sample/procedural_sky.h>
 #include <surfel/scene/lat_long.h>
 
@@ -16,7 +16,7 @@ namespace {
 
 /// A rectangle that faces the origin, its lower side horizontal.
 struct Softbox {
-  double azimuth, height;          ///< Of its centre: radians from +z towards +x, and upwards.
+  double azimuth, height;          ///< Direction of its centre: radians from +z to +x, and up.
   double half_width, half_height;  ///< At distance 1.
   Vec3f radiance;
 };
@@ -149,9 +149,8 @@ Image procedural_sky(int width, int height) {
                  static_cast<std::size_t>((x + width) % width)];
   };
   const auto for_each_row = [&](const auto& body) {
-    parallel_for(static_cast<std::size_t>(height), 8, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t y = begin; y < end; ++y) body(static_cast<int>(y));
-    });
+    parallel_each(static_cast<std::size_t>(height), 8,
+                  [&](std::size_t y) { body(static_cast<int>(y)); });
   };
   for_each_row([&](int y) {
     for (int x = 0; x < width; ++x) {

@@ -161,7 +161,7 @@ class Terrain final : public ParametricSurface {
   }
 
  private:
-  static constexpr double kHeight = 0.6;
+  static constexpr double kHeight = 0.6;  ///< Heights are within about 0.4, on a side of 2.
   std::uint64_t seed_;
 };
 

@@ -21,7 +21,7 @@ struct SizingCell {
 /// so that neighbouring samples have similar sizes.
 class SURFEL_API SizingField {
  public:
-  /// The same spacing everywhere.
+  /// One spacing everywhere.
   explicit SizingField(double spacing);
   /// \param cells    may overlap. \param gradient  >= 0. \param largest  > 0.
   SizingField(const std::vector<SizingCell>& cells, double gradient, double largest);
@@ -33,7 +33,8 @@ class SURFEL_API SizingField {
 
  private:
   /// Bounds of the cells [begin, end) of the tree's order; the halves of the range are its children
-  /// 2 i + 1 and 2 i + 2.
+  /// 2 i + 1 and 2 i + 2. Cells overlap, and come from two octrees: a BoxTree (base/box_tree.h)
+  /// over their Morton order makes adaptive sampling take twice as long.
   struct Node {
     Vec3f min;
     Vec3f max;

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/sample/surface_chunks.h>
 
@@ -58,7 +58,8 @@ ChildEdge find_edge(const SplitPattern& pattern, int a, int b) {
   return {-1, -1};
 }
 
-/// Whether an edge is longer than allowed: the same for both directions, to the last bit.
+/// Whether an edge is longer than allowed. Both directions of an edge get one answer, to the last
+/// bit.
 class EdgeLimit {
  public:
   EdgeLimit(const SizingField& spacing, double edge_spacings)
@@ -86,13 +87,11 @@ class RefinementRound {
   RefinementRound(const Array<SurfaceChunk>& chunks, const EdgeLimit& limit) : chunks_(chunks) {
     const std::size_t n = chunks.size();
     mask_.resize(n);
-    parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        mask_[i] = 0;
-        for (int k = 0; k < 3; ++k) {
-          if (limit.exceeded(chunks[i].corner[k], chunks[i].corner[(k + 1) % 3])) {
-            mask_[i] |= static_cast<std::uint8_t>(1 << k);
-          }
+    parallel_each(n, kGrain, [&](std::size_t i) {
+      mask_[i] = 0;
+      for (int k = 0; k < 3; ++k) {
+        if (limit.exceeded(chunks[i].corner[k], chunks[i].corner[(k + 1) % 3])) {
+          mask_[i] |= static_cast<std::uint8_t>(1 << k);
         }
       }
     });
@@ -109,9 +108,7 @@ class RefinementRound {
 
   Array<SurfaceChunk> children() const {
     Array<SurfaceChunk> out(first_child_.back());
-    parallel_for(chunks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) split(i, out);
-    });
+    parallel_each(chunks_.size(), kGrain, [&](std::size_t i) { split(i, out); });
     return out;
   }
 
@@ -167,13 +164,11 @@ class RefinementRound {
 
 Array<SurfaceChunk> whole_faces(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor) {
   Array<SurfaceChunk> chunks(mesh.face.size());
-  parallel_for(chunks.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t f = begin; f < end; ++f) {
-      chunks[f].face = static_cast<std::uint32_t>(f);
-      for (int k = 0; k < 3; ++k) {
-        chunks[f].corner[k] = mesh.position[mesh.face[f][k]];
-        chunks[f].neighbor[k] = neighbor[3 * f + k];
-      }
+  parallel_each(chunks.size(), kGrain, [&](std::size_t f) {
+    chunks[f].face = static_cast<std::uint32_t>(f);
+    for (int k = 0; k < 3; ++k) {
+      chunks[f].corner[k] = mesh.position[mesh.face[f][k]];
+      chunks[f].neighbor[k] = neighbor[3 * f + k];
     }
   });
   return chunks;
@@ -192,14 +187,12 @@ Array<std::uint64_t> block_keys(const Array<SurfaceChunk>& chunks, double block_
     for (const Vec3f& corner : chunk.corner) low = low.cwiseMin(corner);
   }
   Array<std::uint64_t> keys(chunks.size());
-  parallel_for(chunks.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vec3f centroid = (chunks[i].corner[0] + chunks[i].corner[1] + chunks[i].corner[2]) / 3;
-      const Vec3d cell = ((centroid - low).cast<double>() / block_side).cwiseMax(0);
-      keys[i] =
-          morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
-                      static_cast<std::uint32_t>(cell.z()));
-    }
+  parallel_each(chunks.size(), kGrain, [&](std::size_t i) {
+    const Vec3f centroid = (chunks[i].corner[0] + chunks[i].corner[1] + chunks[i].corner[2]) / 3;
+    const Vec3d cell = ((centroid - low).cast<double>() / block_side).cwiseMax(0);
+    keys[i] =
+        morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
+                    static_cast<std::uint32_t>(cell.z()));
   });
   return keys;
 }
@@ -228,13 +221,11 @@ SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uin
   SurfaceChunks sorted;
   sorted.chunk.resize(chunks.size());
   for (std::size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<std::uint32_t>(i);
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      SurfaceChunk& chunk = sorted.chunk[i];
-      chunk = chunks[order[i]];
-      for (std::uint32_t& n : chunk.neighbor) {
-        if (n != SurfaceChunk::kBorder) n = 3 * place[n / 3] + n % 3;
-      }
+  parallel_each(order.size(), kGrain, [&](std::size_t i) {
+    SurfaceChunk& chunk = sorted.chunk[i];
+    chunk = chunks[order[i]];
+    for (std::uint32_t& n : chunk.neighbor) {
+      if (n != SurfaceChunk::kBorder) n = 3 * place[n / 3] + n % 3;
     }
   });
   for (std::size_t i = 0; i < order.size(); ++i) {

@@ -15,8 +15,8 @@ namespace surfel {
 /// Groups of surfels around seeds, which are surfels too. Every surfel is in one cluster.
 struct SheetClusters {
   Array<std::uint32_t> seed;  ///< Seed of each cluster; ascending.
-  Array<std::uint64_t>
-      begin;  ///< First place of each cluster in `member`, then the places' number.
+  /// First place of each cluster in `member`, then the places' number.
+  Array<std::uint64_t> begin;
   Array<std::uint32_t> member;  ///< Surfels, cluster by cluster, ascending within each.
 
   std::size_t size() const { return seed.size(); }
@@ -35,9 +35,8 @@ struct SheetClusters {
 /// \param cloud   usable surfels with normals, in the order of a space-filling curve.
 /// \param search  searches the cloud's positions.
 /// \param radius  radius of every surfel if it becomes a seed, scene units, >= 0.
-/// \param fill_to  if there are fewer seeds than `fill_to`, surfels at smaller and smaller
-/// distances
-///                are made seeds as well, until there are as many, or no other surfels.
+/// \param fill_to  number of seeds that is wanted: where there are fewer, surfels at smaller and
+///                 smaller distances are made seeds as well, until there are as many, or no others.
 /// The result depends on these and `random_seed` alone. Throws Error(kUsage) for bad rules.
 /// Sequential: 0.5 s for a million surfels.
 SURFEL_API SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,

@@ -1,4 +1,4 @@
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/simplify/shown_surface.h>
 
 namespace surfel {
@@ -26,28 +26,26 @@ ShownSurface shown_surface(const SurfelCloud& places, const SurfelBasis& basis,
   out.height.assign(places.size(), 0.0F);
   out.coverage.assign(places.size(), 0.0F);
   const SparseMatrix& A = evaluated.A;
-  parallel_for(place.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t q = begin; q < end; ++q) {
-      if (A.row_begin[q] == A.row_begin[q + 1]) continue;
-      const std::uint32_t i = place[q];
-      const Vec3d position = places.position[i].cast<double>();
-      Channels color = Channels::Zero();
-      Vec3d normal = Vec3d::Zero();
-      double height = 0;
-      for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
-        const SurfelBasis::Function& f = basis.function[A.column[e]];
-        color += A.value[e] * w[A.column[e]];
-        normal += A.value[e] * f.normal;
-        // Distance from the place to the function's plane along the function's normal, which hardly
-        // differs from the surface's.
-        height += A.value[e] * f.normal.dot(f.position - position);
-      }
-      out.color[i] = color;
-      const double length = normal.norm();
-      if (length > 0) out.normal[i] = (normal / length).cast<float>();
-      out.height[i] = static_cast<float>(height);
-      out.coverage[i] = evaluated.coverage[q];
+  parallel_each(place.size(), kGrain, [&](std::size_t q) {
+    if (A.row_begin[q] == A.row_begin[q + 1]) return;
+    const std::uint32_t i = place[q];
+    const Vec3d position = places.position[i].cast<double>();
+    Channels color = Channels::Zero();
+    Vec3d normal = Vec3d::Zero();
+    double height = 0;
+    for (std::size_t e = A.row_begin[q]; e < A.row_begin[q + 1]; ++e) {
+      const SurfelBasis::Function& f = basis.function[A.column[e]];
+      color += A.value[e] * w[A.column[e]];
+      normal += A.value[e] * f.normal;
+      // Distance from the place to the function's plane along the function's normal, which hardly
+      // differs from the surface's.
+      height += A.value[e] * f.normal.dot(f.position - position);
     }
+    out.color[i] = color;
+    const double length = normal.norm();
+    if (length > 0) out.normal[i] = (normal / length).cast<float>();
+    out.height[i] = static_cast<float>(height);
+    out.coverage[i] = evaluated.coverage[q];
   });
   return out;
 }

@@ -20,9 +20,8 @@ struct ShownSurface {
 SURFEL_API Channels shown_color(const SurfelCloud& cloud, std::size_t surfel);
 
 /// Look of the surface at places.
-/// \param places     cloud whose surfels are the places; a place that no kernel reaches shows its
-/// own
-///                   colour and normal.
+/// \param places     cloud whose surfels are the places; a place that no kernel reaches shows the
+///                   colour and normal of its surfel.
 /// \param basis      basis functions of the surface's surfels.
 /// \param w          colours and opacities of the basis functions.
 /// \param evaluated  the basis evaluated at points, a row for each point.

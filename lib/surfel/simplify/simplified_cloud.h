@@ -29,7 +29,7 @@ struct SimplifiedCloud {
 };
 
 /// Merges every cluster to a surfel, sizes and fits the surfels, and measures the errors: steps 3
-/// to 5 of simplify_surfels(). The same for any number of threads.
+/// to 5 of simplify_surfels(). The result does not depend on the number of threads.
 SimplifiedCloud simplified_cloud(const OriginalCloud& original, SheetClusters clusters,
                                  const SimplifyOptions& options, StageTimes& times);
 

@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>
@@ -165,10 +165,8 @@ DetailTree Simplifier::make_tree() {
 Array<float> Simplifier::radii(const DetailTree& tree, const DetailTree::Cut& cut) const {
   const SizingField field = tree.field(cut);
   Array<float> radius(original_.cloud.size());
-  parallel_for(radius.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      radius[i] = static_cast<float>(kSeedRadius * field.at(original_.cloud.position[i]));
-    }
+  parallel_each(radius.size(), kGrain, [&](std::size_t i) {
+    radius[i] = static_cast<float>(kSeedRadius * field.at(original_.cloud.position[i]));
   });
   return radius;
 }

@@ -56,17 +56,16 @@ struct SimplifyReport {
   std::size_t no_normal = 0;  ///< Surfels without a normal, which are kept as they are.
   double unit_deviation = 0;  ///< Scene units.
   SimplifyError error;        ///< Measured error of the result.
-  std::size_t uncovered =
-      0;                ///< Places that merging would have left a gap at; the gaps are closed.
-  bool reached = true;  ///< With `count`: there are as many surfels. With `max_error`: it is
-                        ///< kept with fewer surfels than before.
-  int rounds = 0;       ///< Times that a simplified cloud was made and measured.
+  std::size_t uncovered = 0;  ///< Places where merging would have left a gap; gaps are closed.
+  bool reached = true;        ///< With `count`: there are as many surfels. With `max_error`: fewer
+                              ///< surfels than before keep the error.
+  int rounds = 0;             ///< Times that a simplified cloud was made and measured.
   std::vector<std::string> left_out;  ///< Columns left out, as they do not apply to merged surfels.
   StageTimes times;
 };
 
-/// The same surface with fewer surfels: few, large ones where it is flat and its colours are
-/// smooth, all of them where it has detail.
+/// Makes a surface of fewer surfels: few, large ones where it is flat and its colours are smooth,
+/// all of them where it has detail.
 ///
 /// 1. Spacing: octree cells are chosen such that a further surfel lowers the squared error most
 ///    where it is spent (detail_tree.h, sizing_field.h).
@@ -74,8 +73,7 @@ struct SimplifyReport {
 ///    sheet (sheet_clusters.h). Surfels that face differently, or of different materials, are never
 ///    merged.
 /// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A
-/// cluster
-///    of a single surfel stays as it is.
+///    cluster of a single surfel stays as it is.
 /// 4. Sizes: Gaussians that just cover their cluster's places at the cutoff (covering_gaussian.h),
 ///    discs or ellipses as the cloud has them, with more weight where a place would be uncovered.
 /// 5. Coefficients: least squares in the renderer's basis (render_system.h) against the colours

@@ -111,7 +111,7 @@ struct Sums {
 /// Makes the cell's edges from the bisectors of the `count` neighbours in cell.bound_x and
 /// cell.bound_y. False if the edges do not close.
 bool intersect(std::size_t count, ClosedCell& cell) {
-  constexpr float kFar = 1e18F;
+  constexpr float kFar = 1e18F;  ///< Beyond all places; its square is still finite.
   /// Sines below this are rounding, and their reciprocals may be infinite.
   constexpr float kLeast = 1e-30F;
   /// Largest gap between edges, by the radius; rounding makes gaps of 1e-5, larger ones in slivers.

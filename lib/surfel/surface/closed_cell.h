@@ -18,8 +18,8 @@ namespace surfel {
 /// data. Values are single precision in units of the reach: radius and area are within 1e-4 of
 /// VoronoiCell's. Cells whose edges rounding tears apart are kOpen; VoronoiCell makes open cells.
 struct ClosedCell {
-  static constexpr std::size_t kWidth = 16;
-  static constexpr std::size_t kMostNeighbors = 64;
+  static constexpr std::size_t kWidth = 16;          ///< Lanes of the widest vectors.
+  static constexpr std::size_t kMostNeighbors = 64;  ///< VoronoiCell measures cells with more.
   /// Length of columns: vectors are stored whole, however few of their lanes count.
   static constexpr std::size_t kRoom = kMostNeighbors + kWidth;
 
@@ -32,11 +32,11 @@ struct ClosedCell {
   /// Neighbours whose bisectors bound the cell.
   alignas(64) float bound_x[kRoom] = {}, bound_y[kRoom] = {};
   std::size_t bounds = 0;
-  alignas(64) float corner_x[kRoom] = {}, corner_y[kRoom] = {};  ///< In no order.
+  alignas(64) float corner_x[kRoom] = {}, corner_y[kRoom] = {};  ///< Corners have no order.
   std::size_t corners = 0;
 
   float radius2 = 0;             ///< Squared distance of the furthest corner.
-  float area = 0;                ///< In units squared.
+  float area = 0;                ///< Area of the cell, units squared.
   float xx = 0, xy = 0, yy = 0;  ///< Second moments about the point, in units to the fourth.
 };
 
@@ -66,7 +66,7 @@ SURFEL_API CellState measure_cell(const CellSurface& surface, std::size_t i,
                                   ClosedCell& cell);
 
 /// Measures a cell that measure_cell() found to be kBeyondReach once more, with neighbours in
-/// addition: all that lie at the former reach or beyond, up to the reach of `limits`.
+/// addition: all points that lie at the reach of that call or beyond, up to the reach of `limits`.
 SURFEL_API CellState extend_cell(const CellSurface& surface, std::size_t i,
                                  std::span<const Neighbor> further, const CellLimits& limits,
                                  ClosedCell& cell);

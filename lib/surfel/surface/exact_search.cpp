@@ -52,7 +52,7 @@ struct Box {
   Vec3f low, high;
 };
 
-/// In the order of Eigen's squaredNorm(), which the rest of the library computes distances by.
+/// Sums in the order of Eigen's squaredNorm(), by which the rest of the library computes distances.
 HWY_INLINE V squared_length(const V& x, const V& y, const V& z) {
   return hn::Add(hn::Mul(x, x), hn::Add(hn::Mul(y, y), hn::Mul(z, z)));
 }
@@ -332,7 +332,7 @@ class Searcher {
       return {key, kept};
     }
     // The place of a key is the number of smaller keys. As signed numbers keys have the same order,
-    // since the sign of a squared distance is clear, and more instruction sets compare those.
+    // since the sign of a squared distance is clear, and more instruction sets compare signed ones.
     const hn::CappedTag<std::int64_t, kWidth / 2> d;
     const auto* signed_key = reinterpret_cast<const std::int64_t*>(key);
     for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
@@ -391,7 +391,6 @@ namespace {
 HWY_EXPORT(search_leaves);
 HWY_EXPORT(search_point);
 
-constexpr float kNoLimit = std::numeric_limits<float>::infinity();
 /// Leaves of a range, within which the guess of the reach is carried on from leaf to leaf.
 constexpr std::size_t kLeafGrain = 128;
 
@@ -462,21 +461,6 @@ void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
     HWY_DYNAMIC_DISPATCH(search_leaves)
     (tree_, begin, end, {std::min(most, tree_.places()), limit2}, memory.search, found);
   });
-}
-
-void ExactSearch::nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const {
-  search(query, k, kNoLimit, out);
-}
-
-void ExactSearch::within(const Vec3f& query, float radius, std::size_t most,
-                         std::vector<Neighbor>& out) const {
-  search(query, most, radius * radius, out);
-}
-
-void ExactSearch::for_each_nearest(std::size_t k, Body body) const { for_each(k, kNoLimit, body); }
-
-void ExactSearch::for_each_within(float radius, std::size_t most, Body body) const {
-  for_each(most, radius * radius, body);
 }
 
 }  // namespace surfel

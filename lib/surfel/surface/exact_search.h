@@ -27,11 +27,9 @@ class ExactSearch final : public NeighborSearch {
   explicit ExactSearch(const Array<Vec3f>& points) : tree_(points) {}
 
   std::size_t size() const override { return tree_.size(); }
-  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const override;
-  void within(const Vec3f& query, float radius, std::size_t most,
+  void search(const Vec3f& query, std::size_t most, float limit2,
               std::vector<Neighbor>& out) const override;
-  void for_each_nearest(std::size_t k, Body body) const override;
-  void for_each_within(float radius, std::size_t most, Body body) const override;
+  void for_each(std::size_t most, float limit2, Body body) const override;
 
   /// A neighbouring place: the upper half holds its squared distance, as the bits of a float, the
   /// lower half the index of its first point. Ascending keys are ascending distances, ties by
@@ -39,8 +37,6 @@ class ExactSearch final : public NeighborSearch {
   using Key = std::uint64_t;
 
  private:
-  void search(const Vec3f& query, std::size_t most, float limit2, std::vector<Neighbor>& out) const;
-  void for_each(std::size_t most, float limit2, Body body) const;
   void expand(std::span<const Key> places, std::size_t most, std::vector<Neighbor>& out) const;
 
   PointTree tree_;

@@ -145,37 +145,15 @@ class FlannSearch final : public NeighborSearch {
 
   std::size_t size() const override { return places_.member.size(); }
 
-  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const override {
-    search(query, k, kNoLimit, out);
-  }
-  void within(const Vec3f& query, float radius, std::size_t most,
-              std::vector<Neighbor>& out) const override {
-    search(query, most, radius * radius, out);
-  }
-  void for_each_nearest(std::size_t k, Body body) const override { for_each(k, kNoLimit, body); }
-  void for_each_within(float radius, std::size_t most, Body body) const override {
-    for_each(most, radius * radius, body);
-  }
-
- private:
-  static constexpr float kNoLimit = std::numeric_limits<float>::infinity();
-
   void search(const Vec3f& query, std::size_t most, float limit2,
-              std::vector<Neighbor>& out) const {
+              std::vector<Neighbor>& out) const override {
     NearestSet set(places_, out);
     run(set, query, most, limit2);
   }
 
-  void run(NearestSet& set, const Vec3f& query, std::size_t most, float limit2) const {
-    set.start(query, std::min(most, size()), limit2);
-    if (!index_ || most == 0) return;
-    index_->findNeighbors(set, query.data(), parameters_);
-    set.finish();
-  }
-
   /// Goes from place to place along the Morton curve, whatever the order of the points: successive
   /// queries find the tree's nodes and the points in the cache. Points at one place share a search.
-  void for_each(std::size_t most, float limit2, Body body) const {
+  void for_each(std::size_t most, float limit2, Body body) const override {
     PerWorker<std::vector<Neighbor>> scratch;
     parallel_for(places_.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
       std::vector<Neighbor>& out = scratch[worker];
@@ -185,6 +163,14 @@ class FlannSearch final : public NeighborSearch {
         for (const std::uint32_t i : places_.at(place)) body(i, out, worker);
       }
     });
+  }
+
+ private:
+  void run(NearestSet& set, const Vec3f& query, std::size_t most, float limit2) const {
+    set.start(query, std::min(most, size()), limit2);
+    if (!index_ || most == 0) return;
+    index_->findNeighbors(set, query.data(), parameters_);
+    set.finish();
   }
 
   Places places_;

@@ -9,10 +9,10 @@ NeighborLists::NeighborLists(const NeighborSearch& search, const Array<Vec3f>& p
                              std::size_t k)
     : search_(search), points_(points), k_(std::min(k, points.size())) {}
 
-void NeighborLists::for_each_nearest(std::size_t k, Body body) const {
-  k = std::min(k, points_.size());
-  if (k > k_) {
-    search_.for_each_nearest(k, body);
+void NeighborLists::for_each(std::size_t most, float limit2, Body body) const {
+  const std::size_t k = std::min(most, points_.size());
+  if (k > k_ || limit2 < kNoLimit) {
+    search_.for_each(most, limit2, body);
     return;
   }
   if (index_.empty()) {

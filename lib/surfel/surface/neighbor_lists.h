@@ -13,25 +13,19 @@ namespace surfel {
 /// Search that keeps the k nearest neighbours of all points (4 k bytes a point) for several stages
 /// that go over all neighbourhoods. The first for_each_nearest() of no more than k neighbours
 /// searches and keeps the neighbours, so that its body runs while the points are in the cache;
-/// later calls, and rows(), read the lists. All other queries go to the search behind. The results
-/// are the same as without the lists. One thread at a time may call for_each_nearest() and rows().
+/// later calls, and rows(), read the lists. All other queries go to the search behind. The lists
+/// change no result. One thread at a time may call for_each_nearest() and rows().
 class SURFEL_API NeighborLists final : public NeighborSearch {
  public:
   /// `search` searches `points`; both outlive this object.
   NeighborLists(const NeighborSearch& search, const Array<Vec3f>& points, std::size_t k);
 
   std::size_t size() const override { return search_.size(); }
-  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const override {
-    search_.nearest(query, k, out);
-  }
-  void within(const Vec3f& query, float radius, std::size_t most,
+  void search(const Vec3f& query, std::size_t most, float limit2,
               std::vector<Neighbor>& out) const override {
-    search_.within(query, radius, most, out);
+    search_.search(query, most, limit2, out);
   }
-  void for_each_nearest(std::size_t k, Body body) const override;
-  void for_each_within(float radius, std::size_t most, Body body) const override {
-    search_.for_each_within(radius, most, body);
-  }
+  void for_each(std::size_t most, float limit2, Body body) const override;
   NeighborRows rows(std::size_t k) const override;
 
  private:

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <vector>
@@ -45,20 +46,35 @@ class SURFEL_API NeighborSearch {
   /// Called with the neighbourhood of point `i`; the span is valid during the call only.
   using Body = FunctionRef<void(std::size_t i, std::span<const Neighbor> neighbors, int worker)>;
 
+  /// The `limit2` of searches that find points at any distance.
+  static constexpr float kNoLimit = std::numeric_limits<float>::infinity();
+
   virtual ~NeighborSearch() = default;
 
   virtual std::size_t size() const = 0;
+  /// Finds the `most` points nearest to `query` (all, if there are fewer) among the points whose
+  /// squared distance is at most `limit2`.
+  virtual void search(const Vec3f& query, std::size_t most, float limit2,
+                      std::vector<Neighbor>& out) const = 0;
+  /// Calls body in parallel with what search() finds for every point, the point itself included.
+  /// Fastest where the points are in the order of a space-filling curve.
+  virtual void for_each(std::size_t most, float limit2, Body body) const = 0;
+
   /// The k points nearest to `query` (all, if there are fewer), a point at the query itself
   /// included.
-  virtual void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const = 0;
+  void nearest(const Vec3f& query, std::size_t k, std::vector<Neighbor>& out) const {
+    search(query, k, kNoLimit, out);
+  }
   /// The points within `radius` (inclusive) of `query`, at most the `most` nearest.
-  virtual void within(const Vec3f& query, float radius, std::size_t most,
-                      std::vector<Neighbor>& out) const = 0;
-
-  /// Calls body in parallel with the k nearest (or all within `radius`) of every point, the point
-  /// itself included. Fastest where the points are in the order of a space-filling curve.
-  virtual void for_each_nearest(std::size_t k, Body body) const = 0;
-  virtual void for_each_within(float radius, std::size_t most, Body body) const = 0;
+  void within(const Vec3f& query, float radius, std::size_t most,
+              std::vector<Neighbor>& out) const {
+    search(query, most, radius * radius, out);
+  }
+  /// Calls body with what nearest() or within() finds for every point, as for_each() does.
+  void for_each_nearest(std::size_t k, Body body) const { for_each(k, kNoLimit, body); }
+  void for_each_within(float radius, std::size_t most, Body body) const {
+    for_each(most, radius * radius, body);
+  }
 
   /// The k nearest (or all, if there are fewer) of every point, the point itself included.
   virtual NeighborRows rows(std::size_t k) const;

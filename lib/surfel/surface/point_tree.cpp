@@ -7,6 +7,7 @@
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/parallel_each.h>
 #include <surfel/surface/point_tree.h>
 
 namespace surfel {
@@ -93,11 +94,9 @@ PointTree::PointTree(const Array<Vec3f>& points) : member_(morton_order(points))
   const MortonGrid grid = morton_grid(points);
   Array<std::uint64_t> code(n);
   Array<Vec3f> position(n);
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      position[i] = points[member_[i]];
-      code[i] = grid.code(position[i]);
-    }
+  parallel_each(n, kGrain, [&](std::size_t i) {
+    position[i] = points[member_[i]];
+    code[i] = grid.code(position[i]);
   });
   refine(code, position, member_);
 
@@ -187,18 +186,16 @@ void PointTree::add_levels(std::vector<std::uint64_t> code) {
     const bool lowest = level_.empty();
     Array<Node> nodes(first.size());
     first.push_back(static_cast<std::uint32_t>(code.size()));
-    parallel_for(nodes.size(), kGrain / kWidth, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        Node& node = nodes[i];
-        node = {};  // Boxes of unused entries are never looked at, but are read.
-        node.first_child = first[i];
-        node.children = first[i + 1] - first[i];
-        for (std::size_t c = 0; c < node.children; ++c) {
-          if (lowest) {
-            set_box(node, c, leaf_[first[i] + c], leaf_size(first[i] + c));
-          } else {
-            set_box(node, c, level_.back()[first[i] + c]);
-          }
+    parallel_each(nodes.size(), kGrain / kWidth, [&](std::size_t i) {
+      Node& node = nodes[i];
+      node = {};  // Boxes of unused entries are never looked at, but are read.
+      node.first_child = first[i];
+      node.children = first[i + 1] - first[i];
+      for (std::size_t c = 0; c < node.children; ++c) {
+        if (lowest) {
+          set_box(node, c, leaf_[first[i] + c], leaf_size(first[i] + c));
+        } else {
+          set_box(node, c, level_.back()[first[i] + c]);
         }
       }
     });

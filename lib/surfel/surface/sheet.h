@@ -36,7 +36,8 @@ bool along_sheet(Real height2, Real flat2) {
 /// Which surfels merging takes for different sheets of a surface.
 struct SheetRules {
   /// Surfels are of another sheet whose normals are further than this from the normal that they
-  /// would be merged to (the mean of a group, or that of a cluster's seed), degrees, in (0, 90].
+  /// would be merged to (a group's mean normal, or the normal of a cluster's seed), degrees, in
+  /// (0, 90].
   double normal_angle = 40;
   /// How many times as much an offset along the normal counts as one along the surface, 1..1000:
   /// sheets that lie upon one another are told apart before one sheet is cut finer.
