@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <bit>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <span>
@@ -16,7 +15,7 @@
 #include <surfel/io/input_file.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
 
@@ -30,14 +29,13 @@ constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
 
 /// Blank-separated numbers, exactly as many as `values` has; false if they are not there.
 bool parse_numbers(std::string_view text, std::span<double> values) {
-  TextNumbers words({}, std::as_bytes(std::span(text)), 0);
+  TextScanner words({}, text);
   for (double& value : values) {
-    const auto word = words.next();
-    const auto number = word ? parse_number(*word) : std::nullopt;
+    const auto number = parse_number(words.word());
     if (!number) return false;
     value = *number;
   }
-  return !words.next();
+  return words.at_line_end();
 }
 
 std::string one_line(std::string text) {
@@ -70,14 +68,6 @@ SurfelCloud read_pcd(InputFile input) {
   cloud.viewpoint = pcd.viewpoint();
   read_comments(pcd.comments(), name, cloud);
   return cloud;
-}
-
-bool has_extension(const std::string& path, std::string_view extension) {
-  if (path.size() < extension.size()) return false;
-  return std::equal(extension.begin(), extension.end(),
-                    path.end() - static_cast<std::ptrdiff_t>(extension.size()), [](char a, char b) {
-                      return a == std::tolower(static_cast<unsigned char>(b));
-                    });
 }
 
 std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
@@ -222,9 +212,9 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
     return read_cloud(ply, options);
   }
   if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
-  if (has_extension(name, ".ply"))
+  if (lower_extension(name) == ".ply")
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
-  if (has_extension(name, ".pcd")) throw_input(name, "is not a PCD file: it has no PCD header");
+  if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_xyz_name(name)) return read_xyz(input);
   throw_input(
       name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
@@ -247,7 +237,7 @@ struct CloudWriter::Impl {
       : path(std::move(to)),
         count(n),
         options(o),
-        pcd(has_extension(path, ".pcd")),
+        pcd(lower_extension(path) == ".pcd"),
         file(path, o.no_clobber) {}
 };
 
