@@ -373,7 +373,9 @@ concept Streamable = requires(Source&& source, CloudStreamOptions options) {
 };
 static_assert(Streamable<CloudSource&> && !Streamable<CloudSource>);
 template <class Cloud>
-concept HasExtent = requires(Cloud&& cloud) { std::forward<Cloud>(cloud).extent(); };
+concept HasExtent = requires(Cloud&& cloud) {
+  std::forward<Cloud>(cloud).extent();
+};
 static_assert(HasExtent<const RenderCloud&> && !HasExtent<RenderCloud>);
 
 TEST_F(StreamedCloud, BatchIsCheckedWhetherOrNotTheFileIsStreamed) {

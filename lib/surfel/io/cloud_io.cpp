@@ -1,12 +1,10 @@
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <span>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/version.h>
 #include <surfel/io/cloud_from_records.h>
@@ -15,6 +13,7 @@
 #include <surfel/io/input_file.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/record_writer.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
@@ -79,7 +78,7 @@ std::string ply_element(const char* name, const std::vector<RecordColumn>& colum
   return lines;
 }
 
-/// Of `count` points, and of a tree over them if that is not empty.
+/// Header of a file with `count` points, and with a tree over them if that is not empty.
 std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count,
                        const ClusterTree& tree, bool ascii,
                        const std::vector<std::string>& comments) {
@@ -94,14 +93,11 @@ std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t cou
 /// A record as a line of text; every value reads back as it was.
 void append_text(const std::byte* record, const std::vector<RecordColumn>& columns,
                  std::string& text) {
-  char buffer[64];
-  for (std::size_t k = 0; k < columns.size(); ++k) {
-    visit_type(columns[k].type, [&]<class T>(T) {
-      const auto value = load_scalar<T, false>(record + columns[k].offset);
-      const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
-      text.append(buffer, end);
+  for (const RecordColumn& column : columns) {
+    visit_type(column.type, [&]<class T>(T) {
+      append_number(text, load_scalar<T, false>(record + column.offset));
     });
-    text += k + 1 == columns.size() ? '\n' : ' ';
+    text += &column == &columns.back() ? '\n' : ' ';
   }
 }
 
@@ -121,7 +117,7 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
   });
 }
 
-/// Some records at a time.
+/// Writes some blocks of records at a time: threads make their text, then it is written in order.
 void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
   constexpr std::size_t kChunk = 64 * kBlock;
   const std::size_t stride = records.stride();
