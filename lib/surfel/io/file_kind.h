@@ -6,7 +6,7 @@
 
 namespace surfel {
 
-/// What a file holds.
+/// The kind of data that a file holds.
 enum class FileKind { kCloud, kMesh, kImage };
 
 /// Tells the kind of a file from its name's extension, and for PLY from the header: a file with

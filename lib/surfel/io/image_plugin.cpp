@@ -389,7 +389,7 @@ class PluginReader final : public ImageReader {
 // ---------------------------------------------------------------------------------------------
 // Writing
 
-/// What a format stores.
+/// Pixels that a format stores.
 enum class Encoding {
   kFloatAllChannels,  ///< Linear, premultiplied, AOVs included.
   kFloatColor,        ///< Linear, premultiplied, R G B.

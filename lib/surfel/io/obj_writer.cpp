@@ -15,8 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// OBJ tells materials apart by name: those without one, or with one that an earlier one has, get
-/// another.
+/// Names of the materials. OBJ tells materials apart by name, so a material without a name, or with
+/// the name of an earlier one, gets a new name.
 std::vector<std::string> material_names(const TriangleMesh& mesh) {
   std::vector<std::string> names;
   std::set<std::string> used;
@@ -47,7 +47,8 @@ void write_materials(const TriangleMesh& mesh, const std::vector<std::string>& n
   out.flush();
 }
 
-/// Coordinates that were centred have the decimals of their double sum, others those of the float.
+/// Writes a centred coordinate as the double that origin and offset add up to, another one as
+/// float.
 void write_vertices(const TriangleMesh& mesh, RecordWriter& out) {
   const bool centred = mesh.origin != Vec3d::Zero();
   for (std::size_t i = 0; i < mesh.position.size(); ++i) {

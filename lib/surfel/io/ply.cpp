@@ -182,14 +182,14 @@ struct RawLists {
   Array<std::byte> value;
 };
 
-/// What is known of an element of the file so far.
+/// State of an element's decoding.
 struct ElementData {
   std::size_t begin = 0;  ///< Offset in the file.
   std::optional<std::size_t> end;
   bool decoded = false;
   RecordTable scalars;
   Array<std::byte> records;     ///< Owns what `scalars` shows, unless that is the file.
-  std::vector<RawLists> lists;  ///< One a property; those of scalars stay empty.
+  std::vector<RawLists> lists;  ///< One for each property; empty for scalar properties.
 };
 
 /// Where a value stands, for messages: "face 17 (vertex_indices)".
@@ -382,7 +382,7 @@ std::size_t PlyFile::Impl::read(std::size_t index, bool keep) {
   return binary.position();
 }
 
-/// Finds where an element begins, which needs all those before it.
+/// Finds where an element begins, for which all elements before it are located first.
 void PlyFile::Impl::locate(std::size_t index) {
   for (std::size_t k = 0; k < index; ++k) {
     ElementData& data = elements[k];

@@ -68,7 +68,7 @@ class SURFEL_API PlyFile {
   static bool matches(std::span<const std::byte> bytes);
 
   const PlyHeader& header() const;
-  const std::string& name() const;  ///< Of the file, for messages.
+  const std::string& name() const;  ///< Name of the file, for messages.
   const InputFile& file() const;
 
   /// The scalar properties of an element as records: a view into the file where it is binary and

@@ -15,7 +15,7 @@
 namespace surfel {
 namespace {
 
-// What a character means: TextScanner::kind_.
+// Kinds of characters, the values of TextScanner::kind_.
 constexpr std::uint8_t kSeparator = 1;
 constexpr std::uint8_t kLineEnd = 2;
 constexpr std::uint8_t kComment = 3;
@@ -190,7 +190,7 @@ double TextScanner::number(const char* what) {
   at_line_end();
   double value = 0;
   if (take(value) && std::isfinite(value)) return value;
-  // What from_chars refuses may still be fine: a number too small for a double is zero.
+  // from_chars refuses numbers too small for a double, which are zero.
   at_ = token_;
   const std::string_view text = word();
   if (text.empty()) fail(fmt::format("{} is missing", what));

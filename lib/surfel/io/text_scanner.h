@@ -13,7 +13,7 @@
 
 namespace surfel {
 
-/// What parts a text format into lines and lines into words.
+/// Characters that part a text into lines and lines into words.
 struct TextFormat {
   std::string_view separators = " \t\v\f";
   std::string_view line_ends = "\n\r";  ///< CR LF ends one line where both are named.

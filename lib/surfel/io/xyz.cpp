@@ -124,8 +124,8 @@ class XyzReader {
     }
   }
 
-  /// Do the three columns from `first` on have length 1 in every line but those that are all zero
-  /// (normal unknown)?
+  /// Do the three columns from `first` on have length 1 in some line, and length 1 or 0 (an unknown
+  /// normal) in every line?
   bool unit_length(std::size_t first) const {
     bool any = false;
     for (std::size_t i = first; i < values_.size(); i += columns_) {
@@ -177,7 +177,8 @@ class XyzReader {
     return std::find(kNames.begin(), kNames.end(), names_[column]) != kNames.end();
   }
 
-  /// Of all colour columns together: their whole numbers are sRGB of 8 or 16 bits.
+  /// The type of the colour columns: sRGB of 8 or 16 bits if all their values are whole numbers
+  /// that fit, else float.
   ScalarType color_type() const {
     double largest = 0;
     for (std::size_t i = 0; i < values_.size(); ++i) {
@@ -193,7 +194,7 @@ class XyzReader {
     RecordTable table;
     const ScalarType color = color_type();
     for (std::size_t k = 0; k < columns_; ++k) {
-      // Coordinates in double: those of maps have more digits than float.
+      // Coordinates are double, because coordinates of maps have more digits than float.
       const bool coordinate = names_[k] == "x" || names_[k] == "y" || names_[k] == "z";
       const ScalarType type = coordinate    ? ScalarType::kFloat64
                               : is_color(k) ? color

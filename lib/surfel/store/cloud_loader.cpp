@@ -119,7 +119,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
   const char* why = why_in_memory();
   const bool fits = wanted() <= memory / kSurfelBytes;
-  // Of levels of detail a picture wants few: they stay in the file even if they fit.
+  // Levels of detail stay in the file even if they fit, because a picture needs few of them.
   const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
   if (!why && (few || !fits)) make_stream(memory);
   if (stream) return true;
@@ -182,8 +182,8 @@ LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& option
   InputFile input(path);
   const std::string name = input.name();
   if (!impl_->load_records(input)) {
-    // All levels, even if the finest is drawn alone: the picture is framed by the same clusters
-    // then.
+    // All levels are read even if the finest is drawn alone, so that all levels frame the picture
+    // alike.
     constexpr CloudReadOptions kLevels{.levels = true};
     impl_->load_cloud(
         impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels),

@@ -43,7 +43,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   fill();
   if (source.recenter(box)) fill();
   origin_ = source.origin();
-  // What this library has written is in order already, and has nothing that cannot be drawn.
+  // Files written by this library are in order already, and hold no surfels that cannot be drawn.
   const bool copies = source.attributes().source && !needed.copies;
   const bool usable =
       std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
