@@ -228,6 +228,7 @@ TEST(ReadObj, ErrorsNameTheLine) {
       {"v 1 2 1e999\nf 1 2 3\n", "line 4: z of a vertex is '1e999', not a finite"},
       {"v 1 2 3x\nf 1 2 3\n", "line 4: z of a vertex is '3x'"},
       {"v 1 2 -1.#IND\nf 1 2 3\n", "line 4: z of a vertex is '-1.#IND'"},
+      {"v 1 2 +-3\nf 1 2 3\n", "line 4: z of a vertex is '+-3'"},
       {"vt nan 0\nf 1 2 3\n", "line 4: u of a texture coordinate"},
       {"", "3 points and no face"},
   };

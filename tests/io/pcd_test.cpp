@@ -1,9 +1,14 @@
 #include <cmath>
 #include <cstring>
+#include <string>
+#include <type_traits>
 
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_to_records.h>
+#include <surfel/io/pcd.h>
+#include <surfel/io/text_scanner.h>
 
 #include "io/cloud_of_bytes.h"
 #include "support/memory_file.h"
@@ -11,6 +16,13 @@
 
 namespace surfel {
 namespace {
+
+// The records of a PcdFile may be views of the file that it owns.
+static_assert(!std::is_copy_constructible_v<PcdFile> && !std::is_move_constructible_v<PcdFile>);
+static_assert(!std::is_constructible_v<CloudRecords, SurfelCloud, CloudRecordOptions>);
+static_assert(std::is_constructible_v<CloudRecords, const SurfelCloud&, CloudRecordOptions>);
+static_assert(!std::is_constructible_v<TextScanner, std::string, std::string>);
+static_assert(std::is_constructible_v<TextScanner, std::string, const std::string&>);
 
 using test::cloud_of;
 using test::error_of;

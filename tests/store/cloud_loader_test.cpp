@@ -5,6 +5,8 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <type_traits>
+#include <utility>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -20,6 +22,7 @@
 #include <surfel/sp06/methods.h>
 #include <surfel/store/cloud_loader.h>
 #include <surfel/store/cloud_stream.h>
+#include <surfel/store/record_source.h>
 
 #include "support/memory_file.h"
 #include "support/run_tool.h"
@@ -355,6 +358,39 @@ TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
   EXPECT_LT(difference(picture(Renderer(streamed.store(), scene, {}), camera),
                        picture(Renderer(whole, scene, {}), camera)),
             0.01);
+}
+
+// Sources and decoders keep references to clouds and tables.
+static_assert(std::is_constructible_v<CloudSource, const SurfelCloud&, std::string>);
+static_assert(!std::is_constructible_v<CloudSource, SurfelCloud, std::string>);
+static_assert(std::is_constructible_v<RecordSource, const RecordTable&, std::string>);
+static_assert(!std::is_constructible_v<RecordSource, RecordTable, std::string>);
+static_assert(std::is_constructible_v<SurfelDecoder, const RecordTable&, std::string>);
+static_assert(!std::is_constructible_v<SurfelDecoder, RecordTable, std::string>);
+template <class Source>
+concept Streamable = requires(Source&& source, CloudStreamOptions options) {
+  CloudStream::make(std::forward<Source>(source), options);
+};
+static_assert(Streamable<CloudSource&> && !Streamable<CloudSource>);
+template <class Cloud>
+concept HasExtent = requires(Cloud&& cloud) {
+  std::forward<Cloud>(cloud).extent();
+};
+static_assert(HasExtent<const RenderCloud&> && !HasExtent<RenderCloud>);
+
+TEST_F(StreamedCloud, BatchIsCheckedWhetherOrNotTheFileIsStreamed) {
+  EXPECT_TRUE(CloudLoadOptions{}.problems().empty());
+  EXPECT_EQ(CloudLoadOptions{.batch = 255}.problems(),
+            std::vector<std::string>{"`batch` is 255; it must be >= 256"});
+  for (const auto memory : {std::optional<std::uint64_t>{}, std::optional{kLittle}}) {
+    try {
+      const LoadedCloud loaded(path(), {.memory = memory, .batch = 255});
+      FAIL() << "not refused";
+    } catch (const Error& error) {
+      EXPECT_EQ(error.kind(), ErrorKind::kUsage);
+      EXPECT_NE(std::string(error.what()).find("`batch` is 255"), std::string::npos);
+    }
+  }
 }
 
 TEST_F(StreamedCloud, IsOnlyMadeWhereItWorks) {

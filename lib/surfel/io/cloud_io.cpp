@@ -1,13 +1,10 @@
 #include <algorithm>
 #include <bit>
-#include <cctype>
-#include <charconv>
 #include <cmath>
 #include <span>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/version.h>
 #include <surfel/io/cloud_from_records.h>
@@ -16,7 +13,8 @@
 #include <surfel/io/input_file.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/record_writer.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
 
@@ -30,14 +28,13 @@ constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
 
 /// Blank-separated numbers, exactly as many as `values` has; false if they are not there.
 bool parse_numbers(std::string_view text, std::span<double> values) {
-  TextNumbers words({}, std::as_bytes(std::span(text)), 0);
+  TextScanner words({}, text);
   for (double& value : values) {
-    const auto word = words.next();
-    const auto number = word ? parse_number(*word) : std::nullopt;
+    const auto number = parse_number(words.word());
     if (!number) return false;
     value = *number;
   }
-  return !words.next();
+  return words.at_line_end();
 }
 
 std::string one_line(std::string text) {
@@ -72,14 +69,6 @@ SurfelCloud read_pcd(InputFile input) {
   return cloud;
 }
 
-bool has_extension(const std::string& path, std::string_view extension) {
-  if (path.size() < extension.size()) return false;
-  return std::equal(extension.begin(), extension.end(),
-                    path.end() - static_cast<std::ptrdiff_t>(extension.size()), [](char a, char b) {
-                      return a == std::tolower(static_cast<unsigned char>(b));
-                    });
-}
-
 std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
                         std::size_t count) {
   std::string lines = fmt::format("element {} {}\n", name, count);
@@ -89,7 +78,7 @@ std::string ply_element(const char* name, const std::vector<RecordColumn>& colum
   return lines;
 }
 
-/// Of `count` points, and of a tree over them if that is not empty.
+/// Header of a file with `count` points, and with a tree over them if that is not empty.
 std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count,
                        const ClusterTree& tree, bool ascii,
                        const std::vector<std::string>& comments) {
@@ -104,14 +93,11 @@ std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t cou
 /// A record as a line of text; every value reads back as it was.
 void append_text(const std::byte* record, const std::vector<RecordColumn>& columns,
                  std::string& text) {
-  char buffer[64];
-  for (std::size_t k = 0; k < columns.size(); ++k) {
-    visit_type(columns[k].type, [&]<class T>(T) {
-      const auto value = load_scalar<T, false>(record + columns[k].offset);
-      const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
-      text.append(buffer, end);
+  for (const RecordColumn& column : columns) {
+    visit_type(column.type, [&]<class T>(T) {
+      append_number(text, load_scalar<T, false>(record + column.offset));
     });
-    text += k + 1 == columns.size() ? '\n' : ' ';
+    text += &column == &columns.back() ? '\n' : ' ';
   }
 }
 
@@ -131,7 +117,7 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
   });
 }
 
-/// Some records at a time.
+/// Writes some blocks of records at a time: threads make their text, then it is written in order.
 void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
   constexpr std::size_t kChunk = 64 * kBlock;
   const std::size_t stride = records.stride();
@@ -222,9 +208,9 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
     return read_cloud(ply, options);
   }
   if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
-  if (has_extension(name, ".ply"))
+  if (lower_extension(name) == ".ply")
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
-  if (has_extension(name, ".pcd")) throw_input(name, "is not a PCD file: it has no PCD header");
+  if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_xyz_name(name)) return read_xyz(input);
   throw_input(
       name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
@@ -247,7 +233,7 @@ struct CloudWriter::Impl {
       : path(std::move(to)),
         count(n),
         options(o),
-        pcd(has_extension(path, ".pcd")),
+        pcd(lower_extension(path) == ".pcd"),
         file(path, o.no_clobber) {}
 };
 

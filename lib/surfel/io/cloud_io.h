@@ -13,26 +13,25 @@
 namespace surfel {
 
 struct CloudReadOptions {
-  bool levels = false;  ///< All levels of detail, and their tree.
+  bool levels = false;  ///< Read all levels of detail and their tree, not the finest level alone.
 };
 
 /// Reads surfels or points from PLY (ascii, binary of either byte order) or PCD (ascii, binary,
-/// binary_compressed, organised), told apart by content, or from text (XYZ, PTS, CSV; by name); "-"
-/// is standard input (PLY). Liberal as design.md section 2 says: any property order and type, list
-/// properties and other elements skipped, unknown scalar properties kept in `extra`. Integer
-/// colours are decoded from sRGB. Positions that are not finite are kept (the tools count or drop
-/// them). The origin is (0, 0, 0) unless the file has double positions or lies so far from the
-/// origin that float offsets would lose precision. Throws Error (kIo, kInput) naming the file and
-/// the line or element. Of a file with levels of detail (surfel-lod) the finest alone is read,
-/// unless all are asked for; SurfelCloud::coarser_skipped tells.
+/// binary_compressed, organised), which are told apart by content, or from text (XYZ, PTS, CSV),
+/// which is known by the file's name. "-" is standard input, PLY or PCD. Properties may have any
+/// order and type; list properties and other elements are skipped, and unknown scalar properties
+/// are kept in `extra`. Integer colours are decoded from sRGB. Positions that are not finite are
+/// kept; the tools count or drop them. The origin is (0, 0, 0) unless the points lie so far from it
+/// that float offsets would lose precision. Of a file with levels of detail (surfel-lod) only the
+/// finest is read, unless the options ask for all; SurfelCloud::coarser_skipped is the number of
+/// surfels left out. Throws Error (kIo, kInput) naming the file and the line or element.
 SURFEL_API SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options = {});
-
-/// The same of a file that is open.
+/// Reads surfels or points from a file that is open.
 SURFEL_API SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options = {});
 SURFEL_API SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options = {});
 
-/// Sorts a header's comments into the cloud's fields: what applies to the whole cloud, and the
-/// others. `file` names it in messages.
+/// Sorts a header's comments into the fields of the cloud: values that apply to the whole cloud,
+/// provenance, and all other comments. `file` is its name, for messages.
 SURFEL_API void read_comments(const std::vector<std::string>& comments, const std::string& file,
                               SurfelCloud& cloud);
 
@@ -41,27 +40,28 @@ struct CloudWriteOptions {
   bool ascii = false;  ///< PLY ascii instead of binary little-endian.
 };
 
-/// Writes binary little-endian PLY ("-" for standard output) or, where the name ends in .pcd,
-/// binary PCD. Whole or not at all (OutputFile). `radius` is written beside every variance, for
-/// other viewers. Levels of detail are kept in PLY only: the tree is an element of its own
-/// (tree_records.h). Throws Error(kIo), and Error(kUsage) for levels of detail in PCD.
+/// Writes binary little-endian PLY or, if the name ends in .pcd, binary PCD; "-" is standard
+/// output, as PLY. The file appears whole or not at all (OutputFile). `radius` is written beside
+/// every variance, for other viewers. Levels of detail are written to PLY only, with their tree in
+/// an element of its own (tree_records.h). Throws Error(kIo), and Error(kUsage) for levels of
+/// detail in PCD.
 SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
                             const CloudWriteOptions& options = {});
 
 /// Writes a cloud that need not be in memory at once, as write_cloud() would.
 class SURFEL_API CloudWriter {
  public:
-  /// Of `count` surfels in all.
+  /// Opens a file that will hold `count` surfels.
   CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
   ~CloudWriter();
   CloudWriter(const CloudWriter&) = delete;
   CloudWriter& operator=(const CloudWriter&) = delete;
 
-  /// Writes the next surfels. The first ones' columns and comments are the file's; Error(kInput)
-  /// where later ones' columns differ, or positions would need another type, or a piece has levels
-  /// of detail.
+  /// Writes the next surfels. The first piece decides on the columns and comments of the file.
+  /// Throws Error(kInput) if a later piece has other columns or positions that need another type,
+  /// or if a cloud with levels of detail is written in more than one piece.
   void append(const SurfelCloud& piece);
-  /// Throws Error(kInput) if there were more or fewer than promised.
+  /// Completes the file. Throws Error(kInput) unless `count` surfels were written.
   void commit();
 
  private:

@@ -10,13 +10,14 @@
 
 namespace surfel {
 
-/// How a file's columns are to look.
+/// Which columns a file gets.
 struct CloudRecordOptions {
   /// PCL's names for normals, and 8-bit colours packed into one float `rgb`, as PCL's own point
   /// types have them.
   bool pcl_names = false;
-  /// Coordinates that were re-centred are stored as double even where float would be exact: text
-  /// with few digits is so by its decimal value only.
+  /// Coordinates of a cloud whose origin is not zero are stored as double even if float would be
+  /// exact: the shortest decimal of a float means the number of the file only after rounding to
+  /// float.
   bool for_text = false;
 };
 
@@ -25,6 +26,7 @@ class CloudRecords {
  public:
   /// Keeps a reference to the cloud.
   CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& options);
+  CloudRecords(SurfelCloud&& cloud, const CloudRecordOptions& options) = delete;
 
   const std::vector<RecordColumn>& columns() const { return columns_; }
   std::size_t stride() const { return stride_; }
@@ -48,7 +50,7 @@ class CloudRecords {
   const SurfelCloud& cloud_;
   std::vector<RecordColumn> columns_;
   std::size_t stride_ = 0;
-  /// One a column: fills it in the records [begin, end), which start at `out`.
+  /// For each column, a function that fills it in the records [begin, end), which start at `out`.
   std::vector<std::function<void(std::size_t begin, std::size_t end, std::byte* out)>> encode_;
 };
 

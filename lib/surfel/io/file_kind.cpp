@@ -1,13 +1,12 @@
 #include <algorithm>
 #include <array>
-#include <cctype>
-#include <filesystem>
 #include <string_view>
 
 #include <surfel/base/error.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
@@ -41,9 +40,7 @@ FileKind file_kind(const std::string& path) {
   InputFile file(path);
   if (file.size() == 0) throw_input(path, "is empty");
   if (PlyFile::matches(file.head(4))) return ply_kind(std::move(file));
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_extension(path);
   if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
   if (contains(kMeshes, extension)) return FileKind::kMesh;
   if (contains(kImages, extension)) return FileKind::kImage;

@@ -1,6 +1,6 @@
 #pragma once
 
-// From pictures to what files store of them. Internal to the io module.
+// Conversion between pictures and the pixels that files store. Internal to the io module.
 
 #include <algorithm>
 #include <cstddef>
@@ -14,6 +14,7 @@
 
 namespace surfel {
 
+/// Rows that one thread converts at a time: enough to hide the cost of handing out work.
 constexpr std::size_t kRowsPerRange = 16;
 
 /// Which stored channels become R, G, B and A; alpha is -1 where there is none.
@@ -26,8 +27,8 @@ inline int find_channel(const std::vector<std::string>& names, const char* name)
   return found == names.end() ? -1 : static_cast<int>(found - names.begin());
 }
 
-/// R G B by name. Without those names, three or more colour channels are taken in their order, one
-/// or two are grey.
+/// Finds R, G and B by name. If a name is missing, three or more colour channels are taken in their
+/// order; one or two are grey.
 inline ColorChannels color_channels(const std::vector<std::string>& names, int alpha) {
   ColorChannels c{find_channel(names, "R"), find_channel(names, "G"), find_channel(names, "B"),
                   alpha >= 0 ? alpha : find_channel(names, "A")};
@@ -61,17 +62,31 @@ inline bool is_opaque(const Image& image, int alpha) {
   return true;
 }
 
-/// Calls convert(pixel, out) for every pixel, out being `channels` values of T further each time.
+/// Width and height in pixels.
+struct PixelSize {
+  std::size_t width, height;
+};
+
+/// Calls convert(in, out) for every pixel. A pixel takes `in_stride` values of In and `out_stride`
+/// values of Out.
+template <class In, class Out, class Convert>
+void for_each_pixel(PixelSize size, const In* in, std::size_t in_stride, Out* out,
+                    std::size_t out_stride, const Convert& convert) {
+  parallel_for(size.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+    const In* pixel = in + begin * size.width * in_stride;
+    Out* to = out + begin * size.width * out_stride;
+    const In* const stop = in + end * size.width * in_stride;
+    for (; pixel != stop; pixel += in_stride, to += out_stride) convert(pixel, to);
+  });
+}
+
+/// The pixels of an image, converted to `channels` values of T each by convert(pixel, out).
 template <class T, class Convert>
 std::vector<T> convert_pixels(const Image& image, std::size_t channels, const Convert& convert) {
-  const std::size_t stride = image.channels.size();
-  const auto width = static_cast<std::size_t>(image.width);
-  std::vector<T> result(width * image.height * channels);
-  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin * width; i < end * width; ++i) {
-      convert(image.data.data() + i * stride, result.data() + i * channels);
-    }
-  });
+  const PixelSize size{static_cast<std::size_t>(image.width),
+                       static_cast<std::size_t>(image.height)};
+  std::vector<T> result(size.width * size.height * channels);
+  for_each_pixel(size, image.data.data(), image.channels.size(), result.data(), channels, convert);
   return result;
 }
 

@@ -20,8 +20,8 @@ namespace surfel {
 /// Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
 
-/// The same R G B A premultiplied, as write_image() takes it: what a premultiplied float file (EXR)
-/// stores comes unchanged, even light where alpha is 0.
+/// Reads an image as linear R G B A with premultiplied alpha, as write_image() takes it. The values
+/// of a premultiplied float file (EXR) are not changed, even light where alpha is 0.
 SURFEL_API Image read_premultiplied_image(const std::string& path);
 
 /// An image that is read piece by piece, so that it need not fit into memory.
@@ -32,8 +32,8 @@ class SURFEL_API ImageReader {
     int width = 0;
     int height = 0;
     bool alpha = false;    ///< The file has an alpha channel.
-    bool coded = false;    ///< Pieces come in 8 bits.
-    int piece_height = 1;  ///< Pieces that start at multiples of it are decoded once.
+    bool coded = false;    ///< Pixels are handed out as 8-bit sRGB codes.
+    int piece_height = 1;  ///< Boxes whose rows start at multiples of it decode no row twice.
   };
   /// Columns [x_begin, x_end) of rows [y_begin, y_end).
   struct Box {

@@ -33,14 +33,14 @@ constexpr int kMostChannels = 256;
 constexpr std::uint64_t kMegabyte = 1 << 20;
 constexpr std::uint64_t kMostStreamedMegabytes = 1 << 18;
 
-/// Of the pixels of an image that is read as a whole.
+/// Most megabytes of pixels of an image that is read as a whole.
 std::uint64_t most_megabytes() {
   return std::min<std::uint64_t>(available_memory_bytes() / kMegabyte, 32768);
 }
 
-/// Limits of OpenImageIO and threads of OpenEXR, which count when a file is opened. They are one
-/// for the whole process and belong to the program: they are set while a file is opened, and then
-/// as they were. Threads of a reader or writer are its own setting.
+/// Sets OpenImageIO's limits and OpenEXR's number of threads while a file is opened, which is when
+/// they count, and restores them after that: these settings belong to the whole process, and so to
+/// the program. The number of threads of a reader or writer is set on the reader or writer.
 class OpeningSettings {
  public:
   explicit OpeningSettings(std::uint64_t most_megabytes) : lock_(mutex()) {
@@ -112,10 +112,10 @@ float straight(T value, T alpha) {
   return linear(alpha > T{} ? divided(value, alpha) : value);
 }
 
-/// How the pixels of a file lie in memory.
+/// Layout of a file's pixels in memory.
 struct StoredPixels {
-  std::size_t width, height;
-  std::size_t stride;  ///< Channels of a pixel.
+  PixelSize size;
+  std::size_t stride;  ///< Number of channels of a pixel.
   ColorChannels channel;
   bool associated;  ///< Colours are multiplied by alpha.
 };
@@ -123,54 +123,33 @@ struct StoredPixels {
 /// Converts pixels to R G B A.
 template <class T>
 void convert_to_rgba(const T* in, const StoredPixels& stored, bool premultiply, float* rgba) {
-  const std::size_t width = stored.width;
-  const std::size_t stride = stored.stride;
   const ColorChannels c = stored.channel;
   // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
   // and the light where alpha is zero.
   const bool as_stored = premultiply && stored.associated && std::is_floating_point_v<T>;
   const bool divide = stored.associated && !as_stored;
   const bool multiply = premultiply && !as_stored;
-  parallel_for(stored.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    float* out = rgba + begin * width * 4;
-    for (const T* p = in + begin * width * stride; p != in + end * width * stride;
-         p += stride, out += 4) {
-      const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
-      out[3] = c.alpha >= 0 ? fraction(p[c.alpha]) : 1.0f;
-      for (std::size_t i = 0; i < 3; ++i) {
-        out[i] = divide ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
-        if (multiply) out[i] *= out[3];
-      }
-    }
-  });
-}
-
-template <class T>
-void convert_raw(const T* in, std::size_t channels, int alpha, Image& image) {
-  const std::size_t row = channels * static_cast<std::size_t>(image.width);
-  parallel_for(image.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin * row; i < end * row; ++i) {
-      image.data[i] = static_cast<int>(i % channels) == alpha ? fraction(in[i]) : linear(in[i]);
+  for_each_pixel(stored.size, in, stored.stride, rgba, 4, [&](const T* p, float* out) {
+    const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
+    out[3] = c.alpha >= 0 ? fraction(p[c.alpha]) : 1.0f;
+    for (std::size_t i = 0; i < 3; ++i) {
+      out[i] = divide ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
+      if (multiply) out[i] *= out[3];
     }
   });
 }
 
 /// Converts pixels to R G B A of 8 bits, R G B still encoded and straight.
 void convert_to_coded(const std::uint8_t* in, const StoredPixels& stored, std::uint8_t* rgba) {
-  const std::size_t width = stored.width;
-  const std::size_t stride = stored.stride;
   const ColorChannels c = stored.channel;
-  parallel_for(stored.height, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    std::uint8_t* out = rgba + begin * width * 4;
-    for (const std::uint8_t* p = in + begin * width * stride; p != in + end * width * stride;
-         p += stride, out += 4) {
-      const std::array<std::uint8_t, 3> rgb{p[c.red], p[c.green], p[c.blue]};
-      out[3] = c.alpha >= 0 ? p[c.alpha] : std::numeric_limits<std::uint8_t>::max();
-      for (std::size_t i = 0; i < 3; ++i) {
-        out[i] = stored.associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
-      }
+  const auto convert = [&](const std::uint8_t* p, std::uint8_t* out) {
+    const std::array<std::uint8_t, 3> rgb{p[c.red], p[c.green], p[c.blue]};
+    out[3] = c.alpha >= 0 ? p[c.alpha] : std::numeric_limits<std::uint8_t>::max();
+    for (std::size_t i = 0; i < 3; ++i) {
+      out[i] = stored.associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
     }
-  });
+  };
+  for_each_pixel(stored.size, in, stored.stride, rgba, 4, convert);
 }
 
 /// Whether the reader hands out colours multiplied by alpha although it was asked not to: OpenEXR's
@@ -187,7 +166,8 @@ template <class T>
 void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm form, Image& image) {
   const OIIO::ImageSpec& spec = input.spec();
   const auto channels = static_cast<std::size_t>(spec.nchannels);
-  const std::size_t pixel_count = static_cast<std::size_t>(spec.width) * spec.height;
+  const PixelSize size{static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)};
+  const std::size_t pixel_count = size.width * size.height;
   Array<T> pixels(pixel_count * channels);
   if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, pixels.data())) {
     throw_input(path, "damaged image: " + cause(input.geterror()));
@@ -196,13 +176,15 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm for
   if (form == ImageForm::kRaw) {
     image.channels = spec.channelnames;
     image.data.resize(pixels.size());
-    convert_raw(pixels.data(), channels, c.alpha, image);
+    const auto decode = [&](const T* in, float* out) {
+      for (int k = 0; k < spec.nchannels; ++k)
+        out[k] = k == c.alpha ? fraction(in[k]) : linear(in[k]);
+    };
+    for_each_pixel(size, pixels.data(), channels, image.data.data(), channels, decode);
   } else {
     image.channels = {"R", "G", "B", "A"};
     image.data.resize(pixel_count * 4);
-    const StoredPixels stored{static_cast<std::size_t>(spec.width),
-                              static_cast<std::size_t>(spec.height), channels, c,
-                              has_associated_alpha(input, c)};
+    const StoredPixels stored{size, channels, c, has_associated_alpha(input, c)};
     convert_to_rgba(pixels.data(), stored, form == ImageForm::kPremultiplied, image.data.data());
   }
 }
@@ -301,7 +283,7 @@ struct OpenedImage {
   }
 
   InputFile file;
-  std::optional<OIIO::Filesystem::IOMemReader> memory;  ///< Of a pipe.
+  std::optional<OIIO::Filesystem::IOMemReader> memory;  ///< Reads the bytes of a pipe.
   std::unique_ptr<OIIO::ImageInput> input;
 };
 
@@ -348,7 +330,9 @@ class PluginReader final : public ImageReader {
 
  private:
   StoredPixels layout_of(const Box& box) const {
-    return {box.width(), box.height(), static_cast<std::size_t>(channel_count_), channel_,
+    return {{box.width(), box.height()},
+            static_cast<std::size_t>(channel_count_),
+            channel_,
             associated_};
   }
   template <class T>
@@ -405,7 +389,7 @@ class PluginReader final : public ImageReader {
 // ---------------------------------------------------------------------------------------------
 // Writing
 
-/// What a format stores.
+/// Pixels that a format stores.
 enum class Encoding {
   kFloatAllChannels,  ///< Linear, premultiplied, AOVs included.
   kFloatColor,        ///< Linear, premultiplied, R G B.

@@ -9,8 +9,8 @@
 
 namespace surfel {
 
-/// What read_image() hands out: R G B A with straight or with premultiplied alpha, or the stored
-/// channels.
+/// Form of the pixels that are read: R G B A with straight or with premultiplied alpha, or the
+/// channels that the file stores.
 enum class ImageForm { kStraight, kPremultiplied, kRaw };
 
 /// How two pictures differ in some of their channels, as OpenImageIO's compare() measures it.
@@ -18,14 +18,14 @@ struct ChannelDifference {
   double mean_absolute = 0;
   double rms = 0;
   double maximum = 0;
-  int x = 0, y = 0, channel = 0;  ///< Where the maximum is met first, row by row.
+  int x = 0, y = 0, channel = 0;  ///< Place of the first maximum, row by row.
   std::size_t beyond = 0;         ///< Pixels with a channel that differs by more than `threshold`.
 };
 
-/// What libsurfel_image.so offers to the library: the functions that need OpenImageIO, whose own
-/// load time the tools that see no image must not pay. Same contract as read_image(),
-/// open_image() and write_image(); the last compares the channels [first, last) of two pictures of
-/// the same size and channels, all of whose values are finite.
+/// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
+/// tools that see no image. The first three have the contracts of read_image(), open_image() and
+/// write_image(). The last compares the channels [first, last) of two pictures of equal size and
+/// channels, all of whose values are finite.
 using ReadImageFunction = void(const std::string& path, ImageForm form, Image& image);
 using OpenImageFunction = void(const std::string& path, std::shared_ptr<ImageReader>& reader);
 using WriteImageFunction = void(const Image& image, const std::string& path,

@@ -26,19 +26,19 @@ class SURFEL_API InputFile {
   const std::string& name() const { return name_; }
   std::size_t size() const { return size_; }
 
-  /// The first `size` bytes, or all of a shorter file. They stay in memory, where a call for more
+  /// The first `size` bytes, or all bytes of a shorter file. They stay in memory; a call for more
   /// bytes moves them. One thread at a time.
   std::span<const std::byte> head(std::size_t size) const;
   /// All bytes, in memory. One thread at a time.
   std::span<const std::byte> bytes() const { return head(size_); }
-  /// The first bytes as text, at least as far as the end of the line that starts with `last`; all
-  /// of a file without such a line.
+  /// The first bytes as text, at least up to the end of the line that starts with `last`; all bytes
+  /// if no line starts with it.
   std::string_view header(std::string_view last) const;
 
-  /// `size` bytes from `offset` on, which the file has: a view of them if they are in memory, else
-  /// read into `scratch`. Callable from any thread, but for calls of head() at the same time.
+  /// `size` bytes from `offset` on, all inside the file: a view of them if they are in memory, else
+  /// a copy read into `scratch`. Callable from any thread, but not while head() runs.
   const std::byte* read_at(std::size_t offset, std::size_t size, Array<std::byte>& scratch) const;
-  /// Tells that read_at() will soon be called for these bytes; the system may read them ahead.
+  /// Announces that read_at() will soon be called for these bytes; the system may read them ahead.
   void expect(std::size_t offset, std::size_t size) const noexcept;
 
  private:
@@ -47,7 +47,7 @@ class SURFEL_API InputFile {
 
   std::string name_;
   std::size_t size_ = 0;
-  int descriptor_ = -1;             ///< Of a regular file.
+  int descriptor_ = -1;             ///< Descriptor of a regular file; -1 after a pipe was read.
   mutable Array<std::byte> start_;  ///< The first bytes of a file, or all of a pipe.
 };
 

@@ -33,13 +33,13 @@ class MeshBuilder {
   std::vector<MeshMaterial> material;
   bool double_positions = false;  ///< The file's coordinates have the precision of double.
 
-  /// Three corners at least; their indices may point at what is yet to come. The material may only
-  /// be left out for all polygons.
+  /// Adds a polygon of three or more corners, whose indices may name vertices that are added later.
+  /// The material is left out for all polygons or for none.
   void add_polygon(std::span<const Corner> corners, std::uint16_t polygon_material = 0);
   std::size_t polygon_count() const { return size_.size(); }
 
-  /// Triangulates, drops faces without area, centres large coordinates. Throws Error(kInput) where
-  /// nothing is left. The indices are valid by now; the builder is spent.
+  /// Triangulates, drops faces without area and centres large coordinates. All indices must be
+  /// valid. Throws Error(kInput) if no face is left. The builder cannot be used afterwards.
   TriangleMesh finish();
 
  private:
@@ -49,7 +49,7 @@ class MeshBuilder {
                     std::uint16_t face_material);
 
   std::string file_;
-  Array<Corner> corner_;              // Of all polygons, one after the other.
+  Array<Corner> corner_;              // Corners of all polygons, one polygon after the other.
   Array<std::uint32_t> size_;         // Corners per polygon.
   Array<std::uint16_t> material_of_;  // Per polygon.
   bool all_normals_ = true;           // Every kept corner has a normal of its own.

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <filesystem>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -11,16 +10,10 @@
 #include <surfel/io/ply.h>
 #include <surfel/io/ply_mesh.h>
 #include <surfel/io/stl.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
-
-std::string lower_extension(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
 
 /// Standard input has no extension; of the formats only OBJ has no mark of its own.
 std::string extension_of_content(const InputFile& file) {

@@ -7,14 +7,14 @@
 
 namespace surfel {
 
-/// Wavefront OBJ, and where there are materials the MTL beside it. Textures in the MTL's folder or
-/// below it are named as seen from there. Internal to the io module, like the next.
+/// Writes Wavefront OBJ and, if the mesh has materials, an MTL file beside it. The MTL names a
+/// texture in its own folder or below by a path relative to that folder. Internal to the io module.
 void write_obj(const TriangleMesh& mesh, const std::string& path, const MeshWriteOptions& options);
 
-/// PLY, binary, little endian; uv per corner as MeshLab has them (texcoord, texnumber,
-/// TextureFile). Normals are written where the wedges of every vertex share one, since PLY has none
-/// per corner; vertex colours as 8-bit sRGB, which is what other programs read; of materials the
-/// textures only.
+/// Writes binary little-endian PLY. Texture coordinates are written per corner in MeshLab's
+/// properties (texcoord, texnumber, TextureFile). Normals are written only if all corners at a
+/// vertex have the same one, because PLY has no normals per corner. Vertex colours are 8-bit sRGB,
+/// which other programs read. Materials are reduced to their textures. Internal to the io module.
 void write_ply_mesh(const TriangleMesh& mesh, const std::string& path,
                     const MeshWriteOptions& options);
 

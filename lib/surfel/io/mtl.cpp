@@ -2,39 +2,28 @@
 #include <array>
 #include <cmath>
 
-#include <surfel/io/line_scanner.h>
 #include <surfel/io/mtl.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
 
-constexpr std::string_view kBlanks = " \t";
-
-std::string_view first_word(std::string_view text) {
-  return text.substr(0, std::min(text.find_first_of(kBlanks), text.size()));
-}
-
-std::string_view after_word(std::string_view text) {
-  const std::size_t stop = text.find_first_of(kBlanks);
-  if (stop == std::string_view::npos) return {};
-  return text.substr(std::min(text.find_first_not_of(kBlanks, stop), text.size()));
-}
-
 /// The file's name without the options in front of it ("-s 1 1 1 -clamp on wood 1.png"). -o, -s and
 /// -t take up to three numbers, -mm two values, the others one.
 std::string_view without_options(std::string_view text) {
-  while (text.starts_with('-')) {
-    const std::string_view option = first_word(text);
-    std::string_view rest = after_word(text);
+  TextScanner words({}, text);
+  std::size_t name = 0;
+  while (words.peek() == '-') {
+    const std::string_view option = words.word();
     if (option == "-o" || option == "-s" || option == "-t") {
-      for (int i = 0; i < 3 && parse_number(first_word(rest)); ++i) rest = after_word(rest);
+      for (int i = 0; i < 3 && parse_number(words.peek_word()); ++i) words.word();
     } else {
-      rest = after_word(option == "-mm" ? after_word(rest) : rest);
+      for (int i = 0; i < (option == "-mm" ? 2 : 1); ++i) words.word();
     }
-    if (rest.empty()) break;  // A name that starts with a dash.
-    text = rest;
+    if (words.at_line_end()) break;  // A name that starts with a dash.
+    name = words.position();
   }
+  text.remove_prefix(name);
   if (text.size() > 1 && text.front() == '"' && text.back() == '"') {
     text = text.substr(1, text.size() - 2);
   }
@@ -42,7 +31,7 @@ std::string_view without_options(std::string_view text) {
 }
 
 /// Three numbers, or one for all; colours given as spectra or CIE XYZ are left out.
-void read_diffuse(LineScanner& in, Vec3f& diffuse) {
+void read_diffuse(TextScanner& in, Vec3f& diffuse) {
   std::array<double, 3> value{};
   std::size_t count = 0;
   for (; count < 3 && !in.at_line_end(); ++count) {
@@ -84,7 +73,7 @@ std::string texture_name_from(const std::filesystem::path& folder, const std::st
 std::vector<MeshMaterial> read_mtl(const InputFile& file) {
   const std::filesystem::path folder = std::filesystem::path(file.name()).parent_path();
   std::vector<MeshMaterial> materials;
-  LineScanner in(file);
+  TextScanner in(file.name(), as_text(file.bytes()), kMeshText);
   for (; in.skip_to_content(); in.next_line()) {
     const std::string_view keyword = in.word();
     if (keyword == "newmtl") {

@@ -11,19 +11,22 @@
 
 namespace surfel {
 
-/// Materials of a Wavefront MTL file: name, Kd, map_Kd; the textures' names are resolved against
-/// the file's folder. Internal to the io module.
+// All functions are internal to the io module.
+
+/// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd. The textures' names are resolved
+/// against the file's folder.
 std::vector<MeshMaterial> read_mtl(const InputFile& file);
 
-/// The regular file of that name as seen from `folder`: as it is written, with a Windows path's
-/// backslashes turned, or by its last part alone, as files are often moved without their folders.
+/// The path of a regular file that `name` means as seen from `folder`: the name as it is written,
+/// with a Windows path's backslashes turned, or its last part alone, because files are often moved
+/// without their folders. Nullopt if none of the three exists.
 std::optional<std::string> find_beside(const std::filesystem::path& folder, std::string_view name);
 
-/// find_beside(), or the name in the folder where there is no such file.
+/// find_beside(), or the path of `name` in the folder if there is no file.
 std::string resolve_texture(const std::filesystem::path& folder, std::string_view name);
 
-/// What to call a texture in a file in `folder`: its name as seen from there where it lies in the
-/// folder or below, so that both can be moved together; otherwise its whole path.
+/// The name of a texture for a file in `folder`: relative to the folder if the texture lies in it
+/// or below, so that both can be moved together; otherwise the texture's whole path.
 std::string texture_name_from(const std::filesystem::path& folder, const std::string& texture);
 
 }  // namespace surfel

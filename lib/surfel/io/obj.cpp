@@ -7,11 +7,10 @@
 #include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
-#include <surfel/io/line_scanner.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/mtl.h>
 #include <surfel/io/obj.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
@@ -27,7 +26,7 @@ float decode_color(double encoded) {
 class ObjReader {
  public:
   explicit ObjReader(const InputFile& file)
-      : in_(file),
+      : in_(file.name(), as_text(file.bytes()), kMeshText),
         file_(file.name()),
         folder_(std::filesystem::path(file_).parent_path()),
         mesh_(file_) {}
@@ -46,11 +45,11 @@ class ObjReader {
   }
 
  private:
-  /// The largest index of a kind, and where it is: faces may name vertices that follow them, so
-  /// that only the end of the file tells whether it exists.
+  /// The largest index of a kind that a face names, and where. Faces may name vertices that follow
+  /// them, so that only the end of the file tells whether the index exists.
   struct Reach {
     std::uint32_t index = 0;
-    const char* place = nullptr;
+    std::size_t position = 0;  ///< Offset in the file; 0 if no face names an index of the kind.
   };
 
   void read_line() {
@@ -80,31 +79,29 @@ class ObjReader {
     if (in_.at_line_end()) return;
     std::array<double, 4> more{};
     std::size_t count = 0;
-    for (; count < more.size() && !in_.at_line_end(); ++count) {
-      const std::string_view text = in_.word();
-      const auto value = parse_number(text);
-      if (!value) in_.fail(fmt::format("{} of a vertex is not a number", quoted_excerpt(text)));
-      more[count] = *value;
-    }
+    for (; count < more.size() && !in_.at_line_end(); ++count) more[count] = any_number("a vertex");
     if (count < 3) return;
     mesh_.color.resize(mesh_.position.size() - 1, Vec3f::Constant(kWhite));
     mesh_.color.emplace_back(decode_color(more[0]), decode_color(more[1]), decode_color(more[2]));
   }
 
+  /// A number that need not be finite.
+  double any_number(const char* of) {
+    const std::string_view text = in_.word();
+    const auto value = parse_number(text);
+    if (!value) in_.fail(fmt::format("{} of {} is not a number", quoted_excerpt(text), of));
+    return *value;
+  }
+
   void read_normal() {
     Vec3f normal;
-    for (float& component : normal) {
-      const std::string_view text = in_.word();
-      const auto value = parse_number(text);
-      if (!value) in_.fail(fmt::format("{} of a normal is not a number", quoted_excerpt(text)));
-      component = static_cast<float>(*value);
-    }
+    for (float& component : normal) component = static_cast<float>(any_number("a normal"));
     mesh_.normal.push_back(normal);
   }
 
   /// Index from 0 of what a face names: from 1 on, or backwards from the last one read.
   std::uint32_t read_index(std::size_t count, Reach& reach, const char* what) {
-    const char* place = in_.position();
+    const std::size_t position = in_.position();
     const std::int64_t index = in_.integer("an index of a face");
     if (index == 0) in_.fail(fmt::format("index 0 of a {}; they count from 1", what));
     const std::int64_t from_zero = index > 0 ? index - 1 : static_cast<std::int64_t>(count) + index;
@@ -113,7 +110,7 @@ class ObjReader {
           fmt::format("index {} of a {} is out of range; {} were read so far", index, what, count));
     }
     const auto result = static_cast<std::uint32_t>(from_zero);
-    if (!reach.place || result > reach.index) reach = {result, place};
+    if (reach.position == 0 || result > reach.index) reach = {result, position};
     return result;
   }
 
@@ -163,11 +160,7 @@ class ObjReader {
   /// One file whose name may hold blanks, or several with blanks between them.
   void read_libraries(std::string_view names) {
     if (read_library(names)) return;
-    while (!names.empty()) {
-      const std::size_t stop = std::min(names.find_first_of(" \t"), names.size());
-      read_library(names.substr(0, stop));
-      names.remove_prefix(std::min(names.find_first_not_of(" \t", stop), names.size()));
-    }
+    for (TextScanner words({}, names); !words.at_line_end();) read_library(words.word());
   }
 
   bool read_library(std::string_view name) {
@@ -180,12 +173,12 @@ class ObjReader {
   }
 
   void check_reach(const Reach& reach, std::size_t count, const char* what, const char* plural) {
-    if (!reach.place || reach.index < count) return;
-    in_.fail_at(reach.place, fmt::format("a face names {} {}, but there are {} {}", what,
-                                         reach.index + std::size_t{1}, count, plural));
+    if (reach.position == 0 || reach.index < count) return;
+    in_.fail_at(reach.position, fmt::format("a face names {} {}, but there are {} {}", what,
+                                            reach.index + std::size_t{1}, count, plural));
   }
 
-  LineScanner in_;
+  TextScanner in_;
   std::string file_;
   std::filesystem::path folder_;
   MeshBuilder mesh_;

@@ -5,13 +5,14 @@
 
 namespace surfel {
 
-/// Wavefront OBJ with its MTL. A scanner of our own: OpenMesh's reader loses what belongs to a face
-/// corner where a mesh is not manifold, names no line when something is wrong, and takes options of
-/// map_Kd for part of the file name. Internal to the io module.
+/// Reads Wavefront OBJ with its MTL. OpenMesh's reader is not used: it loses texture coordinates
+/// and normals of corners where a mesh is not manifold, names no line in its errors, and takes
+/// options of map_Kd for part of the file name. Internal to the io module.
 ///
-/// Read: v (a fourth number is a weight, which polygons have no use for; three more are a colour),
-/// vt, vn, f (indices from either end, polygons), usemtl, mtllib; of the MTL: Kd, map_Kd. All else
-/// is skipped. A material file that is not there is no error: its materials have no texture.
+/// The lines v (a fourth number is a weight, which polygons do not use; three more are a colour),
+/// vt, vn, f (polygons; indices count from either end), usemtl and mtllib are read, and Kd and
+/// map_Kd of the MTL. All other lines are skipped. A missing material file is no error: its
+/// materials have no texture.
 TriangleMesh read_obj(const InputFile& file);
 
 }  // namespace surfel

@@ -1,14 +1,13 @@
-#include <charconv>
 #include <filesystem>
 #include <optional>
 #include <set>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
-#include <surfel/base/output_file.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mesh_writers.h>
 #include <surfel/io/mtl.h>
+#include <surfel/io/record_writer.h>
 #include <surfel/io/unique_vectors.h>
 
 namespace surfel {
@@ -16,45 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Collects text and hands it on in large pieces.
-class TextWriter {
- public:
-  explicit TextWriter(OutputFile& file) : file_(file) {}
-
-  void add(std::string_view text) { text_ += text; }
-  void add(char c) { text_ += c; }
-  /// The shortest decimal that reads back as the same value.
-  template <class T>
-  void add_number(T value) {
-    char buffer[32];
-    const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
-    text_.append(buffer, end);
-  }
-  template <class Vector>
-  void add_vector(std::string_view keyword, const Vector& v) {
-    add(keyword);
-    for (const auto component : v) {
-      add(' ');
-      add_number(component);
-    }
-  }
-  void end_line() {
-    constexpr std::size_t kPiece = std::size_t{1} << 20;
-    text_ += '\n';
-    if (text_.size() >= kPiece) flush();
-  }
-  void flush() {
-    file_.write(text_);
-    text_.clear();
-  }
-
- private:
-  OutputFile& file_;
-  std::string text_;
-};
-
-/// OBJ tells materials apart by name: those without one, or with one that an earlier one has, get
-/// another.
+/// Names of the materials. OBJ tells materials apart by name, so a material without a name, or with
+/// the name of an earlier one, gets a new name.
 std::vector<std::string> material_names(const TriangleMesh& mesh) {
   std::vector<std::string> names;
   std::set<std::string> used;
@@ -70,23 +32,24 @@ std::vector<std::string> material_names(const TriangleMesh& mesh) {
 }
 
 void write_materials(const TriangleMesh& mesh, const std::vector<std::string>& names,
-                     const fs::path& folder, TextWriter& out) {
+                     const fs::path& folder, RecordWriter& out) {
   for (std::size_t i = 0; i < mesh.material.size(); ++i) {
-    out.add("newmtl ");
-    out.add(names[i]);
+    out.add_text("newmtl ");
+    out.add_text(names[i]);
     out.end_line();
     out.add_vector("Kd", mesh.material[i].diffuse);
     out.end_line();
     if (mesh.material[i].texture.empty()) continue;
-    out.add("map_Kd ");
-    out.add(texture_name_from(folder, mesh.material[i].texture));
+    out.add_text("map_Kd ");
+    out.add_text(texture_name_from(folder, mesh.material[i].texture));
     out.end_line();
   }
   out.flush();
 }
 
-/// Coordinates that were centred have the decimals of their double sum, others those of the float.
-void write_vertices(const TriangleMesh& mesh, TextWriter& out) {
+/// Writes a centred coordinate as the double that origin and offset add up to, another one as
+/// float.
+void write_vertices(const TriangleMesh& mesh, RecordWriter& out) {
   const bool centred = mesh.origin != Vec3d::Zero();
   for (std::size_t i = 0; i < mesh.position.size(); ++i) {
     if (centred) {
@@ -104,7 +67,7 @@ void write_vertices(const TriangleMesh& mesh, TextWriter& out) {
 template <int kSize>
 Array<std::array<std::uint32_t, 3>> write_wedges(
     const Array<std::array<Eigen::Matrix<float, kSize, 1>, 3>>& wedges, const char* keyword,
-    TextWriter& out) {
+    RecordWriter& out) {
   UniqueVectors<kSize> unique;
   Array<std::array<std::uint32_t, 3>> index(wedges.size());
   for (std::size_t i = 0; i < wedges.size(); ++i) {
@@ -117,26 +80,27 @@ Array<std::array<std::uint32_t, 3>> write_wedges(
   return index;
 }
 
-void write_faces(const TriangleMesh& mesh, const std::vector<std::string>& names, TextWriter& out) {
+void write_faces(const TriangleMesh& mesh, const std::vector<std::string>& names,
+                 RecordWriter& out) {
   const auto uv = write_wedges(mesh.wedge_uv, "vt", out);
   const auto normal = write_wedges(mesh.wedge_normal, "vn", out);
   for (std::size_t i = 0; i < mesh.face.size(); ++i) {
     const bool new_material = !mesh.face_material.empty() &&
                               (i == 0 || mesh.face_material[i] != mesh.face_material[i - 1]);
     if (new_material) {
-      out.add("usemtl ");
-      out.add(names[mesh.face_material[i]]);
+      out.add_text("usemtl ");
+      out.add_text(names[mesh.face_material[i]]);
       out.end_line();
     }
-    out.add('f');
+    out.add_text('f');
     for (std::size_t k = 0; k < 3; ++k) {
-      out.add(' ');
+      out.add_text(' ');
       out.add_number(mesh.face[i][k] + std::uint64_t{1});
       if (uv.empty() && normal.empty()) continue;
-      out.add('/');
+      out.add_text('/');
       if (!uv.empty()) out.add_number(uv[i][k] + std::uint64_t{1});
       if (normal.empty()) continue;
-      out.add('/');
+      out.add_text('/');
       out.add_number(normal[i][k] + std::uint64_t{1});
     }
     out.end_line();
@@ -149,13 +113,13 @@ void write_faces(const TriangleMesh& mesh, const std::vector<std::string>& names
 void write_obj(const TriangleMesh& mesh, const std::string& path, const MeshWriteOptions& options) {
   const std::vector<std::string> names = material_names(mesh);
   OutputFile file(path, options.no_clobber);
-  TextWriter out(file);
+  RecordWriter out(file);
   std::optional<OutputFile> material_file;
   if (!mesh.material.empty()) {
     const fs::path beside = fs::path(path).replace_extension(".mtl");
-    TextWriter materials(material_file.emplace(beside.string(), options.no_clobber));
+    RecordWriter materials(material_file.emplace(beside.string(), options.no_clobber));
     write_materials(mesh, names, fs::absolute(beside).parent_path(), materials);
-    out.add("mtllib " + beside.filename().string());
+    out.add_text("mtllib " + beside.filename().string());
     out.end_line();
   }
   write_vertices(mesh, out);

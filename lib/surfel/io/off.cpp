@@ -4,17 +4,17 @@
 #include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
-#include <surfel/io/line_scanner.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/off.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
 
 class OffReader {
  public:
-  explicit OffReader(const InputFile& file) : in_(file), mesh_(file.name()) {}
+  explicit OffReader(const InputFile& file)
+      : in_(file.name(), as_text(file.bytes()), kMeshText), mesh_(file.name()) {}
 
   TriangleMesh read() {
     read_keyword();
@@ -127,7 +127,7 @@ class OffReader {
     in_.next_line();
   }
 
-  LineScanner in_;
+  TextScanner in_;
   MeshBuilder mesh_;
   std::vector<MeshBuilder::Corner> corners_;
   bool has_uv_ = false;

@@ -5,10 +5,10 @@
 
 namespace surfel {
 
-/// Geomview's OFF as text: OFF, COFF (vertex colours), NOFF (normals), STOFF (uv) and their
-/// combinations; colours of faces are skipped. A scanner of our own: OpenMesh's reader takes
-/// comments after the header for numbers and reads past the end of a truncated file. Internal to
-/// the io module.
+/// Reads Geomview's OFF as text: OFF, COFF (vertex colours), NOFF (normals), STOFF (uv) and their
+/// combinations. Colours of faces are skipped. OpenMesh's reader is not used: it takes comments
+/// after the header for numbers and reads past the end of a truncated file. Internal to the io
+/// module.
 TriangleMesh read_off(const InputFile& file);
 
 }  // namespace surfel

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <charconv>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -10,23 +9,10 @@
 #include <surfel/base/plugin.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/pcd_plugin.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
-
-constexpr bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
-
-std::vector<std::string_view> words(std::string_view line) {
-  std::vector<std::string_view> found;
-  while (!line.empty()) {
-    const auto begin = std::find_if_not(line.begin(), line.end(), is_blank);
-    const auto end = std::find_if(begin, line.end(), is_blank);
-    if (begin != end) found.emplace_back(begin, end);
-    line = {end, line.end()};
-  }
-  return found;
-}
 
 constexpr std::string_view kKeywords[] = {"VERSION",   "FIELDS", "COLUMNS", "SIZE",
                                           "TYPE",      "COUNT",  "WIDTH",   "HEIGHT",
@@ -57,54 +43,50 @@ bool is_wide_integer(char type, std::size_t size) {
 /// Fills a PcdFile from its header.
 class PcdHeaderParser {
  public:
-  explicit PcdHeaderParser(PcdFile& pcd) : pcd_(pcd), text_(pcd.file_.header("DATA")) {}
+  explicit PcdHeaderParser(PcdFile& pcd)
+      : pcd_(pcd), in_(pcd.file_.name(), pcd.file_.header("DATA"), kHeaderText) {}
 
   void parse() {
-    if (text_.empty()) throw_input(pcd_.file_.name(), "is empty");
-    while (!ended_) {
-      if (at_ == text_.size()) {
-        fail("the header ends without 'DATA'; the file is truncated or is no PCD file");
+    if (in_.at_end()) throw_input(pcd_.file_.name(), "is empty");
+    for (; !ended_; in_.next_line()) {
+      if (!in_.skip_to_content()) {
+        in_.fail("the header ends without 'DATA'; the file is truncated or is no PCD file");
       }
-      ++line_;
-      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
-      parse_line(text_.substr(at_, end - at_));
-      at_ = std::min(end + 1, text_.size());
+      parse_line();
     }
-    pcd_.body_begin_ = at_;
+    pcd_.body_begin_ = in_.position();
     check();
   }
 
  private:
-  void parse_line(std::string_view line) {
-    const std::vector<std::string_view> all = words(line);
-    if (all.empty()) return;
-    if (all[0].starts_with('#')) return parse_comment(line);
-    if (!is_keyword(all[0])) {
-      fail(fmt::format("{} is not a word of PCD headers", quoted_excerpt(all[0])));
+  void parse_line() {
+    if (in_.skip('#')) {
+      const std::string_view comment = in_.rest_of_line();
+      if (!comment.starts_with(".PCD")) pcd_.comments_.emplace_back(comment);
+      return;
     }
-    parse_entry(all[0], std::span(all).subspan(1));
-  }
-
-  void parse_comment(std::string_view line) {
-    line.remove_prefix(line.find('#') + 1);
-    while (!line.empty() && is_blank(line.front())) line.remove_prefix(1);
-    while (!line.empty() && is_blank(line.back())) line.remove_suffix(1);
-    if (!line.starts_with(".PCD")) pcd_.comments_.emplace_back(line);
+    const std::string_view keyword = in_.word();
+    if (!is_keyword(keyword)) {
+      in_.fail(fmt::format("{} is not a word of PCD headers", quoted_excerpt(keyword)));
+    }
+    std::vector<std::string_view> values;
+    in_.rest_of_words(values);
+    parse_entry(keyword, values);
   }
 
   void parse_entry(std::string_view keyword, std::span<const std::string_view> values) {
-    if (values.empty()) fail(fmt::format("{} has no value", keyword));
+    if (values.empty()) in_.fail(fmt::format("{} has no value", keyword));
     if (keyword == "FIELDS" || keyword == "COLUMNS") {
-      if (!pcd_.fields_.empty()) fail("the fields are named twice");
+      if (!pcd_.fields_.empty()) in_.fail("the fields are named twice");
       for (const std::string_view name : values) pcd_.fields_.push_back({std::string(name)});
     } else if (keyword == "SIZE" || keyword == "TYPE" || keyword == "COUNT") {
       parse_field_entry(keyword, values);
     } else if (keyword == "WIDTH") {
-      width_ = integer(values[0]);
+      width_ = count(values[0]);
     } else if (keyword == "HEIGHT") {
-      height_ = integer(values[0]);
+      height_ = count(values[0]);
     } else if (keyword == "POINTS") {
-      points_ = integer(values[0]);
+      points_ = count(values[0]);
     } else if (keyword == "VIEWPOINT") {
       parse_viewpoint(values);
     } else if (keyword == "DATA") {
@@ -114,23 +96,23 @@ class PcdHeaderParser {
 
   void parse_field_entry(std::string_view keyword, std::span<const std::string_view> values) {
     if (values.size() != pcd_.fields_.size()) {
-      fail(fmt::format("{} has {} values for {} fields", keyword, values.size(),
-                       pcd_.fields_.size()));
+      in_.fail(fmt::format("{} has {} values for {} fields", keyword, values.size(),
+                           pcd_.fields_.size()));
     }
     for (std::size_t k = 0; k < values.size(); ++k) {
       PcdFile::Field& field = pcd_.fields_[k];
-      if (keyword == "SIZE") field.size = integer(values[k]);
-      if (keyword == "COUNT") field.count = integer(values[k]);
+      if (keyword == "SIZE") field.size = count(values[k]);
+      if (keyword == "COUNT") field.count = count(values[k]);
       if (keyword == "TYPE") field.type = values[k].size() == 1 ? values[k][0] : '?';
     }
   }
 
   void parse_viewpoint(std::span<const std::string_view> values) {
-    if (values.size() != 7) fail("VIEWPOINT needs seven numbers: tx ty tz qw qx qy qz");
+    if (values.size() != 7) in_.fail("VIEWPOINT needs seven numbers: tx ty tz qw qx qy qz");
     double numbers[7];
     for (int k = 0; k < 7; ++k) {
       const auto number = parse_number(values[k]);
-      if (!number) fail(fmt::format("{} is not a number", quoted_excerpt(values[k])));
+      if (!number) in_.fail(fmt::format("{} is not a number", quoted_excerpt(values[k])));
       numbers[k] = *number;
     }
     pcd_.viewpoint_ = Viewpoint{Vec3d(numbers), Eigen::Vector4d(numbers + 3)};
@@ -144,24 +126,20 @@ class PcdHeaderParser {
     } else if (kind == "binary_compressed") {
       pcd_.body_ = PcdFile::Body::kCompressed;
     } else {
-      fail(
+      in_.fail(
           fmt::format("DATA {} is none of ascii, binary, binary_compressed", quoted_excerpt(kind)));
     }
     ended_ = true;
   }
 
-  std::size_t integer(std::string_view word) const {
-    std::size_t value = 0;
-    const char* end = word.data() + word.size();
-    const auto [stop, error] = std::from_chars(word.data(), end, value);
-    if (error != std::errc{} || stop != end) {
-      fail(fmt::format("{} is not a count", quoted_excerpt(word)));
-    }
-    return value;
+  std::size_t count(std::string_view word) const {
+    const auto value = parse_count(word);
+    if (!value) in_.fail(fmt::format("{} is not a count", quoted_excerpt(word)));
+    return *value;
   }
 
   void check() {
-    if (pcd_.fields_.empty()) fail("the header names no FIELDS");
+    if (pcd_.fields_.empty()) in_.fail("the header names no FIELDS");
     check_fields();
     check_count();
   }
@@ -172,7 +150,7 @@ class PcdHeaderParser {
       const bool padding = field.name == "_";
       if (!padding && !scalar_type(field.type, field.size) &&
           !is_wide_integer(field.type, field.size)) {
-        fail(
+        in_.fail(
             fmt::format("field {} has the unknown TYPE {} of SIZE {}; known are F of 4 or 8 bytes, "
                         "I and U of 1, 2, 4 or 8",
                         field.name, field.type ? field.type : '?', field.size));
@@ -180,36 +158,30 @@ class PcdHeaderParser {
       constexpr std::size_t kMost = std::size_t{1} << 20;
       record += std::min(kMost, field.size) * std::min(kMost, field.count);
       if (field.size == 0 || field.count == 0 || record > kMost) {
-        fail(
+        in_.fail(
             fmt::format("field {} has {} values of {} bytes", field.name, field.count, field.size));
       }
       const auto same = [&](const PcdFile::Field& f) { return f.name == field.name; };
       if (!padding && std::count_if(pcd_.fields_.begin(), pcd_.fields_.end(), same) > 1) {
-        fail("field " + field.name + " stands there twice");
+        in_.fail("field " + field.name + " stands there twice");
       }
     }
   }
 
   void check_count() {
-    if (!points_ && !width_) fail("the header has neither POINTS nor WIDTH");
+    if (!points_ && !width_) in_.fail("the header has neither POINTS nor WIDTH");
     const std::size_t width = width_.value_or(points_.value_or(0));
     const std::size_t height = height_.value_or(1);
     std::size_t product = 0;
     if (__builtin_mul_overflow(width, height, &product) || product != points_.value_or(product)) {
-      fail(fmt::format("WIDTH {} times HEIGHT {} is not POINTS {}", width, height,
-                       points_.value_or(0)));
+      in_.fail(fmt::format("WIDTH {} times HEIGHT {} is not POINTS {}", width, height,
+                           points_.value_or(0)));
     }
     pcd_.table_.count = product;
   }
 
-  [[noreturn]] void fail(const std::string& message) const {
-    throw_input(pcd_.file_.name(), fmt::format("line {}: {}", line_, message));
-  }
-
   PcdFile& pcd_;
-  std::string_view text_;
-  std::size_t at_ = 0;
-  std::size_t line_ = 0;
+  TextScanner in_;
   bool ended_ = false;
   std::optional<std::size_t> width_;
   std::optional<std::size_t> height_;
@@ -239,13 +211,11 @@ PcdFile::PcdFile(InputFile file) : file_(std::move(file)) {
 }
 
 bool PcdFile::matches(std::span<const std::byte> bytes) {
-  std::string_view text = as_text(bytes).substr(0, kMatched);
-  while (!text.empty()) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    const std::vector<std::string_view> all = words(text.substr(0, end));
-    if (!all.empty() && !all[0].starts_with('#')) return is_keyword(all[0]);
-    if (all.size() > 1 && all[1] == ".PCD") return true;
-    text.remove_prefix(std::min(end + 1, text.size()));
+  TextScanner in({}, as_text(bytes).substr(0, kMatched), kHeaderText);
+  for (; in.skip_to_content(); in.next_line()) {
+    const std::string_view first = in.word();
+    if (!first.starts_with('#')) return is_keyword(first);
+    if (in.word() == ".PCD") return true;
   }
   return false;
 }
@@ -283,7 +253,7 @@ void PcdFile::read_ascii() {
   if (table_.count > room) fail_short(room);
   storage_.resize(table_.count * table_.stride);
   table_.data = storage_.data();
-  TextNumbers text(file_.name(), file_.bytes(), body_begin_);
+  TextScanner text(file_.name(), as_text(file_.bytes()), {}, body_begin_);
   for (std::size_t row = 0; row < table_.count; ++row) {
     const auto what = [&] { return fmt::format("point {}", row); };
     std::byte* record = storage_.data() + row * table_.stride;
@@ -291,7 +261,8 @@ void PcdFile::read_ascii() {
     for (const Field& field : fields_) {
       for (std::size_t k = 0; k < field.count; ++k) {
         if (field.name == "_") {
-          text.next();
+          text.skip_to_content();
+          text.word();
         } else {
           text.read(column->type, record + column->offset, what);
           ++column;

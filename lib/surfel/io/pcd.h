@@ -19,16 +19,18 @@ namespace surfel {
 /// zero everywhere is left out, since most writers that have none store zeros; 64-bit integers
 /// become doubles. The header is checked against the file's size before anything is allocated.
 ///
-/// PCL reads what it alone can, the compressed body. The plain bodies are tables like PLY's: read
-/// in place they cost no start-up time of PCL's files library, text coordinates keep the digits
-/// that float fields would round off (UTM, say), and a broken line is named. Internal to the io
-/// module.
+/// Compressed bodies are read by PCL. Ascii and binary bodies are tables like those of PLY and are
+/// read here: no run waits for PCL's files library to load, coordinates of text keep digits that
+/// float fields would round off (UTM coordinates, for example), and errors name the line. Internal
+/// to the io module.
 class PcdFile {
  public:
   /// Throws Error(kInput) naming the file and the header line, text line or point.
   explicit PcdFile(InputFile file);
+  PcdFile(const PcdFile&) = delete;
+  PcdFile& operator=(const PcdFile&) = delete;
 
-  /// Does the content, of which the first kMatched bytes suffice, start as a PCD file does?
+  /// Does the content start as a PCD file does? The first kMatched bytes of it suffice.
   static constexpr std::size_t kMatched = 4096;
   static bool matches(std::span<const std::byte> bytes);
 
@@ -61,7 +63,7 @@ class PcdFile {
   Body body_ = Body::kAscii;
   std::size_t body_begin_ = 0;
   RecordTable table_;
-  Array<std::byte> storage_;  ///< Owns what `table_` shows, unless that is the file.
+  Array<std::byte> storage_;  ///< The records of `table_`, unless they are in the file.
   bool double_positions_ = false;
   std::optional<Viewpoint> viewpoint_;
   std::vector<std::string> comments_;

@@ -5,7 +5,7 @@
 
 namespace surfel {
 
-/// What the plug-in `pcd` is asked for: the records of a compressed PCD file.
+/// Request to the plug-in `pcd` for the records of a compressed PCD file.
 struct PcdDecompression {
   const unsigned char* file = nullptr;
   std::size_t header_size = 0;  ///< The body follows; it was checked to lie inside the file.

@@ -1,27 +1,18 @@
 // The PLY polygon file format, G. Turk, 1994.
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/ply.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = std::size_t{1} << 15;
-
-constexpr bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && is_blank(text.front())) text.remove_prefix(1);
-  while (!text.empty() && (is_blank(text.back()) || text.back() == '\r')) text.remove_suffix(1);
-  return text;
-}
 
 std::optional<ScalarType> scalar_type(std::string_view name) {
   constexpr std::pair<std::string_view, ScalarType> kTypes[] = {
@@ -39,73 +30,60 @@ std::optional<ScalarType> scalar_type(std::string_view name) {
   return std::nullopt;
 }
 
+/// Format of a header. A first line that ends in CR alone says that all header lines do.
+TextFormat header_format(std::string_view text) {
+  const std::size_t end = std::min(text.find_first_of("\r\n"), text.size());
+  const std::string_view first = text.substr(end, 2);
+  if (first.starts_with('\r') && first != "\r\n") return {.line_ends = "\r"};
+  return kHeaderText;
+}
+
 /// Parses the header line by line; `body` is then the offset of the first record.
 class HeaderParser {
  public:
-  HeaderParser(const std::string& file, std::string_view text) : file_(file), text_(text) {}
+  HeaderParser(const std::string& file, std::string_view text)
+      : file_(file), in_(file, text, header_format(text)) {}
 
   PlyHeader parse() {
-    if (text_.empty()) throw_input(file_, "is empty");
-    if (trimmed(next_line()) != "ply") fail("is not a PLY file: it does not start with 'ply'");
-    bool ended = false;
-    while (!ended) {
-      if (at_ == text_.size()) fail("the header ends without 'end_header'; the file is truncated");
-      rest_ = trimmed(next_line());
+    if (in_.remaining() == 0) throw_input(file_, "is empty");
+    if (in_.rest_of_line() != "ply") {
+      throw_input(file_, "is not a PLY file: it does not start with 'ply'");
+    }
+    for (bool ended = false; !ended; in_.next_line()) {
+      if (!in_.skip_to_content()) {
+        in_.fail("the header ends without 'end_header'; the file is truncated");
+      }
       ended = parse_line();
     }
-    if (!has_format_) fail("the header has no 'format' line");
+    if (!has_format_) in_.fail("the header has no 'format' line");
     return std::move(header_);
   }
 
-  std::size_t body() const { return at_; }
+  std::size_t body() const { return in_.position(); }
 
  private:
-  /// A first line that ends in CR alone says that all header lines do. Otherwise LF ends a line,
-  /// and a CR before it counts as a blank; so binary data may start with any byte.
-  std::string_view next_line() {
-    if (line_ == 0) {
-      const std::size_t end = text_.find_first_of("\r\n");
-      const std::string_view first = text_.substr(std::min(end, text_.size()), 2);
-      line_end_ = first.starts_with('\r') && first != "\r\n" ? '\r' : '\n';
-    }
-    ++line_;
-    const std::size_t end = std::min(text_.find(line_end_, at_), text_.size());
-    const std::string_view line = text_.substr(at_, end - at_);
-    at_ = std::min(end + 1, text_.size());
-    return line;
-  }
-
-  std::string_view next_word() {
-    rest_ = trimmed(rest_);
-    const std::size_t end = static_cast<std::size_t>(
-        std::find_if(rest_.begin(), rest_.end(), is_blank) - rest_.begin());
-    const std::string_view word = rest_.substr(0, end);
-    rest_.remove_prefix(end);
-    return word;
-  }
-
   /// True at the header's end.
   bool parse_line() {
-    const std::string_view keyword = next_word();
+    const std::string_view keyword = in_.word();
     if (keyword == "end_header") return true;
     if (keyword == "comment") {
-      header_.comments.emplace_back(trimmed(rest_));
+      header_.comments.emplace_back(in_.rest_of_line());
     } else if (keyword == "obj_info") {
-      header_.obj_info.emplace_back(trimmed(rest_));
+      header_.obj_info.emplace_back(in_.rest_of_line());
     } else if (keyword == "format") {
       parse_format();
     } else if (keyword == "element") {
       parse_element();
     } else if (keyword == "property") {
       parse_property();
-    } else if (!keyword.empty()) {
-      fail(fmt::format("{} is not a word of PLY headers", quoted_excerpt(keyword)));
+    } else {
+      in_.fail(fmt::format("{} is not a word of PLY headers", quoted_excerpt(keyword)));
     }
     return false;
   }
 
   void parse_format() {
-    const std::string_view format = next_word();
+    const std::string_view format = in_.word();
     constexpr std::pair<std::string_view, PlyFormat> kFormats[] = {
         {"ascii", PlyFormat::kAscii},
         {"binary_little_endian", PlyFormat::kBinaryLittleEndian},
@@ -116,27 +94,27 @@ class HeaderParser {
       has_format_ = true;
       return;
     }
-    fail(fmt::format("format {} is none of ascii, binary_little_endian, binary_big_endian",
-                     quoted_excerpt(format)));
+    in_.fail(fmt::format("format {} is none of ascii, binary_little_endian, binary_big_endian",
+                         quoted_excerpt(format)));
   }
 
   void parse_element() {
     PlyElement element;
-    element.name = next_word();
-    const std::string_view count = next_word();
-    const auto [stop, error] =
-        std::from_chars(count.data(), count.data() + count.size(), element.count);
-    if (element.name.empty() || error != std::errc{} || stop != count.data() + count.size()) {
-      fail(fmt::format("{} is not a count of elements", quoted_excerpt(count)));
+    element.name = in_.word();
+    const std::string_view word = in_.word();
+    const auto count = parse_count(word);
+    if (element.name.empty() || !count) {
+      in_.fail(fmt::format("{} is not a count of elements", quoted_excerpt(word)));
     }
-    if (header_.find(element.name)) fail("element " + element.name + " stands there twice");
+    element.count = *count;
+    if (header_.find(element.name)) in_.fail("element " + element.name + " stands there twice");
     header_.elements.push_back(std::move(element));
   }
 
   ScalarType parse_type(std::string_view word) const {
     const auto type = scalar_type(word);
     if (!type) {
-      fail(
+      in_.fail(
           fmt::format("type {} is unknown; known are char, uchar, short, ushort, int, uint, float, "
                       "double and int8 to float64",
                       quoted_excerpt(word)));
@@ -145,36 +123,28 @@ class HeaderParser {
   }
 
   void parse_property() {
-    if (header_.elements.empty()) fail("a property stands before the first element");
+    if (header_.elements.empty()) in_.fail("a property stands before the first element");
     PlyElement& element = header_.elements.back();
     PlyProperty property;
-    std::string_view type = next_word();
+    std::string_view type = in_.word();
     if (type == "list") {
-      property.list_count_type = parse_type(next_word());
+      property.list_count_type = parse_type(in_.word());
       if (*property.list_count_type >= ScalarType::kFloat32) {
-        fail("a list is counted by an integer type");
+        in_.fail("a list is counted by an integer type");
       }
-      type = next_word();
+      type = in_.word();
     }
     property.type = parse_type(type);
-    property.name = next_word();
-    if (property.name.empty()) fail("the property has no name");
+    property.name = in_.word();
+    if (property.name.empty()) in_.fail("the property has no name");
     if (element.find(property.name)) {
-      fail("property " + property.name + " of element " + element.name + " stands there twice");
+      in_.fail("property " + property.name + " of element " + element.name + " stands there twice");
     }
     element.properties.push_back(std::move(property));
   }
 
-  [[noreturn]] void fail(const std::string& message) const {
-    throw_input(file_, line_ <= 1 ? message : fmt::format("line {}: {}", line_, message));
-  }
-
   const std::string& file_;
-  std::string_view text_;
-  std::size_t at_ = 0;
-  std::size_t line_ = 0;
-  char line_end_ = '\n';
-  std::string_view rest_;  ///< Of the current line.
+  TextScanner in_;
   PlyHeader header_;
   bool has_format_ = false;
 };
@@ -212,14 +182,14 @@ struct RawLists {
   Array<std::byte> value;
 };
 
-/// What is known of an element of the file so far.
+/// State of an element's decoding.
 struct ElementData {
   std::size_t begin = 0;  ///< Offset in the file.
   std::optional<std::size_t> end;
   bool decoded = false;
   RecordTable scalars;
   Array<std::byte> records;     ///< Owns what `scalars` shows, unless that is the file.
-  std::vector<RawLists> lists;  ///< One a property; those of scalars stay empty.
+  std::vector<RawLists> lists;  ///< One for each property; empty for scalar properties.
 };
 
 /// Where a value stands, for messages: "face 17 (vertex_indices)".
@@ -403,7 +373,7 @@ std::size_t PlyFile::Impl::read(std::size_t index, bool keep) {
   }
   ElementData* target = keep ? &data : nullptr;
   if (header.format == PlyFormat::kAscii) {
-    TextNumbers text(file.name(), file.bytes(), data.begin);
+    TextScanner text(file.name(), as_text(file.bytes()), {}, data.begin);
     read_records(text, element, target);
     return text.position();
   }
@@ -412,7 +382,7 @@ std::size_t PlyFile::Impl::read(std::size_t index, bool keep) {
   return binary.position();
 }
 
-/// Finds where an element begins, which needs all those before it.
+/// Finds where an element begins, for which all elements before it are located first.
 void PlyFile::Impl::locate(std::size_t index) {
   for (std::size_t k = 0; k < index; ++k) {
     ElementData& data = elements[k];
@@ -468,9 +438,7 @@ PlyFile::~PlyFile() = default;
 PlyFile::PlyFile(PlyFile&&) noexcept = default;
 
 bool PlyFile::matches(std::span<const std::byte> bytes) {
-  const std::string_view text = as_text(bytes).substr(0, 4);
-  return text.starts_with("ply") &&
-         (text.size() == 3 || is_blank(text[3]) || text[3] == '\r' || text[3] == '\n');
+  return TextScanner({}, as_text(bytes).substr(0, 4)).word() == "ply";
 }
 
 const PlyHeader& PlyFile::header() const { return impl_->header; }

@@ -21,7 +21,7 @@ enum class PlyFormat : std::uint8_t { kAscii, kBinaryLittleEndian, kBinaryBigEnd
 
 struct PlyProperty {
   std::string name;
-  ScalarType type = ScalarType::kFloat32;     ///< Of the value, or of a list's items.
+  ScalarType type = ScalarType::kFloat32;     ///< Type of the value, or of a list's items.
   std::optional<ScalarType> list_count_type;  ///< Set for list properties.
   bool is_list() const { return list_count_type.has_value(); }
 };
@@ -41,7 +41,8 @@ struct PlyHeader {
   const PlyElement* find(std::string_view element) const;  ///< Null if there is none.
 };
 
-/// Lists of all records of an element: record i has value[offset[i]] up to value[offset[i + 1]].
+/// Lists of all records of an element. The list of record i is value[offset[i]] up to, and without,
+/// value[offset[i + 1]].
 template <class T>
 struct PlyLists {
   Array<std::size_t> offset;  ///< One more than there are records.
@@ -49,12 +50,12 @@ struct PlyLists {
 };
 
 /// The columns of a PLY file of any kind (ascii, binary of either byte order; elements in any
-/// order), decoded when asked for: what nobody asks for costs no memory, and in binary files of
-/// scalars no time. Counts are checked against the file's size before anything is allocated. All
-/// members throw Error(kInput) naming the file and the header line, text line or element: broken
-/// header, truncated data, values that are no numbers, an element or property that is not there.
-/// Lines may end in LF, CR LF or CR; text records may be wrapped, but each starts on a new line.
-/// What follows the last record is ignored. One thread at a time.
+/// order), decoded when they are asked for: a column that nobody asks for costs no memory, and in
+/// binary files of scalars no time. Counts are checked against the file's size before memory is
+/// allocated. Lines may end in LF, CR LF or CR; text records may be wrapped, but each record starts
+/// on a new line. Bytes after the last record are ignored. All members throw Error(kInput) for a
+/// broken header, truncated data, a value that is no number, or a missing element or property; the
+/// message names the file and the line or element. One thread at a time.
 class SURFEL_API PlyFile {
  public:
   /// Reads the header.
@@ -67,13 +68,13 @@ class SURFEL_API PlyFile {
   static bool matches(std::span<const std::byte> bytes);
 
   const PlyHeader& header() const;
-  const std::string& name() const;  ///< Of the file, for messages.
+  const std::string& name() const;  ///< Name of the file, for messages.
   const InputFile& file() const;
 
   /// The scalar properties of an element as records: a view into the file where it is binary and
   /// the element has no lists, otherwise into memory of this object. In text files the float
   /// properties named in `wide` become double columns, because text can hold more digits than the
-  /// type that its header names; this has an effect on the first request for the element only.
+  /// type that its header names. `wide` has an effect on the first request for the element only.
   const RecordTable& scalars(std::string_view element,
                              std::initializer_list<std::string_view> wide = {});
 

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <filesystem>
 
@@ -24,7 +25,7 @@ class PlyMeshReader {
     read_positions();
     read_colors();
     read_vertex_uv();
-    read_vertex_normals();
+    read_vectors<3>({"nx", "ny", "nz"}, mesh_.normal);
     read_materials();
     read_faces();
     read_strips();
@@ -35,6 +36,21 @@ class PlyMeshReader {
   bool has_scalar(std::string_view property) const {
     const PlyProperty* found = vertex_->find(property);
     return found && !found->is_list();
+  }
+
+  /// Reads scalar properties as the components of one vector a vertex; false if one is missing.
+  template <int kSize>
+  bool read_vectors(const std::array<const char*, kSize>& names,
+                    Array<Eigen::Matrix<float, kSize, 1>>& to) {
+    if (!std::all_of(names.begin(), names.end(), [&](auto name) { return has_scalar(name); })) {
+      return false;
+    }
+    to.resize(vertex_->count);
+    for (int k = 0; k < kSize; ++k) {
+      const Array<float> column = ply_.column<float>("vertex", names[static_cast<std::size_t>(k)]);
+      for (std::size_t i = 0; i < column.size(); ++i) to[i][k] = column[i];
+    }
+    return true;
   }
 
   void read_positions() {
@@ -58,17 +74,10 @@ class PlyMeshReader {
   /// Integers are sRGB-encoded, floats linear; a value that is no number counts as 1.
   void read_colors() {
     constexpr std::array<const char*, 3> kNames{"red", "green", "blue"};
-    for (const char* name : kNames) {
-      if (!has_scalar(name)) return;
-    }
-    mesh_.color.resize(vertex_->count);
-    for (Eigen::Index channel = 0; channel < 3; ++channel) {
-      const char* name = kNames[static_cast<std::size_t>(channel)];
-      const ScalarType type = vertex_->find(name)->type;
-      const Array<float> column = ply_.column<float>("vertex", name);
-      for (std::size_t i = 0; i < column.size(); ++i) {
-        mesh_.color[i][channel] = decode_color(column[i], type);
-      }
+    if (!read_vectors<3>(kNames, mesh_.color)) return;
+    for (int channel = 0; channel < 3; ++channel) {
+      const ScalarType type = vertex_->find(kNames[static_cast<std::size_t>(channel)])->type;
+      for (Vec3f& color : mesh_.color) color[channel] = decode_color(color[channel], type);
     }
   }
 
@@ -90,33 +99,16 @@ class PlyMeshReader {
   void read_vertex_uv() {
     constexpr std::array<std::array<const char*, 2>, 4> kNames{
         {{"u", "v"}, {"s", "t"}, {"texture_u", "texture_v"}, {"texture_s", "texture_t"}}};
-    for (const auto& [u_name, v_name] : kNames) {
-      if (!has_scalar(u_name) || !has_scalar(v_name)) continue;
-      const Array<float> u = ply_.column<float>("vertex", u_name);
-      const Array<float> v = ply_.column<float>("vertex", v_name);
-      mesh_.uv.resize(u.size());
-      for (std::size_t i = 0; i < u.size(); ++i) {
-        check_uv(u[i], v[i], "vertex", i);
-        mesh_.uv[i] = Vec2f(u[i], v[i]);
-      }
-      uv_per_vertex_ = true;
-      return;
-    }
+    uv_per_vertex_ = std::any_of(kNames.begin(), kNames.end(), [&](const auto& names) {
+      return read_vectors<2>(names, mesh_.uv);
+    });
+    for (std::size_t i = 0; i < mesh_.uv.size(); ++i) check_uv(mesh_.uv[i], "vertex", i);
   }
 
-  void check_uv(float u, float v, const char* element, std::size_t i) const {
-    if (std::isfinite(u) && std::isfinite(v)) return;
+  void check_uv(const Vec2f& uv, const char* element, std::size_t i) const {
+    if (uv.allFinite()) return;
     throw_input(ply_.name(),
                 fmt::format("a texture coordinate of {} {} is not a finite number", element, i));
-  }
-
-  void read_vertex_normals() {
-    if (!has_scalar("nx") || !has_scalar("ny") || !has_scalar("nz")) return;
-    const Array<float> x = ply_.column<float>("vertex", "nx");
-    const Array<float> y = ply_.column<float>("vertex", "ny");
-    const Array<float> z = ply_.column<float>("vertex", "nz");
-    mesh_.normal.resize(x.size());
-    for (std::size_t i = 0; i < x.size(); ++i) mesh_.normal[i] = Vec3f(x[i], y[i], z[i]);
   }
 
   /// MeshLab writes <this> for the mesh's own name.
@@ -187,9 +179,8 @@ class PlyMeshReader {
                                            face, corners.size(), uv.size()));
     }
     for (std::size_t k = 0; k < corners.size(); ++k) {
-      check_uv(uv[2 * k], uv[2 * k + 1], "face", face);
       corners[k].uv = static_cast<std::uint32_t>(mesh_.uv.size());
-      mesh_.uv.emplace_back(uv[2 * k], uv[2 * k + 1]);
+      check_uv(mesh_.uv.emplace_back(uv[2 * k], uv[2 * k + 1]), "face", face);
     }
   }
 

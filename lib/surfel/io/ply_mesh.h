@@ -5,8 +5,9 @@
 
 namespace surfel {
 
-/// A PLY file's surface: polygons or triangle strips; uv per vertex (u v, s t, texture_u texture_v)
-/// or per face (texcoord, with texnumber and `comment TextureFile`); vertex colours and normals.
+/// Reads a PLY file's surface: polygons or triangle strips; uv per vertex (u v, s t, texture_u
+/// texture_v, texture_s texture_t) or per corner (texcoord, with texnumber and `comment
+/// TextureFile`); vertex colours and normals.
 /// Internal to the io module.
 TriangleMesh read_ply_mesh(InputFile file);
 

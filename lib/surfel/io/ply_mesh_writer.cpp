@@ -1,43 +1,17 @@
 #include <bit>
-#include <cstring>
 #include <filesystem>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
-#include <surfel/base/output_file.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mesh_writers.h>
 #include <surfel/io/mtl.h>
+#include <surfel/io/record_writer.h>
 
 namespace surfel {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "values are written as they are");
-
-/// Collects values and hands them on in large pieces.
-class ByteWriter {
- public:
-  explicit ByteWriter(OutputFile& file) : file_(file) {}
-
-  template <class T>
-  void add(T value) {
-    const std::size_t at = bytes_.size();
-    bytes_.resize(at + sizeof(T));
-    std::memcpy(bytes_.data() + at, &value, sizeof(T));
-  }
-  void end_record() {
-    constexpr std::size_t kPiece = std::size_t{1} << 20;
-    if (bytes_.size() >= kPiece) flush();
-  }
-  void flush() {
-    file_.write(bytes_.data(), bytes_.size());
-    bytes_.clear();
-  }
-
- private:
-  OutputFile& file_;
-  Array<std::byte> bytes_;
-};
 
 /// Is every coordinate, the origin added, exact as float?
 bool exact_in_float(const TriangleMesh& mesh) {
@@ -79,32 +53,32 @@ struct Textures {
 };
 
 void write_vertices(const TriangleMesh& mesh, const Array<Vec3f>& normal, bool wide,
-                    ByteWriter& out) {
+                    RecordWriter& out) {
   for (std::size_t i = 0; i < mesh.position.size(); ++i) {
     const Vec3d world = mesh.origin + mesh.position[i].cast<double>();
-    for (const double x : world) wide ? out.add(x) : out.add(static_cast<float>(x));
+    for (const double x : world) wide ? out.add_bytes(x) : out.add_bytes(static_cast<float>(x));
     if (!normal.empty()) {
-      for (const float x : normal[i]) out.add(x);
+      for (const float x : normal[i]) out.add_bytes(x);
     }
     if (!mesh.color.empty()) {
-      for (const float c : mesh.color[i]) out.add(linear_to_srgb8(c));
+      for (const float c : mesh.color[i]) out.add_bytes(linear_to_srgb8(c));
     }
     out.end_record();
   }
 }
 
-void write_faces(const TriangleMesh& mesh, const Textures& textures, ByteWriter& out) {
+void write_faces(const TriangleMesh& mesh, const Textures& textures, RecordWriter& out) {
   for (std::size_t i = 0; i < mesh.face.size(); ++i) {
-    out.add(std::uint8_t{3});
-    for (const std::uint32_t vertex : mesh.face[i]) out.add(vertex);
+    out.add_bytes(std::uint8_t{3});
+    for (const std::uint32_t vertex : mesh.face[i]) out.add_bytes(vertex);
     if (!mesh.wedge_uv.empty()) {
-      out.add(std::uint8_t{6});
+      out.add_bytes(std::uint8_t{6});
       for (const Vec2f& uv : mesh.wedge_uv[i]) {
-        out.add(uv.x());
-        out.add(uv.y());
+        out.add_bytes(uv.x());
+        out.add_bytes(uv.y());
       }
     }
-    if (textures.count > 0) out.add(textures.number[mesh.face_material[i]]);
+    if (textures.count > 0) out.add_bytes(textures.number[mesh.face_material[i]]);
     out.end_record();
   }
   out.flush();
@@ -135,7 +109,7 @@ void write_ply_mesh(const TriangleMesh& mesh, const std::string& path,
 
   OutputFile file(path, options.no_clobber);
   file.write(header);
-  ByteWriter out(file);
+  RecordWriter out(file);
   write_vertices(mesh, normal, wide, out);
   write_faces(mesh, textures, out);
   file.commit();

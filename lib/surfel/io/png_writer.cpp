@@ -12,7 +12,8 @@
 namespace surfel {
 namespace {
 
-/// What libpng needs while it writes; made before, as its errors jump over destructors.
+/// All objects that libpng uses while it writes. They are made before, because libpng's errors jump
+/// over destructors.
 struct PngJob {
   png_structp png = nullptr;
   png_infop info = nullptr;

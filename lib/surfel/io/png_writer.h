@@ -15,9 +15,9 @@ inline constexpr int kPngCompressionLevel = 4;
 /// 2 %, of flat colours a tenth smaller.
 inline constexpr int kPngFilter = 0x40;
 
-/// The bytes of a PNG file as write_image() describes it: those that OpenImageIO 2.4 makes with
-/// these settings, without loading it (which takes longer than most pictures). Internal to the io
-/// module.
+/// Encodes a PNG file as write_image() describes it. The bytes are equal to those that OpenImageIO
+/// 2.4 makes with the settings above; OpenImageIO is not used because loading it takes longer than
+/// encoding most pictures. Internal to the io module.
 std::vector<unsigned char> encode_png(const Image& image, const ImageWriteOptions& options);
 
 }  // namespace surfel

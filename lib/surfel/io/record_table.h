@@ -18,7 +18,7 @@
 
 namespace surfel {
 
-/// Are the names of columns equal but for case?
+/// Are two names of columns equal if case is ignored?
 inline bool same_name(std::string_view a, std::string_view b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](unsigned char c, unsigned char d) {
     return std::tolower(c) == std::tolower(d);
@@ -32,12 +32,12 @@ struct RecordColumn {
   std::size_t offset = 0;  ///< Bytes from the record's start; need not be aligned.
 };
 
-/// Records of equal size, one after the other, as PLY and PCD store them: in memory, or in a file,
-/// which must outlive the table. It owns nothing. Internal to the library.
+/// Records of equal size, one after the other, as PLY and PCD store them. The table is a view of
+/// records in memory or in a file, which must outlive it. Internal to the library.
 struct RecordTable {
   const std::byte* data = nullptr;  ///< The first record, unless the records are in `file`.
   const InputFile* file = nullptr;
-  std::size_t offset = 0;  ///< Of the first record in `file`.
+  std::size_t offset = 0;  ///< Offset of the first record in `file`.
   std::size_t count = 0;
   std::size_t stride = 0;  ///< Bytes from one record to the next.
   bool swapped = false;    ///< Values are in the other byte order than this machine's.
@@ -52,7 +52,7 @@ struct RecordTable {
     }
     count -= records;
   }
-  /// Records [begin, end): a view, or read into `scratch`, see InputFile::read_at().
+  /// Records [begin, end): a view of them, or a copy in `scratch`, see InputFile::read_at().
   const std::byte* read(std::size_t begin, std::size_t end, Array<std::byte>& scratch) const {
     if (!file) return data + begin * stride;
     return file->read_at(offset + begin * stride, (end - begin) * stride, scratch);
@@ -65,7 +65,7 @@ struct RecordTable {
   }
 };
 
-/// "uchar", "float" and so on: PLY's names.
+/// PLY's name of a type: "uchar", "float" and so on.
 constexpr const char* scalar_name(ScalarType type) {
   constexpr const char* kNames[] = {"char", "uchar", "short", "ushort",
                                     "int",  "uint",  "float", "double"};

@@ -11,10 +11,11 @@ namespace surfel {
 /// "directional" | "headlight" | "point", direction or position, color), [[material]] (name,
 /// ambient, diffuse, specular, shininess, opacity, reflectivity, ior, dispersion, roughness,
 /// absorption) and [environment] (image, relative to the file's folder; intensity, rotation,
-/// visible). A material with an ior but no reflectivity has that of its ior, ((ior - 1) / (ior +
-/// 1))^2. A file without lights, or without materials, has the default ones. Environments are named
-/// here and loaded by load_environment() (render/environment_map.h). Throws Error naming file and
-/// line; an unknown key is an error.
+/// visible). A material with an ior but no reflectivity gets the reflectivity
+/// ((ior - 1) / (ior + 1))^2. A file without lights, or without materials, leaves the default
+/// lights or materials of Scene. The image of an environment is not read here but by
+/// load_environment() (render/environment_map.h). Throws Error naming file and line; an unknown key
+/// is an error.
 SURFEL_API Scene read_scene(const std::string& path);
 
 }  // namespace surfel

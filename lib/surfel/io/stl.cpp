@@ -4,10 +4,10 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/io/line_scanner.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/stl.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/io/unique_vectors.h>
 
 namespace surfel {
@@ -55,7 +55,7 @@ TriangleMesh read_binary(const InputFile& file) {
 TriangleMesh read_text(const InputFile& file) {
   MeshBuilder mesh(file.name());
   UniqueVectors<3> welded;
-  LineScanner in(file);
+  TextScanner in(file.name(), as_text(file.bytes()), kMeshText);
   std::vector<MeshBuilder::Corner> corners;
   bool within_solid = false;
   for (; in.skip_to_content(); in.next_line()) {

@@ -5,9 +5,10 @@
 
 namespace surfel {
 
-/// STL, binary or text; corners at the same position become one vertex. Its normals are not used:
-/// they are the faces' own. A scanner of our own: OpenMesh's reader takes what is no number for
-/// zero, and splits vertices where a mesh is not manifold. Internal to the io module.
+/// Reads STL, binary or text. Corners at the same position become one vertex. The normals of the
+/// file are not used, since they follow from the faces. OpenMesh's reader is not used: it reads a
+/// word that is no number as zero, and splits vertices where a mesh is not manifold. Internal to
+/// the io module.
 TriangleMesh read_stl(const InputFile& file);
 
 }  // namespace surfel

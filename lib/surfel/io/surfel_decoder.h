@@ -14,7 +14,7 @@
 
 namespace surfel {
 
-/// What a file's records may tell of a surfel, named as the columns of SurfelCloud.
+/// Attributes of a surfel that a file's records may hold, named as the columns of SurfelCloud.
 enum class SurfelAttribute : std::uint8_t {
   kPosition,
   kNormal,
@@ -37,7 +37,7 @@ enum class SurfelAttribute : std::uint8_t {
 };
 inline constexpr std::size_t kSurfelAttributes = 18;
 
-/// Where the values of an attribute go: component k of the i-th surfel to at[k][i * stride].
+/// Where decoded values are written: component k of the i-th surfel goes to at[k][i * stride].
 template <class T>
 struct ComponentColumns {
   std::array<T*, 3> at;
@@ -59,6 +59,7 @@ class SurfelDecoder {
   /// Keeps a reference to the table. Reads all records where the type of an integer attribute is
   /// wider than the attribute.
   SurfelDecoder(const RecordTable& table, const std::string& file);
+  SurfelDecoder(RecordTable&& table, const std::string& file) = delete;
 
   bool has(SurfelAttribute attribute) const { return fields_[index(attribute)].columns[0]; }
   bool anisotropic() const { return has(SurfelAttribute::kTangent); }
@@ -89,9 +90,9 @@ class SurfelDecoder {
   /// The properties of an attribute's components, null where it has none, and how to decode them.
   struct Field {
     std::array<const RecordColumn*, 3> columns{};
-    bool radius = false;           ///< Of kVariance.
-    const float* table = nullptr;  ///< Linear light of an sRGB code.
-    float scale = 1;               ///< What alpha is divided by.
+    bool radius = false;           ///< The column of kVariance holds radii.
+    const float* table = nullptr;  ///< Linear light of each sRGB code.
+    float scale = 1;               ///< Divisor of alpha.
   };
   using Names = std::array<const char*, 3>;
 
@@ -113,15 +114,16 @@ class SurfelDecoder {
   const RecordTable& table_;
   const std::string file_;
   std::array<Field, kSurfelAttributes> fields_{};
-  std::vector<bool> taken_;  ///< Of the table's columns: it stands for an attribute.
+  std::vector<bool> taken_;  ///< Does a column of the table stand for an attribute?
   std::vector<const RecordColumn*> others_;
   ColorEncoding color_encoding_ = ColorEncoding::kUint8Srgb;
   bool alpha_as_uint8_ = false;
   Vec3d origin_{0, 0, 0};
 };
 
-/// Linear light of every 8-bit and 16-bit sRGB value.
+/// Linear light of every 8-bit sRGB value.
 const float* srgb8_table();
+/// Linear light of every 16-bit sRGB value.
 SURFEL_API const float* srgb16_table();
 
 }  // namespace surfel

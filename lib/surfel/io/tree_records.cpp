@@ -38,36 +38,25 @@ constexpr Column kColumns[] = {{"begin", ScalarType::kUint32},
 constexpr std::size_t kColumnCount = std::size(kColumns);
 using Row = std::array<double, kColumnCount>;
 
+/// The values of a cluster in the order of kColumns.
 Row to_row(const TreeCluster& c, const Vec3d& origin) {
   const ClusterBounds& b = c.bounds;
   const auto world = [&](const Vec3f& v) -> Vec3d { return origin + v.cast<double>(); };
-  const Vec3d center = world(b.center);
-  const Vec3d min = world(c.reach_min);
-  const Vec3d max = world(c.reach_max);
-  return {static_cast<double>(c.begin),
-          static_cast<double>(c.end - c.begin),
-          static_cast<double>(c.first_child),
-          static_cast<double>(c.child_count),
-          static_cast<double>(c.level),
-          center.x(),
-          center.y(),
-          center.z(),
-          b.radius,
-          c.spacing,
-          b.max_deviation,
-          b.cone_axis.x(),
-          b.cone_axis.y(),
-          b.cone_axis.z(),
-          b.cone_cosine,
-          min.x(),
-          min.y(),
-          min.z(),
-          max.x(),
-          max.y(),
-          max.z()};
+  Row row;
+  double* out = row.data();
+  const auto add = [&](auto... values) { ((*out++ = static_cast<double>(values)), ...); };
+  const auto add_vector = [&](const auto& v) { add(v.x(), v.y(), v.z()); };
+  add(c.begin, c.end - c.begin, c.first_child, c.child_count, c.level);
+  add_vector(world(b.center));
+  add(b.radius, c.spacing, b.max_deviation);
+  add_vector(b.cone_axis);
+  add(b.cone_cosine);
+  add_vector(world(c.reach_min));
+  add_vector(world(c.reach_max));
+  return row;
 }
 
-/// Largest coordinate: differences of such are finite as float, too.
+/// Largest coordinate that is accepted: the difference of two such coordinates is finite in float.
 constexpr double kFurthest = 1e37;
 
 /// A count or index, whose column may be of any type.

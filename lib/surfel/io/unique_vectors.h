@@ -9,7 +9,7 @@
 
 namespace surfel {
 
-/// Numbers vectors in the order of their first appearance; equal ones share a number, and -0 equals
+/// Numbers vectors in the order of their first appearance. Equal vectors share a number; -0 equals
 /// 0. Internal to the io module.
 template <int kSize>
 class UniqueVectors {

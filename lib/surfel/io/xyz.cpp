@@ -1,8 +1,6 @@
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
-#include <filesystem>
 #include <optional>
 #include <string_view>
 #include <vector>
@@ -11,27 +9,16 @@
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/record_table.h>
-#include <surfel/io/text_numbers.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
 namespace {
 
-std::string lower(std::string_view text) {
-  std::string out(text);
-  std::transform(out.begin(), out.end(), out.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return out;
-}
-
 class XyzReader {
  public:
   explicit XyzReader(const InputFile& file)
-      : file_(file),
-        text_(reinterpret_cast<const char*>(file.bytes().data()), file.bytes().size()) {
-    constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-    if (text_.starts_with(kByteOrderMark)) text_.remove_prefix(kByteOrderMark.size());
-  }
+      : name_(file.name()), in_(name_, as_text(file.bytes()), {.separators = " \t,;"}) {}
 
   SurfelCloud read() {
     std::optional<std::size_t> count;
@@ -43,16 +30,15 @@ class XyzReader {
       } else if (names_.empty() && values_.empty() && !parse_number(words_.front())) {
         read_names();
       } else if (complete) {
-        fail(fmt::format("more points than the {} that the count promises", *count));
+        in_.fail(fmt::format("more points than the {} that the count promises", *count));
       } else {
         read_values();
       }
     }
-    if (rows() == 0) throw_input(file_.name(), "holds no points");
+    if (rows() == 0) throw_input(name_, "holds no points");
     if (count && rows() < *count) {
-      throw_input(file_.name(),
-                  fmt::format("the count promises {} points, but {} follow; it is truncated",
-                              *count, rows()));
+      throw_input(name_, fmt::format("the count promises {} points, but {} follow; it is truncated",
+                                     *count, rows()));
     }
     if (names_.empty()) name_columns();
     return to_cloud(rows());
@@ -61,48 +47,25 @@ class XyzReader {
  private:
   std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
 
-  [[noreturn]] void fail(const std::string& message) const {
-    throw_input(file_.name(), fmt::format("line {}: {}", line_, message));
-  }
-
-  static bool is_separator(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
-
   /// Splits the next line that holds something into words_.
   bool next_line() {
-    while (at_ < text_.size()) {
-      const std::size_t end = std::min(text_.find_first_of("\r\n", at_), text_.size());
-      std::string_view line = text_.substr(at_, end - at_);
-      at_ = end + (text_.substr(end).starts_with("\r\n") ? 2 : 1);
-      ++line_;
-      while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
-      if (line.starts_with('#') || line.starts_with("//")) {
-        split(line.substr(line.starts_with('#') ? 1 : 2));
-        note_names();
-      } else {
-        split(line);
-        if (!words_.empty()) return true;
+    for (; in_.skip_to_content(); in_.next_line()) {
+      const char mark = in_.peek();
+      const bool comment = mark == '#' || (mark == '/' && in_.peek_word().starts_with("//"));
+      while (comment && in_.skip(mark)) {
       }
+      in_.rest_of_words(words_);
+      if (!comment) return true;
+      note_names();
     }
     return false;
-  }
-
-  void split(std::string_view line) {
-    words_.clear();
-    while (true) {
-      while (!line.empty() && is_separator(line.front())) line.remove_prefix(1);
-      if (line.empty()) return;
-      std::size_t size = 0;
-      while (size < line.size() && !is_separator(line[size])) ++size;
-      words_.push_back(line.substr(0, size));
-      line.remove_prefix(size);
-    }
   }
 
   /// words_ as names of columns.
   std::vector<std::string> to_names() const {
     std::vector<std::string> names;
     for (const std::string_view word : words_) {
-      names.push_back(lower(word));
+      names.push_back(lower_case(word));
       std::erase(names.back(), '"');
     }
     return names;
@@ -124,15 +87,15 @@ class XyzReader {
 
   std::size_t read_count() const {
     const std::optional<double> value = parse_number(words_[0]);
-    constexpr std::size_t kShortestLine = 6;  // "0 0 0\n"
     if (!value || *value < 0 || *value != std::trunc(*value)) {
-      fail(fmt::format("{} alone is neither a point nor a count of points",
-                       quoted_excerpt(words_[0])));
+      in_.fail(fmt::format("{} alone is neither a point nor a count of points",
+                           quoted_excerpt(words_[0])));
     }
-    const std::size_t left = text_.size() - std::min(at_, text_.size());
-    const std::size_t most = left / kShortestLine + 1;
+    constexpr std::size_t kShortestLine = 6;  // "0 0 0\n"
+    const std::size_t most = in_.remaining() / kShortestLine + 1;
     if (*value > static_cast<double>(most)) {
-      fail(fmt::format("promises {} points, but only {} bytes follow", *value, left));
+      in_.fail(
+          fmt::format("promises {} points, but only {} bytes follow", *value, in_.remaining()));
     }
     return static_cast<std::size_t>(*value);
   }
@@ -141,8 +104,8 @@ class XyzReader {
     names_ = to_names();
     columns_ = names_.size();
     if (!has_coordinates(names_)) {
-      fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
-                       quoted_excerpt(words_[0])));
+      in_.fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
+                           quoted_excerpt(words_[0])));
     }
   }
 
@@ -152,17 +115,17 @@ class XyzReader {
       if (comment_names_.size() == columns_) names_ = comment_names_;
     }
     if (words_.size() != columns_) {
-      fail(fmt::format("{} values; the lines before have {}", words_.size(), columns_));
+      in_.fail(fmt::format("{} values; the lines before have {}", words_.size(), columns_));
     }
     for (const std::string_view word : words_) {
       const std::optional<double> value = parse_number(word);
-      if (!value) fail(fmt::format("{} is not a number", quoted_excerpt(word)));
+      if (!value) in_.fail(fmt::format("{} is not a number", quoted_excerpt(word)));
       values_.push_back(*value);
     }
   }
 
-  /// Do the three columns from `first` on have length 1 in every line but those that are all zero
-  /// (normal unknown)?
+  /// Do the three columns from `first` on have length 1 in some line, and length 1 or 0 (an unknown
+  /// normal) in every line?
   bool unit_length(std::size_t first) const {
     bool any = false;
     for (std::size_t i = first; i < values_.size(); i += columns_) {
@@ -201,7 +164,7 @@ class XyzReader {
         return;
       }
       default:
-        throw_input(file_.name(),
+        throw_input(name_,
                     fmt::format("{} columns without names; known are 3 (x y z), 4 (and intensity), "
                                 "6 (and a normal or r g b), 7 (intensity r g b) and 9; write their "
                                 "names into a first line",
@@ -214,7 +177,8 @@ class XyzReader {
     return std::find(kNames.begin(), kNames.end(), names_[column]) != kNames.end();
   }
 
-  /// Of all colour columns together: their whole numbers are sRGB of 8 or 16 bits.
+  /// The type of the colour columns: sRGB of 8 or 16 bits if all their values are whole numbers
+  /// that fit, else float.
   ScalarType color_type() const {
     double largest = 0;
     for (std::size_t i = 0; i < values_.size(); ++i) {
@@ -230,7 +194,7 @@ class XyzReader {
     RecordTable table;
     const ScalarType color = color_type();
     for (std::size_t k = 0; k < columns_; ++k) {
-      // Coordinates in double: those of maps have more digits than float.
+      // Coordinates are double, because coordinates of maps have more digits than float.
       const bool coordinate = names_[k] == "x" || names_[k] == "y" || names_[k] == "z";
       const ScalarType type = coordinate    ? ScalarType::kFloat64
                               : is_color(k) ? color
@@ -250,13 +214,11 @@ class XyzReader {
     }
     table.data = records.data();
     table.count = rows;
-    return cloud_from_records(table, file_.name(), false);
+    return cloud_from_records(table, name_, false);
   }
 
-  const InputFile& file_;
-  std::string_view text_;
-  std::size_t at_ = 0;
-  std::size_t line_ = 0;
+  const std::string name_;
+  TextScanner in_;
   std::vector<std::string_view> words_;
   std::vector<std::string> names_;
   std::vector<std::string> comment_names_;
@@ -269,7 +231,7 @@ class XyzReader {
 bool is_xyz_name(const std::string& path) {
   constexpr std::array<std::string_view, 7> kExtensions{".xyz", ".txt",  ".pts",   ".asc",
                                                         ".csv", ".xyzn", ".xyzrgb"};
-  const std::string extension = lower(std::filesystem::path(path).extension().string());
+  const std::string extension = lower_extension(path);
   return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
 }
 

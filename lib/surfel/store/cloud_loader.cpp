@@ -17,14 +17,15 @@
 namespace surfel {
 namespace {
 
-/// Bytes of a surfel in memory, roughly: its columns, its share of a cluster.
+/// Bytes of a surfel in memory, roughly: a row of all columns, and its share of a cluster.
 constexpr std::uint64_t kSurfelBytes = 64;
-/// Bytes of a cluster that stays in its file: its bounds, and what a picture lists it with.
+/// Bytes of a cluster that stays in its file: its bounds, and its entries in a picture's lists.
 constexpr std::uint64_t kStreamedClusterBytes = 280;
 /// Bytes of a surfel in flight: its columns, its splat and the tiles that it touches.
 constexpr std::uint64_t kFlightBytes = 512;
-/// Of what the clusters leave, this part is for A-buffers.
+/// One in so many bytes of the memory that the clusters leave is for A-buffers.
 constexpr std::uint64_t kPicturePart = 4;
+/// Fewest surfels of a batch: 64 clusters, so that a fetch reads more than it seeks.
 constexpr std::size_t kLeastBatch = std::size_t{1} << 14;
 
 /// The points as records, if the file is a binary PLY file of scalars; else null.
@@ -40,7 +41,7 @@ const RecordTable* binary_records(PlyFile& ply) {
 
 struct LoadedCloud::Impl {
   CloudLoadOptions options;
-  // Each refers to the one before.
+  // Each of the next four members may refer to the ones before it.
   std::optional<PlyFile> ply;
   std::unique_ptr<RecordSource> source;
   ClusterTree tree;
@@ -86,13 +87,13 @@ bool LoadedCloud::Impl::open_records() {
   return true;
 }
 
-/// Surfels of the levels that are wanted.
+/// Number of surfels of the levels that are asked for.
 std::size_t LoadedCloud::Impl::wanted() const {
   if (tree.empty() || options.columns.levels) return source->size();
   return source->size() - tree[first_leaf(tree)].begin;
 }
 
-/// What a stream has in memory all the time.
+/// Bytes that a stream's clusters take.
 std::uint64_t LoadedCloud::Impl::index_bytes() const {
   const std::size_t clusters =
       tree.empty() ? source->size() / RenderCloud::kClusterSize : tree.size();
@@ -118,7 +119,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
   const char* why = why_in_memory();
   const bool fits = wanted() <= memory / kSurfelBytes;
-  // Of levels of detail a picture wants few: they stay in the file even if they fit.
+  // Levels of detail stay in the file even if they fit, because a picture needs few of them.
   const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
   if (!why && (few || !fits)) make_stream(memory);
   if (stream) return true;
@@ -171,13 +172,18 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
   has_levels = !cloud.tree.empty();
 }
 
+std::vector<std::string> CloudLoadOptions::problems() const {
+  return CloudStreamOptions{.batch = batch}.problems();
+}
+
 LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& options)
     : impl_(std::make_unique<Impl>(options)) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   InputFile input(path);
   const std::string name = input.name();
   if (!impl_->load_records(input)) {
-    // All levels, even if the finest is drawn alone: the picture is framed by the same clusters
-    // then.
+    // All levels are read even if the finest is drawn alone, so that all levels frame the picture
+    // alike.
     constexpr CloudReadOptions kLevels{.levels = true};
     impl_->load_cloud(
         impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels),

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/store/render_cloud.h>
@@ -11,38 +12,48 @@
 namespace surfel {
 
 struct CloudLoadOptions {
-  RenderColumns columns = {};  ///< Of the method.
-  /// Bytes that the surfels and what is made of them for a picture may take; more surfels stay in
-  /// their file and are streamed from it. Unset: three quarters of what the machine has left.
+  RenderColumns columns = {};  ///< Columns that the compositing method reads.
+  /// Bytes that the surfels and a picture's splats, tiles and A-buffers may take. Surfels that do
+  /// not fit stay in their file and are streamed from it. Unset: three quarters of the memory that
+  /// the machine has available.
   std::optional<std::uint64_t> memory = {};
-  bool may_stream =
-      true;  ///< False: the picture needs all surfels in memory, as it does for groups.
-  /// Most surfels streamed at once of a file without levels of detail: of these as many as fit.
+  /// False if the picture needs all surfels in memory, as pictures of groups do.
+  bool may_stream = true;
+  /// Most surfels fetched at once where a file without levels of detail is streamed, >= 256; fewer
+  /// are fetched where `memory` has no room for as many.
   std::size_t batch = std::size_t{1} << 20;
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// Surfels of a file, ready to be rendered: in memory, or streamed from it.
+/// Surfels of a file, ready to be rendered: in memory, or streamed from the file.
 class SURFEL_API LoadedCloud {
  public:
-  /// Reads any file that read_cloud() reads and makes the same of it as RenderCloud does of that
-  /// cloud with all its levels of detail; binary PLY without a SurfelCloud in between, several
-  /// times as fast, faster still where the surfels stand in the file as morton_order() has them.
-  /// Throws as both do; messages name the file. Throws Error(kInput) if none of the surfels can be
-  /// used, or if they do not fit into the memory given and cannot be streamed (CloudStream): they
-  /// can from a binary PLY file of its usual types, with levels of detail, or without copies of
-  /// splats where consecutive surfels lie close together. Levels of detail are always streamed,
-  /// where that may be: a picture wants few of them.
+  /// Reads any file that read_cloud() reads. The surfels are those of a RenderCloud made from the
+  /// SurfelCloud that read_cloud() returns with all levels of detail. Binary PLY is decoded without
+  /// a SurfelCloud in between, which is several times as fast, and faster still if the surfels of
+  /// the file follow morton_order().
+  ///
+  /// A file can be streamed (CloudStream) if it is binary PLY whose vertices have scalar properties
+  /// only, and either has levels of detail, or has no copies of splats and consecutive surfels lie
+  /// close together. Levels of detail are streamed even where they would fit into memory, since a
+  /// picture needs few of them.
+  ///
+  /// Throws Error(kUsage) for unusable options; what read_cloud() and RenderCloud throw; and
+  /// Error(kInput) if no surfel can be drawn, or if the surfels neither fit into the memory given
+  /// nor can be streamed. Messages name the file.
   LoadedCloud(const std::string& path, const CloudLoadOptions& options);
   ~LoadedCloud();
   LoadedCloud(const LoadedCloud&) = delete;
   LoadedCloud& operator=(const LoadedCloud&) = delete;
 
   const RenderCloud& surfels() const;
-  /// What pictures are drawn from: the surfels in memory, or a stream of the file.
+  /// The store that pictures are drawn from: the surfels in memory, or a stream of the file.
   ClusterStore& store() const;
-  /// The file has levels of detail, whether they were asked for or not.
+  /// Does the file have levels of detail, whether they were asked for or not?
   bool has_levels() const;
-  /// SurfelCloud::basis_cutoff.
+  /// SurfelCloud::basis_cutoff of the file.
   std::optional<double> basis_cutoff() const;
 
  private:

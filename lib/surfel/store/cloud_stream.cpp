@@ -14,9 +14,11 @@ namespace {
 
 /// Clusters read at once; each worker keeps as many.
 constexpr std::size_t kRunLength = RenderCloud::kBlock / RenderCloud::kClusterSize;
-/// Mean radius of the clusters that is still worth it, in units of what is left of the scene's
-/// diagonal where it is cut into as many cubes: scan lines of a surface stay below, surfels in
-/// random order from 400 clusters on above.
+/// Largest mean radius of clusters that can still be culled, in units of the scene's diagonal over
+/// the cube root of the number of clusters, which is the diagonal of a cube if the scene is cut
+/// into as many cubes. Scan lines of a surface stay below it; 400 or more clusters of surfels in
+/// random order exceed it. Clusters of a volume in Morton order, the hardest of ordered cases, have
+/// 0.6.
 constexpr double kLoosest = 2;
 /// Clusters announced to the system at once.
 constexpr std::size_t kLongestExpected = 4096;
@@ -62,7 +64,7 @@ std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const Clust
   return stream;
 }
 
-/// Columns for a batch.
+/// Allocates the columns of a batch.
 void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);
   holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
@@ -72,7 +74,7 @@ void CloudStream::allocate() {
   };
 }
 
-/// SceneExtent::support: reads the clusters that reach far.
+/// SceneExtent::support. Reads the clusters whose bounds reach farther than the surfels found.
 double CloudStream::support(const Vec3d& along, double outward) const {
   RenderCloud rows;
   return cloud_.support(along, outward, [&](std::uint32_t c, const Vec3d& a, double b) {
@@ -90,7 +92,7 @@ std::size_t CloudStream::surfel_end(std::uint32_t cluster) const {
   return surfel_[cluster] + (cloud_.clusters_[cluster].end - cloud_.clusters_[cluster].begin);
 }
 
-/// Surfels [begin, end) of the file, a block at most, in a worker's rows.
+/// Reads surfels [begin, end) of the file, a block at most, into a worker's rows.
 const RenderCloud& CloudStream::read(std::size_t begin, std::size_t end, RenderCloud& rows) const {
   if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {}, "");
   source_.fill(begin, end, rows, 0);
@@ -110,14 +112,14 @@ bool CloudStream::finest_transparent(std::size_t first) const {
   return found;
 }
 
-/// Moves the surfels of rows [begin, end) that can be drawn to the front, and the end with them.
+/// Moves the surfels of rows [begin, end) that can be drawn to the front; `end` follows the last.
 void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_t& end,
                                 UnusableSurfels& dropped) const {
   std::size_t kept = begin;
   for (std::size_t i = begin; i < end; ++i) {
     if (!rows.usable(i, dropped)) continue;
     if (kept < i) {
-      for (Array<float>* column : rows.float_columns()) {
+      for (Array<float>* column : RenderCloud::float_columns(rows)) {
         if (!column->empty()) (*column)[kept] = (*column)[i];
       }
       if (!rows.material.empty()) rows.material[kept] = rows.material[i];
@@ -175,7 +177,6 @@ bool CloudStream::make_index() {
     totals[surfel_.size()] = totals[c];
     surfel_.push_back(c * RenderCloud::kClusterSize);
   }
-  // In order clusters of a volume, the hardest case, have radii of 0.6 of this.
   const auto kept = static_cast<double>(surfel_.size());
   if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
   cloud_.clusters_.resize(surfel_.size());
@@ -190,7 +191,7 @@ bool CloudStream::make_index() {
   return true;
 }
 
-/// Those that have no slot, in the order of the file.
+/// Indices of the clusters that have no slot, in the order of the file.
 std::vector<std::uint32_t> CloudStream::missing(std::span<const VisibleCluster> clusters) const {
   std::vector<std::uint32_t> indices;
   for (const VisibleCluster& cluster : clusters) {
@@ -200,8 +201,8 @@ std::vector<std::uint32_t> CloudStream::missing(std::span<const VisibleCluster> 
   return indices;
 }
 
-/// Ascending clusters, those that follow one another in the file, and in their slots if they have
-/// any, as one.
+/// Joins ascending clusters to runs of at most `longest` clusters that follow one another in the
+/// file, and in their slots if they have any.
 std::vector<CloudStream::Run> CloudStream::runs(const std::vector<std::uint32_t>& clusters,
                                                 std::size_t longest) const {
   std::vector<Run> out;
@@ -220,7 +221,7 @@ std::vector<CloudStream::Run> CloudStream::runs(const std::vector<std::uint32_t>
   return out;
 }
 
-/// Gives the missing ones of these clusters slots that none of the others has.
+/// Gives the missing clusters slots that none of `clusters` has.
 void CloudStream::make_room(std::span<const VisibleCluster> clusters,
                             const std::vector<std::uint32_t>& missing) {
   if (missing.empty()) return;

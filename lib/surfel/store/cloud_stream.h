@@ -15,42 +15,46 @@ namespace surfel {
 
 struct CloudStreamOptions {
   std::size_t batch = std::size_t{1} << 20;  ///< Most surfels fetched at once, >= 256.
-  /// What a picture's A-buffer may take while its surfels are fetched; larger pictures are made in
-  /// bands, for each of which what it sees is read.
+  /// Bytes that the A-buffers of a picture may take. A picture that needs more is made in bands,
+  /// each of which fetches the clusters that it sees.
   std::size_t picture_bytes = std::size_t{1} << 28;
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// A cloud that stays in its file. One pass over the file bounds the clusters, 256 consecutive
-/// surfels each, unless it brings them, as levels of detail do; a picture then fetches the clusters
-/// that it sees, nearest first, a batch at a time, but for those that it still has from the
-/// pictures before. Memory is that of the bounds, 120 bytes a cluster, and of a batch.
+/// A cloud that stays in its file. Its clusters are 256 consecutive surfels each, whose bounds are
+/// measured in one pass over the file, or the clusters that a file with levels of detail stores
+/// with their bounds. A picture fetches the clusters that it sees, nearest first, a batch at a
+/// time; clusters that an earlier picture fetched are kept while there is room. The bounds take 120
+/// bytes a cluster; a batch of surfels is in memory besides.
 class SURFEL_API CloudStream final : public ClusterStore {
  public:
-  /// Keeps a reference to the source. Null if consecutive surfels do not lie close together, and so
-  /// are no clusters. Those along a Morton curve, as morton_order() has them, are the same clusters
-  /// as in memory; scan lines are larger.
+  /// Streams a source without levels of detail, to which it keeps a reference. Null if consecutive
+  /// surfels do not lie close together, so that clusters of them would be too large to be culled.
+  /// Surfels in the order of morton_order() make the clusters that a RenderCloud makes of them;
+  /// scan lines make larger ones. Throws Error(kUsage) for unusable options.
   static std::unique_ptr<CloudStream> make(SurfelSource& source, const CloudStreamOptions& options);
-  /// With levels of detail, all or (`levels` false) the finest. Of the file, nothing is read before
-  /// a picture wants it, except where surfels have alpha: whether any of the finest is below 1.
-  /// fetch() throws Error(kInput) for surfels that cannot be drawn; `name` starts its message.
+  /// Streams a source with levels of detail: all levels, or the finest alone if `levels` is false.
+  /// Keeps a reference to the source, not to the tree. Surfels are not read before a picture
+  /// fetches them, except that alpha, where the source has it, is read once to find a value below 1
+  /// in the finest level. Throws Error(kUsage) for unusable options; fetch() throws Error(kInput)
+  /// for surfels that cannot be drawn, with a message that `name` starts.
   static std::unique_ptr<CloudStream> make(SurfelSource& source, const ClusterTree& tree,
                                            bool levels, const CloudStreamOptions& options,
                                            const std::string& name);
 
-  /// Its clusters are all there; its columns hold the clusters fetched last, where their begin and
-  /// end say, and as many others as there is room for.
+  /// All clusters, and columns that hold the surfels of the clusters fetched last, at the rows
+  /// Cluster::begin to Cluster::end, and of as many other clusters as there is room for.
   const RenderCloud& cloud() const override { return cloud_; }
 
   bool resident() const override { return false; }
   std::size_t batch_clusters() const override { return options_.batch / RenderCloud::kClusterSize; }
   std::size_t picture_bytes() const override { return options_.picture_bytes; }
 
-  /// Reads the columns of those of these clusters, a batch at most, that are not there.
+  /// Reads the clusters whose columns are not in memory. `clusters` are a batch at most.
   void fetch(std::span<const VisibleCluster> clusters) override;
-  /// Tells that these clusters will be fetched next: the system reads them ahead.
+  /// Announces the clusters to be fetched next, so that the system reads them ahead.
   void expect(std::span<const VisibleCluster> clusters) const override;
 
  private:
@@ -76,15 +80,15 @@ class SURFEL_API CloudStream final : public ClusterStore {
   SurfelSource& source_;
   CloudStreamOptions options_;
   std::string name_;
-  SurfelAttributes attributes_;  ///< That matter to the picture.
+  SurfelAttributes attributes_;  ///< Attributes that matter to the picture.
   RenderCloud cloud_;
-  bool from_tree_ = false;             ///< The clusters are those of levels of detail.
-  std::vector<std::uint64_t> surfel_;  ///< Of each cluster, its first surfel in the file.
-  // The columns are slots of kClusterSize rows, one a cluster.
+  bool from_tree_ = false;             ///< The file stores the clusters as levels of detail.
+  std::vector<std::uint64_t> surfel_;  ///< First surfel in the file of each cluster.
+  // The columns are cut into slots of kClusterSize rows; a slot holds one cluster.
   static constexpr std::uint32_t kNone = ~std::uint32_t{0};
-  std::vector<std::uint32_t> slot_;    ///< Of each cluster, or kNone.
-  std::vector<std::uint32_t> holder_;  ///< Of each slot the cluster, or kNone.
-  std::size_t next_slot_ = 0;          ///< To be taken from its holder next: the oldest, about.
+  std::vector<std::uint32_t> slot_;    ///< Slot of each cluster, or kNone.
+  std::vector<std::uint32_t> holder_;  ///< Cluster in each slot, or kNone.
+  std::size_t next_slot_ = 0;          ///< Slot that the next new cluster takes, if it is not kept.
 };
 
 }  // namespace surfel

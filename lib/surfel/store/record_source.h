@@ -13,12 +13,14 @@ namespace surfel {
 /// block, so that a file of any size costs no memory.
 class RecordSource : public SurfelSource {
  public:
-  /// Throws Error(kInput) naming `file` where a coordinate, the variance and radius, or all records
-  /// are missing. Keeps a reference to the table.
-  /// \param bounds  World bounds of the positions, where they are known. Otherwise positions of
-  ///                other types than float are read for their bounds.
+  /// Throws Error(kInput) naming `file` if a coordinate is missing, if variance and radius are both
+  /// missing, or if there are no records. Keeps a reference to the table.
+  /// \param bounds  World bounds of the positions, if they are known. If not, positions of another
+  ///                type than float are read once to find their bounds.
   RecordSource(const RecordTable& table, const std::string& file,
                const std::optional<Bounds>& bounds = {});
+  RecordSource(RecordTable&& table, const std::string& file,
+               const std::optional<Bounds>& bounds = {}) = delete;
 
   std::size_t size() const override { return table_.count; }
   SurfelAttributes attributes() const override;

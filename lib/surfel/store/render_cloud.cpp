@@ -43,7 +43,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   fill();
   if (source.recenter(box)) fill();
   origin_ = source.origin();
-  // What this library has written is in order already, and has nothing that cannot be drawn.
+  // Files written by this library are in order already, and hold no surfels that cannot be drawn.
   const bool copies = source.attributes().source && !needed.copies;
   const bool usable =
       std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
@@ -101,20 +101,14 @@ RenderCloud::RenderCloud(const SurfelSource& source, const ClusterTree& tree,
   mean_deviation_ = all.deviations / static_cast<double>(size_ - first_finest_);
 }
 
-std::vector<Array<float>*> RenderCloud::float_columns() {
-  return {&x,         &y,         &z,         &normal_x,    &normal_y,    &normal_z,
-          &tangent_x, &tangent_y, &tangent_z, &deviation_u, &deviation_v, &area,
-          &red,       &green,     &blue,      &alpha,       &group_radius};
-}
-
-/// Makes the columns that are there and needed.
+/// Allocates the columns whose attributes the source has and the picture needs.
 void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
                            const RenderColumns& needed, const std::string& name) {
   if (needed.groups && rows > 0 && !attributes.group) {
     throw_input(name, "the surfels have no groups; run surfel-group on them");
   }
   const bool has_radius = needed.group_radius && attributes.group_radius;
-  for (Array<float>* column : float_columns()) {
+  for (Array<float>* column : float_columns(*this)) {
     const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
                           column == &tangent_z;
     if ((of_frame && !attributes.anisotropic) || (column == &alpha && !attributes.alpha) ||
@@ -142,8 +136,8 @@ bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   return found == Usability::kUsable;
 }
 
-/// The order of the surfels that can be drawn along the Morton curve; of copies (RenderColumns) the
-/// first, if any are to be left out.
+/// The surfels that can be drawn, in the order of the Morton curve. With `copies`, all but the
+/// first of several copies (RenderColumns::copies) are left out.
 Array<std::uint32_t> RenderCloud::drawing_order(const SurfelSource& source, bool copies) {
   Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
   std::size_t kept = 0;
@@ -168,7 +162,7 @@ Array<std::uint32_t> RenderCloud::drawing_order(const SurfelSource& source, bool
   return order;
 }
 
-/// Puts the columns in an order, one after the other.
+/// Puts the columns in an order, one column after the other.
 void RenderCloud::gather(const Array<std::uint32_t>& order) {
   size_ = order.size();
   const auto gather_column = [&](auto& column, std::size_t padding) {
@@ -180,7 +174,7 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
     std::fill_n(gathered.end() - static_cast<std::ptrdiff_t>(padding), padding, 0);
     column.swap(gathered);
   };
-  for (Array<float>* column : float_columns()) gather_column(*column, kPadding);
+  for (Array<float>* column : float_columns(*this)) gather_column(*column, kPadding);
   gather_column(material, 0);
   gather_column(group, 0);
 }
@@ -214,7 +208,7 @@ SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
                                         &red, &green, &blue, &alpha,       &group_radius};
   const Array<float>* const positive[] = {&deviation_u, &deviation_v, &group_radius};
   const float* pointers[std::size(finite) + std::size(positive)];
-  // Those that are there.
+  // Columns that the cloud has.
   const auto pick = [&](std::span<const Array<float>* const> columns, const float** to) {
     std::size_t count = 0;
     for (const Array<float>* column : columns) {
@@ -226,10 +220,10 @@ SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
                        pick(positive, pointers + std::size(finite)), pick(finite, pointers));
 }
 
-/// What a cluster has besides ClusterBounds.
+/// Sets the members of a cluster that ClusterBounds does not have.
 void RenderCloud::measure(Cluster& cluster, const SurfelTotals& totals) const {
-  // Of the cluster's own surfels; bounds of levels of detail hold all levels below. Rounding must
-  // not shrink a bound.
+  // The box holds the cluster's own surfels, whereas ClusterBounds of levels of detail hold all
+  // levels below as well. Rounding must not shrink a bound.
   cluster.half_extent =
       (totals.max - cluster.center).cwiseMax(cluster.center - totals.min) * (1.0F + 1e-6F);
   for (std::uint32_t i = cluster.begin; i < cluster.end && !group_radius.empty(); ++i) {
@@ -247,7 +241,7 @@ SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Clust
   return sums;
 }
 
-/// The clusters of the levels that are there, with the bounds that they bring, and their box.
+/// Takes over the clusters of all levels, or of the finest, with their bounds, and the tree's box.
 void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
   const std::size_t finest = first_leaf(tree);
   const std::size_t first = levels ? 0 : finest;
@@ -265,7 +259,7 @@ void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
   make_box(tree.front().reach_min, tree.front().reach_max);
 }
 
-/// Totals of a cluster of a tree, all of whose surfels must be usable.
+/// Totals of a cluster of a tree; throws unless all its surfels can be drawn.
 SurfelTotals RenderCloud::check_levels(const Cluster& cluster, const std::string& name) const {
   const SurfelTotals sums = totals(cluster.begin, cluster.end);
   if (!sums.usable) {
@@ -280,7 +274,7 @@ float RenderCloud::larger_deviation(std::size_t i) const {
   return anisotropic() ? std::max(deviation_u[i], deviation_v[i]) : deviation_u[i];
 }
 
-SceneExtent RenderCloud::extent() const {
+SceneExtent RenderCloud::extent() const& {
   SceneExtent extent = extent_;
   if (!extent.support && !clusters_.empty()) {
     extent.support = [this](const Vec3d& along, double outward) {
@@ -312,7 +306,7 @@ double RenderCloud::support(const Vec3d& a, double b, const ClusterSupport& of_c
   return greatest + a.dot(origin_);
 }
 
-/// The same of surfels [begin, end), relative to the origin.
+/// SceneExtent::support of surfels [begin, end), relative to the origin.
 double RenderCloud::support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const {
   double greatest = -std::numeric_limits<double>::infinity();
   for (std::size_t i = begin; i < end; ++i) {
@@ -322,7 +316,7 @@ double RenderCloud::support(std::size_t begin, std::size_t end, const Vec3d& a, 
   return greatest;
 }
 
-/// The box around the discs: that of the clusters' spheres would be far too large.
+/// Sets the box around the discs; a box around the clusters' spheres would be far too large.
 void RenderCloud::make_box(const Vec3f& reach_min, const Vec3f& reach_max) {
   if (clusters_.empty()) return;
   extent_.box.add(origin_ + reach_min.cast<double>());
@@ -331,11 +325,7 @@ void RenderCloud::make_box(const Vec3f& reach_min, const Vec3f& reach_max) {
 
 std::uint64_t RenderCloud::memory_bytes() const {
   std::uint64_t floats = 0;
-  for (const Array<float>* column :
-       {&x, &y, &z, &normal_x, &normal_y, &normal_z, &deviation_u, &deviation_v, &tangent_x,
-        &tangent_y, &tangent_z, &area, &red, &green, &blue, &alpha, &group_radius}) {
-    floats += column->size();
-  }
+  for (const Array<float>* column : float_columns(*this)) floats += column->size();
   return floats * sizeof(float) + (material.size() + group.size()) * sizeof(std::uint16_t) +
          clusters_.size() * sizeof(Cluster) + tree_.size() * sizeof(TreeCluster);
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -18,82 +19,85 @@ namespace surfel {
 
 /// Consecutive surfels of a RenderCloud with bounds for culling.
 struct Cluster : ClusterBounds {
-  std::uint32_t begin = 0;
-  std::uint32_t end = 0;
-  Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels at `center`.
+  std::uint32_t begin = 0;     ///< First surfel's row in the columns.
+  std::uint32_t end = 0;       ///< One past the last surfel's row.
+  Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels, centred at `center`.
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
-  bool merged = false;         ///< The surfels stand for those of a finer level.
+  bool merged = false;         ///< The surfels replace surfels of a finer level of detail.
 };
 
-/// Optional columns of a RenderCloud: most pictures do without.
+/// Parts of a cloud that only some pictures need.
 struct RenderColumns {
-  bool groups = false;        ///< `group`.
-  bool group_radius = false;  ///< `group_radius`, where the cloud has it.
-  /// Copies of splats, made for every group to cover the surface (SP06 section 4.2.2), which would
-  /// count twice where groups do not matter. Else the first of those with the same `source` and the
-  /// same place stays.
+  bool groups = false;        ///< The column `group`.
+  bool group_radius = false;  ///< The column `group_radius`, if the cloud has it.
+  /// Copies of splats that surfel-group made so that every group covers the surface (SP06 section
+  /// 4.2.2). If false, the first of all surfels with equal `source` and position is kept, because
+  /// copies would count twice in a picture without groups.
   bool copies = false;
-  bool levels = false;  ///< All levels of detail, where the cloud has them: else the finest.
+  bool levels = false;  ///< All levels of detail of the cloud; if false, the finest alone.
 };
 
-/// A cloud made ready for rendering: unusable surfels dropped, the rest sorted along a Morton
-/// curve, cut into clusters, and laid out in the columns that splat set-up streams through. Built
-/// once, rendered from any number of cameras. Does not depend on the order of the surfels in the
-/// cloud, but for which of several copies stays. A cloud with levels of detail keeps its order and
+/// A cloud made ready for rendering: unusable surfels are dropped, the rest is sorted along a
+/// Morton curve, cut into clusters, and laid out in the columns that splat set-up streams through.
+/// It is built once and rendered from any number of cameras. The order of the surfels in the cloud
+/// only decides which of several copies is kept. A cloud with levels of detail keeps its order and
 /// its clusters.
 class SURFEL_API RenderCloud final : public ClusterStore {
  public:
   static constexpr std::uint32_t kClusterSize = kClusterSurfels;
   /// Zeros past the end of every column, so that SIMD code may read whole vectors.
   static constexpr std::size_t kPadding = kColumnPadding;
-  /// Surfels that are decoded at a time: they stay in a core's cache.
+  /// Surfels that are decoded at a time: few enough to stay in a core's cache.
   static constexpr std::size_t kBlock = 8 * std::size_t{kClusterSize};
 
-  /// Most groups: a tile keeps an image of each.
+  /// Most groups that can be drawn: a tile keeps an image of each group.
   static constexpr int kMostGroups = 1024;
 
-  /// No surfels.
+  /// A cloud without surfels.
   RenderCloud() = default;
-  /// Throws Error(kInput) if the cloud has no variance, or not the groups that are needed, or more
-  /// than kMostGroups of them, or levels of detail with surfels that cannot be drawn. Colourless
-  /// clouds are light grey. A surfel whose normal is zero always faces the eye.
-  /// `name` starts messages.
+  /// Throws Error(kInput) if the cloud has no variance, or if groups are needed and the cloud has
+  /// none or more than kMostGroups, or if its levels of detail hold surfels that cannot be drawn;
+  /// `name` starts messages. Surfels without colour are light grey. A surfel whose normal is zero
+  /// always faces the eye. Keeps no reference to the cloud.
   explicit RenderCloud(const SurfelCloud& cloud, const RenderColumns& needed = {},
                        const std::string& name = {});
-  /// The same of any source without levels of detail ...
+  /// Reads a source without levels of detail.
   RenderCloud(SurfelSource& source, const RenderColumns& needed, const std::string& name);
-  /// ... and of one with these.
+  /// Reads a source with levels of detail.
   RenderCloud(const SurfelSource& source, const ClusterTree& tree, const RenderColumns& needed,
               const std::string& name);
 
   const RenderCloud& cloud() const override { return *this; }
   std::size_t size() const { return size_; }
-  /// Of all levels of detail, parallel to tree(), if that is not empty.
+  /// The clusters; element i is that of tree()[i] if there are levels of detail.
   const std::vector<Cluster>& clusters() const { return clusters_; }
-  /// Levels of detail; empty without, or if they were not asked for.
+  /// Levels of detail; empty if the cloud has none, or if they were not asked for.
   const ClusterTree& tree() const { return tree_; }
-  /// First surfel of the finest level; all after it are of that level, too.
+  /// First surfel of the finest level, which goes on to the last surfel.
   std::size_t first_finest() const { return first_finest_; }
   const Vec3d& origin() const { return origin_; }
   const UnusableSurfels& dropped() const { return dropped_; }
-  /// Copies of splats that were left out.
+  /// Number of the copies of splats that were left out.
   std::size_t copies() const { return copies_; }
   bool anisotropic() const { return !tangent_x.empty(); }
-  /// Some surfel has alpha below 1.
+  /// Is the alpha of some surfel below 1?
   bool transparent() const { return !alpha.empty(); }
-  /// World bounds of the finest level's discs at standard deviation 1, each within a sphere. They
-  /// depend on the surfels alone, not on their clusters, and refer to this.
-  SceneExtent extent() const;
+  /// World bounds of the finest level's discs at standard deviation 1; its support function takes
+  /// the sphere around each disc. The bounds do not depend on how surfels are clustered. The
+  /// support function refers to this object.
+  SceneExtent extent() const&;
+  SceneExtent extent() const&& = delete;
   /// Groups in use, SP06's K; 0 if groups were not asked for.
   int groups() const { return groups_; }
-  /// Mean over the surfels of the larger standard deviation of each; 0 if there are none, and while
-  /// surfels with levels of detail are in their file.
+  /// Mean over the surfels of larger_deviation(), scene units; 0 without surfels, and for surfels
+  /// with levels of detail that stay in their file.
   double mean_deviation() const { return mean_deviation_; }
+  /// Bytes that columns, clusters and tree take.
   std::uint64_t memory_bytes() const;
   /// Standard deviation of a surfel along its longer axis, scene units.
   float larger_deviation(std::size_t surfel) const;
 
-  // Columns, in Morton order; the optional ones are empty where the scene does not need them.
+  // Columns, in Morton order; optional columns are empty if the picture does not need them.
   Array<float> x, y, z;
   Array<float> normal_x, normal_y, normal_z;
   Array<float> deviation_u;  ///< Square root of the variance, along the tangent.
@@ -102,7 +106,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<float> area;
   Array<float> red, green, blue;
   Array<float> alpha;             ///< Only if transparent().
-  Array<std::uint16_t> material;  ///< Only if the cloud has it.
+  Array<std::uint16_t> material;  ///< Only if the cloud has materials.
   Array<std::uint16_t> group;     ///< 0..groups() - 1, in the order of the cloud's numbers.
   Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
 
@@ -111,7 +115,14 @@ class SURFEL_API RenderCloud final : public ClusterStore {
 
   void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed,
                 const std::string& name);
-  std::vector<Array<float>*> float_columns();
+  /// Pointers to all columns of floats of a RenderCloud, const or not.
+  template <class Cloud>
+  static auto float_columns(Cloud& c) {
+    return std::array{&c.x,           &c.y,           &c.z,         &c.normal_x,  &c.normal_y,
+                      &c.normal_z,    &c.tangent_x,   &c.tangent_y, &c.tangent_z, &c.deviation_u,
+                      &c.deviation_v, &c.area,        &c.red,       &c.green,     &c.blue,
+                      &c.alpha,       &c.group_radius};
+  }
   bool usable(std::size_t row, UnusableSurfels& dropped) const;
   ClusterColumns columns(std::size_t begin, std::size_t end) const;
   SurfelTotals totals(std::size_t begin, std::size_t end) const;
@@ -136,7 +147,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   ClusterTree tree_;
   UnusableSurfels dropped_;
   std::size_t copies_ = 0;
-  SceneExtent extent_;  ///< With a support function if the surfels are in their file.
+  SceneExtent extent_;  ///< Has a support function only if the surfels stay in their file.
 };
 
 }  // namespace surfel

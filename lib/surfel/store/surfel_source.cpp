@@ -17,8 +17,8 @@ Vec3f unit_normal(const Vec3f& normal) {
   return std::isfinite(length) && length > 0 ? Vec3f(normal / length) : Vec3f(0, 0, 0);
 }
 
-/// Unit and perpendicular to the unit normal, as splat set-up relies on it; any such vector where
-/// the tangent tells none.
+/// A unit vector perpendicular to the unit normal, on which splat set-up relies: along the tangent,
+/// or in an arbitrary direction if the tangent has no part perpendicular to the normal.
 Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal) {
   const Vec3f t = unit_normal(tangent - normal * normal.dot(tangent));
   if (!t.isZero()) return t;
@@ -70,7 +70,8 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
   } else {
     for (float* column : n) std::fill_n(column, count, 0.0F);
   }
-  // The area where the file has none is sqrt |V|, the amplitude of SS01.
+  // A surfel without an area gets sqrt |V|, the amplitude of SS01, as root_of_determinant() has it
+  // but from deviations: a product of roots and a root of a product may differ in the last bit.
   float* u = cloud.deviation_u.data() + row;
   float* area = cloud.area.data() + row;
   if (!known.anisotropic && !known.area) std::copy_n(u, count, area);

@@ -35,26 +35,27 @@ class SurfelSource {
 
   virtual std::size_t size() const = 0;
   virtual SurfelAttributes attributes() const = 0;
-  /// What positions are relative to, world coordinates.
+  /// Origin that positions are relative to, world coordinates.
   virtual Vec3d origin() const = 0;
-  /// Moves the origin if surfels of these bounds, relative to the present one, want another; true
-  /// if so: positions filled before are void.
+  /// Moves the origin if surfels within these bounds, which are relative to the present origin, lie
+  /// too far from it for the precision of float. True if the origin has moved, which makes the
+  /// positions filled before void.
   virtual bool recenter(const Bounds& /*bounds*/) { return false; }
   /// Writes surfels [begin, end) to the columns that the cloud has, from row `row` on. A surfel
-  /// that cannot be drawn has a position that is NaN, a deviation or enlarged radius that is not
+  /// that cannot be drawn gets a position that is NaN, a deviation or enlarged radius that is not
   /// finite or not positive, or a colour, alpha or area that is not finite. Callable from any
   /// thread.
   virtual void fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
                     std::size_t row) const = 0;
-  /// Writes SurfelCloud::source of surfels [begin, end), which the attributes say is there.
+  /// Writes SurfelCloud::source of surfels [begin, end). attributes().source is true.
   virtual void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const = 0;
-  /// Tells that fill() will soon be called for surfels [begin, end).
+  /// Announces that fill() will soon be called for surfels [begin, end).
   virtual void expect(std::size_t /*begin*/, std::size_t /*end*/) const {}
 
  protected:
-  /// Makes attributes as a cloud or file has them, which stand in `count` rows from `row` on,
-  /// variances in the columns of deviations, what fill() promises; fills the columns of attributes
-  /// that are not known.
+  /// Turns raw attributes, as a cloud or file stores them, into the values that fill() promises, in
+  /// `count` rows from `row` on. The columns of deviations hold variances before the call. Columns
+  /// of attributes that are not known are filled with defaults.
   static void make_drawable(const SurfelAttributes& known, RenderCloud& cloud, std::size_t row,
                             std::size_t count);
 };
@@ -65,6 +66,7 @@ class SURFEL_API CloudSource : public SurfelSource {
   /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance; `name`
   /// starts messages.
   CloudSource(const SurfelCloud& cloud, const std::string& name);
+  CloudSource(SurfelCloud&& cloud, const std::string& name) = delete;
 
   std::size_t size() const override { return cloud_.size(); }
   SurfelAttributes attributes() const override;
