@@ -126,6 +126,7 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
     layers = interpolated_ ? layers_[index(x, y)] : filtered_layers(x, y);
   }
   const float share = 1.0F / static_cast<float>(groups_);
+  Shader::Reflected reflected;
   for (const auto& [nearest, behind] : groups) {
     // The length of the mean normal says how much the surface bends: a flat splat would mirror a
     // single direction, and where that is a lamp's the whole splat would be a speck of light.
@@ -134,7 +135,8 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
     if (shader.has_environment() && alike(Vec3f(normal), mean)) {
       std::copy_n(mean.data(), 3, normal);
     }
-    Rgba color = shader.shade(bent, static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F, 1);
+    Rgba color = shader.shade(bent, static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F, 1,
+                              reflected);
     color.composite(behind);
     out.channel[kRed] += color.red * share;
     out.channel[kGreen] += color.green * share;
