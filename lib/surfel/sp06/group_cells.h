@@ -24,8 +24,8 @@ class SURFEL_API DiscSurface {
   std::size_t border_count() const { return border_.size(); }
 
   struct Restriction {
-    bool cut = false;  ///< Was there anything to cut?
-    double reach = 0;  ///< Largest of the 16, scene units.
+    bool cut = false;  ///< Whether the surface ends within the cell.
+    double reach = 0;  ///< Of the surface from the centre, largest, scene units.
   };
   /// Is a disc of this surface one that the cell is to cover?
   using Owns = FunctionRef<bool(const Discs& discs, std::size_t disc)>;

@@ -38,7 +38,8 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-/// Calls take(splat's index, its fragment) for a job's splats in their order in every pixel.
+/// Calls take(splat's index, the splat's fragment) for all fragments of a tile; the ones of a pixel
+/// come in the job's order of splats.
 void for_each_fragment_simd(
     const TileJob& job, int x0, int y0,
     FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
@@ -77,7 +78,8 @@ HWY_EXPORT(for_each_fragment_simd);
 using Pending = LayerScratch::Pending;
 using State = LayerScratch::State;
 
-/// Of a nearest fragment at its splat's very rim: where there are only such it must not be 0.
+/// Weight of a nearest fragment at its splat's rim, where a fragment at the centre has 1. It is not
+/// 0, so that a pixel without other fragments has a normal.
 constexpr float kLeastWeight = 1e-3F;
 
 /// Calls visit(pixel of the tile, x, y) for the tile's pixels in the picture.
