@@ -29,6 +29,7 @@
 #include <surfel/scene/framing.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/store/render_cloud.h>
 #include <surfel/truth/flicker.h>
@@ -236,7 +237,7 @@ void ChartRunner::Impl::make_base() {
   if (!context.mesh) {
     const SurfelCloud cloud = read_cloud(options.input, {.levels = true});
     if (cloud.empty()) throw_input(options.input, "holds no surfel");
-    if (cloud.normal.empty() || (cloud.variance.empty() && !cloud.anisotropic())) {
+    if (cloud.normal.empty() || !has_variance(cloud)) {
       base.run(Stage::kEstimate);
     }
   }

@@ -14,6 +14,7 @@
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
 namespace {
@@ -419,7 +420,7 @@ SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& op
   for (const std::string& problem : options.problems()) throw_usage(problem);
   cloud.check_columns(name);
   if (cloud.empty()) throw_input(name, "holds no surfel");
-  if (cloud.variance.empty() && !cloud.anisotropic()) {
+  if (!has_variance(cloud)) {
     throw_input(name,
                 "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");

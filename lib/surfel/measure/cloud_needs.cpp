@@ -5,6 +5,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/measure/cloud_needs.h>
+#include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
 namespace {
@@ -42,7 +43,6 @@ class Needs {
   double share(std::size_t surfels) const {
     return s_.count > 0 ? static_cast<double>(surfels) / static_cast<double>(s_.count) : 0;
   }
-  bool has_variance() const { return !cloud_.variance.empty() || cloud_.anisotropic(); }
 
   void flaws() {
     const std::size_t unusable =
@@ -68,7 +68,7 @@ class Needs {
     } else if (share(s_.zero_normals) > kFew) {
       add("normals", fmt::format("{:.2g} % are unknown", 100 * share(s_.zero_normals)), estimate());
     }
-    if (!has_variance()) {
+    if (!has_variance(cloud_)) {
       add("variance", "none: surfels have no size, and cannot be drawn", estimate());
     }
     if (cloud_.render_color() != nullptr) return;
@@ -169,7 +169,7 @@ class Needs {
           fmt::format("surfel-render {} --layers 8", file_));
     }
     const double per_pixel = static_cast<double>(s_.count) / kPicturePixels;
-    if (per_pixel > 1 && cloud_.coarser_skipped == 0 && has_variance()) {
+    if (per_pixel > 1 && cloud_.coarser_skipped == 0 && has_variance(cloud_)) {
       add("lod",
           fmt::format("{:.2g} surfels a pixel of 512x512, and one level of detail", per_pixel),
           fmt::format("surfel-lod {} -o OUT", file_));

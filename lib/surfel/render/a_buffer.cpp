@@ -269,13 +269,13 @@ NearestLayer nearest_layer(TileABuffer& tile, int pixel) {
 }
 
 std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
-                                         OpenPixels& open) {
+                                         bool waits, OpenPixels& open) {
   const Sorted sorted(tile, pixel);
   const int x = tile.x0 + tile_pixel_x(pixel);
   const int y = tile.y0 + tile_pixel_y(pixel);
   std::array<EdgeNeighbors, Sorted::kMost> around;
   std::array<bool, Sorted::kMost> looked;
-  bool known = true;
+  bool known = !waits;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];

@@ -174,9 +174,10 @@ struct PixelResult {
 /// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
 /// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
 /// independent parts (12).
-/// Where an edge depends on another tile, the pixel is added to `open` instead.
-/// \param rest  a merged fragment that lies behind all others; of weight 0: none.
+/// Where an edge, or a fragment, depends on another tile, the pixel is added to `open` instead.
+/// \param rest   a merged fragment that lies behind all others; of weight 0: none.
+/// \param waits  the fragments depend on other tiles.
 std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
-                                         OpenPixels& open);
+                                         bool waits, OpenPixels& open);
 
 }  // namespace surfel

@@ -21,6 +21,8 @@
 namespace surfel {
 
 struct Fragment;
+struct OpenPixels;
+class Shader;
 struct TileABuffer;
 struct TileJob;
 
@@ -63,6 +65,9 @@ class SURFEL_API Compositor {
     /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last. Only
     /// called if Compositor::has_background().
     virtual Fragment behind(int pixel) const;
+    /// Whether a pixel of the tile drawn last depends on other tiles, and is left to complete().
+    /// Only called if Compositor::has_background().
+    virtual bool waits(const TileABuffer& /*tile*/, int /*pixel*/) const { return false; }
     /// Adds to the statistics, and forgets, what this worker counted.
     virtual void take_statistics(FrameStatistics& /*statistics*/) {}
   };
@@ -79,6 +84,10 @@ class SURFEL_API Compositor {
   virtual void begin(const Camera& /*camera*/) {}
   /// The worker refers to this.
   virtual std::unique_ptr<Worker> make_worker() const = 0;
+  /// Completes the fragments of the open pixel `index` when all tiles have been drawn. Called for
+  /// different pixels at once.
+  virtual void complete(const Shader& /*shader*/, OpenPixels& /*open*/,
+                        std::size_t /*index*/) const {}
 };
 
 /// A way to composite splats, with its own options. Immutable: any number of Renderers may share

@@ -194,7 +194,8 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
     }
     // SP06: I = alpha C_F + (1 - alpha) C_O
     const Fragment others = background ? background->behind(pixel) : Fragment{};
-    const std::optional<PixelResult> result = resolve_pixel(tile, pixel, others, open);
+    const bool waits = background && background->waits(tile, pixel);
+    const std::optional<PixelResult> result = resolve_pixel(tile, pixel, others, waits, open);
     if (result) put(*result, out);
   };
   const std::size_t channels = image.channels.size();
@@ -230,12 +231,13 @@ void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
     return !last && pixel.y >= frame.band.y1 - kEdgeReach;
   };
   workers.for_each([&](Worker& worker) {
-    const OpenPixels& open = worker.open;
+    OpenPixels& open = worker.open;
     constexpr std::size_t kGrain = 256;
     parallel_for(open.pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         const OpenPixels::Pixel& pixel = open.pixels[i];
         if (waits(pixel)) continue;
+        compositor->complete(frame.shader, open, i);
         put(resolve_open_pixel(tile, open, pixel, rims), image.pixel(pixel.x, pixel.y));
       }
     });

@@ -128,7 +128,8 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
   }
 }
 
-Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight) const {
+Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight,
+                   Reflected& reflected) const {
   const float* c = fragment.channel;
   const float inv_weight = 1.0F / c[kWeight];
   const float alpha = c[kAlpha] * inv_weight;
@@ -148,13 +149,19 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
   }
   if (!reflects) return {out.x(), out.y(), out.z(), opacity};
 
-  const float cosine = at.normal.dot(at.to_eye);
-  const Vec3f reflectance = fresnel_reflectance(at.material.reflectivity, at.material.ior, cosine);
-  const Vec3f mirrored = 2 * cosine * at.normal - at.to_eye;
-  const Vec3f seen = radiance(mirrored, 4 * at.normal_variance + ray_variance_);
-  out = out.cwiseProduct(Vec3f::Ones() - reflectance) + coverage * reflectance.cwiseProduct(seen);
-  const float reflected = reflectance.mean();
-  return {out.x(), out.y(), out.z(), coverage * reflected + (1 - reflected) * opacity};
+  if (reflected.material != &at.material || reflected.normal != at.normal ||
+      reflected.normal_variance != at.normal_variance) {
+    const float cosine = at.normal.dot(at.to_eye);
+    const Vec3f mirrored = 2 * cosine * at.normal - at.to_eye;
+    reflected = {&at.material, at.normal, at.normal_variance,
+                 fresnel_reflectance(at.material.reflectivity, at.material.ior, cosine),
+                 radiance(mirrored, 4 * at.normal_variance + ray_variance_)};
+  }
+  const Vec3f& reflectance = reflected.reflectance;
+  out = out.cwiseProduct(Vec3f::Ones() - reflectance) +
+        coverage * reflectance.cwiseProduct(reflected.radiance);
+  const float share = reflectance.mean();
+  return {out.x(), out.y(), out.z(), coverage * share + (1 - share) * opacity};
 }
 
 Vec3f Shader::ray(float x, float y) const {

@@ -84,6 +84,13 @@ class SURFEL_API SeenThrough {
 /// the pixel filter one of the ray's direction. The lookup has the sum of all.
 class SURFEL_API Shader {
  public:
+  /// What the last fragment that was shaded at a place reflects.
+  struct Reflected {
+    const Material* material = nullptr;  ///< The fragment's; null: there was no fragment.
+    Vec3f normal;                        ///< Unit, on the eye's side.
+    float normal_variance;               ///< Along an axis, radians^2.
+    Vec3f reflectance, radiance;
+  };
   /// `scene` null: unlit. Refers to the scene.
   /// \param lowpass  Standard deviation of the pixel filter, pixels, where the fragments are
   ///                 filtered with it; 0 where several rays a pixel are going to be.
@@ -101,7 +108,14 @@ class SURFEL_API Shader {
   /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
   /// min(1, sum of rho / full_weight). What it reflects is neither multiplied by its opacity nor
   /// seen through: the opacity is that of both.
-  Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const;
+  Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const {
+    Reflected unknown;
+    return shade(fragment, x, y, full_weight, unknown);
+  }
+  /// Looks the reflection up once for successive fragments of a place that reflect the same.
+  /// \param reflected  kept from fragment to fragment of the place (x, y).
+  Rgba shade(const Fragment& fragment, float x, float y, float full_weight,
+             Reflected& reflected) const;
 
   /// The environment's radiance behind all surfaces of a pixel, seen through the nearest one:
   /// refracted `layers` times (once where the scene says so), in each of R, G and B by its own

@@ -11,16 +11,13 @@
 #include <surfel/base/parallel.h>
 #include <surfel/scene/amplitude.h>
 #include <surfel/scene/join.h>
+#include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 16;
 constexpr std::size_t kMostMaterials = std::size_t{1} << 16;
-
-bool has_variance(const SurfelCloud& cloud) {
-  return !cloud.variance.empty() || cloud.anisotropic();
-}
 
 Vec3f any_tangent(const SurfelCloud& cloud, std::size_t i) {
   if (cloud.normal.empty() || !(cloud.normal[i].squaredNorm() > 0)) return {1, 0, 0};

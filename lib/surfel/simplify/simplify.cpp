@@ -9,6 +9,7 @@
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
 #include <surfel/surface/neighbor_search.h>
@@ -310,7 +311,7 @@ SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& op
   if (cloud.normal.empty()) {
     throw_input(name, "the surfels have no normals (nx, ny, nz); run surfel-estimate on it first");
   }
-  if (cloud.variance.empty() && !cloud.anisotropic()) {
+  if (!has_variance(cloud)) {
     throw_input(name,
                 "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/sp06/coverage.h>
 #include <surfel/sp06/duplication.h>
 
@@ -66,7 +67,7 @@ class GroupCoverer {
       : cloud_(cloud), options_(options), name_(name) {}
 
   CoverageReport run() {
-    Timer timer;
+    StageTimer stages(report_.times);
     discs_ = make_discs(cloud_, options_.cutoff, name_);
     report_.points_before = cloud_.size();
     report_.without_disc = cloud_.size() - discs_.size();
@@ -76,25 +77,22 @@ class GroupCoverer {
     surface_.emplace(discs_, !report_.area_from_column);
     report_.border_splats = surface_->border_count();
     report_.area = report_.area_from_column ? area : surface_->area();
-    report_.times.add("surface", timer.milliseconds());
+    stages.end("surface");
 
-    timer.restart();
     report_.groups.resize(lists_->count());
     added_.resize(lists_->count());
     if (options_.method == CoverMethod::kDuplicate) {
       duplicate();
-      report_.times.add("duplicate", timer.milliseconds());
-      timer.restart();
+      stages.end("duplicate");
     }
     if (enlarges()) keep_own_radii();
     for_each_group([&](std::size_t k) { cover(k); });
-    report_.times.add(enlarges() ? "enlarge" : "measure", timer.milliseconds());
+    stages.end(enlarges() ? "enlarge" : "measure");
 
-    timer.restart();
     if (!enlarges()) cloud_.group_radius = {};
     if (options_.method == CoverMethod::kDuplicate) append_copies();
     summarize();
-    report_.times.add("output", timer.milliseconds());
+    stages.end("output");
     return std::move(report_);
   }
 

@@ -42,13 +42,13 @@ struct CoverageOptions {
 
 /// What a group covers. Areas in scene units squared, measured in the tangent planes of its splats.
 struct GroupCoverage {
-  std::size_t splats = 0;  ///< Those that were added included.
+  std::size_t splats = 0;  ///< Of the group, with the added ones.
   std::size_t added = 0;   ///< By kDuplicate.
-  /// Those at the place and on the sheet of a larger one, which need not cover anything.
+  /// Splats at the place and on the sheet of a larger one, which need not cover anything.
   std::size_t hidden = 0;
   /// Cells that end at the surface's border, so that the splat grows no further (see GroupCells).
   std::size_t capped = 0;
-  /// kEnlargeEach: those that grow as much as is allowed, and would have to grow more.
+  /// kEnlargeEach: splats that grow as much as is allowed, and would have to grow more.
   std::size_t limited = 0;
   double cell_area = 0;     ///< Of the restricted Voronoi cells: the surface as the group sees it.
   double covered_area = 0;  ///< Of the cells, by their own discs.

@@ -9,7 +9,7 @@
 
 namespace surfel {
 
-/// What peeling needs of memory, kept from tile to tile.
+/// Memory of a thread that peels, kept from tile to tile.
 struct PeelScratch {
   Array<float> planes;
 };
@@ -17,7 +17,7 @@ struct PeelScratch {
 /// What peeling found, summed over a frame.
 struct PeelStatistics {
   int layers = 0;                     ///< Most layers that a pixel has, as far as peeled.
-  std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than that.
+  std::uint64_t unpeeled_pixels = 0;  ///< Pixels with layers left unpeeled.
 
   void add(const PeelStatistics& other) {
     layers = other.layers > layers ? other.layers : layers;

@@ -6,19 +6,14 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/sp06/disc_tree.h>
+#include <surfel/sp06/overlap_graph.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = 1 << 14;
-
-float radius_of(const SurfelCloud& cloud, std::size_t i, double cutoff) {
-  const float variance =
-      cloud.anisotropic() ? std::max(cloud.variance_u[i], cloud.variance_v[i]) : cloud.variance[i];
-  const double radius = std::sqrt(2 * cutoff * static_cast<double>(variance));
-  return radius > 0 && std::isfinite(radius) ? static_cast<float>(radius) : 0.0F;
-}
 
 /// One past the last disc at the same place as `begin`.
 std::size_t end_of_place(const Array<Vec3f>& center, std::size_t begin) {
@@ -50,17 +45,15 @@ Discs make_discs(const SurfelCloud& cloud, double cutoff, const std::string& nam
   if (cloud.normal.empty()) {
     throw_input(name, "has no normals; run surfel-estimate on it first");
   }
-  if (cloud.variance.empty() && !cloud.anisotropic()) {
+  if (!has_variance(cloud)) {
     throw_input(name, "has no variances; run surfel-estimate on it first");
   }
   const Array<std::uint32_t> curve = morton_order(cloud.position);
   Discs all;
   for (const std::uint32_t i : curve) {
-    const float radius = radius_of(cloud, i, cutoff);
+    const float radius = splat_radius(cloud, i, cutoff);
     const Vec3f& normal = cloud.normal[i];
-    if (!cloud.position[i].allFinite() || !normal.allFinite() || normal.isZero(0) || radius == 0) {
-      continue;
-    }
+    if (radius == 0 || !normal.allFinite() || normal.isZero(0)) continue;
     all.center.push_back(cloud.position[i]);
     all.normal.push_back(normal.normalized());
     all.radius.push_back(radius);

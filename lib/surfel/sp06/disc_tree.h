@@ -40,6 +40,7 @@ SURFEL_API Array<std::uint32_t> distinct_discs(const Discs& discs);
 class SURFEL_API TangentPlane {
  public:
   TangentPlane(const Discs& discs, std::size_t disc);
+  const Vec3f& center() const { return center_; }
   /// Place of a disc in the plane, at its true distance: the neighbour's direction is projected,
   /// its distance kept, so that on a sphere, where the plane foreshortens, half the distance is
   /// where discs of one size meet. False if it lies on another sheet: facing the other way or

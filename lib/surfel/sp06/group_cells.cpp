@@ -40,14 +40,21 @@ const std::array<Vec2d, kDirections>& directions() {
   return kUnit;
 }
 
-/// Cuts the Voronoi cell of a disc out of a square. Ends early where the cell is within `enough` of
-/// the disc's centre.
-void cut_cell(const Discs& discs, const DiscTree& tree, std::size_t disc, const TangentPlane& plane,
-              double half_side, double enough, VoronoiCell& cell) {
+/// Discs, and the tree that finds them.
+struct FoundDiscs {
+  const Discs& discs;
+  const DiscTree& tree;
+};
+
+/// Cuts the Voronoi cell of a disc out of a square in its plane. Ends early where the cell is
+/// within `enough` of the disc's centre.
+void cut_cell(const FoundDiscs& all, std::size_t disc, const TangentPlane& plane, double half_side,
+              double enough, VoronoiCell& cell) {
+  const Discs& discs = all.discs;
   cell.reset(half_side);
   const double enough2 = enough * enough;
   // Bisectors beyond the cell's furthest corner cut nothing.
-  const Vec3f& center = discs.center[disc];
+  const Vec3f& center = plane.center();
   const auto limit2 = [&] { return static_cast<float>(4 * kRounding * cell.radius2()); };
   float reach2 = limit2();
   const auto enter = [&](const DiscTree::Node&, std::size_t, float distance2) {
@@ -65,7 +72,7 @@ void cut_cell(const Discs& discs, const DiscTree& tree, std::size_t disc, const 
     if (disc >= first + step) cut_by(disc - step);
     if (disc + step <= last) cut_by(disc + step);
   }
-  tree.search_around(disc, center, enter, [&](std::size_t j) {
+  all.tree.search_around(disc, center, enter, [&](std::size_t j) {
     if (j < first || j > last) cut_by(j);
   });
 }
@@ -84,8 +91,9 @@ bool touches(const VoronoiCell& cell, const Vec2d& center, double radius) {
 /// Calls visit(disc, place) for the discs on a plane's sheet that touch the cell, until it
 /// returns false.
 template <class Visit>
-void for_each_touching(const Discs& discs, const DiscTree& tree, const TangentPlane& plane,
-                       const Vec3f& center, const VoronoiCell& cell, Visit visit) {
+void for_each_touching(const FoundDiscs& all, const TangentPlane& plane, const VoronoiCell& cell,
+                       Visit visit) {
+  const Discs& discs = all.discs;
   const double cell_radius = cell.radius();
   bool more = true;
   const auto enter = [&](const DiscTree::Node& node, std::size_t, float distance2) {
@@ -100,13 +108,13 @@ void for_each_touching(const Discs& discs, const DiscTree& tree, const TangentPl
       more = visit(j, place);
     }
   };
-  tree.search(center, enter, try_visit);
+  all.tree.search(plane.center(), enter, try_visit);
 }
 
 /// Is disc j of the cloud not wholly nearer to another one of a group's discs, on its sheet, than
 /// to disc i?
-bool owns(const Discs& group, const DiscTree& tree, std::size_t i, const Discs& all,
-          std::size_t j) {
+bool owns(const FoundDiscs& members, std::size_t i, const Discs& all, std::size_t j) {
+  const Discs& group = members.discs;
   const Vec3f& center = all.center[j];
   const float closer = (group.center[i] - center).norm() - 2 * all.radius[j];
   if (closer <= 0) return true;
@@ -115,7 +123,7 @@ bool owns(const Discs& group, const DiscTree& tree, std::size_t i, const Discs& 
   const auto enter = [&](const DiscTree::Node&, std::size_t, float distance2) {
     return !found && distance2 < closer * closer;
   };
-  tree.search(center, enter, [&](std::size_t m) {
+  members.tree.search(center, enter, [&](std::size_t m) {
     Vec2d place;
     found = found || (m != i && (group.center[m] - center).squaredNorm() < closer * closer &&
                       plane.unfold(group.center[m], group.normal[m], place));
@@ -163,7 +171,7 @@ void DiscSurface::find_border(bool with_area) {
       const TangentPlane plane(discs_, i);
       const auto radius = static_cast<double>(discs_.radius[i]);
       // A disc that covers its cell is not at a border, whatever else would be cut.
-      cut_cell(discs_, tree_, i, plane, kOwnSquare * radius, with_area ? 0 : radius, cell);
+      cut_cell({discs_, tree_}, i, plane, kOwnSquare * radius, with_area ? 0 : radius, cell);
       if (with_area) part.area += disc_area_in_polygon(radius, cell.corners());
       if (cell.radius() > radius) part.border.push_back(static_cast<std::uint32_t>(i));
     }
@@ -177,25 +185,24 @@ void DiscSurface::find_border(bool with_area) {
   border_tree_.emplace(border_);
 }
 
-bool DiscSurface::may_end_in(const TangentPlane& plane, const Vec3f& center,
-                             const VoronoiCell& cell) const {
+bool DiscSurface::may_end_in(const TangentPlane& plane, const VoronoiCell& cell) const {
   bool found = false;
-  for_each_touching(border_, *border_tree_, plane, center, cell, [&](std::size_t, const Vec2d&) {
+  for_each_touching({border_, *border_tree_}, plane, cell, [&](std::size_t, const Vec2d&) {
     found = true;
     return false;
   });
   return found;
 }
 
-DiscSurface::Restriction DiscSurface::restrict_cell(const TangentPlane& plane, const Vec3f& center,
-                                                    Owns owns, VoronoiCell& cell) const {
+DiscSurface::Restriction DiscSurface::restrict_cell(const TangentPlane& plane, Owns owns,
+                                                    VoronoiCell& cell) const {
   struct Touching {
     double furthest;
     std::size_t disc;
     Vec2d place;
   };
   std::vector<Touching> touching;
-  for_each_touching(discs_, tree_, plane, center, cell, [&](std::size_t j, const Vec2d& place) {
+  for_each_touching({discs_, tree_}, plane, cell, [&](std::size_t j, const Vec2d& place) {
     touching.push_back({place.norm() + static_cast<double>(discs_.radius[j]), j, place});
     return true;
   });
@@ -228,6 +235,7 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
   reach_.resize(count_);
   inner_.resize(count_);
   const DiscTree tree(discs);
+  const FoundDiscs group{discs, tree};
   PerWorker<VoronoiCell> cells;
   parallel_for(count_, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
     VoronoiCell& cell = cells[worker];
@@ -247,13 +255,12 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
       const TangentPlane plane(discs, i);
       bool restricted = false;
       for (double half_side = first_guess(i);;) {
-        cut_cell(discs, tree, i, plane, half_side, 0, cell);
+        cut_cell(group, i, plane, half_side, 0, cell);
         // Neighbours further away than twice the square could cut what reaches beyond it.
         const bool open = cell.radius() > half_side;
-        if (!open && !slender(cell) && !surface.may_end_in(plane, discs.center[i], cell)) break;
+        if (!open && !slender(cell) && !surface.may_end_in(plane, cell)) break;
         const auto restriction = surface.restrict_cell(
-            plane, discs.center[i],
-            [&](const Discs& all, std::size_t j) { return owns(discs, tree, i, all, j); }, cell);
+            plane, [&](const Discs& all, std::size_t j) { return owns(group, i, all, j); }, cell);
         restricted = restriction.cut;
         if (!open || restriction.reach <= half_side) break;
         half_side = std::max(2 * half_side, kRounding * restriction.reach);

@@ -24,18 +24,17 @@ class SURFEL_API DiscSurface {
   std::size_t border_count() const { return border_.size(); }
 
   struct Restriction {
-    bool cut = false;  ///< Was there anything to cut?
-    double reach = 0;  ///< Largest of the 16, scene units.
+    bool cut = false;  ///< Whether the surface ends within the cell.
+    double reach = 0;  ///< Of the surface from the centre, largest, scene units.
   };
   /// Is a disc of this surface one that the cell is to cover?
   using Owns = FunctionRef<bool(const Discs& discs, std::size_t disc)>;
-  /// Cuts from a cell, given in the tangent plane of a disc at `center`, what lies beyond the
+  /// Cuts from a cell, given in the tangent plane of a disc, what lies beyond the
   /// surface: of the discs on the same sheet that touch the cell and that it owns the reach in 16
   /// directions is taken, and the cell ends there.
-  Restriction restrict_cell(const TangentPlane& plane, const Vec3f& center, Owns owns,
-                            VoronoiCell& cell) const;
+  Restriction restrict_cell(const TangentPlane& plane, Owns owns, VoronoiCell& cell) const;
   /// May the surface end within the cell?
-  bool may_end_in(const TangentPlane& plane, const Vec3f& center, const VoronoiCell& cell) const;
+  bool may_end_in(const TangentPlane& plane, const VoronoiCell& cell) const;
 
  private:
   void find_border(bool with_area);

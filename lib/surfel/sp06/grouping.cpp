@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/sp06/grouping.h>
 
 namespace surfel {
@@ -20,14 +21,14 @@ Array<std::uint16_t> make_groups(const SurfelCloud& cloud, const GroupingOptions
   GroupingReport& r = report ? *report : own;
   r = {};
   const OverlapGraph graph = make_overlap_graph(cloud, options.overlap, &r.times, name);
-  const Timer timer;
+  StageTimer stages(r.times);
   const Array<std::uint32_t> order = coloring_order(graph, options.order);
   const Coloring coloring =
       options.groups == 0
           ? greedy_coloring(graph, order, kMaxGroups, name)
           : least_overlap_groups(cloud, graph, options.overlap.cutoff, order,
                                  static_cast<std::uint32_t>(options.groups), &r.overlap.emplace());
-  r.times.add("color", timer.milliseconds());
+  stages.end("color");
 
   r.splats = cloud.size();
   r.unusable = graph.unusable;

@@ -47,7 +47,8 @@ SURFEL_API Array<std::uint16_t> make_groups(const SurfelCloud& cloud,
                                             GroupingReport* report = nullptr,
                                             const std::string& name = {});
 
-/// Sets the column `group` to it, and drops `group_radius`, which belonged to other groups.
+/// Sets the column `group` to make_groups(), and drops `group_radius`, which belongs to the groups
+/// before.
 SURFEL_API void group_splats(SurfelCloud& cloud, const GroupingOptions& options,
                              GroupingReport* report = nullptr, const std::string& name = {});
 

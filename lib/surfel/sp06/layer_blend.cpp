@@ -38,7 +38,8 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-/// Calls take(splat's index, its fragment) for a job's splats in their order in every pixel.
+/// Calls take(splat's index, the splat's fragment) for all fragments of a tile; the ones of a pixel
+/// come in the job's order of splats.
 void for_each_fragment_simd(
     const TileJob& job, int x0, int y0,
     FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
@@ -75,33 +76,20 @@ namespace {
 HWY_EXPORT(for_each_fragment_simd);
 
 using Pending = LayerScratch::Pending;
-
-/// Of a nearest fragment at its splat's very rim: where there are only such it must not be 0.
-constexpr float kLeastWeight = 1e-3F;
 using State = LayerScratch::State;
 
-/// Calls visit(pixel, share) for the pixels of a tile around one, and it, with the shares of a
-/// Gaussian of one pixel's standard deviation.
+/// Weight of a nearest fragment at its splat's rim, where a fragment at the centre has 1. It is not
+/// 0, so that a pixel without other fragments has a normal.
+constexpr float kLeastWeight = 1e-3F;
+
+/// Calls visit(pixel of the tile, x, y) for the tile's pixels in the picture.
 template <class Visit>
-void for_each_around(const TileABuffer& tile, int pixel, Visit&& visit) {
-  constexpr float kShare[] = {1, 0.6065F, 0.3679F};  // At distances of 0, 1 and sqrt 2 pixels.
-  const int x = tile_pixel_x(pixel);
-  const int y = tile_pixel_y(pixel);
-  for (int row = std::max(0, y - 1); row <= std::min(tile.height - 1, y + 1); ++row) {
-    for (int column = std::max(0, x - 1); column <= std::min(tile.width - 1, x + 1); ++column) {
-      visit(tile_pixel(column, row), kShare[std::abs(row - y) + std::abs(column - x)]);
-    }
+void for_each_pixel(const TileABuffer& tile, const Visit& visit) {
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    const int x = tile_pixel_x(pixel);
+    const int y = tile_pixel_y(pixel);
+    if (x < tile.width && y < tile.height) visit(pixel, tile.x0 + x, tile.y0 + y);
   }
-}
-
-Vec3f normal_of(const Fragment& f) {
-  return {f.channel[kNormalX], f.channel[kNormalY], f.channel[kNormalZ]};
-}
-
-/// Normals further apart than this are of different surfaces, or sides of a crease.
-bool alike(const Vec3f& a, const Vec3f& b) {
-  constexpr float kCosine = 0.5F;
-  return a.dot(b) > kCosine * a.norm() * b.norm();
 }
 
 class Blender {
@@ -110,9 +98,10 @@ class Blender {
           const TileABuffer& tile, LayerScratch& scratch)
       : job_(job), rule_(rule), masked_(masked), tile_(tile), scratch_(scratch) {}
 
-  std::uint64_t run(int groups) {
-    scratch_.states.assign(static_cast<std::size_t>(groups) * kTilePixels, State{});
-    scratch_.pixels.assign(kTilePixels, BlendedPixel{});
+  std::uint64_t run(PictureLayers& picture) {
+    groups_ = picture.groups();
+    scratch_.states.assign(static_cast<std::size_t>(groups_) * kTilePixels, State{});
+    scratch_.merged.assign(kTilePixels, Fragment{});
     scratch_.order.assign(std::make_reverse_iterator(job_.order + job_.count),
                           std::make_reverse_iterator(job_.order));
     scratch_.order.resize(job_.count + kTileSize);
@@ -121,17 +110,20 @@ class Blender {
     HWY_DYNAMIC_DISPATCH(for_each_fragment_simd)
     (back_to_front, tile_.x0, tile_.y0,
      [&](std::uint32_t index, const LayerFragment& fragment) { take(index, fragment); });
-    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-      for (int group = 0; group < groups; ++group) add_nearest(state(group, pixel), pixel);
-    }
     const bool environment = tile_.shader->has_environment();
-    if (environment) filter_nearest();
-    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-      for (int group = 0; group < groups; ++group) finish(state(group, pixel), groups, pixel);
-      count_layers(groups, pixel);
+    if (environment) {
+      for_each_pixel(tile_, [&](int pixel, int x, int y) {
+        sum_nearest(pixel, picture.nearest(x, y), picture.layers(x, y));
+      });
     }
-    // With Algorithm 3 it is the nearest layer that things are seen through.
-    if (environment && !masked_) filter_layers();
+    for_each_pixel(tile_, [&](int pixel, int x, int y) {
+      collect_groups(pixel);
+      if (environment && picture.at_border(x, y)) {
+        picture.keep(x, y, scratch_.groups);
+      } else {
+        scratch_.merged[pixel] = picture.merged(*tile_.shader, x, y, scratch_.groups);
+      }
+    });
     return culled_;
   }
 
@@ -239,129 +231,67 @@ class Blender {
     return out;
   }
 
-  Rgba shaded(const Fragment& fragment, int pixel) const {
-    return tile_.shader->shade(fragment, static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
+  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
+    return tile_.shader->shade(fragment(index, depth),
+                               static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
                                static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
   }
-  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
-    return shaded(fragment(index, depth), pixel);
-  }
 
-  /// Which of a pixel's sides has the nearer pending layer; null where nothing is pending.
-  static Pending* nearer(State& s) {
+  /// Blends what is pending but for the nearest layer, which is returned; null without any.
+  const Pending* nearest(State& s, int pixel) {
     Pending& back = s.side[0];
     Pending& front = s.side[1];
-    if (back.splat < 0 && front.splat < 0) return nullptr;
-    if (front.splat < 0) return &back;
-    return back.splat >= 0 && back.depth > front.depth ? &back : &front;
+    if (back.splat >= 0 && front.splat >= 0)
+      flush(s, back.depth > front.depth ? front : back, pixel);
+    if (back.splat >= 0) return &back;
+    return front.splat >= 0 ? &front : nullptr;
   }
 
-  /// Adds a group's nearest layer to the pixel's.
-  void add_nearest(State& s, int pixel) {
-    const Pending* near = nearer(s);
-    if (!near) return;
-    // Of the groups' flat splats the ones that are seen near their centres count most, and those at
-    // their rims nothing: the mean normal has no steps there, nor has what is seen through it.
-    const float inside = 1 - near->key * near->key;
-    add(scratch_.pixels[pixel].nearest, std::max(kLeastWeight, inside * inside),
-        fragment(static_cast<std::uint32_t>(near->splat), near->depth));
-  }
-
-  /// Colour of a group's nearest layer. What it mirrors, it mirrors with the mean normal of all
-  /// groups, whose length says how much the surface bends there: a flat splat mirrors a single
-  /// direction, and where that is a lamp's the whole splat is a speck of light.
-  Rgba shaded_nearest(const Pending& near, int pixel) const {
-    Fragment out = fragment(static_cast<std::uint32_t>(near.splat), near.depth);
-    if (!tile_.shader->has_environment()) return shaded(out, pixel);
-    const Fragment& all = scratch_.pixels[pixel].nearest;
-    const Vec3f mean = normal_of(all) / all.channel[kWeight];
-    if (alike(normal_of(out), mean)) {
-      for (int c = 0; c < 3; ++c) out.channel[kNormalX + c] = mean[c];
-    }
-    return shaded(out, pixel);
-  }
-
-  /// Blends what is pending, and adds a group's share to the mean.
-  void finish(State& s, int groups, int pixel) {
-    Pending* near = nearer(s);
-    if (!near) return;
-    Pending& far = near == &s.side[0] ? s.side[1] : s.side[0];
-    if (far.splat >= 0) flush(s, far, pixel);
-    over(s, shaded_nearest(*near, pixel));
-    ++s.layers;
-    const float share = 1.0F / static_cast<float>(groups);
-    BlendedPixel& out = scratch_.pixels[pixel];
-    out.color.red += s.color.red * share;
-    out.color.green += s.color.green * share;
-    out.color.blue += s.color.blue * share;
-    out.color.alpha += s.color.alpha * share;
-  }
-
-  /// Number of a pixel's layers: the mean of the groups without the quarters of them that have the
-  /// fewest and the most, since a single large disc that sticks out of a bent surface is a layer
-  /// more, and refraction by one layer more goes elsewhere. Where that is none, of all groups.
-  void count_layers(int groups, int pixel) {
+  /// The groups' nearest layers together, and the number of the pixel's layers.
+  void sum_nearest(int pixel, PictureLayers::Surface& surface, float& layers) {
+    surface = {0, Vec3f(0, 0, 0)};
     std::vector<int>& counts = scratch_.counts;
     counts.clear();
-    for (int group = 0; group < groups; ++group) counts.push_back(state(group, pixel).layers);
+    for (int group = 0; group < groups_; ++group) {
+      State& s = state(group, pixel);
+      const Pending* near = nearest(s, pixel);
+      counts.push_back(s.layers + (near ? 1 : 0));
+      if (!near) continue;
+      // Of the groups' flat splats the ones that are seen near their centres count most, and those
+      // at their rims nothing: the mean normal has no steps there, nor has what is seen through it.
+      const float inside = 1 - near->key * near->key;
+      const float weight = std::max(kLeastWeight, inside * inside);
+      const SplatNormal& normal = job_.normals[near->splat];
+      surface.weight += weight;
+      surface.normal += weight * Vec3f(normal.x, normal.y, normal.z);
+    }
+    layers = mean_count(counts);
+  }
+
+  /// The mean of the groups without the quarters of them that have the fewest and the most, since a
+  /// single large disc that sticks out of a bent surface is a layer more, and refraction by one
+  /// layer more goes elsewhere. Where that is none, of all groups.
+  static float mean_count(std::vector<int>& counts) {
+    const auto groups = static_cast<std::ptrdiff_t>(counts.size());
     const std::ptrdiff_t cut = groups / 4;
     if (cut > 0) std::sort(counts.begin(), counts.end());
     const auto mean = [&](std::ptrdiff_t left_out) {
       const int sum = std::accumulate(counts.begin() + left_out, counts.end() - left_out, 0);
       return static_cast<float>(sum) / static_cast<float>(groups - 2 * left_out);
     };
-    BlendedPixel& out = scratch_.pixels[pixel];
-    out.layers = mean(cut);
-    if (!(out.layers > 0)) out.layers = mean(0);
+    const float inner = mean(cut);
+    return inner > 0 ? inner : mean(0);
   }
 
-  /// What is mirrored by and seen through the layers depends on the nearest normals and on the
-  /// number of layers, steeply; both have steps of single groups and pixels, which other methods'
-  /// pixel filter evens out. The same filter here, as far as the tile reaches.
-  void filter_nearest() {
-    scratch_.filtered.resize(kTilePixels);
-    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-      const BlendedPixel& own = scratch_.pixels[pixel];
-      BlendedPixel& out = scratch_.filtered[pixel];
-      out = own;
-      if (!(own.nearest.channel[kWeight] > 0)) continue;
-      out.nearest = {};
-      out.nearest.channel[kTag] = own.nearest.channel[kTag];
-      for_each_around(tile_, pixel, [&](int around, float share) {
-        const Fragment& other = scratch_.pixels[around].nearest;
-        if (!(other.channel[kWeight] > 0)) return;
-        // The mean of each pixel counts by the share alone.
-        const float part = share / other.channel[kWeight];
-        for (int c = 0; c <= kNormalZ; ++c) {
-          if (c != kTag) out.nearest.channel[c] += part * other.channel[c];
-        }
-      });
+  void collect_groups(int pixel) {
+    scratch_.groups.clear();
+    for (int group = 0; group < groups_; ++group) {
+      State& s = state(group, pixel);
+      const Pending* near = nearest(s, pixel);
+      if (!near) continue;
+      scratch_.groups.push_back(
+          {fragment(static_cast<std::uint32_t>(near->splat), near->depth), s.color});
     }
-    scratch_.pixels.swap(scratch_.filtered);
-  }
-
-  void filter_layers() {
-    scratch_.filtered = scratch_.pixels;
-    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-      if (!(scratch_.pixels[pixel].layers > 0)) continue;
-      float layers = 0;
-      float shares = 0;
-      for_each_around(tile_, pixel, [&](int around, float share) {
-        const float other = scratch_.pixels[around].layers;
-        if (!(other > 0)) return;
-        layers += share * other;
-        shares += share;
-      });
-      scratch_.filtered[pixel].layers = layers / shares;
-    }
-    scratch_.pixels.swap(scratch_.filtered);
-  }
-
-  static void add(Fragment& sum, float weight, const Fragment& f) {
-    const bool first = sum.channel[kWeight] == 0;
-    const float tag = first ? f.channel[kTag] : sum.channel[kTag];
-    for (int c = 0; c <= kNormalZ; ++c) sum.channel[c] += weight * f.channel[c];
-    sum.channel[kTag] = tag;
   }
 
   const TileJob& job_;
@@ -369,53 +299,32 @@ class Blender {
   const NearestLayer* masked_;
   const TileABuffer& tile_;
   LayerScratch& scratch_;
+  int groups_ = 0;
   std::uint64_t culled_ = 0;
 };
 
 }  // namespace
 
-Fragment BlendedPixel::merged() const {
-  if (!(layers > 0)) return {};
-  Fragment out = nearest;
-  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] /= nearest.channel[kWeight];
-  out.channel[kWeight] = -layers;
-  out.channel[kRed] = color.red;
-  out.channel[kGreen] = color.green;
-  out.channel[kBlue] = color.blue;
-  out.channel[kAlpha] = color.alpha;
-  return out;
-}
-
-void filter_normals(TileABuffer& tile, LayerScratch& scratch) {
-  const auto sum_at = [&](int pixel) {
-    return Vec3f(tile.at(0, kNormalX, pixel), tile.at(0, kNormalY, pixel),
-                 tile.at(0, kNormalZ, pixel));
+void filter_surfaces(TileABuffer& tile, PictureLayers& picture) {
+  const auto normal_at = [&](int pixel) {
+    return tile.fragment(0, pixel) + kNormalX * kPatchPixels;
   };
-  scratch.normals.resize(kTilePixels);
-  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-    const float weight = tile.at(0, kWeight, pixel);
-    if (!(weight > 0)) continue;
-    const Vec3f own = sum_at(pixel);
-    Vec3f sum(0, 0, 0);
-    float weights = 0;
-    for_each_around(tile, pixel, [&](int around, float share) {
-      const Vec3f other = sum_at(around);
-      if (!alike(own, other) && around != pixel) return;
-      sum += share * other;
-      weights += share * tile.at(0, kWeight, around);
-    });
-    scratch.normals[pixel] = weight / weights * sum;
-  }
-  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-    if (!(tile.at(0, kWeight, pixel) > 0)) continue;
-    for (int c = 0; c < 3; ++c) tile.at(0, kNormalX + c, pixel) = scratch.normals[pixel][c];
-  }
+  for_each_pixel(tile, [&](int pixel, int x, int y) {
+    const float* normal = normal_at(pixel);
+    picture.surface(x, y) = {tile.at(0, kWeight, pixel),
+                             Vec3f(normal[0], normal[kPatchPixels], normal[2 * kPatchPixels])};
+  });
+  for_each_pixel(tile, [&](int pixel, int x, int y) {
+    if (!(tile.at(0, kWeight, pixel) > 0) || picture.at_border(x, y)) return;
+    const Vec3f filtered = picture.filtered_normal(x, y);
+    for (int c = 0; c < 3; ++c) normal_at(pixel)[c * kPatchPixels] = filtered[c];
+  });
 }
 
-std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, int groups,
-                           const NearestLayer* masked, const TileABuffer& weights,
+std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLayers& picture,
+                           const NearestLayer* masked, const TileABuffer& tile,
                            LayerScratch& scratch) {
-  return Blender(job, rule, masked, weights, scratch).run(groups);
+  return Blender(job, rule, masked, tile, scratch).run(picture);
 }
 
 }  // namespace surfel

@@ -9,21 +9,10 @@
 
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
-#include <surfel/sp06/group_raster.h>
+#include <surfel/sp06/layer_rule.h>
+#include <surfel/sp06/picture_layers.h>
 
 namespace surfel {
-
-/// What the layers of a pixel come to: the mean of the groups' images.
-struct BlendedPixel {
-  Rgba color;          ///< Premultiplied.
-  float layers = 0;    ///< Mean number of layers, alpha_total / alpha of SP06 section 5.2.3, of the
-                       ///< groups but those with the fewest and the most.
-  Fragment nearest{};  ///< Sums over the groups' nearest fragments, weighted by how
-                       ///< near to their splats' centres they are.
-
-  /// As a merged fragment: what it takes to see the environment through the layers.
-  Fragment merged() const;
-};
 
 /// Memory of one worker, kept from tile to tile.
 class LayerScratch {
@@ -43,23 +32,19 @@ class LayerScratch {
     Rgba color;
     int layers = 0;
   };
-  std::vector<State> states;           ///< Groups x kTilePixels.
-  std::vector<BlendedPixel> pixels;    ///< kTilePixels.
-  std::vector<BlendedPixel> filtered;  ///< The same, while they are made.
-  std::vector<Vec3f> normals;          ///< kTilePixels.
-  std::vector<int> counts;             ///< Layers of a pixel by groups.
-  std::vector<std::uint32_t> order;    ///< Splats of the tile, farthest first.
+  std::vector<State> states;     ///< Groups x kTilePixels.
+  std::vector<Fragment> merged;  ///< By pixel: its layers; of pixels at_border() still to come.
+  std::vector<PictureLayers::GroupPixel> groups;  ///< Of a pixel.
+  std::vector<int> counts;                        ///< Layers of a pixel by groups.
+  std::vector<std::uint32_t> order;               ///< Splats of the tile, farthest first.
 };
 
-/// Algorithm 3's nearest layer, before it is shaded: the pixel filter for its normals, as far as
-/// the tile reaches. Where groups are few their splats are cut, and the mean of the few that a
-/// pixel has is not smooth enough to mirror or refract an environment. Where there is nothing in a
-/// pixel next to it, or another surface, a pixel's own normal counts the more. The A-buffer is
-/// unmerged and has normals.
-void filter_normals(TileABuffer& tile, LayerScratch& scratch);
+/// Hands the normals of a tile's interpolated surfaces to the picture, and filters them as far as
+/// pixels are not at_border(). The A-buffer is unmerged and has normals.
+void filter_surfaces(TileABuffer& tile, PictureLayers& picture);
 
 /// SP06's Algorithm 2: blends splats, whose discs have the enlarged radii, back to front into an
-/// image for each group, and averages the images into scratch.pixels.
+/// image for each group, and merges the images into scratch.merged.
 ///
 /// Fragment culling (6): of the fragments that lie in one layer, show the same side and belong to
 /// one group, a single one is blended. SP06 takes the first to arrive; we take the one nearest to
@@ -75,10 +60,10 @@ void filter_normals(TileABuffer& tile, LayerScratch& scratch);
 ///
 /// \param masked  of every pixel its nearest layer, which is culled, with all in front of it: of
 ///     pixels without one everything is. Null: nothing is culled.
-/// \param weights  the tile's place in the picture, and its shader.
+/// \param tile  the tile's place in the picture, and its shader.
 /// \return fragments culled as of a layer that is there already.
-std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, int groups,
-                           const NearestLayer* masked, const TileABuffer& weights,
+std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLayers& picture,
+                           const NearestLayer* masked, const TileABuffer& tile,
                            LayerScratch& scratch);
 
 }  // namespace surfel

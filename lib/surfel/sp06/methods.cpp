@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_search.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/tile_raster.h>
 #include <surfel/sp06/depth_peel.h>
@@ -99,26 +100,47 @@ class LayerCompositor final : public GroupCompositor {
   }
   int layers() const override { return 1; }
   bool has_background() const override { return true; }
+  void begin(const Camera& camera) override {
+    GroupCompositor::begin(camera);
+    picture_->begin(camera.width, camera.height, groups(), nearest_);
+  }
   std::unique_ptr<Worker> make_worker() const override {
     return std::make_unique<TileWorker>(*this);
+  }
+  void complete(const Shader& shader, OpenPixels& open, std::size_t i) const override {
+    OpenPixels::Pixel& pixel = open.pixels[i];
+    if (!shader.has_environment() || !picture_->at_border(pixel.x, pixel.y)) return;
+    for (std::size_t s = pixel.begin; s < pixel.end; ++s) {
+      const Vec3f normal = picture_->filtered_normal(pixel.x, pixel.y);
+      std::copy_n(normal.data(), 3, open.surfaces[s].fragment.channel + kNormalX);
+    }
+    pixel.rest = picture_->merged(shader, pixel.x, pixel.y, picture_->kept(pixel.x, pixel.y));
   }
 
  private:
   struct TileWorker final : Worker {
     explicit TileWorker(const LayerCompositor& c) : compositor(c) {}
     void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      PictureLayers& picture = *compositor.picture_;
       if (compositor.nearest_) {
         compositor.draw_nearest(jobs.front(), 1, images, tile);
-        if (tile.shader->has_environment()) filter_normals(tile, scratch);
+        if (tile.shader->has_environment()) filter_surfaces(tile, picture);
         nearest.resize(kTilePixels);
         for (int pixel = 0; pixel < kTilePixels; ++pixel) {
           nearest[pixel] = nearest_layer(tile, pixel);
         }
       }
-      culled += blend_layers(jobs.back(), compositor.rule(), compositor.groups(),
+      culled += blend_layers(jobs.back(), compositor.rule(), picture,
                              compositor.nearest_ ? nearest.data() : nullptr, tile, scratch);
     }
-    Fragment behind(int pixel) const override { return scratch.pixels[pixel].merged(); }
+    Fragment behind(int pixel) const override { return scratch.merged[pixel]; }
+    bool waits(const TileABuffer& tile, int pixel) const override {
+      const int x = tile.x0 + tile_pixel_x(pixel);
+      const int y = tile.y0 + tile_pixel_y(pixel);
+      PictureLayers& picture = *compositor.picture_;
+      if (!tile.shader->has_environment() || !picture.at_border(x, y)) return false;
+      return *tile.fragment(0, pixel) > 0 || !picture.kept(x, y).empty();
+    }
     void take_statistics(FrameStatistics& statistics) override {
       statistics.culled += std::exchange(culled, 0);
     }
@@ -129,6 +151,8 @@ class LayerCompositor final : public GroupCompositor {
     std::uint64_t culled = 0;
   };
   bool nearest_;
+  /// Workers write the pixels of their tiles.
+  std::unique_ptr<PictureLayers> picture_ = std::make_unique<PictureLayers>();
 };
 
 class PeelCompositor final : public Compositor {

@@ -14,6 +14,8 @@
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
+#include <surfel/base/stage_timer.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/sp06/overlap_graph.h>
 
 namespace surfel {
@@ -308,8 +310,6 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
   });
 }
 
-bool usable_variance(float v) { return std::isfinite(v) && v > 0; }
-
 }  // namespace
 
 std::vector<std::string> OverlapOptions::problems() const {
@@ -342,14 +342,10 @@ std::uint64_t OverlapGraph::memory_bytes() const {
 
 float splat_radius(const SurfelCloud& cloud, std::size_t i, double cutoff) {
   if (!cloud.position[i].allFinite()) return 0;
-  float variance = 0;
-  if (cloud.anisotropic()) {
-    if (!usable_variance(cloud.variance_u[i]) || !usable_variance(cloud.variance_v[i])) return 0;
-    variance = std::max(cloud.variance_u[i], cloud.variance_v[i]);
-  } else {
-    if (!usable_variance(cloud.variance[i])) return 0;
-    variance = cloud.variance[i];
-  }
+  const Array<float>& u = cloud.anisotropic() ? cloud.variance_u : cloud.variance;
+  const Array<float>& v = cloud.anisotropic() ? cloud.variance_v : cloud.variance;
+  if (!usable_variance(u[i]) || !usable_variance(v[i])) return 0;
+  const float variance = std::max(u[i], v[i]);
   return static_cast<float>(std::sqrt(2 * cutoff * static_cast<double>(variance)));
 }
 
@@ -357,16 +353,13 @@ OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& 
                                 StageTimes* times, const std::string& name) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   cloud.check_columns(name);
-  if (cloud.variance.empty() && !cloud.anisotropic()) {
+  if (!has_variance(cloud)) {
     throw_input(name,
                 "the splats have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");
   }
-  Timer timer;
-  const auto lap = [&](const char* stage) {
-    if (times) times->add(stage, timer.milliseconds());
-    timer.restart();
-  };
+  StageTimes own;
+  StageTimer stages(times ? *times : own);
   OverlapGraph graph;
   graph.splat = ordered_splats(cloud, options.cutoff);
   graph.unusable = cloud.size() - graph.size();
@@ -374,11 +367,11 @@ OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& 
     throw_input(name, fmt::format("none of {} splats has a finite position and a positive variance",
                                   cloud.size()));
   }
-  lap("sort");
+  stages.end("sort");
   const OverlapSearch search(cloud, graph.splat, options);
-  lap("hierarchy");
+  stages.end("hierarchy");
   find_edges(search, options.max_memory, name, graph);
-  lap("search");
+  stages.end("search");
   return graph;
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <surfel/base/error.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/store/render_cloud.h>
 #include <surfel/store/surfel_source.h>
 
@@ -106,7 +107,7 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
 
 CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name) : cloud_(cloud) {
   cloud.check_columns(name);
-  if (!cloud.empty() && cloud.variance.empty() && !cloud.anisotropic()) throw_no_variance(name);
+  if (!cloud.empty() && !has_variance(cloud)) throw_no_variance(name);
 }
 
 SurfelAttributes CloudSource::attributes() const {

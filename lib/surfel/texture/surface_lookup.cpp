@@ -12,6 +12,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/texture/surface_lookup.h>
 
 namespace surfel {
@@ -442,7 +443,7 @@ void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh,
   check(mesh.wedge_normal.size(), "faces' normals");
   check(mesh.face_material.size(), "faces' materials");
   if (!options.max_distance && !std::isinf(options.max_deviations) && !cloud.empty() &&
-      !cloud.anisotropic() && cloud.variance.empty()) {
+      !has_variance(cloud)) {
     throw_input("",
                 "the surfels have no variance to say how far from the mesh they may lie; "
                 "surfel-estimate writes one, or give a largest distance");

@@ -4,12 +4,11 @@
 
 #include <surfel/base/morton.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
 namespace {
-
-bool usable_variance(double v) { return std::isfinite(v) && v > 0; }
 
 std::optional<SurfelBasis::Function> make_function(const SurfelCloud& cloud, std::size_t k) {
   SurfelBasis::Function f;

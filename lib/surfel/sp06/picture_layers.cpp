@@ -1,0 +1,152 @@
+#include <algorithm>
+#include <cstdlib>
+
+#include <surfel/render/shading.h>
+#include <surfel/sp06/picture_layers.h>
+
+namespace surfel {
+namespace {
+
+/// Place of one of a tile's outermost pixels among them.
+std::size_t border_place(int x, int y) {
+  x %= kTileSize;
+  y %= kTileSize;
+  if (y == 0) return static_cast<std::size_t>(x);
+  if (y == kTileSize - 1) return static_cast<std::size_t>(kTileSize + x);
+  return static_cast<std::size_t>(2 * (kTileSize + y) + (x == 0 ? 0 : 1));
+}
+
+/// Whether normals are of one smooth surface. Others are of different surfaces, or sides of a
+/// crease.
+bool alike(const Vec3f& a, const Vec3f& b) {
+  constexpr float kCosine = 0.5F;  // 60 degrees.
+  return a.dot(b) > kCosine * a.norm() * b.norm();
+}
+
+}  // namespace
+
+void PictureLayers::begin(int width, int height, int groups, bool interpolated) {
+  width_ = width;
+  height_ = height;
+  groups_ = groups;
+  interpolated_ = interpolated;
+  const std::size_t pixels = index(0, height);
+  if (interpolated) surfaces_.resize(pixels);
+  nearest_.resize(pixels);
+  layers_.resize(pixels);
+  borders_.resize(tile(width - 1, height - 1) + 1);
+  for (Border& border : borders_) border.groups.clear();
+}
+
+bool PictureLayers::at_border(int x, int y) const {
+  const auto at_end = [](int at, int size) {
+    const int in_tile = at % kTileSize;
+    return (in_tile == 0 && at > 0) || (in_tile == kTileSize - 1 && at < size - 1);
+  };
+  return at_end(x, width_) || at_end(y, height_);
+}
+
+std::size_t PictureLayers::tile(int x, int y) const {
+  const int tiles_x = (width_ + kTileSize - 1) / kTileSize;
+  return static_cast<std::size_t>(y / kTileSize) * tiles_x + x / kTileSize;
+}
+
+void PictureLayers::keep(int x, int y, std::span<const GroupPixel> groups) {
+  Border& border = borders_[tile(x, y)];
+  border.pixels[border_place(x, y)] = {static_cast<std::uint32_t>(border.groups.size()),
+                                       static_cast<std::uint32_t>(groups.size())};
+  border.groups.insert(border.groups.end(), groups.begin(), groups.end());
+}
+
+std::span<const PictureLayers::GroupPixel> PictureLayers::kept(int x, int y) const {
+  const Border& border = borders_[tile(x, y)];
+  const auto [begin, count] = border.pixels[border_place(x, y)];
+  return std::span(border.groups).subspan(begin, count);
+}
+
+/// Calls visit(pixel's index, share) for the pixels of the picture around one, and for it, with the
+/// shares of a Gaussian of one pixel's standard deviation.
+template <class Visit>
+void PictureLayers::for_each_around(int x, int y, const Visit& visit) const {
+  constexpr float kShare[] = {1, 0.6065F, 0.3679F};  // At distances of 0, 1 and sqrt 2 pixels.
+  for (int row = std::max(0, y - 1); row <= std::min(height_ - 1, y + 1); ++row) {
+    for (int column = std::max(0, x - 1); column <= std::min(width_ - 1, x + 1); ++column) {
+      visit(index(column, row), kShare[std::abs(row - y) + std::abs(column - x)]);
+    }
+  }
+}
+
+Vec3f PictureLayers::filtered_normal(int x, int y) const {
+  const Surface& own = surfaces_[index(x, y)];
+  Vec3f sum(0, 0, 0);
+  float weights = 0;
+  for_each_around(x, y, [&](std::size_t around, float share) {
+    const Surface& other = surfaces_[around];
+    if (&other != &own && !alike(own.normal, other.normal)) return;
+    sum += share * other.normal;
+    weights += share * other.weight;
+  });
+  return own.weight / weights * sum;
+}
+
+/// Every pixel's mean counts by the share alone.
+PictureLayers::Surface PictureLayers::filtered_nearest(int x, int y) const {
+  Surface sum{0, Vec3f(0, 0, 0)};
+  for_each_around(x, y, [&](std::size_t around, float share) {
+    const Surface& other = nearest_[around];
+    if (!(other.weight > 0)) return;
+    const float part = share / other.weight;
+    sum.weight += part * other.weight;
+    sum.normal += part * other.normal;
+  });
+  return sum;
+}
+
+float PictureLayers::filtered_layers(int x, int y) const {
+  float layers = 0;
+  float shares = 0;
+  for_each_around(x, y, [&](std::size_t around, float share) {
+    if (!(layers_[around] > 0)) return;
+    layers += share * layers_[around];
+    shares += share;
+  });
+  return layers / shares;
+}
+
+Fragment PictureLayers::merged(const Shader& shader, int x, int y,
+                               std::span<const GroupPixel> groups) const {
+  Fragment out{};
+  if (groups.empty()) return out;
+  Vec3f mean(0, 0, 0);
+  float layers = 1;  // Of use to an environment alone.
+  if (shader.has_environment()) {
+    const Surface sum = filtered_nearest(x, y);
+    mean = sum.normal / sum.weight;
+    // An environment is seen through the interpolated surface, where there is one.
+    layers = interpolated_ ? layers_[index(x, y)] : filtered_layers(x, y);
+  }
+  const float share = 1.0F / static_cast<float>(groups_);
+  Shader::Reflected reflected;
+  for (const auto& [nearest, behind] : groups) {
+    // The length of the mean normal says how much the surface bends: a flat splat would mirror a
+    // single direction, and where that is a lamp's the whole splat would be a speck of light.
+    Fragment bent = nearest;
+    float* const normal = bent.channel + kNormalX;
+    if (shader.has_environment() && alike(Vec3f(normal), mean)) {
+      std::copy_n(mean.data(), 3, normal);
+    }
+    Rgba color = shader.shade(bent, static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F, 1,
+                              reflected);
+    color.composite(behind);
+    out.channel[kRed] += color.red * share;
+    out.channel[kGreen] += color.green * share;
+    out.channel[kBlue] += color.blue * share;
+    out.channel[kAlpha] += color.alpha * share;
+  }
+  out.channel[kWeight] = -layers;
+  out.channel[kTag] = groups.front().nearest.channel[kTag];
+  std::copy_n(mean.data(), 3, out.channel + kNormalX);
+  return out;
+}
+
+}  // namespace surfel
