@@ -7,81 +7,76 @@
 namespace surfel {
 namespace {
 
-/// Finds the fragment of another pixel that continues a fragment: of the same side, nearest in
-/// depth.
-class Continuation {
- public:
-  explicit Continuation(const Fragment& fragment)
-      : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
-
-  void offer(float weight, float depth, bool front) {
-    const float distance = std::abs(depth - depth_);
-    if (front != front_ || !(distance < least_)) return;
-    least_ = distance;
-    weight_ = weight;
-  }
-  /// Its sum of rho; 0 if there is none.
-  float weight() const { return weight_; }
-
- private:
-  float depth_;
-  bool front_;
-  float least_ = std::numeric_limits<float>::infinity();
-  float weight_ = 0;
+/// Fragments of a pixel: pointers to the first one's channels.
+struct PixelLayers {
+  const float *weight, *depth, *tag;
+  std::size_t stride;  ///< From one fragment to the next.
+  int count;           ///< Most fragments; the first one of weight 0 ends them, too.
 };
 
-float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  Continuation continuation(fragment);
-  for (int layer = 0; layer < tile.layout.layers; ++layer) {
-    const float weight = tile.at(layer, kWeight, pixel);
+/// The sum of rho of the fragment that continues a fragment in another pixel, of the same side and
+/// nearest in depth; 0 if there is none.
+float continued_weight(const PixelLayers& layers, const Fragment& fragment) {
+  const float depth = front_depth(fragment);
+  const bool front = shows_front(fragment.channel[kTag]);
+  float least = std::numeric_limits<float>::infinity();
+  float found = 0;
+  for (std::size_t i = 0; i < layers.count * layers.stride; i += layers.stride) {
+    const float weight = layers.weight[i];
     if (weight == 0) break;
-    if (weight < 0) continue;
-    continuation.offer(weight, tile.at(layer, kDepth, pixel) / weight,
-                       shows_front(tile.at(layer, kTag, pixel)));
+    if (weight < 0 || shows_front(layers.tag[i]) != front) continue;
+    const float distance = std::abs(layers.depth[i] / weight - depth);
+    if (distance >= least) continue;
+    least = distance;
+    found = weight;
   }
-  return continuation.weight();
+  return found;
 }
 
-/// Calls visit(x, y, weight) for the pixels around (x, y), and their places in `around`.
-template <class Visit>
-void for_each_neighbor(int x, int y, EdgeNeighbors& around, const Visit& visit) {
+/// The sums around a fragment of pixel (x, y).
+/// \param layers_at  The PixelLayers of a pixel of the picture.
+template <class LayersAt>
+EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, int picture_width,
+                          int picture_height, const LayersAt& layers_at) {
+  EdgeNeighbors around;
+  const auto look = [&](int column, int row) {
+    if (column < 0 || column >= picture_width || row < 0 || row >= picture_height) {
+      return EdgeNeighbors::kOutside;
+    }
+    return continued_weight(layers_at(column, row), fragment);
+  };
+  around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
   for (int step = -kEdgeReach; step <= kEdgeReach; ++step) {
     if (step == 0) continue;
-    visit(x + step, y, around.weight[0][kEdgeReach + step]);
-    visit(x, y + step, around.weight[1][kEdgeReach + step]);
+    around.weight[0][kEdgeReach + step] = look(x + step, y);
+    around.weight[1][kEdgeReach + step] = look(x, y + step);
   }
+  return around;
 }
 
 }  // namespace
-
-bool EdgeNeighbors::known() const {
-  return std::all_of(weight.begin(), weight.end(), [](const auto& line) {
-    return std::find(line.begin(), line.end(), kUnknown) == line.end();
-  });
-}
 
 bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment) {
   return !is_merged(fragment) && fragment.channel[kWeight] < tile.edge_weight &&
          is_filtered(fragment.channel[kTag]);
 }
 
-EdgeNeighbors look_around(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  EdgeNeighbors around;
-  around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
-  const auto look = [&](int x, int y, float& weight) {
-    const int column = tile.x0 + x;
-    const int row = tile.y0 + y;
-    if (x >= 0 && x < tile.width && y >= 0 && y < tile.height) {
-      weight = weight_of_neighbor(tile, fragment, tile_pixel(x, y));
-    } else if (column < 0 || column >= tile.picture_width || row < 0 ||
-               row >= tile.picture_height) {
-      weight = EdgeNeighbors::kOutside;
-    } else {
-      weight = EdgeNeighbors::kUnknown;
-    }
+bool sees_other_tiles(const TileABuffer& tile, int pixel) {
+  const TileRims::Sides inner{.left = tile.x0 > 0,
+                              .right = tile.x0 + kTileSize<tile.picture_width, .top = tile.y0> 0,
+                              .bottom = tile.y0 + kTileSize < tile.picture_height};
+  return inner.near(tile_pixel_x(pixel), tile_pixel_y(pixel));
+}
+
+EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel) {
+  const auto layers_at = [&](int x, int y) {
+    const float* first =
+        tile.fragment(0, static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0)));
+    return PixelLayers{first + kWeight * kPatchPixels, first + kDepth * kPatchPixels,
+                       first + kTag * kPatchPixels, tile.layout.layer_stride(), tile.layout.layers};
   };
-  for_each_neighbor(tile_pixel_x(pixel), tile_pixel_y(pixel), around, look);
-  return around;
+  return sums_around(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+                     tile.picture_width, tile.picture_height, layers_at);
 }
 
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around) {
@@ -105,77 +100,91 @@ float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeigh
                     1.0F);
 }
 
-void TileRims::begin(int tiles_x, int tiles_y, int first_row, int layers) {
-  const std::size_t row = static_cast<std::size_t>(tiles_x) * layers * kRimPixels;
+void TileRims::begin(const Camera& camera, const Band& band, int layers) {
+  const auto tiles = static_cast<std::size_t>(band.tiles_x);
   // A row more, for the last one of the band before.
-  Array<RimFragment> fragments;
-  if (first_row > 0) {
-    const RimFragment* const last = tile_rim(0, first_row - 1);
-    fragments.assign(last, last + row);
-  }
-  tiles_x_ = tiles_x;
-  tiles_y_ = tiles_y + 1;
-  first_row_ = first_row - 1;
-  layers_ = layers;
-  fragments_.resize(row * tiles_y_);
-  std::copy(fragments.begin(), fragments.end(), fragments_.begin());
-}
-
-int TileRims::rim_pixel(int x, int y) {
-  constexpr int kFar = kTileSize - kEdgeReach;
-  constexpr int kBetween = kTileSize - 2 * kEdgeReach;
-  if (y < kEdgeReach) return y * kTileSize + x;
-  if (y >= kFar) return (y - kBetween) * kTileSize + x;
-  return 2 * kEdgeReach * kTileSize + (y - kEdgeReach) * 2 * kEdgeReach +
-         (x < kEdgeReach ? x : x - kBetween);
-}
-
-TileRims::RimFragment* TileRims::tile_rim(int tile_x, int tile_y) {
-  const std::size_t tile = static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
-  return fragments_.data() + tile * layers_ * kRimPixels;
-}
-
-const TileRims::RimFragment* TileRims::tile_rim(int tile_x, int tile_y) const {
-  return const_cast<TileRims*>(this)->tile_rim(tile_x, tile_y);
-}
-
-void TileRims::store(const TileABuffer& tile) {
-  RimFragment* const rim = tile_rim(tile.x0 / kTileSize, tile.y0 / kTileSize);
-  const auto store_pixel = [&](int x, int y) {
-    const auto pixel = static_cast<std::size_t>(tile_pixel(x, y));
-    RimFragment* to = rim + rim_pixel(x, y);
-    RimFragment* const end = to + layers_ * kRimPixels;
-    for (int layer = 0; layer < layers_; ++layer) {
-      const float* fragment = tile.fragment(layer, pixel);
-      const float weight = fragment[kWeight * kPatchPixels];
-      if (weight == 0) break;
-      if (weight < 0) continue;
-      const bool front = shows_front(fragment[kTag * kPatchPixels]);
-      *to = {front ? weight : -weight, fragment[kDepth * kPatchPixels] / weight};
-      to += kRimPixels;
+  const int row_before = band.y0 / kTileSize - 1;
+  if (row_before < 0) {
+    const std::size_t all = tiles * (band.tiles_y + 1);
+    layer_stride_ = all * kPatches;
+    patches_.resize(layer_stride_ * layers);
+    used_.resize(layer_stride_);
+    inside_.resize(all);
+  } else {
+    const std::size_t from = tiles * (row_before - first_row_);
+    for (int layer = 0; layer < layers; ++layer) {
+      Patch* const first = patches_.data() + layer * layer_stride_;
+      std::copy_n(first + from * kPatches, tiles * kPatches, first);
     }
-    if (to < end) to->weight = 0;
-  };
-  for (int y = 0; y < kTileSize; ++y) {
-    const bool whole = y < kEdgeReach || y >= kTileSize - kEdgeReach;
-    for (int x = 0; x < kTileSize; ++x) {
-      if (!whole && x == kEdgeReach) x = kTileSize - kEdgeReach;
-      store_pixel(x, y);
+    std::copy_n(used_.begin() + from * kPatches, tiles * kPatches, used_.begin());
+    std::copy_n(inside_.begin() + from, tiles, inside_.begin());
+  }
+  width_ = camera.width;
+  height_ = camera.height;
+  tiles_x_ = band.tiles_x;
+  first_row_ = row_before;
+}
+
+TileRims::Place TileRims::place_of(int x, int y) const {
+  constexpr int kNone = kPatches;
+  constexpr std::array<std::uint8_t, kTilePixels / kPatchPixels> kPlaces{
+      0, 1, 2, 3, 4, kNone, kNone, 5, 6, kNone, kNone, 7, 8, 9, 10, 11};
+  const int pixel = tile_pixel(x % kTileSize, y % kTileSize);
+  return {tile_of(x / kTileSize, y / kTileSize) * kPatches + kPlaces[pixel / kPatchPixels],
+          static_cast<std::size_t>(pixel % kPatchPixels)};
+}
+
+void TileRims::store(const TileABuffer& tile, TileInside inside) {
+  constexpr int kFar = kTileSize - kStripWidth;
+  inside_[tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize)] = inside;
+  for (int x = 0; x < kTileSize; x += kStripWidth) {
+    for (int y = 0; y < kTileSize; y += x == 0 || x == kFar ? kStripWidth : kFar) {
+      const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
+      const float* from = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
+      int layer = 0;
+      for (; layer < tile.layout.layers; ++layer, from += tile.layout.layer_stride()) {
+        if (std::all_of(from, from + kPatchPixels, [](float weight) { return weight == 0; })) break;
+        Patch& to = patches_[layer * layer_stride_ + patch];
+        std::copy_n(from + kWeight * kPatchPixels, kPatchPixels, to.weight.begin());
+        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, to.depth.begin());
+        std::copy_n(from + kTag * kPatchPixels, kPatchPixels, to.tag.begin());
+      }
+      used_[patch] = static_cast<std::uint8_t>(layer);
     }
   }
 }
 
-void TileRims::complete(const Fragment& fragment, int x, int y, EdgeNeighbors& around) const {
-  for_each_neighbor(x, y, around, [&](int column, int row, float& weight) {
-    if (weight != EdgeNeighbors::kUnknown) return;
-    const RimFragment* from = tile_rim(column / kTileSize, row / kTileSize) +
-                              rim_pixel(column % kTileSize, row % kTileSize);
-    Continuation continuation(fragment);
-    for (int layer = 0; layer < layers_ && from->weight != 0; ++layer, from += kRimPixels) {
-      continuation.offer(std::abs(from->weight), from->depth, from->weight > 0);
-    }
-    weight = continuation.weight();
+EdgeNeighbors TileRims::look_around(const Fragment& fragment, int x, int y) const {
+  return sums_around(fragment, x, y, width_, height_, [&](int column, int row) {
+    const auto [patch, pixel] = place_of(column, row);
+    const Patch& first = patches_[patch];
+    return PixelLayers{&first.weight[pixel], &first.depth[pixel], &first.tag[pixel],
+                       layer_stride_ * (sizeof(Patch) / sizeof(float)), used_[patch]};
   });
+}
+
+TileRims::Sides TileRims::open_sides(int tile_x, int tile_y) const {
+  const TileInside inside = inside_[tile_of(tile_x, tile_y)];
+  if (inside == TileInside::kNo) return {};
+  const auto open = [&](int x, int y) {
+    return x < 0 || x >= tiles_along(width_) || y < 0 || y >= tiles_along(height_) ||
+           inside_[tile_of(x, y)] != inside;
+  };
+  return {.left = open(tile_x - 1, tile_y),
+          .right = open(tile_x + 1, tile_y),
+          .top = open(tile_x, tile_y - 1),
+          .bottom = open(tile_x, tile_y + 1)};
+}
+
+float TileRims::coverage_change(const TileABuffer& weights, int x, int y) const {
+  const auto [patch, pixel] = place_of(x, y);
+  Fragment fragment{};
+  fragment.channel[kWeight] = patches_[patch].weight[pixel];
+  fragment.channel[kDepth] = patches_[patch].depth[pixel];
+  fragment.channel[kTag] = patches_[patch].tag[pixel];
+  if (!may_be_at_edge(weights, fragment)) return 1;
+  const float edge = edge_of(weights, fragment, look_around(fragment, x, y));
+  return weights.coverage(fragment, edge) / weights.coverage(fragment, 0);
 }
 
 }  // namespace surfel

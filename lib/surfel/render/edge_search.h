@@ -1,14 +1,16 @@
 #pragma once
 
 // Edges of surfaces, found by the sums of rho in the pixels around. A picture does not depend on
-// where its tiles lie: sums beyond a tile's border are those of the tiles next to it.
+// where its tiles lie: sums beyond a tile's border are read from the tiles next to it.
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/frame.h>
 
 namespace surfel {
 
@@ -18,70 +20,103 @@ inline constexpr int kEdgeReach = 2;
 /// The sums of rho of the fragments that continue a fragment in the pixels around it.
 struct EdgeNeighbors {
   static constexpr float kOutside = -1;  ///< The pixel is outside of the picture.
-  static constexpr float kUnknown = -2;  ///< The pixel is another tile's.
 
   /// By distance + kEdgeReach, along the row and along the column.
   std::array<std::array<float, 2 * kEdgeReach + 1>, 2> weight;
-
-  bool known() const;
 };
 
 /// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
 /// at: its sum is less than a surface has, and its splats are no larger than the pixel filter.
 bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment);
 
-/// The sums around a fragment, as far as they are in its tile.
-EdgeNeighbors look_around(TileABuffer& tile, const Fragment& fragment, int pixel);
+/// Whether pixels around a pixel of a tile belong to other tiles.
+bool sees_other_tiles(const TileABuffer& tile, int pixel);
 
-/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1. All
-/// neighbours are known; outside of the picture the sums are taken to go on as they came.
+/// The sums around a fragment of a pixel that sees no other tile.
+EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel);
+
+/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1. Outside of
+/// the picture the sums are taken to go on as they came.
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around);
 
-/// The fragments of pixels within kEdgeReach of the borders of a band's tiles, and of the last row
-/// of tiles of the band before. Tiles may be stored at once; nothing is stored while others read.
+/// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
+/// kInsideShare of tau: no edge is seen where the tiles around show the same side so.
+enum class TileInside : std::uint8_t { kNo, kFront, kBack };
+
+/// The fragments near the borders of a band's tiles, and of the last row of tiles of the band
+/// before. Tiles may be stored at once; nothing is stored while others read.
 class TileRims {
  public:
-  /// \param first_row  row of tiles in the picture that the band begins with.
-  void begin(int tiles_x, int tiles_y, int first_row, int layers);
-  void store(const TileABuffer& tile);
-  /// Fills in the unknown sums around a fragment of the picture's pixel (x, y).
-  void complete(const Fragment& fragment, int x, int y, EdgeNeighbors& around) const;
+  /// Sides of a tile where edges have to be looked for.
+  struct Sides {
+    bool left = false, right = false, top = false, bottom = false;
+
+    bool any() const { return left || right || top || bottom; }
+    /// Whether pixel (x, y) of the tile is within kEdgeReach of one of them.
+    bool near(int x, int y) const {
+      constexpr int kFar = kTileSize - kEdgeReach;
+      return (left && x < kEdgeReach) || (right && x >= kFar) || (top && y < kEdgeReach) ||
+             (bottom && y >= kFar);
+    }
+  };
+
+  /// Begins a band of a picture, of which no later one has more rows than the first.
+  void begin(const Camera& camera, const Band& band, int layers);
+  void store(const TileABuffer& tile, TileInside inside);
+
+  /// The sums around a fragment of a picture's pixel within kEdgeReach of a tile's border.
+  EdgeNeighbors look_around(const Fragment& fragment, int x, int y) const;
+  /// The sides on which a tile that lies inside a surface has a neighbour that does not show the
+  /// same side of one, or the picture's border; none of a tile that does not lie inside.
+  /// \param tile_x, tile_y  Column and row of tiles in the picture.
+  Sides open_sides(int tile_x, int tile_y) const;
+  /// The coverage of a pixel near an open side of a tile inside a surface, by the coverage that it
+  /// has away from edges.
+  /// \param weights  The picture's.
+  float coverage_change(const TileABuffer& weights, int x, int y) const;
 
  private:
-  /// An unmerged fragment of a pixel.
-  struct RimFragment {
-    float weight;  ///< Sum of rho, negative if the back is seen; 0: no more fragments follow.
-    float depth;
+  /// A layer's fragments in the pixels of a patch: channels of the A-buffer.
+  struct Patch {
+    std::array<float, kPatchPixels> weight, depth, tag;
   };
-  /// Two rows at the top and bottom, and two columns at either side between them.
-  static constexpr int kRimPixels =
-      2 * kEdgeReach * kTileSize + 2 * kEdgeReach * (kTileSize - 2 * kEdgeReach);
+  /// What is stored of a pixel.
+  struct Place {
+    std::size_t patch;
+    std::size_t pixel;  ///< Of the patch.
+  };
+  static constexpr int kPatches = 12;  ///< Of a tile: all but the four in its middle.
 
-  static int rim_pixel(int x, int y);
-  RimFragment* tile_rim(int tile_x, int tile_y);
-  const RimFragment* tile_rim(int tile_x, int tile_y) const;
+  std::size_t tile_of(int tile_x, int tile_y) const {
+    return static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
+  }
+  Place place_of(int x, int y) const;
 
-  int tiles_x_ = 0, tiles_y_ = 0;
+  int width_ = 0, height_ = 0;  ///< The picture's.
+  int tiles_x_ = 0;
   int first_row_ = 0;  ///< Row of tiles in the picture that is stored first.
-  int layers_ = 0;
-  /// Tiles x layers x kRimPixels: of most pixels the first two are all that there is.
-  Array<RimFragment> fragments_;
+  /// All of a layer together: layers but the first two are hardly touched.
+  Array<Patch> patches_;
+  std::size_t layer_stride_ = 0;
+  Array<std::uint8_t> used_;  ///< Layers in use, by patch.
+  Array<TileInside> inside_;  ///< By tile.
 };
 
 /// Pixels whose edges depend on other tiles, until all tiles are drawn.
 struct OpenPixels {
-  struct Surface {
-    Fragment fragment;
-    bool looked;  ///< Whether `around` has been looked at.
-    EdgeNeighbors around;
-  };
   struct Pixel {
     int x, y;
-    std::size_t begin, end;  ///< Of its surfaces, nearest first.
-    Fragment rest;           ///< A merged fragment behind all of them; of weight 0: none.
+    std::size_t first;  ///< Place of its nearest fragment.
+    int count;          ///< Fragments, nearest first.
+    bool rest;          ///< A merged fragment follows that lies behind all of them.
   };
   std::vector<Pixel> pixels;
-  std::vector<Surface> surfaces;
+  std::vector<Fragment> fragments;
+
+  void clear() {
+    pixels.clear();
+    fragments.clear();
+  }
 };
 
 /// What resolve_pixel() makes of a pixel, when all tiles around are stored.

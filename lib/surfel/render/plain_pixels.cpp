@@ -2,7 +2,6 @@
 #include <cstddef>
 #include <cstdint>
 
-#include <surfel/render/edge_search.h>
 #include <surfel/render/plain_pixels.h>
 
 #undef HWY_TARGET_INCLUDE
@@ -120,12 +119,9 @@ Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers,
   return out;
 }
 
-/// Is the whole tile inside a surface? It shows one side of one everywhere, and the sums of rho
-/// are such that none of its pixels is taken for an edge that sees no other tile: an edge has less
-/// than kInsideShare of tau.
-bool shows_no_edge(const TileABuffer& tile) {
+TileInside inside_of(const TileABuffer& tile) {
   const D d;
-  if (tile.width < kTileSize || tile.height < kTileSize) return false;
+  if (tile.width < kTileSize || tile.height < kTileSize) return TileInside::kNo;
   const auto side = tag_bits(channel(tile, 0, 0, kTag), kFrontTag);
   V least = channel(tile, 0, 0, kWeight);
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
@@ -135,21 +131,12 @@ bool shows_no_edge(const TileABuffer& tile) {
     const auto other_side = hn::Xor(side, tag_bits(channel(tile, 0, pixel, kTag), kFrontTag));
     if (!hn::AllTrue(d, hn::Eq(behind, hn::Zero(d))) ||
         !hn::AllTrue(Tags(), hn::Eq(other_side, hn::Zero(Tags())))) {
-      return false;
+      return TileInside::kNo;
     }
   }
   const float low = hn::GetLane(hn::MinOfLanes(d, least));
-  return low > 0 && low >= kInsideShare * tile.full_weight;
-}
-
-/// The sum of rho from which on a fragment of each pixel is not at an edge: any, in a tile that
-/// shows none, but for the pixels from which other tiles are seen.
-void set_least_weights(const TileABuffer& tile, float* weights) {
-  std::fill_n(weights, kTilePixels, tile.edge_weight);
-  if (!shows_no_edge(tile)) return;
-  for (int y = kEdgeReach; y < kTileSize - kEdgeReach; ++y) {
-    for (int x = kEdgeReach; x < kTileSize - kEdgeReach; ++x) weights[tile_pixel(x, y)] = 0;
-  }
+  if (!(low > 0 && low >= kInsideShare * tile.full_weight)) return TileInside::kNo;
+  return hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
 }
 
 /// Lights fragments of a vector of pixels as Shader::shade() does.
@@ -240,14 +227,14 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const V zero = hn::Zero(d);
   const V one = hn::Set(d, 1);
   const V full_weight = hn::Set(d, tile.full_weight);
-  HWY_ALIGN float least_weights[kTilePixels];
-  set_least_weights(tile, least_weights);
+  out.inside = inside_of(tile);
+  // The sum of rho from which on a fragment is not at an edge.
+  const V least_weight = out.inside == TileInside::kNo ? hn::Set(d, tile.edge_weight) : hn::Zero(d);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
   float sum = 0;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const FragmentCount fragments = count_fragments(tile, pixel);
-    const V least_weight = hn::Load(d, least_weights + pixel);
     M plain = hn::Eq(zero, zero);
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());

@@ -111,7 +111,8 @@ struct Renderer::Impl {
   Rgba backdrop() const;
   void put(PixelResult result, float* out) const;
   void resolve(TileABuffer& tile, const Compositor::Worker* background, OpenPixels& open,
-               Image& image) const;
+               Image& image);
+  void mend_inside_tiles(const Frame& frame, const TileABuffer& weights, Image& image) const;
   void resolve_open(const Frame& frame, Image& image);
   void finish(FrameStatistics& statistics);
 };
@@ -170,14 +171,16 @@ void Renderer::Impl::put(PixelResult result, float* out) const {
   }
 }
 
-/// Resolves the pixels of a tile, but for the ones that depend on other tiles.
+/// Resolves the pixels of a tile, but for the ones that depend on other tiles, and stores the tile
+/// for those.
 void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
-                             OpenPixels& open, Image& image) const {
+                             OpenPixels& open, Image& image) {
   const Rgba behind = backdrop();
   std::optional<PlainPixels> plain;
   if (!options.aovs && !background && !tile.shader->has_environment()) {
     plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
+  rims.store(tile, plain ? plain->inside : TileInside::kNo);
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
@@ -221,34 +224,64 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   }
 }
 
+/// Mends the pixels of tiles inside surfaces that the tiles around show to be at an edge after all.
+/// The picture of a lone fragment's pixel is linear in its coverage.
+void Renderer::Impl::mend_inside_tiles(const Frame& frame, const TileABuffer& weights,
+                                       Image& image) const {
+  const Rgba behind = backdrop();
+  const auto [first_row, last_row] = frame.known_rows(kEdgeReach);
+  const int tile_rows = tiles_along(last_row) - first_row / kTileSize;
+  parallel_for(
+      tile_rows, 1,
+      [&, first_row = first_row, last_row = last_row](std::size_t begin, std::size_t, int) {
+        const int tile_y = first_row / kTileSize + static_cast<int>(begin);
+        for (int tile_x = 0; tile_x < frame.band.tiles_x; ++tile_x) {
+          const TileRims::Sides open = rims.open_sides(tile_x, tile_y);
+          if (!open.any()) continue;
+          for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+            if (!open.near(tile_pixel_x(pixel), tile_pixel_y(pixel))) continue;
+            const int x = tile_x * kTileSize + tile_pixel_x(pixel);
+            const int y = tile_y * kTileSize + tile_pixel_y(pixel);
+            if (y < first_row || y >= last_row) continue;
+            const float change = rims.coverage_change(weights, x, y);
+            if (change == 1) continue;
+            float* out = image.pixel(x, y);
+            for (const float back : {behind.red, behind.green, behind.blue, behind.alpha}) {
+              *out = back + (*out - back) * change;
+              ++out;
+            }
+          }
+        }
+      });
+}
+
 /// Resolves the pixels that wait for other tiles, but for those that wait for the next band.
 void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;
-  const bool last = frame.band.y1 == image.height;
-  const auto waits = [&](const OpenPixels::Pixel& pixel) {
-    return !last && pixel.y >= frame.band.y1 - kEdgeReach;
-  };
+  mend_inside_tiles(frame, tile, image);
+  const int last_row = frame.known_rows(kEdgeReach).second;
   workers.for_each([&](Worker& worker) {
     const OpenPixels& open = worker.open;
     constexpr std::size_t kGrain = 256;
     parallel_for(open.pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         const OpenPixels::Pixel& pixel = open.pixels[i];
-        if (waits(pixel)) continue;
+        if (pixel.y >= last_row) continue;
         put(resolve_open_pixel(tile, open, pixel, rims), image.pixel(pixel.x, pixel.y));
       }
     });
     OpenPixels left;
     for (OpenPixels::Pixel pixel : open.pixels) {
-      if (!waits(pixel)) continue;
-      const auto surfaces = std::span(open.surfaces).subspan(pixel.begin, pixel.end - pixel.begin);
-      pixel.begin = left.surfaces.size();
-      left.surfaces.insert(left.surfaces.end(), surfaces.begin(), surfaces.end());
-      pixel.end = left.surfaces.size();
+      if (pixel.y < last_row) continue;
+      const auto fragments =
+          std::span(open.fragments).subspan(pixel.first, pixel.count + (pixel.rest ? 1 : 0));
+      pixel.first = left.fragments.size();
+      left.fragments.insert(left.fragments.end(), fragments.begin(), fragments.end());
       left.pixels.push_back(pixel);
     }
-    worker.open = std::move(left);
+    worker.open.clear();
+    if (!left.pixels.empty()) worker.open = std::move(left);
   });
 }
 
@@ -297,7 +330,6 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
         tile.merges = {};
         draw_tile(tile, x, y, w);
         if (last && end == clusters) {
-          rims.store(tile);
           resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr,
                   worker.open, image);
         }
@@ -333,7 +365,7 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
   statistics.clusters += most;
   const Frame frame{camera, shader, band, BlockGrid(band, most * RenderCloud::kClusterSize)};
   stages.add("cull", timer.milliseconds());
-  rims.begin(band.tiles_x, band.tiles_y, band.y0 / kTileSize, blank_tile.layout.layers);
+  rims.begin(camera, band, blank_tile.layout.layers);
   const std::span<VisibleCluster> clusters = seen.front();
   const std::size_t size =
       std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
@@ -362,7 +394,7 @@ void Renderer::Impl::begin(const Camera& camera) {
   compositor->begin(camera);
   workers.for_each([](Worker& worker) {
     worker.merges = {};
-    worker.open = {};
+    worker.open.clear();
   });
 }
 
