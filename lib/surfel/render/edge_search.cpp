@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -7,43 +8,41 @@
 namespace surfel {
 namespace {
 
-/// Fragments of a pixel: pointers to the first one's channels.
-struct PixelLayers {
-  const float *weight, *depth, *tag;
-  std::size_t stride;  ///< From one fragment to the next.
-  int count;           ///< Most fragments; the first one of weight 0 ends them, too.
+/// Finds the fragment of another pixel that continues a fragment: of the same side, nearest in
+/// depth.
+class Continuation {
+ public:
+  explicit Continuation(const Fragment& fragment)
+      : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
+
+  /// \param depth  Sum of rho * depth.
+  void offer(float weight, float depth, bool front) {
+    if (front != front_) return;
+    const float distance = std::abs(depth / weight - depth_);
+    if (!(distance < least_)) return;
+    least_ = distance;
+    weight_ = weight;
+  }
+  /// Its sum of rho; 0 if there is none.
+  float weight() const { return weight_; }
+  bool front() const { return front_; }
+
+ private:
+  float depth_;
+  bool front_;
+  float least_ = std::numeric_limits<float>::infinity();
+  float weight_ = 0;
 };
 
-/// The sum of rho of the fragment that continues a fragment in another pixel, of the same side and
-/// nearest in depth; 0 if there is none.
-float continued_weight(const PixelLayers& layers, const Fragment& fragment) {
-  const float depth = front_depth(fragment);
-  const bool front = shows_front(fragment.channel[kTag]);
-  float least = std::numeric_limits<float>::infinity();
-  float found = 0;
-  for (std::size_t i = 0; i < layers.count * layers.stride; i += layers.stride) {
-    const float weight = layers.weight[i];
-    if (weight == 0) break;
-    if (weight < 0 || shows_front(layers.tag[i]) != front) continue;
-    const float distance = std::abs(layers.depth[i] / weight - depth);
-    if (distance >= least) continue;
-    least = distance;
-    found = weight;
-  }
-  return found;
-}
-
-/// The sums around a fragment of pixel (x, y).
-/// \param layers_at  The PixelLayers of a pixel of the picture.
-template <class LayersAt>
-EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, int picture_width,
-                          int picture_height, const LayersAt& layers_at) {
+/// The sums around a fragment of pixel (x, y) in a picture of some size.
+/// \param weight_at  The sum of the fragment that continues it in another pixel.
+template <class WeightAt>
+EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, const std::array<int, 2>& size,
+                          const WeightAt& weight_at) {
   EdgeNeighbors around;
   const auto look = [&](int column, int row) {
-    if (column < 0 || column >= picture_width || row < 0 || row >= picture_height) {
-      return EdgeNeighbors::kOutside;
-    }
-    return continued_weight(layers_at(column, row), fragment);
+    const bool outside = column < 0 || column >= size[0] || row < 0 || row >= size[1];
+    return outside ? EdgeNeighbors::kOutside : weight_at(column, row);
   };
   around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
   for (int step = -kEdgeReach; step <= kEdgeReach; ++step) {
@@ -62,21 +61,31 @@ bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment) {
 }
 
 bool sees_other_tiles(const TileABuffer& tile, int pixel) {
-  const TileRims::Sides inner{.left = tile.x0 > 0,
-                              .right = tile.x0 + kTileSize<tile.picture_width, .top = tile.y0> 0,
-                              .bottom = tile.y0 + kTileSize < tile.picture_height};
-  return inner.near(tile_pixel_x(pixel), tile_pixel_y(pixel));
+  constexpr int kFar = kTileSize - kEdgeReach;
+  const int x = tile_pixel_x(pixel);
+  const int y = tile_pixel_y(pixel);
+  return (x < kEdgeReach && tile.x0 > 0) ||
+         (x >= kFar && tile.x0 + kTileSize < tile.picture_width) ||
+         (y < kEdgeReach && tile.y0 > 0) ||
+         (y >= kFar && tile.y0 + kTileSize < tile.picture_height);
 }
 
 EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel) {
-  const auto layers_at = [&](int x, int y) {
-    const float* first =
-        tile.fragment(0, static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0)));
-    return PixelLayers{first + kWeight * kPatchPixels, first + kDepth * kPatchPixels,
-                       first + kTag * kPatchPixels, tile.layout.layer_stride(), tile.layout.layers};
+  const auto weight_at = [&](int x, int y) {
+    const auto other = static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0));
+    Continuation continuation(fragment);
+    for (int layer = 0; layer < tile.layout.layers; ++layer) {
+      const float* channel = tile.fragment(layer, other);
+      const float weight = channel[kWeight * kPatchPixels];
+      if (weight == 0) break;
+      if (weight < 0) continue;
+      continuation.offer(weight, channel[kDepth * kPatchPixels],
+                         shows_front(channel[kTag * kPatchPixels]));
+    }
+    return continuation.weight();
   };
   return sums_around(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
-                     tile.picture_width, tile.picture_height, layers_at);
+                     {tile.picture_width, tile.picture_height}, weight_at);
 }
 
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around) {
@@ -107,14 +116,17 @@ void TileRims::begin(const Camera& camera, const Band& band, int layers) {
   if (row_before < 0) {
     const std::size_t all = tiles * (band.tiles_y + 1);
     layer_stride_ = all * kPatches;
-    patches_.resize(layer_stride_ * layers);
+    weights_.resize(layer_stride_ * layers);
+    depths_.resize(layer_stride_ * layers);
     used_.resize(layer_stride_);
     inside_.resize(all);
   } else {
     const std::size_t from = tiles * (row_before - first_row_);
-    for (int layer = 0; layer < layers; ++layer) {
-      Patch* const first = patches_.data() + layer * layer_stride_;
-      std::copy_n(first + from * kPatches, tiles * kPatches, first);
+    for (Array<Patch>* patches : {&weights_, &depths_}) {
+      for (int layer = 0; layer < layers; ++layer) {
+        Patch* const first = patches->data() + layer * layer_stride_;
+        std::copy_n(first + from * kPatches, tiles * kPatches, first);
+      }
     }
     std::copy_n(used_.begin() + from * kPatches, tiles * kPatches, used_.begin());
     std::copy_n(inside_.begin() + from, tiles, inside_.begin());
@@ -137,54 +149,104 @@ TileRims::Place TileRims::place_of(int x, int y) const {
 void TileRims::store(const TileABuffer& tile, TileInside inside) {
   constexpr int kFar = kTileSize - kStripWidth;
   inside_[tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize)] = inside;
-  for (int x = 0; x < kTileSize; x += kStripWidth) {
-    for (int y = 0; y < kTileSize; y += x == 0 || x == kFar ? kStripWidth : kFar) {
-      const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
-      const float* from = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
-      int layer = 0;
-      for (; layer < tile.layout.layers; ++layer, from += tile.layout.layer_stride()) {
-        if (std::all_of(from, from + kPatchPixels, [](float weight) { return weight == 0; })) break;
-        Patch& to = patches_[layer * layer_stride_ + patch];
-        std::copy_n(from + kWeight * kPatchPixels, kPatchPixels, to.weight.begin());
-        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, to.depth.begin());
-        std::copy_n(from + kTag * kPatchPixels, kPatchPixels, to.tag.begin());
+  const auto store_patch = [&](int x, int y) {
+    const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
+    const std::size_t stride = tile.layout.layer_stride();
+    const float* const first = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
+    const auto in_use = [&](int layer) {
+      const float* weights = first + layer * stride + kWeight * kPatchPixels;
+      return std::any_of(weights, weights + kPatchPixels, [](float weight) { return weight != 0; });
+    };
+    int used = 0;
+    while (used < tile.layout.layers && in_use(used)) ++used;
+    used_[patch] = static_cast<std::uint8_t>(used);
+    for (int layer = 0; layer < used; ++layer) {
+      const float* const from = first + layer * stride;
+      Patch& to = weights_[layer * layer_stride_ + patch];
+      for (int i = 0; i < kPatchPixels; ++i) {
+        const float weight = from[kWeight * kPatchPixels + i];
+        const float merged = std::numeric_limits<float>::infinity();
+        to[i] = weight < 0 ? merged : shows_front(from[kTag * kPatchPixels + i]) ? weight : -weight;
       }
-      used_[patch] = static_cast<std::uint8_t>(layer);
+      if (used > 1) {
+        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels,
+                    depths_[layer * layer_stride_ + patch].begin());
+      }
     }
+  };
+  for (int x = 0; x < kTileSize; x += kStripWidth) {
+    for (int y = 0; y < kTileSize; y += x == 0 || x == kFar ? kStripWidth : kFar) store_patch(x, y);
   }
 }
 
 EdgeNeighbors TileRims::look_around(const Fragment& fragment, int x, int y) const {
-  return sums_around(fragment, x, y, width_, height_, [&](int column, int row) {
+  return sums_around(fragment, x, y, {width_, height_}, [&](int column, int row) {
     const auto [patch, pixel] = place_of(column, row);
-    const Patch& first = patches_[patch];
-    return PixelLayers{&first.weight[pixel], &first.depth[pixel], &first.tag[pixel],
-                       layer_stride_ * (sizeof(Patch) / sizeof(float)), used_[patch]};
+    const int used = used_[patch];
+    Continuation continuation(fragment);
+    for (int layer = 0; layer < used; ++layer) {
+      const std::size_t place = layer * layer_stride_ + patch;
+      const float weight = weights_[place][pixel];
+      if (weight == 0) break;
+      if (std::isinf(weight)) continue;
+      if (used == 1) return (weight > 0) == continuation.front() ? std::abs(weight) : 0.0F;
+      continuation.offer(std::abs(weight), depths_[place][pixel], weight > 0);
+    }
+    return continuation.weight();
   });
 }
 
-TileRims::Sides TileRims::open_sides(int tile_x, int tile_y) const {
-  const TileInside inside = inside_[tile_of(tile_x, tile_y)];
-  if (inside == TileInside::kNo) return {};
-  const auto open = [&](int x, int y) {
-    return x < 0 || x >= tiles_along(width_) || y < 0 || y >= tiles_along(height_) ||
-           inside_[tile_of(x, y)] != inside;
+/// Whether the tile of a pixel lies inside a surface and so do the tiles that the pixel sees.
+bool TileRims::inside_goes_on(int x, int y) const {
+  const TileInside inside = inside_[tile_of(x / kTileSize, y / kTileSize)];
+  if (inside == TileInside::kNo) return false;
+  const auto same = [&](int column, int row) {
+    return column >= 0 && column < width_ && row >= 0 && row < height_ &&
+           inside_[tile_of(column / kTileSize, row / kTileSize)] == inside;
   };
-  return {.left = open(tile_x - 1, tile_y),
-          .right = open(tile_x + 1, tile_y),
-          .top = open(tile_x, tile_y - 1),
-          .bottom = open(tile_x, tile_y + 1)};
+  return same(x - kEdgeReach, y) && same(x + kEdgeReach, y) && same(x, y - kEdgeReach) &&
+         same(x, y + kEdgeReach);
 }
 
-float TileRims::coverage_change(const TileABuffer& weights, int x, int y) const {
-  const auto [patch, pixel] = place_of(x, y);
+float TileRims::coverage_change(const TileABuffer& weights, const LoneFragment& lone) const {
+  if (inside_goes_on(lone.x, lone.y)) return 1;
   Fragment fragment{};
-  fragment.channel[kWeight] = patches_[patch].weight[pixel];
-  fragment.channel[kDepth] = patches_[patch].depth[pixel];
-  fragment.channel[kTag] = patches_[patch].tag[pixel];
-  if (!may_be_at_edge(weights, fragment)) return 1;
-  const float edge = edge_of(weights, fragment, look_around(fragment, x, y));
+  fragment.channel[kWeight] = lone.weight;
+  fragment.channel[kDepth] = lone.depth;
+  fragment.channel[kTag] = lone.tag;
+  const float edge = edge_of(weights, fragment, look_around(fragment, lone.x, lone.y));
   return weights.coverage(fragment, edge) / weights.coverage(fragment, 0);
+}
+
+void OpenPixels::add_lone(const TileABuffer& tile,
+                          const std::array<std::uint16_t, kTilePixels / kPatchPixels>& which) {
+  for (std::size_t patch = 0; patch < which.size(); ++patch) {
+    for (unsigned left = which[patch]; left != 0; left &= left - 1) {
+      const auto pixel = static_cast<int>(patch * kPatchPixels) + std::countr_zero(left);
+      const float* channel = tile.fragment(0, static_cast<std::size_t>(pixel));
+      lone.push_back({tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+                      channel[kWeight * kPatchPixels], channel[kDepth * kPatchPixels],
+                      channel[kTag * kPatchPixels]});
+    }
+  }
+}
+
+void OpenPixels::keep_from_row(int row) {
+  std::erase_if(lone, [&](const LoneFragment& fragment) { return fragment.y < row; });
+  std::erase_if(pixels, [&](const Pixel& pixel) { return pixel.y < row; });
+  std::vector<Fragment> kept;
+  for (Pixel& pixel : pixels) {
+    const auto first = fragments.begin() + static_cast<std::ptrdiff_t>(pixel.first);
+    pixel.first = kept.size();
+    kept.insert(kept.end(), first, first + pixel.count + (pixel.rest ? 1 : 0));
+  }
+  fragments.assign(kept.begin(), kept.end());
+}
+
+void OpenPixels::clear() {
+  pixels.clear();
+  fragments.clear();
+  lone.clear();
 }
 
 }  // namespace surfel

@@ -43,43 +43,29 @@ float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeigh
 /// kInsideShare of tau: no edge is seen where the tiles around show the same side so.
 enum class TileInside : std::uint8_t { kNo, kFront, kBack };
 
+/// The only fragment of a pixel near a tile's border, which may be at an edge.
+struct LoneFragment {
+  int x, y;                  ///< The pixel in the picture.
+  float weight, depth, tag;  ///< Channels of the A-buffer.
+};
+
 /// The fragments near the borders of a band's tiles, and of the last row of tiles of the band
 /// before. Tiles may be stored at once; nothing is stored while others read.
 class TileRims {
  public:
-  /// Sides of a tile where edges have to be looked for.
-  struct Sides {
-    bool left = false, right = false, top = false, bottom = false;
-
-    bool any() const { return left || right || top || bottom; }
-    /// Whether pixel (x, y) of the tile is within kEdgeReach of one of them.
-    bool near(int x, int y) const {
-      constexpr int kFar = kTileSize - kEdgeReach;
-      return (left && x < kEdgeReach) || (right && x >= kFar) || (top && y < kEdgeReach) ||
-             (bottom && y >= kFar);
-    }
-  };
-
   /// Begins a band of a picture, of which no later one has more rows than the first.
   void begin(const Camera& camera, const Band& band, int layers);
   void store(const TileABuffer& tile, TileInside inside);
 
   /// The sums around a fragment of a picture's pixel within kEdgeReach of a tile's border.
   EdgeNeighbors look_around(const Fragment& fragment, int x, int y) const;
-  /// The sides on which a tile that lies inside a surface has a neighbour that does not show the
-  /// same side of one, or the picture's border; none of a tile that does not lie inside.
-  /// \param tile_x, tile_y  Column and row of tiles in the picture.
-  Sides open_sides(int tile_x, int tile_y) const;
-  /// The coverage of a pixel near an open side of a tile inside a surface, by the coverage that it
-  /// has away from edges.
+  /// The coverage of a lone fragment, by the coverage that it has away from edges.
   /// \param weights  The picture's.
-  float coverage_change(const TileABuffer& weights, int x, int y) const;
+  float coverage_change(const TileABuffer& weights, const LoneFragment& lone) const;
 
  private:
-  /// A layer's fragments in the pixels of a patch: channels of the A-buffer.
-  struct Patch {
-    std::array<float, kPatchPixels> weight, depth, tag;
-  };
+  /// A layer's fragments in the pixels of a patch.
+  using Patch = std::array<float, kPatchPixels>;
   /// What is stored of a pixel.
   struct Place {
     std::size_t patch;
@@ -91,12 +77,15 @@ class TileRims {
     return static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
   }
   Place place_of(int x, int y) const;
+  bool inside_goes_on(int x, int y) const;
 
   int width_ = 0, height_ = 0;  ///< The picture's.
   int tiles_x_ = 0;
   int first_row_ = 0;  ///< Row of tiles in the picture that is stored first.
-  /// All of a layer together: layers but the first two are hardly touched.
-  Array<Patch> patches_;
+  /// Sums of rho, negative where the back is seen, infinite where fragments are merged. All of a
+  /// layer together: layers but the first two are hardly touched.
+  Array<Patch> weights_;
+  Array<Patch> depths_;  ///< Parallel; only of patches that have several layers in use.
   std::size_t layer_stride_ = 0;
   Array<std::uint8_t> used_;  ///< Layers in use, by patch.
   Array<TileInside> inside_;  ///< By tile.
@@ -112,11 +101,15 @@ struct OpenPixels {
   };
   std::vector<Pixel> pixels;
   std::vector<Fragment> fragments;
+  /// Pixels that are resolved as if they were at no edge.
+  std::vector<LoneFragment> lone;
 
-  void clear() {
-    pixels.clear();
-    fragments.clear();
-  }
+  /// Adds the lone fragments of some pixels of a tile, by patch, as bits.
+  void add_lone(const TileABuffer& tile,
+                const std::array<std::uint16_t, kTilePixels / kPatchPixels>& which);
+  /// Drops the pixels of the rows before one of the picture's.
+  void keep_from_row(int row);
+  void clear();
 };
 
 /// What resolve_pixel() makes of a pixel, when all tiles around are stored.

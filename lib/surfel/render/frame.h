@@ -2,9 +2,7 @@
 
 // The parts that a picture is drawn in: bands of rows, blocks of tiles.
 
-#include <algorithm>
 #include <cstddef>
-#include <utility>
 
 #include <surfel/render/splat.h>
 #include <surfel/scene/camera.h>
@@ -53,10 +51,9 @@ struct Frame {
   Band band;
   BlockGrid grid;
 
-  /// The rows of pixels, the first and one past the last, whose surroundings of `reach` rows are
-  /// drawn once this band is, and were not before.
-  std::pair<int, int> known_rows(int reach) const {
-    return {std::max(0, band.y0 - reach), band.y1 == camera.height ? band.y1 : band.y1 - reach};
+  /// One past the last row of pixels around which `reach` rows are drawn once this band is.
+  int end_of_surrounded_rows(int reach) const {
+    return band.y1 == camera.height ? band.y1 : band.y1 - reach;
   }
 };
 

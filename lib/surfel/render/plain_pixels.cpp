@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -139,6 +140,16 @@ TileInside inside_of(const TileABuffer& tile) {
   return hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
 }
 
+/// 1 for the pixels of a tile within kEdgeReach of its border, 0 for the others.
+alignas(64) constexpr std::array<float, kTilePixels> kNearBorder = [] {
+  std::array<float, kTilePixels> near{};
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    const auto is_near = [](int x) { return x < kEdgeReach || x >= kTileSize - kEdgeReach; };
+    near[pixel] = is_near(tile_pixel_x(pixel)) || is_near(tile_pixel_y(pixel)) ? 1.0F : 0.0F;
+  }
+  return near;
+}();
+
 /// Lights fragments of a vector of pixels as Shader::shade() does.
 class Lamps {
  public:
@@ -228,18 +239,22 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const V one = hn::Set(d, 1);
   const V full_weight = hn::Set(d, tile.full_weight);
   out.inside = inside_of(tile);
-  // The sum of rho from which on a fragment is not at an edge.
-  const V least_weight = out.inside == TileInside::kNo ? hn::Set(d, tile.edge_weight) : hn::Zero(d);
+  out.lone.fill(0);
+  const V edge_weight = hn::Set(d, tile.edge_weight);
+  const M whole = hn::Eq(zero, zero);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
   float sum = 0;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const FragmentCount fragments = count_fragments(tile, pixel);
-    M plain = hn::Eq(zero, zero);
+    const M lone =
+        hn::And(hn::Eq(fragments.count, one), hn::Ne(hn::Load(d, &kNearBorder[pixel]), zero));
+    M plain = whole;
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};
     V opacity = zero;
+    M waits = hn::Ne(zero, zero);  // For other tiles, to be at an edge or not.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -248,7 +263,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const M unmerged = hn::Gt(at.weight, zero);
       const M not_filtered =
           hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
-      const M no_edge = hn::Or(not_filtered, hn::Ge(at.weight, least_weight));
+      // Inside a tile that lies inside a surface there is no edge.
+      const M known = hn::Or(not_filtered, hn::Ge(at.weight, edge_weight));
+      const M no_edge = hn::Or(known, out.inside == TileInside::kNo ? lone : whole);
+      if (i == 0) waits = hn::AndNot(known, hn::And(lone, unmerged));
       // Of equally near ones there is but one behind the depths before.
       open = hn::And(open, hn::Or(merged, hn::And(unmerged, no_edge)));
       const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
@@ -290,6 +308,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
                           over(color.z, background.blue), over(opacity, background.alpha), d,
                           &out.color[pixel].red);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
+    std::uint8_t bits[8] = {};  // As many as may be written.
+    hn::StoreMaskBits(d, hn::And(plain, waits), bits);
+    out.lone[pixel / kPatchPixels] |=
+        static_cast<std::uint16_t>((bits[0] | bits[1] << 8U) << pixel % kPatchPixels);
   }
   tile.merges.total_weight += sum;
 }

@@ -112,7 +112,6 @@ struct Renderer::Impl {
   void put(PixelResult result, float* out) const;
   void resolve(TileABuffer& tile, const Compositor::Worker* background, OpenPixels& open,
                Image& image);
-  void mend_inside_tiles(const Frame& frame, const TileABuffer& weights, Image& image) const;
   void resolve_open(const Frame& frame, Image& image);
   void finish(FrameStatistics& statistics);
 };
@@ -181,6 +180,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
     plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
+  if (plain) open.add_lone(tile, plain->lone);
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
@@ -224,64 +224,34 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   }
 }
 
-/// Mends the pixels of tiles inside surfaces that the tiles around show to be at an edge after all.
-/// The picture of a lone fragment's pixel is linear in its coverage.
-void Renderer::Impl::mend_inside_tiles(const Frame& frame, const TileABuffer& weights,
-                                       Image& image) const {
-  const Rgba behind = backdrop();
-  const auto [first_row, last_row] = frame.known_rows(kEdgeReach);
-  const int tile_rows = tiles_along(last_row) - first_row / kTileSize;
-  parallel_for(
-      tile_rows, 1,
-      [&, first_row = first_row, last_row = last_row](std::size_t begin, std::size_t, int) {
-        const int tile_y = first_row / kTileSize + static_cast<int>(begin);
-        for (int tile_x = 0; tile_x < frame.band.tiles_x; ++tile_x) {
-          const TileRims::Sides open = rims.open_sides(tile_x, tile_y);
-          if (!open.any()) continue;
-          for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-            if (!open.near(tile_pixel_x(pixel), tile_pixel_y(pixel))) continue;
-            const int x = tile_x * kTileSize + tile_pixel_x(pixel);
-            const int y = tile_y * kTileSize + tile_pixel_y(pixel);
-            if (y < first_row || y >= last_row) continue;
-            const float change = rims.coverage_change(weights, x, y);
-            if (change == 1) continue;
-            float* out = image.pixel(x, y);
-            for (const float back : {behind.red, behind.green, behind.blue, behind.alpha}) {
-              *out = back + (*out - back) * change;
-              ++out;
-            }
-          }
-        }
-      });
-}
-
 /// Resolves the pixels that wait for other tiles, but for those that wait for the next band.
 void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;
-  mend_inside_tiles(frame, tile, image);
-  const int last_row = frame.known_rows(kEdgeReach).second;
-  workers.for_each([&](Worker& worker) {
-    const OpenPixels& open = worker.open;
-    constexpr std::size_t kGrain = 256;
-    parallel_for(open.pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  const int end_row = frame.end_of_surrounded_rows(kEdgeReach);
+  constexpr std::size_t kGrain = 256;  // Pixels: tens of microseconds' work.
+  const auto for_each_surrounded = [&](const auto& pixels, const auto& body) {
+    parallel_for(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
-        const OpenPixels::Pixel& pixel = open.pixels[i];
-        if (pixel.y >= last_row) continue;
-        put(resolve_open_pixel(tile, open, pixel, rims), image.pixel(pixel.x, pixel.y));
+        if (pixels[i].y < end_row) body(pixels[i], image.pixel(pixels[i].x, pixels[i].y));
       }
     });
-    OpenPixels left;
-    for (OpenPixels::Pixel pixel : open.pixels) {
-      if (pixel.y < last_row) continue;
-      const auto fragments =
-          std::span(open.fragments).subspan(pixel.first, pixel.count + (pixel.rest ? 1 : 0));
-      pixel.first = left.fragments.size();
-      left.fragments.insert(left.fragments.end(), fragments.begin(), fragments.end());
-      left.pixels.push_back(pixel);
-    }
-    worker.open.clear();
-    if (!left.pixels.empty()) worker.open = std::move(left);
+  };
+  workers.for_each([&](Worker& worker) {
+    OpenPixels& open = worker.open;
+    for_each_surrounded(open.pixels, [&](const OpenPixels::Pixel& pixel, float* out) {
+      put(resolve_open_pixel(tile, open, pixel, rims), out);
+    });
+    for_each_surrounded(open.lone, [&](const LoneFragment& lone, float* out) {
+      // What a pixel shows of its only fragment is proportional to the coverage.
+      const float change = rims.coverage_change(tile, lone);
+      const Rgba behind = backdrop();
+      for (const float back : {behind.red, behind.green, behind.blue, behind.alpha}) {
+        *out = back + (*out - back) * change;
+        ++out;
+      }
+    });
+    open.keep_from_row(end_row);
   });
 }
 
