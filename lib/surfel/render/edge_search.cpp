@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include <surfel/render/edge_search.h>
@@ -33,6 +34,29 @@ class Continuation {
   float least_ = std::numeric_limits<float>::infinity();
   float weight_ = 0;
 };
+
+/// Whether there is a fragment of a layer in a patch. \param layer  Its weights.
+/// Bits are added up without a branch, so that compilers use vectors.
+bool is_used(const float* layer) {
+  std::uint32_t all = 0;
+  for (int i = 0; i < kPatchPixels; ++i) all |= std::bit_cast<std::uint32_t>(layer[i]);
+  return all != 0;
+}
+
+/// The weights of a layer in a patch as TileRims keeps them: negative where the back is seen,
+/// infinite where fragments are merged, again without a branch. \param layer  Its weights.
+void sign_weights(const float* layer, float* __restrict out) {
+  constexpr std::uint32_t kInfinity =
+      std::bit_cast<std::uint32_t>(std::numeric_limits<float>::infinity());
+  static_assert(kFrontTag == 1);
+  for (int i = 0; i < kPatchPixels; ++i) {
+    const auto weight = std::bit_cast<std::uint32_t>(layer[kWeight * kPatchPixels + i]);
+    const auto tag = std::bit_cast<std::uint32_t>(layer[kTag * kPatchPixels + i]);
+    const std::uint32_t merged = 0 - (weight >> 31);  // All bits, or none.
+    const std::uint32_t with_side = weight ^ (~tag << 31);
+    out[i] = std::bit_cast<float>((with_side & ~merged) | (kInfinity & merged));
+  }
+}
 
 /// The sums around a fragment of pixel (x, y) in a picture of some size.
 /// \param weight_at  The sum of the fragment that continues it in another pixel.
@@ -149,28 +173,23 @@ TileRims::Place TileRims::place_of(int x, int y) const {
 void TileRims::store(const TileABuffer& tile, TileInside inside) {
   constexpr int kFar = kTileSize - kStripWidth;
   inside_[tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize)] = inside;
+  const std::size_t stride = tile.layout.layer_stride();
   const auto store_patch = [&](int x, int y) {
     const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
-    const std::size_t stride = tile.layout.layer_stride();
     const float* const first = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
-    const auto in_use = [&](int layer) {
-      const float* weights = first + layer * stride + kWeight * kPatchPixels;
-      return std::any_of(weights, weights + kPatchPixels, [](float weight) { return weight != 0; });
-    };
     int used = 0;
-    while (used < tile.layout.layers && in_use(used)) ++used;
+    if (inside != TileInside::kNo) {
+      used = 1;
+    } else {
+      while (used < tile.layout.layers && is_used(first + used * stride)) ++used;
+    }
     used_[patch] = static_cast<std::uint8_t>(used);
     for (int layer = 0; layer < used; ++layer) {
       const float* const from = first + layer * stride;
-      Patch& to = weights_[layer * layer_stride_ + patch];
-      for (int i = 0; i < kPatchPixels; ++i) {
-        const float weight = from[kWeight * kPatchPixels + i];
-        const float merged = std::numeric_limits<float>::infinity();
-        to[i] = weight < 0 ? merged : shows_front(from[kTag * kPatchPixels + i]) ? weight : -weight;
-      }
+      const std::size_t to = layer * layer_stride_ + patch;
+      sign_weights(from, weights_[to].data());
       if (used > 1) {
-        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels,
-                    depths_[layer * layer_stride_ + patch].begin());
+        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, depths_[to].begin());
       }
     }
   };

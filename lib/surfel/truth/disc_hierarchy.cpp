@@ -1,13 +1,19 @@
 #include <algorithm>
+#include <array>
 #include <limits>
+#include <numeric>
+#include <utility>
 
 #include <surfel/truth/disc_hierarchy.h>
 
 namespace surfel {
 namespace {
 
-using Box = Eigen::AlignedBox3d;
-using Bound = DiscHierarchy::Bound;
+constexpr std::uint32_t kLeafSize = 4;
+
+Vec3d center_of(const RenderCloud& cloud, std::uint32_t i) {
+  return {cloud.x[i], cloud.y[i], cloud.z[i]};
+}
 
 /// Whether the beam meets the box, rounded towards yes. Along each axis, the beam's ball at t is
 /// within reach of a side of the box where a t <= b, with a = +-direction - spread: six half lines
@@ -34,7 +40,16 @@ bool meets(const Beam& beam, double slack, const Eigen::AlignedBox3d& box) {
   return from <= to;
 }
 
-Box bound_of(const RenderCloud& cloud, std::size_t i, double reach, Bound bound) {
+}  // namespace
+
+DiscHierarchy::DiscHierarchy(const RenderCloud& cloud, double reach, Bound bound)
+    : order_(cloud.size()) {
+  std::iota(order_.begin(), order_.end(), 0U);
+  if (!order_.empty()) build(cloud, reach, bound, 0, static_cast<std::uint32_t>(order_.size()));
+}
+
+DiscHierarchy::Box DiscHierarchy::bound_of(const RenderCloud& cloud, std::uint32_t i, double reach,
+                                           Bound bound) {
   const double u = reach * cloud.deviation_u[i];
   const double v = cloud.anisotropic() ? reach * cloud.deviation_v[i] : u;
   const Vec3d n(cloud.normal_x[i], cloud.normal_y[i], cloud.normal_z[i]);
@@ -51,33 +66,59 @@ Box bound_of(const RenderCloud& cloud, std::size_t i, double reach, Bound bound)
   }
   // Normals and tangents are unit and perpendicular to single precision only.
   half.array() += 1e-6 * std::max(u, v);
-  const Vec3d center(cloud.x[i], cloud.y[i], cloud.z[i]);
+  const Vec3d center = center_of(cloud, i);
   return {Vec3d(center - half), Vec3d(center + half)};
 }
 
-}  // namespace
-
-DiscHierarchy::DiscHierarchy(const RenderCloud& cloud, double reach, Bound bound)
-    : tree_(cloud.size(), [&](std::size_t i) {
-        Node node;
-        node.add(bound_of(cloud, i, reach, bound));
-        return node;
-      }) {
-  if (tree_.node_count() == 0) return;
-  const Node& root = tree_.leaf(tree_.node_count() - 1);
-  largest_coordinate_ = root.min().cwiseAbs().maxCoeff() + root.max().cwiseAbs().maxCoeff();
+void DiscHierarchy::build(const RenderCloud& cloud, double reach, Bound bound, std::uint32_t begin,
+                          std::uint32_t end) {
+  const std::size_t at = nodes_.size();
+  nodes_.push_back({Box(), begin, end, 0});
+  if (end - begin <= kLeafSize) {
+    for (std::uint32_t k = begin; k < end; ++k) {
+      nodes_[at].box.extend(bound_of(cloud, order_[k], reach, bound));
+    }
+    return;
+  }
+  Box centers;
+  for (std::uint32_t k = begin; k < end; ++k) centers.extend(center_of(cloud, order_[k]));
+  int axis = 0;
+  centers.sizes().maxCoeff(&axis);
+  const Array<float>& coordinate = axis == 0 ? cloud.x : axis == 1 ? cloud.y : cloud.z;
+  const std::uint32_t middle = begin + (end - begin) / 2;
+  std::nth_element(order_.begin() + begin, order_.begin() + middle, order_.begin() + end,
+                   [&](std::uint32_t a, std::uint32_t b) {
+                     return std::pair(coordinate[a], a) < std::pair(coordinate[b], b);
+                   });
+  build(cloud, reach, bound, begin, middle);
+  const std::size_t second = nodes_.size();
+  build(cloud, reach, bound, middle, end);
+  nodes_[at].second_child = static_cast<std::uint32_t>(second);
+  nodes_[at].box = nodes_[at + 1].box.merged(nodes_[second].box);
 }
 
 void DiscHierarchy::for_each(const Beam& beam,
                              FunctionRef<void(std::uint32_t surfel)> visit) const {
+  if (nodes_.empty()) return;
   // A beam from afar is rounded in units of its own coordinates.
-  const double slack = 1e-14 * (beam.origin.cwiseAbs().maxCoeff() + largest_coordinate_);
-  tree_.for_each_leaf([&](const Node& node) { return meets(beam, slack, node); },
-                      [&](std::size_t leaf) {
-                        tree_.for_each_item(leaf, [&](std::size_t item) {
-                          visit(static_cast<std::uint32_t>(item));
-                        });
-                      });
+  const double slack =
+      1e-14 * (beam.origin.cwiseAbs().maxCoeff() + nodes_[0].box.min().cwiseAbs().maxCoeff() +
+               nodes_[0].box.max().cwiseAbs().maxCoeff());
+  // Halving 2^32 surfels ends after 32 levels; each leaves one node for later.
+  std::array<std::uint32_t, 40> later;
+  std::size_t count = 0;
+  later[count++] = 0;
+  while (count > 0) {
+    const std::uint32_t at = later[--count];
+    const Node& node = nodes_[at];
+    if (!meets(beam, slack, node.box)) continue;
+    if (node.second_child == 0) {
+      for (std::uint32_t k = node.begin; k < node.end; ++k) visit(order_[k]);
+    } else {
+      later[count++] = node.second_child;
+      later[count++] = at + 1;
+    }
+  }
 }
 
 }  // namespace surfel

@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <vector>
 
-#include <surfel/base/box_tree.h>
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
@@ -20,8 +20,10 @@ struct Beam {
   double spread = 0;  ///< Scene units per t, >= 0.
 };
 
-/// Boxes around a cloud's discs, in double, in a tree along the space-filling curve that orders the
-/// cloud. Made once, asked by any number of threads. Memory: some 24 bytes for each surfel.
+/// Bounding volume hierarchy over a cloud's discs: a binary tree of boxes parallel to the axes,
+/// each split at the median of its discs' centres along the longest side. In double. Made once,
+/// asked by any number of threads. Memory: some 40 bytes for each surfel. A BoxTree
+/// (base/box_tree.h) takes longer: see lib/README.md.
 class SURFEL_API DiscHierarchy {
  public:
   enum class Bound {
@@ -37,11 +39,19 @@ class SURFEL_API DiscHierarchy {
   void for_each(const Beam& beam, FunctionRef<void(std::uint32_t surfel)> visit) const;
 
  private:
-  struct Node : Eigen::AlignedBox3d {
-    void add(const Eigen::AlignedBox3d& other) { extend(other); }
+  using Box = Eigen::AlignedBox3d;
+  /// A range of order_. Its first child is the next node.
+  struct Node {
+    Box box;
+    std::uint32_t begin, end;
+    std::uint32_t second_child;  ///< 0: a leaf.
   };
-  BoxTree<Node, 4, 2> tree_;
-  double largest_coordinate_ = 0;  ///< Of the boxes' corners, their absolute value.
+  static Box bound_of(const RenderCloud& cloud, std::uint32_t surfel, double reach, Bound bound);
+  void build(const RenderCloud& cloud, double reach, Bound bound, std::uint32_t begin,
+             std::uint32_t end);
+
+  std::vector<std::uint32_t> order_;
+  std::vector<Node> nodes_;  ///< Depth first; the root comes first.
 };
 
 }  // namespace surfel
