@@ -1,6 +1,7 @@
 #include <cmath>
 #include <cstring>
 #include <numbers>
+#include <string>
 #include <type_traits>
 
 #include <gtest/gtest.h>
@@ -337,6 +338,56 @@ TEST(MeshRenderer, RefusesTexturesThatDoNotFit) {
   TriangleMesh mesh;
   add_square(mesh, 0, 1);
   EXPECT_THROW(MeshRenderer(mesh, &textures, scene, {}), Error);
+}
+
+/// What a mesh is refused for; empty if it is not.
+std::string refusal(const TriangleMesh& mesh, const TextureSet* textures = nullptr) {
+  const Scene scene;
+  try {
+    const MeshRenderer renderer(mesh, textures, scene, unfiltered());
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(MeshRenderer, RefusesFacesThatNameWhatTheMeshLacks) {
+  TriangleMesh mesh = square();
+  EXPECT_NE(refusal(mesh).find("`face_material` of face 0 of the mesh is 0"), std::string::npos);
+  mesh.material.resize(2);
+  EXPECT_EQ(refusal(mesh), "");
+  mesh.face_material[1] = 2;
+  EXPECT_NE(refusal(mesh).find("`face_material` of face 1 of the mesh is 2"), std::string::npos);
+  mesh.face_material[1] = 1;
+  mesh.face[1][2] = 4;
+  EXPECT_NE(refusal(mesh).find("`face` of face 1 of the mesh is 4"), std::string::npos);
+}
+
+TEST(MeshRenderer, RefusesColumnsOfAnotherLength) {
+  const auto shorter = [](auto column) {
+    TriangleMesh mesh = square();
+    mesh.material.resize(1);
+    mesh.color.resize(4, Vec3f(1, 1, 1));
+    mesh.wedge_normal.resize(2);
+    EXPECT_EQ(refusal(mesh), "");
+    (mesh.*column).pop_back();
+    return refusal(mesh);
+  };
+  EXPECT_NE(shorter(&TriangleMesh::color).find("`color`"), std::string::npos);
+  EXPECT_NE(shorter(&TriangleMesh::wedge_uv).find("`wedge_uv`"), std::string::npos);
+  EXPECT_NE(shorter(&TriangleMesh::wedge_normal).find("`wedge_normal`"), std::string::npos);
+  EXPECT_NE(shorter(&TriangleMesh::face_material).find("`face_material`"), std::string::npos);
+}
+
+TEST(MeshRenderer, RefusesTextureSetsWithoutTheMapThatAFaceNeeds) {
+  const TriangleMesh mesh = square();
+  TextureSet textures = uniform_textures({{1, 0, 0, 1}});
+  textures.map_of_material = {0};
+  EXPECT_EQ(refusal(mesh, &textures), "");
+  textures.map_of_material = {1};
+  EXPECT_NE(refusal(mesh, &textures).find("`map_of_material`"), std::string::npos);
+  const TextureSet none;
+  EXPECT_NE(refusal(mesh, &none).find("no textures"), std::string::npos);
 }
 
 TEST(MeshRenderer, MeshWithoutFacesIsNotSeen) {

@@ -43,10 +43,9 @@ class FrontToBack {
       front_coverage_ = 0;
       return;
     }
-    const float full_weight = tile_.full_weight + (tile_.edge_weight - tile_.full_weight) * edge;
-    Rgba color = tile_.shader->shade(fragment, x_, y_, full_weight);
+    Rgba color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(edge));
     const bool front = shows_front(c[kTag]);
-    const float coverage = std::min(1.0F, c[kWeight] / full_weight);
+    const float coverage = tile_.coverage(fragment, edge);
     // With what it reflects, where there is something to reflect.
     const float opacity =
         tile_.shader->has_environment() ? color.alpha / coverage : c[kAlpha] / c[kWeight];
@@ -273,28 +272,25 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   const Sorted sorted(tile, pixel);
   const int x = tile.x0 + tile_pixel_x(pixel);
   const int y = tile.y0 + tile_pixel_y(pixel);
-  std::array<EdgeNeighbors, Sorted::kMost> around;
-  std::array<bool, Sorted::kMost> looked;
-  bool known = !waits;
+  bool look = false;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    looked[i] = may_be_at_edge(tile, fragment);
-    if (!looked[i]) continue;
-    around[i] = look_around(tile, fragment, pixel);
-    known = known && around[i].known();
+    look = look || may_be_at_edge(tile, fragment);
   }
-  if (!known) {
-    const std::size_t begin = open.surfaces.size();
-    for (int i = 0; i < sorted.count; ++i) {
-      open.surfaces.push_back({sorted[i], looked[i], looked[i] ? around[i] : EdgeNeighbors{}});
-    }
-    open.pixels.push_back({x, y, begin, open.surfaces.size(), rest});
+  if (waits || (look && sees_other_tiles(tile, pixel))) {
+    const bool has_rest = waits || is_merged(rest);
+    open.pixels.push_back({x, y, open.fragments.size(), sorted.count, has_rest});
+    for (int i = 0; i < sorted.count; ++i) open.fragments.push_back(sorted[i]);
+    if (has_rest) open.fragments.push_back(rest);
     return std::nullopt;
   }
   Resolver resolver(tile, x, y);
   for (int i = 0; i < sorted.count; ++i) {
-    resolver.add(sorted[i], looked[i] ? edge_of(tile, sorted[i], around[i]) : 0);
+    const Fragment& fragment = sorted[i];
+    resolver.add(fragment, may_be_at_edge(tile, fragment)
+                               ? edge_of(tile, fragment, look_around(tile, fragment, pixel))
+                               : 0);
   }
   return resolver.finish(rest);
 }
@@ -302,17 +298,15 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
 PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
                                const OpenPixels::Pixel& pixel, const TileRims& rims) {
   Resolver resolver(tile, pixel.x, pixel.y);
-  for (std::size_t i = pixel.begin; i < pixel.end; ++i) {
-    const OpenPixels::Surface& surface = open.surfaces[i];
-    float edge = 0;
-    if (surface.looked) {
-      EdgeNeighbors around = surface.around;
-      rims.complete(surface.fragment, pixel.x, pixel.y, around);
-      edge = edge_of(tile, surface.fragment, around);
-    }
-    resolver.add(surface.fragment, edge);
+  const Fragment* const fragments = open.fragments.data() + pixel.first;
+  for (int i = 0; i < pixel.count; ++i) {
+    const Fragment& fragment = fragments[i];
+    resolver.add(fragment,
+                 may_be_at_edge(tile, fragment)
+                     ? edge_of(tile, fragment, rims.look_around(fragment, pixel.x, pixel.y))
+                     : 0);
   }
-  return resolver.finish(pixel.rest);
+  return resolver.finish(pixel.rest ? fragments[pixel.count] : Fragment{});
 }
 
 }  // namespace surfel

@@ -2,6 +2,7 @@
 
 // SS01 section 6 and table 1; design notes in lib/README.md.
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -119,6 +120,15 @@ struct TileABuffer {
   float* fragment(int layer, std::size_t pixel) const {
     return data + layout.patch_stride() * (pixel / kPatchPixels) +
            layout.layer_stride() * static_cast<std::size_t>(layer) + pixel % kPatchPixels;
+  }
+  /// Share of a pixel that an unmerged fragment covers, 0..1.
+  /// \param edge  To what degree the pixel is at the edge of its surface, 0..1.
+  float coverage(const Fragment& fragment, float edge) const {
+    return std::min(1.0F, fragment.channel[kWeight] / weight_at_edge(edge));
+  }
+  /// The sum of rho from which on a surface covers a pixel.
+  float weight_at_edge(float edge) const {
+    return full_weight + (edge_weight - full_weight) * edge;
   }
   float& at(int layer, int channel, int pixel) {
     return fragment(layer, static_cast<std::size_t>(pixel))[channel * kPatchPixels];

@@ -21,7 +21,6 @@
 namespace surfel {
 
 struct Fragment;
-struct OpenPixels;
 class Shader;
 struct TileABuffer;
 struct TileJob;
@@ -84,10 +83,10 @@ class SURFEL_API Compositor {
   virtual void begin(const Camera& /*camera*/) {}
   /// The worker refers to this.
   virtual std::unique_ptr<Worker> make_worker() const = 0;
-  /// Completes the fragments of the open pixel `index` when all tiles have been drawn. Called for
-  /// different pixels at once.
-  virtual void complete(const Shader& /*shader*/, OpenPixels& /*open*/,
-                        std::size_t /*index*/) const {}
+  /// Completes the fragments of a pixel of the picture that waits, when all tiles have been drawn:
+  /// the A-buffer's, nearest first, and the one behind them. Called for different pixels at once.
+  virtual void complete(const Shader& /*shader*/, int /*x*/, int /*y*/,
+                        std::span<Fragment> /*fragments*/) const {}
 };
 
 /// A way to composite splats, with its own options. Immutable: any number of Renderers may share

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include <surfel/render/edge_search.h>
@@ -14,14 +16,17 @@ class Continuation {
   explicit Continuation(const Fragment& fragment)
       : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
 
+  /// \param depth  Sum of rho * depth.
   void offer(float weight, float depth, bool front) {
-    const float distance = std::abs(depth - depth_);
-    if (front != front_ || !(distance < least_)) return;
+    if (front != front_) return;
+    const float distance = std::abs(depth / weight - depth_);
+    if (!(distance < least_)) return;
     least_ = distance;
     weight_ = weight;
   }
   /// Its sum of rho; 0 if there is none.
   float weight() const { return weight_; }
+  bool front() const { return front_; }
 
  private:
   float depth_;
@@ -30,58 +35,81 @@ class Continuation {
   float weight_ = 0;
 };
 
-float weight_of_neighbor(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  Continuation continuation(fragment);
-  for (int layer = 0; layer < tile.layout.layers; ++layer) {
-    const float weight = tile.at(layer, kWeight, pixel);
-    if (weight == 0) break;
-    if (weight < 0) continue;
-    continuation.offer(weight, tile.at(layer, kDepth, pixel) / weight,
-                       shows_front(tile.at(layer, kTag, pixel)));
-  }
-  return continuation.weight();
+/// Whether there is a fragment of a layer in a patch. \param layer  Its weights.
+/// Bits are added up without a branch, so that compilers use vectors.
+bool is_used(const float* layer) {
+  std::uint32_t all = 0;
+  for (int i = 0; i < kPatchPixels; ++i) all |= std::bit_cast<std::uint32_t>(layer[i]);
+  return all != 0;
 }
 
-/// Calls visit(x, y, weight) for the pixels around (x, y), and their places in `around`.
-template <class Visit>
-void for_each_neighbor(int x, int y, EdgeNeighbors& around, const Visit& visit) {
+/// The weights of a layer in a patch as TileRims keeps them: negative where the back is seen,
+/// infinite where fragments are merged, again without a branch. \param layer  Its weights.
+void sign_weights(const float* layer, float* __restrict out) {
+  constexpr std::uint32_t kInfinity =
+      std::bit_cast<std::uint32_t>(std::numeric_limits<float>::infinity());
+  static_assert(kFrontTag == 1);
+  for (int i = 0; i < kPatchPixels; ++i) {
+    const auto weight = std::bit_cast<std::uint32_t>(layer[kWeight * kPatchPixels + i]);
+    const auto tag = std::bit_cast<std::uint32_t>(layer[kTag * kPatchPixels + i]);
+    const std::uint32_t merged = 0 - (weight >> 31);  // All bits, or none.
+    const std::uint32_t with_side = weight ^ (~tag << 31);
+    out[i] = std::bit_cast<float>((with_side & ~merged) | (kInfinity & merged));
+  }
+}
+
+/// The sums around a fragment of pixel (x, y) in a picture of some size.
+/// \param weight_at  The sum of the fragment that continues it in another pixel.
+template <class WeightAt>
+EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, const std::array<int, 2>& size,
+                          const WeightAt& weight_at) {
+  EdgeNeighbors around;
+  const auto look = [&](int column, int row) {
+    const bool outside = column < 0 || column >= size[0] || row < 0 || row >= size[1];
+    return outside ? EdgeNeighbors::kOutside : weight_at(column, row);
+  };
+  around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
   for (int step = -kEdgeReach; step <= kEdgeReach; ++step) {
     if (step == 0) continue;
-    visit(x + step, y, around.weight[0][kEdgeReach + step]);
-    visit(x, y + step, around.weight[1][kEdgeReach + step]);
+    around.weight[0][kEdgeReach + step] = look(x + step, y);
+    around.weight[1][kEdgeReach + step] = look(x, y + step);
   }
+  return around;
 }
 
 }  // namespace
-
-bool EdgeNeighbors::known() const {
-  return std::all_of(weight.begin(), weight.end(), [](const auto& line) {
-    return std::find(line.begin(), line.end(), kUnknown) == line.end();
-  });
-}
 
 bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment) {
   return !is_merged(fragment) && fragment.channel[kWeight] < tile.edge_weight &&
          is_filtered(fragment.channel[kTag]);
 }
 
-EdgeNeighbors look_around(TileABuffer& tile, const Fragment& fragment, int pixel) {
-  EdgeNeighbors around;
-  around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
-  const auto look = [&](int x, int y, float& weight) {
-    const int column = tile.x0 + x;
-    const int row = tile.y0 + y;
-    if (x >= 0 && x < tile.width && y >= 0 && y < tile.height) {
-      weight = weight_of_neighbor(tile, fragment, tile_pixel(x, y));
-    } else if (column < 0 || column >= tile.picture_width || row < 0 ||
-               row >= tile.picture_height) {
-      weight = EdgeNeighbors::kOutside;
-    } else {
-      weight = EdgeNeighbors::kUnknown;
+bool sees_other_tiles(const TileABuffer& tile, int pixel) {
+  constexpr int kFar = kTileSize - kEdgeReach;
+  const int x = tile_pixel_x(pixel);
+  const int y = tile_pixel_y(pixel);
+  return (x < kEdgeReach && tile.x0 > 0) ||
+         (x >= kFar && tile.x0 + kTileSize < tile.picture_width) ||
+         (y < kEdgeReach && tile.y0 > 0) ||
+         (y >= kFar && tile.y0 + kTileSize < tile.picture_height);
+}
+
+EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel) {
+  const auto weight_at = [&](int x, int y) {
+    const auto other = static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0));
+    Continuation continuation(fragment);
+    for (int layer = 0; layer < tile.layout.layers; ++layer) {
+      const float* channel = tile.fragment(layer, other);
+      const float weight = channel[kWeight * kPatchPixels];
+      if (weight == 0) break;
+      if (weight < 0) continue;
+      continuation.offer(weight, channel[kDepth * kPatchPixels],
+                         shows_front(channel[kTag * kPatchPixels]));
     }
+    return continuation.weight();
   };
-  for_each_neighbor(tile_pixel_x(pixel), tile_pixel_y(pixel), around, look);
-  return around;
+  return sums_around(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+                     {tile.picture_width, tile.picture_height}, weight_at);
 }
 
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around) {
@@ -105,77 +133,139 @@ float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeigh
                     1.0F);
 }
 
-void TileRims::begin(int tiles_x, int tiles_y, int first_row, int layers) {
-  const std::size_t row = static_cast<std::size_t>(tiles_x) * layers * kRimPixels;
+void TileRims::begin(const Camera& camera, const Band& band, int layers) {
+  const auto tiles = static_cast<std::size_t>(band.tiles_x);
   // A row more, for the last one of the band before.
-  Array<RimFragment> fragments;
-  if (first_row > 0) {
-    const RimFragment* const last = tile_rim(0, first_row - 1);
-    fragments.assign(last, last + row);
-  }
-  tiles_x_ = tiles_x;
-  tiles_y_ = tiles_y + 1;
-  first_row_ = first_row - 1;
-  layers_ = layers;
-  fragments_.resize(row * tiles_y_);
-  std::copy(fragments.begin(), fragments.end(), fragments_.begin());
-}
-
-int TileRims::rim_pixel(int x, int y) {
-  constexpr int kFar = kTileSize - kEdgeReach;
-  constexpr int kBetween = kTileSize - 2 * kEdgeReach;
-  if (y < kEdgeReach) return y * kTileSize + x;
-  if (y >= kFar) return (y - kBetween) * kTileSize + x;
-  return 2 * kEdgeReach * kTileSize + (y - kEdgeReach) * 2 * kEdgeReach +
-         (x < kEdgeReach ? x : x - kBetween);
-}
-
-TileRims::RimFragment* TileRims::tile_rim(int tile_x, int tile_y) {
-  const std::size_t tile = static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
-  return fragments_.data() + tile * layers_ * kRimPixels;
-}
-
-const TileRims::RimFragment* TileRims::tile_rim(int tile_x, int tile_y) const {
-  return const_cast<TileRims*>(this)->tile_rim(tile_x, tile_y);
-}
-
-void TileRims::store(const TileABuffer& tile) {
-  RimFragment* const rim = tile_rim(tile.x0 / kTileSize, tile.y0 / kTileSize);
-  const auto store_pixel = [&](int x, int y) {
-    const auto pixel = static_cast<std::size_t>(tile_pixel(x, y));
-    RimFragment* to = rim + rim_pixel(x, y);
-    RimFragment* const end = to + layers_ * kRimPixels;
-    for (int layer = 0; layer < layers_; ++layer) {
-      const float* fragment = tile.fragment(layer, pixel);
-      const float weight = fragment[kWeight * kPatchPixels];
-      if (weight == 0) break;
-      if (weight < 0) continue;
-      const bool front = shows_front(fragment[kTag * kPatchPixels]);
-      *to = {front ? weight : -weight, fragment[kDepth * kPatchPixels] / weight};
-      to += kRimPixels;
+  const int row_before = band.y0 / kTileSize - 1;
+  if (row_before < 0) {
+    const std::size_t all = tiles * (band.tiles_y + 1);
+    layer_stride_ = all * kPatches;
+    weights_.resize(layer_stride_ * layers);
+    depths_.resize(layer_stride_ * layers);
+    used_.resize(layer_stride_);
+    inside_.resize(all);
+  } else {
+    const std::size_t from = tiles * (row_before - first_row_);
+    for (Array<Patch>* patches : {&weights_, &depths_}) {
+      for (int layer = 0; layer < layers; ++layer) {
+        Patch* const first = patches->data() + layer * layer_stride_;
+        std::copy_n(first + from * kPatches, tiles * kPatches, first);
+      }
     }
-    if (to < end) to->weight = 0;
+    std::copy_n(used_.begin() + from * kPatches, tiles * kPatches, used_.begin());
+    std::copy_n(inside_.begin() + from, tiles, inside_.begin());
+  }
+  width_ = camera.width;
+  height_ = camera.height;
+  tiles_x_ = band.tiles_x;
+  first_row_ = row_before;
+}
+
+TileRims::Place TileRims::place_of(int x, int y) const {
+  constexpr int kNone = kPatches;
+  constexpr std::array<std::uint8_t, kTilePixels / kPatchPixels> kPlaces{
+      0, 1, 2, 3, 4, kNone, kNone, 5, 6, kNone, kNone, 7, 8, 9, 10, 11};
+  const int pixel = tile_pixel(x % kTileSize, y % kTileSize);
+  return {tile_of(x / kTileSize, y / kTileSize) * kPatches + kPlaces[pixel / kPatchPixels],
+          static_cast<std::size_t>(pixel % kPatchPixels)};
+}
+
+void TileRims::store(const TileABuffer& tile, TileInside inside) {
+  constexpr int kFar = kTileSize - kStripWidth;
+  inside_[tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize)] = inside;
+  const std::size_t stride = tile.layout.layer_stride();
+  const auto store_patch = [&](int x, int y) {
+    const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
+    const float* const first = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
+    int used = 0;
+    if (inside != TileInside::kNo) {
+      used = 1;
+    } else {
+      while (used < tile.layout.layers && is_used(first + used * stride)) ++used;
+    }
+    used_[patch] = static_cast<std::uint8_t>(used);
+    for (int layer = 0; layer < used; ++layer) {
+      const float* const from = first + layer * stride;
+      const std::size_t to = layer * layer_stride_ + patch;
+      sign_weights(from, weights_[to].data());
+      if (used > 1) {
+        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, depths_[to].begin());
+      }
+    }
   };
-  for (int y = 0; y < kTileSize; ++y) {
-    const bool whole = y < kEdgeReach || y >= kTileSize - kEdgeReach;
-    for (int x = 0; x < kTileSize; ++x) {
-      if (!whole && x == kEdgeReach) x = kTileSize - kEdgeReach;
-      store_pixel(x, y);
+  for (int x = 0; x < kTileSize; x += kStripWidth) {
+    for (int y = 0; y < kTileSize; y += x == 0 || x == kFar ? kStripWidth : kFar) store_patch(x, y);
+  }
+}
+
+EdgeNeighbors TileRims::look_around(const Fragment& fragment, int x, int y) const {
+  return sums_around(fragment, x, y, {width_, height_}, [&](int column, int row) {
+    const auto [patch, pixel] = place_of(column, row);
+    const int used = used_[patch];
+    Continuation continuation(fragment);
+    for (int layer = 0; layer < used; ++layer) {
+      const std::size_t place = layer * layer_stride_ + patch;
+      const float weight = weights_[place][pixel];
+      if (weight == 0) break;
+      if (std::isinf(weight)) continue;
+      if (used == 1) return (weight > 0) == continuation.front() ? std::abs(weight) : 0.0F;
+      continuation.offer(std::abs(weight), depths_[place][pixel], weight > 0);
+    }
+    return continuation.weight();
+  });
+}
+
+/// Whether the tile of a pixel lies inside a surface and so do the tiles that the pixel sees.
+bool TileRims::inside_goes_on(int x, int y) const {
+  const TileInside inside = inside_[tile_of(x / kTileSize, y / kTileSize)];
+  if (inside == TileInside::kNo) return false;
+  const auto same = [&](int column, int row) {
+    return column >= 0 && column < width_ && row >= 0 && row < height_ &&
+           inside_[tile_of(column / kTileSize, row / kTileSize)] == inside;
+  };
+  return same(x - kEdgeReach, y) && same(x + kEdgeReach, y) && same(x, y - kEdgeReach) &&
+         same(x, y + kEdgeReach);
+}
+
+float TileRims::coverage_change(const TileABuffer& weights, const LoneFragment& lone) const {
+  if (inside_goes_on(lone.x, lone.y)) return 1;
+  Fragment fragment{};
+  fragment.channel[kWeight] = lone.weight;
+  fragment.channel[kDepth] = lone.depth;
+  fragment.channel[kTag] = lone.tag;
+  const float edge = edge_of(weights, fragment, look_around(fragment, lone.x, lone.y));
+  return weights.coverage(fragment, edge) / weights.coverage(fragment, 0);
+}
+
+void OpenPixels::add_lone(const TileABuffer& tile,
+                          const std::array<std::uint16_t, kTilePixels / kPatchPixels>& which) {
+  for (std::size_t patch = 0; patch < which.size(); ++patch) {
+    for (unsigned left = which[patch]; left != 0; left &= left - 1) {
+      const auto pixel = static_cast<int>(patch * kPatchPixels) + std::countr_zero(left);
+      const float* channel = tile.fragment(0, static_cast<std::size_t>(pixel));
+      lone.push_back({tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+                      channel[kWeight * kPatchPixels], channel[kDepth * kPatchPixels],
+                      channel[kTag * kPatchPixels]});
     }
   }
 }
 
-void TileRims::complete(const Fragment& fragment, int x, int y, EdgeNeighbors& around) const {
-  for_each_neighbor(x, y, around, [&](int column, int row, float& weight) {
-    if (weight != EdgeNeighbors::kUnknown) return;
-    const RimFragment* from = tile_rim(column / kTileSize, row / kTileSize) +
-                              rim_pixel(column % kTileSize, row % kTileSize);
-    Continuation continuation(fragment);
-    for (int layer = 0; layer < layers_ && from->weight != 0; ++layer, from += kRimPixels) {
-      continuation.offer(std::abs(from->weight), from->depth, from->weight > 0);
-    }
-    weight = continuation.weight();
-  });
+void OpenPixels::keep_from_row(int row) {
+  std::erase_if(lone, [&](const LoneFragment& fragment) { return fragment.y < row; });
+  std::erase_if(pixels, [&](const Pixel& pixel) { return pixel.y < row; });
+  std::vector<Fragment> kept;
+  for (Pixel& pixel : pixels) {
+    const auto first = fragments.begin() + static_cast<std::ptrdiff_t>(pixel.first);
+    pixel.first = kept.size();
+    kept.insert(kept.end(), first, first + pixel.count + (pixel.rest ? 1 : 0));
+  }
+  fragments.assign(kept.begin(), kept.end());
+}
+
+void OpenPixels::clear() {
+  pixels.clear();
+  fragments.clear();
+  lone.clear();
 }
 
 }  // namespace surfel

@@ -1,14 +1,17 @@
 #pragma once
 
 // Edges of surfaces, found by the sums of rho in the pixels around. A picture does not depend on
-// where its tiles lie: sums beyond a tile's border are those of the tiles next to it.
+// where its tiles lie: sums beyond a tile's border are read from the tiles next to it.
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/frame.h>
 
 namespace surfel {
 
@@ -18,70 +21,101 @@ inline constexpr int kEdgeReach = 2;
 /// The sums of rho of the fragments that continue a fragment in the pixels around it.
 struct EdgeNeighbors {
   static constexpr float kOutside = -1;  ///< The pixel is outside of the picture.
-  static constexpr float kUnknown = -2;  ///< The pixel is another tile's.
 
   /// By distance + kEdgeReach, along the row and along the column.
   std::array<std::array<float, 2 * kEdgeReach + 1>, 2> weight;
-
-  bool known() const;
 };
 
 /// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
 /// at: its sum is less than a surface has, and its splats are no larger than the pixel filter.
 bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment);
 
-/// The sums around a fragment, as far as they are in its tile.
-EdgeNeighbors look_around(TileABuffer& tile, const Fragment& fragment, int pixel);
+/// Whether pixels around a pixel of a tile belong to other tiles.
+bool sees_other_tiles(const TileABuffer& tile, int pixel);
 
-/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1. All
-/// neighbours are known; outside of the picture the sums are taken to go on as they came.
+/// The sums around a fragment of a pixel that sees no other tile.
+EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel);
+
+/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1. Outside of
+/// the picture the sums are taken to go on as they came.
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around);
 
-/// The fragments of pixels within kEdgeReach of the borders of a band's tiles, and of the last row
-/// of tiles of the band before. Tiles may be stored at once; nothing is stored while others read.
+/// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
+/// kInsideShare of tau: no edge is seen where the tiles around show the same side so.
+enum class TileInside : std::uint8_t { kNo, kFront, kBack };
+
+/// The only fragment of a pixel near a tile's border, which may be at an edge.
+struct LoneFragment {
+  int x, y;                  ///< The pixel in the picture.
+  float weight, depth, tag;  ///< Channels of the A-buffer.
+};
+
+/// The fragments near the borders of a band's tiles, and of the last row of tiles of the band
+/// before. Tiles may be stored at once; nothing is stored while others read.
 class TileRims {
  public:
-  /// \param first_row  row of tiles in the picture that the band begins with.
-  void begin(int tiles_x, int tiles_y, int first_row, int layers);
-  void store(const TileABuffer& tile);
-  /// Fills in the unknown sums around a fragment of the picture's pixel (x, y).
-  void complete(const Fragment& fragment, int x, int y, EdgeNeighbors& around) const;
+  /// Begins a band of a picture, of which no later one has more rows than the first.
+  void begin(const Camera& camera, const Band& band, int layers);
+  void store(const TileABuffer& tile, TileInside inside);
+
+  /// The sums around a fragment of a picture's pixel within kEdgeReach of a tile's border.
+  EdgeNeighbors look_around(const Fragment& fragment, int x, int y) const;
+  /// The coverage of a lone fragment, by the coverage that it has away from edges.
+  /// \param weights  The picture's.
+  float coverage_change(const TileABuffer& weights, const LoneFragment& lone) const;
 
  private:
-  /// An unmerged fragment of a pixel.
-  struct RimFragment {
-    float weight;  ///< Sum of rho, negative if the back is seen; 0: no more fragments follow.
-    float depth;
+  /// A layer's fragments in the pixels of a patch.
+  using Patch = std::array<float, kPatchPixels>;
+  /// What is stored of a pixel.
+  struct Place {
+    std::size_t patch;
+    std::size_t pixel;  ///< Of the patch.
   };
-  /// Two rows at the top and bottom, and two columns at either side between them.
-  static constexpr int kRimPixels =
-      2 * kEdgeReach * kTileSize + 2 * kEdgeReach * (kTileSize - 2 * kEdgeReach);
+  static constexpr int kPatches = 12;  ///< Of a tile: all but the four in its middle.
 
-  static int rim_pixel(int x, int y);
-  RimFragment* tile_rim(int tile_x, int tile_y);
-  const RimFragment* tile_rim(int tile_x, int tile_y) const;
+  std::size_t tile_of(int tile_x, int tile_y) const {
+    return static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
+  }
+  Place place_of(int x, int y) const;
+  bool inside_goes_on(int x, int y) const;
 
-  int tiles_x_ = 0, tiles_y_ = 0;
+  int width_ = 0, height_ = 0;  ///< The picture's.
+  int tiles_x_ = 0;
   int first_row_ = 0;  ///< Row of tiles in the picture that is stored first.
-  int layers_ = 0;
-  /// Tiles x layers x kRimPixels: of most pixels the first two are all that there is.
-  Array<RimFragment> fragments_;
+  /// Sums of rho, negative where the back is seen, infinite where fragments are merged. All of a
+  /// layer together: layers but the first two are hardly touched.
+  Array<Patch> weights_;
+  Array<Patch> depths_;  ///< Parallel; only of patches that have several layers in use.
+  std::size_t layer_stride_ = 0;
+  Array<std::uint8_t> used_;  ///< Layers in use, by patch.
+  Array<TileInside> inside_;  ///< By tile.
 };
 
 /// Pixels whose edges depend on other tiles, until all tiles are drawn.
 struct OpenPixels {
-  struct Surface {
-    Fragment fragment;
-    bool looked;  ///< Whether `around` has been looked at.
-    EdgeNeighbors around;
-  };
   struct Pixel {
     int x, y;
-    std::size_t begin, end;  ///< Of its surfaces, nearest first.
-    Fragment rest;           ///< A merged fragment behind all of them; of weight 0: none.
+    std::size_t first;  ///< Place of its nearest fragment.
+    int count;          ///< Fragments, nearest first.
+    bool rest;          ///< A merged fragment follows that lies behind all of them, or weighs 0.
   };
   std::vector<Pixel> pixels;
-  std::vector<Surface> surfaces;
+  std::vector<Fragment> fragments;
+  /// Pixels that are resolved as if they were at no edge.
+  std::vector<LoneFragment> lone;
+
+  /// A pixel's fragments, the merged one last.
+  std::span<Fragment> fragments_of(const Pixel& pixel) {
+    return std::span(fragments).subspan(pixel.first,
+                                        static_cast<std::size_t>(pixel.count) + pixel.rest);
+  }
+  /// Adds the lone fragments of some pixels of a tile, by patch, as bits.
+  void add_lone(const TileABuffer& tile,
+                const std::array<std::uint16_t, kTilePixels / kPatchPixels>& which);
+  /// Drops the pixels of the rows before one of the picture's.
+  void keep_from_row(int row);
+  void clear();
 };
 
 /// What resolve_pixel() makes of a pixel, when all tiles around are stored.

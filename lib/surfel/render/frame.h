@@ -50,6 +50,11 @@ struct Frame {
   const Shader& shader;
   Band band;
   BlockGrid grid;
+
+  /// One past the last row of pixels around which `reach` rows are drawn once this band is.
+  int end_of_surrounded_rows(int reach) const {
+    return band.y1 == camera.height ? band.y1 : band.y1 - reach;
+  }
 };
 
 }  // namespace surfel

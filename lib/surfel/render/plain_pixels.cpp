@@ -1,8 +1,8 @@
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
-#include <surfel/render/edge_search.h>
 #include <surfel/render/plain_pixels.h>
 
 #undef HWY_TARGET_INCLUDE
@@ -120,12 +120,9 @@ Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers,
   return out;
 }
 
-/// Is the whole tile inside a surface? It shows one side of one everywhere, and the sums of rho
-/// are such that none of its pixels is taken for an edge that sees no other tile: an edge has less
-/// than kInsideShare of tau.
-bool shows_no_edge(const TileABuffer& tile) {
+TileInside inside_of(const TileABuffer& tile) {
   const D d;
-  if (tile.width < kTileSize || tile.height < kTileSize) return false;
+  if (tile.width < kTileSize || tile.height < kTileSize) return TileInside::kNo;
   const auto side = tag_bits(channel(tile, 0, 0, kTag), kFrontTag);
   V least = channel(tile, 0, 0, kWeight);
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
@@ -135,22 +132,23 @@ bool shows_no_edge(const TileABuffer& tile) {
     const auto other_side = hn::Xor(side, tag_bits(channel(tile, 0, pixel, kTag), kFrontTag));
     if (!hn::AllTrue(d, hn::Eq(behind, hn::Zero(d))) ||
         !hn::AllTrue(Tags(), hn::Eq(other_side, hn::Zero(Tags())))) {
-      return false;
+      return TileInside::kNo;
     }
   }
   const float low = hn::GetLane(hn::MinOfLanes(d, least));
-  return low > 0 && low >= kInsideShare * tile.full_weight;
+  if (!(low > 0 && low >= kInsideShare * tile.full_weight)) return TileInside::kNo;
+  return hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
 }
 
-/// The sum of rho from which on a fragment of each pixel is not at an edge: any, in a tile that
-/// shows none, but for the pixels from which other tiles are seen.
-void set_least_weights(const TileABuffer& tile, float* weights) {
-  std::fill_n(weights, kTilePixels, tile.edge_weight);
-  if (!shows_no_edge(tile)) return;
-  for (int y = kEdgeReach; y < kTileSize - kEdgeReach; ++y) {
-    for (int x = kEdgeReach; x < kTileSize - kEdgeReach; ++x) weights[tile_pixel(x, y)] = 0;
+/// 1 for the pixels of a tile within kEdgeReach of its border, 0 for the others.
+alignas(64) constexpr std::array<float, kTilePixels> kNearBorder = [] {
+  std::array<float, kTilePixels> near{};
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    const auto is_near = [](int x) { return x < kEdgeReach || x >= kTileSize - kEdgeReach; };
+    near[pixel] = is_near(tile_pixel_x(pixel)) || is_near(tile_pixel_y(pixel)) ? 1.0F : 0.0F;
   }
-}
+  return near;
+}();
 
 /// Lights fragments of a vector of pixels as Shader::shade() does.
 class Lamps {
@@ -240,19 +238,23 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const V zero = hn::Zero(d);
   const V one = hn::Set(d, 1);
   const V full_weight = hn::Set(d, tile.full_weight);
-  HWY_ALIGN float least_weights[kTilePixels];
-  set_least_weights(tile, least_weights);
+  out.inside = inside_of(tile);
+  out.lone.fill(0);
+  const V edge_weight = hn::Set(d, tile.edge_weight);
+  const M whole = hn::Eq(zero, zero);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
   float sum = 0;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const FragmentCount fragments = count_fragments(tile, pixel);
-    const V least_weight = hn::Load(d, least_weights + pixel);
-    M plain = hn::Eq(zero, zero);
+    const M lone =
+        hn::And(hn::Eq(fragments.count, one), hn::Ne(hn::Load(d, &kNearBorder[pixel]), zero));
+    M plain = whole;
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};
     V opacity = zero;
+    M waits = hn::Ne(zero, zero);  // For other tiles, to be at an edge or not.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -261,7 +263,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const M unmerged = hn::Gt(at.weight, zero);
       const M not_filtered =
           hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
-      const M no_edge = hn::Or(not_filtered, hn::Ge(at.weight, least_weight));
+      // Inside a tile that lies inside a surface there is no edge.
+      const M known = hn::Or(not_filtered, hn::Ge(at.weight, edge_weight));
+      const M no_edge = hn::Or(known, out.inside == TileInside::kNo ? lone : whole);
+      if (i == 0) waits = hn::AndNot(known, hn::And(lone, unmerged));
       // Of equally near ones there is but one behind the depths before.
       open = hn::And(open, hn::Or(merged, hn::And(unmerged, no_edge)));
       const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
@@ -303,6 +308,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
                           over(color.z, background.blue), over(opacity, background.alpha), d,
                           &out.color[pixel].red);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
+    std::uint8_t bits[8] = {};  // As many as may be written.
+    hn::StoreMaskBits(d, hn::And(plain, waits), bits);
+    out.lone[pixel / kPatchPixels] |=
+        static_cast<std::uint16_t>((bits[0] | bits[1] << 8U) << pixel % kPatchPixels);
   }
   tile.merges.total_weight += sum;
 }

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_search.h>
 #include <surfel/render/lighting.h>
 #include <surfel/render/splat.h>
 
@@ -13,11 +15,16 @@ struct PlainPixels {
   alignas(64) std::array<Rgba, kTilePixels> color;
   alignas(
       64) std::array<float, kTilePixels> left;  ///< 0: the pixel has its colour; 1: it has none.
+  /// By patch, as bits: pixels near the tile's border that have a lone fragment, which may be at an
+  /// edge, and are coloured as if it were at none.
+  std::array<std::uint16_t, kTilePixels / kPatchPixels> lone;
+  TileInside inside;
 };
 
 /// Resolves the plain pixels of a tile, a vector at a time, where there is no environment: those of
-/// whose fragments, up to the first opaque one, none may lie at the edge of its surface. Their
-/// colours are resolve_pixel()'s over a background (premultiplied), but for rounding.
+/// whose fragments, up to the first opaque one, none may lie at the edge of its surface; and near
+/// the tile's border those that have one fragment alone. Their colours are resolve_pixel()'s over a
+/// background (premultiplied), but for rounding.
 /// \param lighting  null: unlit.
 PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,
                                  const Rgba& background);

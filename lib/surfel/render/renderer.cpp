@@ -111,7 +111,7 @@ struct Renderer::Impl {
   Rgba backdrop() const;
   void put(PixelResult result, float* out) const;
   void resolve(TileABuffer& tile, const Compositor::Worker* background, OpenPixels& open,
-               Image& image) const;
+               Image& image);
   void resolve_open(const Frame& frame, Image& image);
   void finish(FrameStatistics& statistics);
 };
@@ -170,14 +170,17 @@ void Renderer::Impl::put(PixelResult result, float* out) const {
   }
 }
 
-/// Resolves the pixels of a tile, but for the ones that depend on other tiles.
+/// Resolves the pixels of a tile, but for the ones that depend on other tiles, and stores the tile
+/// for those.
 void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
-                             OpenPixels& open, Image& image) const {
+                             OpenPixels& open, Image& image) {
   const Rgba behind = backdrop();
   std::optional<PlainPixels> plain;
   if (!options.aovs && !background && !tile.shader->has_environment()) {
     plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
+  rims.store(tile, plain ? plain->inside : TileInside::kNo);
+  if (plain) open.add_lone(tile, plain->lone);
   // What a pixel without fragments shows, where that is the same for all.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
@@ -226,31 +229,31 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
 void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;
-  const bool last = frame.band.y1 == image.height;
-  const auto waits = [&](const OpenPixels::Pixel& pixel) {
-    return !last && pixel.y >= frame.band.y1 - kEdgeReach;
+  const int end_row = frame.end_of_surrounded_rows(kEdgeReach);
+  constexpr std::size_t kGrain = 256;  // Pixels: tens of microseconds' work.
+  const auto for_each_surrounded = [&](const auto& pixels, const auto& body) {
+    parallel_for(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        if (pixels[i].y < end_row) body(pixels[i], image.pixel(pixels[i].x, pixels[i].y));
+      }
+    });
   };
   workers.for_each([&](Worker& worker) {
     OpenPixels& open = worker.open;
-    constexpr std::size_t kGrain = 256;
-    parallel_for(open.pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const OpenPixels::Pixel& pixel = open.pixels[i];
-        if (waits(pixel)) continue;
-        compositor->complete(frame.shader, open, i);
-        put(resolve_open_pixel(tile, open, pixel, rims), image.pixel(pixel.x, pixel.y));
+    for_each_surrounded(open.pixels, [&](const OpenPixels::Pixel& pixel, float* out) {
+      compositor->complete(frame.shader, pixel.x, pixel.y, open.fragments_of(pixel));
+      put(resolve_open_pixel(tile, open, pixel, rims), out);
+    });
+    for_each_surrounded(open.lone, [&](const LoneFragment& lone, float* out) {
+      // What a pixel shows of its only fragment is proportional to the coverage.
+      const float change = rims.coverage_change(tile, lone);
+      const Rgba behind = backdrop();
+      for (const float back : {behind.red, behind.green, behind.blue, behind.alpha}) {
+        *out = back + (*out - back) * change;
+        ++out;
       }
     });
-    OpenPixels left;
-    for (OpenPixels::Pixel pixel : open.pixels) {
-      if (!waits(pixel)) continue;
-      const auto surfaces = std::span(open.surfaces).subspan(pixel.begin, pixel.end - pixel.begin);
-      pixel.begin = left.surfaces.size();
-      left.surfaces.insert(left.surfaces.end(), surfaces.begin(), surfaces.end());
-      pixel.end = left.surfaces.size();
-      left.pixels.push_back(pixel);
-    }
-    worker.open = std::move(left);
+    open.keep_from_row(end_row);
   });
 }
 
@@ -299,7 +302,6 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
         tile.merges = {};
         draw_tile(tile, x, y, w);
         if (last && end == clusters) {
-          rims.store(tile);
           resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr,
                   worker.open, image);
         }
@@ -335,7 +337,7 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
   statistics.clusters += most;
   const Frame frame{camera, shader, band, BlockGrid(band, most * RenderCloud::kClusterSize)};
   stages.add("cull", timer.milliseconds());
-  rims.begin(band.tiles_x, band.tiles_y, band.y0 / kTileSize, blank_tile.layout.layers);
+  rims.begin(camera, band, blank_tile.layout.layers);
   const std::span<VisibleCluster> clusters = seen.front();
   const std::size_t size =
       std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
@@ -364,7 +366,7 @@ void Renderer::Impl::begin(const Camera& camera) {
   compositor->begin(camera);
   workers.for_each([](Worker& worker) {
     worker.merges = {};
-    worker.open = {};
+    worker.open.clear();
   });
 }
 

@@ -107,14 +107,13 @@ class LayerCompositor final : public GroupCompositor {
   std::unique_ptr<Worker> make_worker() const override {
     return std::make_unique<TileWorker>(*this);
   }
-  void complete(const Shader& shader, OpenPixels& open, std::size_t i) const override {
-    OpenPixels::Pixel& pixel = open.pixels[i];
-    if (!shader.has_environment() || !picture_->at_border(pixel.x, pixel.y)) return;
-    for (std::size_t s = pixel.begin; s < pixel.end; ++s) {
-      const Vec3f normal = picture_->filtered_normal(pixel.x, pixel.y);
-      std::copy_n(normal.data(), 3, open.surfaces[s].fragment.channel + kNormalX);
+  void complete(const Shader& shader, int x, int y, std::span<Fragment> fragments) const override {
+    if (!shader.has_environment() || !picture_->at_border(x, y)) return;
+    const Vec3f normal = picture_->filtered_normal(x, y);
+    for (Fragment& fragment : fragments.first(fragments.size() - 1)) {
+      std::copy_n(normal.data(), 3, fragment.channel + kNormalX);
     }
-    pixel.rest = picture_->merged(shader, pixel.x, pixel.y, picture_->kept(pixel.x, pixel.y));
+    fragments.back() = picture_->merged(shader, x, y, picture_->kept(x, y));
   }
 
  private:

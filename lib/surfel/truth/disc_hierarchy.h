@@ -22,8 +22,8 @@ struct Beam {
 
 /// Bounding volume hierarchy over a cloud's discs: a binary tree of boxes parallel to the axes,
 /// each split at the median of its discs' centres along the longest side. In double. Made once,
-/// asked by any number of threads. Memory: some 40 bytes for each surfel. It is no BoxTree
-/// (base/box_tree.h), as nodes are split at medians, not along a space-filling curve.
+/// asked by any number of threads. Memory: some 40 bytes for each surfel. A BoxTree
+/// (base/box_tree.h) takes longer: see lib/README.md.
 class SURFEL_API DiscHierarchy {
  public:
   enum class Bound {

@@ -121,6 +121,40 @@ std::vector<std::string> MeshRenderOptions::problems() const {
   return found;
 }
 
+namespace {
+
+/// Throws Error(kInput) if a column of a mesh is neither empty nor as long as it must be, or a face
+/// refers to what the mesh does not have.
+/// \param needs_materials  Colours are the materials'. Else a mesh without materials may number
+/// those
+///                         of textures or of a scene.
+void check_mesh(const TriangleMesh& mesh, bool needs_materials) {
+  const auto check_size = [](std::size_t size, std::size_t expected, const char* field) {
+    if (size == 0 || size == expected) return;
+    throw_input(
+        "", fmt::format("`{}` of the mesh has {} values; {} are needed", field, size, expected));
+  };
+  check_size(mesh.color.size(), mesh.position.size(), "color");
+  check_size(mesh.wedge_uv.size(), mesh.face.size(), "wedge_uv");
+  check_size(mesh.wedge_normal.size(), mesh.face.size(), "wedge_normal");
+  check_size(mesh.face_material.size(), mesh.face.size(), "face_material");
+  const auto check_index = [](std::size_t face, const char* field, std::size_t index,
+                              std::size_t count, const char* table) {
+    if (index < count) return;
+    throw_input("", fmt::format("`{}` of face {} of the mesh is {}; `{}` has {} rows", field, face,
+                                index, table, count));
+  };
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    for (const std::uint32_t v : mesh.face[f]) {
+      check_index(f, "face", v, mesh.position.size(), "position");
+    }
+    if (mesh.face_material.empty() || (mesh.material.empty() && !needs_materials)) continue;
+    check_index(f, "face_material", mesh.face_material[f], mesh.material.size(), "material");
+  }
+}
+
+}  // namespace
+
 struct MeshRenderer::Impl {
   const TriangleMesh& mesh;
   const TextureSet* textures;
@@ -149,12 +183,18 @@ void MeshRenderer::Impl::check_textures() const {
   if (mesh.wedge_uv.empty()) {
     throw_input("", "the mesh has no texture coordinates, so no image can be put on it");
   }
-  if (textures->map_of_material.empty()) return;
-  const auto last = std::max_element(mesh.face_material.begin(), mesh.face_material.end());
-  const std::size_t needed = last == mesh.face_material.end() ? 1 : *last + std::size_t{1};
-  if (needed > textures->map_of_material.size()) {
-    throw_input("", fmt::format("the mesh uses material {}; there are textures for {}", needed - 1,
-                                textures->map_of_material.size()));
+  if (textures->maps.empty()) throw_input("", "there are no textures in the set");
+  const auto& map_of = textures->map_of_material;
+  if (map_of.empty()) return;
+  for (std::uint32_t f = 0; f < mesh.face.size(); ++f) {
+    if (material(f) >= map_of.size()) {
+      throw_input("", fmt::format("face {} of the mesh uses material {}; there are textures for {}",
+                                  f, material(f), map_of.size()));
+    }
+    if (map_of[material(f)] >= textures->maps.size()) {
+      throw_input("", fmt::format("`map_of_material` of material {} is {}; there are {} textures",
+                                  material(f), map_of[material(f)], textures->maps.size()));
+    }
   }
 }
 
@@ -238,6 +278,7 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
     : impl_(new Impl{mesh, textures, scene, options}) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   for (const std::string& problem : scene.problems()) throw_usage(problem);
+  check_mesh(mesh, !textures && mesh.color.empty());
   if (textures) impl_->check_textures();
   if (mesh.face.empty()) return;
   if (options.lit && mesh.wedge_normal.empty()) {

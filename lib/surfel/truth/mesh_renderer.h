@@ -47,9 +47,10 @@ class SURFEL_API MeshRenderer {
  public:
   /// Keeps references to all but the options; they must outlive the renderer.
   /// \param textures  null: none are to be seen. Charts play no role.
-  /// Throws Error: kUsage for options or scenes that are not usable; kInput where there are
-  /// textures but the mesh has no texture coordinates, or has a material without a map; kNumeric if
-  /// the mesh does not fit into memory a second time.
+  /// Throws Error: kUsage for options or scenes that are not usable; kInput where a column of the
+  /// mesh has another length than it must have or a face names vertices or materials that the mesh
+  /// lacks, and where there are textures but the mesh has no texture coordinates, or has a material
+  /// without a map; kNumeric if the mesh does not fit into memory a second time.
   MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                const MeshRenderOptions& options);
   MeshRenderer(TriangleMesh&& mesh, const TextureSet* textures, const Scene& scene,
