@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/solve/column_map.h>
 #include <surfel/surface/voronoi_cell.h>
 #include <surfel/texture/render_system.h>
 
@@ -391,61 +393,32 @@ void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
   }
 }
 
-/// A sparse row that is summed up: an open-addressing hash table (linear probing) of its columns,
-/// whose size follows the row's length, not the matrix's.
+/// A sparse row that is summed up.
 class RowSum {
  public:
-  RowSum() : table_(kLeastSlots, kFree) {}
-
   double& operator[](std::uint32_t column) {
-    std::size_t slot = first_slot(column);
-    for (; table_[slot] != kFree; slot = (slot + 1) & (table_.size() - 1)) {
-      Sum& sum = sums_[table_[slot]];
-      if (sum.column == column) return sum.value;
-    }
-    // At most half full, so that probing ends soon.
-    if (2 * (sums_.size() + 1) > table_.size()) {
-      grow();
-      return (*this)[column];
-    }
-    table_[slot] = static_cast<std::uint32_t>(sums_.size());
-    sums_.push_back({column, static_cast<std::uint32_t>(slot), 0.0});
-    return sums_.back().value;
+    const std::uint32_t place = map_.number(column);
+    if (place == value_.size()) value_.push_back(0.0);
+    return value_[place];
   }
 
   /// Ends the row: adds its entries to `rows` by ascending column, and starts the next one.
   void move_to(RowChunk& rows) {
-    for (const Sum& sum : sums_) table_[sum.slot] = kFree;
-    std::sort(sums_.begin(), sums_.end(),
-              [](const Sum& a, const Sum& b) { return a.column < b.column; });
-    for (const Sum& sum : sums_) rows.add(sum.column, sum.value);
+    order_.resize(map_.size());
+    std::iota(order_.begin(), order_.end(), 0U);
+    const std::vector<std::uint32_t>& column = map_.columns();
+    std::sort(order_.begin(), order_.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return column[a] < column[b]; });
+    for (const std::uint32_t place : order_) rows.add(column[place], value_[place]);
     rows.end_row();
-    sums_.clear();
+    map_.clear();
+    value_.clear();
   }
 
  private:
-  static constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  static constexpr std::size_t kLeastSlots = 256;  ///< A power of two; most rows need no more.
-  struct Sum {
-    std::uint32_t column;
-    std::uint32_t slot;  ///< In the table.
-    double value;
-  };
-
-  /// Columns that follow each other, as most in a row do, get slots that follow each other.
-  std::size_t first_slot(std::uint32_t column) const { return column & (table_.size() - 1); }
-  void grow() {
-    table_.assign(2 * table_.size(), kFree);
-    for (std::size_t i = 0; i < sums_.size(); ++i) {
-      std::size_t slot = first_slot(sums_[i].column);
-      while (table_[slot] != kFree) slot = (slot + 1) & (table_.size() - 1);
-      table_[slot] = static_cast<std::uint32_t>(i);
-      sums_[i].slot = static_cast<std::uint32_t>(slot);
-    }
-  }
-
-  std::vector<std::uint32_t> table_;  ///< Places in sums_.
-  std::vector<Sum> sums_;             ///< Of the row's columns, as they came.
+  ColumnMap map_;
+  std::vector<double> value_;  ///< By the column's number.
+  std::vector<std::uint32_t> order_;
 };
 
 /// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B.

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -46,24 +47,17 @@ class SURFEL_API UvCharts {
   std::vector<Triangle> triangles(std::uint32_t chart) const;
 
  private:
-  /// Box of a subtree of faces; its children are the halves of its range. Leaves hold one.
-  struct Node {
-    Vec2f min;
-    Vec2f max;
-  };
+  struct Tree;
 
   void find_charts();
   void merge_equal_charts();
   void group_faces_by_chart();
-  void build_tree();
-  Node build_node(std::size_t node, std::size_t begin, std::size_t end);
 
   const TriangleMesh* mesh_;
   Array<std::uint32_t> chart_of_face_;
   std::vector<std::size_t> chart_begin_;  ///< Into face_of_chart_, and its end.
   Array<std::uint32_t> face_of_chart_;
-  Array<std::uint32_t> tree_face_;  ///< Faces in the order of the tree's leaves.
-  std::vector<Node> tree_;
+  std::shared_ptr<const Tree> tree_;  ///< Over the charts' faces in uv.
 };
 
 /// Texel box of uv triangles on an image of width x height texels, without weights; nullopt where
