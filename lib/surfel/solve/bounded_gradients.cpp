@@ -82,11 +82,7 @@ class Solver {
       step();
       ++report_.iterations;
       const Channels norm = choose_moves();
-      if (options_.progress) {
-        const double share =
-            std::log(norm.maxCoeff() / first) / std::log(options_.tolerance / first);
-        options_.progress(std::clamp(share, 0.0, 1.0));
-      }
+      tell_decay(options_.progress, first, norm.maxCoeff(), options_.tolerance);
     }
   }
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -58,7 +60,7 @@ class Solver {
     });
     const Channels norm2 = squares;  // A binding cannot be captured.
     unit_ = (norm2 == 0).select(Channels::Ones(), norm2.sqrt());
-    // Where b is zero so is the solution, and there is nothing that a residual is relative to.
+    // Where b is zero the solution is zero, and a relative residual has no meaning.
     parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         x_[i] = (norm2 == 0).select(Channels::Zero(), x_[i]);
@@ -101,11 +103,7 @@ class Solver {
       const Channels norm = advance(alpha);
       ++report_.iterations;
       active = active && norm > options_.tolerance;
-      if (options_.progress) {
-        const double share =
-            std::log(norm.maxCoeff() / first) / std::log(options_.tolerance / first);
-        options_.progress(std::clamp(share, 0.0, 1.0));
-      }
+      tell_decay(options_.progress, first, norm.maxCoeff(), options_.tolerance);
     }
   }
 
@@ -170,9 +168,31 @@ class Solver {
 
 }  // namespace
 
+std::vector<std::string> SolveOptions::problems() const {
+  std::vector<std::string> found;
+  if (!(tolerance > 0 && tolerance < 1)) {
+    found.push_back(fmt::format("`tolerance` is {}; it must be in (0, 1)", tolerance));
+  }
+  if (max_iterations < 0) {
+    found.push_back(fmt::format("`max_iterations` is {}; it must be >= 0", max_iterations));
+  }
+  if (bounds && !(std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
+                  bounds->lower < bounds->upper)) {
+    found.emplace_back("`bounds` must be two numbers, the lower first");
+  }
+  return found;
+}
+
+void tell_decay(const std::function<void(double)>& progress, double first, double now,
+                double last) {
+  if (!progress || !(now > 0 && first > last)) return;
+  progress(std::clamp(std::log(now / first) / std::log(last / first), 0.0, 1.0));
+}
+
 SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                 const InverseFactor& factor, Array<Channels>& x,
                                 const SolveOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);
   return Solver(matrix, b, factor, x, options).run();
 }

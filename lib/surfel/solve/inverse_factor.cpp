@@ -21,7 +21,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kMaxRowEntries = 240;  ///< With a block more, places fit into a byte.
-constexpr std::size_t kBlockGrain = 64;
+constexpr std::size_t kBlockGrain = 64;      ///< Blocks that one thread works on at a time.
 static_assert(kBlockGrain % kCholeskyBatch == 0 && kUnknownGrain % kBlockRows == 0);
 
 /// The first entry of a row whose column is at least `column`, or its end.
@@ -105,7 +105,7 @@ class BlockBuilder {
     rows_.resize(size * kBlockRows * kCholeskyBatch);
   }
 
-  /// Of the unknowns before a block those most strongly coupled to any of its rows, ascending.
+  /// The unknowns before a block that are most strongly coupled to any of its rows, ascending.
   /// Valid until the next call.
   std::span<const std::uint32_t> find_pattern(std::size_t block) {
     neighbors_.clear();
@@ -212,7 +212,7 @@ class BlockBuilder {
           rows_.data() + ((kBlockRows - rows + r) * size + size - pattern.size()) * kCholeskyBatch +
           lane;
       const std::size_t diagonal = before + r;
-      // Where the matrix is not positive definite, the diagonal has to do.
+      // Where the matrix is not positive definite, the row is the diagonal alone.
       const bool broken = !std::isfinite(row[diagonal * kCholeskyBatch]);
       for (std::size_t s = broken ? diagonal : 0; s <= diagonal; ++s) {
         const double entry = broken ? 1 : row[s * kCholeskyBatch];

@@ -2,6 +2,12 @@
 
 namespace surfel {
 
+double SymmetricMatrix::trace() const {
+  double sum = 0;
+  for (std::size_t row = 0; row < rows(); ++row) sum += diagonal(row);
+  return sum;
+}
+
 Array<double> row_sums(const SymmetricMatrix& matrix) {
   Array<double> sums;
   sums.assign(matrix.rows(), 0.0);

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <numeric>
 
 #include <surfel/base/parallel.h>
 #include <surfel/solve/column_map.h>
@@ -104,20 +103,16 @@ SymmetricProduct::SymmetricProduct(const SymmetricMatrix& matrix)
     : matrix_(matrix), halo_((matrix.rows() + kRange - 1) / kRange) {
   parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int) { halo_[r] = find_halo(r); });
   std::uint64_t sums = 0;
-  incoming_begin_.assign(matrix.rows() + 1, 0);
   for (Halo& halo : halo_) {
     halo.first_sum = sums;
     sums += halo.row.size();
-    for (const std::uint32_t j : halo.row) ++incoming_begin_[j + 1];
   }
   halo_sum_.resize(sums);
-  incoming_.resize(sums);
-  std::partial_sum(incoming_begin_.begin(), incoming_begin_.end(), incoming_begin_.begin());
-  Array<std::uint64_t> next = incoming_begin_;
-  for (const Halo& halo : halo_) {
-    std::uint64_t sum = halo.first_sum;
-    for (const std::uint32_t j : halo.row) incoming_[next[j]++] = sum++;
-  }
+  incoming_ = group_by_key<std::uint64_t>(matrix.rows(), [&](const auto& add) {
+    for (const Halo& halo : halo_) {
+      for (std::size_t h = 0; h < halo.row.size(); ++h) add(halo.row[h], halo.first_sum + h);
+    }
+  });
 }
 
 SymmetricProduct::Halo SymmetricProduct::find_halo(std::size_t range) const {
@@ -146,8 +141,8 @@ void SymmetricProduct::multiply(const Array<Channels>& x, Array<Channels>& y) {
   });
   parallel_for(matrix_.rows(), kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t j = begin; j < end; ++j) {
-      for (std::uint64_t i = incoming_begin_[j]; i < incoming_begin_[j + 1]; ++i) {
-        y[j] += halo_sum_[incoming_[i]];
+      for (std::uint64_t i = incoming_.begin[j]; i < incoming_.begin[j + 1]; ++i) {
+        y[j] += halo_sum_[incoming_.item[i]];
       }
     }
   });

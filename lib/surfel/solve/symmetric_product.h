@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
@@ -36,8 +37,7 @@ class SURFEL_API SymmetricProduct {
   const SymmetricMatrix& matrix_;
   std::vector<Halo> halo_;  ///< By range.
   Array<Channels> halo_sum_;
-  Array<std::uint64_t> incoming_begin_;  ///< By row: the first of incoming_; then their number.
-  Array<std::uint64_t> incoming_;        ///< Sums that are added to each row.
+  Grouped<std::uint64_t> incoming_;  ///< By row: the places in halo_sum_ that are added to it.
 };
 
 /// |b - A x| / |b| of the worst channel.

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/column_map.h>
 #include <surfel/surface/voronoi_cell.h>
@@ -146,7 +147,7 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   seen.u = along(f.tangent, f.variance_u);
   seen.v = along(f.bitangent, f.variance_v);
   seen.max_depth = reach_of(f, cutoff);
-  seen.peak = f.area / (2 * std::numbers::pi * std::sqrt(f.variance_u * f.variance_v));
+  seen.peak = f.peak();
   return true;
 }
 
@@ -350,24 +351,19 @@ class Assembler {
   }
 
   void transpose(const std::vector<RowChunk>& reaching, EvaluatedBasis& result) const {
-    const auto for_each = [&](const auto& body) {
-      std::uint32_t i = 0;
-      for (const RowChunk& chunk : reaching) {
-        std::size_t e = 0;
-        for (const std::uint64_t end : chunk.row_end) {
-          for (; e < end; ++e) body(i, chunk.column[e]);
-          ++i;
-        }
-      }
-    };
-    result.owner_begin.assign(basis_.size() + 1, 0);
-    for_each([&](std::uint32_t, std::uint32_t k) { ++result.owner_begin[k + 1]; });
-    for (std::size_t k = 0; k < basis_.size(); ++k) {
-      result.owner_begin[k + 1] += result.owner_begin[k];
-    }
-    result.owner.resize(result.owner_begin.back());
-    Array<std::uint64_t> next = result.owner_begin;
-    for_each([&](std::uint32_t i, std::uint32_t k) { result.owner[next[k]++] = i; });
+    Grouped<std::uint32_t> owners =
+        group_by_key<std::uint32_t>(basis_.size(), [&](const auto& add) {
+          std::uint32_t i = 0;
+          for (const RowChunk& chunk : reaching) {
+            std::size_t e = 0;
+            for (const std::uint64_t end : chunk.row_end) {
+              for (; e < end; ++e) add(chunk.column[e], i);
+              ++i;
+            }
+          }
+        });
+    result.owner_begin = std::move(owners.begin);
+    result.owner = std::move(owners.item);
   }
 
   const SurfelBasis& basis_;
@@ -558,9 +554,8 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
     system.far = Assembler(wide, centers, options.cutoff).run();
   }
   system.normal_matrix = normal_product(system);
-  double trace = 0;
-  for (std::size_t k = 0; k < basis.size(); ++k) trace += system.normal_matrix.diagonal(k);
-  const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
+  const double mean =
+      basis.size() > 0 ? system.normal_matrix.trace() / static_cast<double>(basis.size()) : 0;
   system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for (std::size_t k = 0; k < basis.size(); ++k) system.normal_matrix.diagonal(k) += system.lambda;
   return system;

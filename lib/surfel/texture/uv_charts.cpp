@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <tuple>
 
 #include <surfel/base/box_tree.h>
@@ -120,10 +119,8 @@ UvCharts::UvCharts(const TriangleMesh& mesh) : mesh_(&mesh) {
     throw Error(ErrorKind::kInput, "the mesh has no texture coordinates, so it has no charts");
   }
   find_charts();
-  group_faces_by_chart();
   merge_equal_charts();
-  group_faces_by_chart();
-  tree_ = std::make_shared<const Tree>(mesh, face_of_chart_);
+  tree_ = std::make_shared<const Tree>(mesh, faces_.item);
 }
 
 void UvCharts::find_charts() {
@@ -148,20 +145,15 @@ void UvCharts::find_charts() {
     const std::uint32_t root = sets.root(face);
     chart_of_face_[face] = root == face ? charts++ : chart_of_face_[root];
   }
-  chart_begin_.assign(charts + std::size_t{1}, 0);
+  group_faces(charts);
 }
 
-void UvCharts::group_faces_by_chart() {
-  std::fill(chart_begin_.begin(), chart_begin_.end(), 0);
-  for (const std::uint32_t chart : chart_of_face_) {
-    if (chart != kNoChart) ++chart_begin_[chart + 1];
-  }
-  std::partial_sum(chart_begin_.begin(), chart_begin_.end(), chart_begin_.begin());
-  face_of_chart_.resize(chart_begin_.back());
-  std::vector<std::size_t> next(chart_begin_.begin(), chart_begin_.end() - 1);
-  for (std::uint32_t face = 0; face < chart_of_face_.size(); ++face) {
-    if (chart_of_face_[face] != kNoChart) face_of_chart_[next[chart_of_face_[face]]++] = face;
-  }
+void UvCharts::group_faces(std::size_t charts) {
+  faces_ = group_by_key<std::uint32_t>(charts, [&](const auto& add) {
+    for (std::uint32_t face = 0; face < chart_of_face_.size(); ++face) {
+      if (chart_of_face_[face] != kNoChart) add(chart_of_face_[face], face);
+    }
+  });
 }
 
 void UvCharts::merge_equal_charts() {
@@ -174,7 +166,7 @@ void UvCharts::merge_equal_charts() {
   std::vector<Key> keys(count());
   for (std::uint32_t chart = 0; chart < count(); ++chart) {
     Key& key = keys[chart];
-    const std::uint32_t face = face_of_chart_[chart_begin_[chart]];
+    const std::uint32_t face = faces_.item[faces_.begin[chart]];
     key.material = mesh_->face_material.empty() ? 0 : mesh_->face_material[face];
     key.chart = chart;
     for (const Triangle& t : triangles(chart)) key.triangles.push_back(canonical(t));
@@ -191,13 +183,13 @@ void UvCharts::merge_equal_charts() {
   for (std::uint32_t& chart : chart_of_face_) {
     if (chart != kNoChart) chart = merged[chart];
   }
-  chart_begin_.assign(charts + std::size_t{1}, 0);
+  group_faces(charts);
 }
 
 std::vector<UvCharts::Triangle> UvCharts::triangles(std::uint32_t chart) const {
   std::vector<Triangle> found;
-  for (std::size_t i = chart_begin_[chart]; i < chart_begin_[chart + 1]; ++i) {
-    found.push_back(mesh_->wedge_uv[face_of_chart_[i]]);
+  for (std::size_t i = faces_.begin[chart]; i < faces_.begin[chart + 1]; ++i) {
+    found.push_back(mesh_->wedge_uv[faces_.item[i]]);
   }
   return found;
 }

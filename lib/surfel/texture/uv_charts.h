@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/types.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -32,7 +33,7 @@ class SURFEL_API UvCharts {
   /// Throws Error(kInput) where the mesh has no uv. The mesh must outlive the charts.
   explicit UvCharts(const TriangleMesh& mesh);
 
-  std::size_t count() const { return chart_begin_.size() - 1; }
+  std::size_t count() const { return faces_.begin.size() - 1; }
 
   /// The chart of the point of the surface at `uv` that is nearest to `position` (world
   /// coordinates): where charts lie on one another, the position tells them apart.
@@ -51,12 +52,12 @@ class SURFEL_API UvCharts {
 
   void find_charts();
   void merge_equal_charts();
-  void group_faces_by_chart();
+  /// Sets faces_ by chart_of_face_.
+  void group_faces(std::size_t charts);
 
   const TriangleMesh* mesh_;
   Array<std::uint32_t> chart_of_face_;
-  std::vector<std::size_t> chart_begin_;  ///< Into face_of_chart_, and its end.
-  Array<std::uint32_t> face_of_chart_;
+  Grouped<std::uint32_t> faces_;      ///< Faces by chart.
   std::shared_ptr<const Tree> tree_;  ///< Over the charts' faces in uv.
 };
 
