@@ -48,17 +48,10 @@ class Solver {
     residual_.resize(count_);
     residual_f_.resize(count_);
     half_.resize(count_);
-    direction_.resize(count_);
     product_.resize(count_);
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        sum += b_[i].square();
-        direction_[i].setZero();
-      }
-      return std::array{sum};
-    });
-    const Channels norm2 = squares;  // A binding cannot be captured.
+    direction_.assign(count_, Channels::Zero());
+    const Channels norm2 =
+        sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels { return b_[i].square(); });
     unit_ = (norm2 == 0).select(Channels::Ones(), norm2.sqrt());
     // Where b is zero the solution is zero, and a relative residual has no meaning.
     parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -71,14 +64,10 @@ class Solver {
   /// The true residual, in units of |b|. Returns its norm.
   Channels set_residual() {
     matrix_.multiply(x_, product_);
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        residual_[i] = (b_[i] - product_[i]) / unit_;
-        residual_f_[i] = residual_[i].cast<float>();
-        sum += residual_[i].square();
-      }
-      return std::array{sum};
+    const Channels squares = sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels {
+      residual_[i] = (b_[i] - product_[i]) / unit_;
+      residual_f_[i] = residual_[i].cast<float>();
+      return residual_[i].square();
     });
     return squares.sqrt();
   }
@@ -131,25 +120,18 @@ class Solver {
   /// q = A p. Returns p^T q.
   Channels multiply() {
     matrix_.multiply(direction_, product_);
-    return sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) sum += direction_[i] * product_[i];
-      return std::array{sum};
-    })[0];
+    return sum_of(count_, kUnknownGrain,
+                  [&](std::size_t i) -> Channels { return direction_[i] * product_[i]; });
   }
 
   /// x += alpha p, r -= alpha q. Returns the norm of r.
   Channels advance(const Channels& alpha) {
     const Channels scaled = alpha * unit_;
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        x_[i] += scaled * direction_[i];
-        residual_[i] -= alpha * product_[i];
-        residual_f_[i] = residual_[i].cast<float>();
-        sum += residual_[i].square();
-      }
-      return std::array{sum};
+    const Channels squares = sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels {
+      x_[i] += scaled * direction_[i];
+      residual_[i] -= alpha * product_[i];
+      residual_f_[i] = residual_[i].cast<float>();
+      return residual_[i].square();
     });
     return squares.sqrt();
   }

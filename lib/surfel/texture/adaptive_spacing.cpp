@@ -1,4 +1,3 @@
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
@@ -8,6 +7,7 @@
 #include <surfel/base/stage_timer.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/mesh_edges.h>
+#include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/texture/adaptive_spacing.h>
 
@@ -23,11 +23,8 @@ constexpr double kPricePrecision = 1e-3;
 
 double surface_area(const TriangleMesh& mesh) {
   double sum = 0;
-  for (const auto& face : mesh.face) {
-    const Vec3d a = mesh.position[face[0]].cast<double>();
-    const Vec3d b = mesh.position[face[1]].cast<double>();
-    const Vec3d c = mesh.position[face[2]].cast<double>();
-    sum += (b - a).cross(c - a).norm() / 2;
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    sum += area_vector(face_corners(mesh, f)).norm() / 2;
   }
   return sum;
 }

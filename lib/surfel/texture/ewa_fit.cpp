@@ -70,7 +70,6 @@ class EwaFit {
     fit_unmasked();
     fit_charts(tasks);
     cloud_.basis_cutoff.reset();
-    report_.outside_charts += unreached_;
     timer.end("filter");
   }
 
@@ -91,7 +90,6 @@ class EwaFit {
     bool widened = false;  ///< Its aspect was limited.
   };
 
-  /// The surfel's uv must be finite.
   Footprint footprint(std::size_t k) const {
     const TextureMap& map = map_of(k);
     Footprint result;
@@ -150,32 +148,29 @@ class EwaFit {
     points_->color[q] << sample->color.cast<double>().array(), sample->alpha;
   }
 
+  /// Adds one to a number of the report, on any thread.
+  static void count(std::size_t& number) {
+    std::atomic_ref(number).fetch_add(1, std::memory_order_relaxed);
+  }
+
   /// Finds the chart and the pyramid level of every surfel, and counts what is unusual.
   void survey() {
     level_.resize(cloud_.size());
     if (textures_.charts) chart_.assign(cloud_.size(), kNoChart);
-    std::atomic<std::size_t> without_uv{0};
-    std::atomic<std::size_t> without_kernel{0};
-    std::atomic<std::size_t> widened{0};
-    std::atomic<std::size_t> outside{0};
     parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         level_[k] = 0;
         if (!cloud_.uv[k].allFinite()) {
-          ++without_uv;
+          count(report_.without_uv);
           continue;
         }
         const Footprint place = footprint(k);
-        if (place.point) ++without_kernel;
-        if (place.widened) ++widened;
+        if (place.point) count(report_.without_kernel);
+        if (place.widened) count(report_.widened);
         if (!options_.exact) level_[k] = level_for(place.kernel);
-        if (textures_.charts && !find_chart(k)) ++outside;
+        if (textures_.charts && !find_chart(k)) count(report_.outside_charts);
       }
     });
-    report_.without_uv = without_uv;
-    report_.without_kernel = without_kernel;
-    report_.widened = widened;
-    report_.outside_charts = outside;
   }
 
   static std::uint8_t level_for(const TexelKernel& kernel) {
@@ -265,20 +260,14 @@ class EwaFit {
     parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
-        if (!cloud_.uv[k].allFinite()) {
-          store(k, means[map_index(k)]);
-          if (!points_ || function_[k] == kNoFunction) continue;
-          const std::uint32_t i = function_[k];
-          for (std::size_t q = points_->quadrature.begin[i]; q < points_->quadrature.begin[i + 1];
-               ++q) {
-            store_point(q, means[map_index(k)]);
-          }
-          continue;
-        }
-        store(k, map_of(k).sample(footprint(k).kernel, max_level()));
+        const auto sample = [&](const TexelKernel& kernel) {
+          return means.empty() || cloud_.uv[k].allFinite() ? map_of(k).sample(kernel, max_level())
+                                                           : means[map_index(k)];
+        };
+        store(k, sample(footprint(k).kernel));
         const PointKernels points = point_kernels(k);
         for (std::size_t q = points.begin; q < points.end; ++q) {
-          store_point(q, map_of(k).sample(points.kernel(q), max_level()));
+          store_point(q, sample(points.kernel(q)));
         }
       }
     });
@@ -318,7 +307,7 @@ class EwaFit {
         const TexelKernel kernel = footprint(k).kernel;
         std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
-          ++unreached_;
+          count(report_.outside_charts);
           sample = map.sample({kernel.center, reconstruction()}, max_level());
         }
         store(k, *sample);
@@ -339,7 +328,6 @@ class EwaFit {
   Array<std::uint8_t> level_;      ///< Pyramid level per surfel.
   Array<std::uint32_t> chart_;     ///< Chart per surfel, or empty.
   Array<std::uint32_t> order_;     ///< Surfels that have a chart, by chart.
-  std::atomic<std::size_t> unreached_{0};
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/column_map.h>
+#include <surfel/solve/range_sums.h>
 #include <surfel/surface/voronoi_cell.h>
 #include <surfel/texture/render_system.h>
 
@@ -450,18 +451,6 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
   return {std::move(lower.row_begin), std::move(lower.column), std::move(lower.value)};
 }
 
-/// Sum of value(i) over i < count, the same for any number of threads.
-template <class Value>
-Channels sum_over(std::size_t count, const Value& value) {
-  std::vector<Channels> sums(chunk_count(count), Channels::Zero());
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) sums[begin / kGrain] += value(i);
-  });
-  Channels total = Channels::Zero();
-  for (const Channels& sum : sums) total += sum;
-  return total;
-}
-
 /// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
 double kept_variance(double cutoff) { return 1 - cutoff / std::expm1(cutoff); }
 
@@ -581,8 +570,8 @@ Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
 }
 
 Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
-  return sum_over(A.rows(),
-                  [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
+  return sum_of(A.rows(), kGrain,
+                [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
 }
 
 Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
@@ -608,7 +597,7 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
 }
 
 Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
-  return mu * far.residual2(w, w_0) + sum_over(w.size(), [&](std::size_t k) -> Channels {
+  return mu * far.residual2(w, w_0) + sum_of(w.size(), kGrain, [&](std::size_t k) -> Channels {
            return pull(k) * (w[k] - w_0[k]).square();
          });
 }
