@@ -215,10 +215,13 @@ TEST(ConjugateGradients, RefuseOptionsThatCannotBe) {
   const System system = gaussian_gram(3, 0.6);
   const InverseFactor factor(system.matrix);
   Array<Channels> x = zeros(system.b.size());
+  SolveOptions no_tolerance;
+  no_tolerance.tolerance = 0;
+  SolveOptions no_iterations;
+  no_iterations.max_iterations = -1;
   SolveOptions equal_bounds;
   equal_bounds.bounds = CoefficientBounds{1, 1};
-  for (const SolveOptions& bad :
-       {SolveOptions{.tolerance = 0}, SolveOptions{.max_iterations = -1}, equal_bounds}) {
+  for (const SolveOptions& bad : {no_tolerance, no_iterations, equal_bounds}) {
     EXPECT_EQ(bad.problems().size(), 1U);
     EXPECT_THROW(conjugate_gradients(system.matrix, system.b, factor, x, bad), Error);
   }
