@@ -148,7 +148,7 @@ void check(const CLI::App& app, const Settings& s) {
 /// Finds the place on the mesh of surfels that come without uv.
 void locate(surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh, const Settings& s,
             const surfel::tool::Tool& tool, nlohmann::json& json) {
-  const surfel::SurfaceLookupReport found = surfel::locate_on_mesh(cloud, mesh, {}, s.mesh);
+  const surfel::SurfaceLookupReport found = surfel::locate_on_mesh(cloud, mesh, s.mesh);
   json["located"] = found.located;
   json["too_far"] = found.too_far;
   json["turned_away"] = found.turned_away;

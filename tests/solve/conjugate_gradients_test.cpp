@@ -1,6 +1,7 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/conjugate_gradients.h>
 
@@ -208,6 +209,22 @@ TEST_P(ConjugateGradients, BoundedSolutionSatisfiesKarushKuhnTucker) {
     }
   }
   EXPECT_GT(bound, 100);
+}
+
+TEST(ConjugateGradients, RefuseOptionsThatCannotBe) {
+  const System system = gaussian_gram(3, 0.6);
+  const InverseFactor factor(system.matrix);
+  Array<Channels> x = zeros(system.b.size());
+  SolveOptions no_tolerance;
+  no_tolerance.tolerance = 0;
+  SolveOptions no_iterations;
+  no_iterations.max_iterations = -1;
+  SolveOptions equal_bounds;
+  equal_bounds.bounds = CoefficientBounds{1, 1};
+  for (const SolveOptions& bad : {no_tolerance, no_iterations, equal_bounds}) {
+    EXPECT_EQ(bad.problems().size(), 1U);
+    EXPECT_THROW(conjugate_gradients(system.matrix, system.b, factor, x, bad), Error);
+  }
 }
 
 TEST(BoundedGradients, WideBoundsChangeNothing) {

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/solve/ceres_solver.h>
@@ -47,6 +48,17 @@ double rms(const Array<Channels>& a, const Array<Channels>& b) {
   double sum = 0;
   for (std::size_t k = 0; k < a.size(); ++k) sum += (a[k] - b[k]).square().sum();
   return std::sqrt(sum / static_cast<double>(3 * a.size()));
+}
+
+TEST(RobustFit, RefusesOptionsThatCannotBe) {
+  const Case c;
+  Array<Channels> w = c.target.w_0;
+  for (const RobustOptions& bad : {RobustOptions{.scale = 0}, RobustOptions{.scale = HUGE_VAL},
+                                   RobustOptions{.tolerance = 0}, RobustOptions{.tolerance = 2}}) {
+    EXPECT_EQ(bad.problems().size(), 1U);
+    EXPECT_THROW(robust_fit(c.system, c.target, w, bad), Error);
+    EXPECT_THROW(robust_fit_ceres(c.system, c.target, w, bad), Error);
+  }
 }
 
 TEST(CeresSolver, LeastSquaresAreTheFactorisations) {

@@ -21,9 +21,7 @@ namespace {
 using namespace test;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr double kAnywhere = std::numeric_limits<double>::infinity();
-
-SurfaceLookupOptions anywhere() { return {kAnywhere, {}}; }
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Surfels of standard deviation `sigma` without normal.
 SurfelCloud cloud_at(std::initializer_list<Vec3f> positions, float sigma = 1) {
@@ -104,17 +102,16 @@ TEST(SurfaceLookup, FindsWhatTryingAllFacesFinds) {
     for (int i = 0; i < 500; ++i) {
       cloud.position.push_back(1.5F * random.point());
       cloud.normal.push_back(i % 5 == 0 ? Vec3f(0, 0, 0) : Vec3f(random.point().normalized()));
-      cloud.variance.push_back(std::pow(0.05F * (1 + random.uniform()), 2.0F));
+      cloud.variance.push_back(std::pow(0.1F * (1 + 2 * random.uniform()), 2.0F));
     }
-    SurfaceLookupOptions options;
-    options.max_distance = 0.8;
-    const SurfaceLookupReport report = locate_on_mesh(cloud, mesh, options);
+    const SurfaceLookupReport report = locate_on_mesh(cloud, mesh);
 
     std::size_t too_far = 0;
     std::size_t turned_away = 0;
     for (std::size_t i = 0; i < cloud.size(); ++i) {
       const Vec3d p = cloud.position[i].cast<double>();
-      double least = kAnywhere;
+      const double sigma = std::sqrt(static_cast<double>(cloud.variance[i]));
+      double least = kInfinity;
       Vec2d uv = Vec2d::Constant(kNan);
       bool turned = false;
       for (std::size_t f = 0; f < mesh.face.size(); ++f) {
@@ -122,9 +119,8 @@ TEST(SurfaceLookup, FindsWhatTryingAllFacesFinds) {
         const Vec3d q = closest_point(p, t);
         const Vec3d normal = (t[1] - t[0]).cross(t[2] - t[0]);
         const bool away = normal.dot(cloud.normal[i].cast<double>()) < 0;
-        const double cost =
-            away ? 2 * (q - p).norm() + std::sqrt(cloud.variance[i]) : (q - p).norm();
-        if ((q - p).norm() > 0.8 || cost >= least) continue;
+        const double cost = away ? 2 * (q - p).norm() + sigma : (q - p).norm();
+        if ((q - p).norm() > 3 * sigma || cost >= least) continue;
         least = cost;
         turned = away;
         uv.setZero();
@@ -168,14 +164,15 @@ TEST(SurfaceLookup, FindsTheNearestPointOfAClosedSurface) {
     cloud.position.push_back(mesh.position[face[0]]);
     cloud.position.push_back((mesh.position[face[0]] + mesh.position[face[1]]) / 2);
   }
+  cloud.variance.assign(cloud.size(), 100.0F);
   SurfelCloud heights_cloud = cloud;
-  const SurfaceLookupReport report = locate_on_mesh(cloud, mesh, anywhere());
-  locate_on_mesh(heights_cloud, heights, anywhere());
+  const SurfaceLookupReport report = locate_on_mesh(cloud, mesh);
+  locate_on_mesh(heights_cloud, heights);
   double sum = 0;
   double largest = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const Vec3d p = cloud.position[i].cast<double>();
-    double least = kAnywhere;
+    double least = kInfinity;
     for (std::size_t f = 0; f < mesh.face.size(); ++f) {
       least = std::min(least, (closest_point(p, corners(mesh, f)) - p).norm());
     }
@@ -239,17 +236,15 @@ TEST(SurfaceLookup, TheNormalDoesNotReachFar) {
   TriangleMesh mesh;
   add_square(mesh, 0, false, {0, 0});
   add_square(mesh, 1, true, {2, 0});
-  // Distances z and 1 - z of the two: 1 - z > 2 z + 0.1 where z < 0.3.
-  SurfelCloud cloud = cloud_at({{0.3F, 0.6F, 0.29F}, {0.3F, 0.6F, 0.31F}}, 0.1F);
+  // Distances z and 1 - z of the two: 1 - z > 2 z + 0.28 where z < 0.24.
+  SurfelCloud cloud = cloud_at({{0.3F, 0.6F, 0.23F}, {0.3F, 0.6F, 0.25F}}, 0.28F);
   cloud.normal.assign(2, Vec3f(0, 0, 1));
-  const SurfaceLookupReport report = locate_on_mesh(cloud, mesh, anywhere());
-  EXPECT_EQ(report.turned_away, 1U);
+  EXPECT_EQ(locate_on_mesh(cloud, mesh).turned_away, 1U);
   EXPECT_LT((cloud.uv[0] - Vec2f(0.3F, 0.6F)).norm(), 1e-6);
   EXPECT_LT((cloud.uv[1] - Vec2f(2.3F, 0.6F)).norm(), 1e-6);
-  // Nor beyond the limit.
-  SurfaceLookupOptions options;
-  options.max_distance = 0.5;
-  EXPECT_EQ(locate_on_mesh(cloud, mesh, options).turned_away, 2U);
+  // Nor beyond the limit of three standard deviations.
+  cloud.variance.assign(2, 0.01F);
+  EXPECT_EQ(locate_on_mesh(cloud, mesh).turned_away, 2U);
 }
 
 TEST(SurfaceLookup, CornerNormalsSayHowAFaceIsTurned) {
@@ -268,8 +263,8 @@ TEST(SurfaceLookup, CornerNormalsSayHowAFaceIsTurned) {
 
 TEST(SurfaceLookup, CountsWhatIsTooFar) {
   const TriangleMesh mesh = square();
-  const auto located = [&](SurfelCloud cloud, const SurfaceLookupOptions& options) {
-    const SurfaceLookupReport report = locate_on_mesh(cloud, mesh, options);
+  const auto located = [&](SurfelCloud cloud) {
+    const SurfaceLookupReport report = locate_on_mesh(cloud, mesh);
     EXPECT_EQ(report.located + report.too_far, 4U);
     std::vector<bool> found;
     for (const Vec2f& uv : cloud.uv) found.push_back(uv.allFinite());
@@ -279,25 +274,25 @@ TEST(SurfaceLookup, CountsWhatIsTooFar) {
   };
   SurfelCloud cloud =
       cloud_at({{0.5F, 0.5F, 0}, {0.5F, 0.5F, 0.29F}, {0.5F, 0.5F, 0.31F}, {0.5F, 3, 1e20F}}, 0.1F);
-  EXPECT_EQ(located(cloud, {}), (std::vector{true, true, false, false}));
-  EXPECT_EQ(located(cloud, {1, {}}), (std::vector{true, false, false, false}));
-  EXPECT_EQ(located(cloud, {1, 0.3}), (std::vector{true, true, false, false}));
-  EXPECT_EQ(located(cloud, {0, {}}), (std::vector{true, false, false, false}));
-  EXPECT_EQ(located(cloud, anywhere()), (std::vector{true, true, true, true}));
+  EXPECT_EQ(located(cloud), (std::vector{true, true, false, false}));
+  cloud.variance = {0.01F, 0.0025F, 0.04F, HUGE_VALF};
+  EXPECT_EQ(located(cloud), (std::vector{true, false, true, true}));
+  cloud.variance.assign(4, 0.0F);
+  EXPECT_EQ(located(cloud), (std::vector{true, false, false, false}));
 
   // The longer axis counts; a variance that is none is zero.
   cloud.tangent.assign(4, Vec3f(1, 0, 0));
   cloud.variance_u = {0.01F, 0.01F, 0.01F, 0.01F};
   cloud.variance_v = {0.0F, 0.0F, 0.04F, kNan};
-  EXPECT_EQ(located(cloud, {}), (std::vector{true, true, true, false}));
+  EXPECT_EQ(located(cloud), (std::vector{true, true, true, false}));
   cloud.variance_u[1] = kNan;
-  EXPECT_EQ(located(cloud, {}), (std::vector{true, false, true, false}));
+  EXPECT_EQ(located(cloud), (std::vector{true, false, true, false}));
 }
 
 TEST(SurfaceLookup, SurfelsWithoutPositionGetNoUv) {
   SurfelCloud cloud = cloud_at({{kNan, 0, 0}, {0.5F, 0.25F, 0}, {0, HUGE_VALF, 0}});
   cloud.normal = {Vec3f(0, 0, 1), Vec3f(kNan, 0, 1), Vec3f(0, 0, 1)};
-  const SurfaceLookupReport report = locate_on_mesh(cloud, square(), anywhere());
+  const SurfaceLookupReport report = locate_on_mesh(cloud, square());
   EXPECT_EQ(report.without_position, 2U);
   EXPECT_EQ(report.located, 1U);
   EXPECT_TRUE(cloud.uv[0].hasNaN() && cloud.uv[2].hasNaN());
@@ -321,9 +316,9 @@ TEST(SurfaceLookup, FacesWithoutAreaAreNoSurface) {
   add_triangle(mesh, {0, 0, 1}, {0, 0, 1}, {0, 0, 1});
   mesh.wedge_uv.resize(2, {Vec2f(7, 7), Vec2f(7, 8), Vec2f(8, 7)});
   SurfelCloud cloud = cloud_at({{0.5F, 0.5F, 1}});
-  EXPECT_EQ(locate_on_mesh(cloud, mesh, anywhere()).too_far, 1U);
+  EXPECT_EQ(locate_on_mesh(cloud, mesh).too_far, 1U);
   add_square(mesh, 0, true, {0, 0});
-  EXPECT_EQ(locate_on_mesh(cloud, mesh, anywhere()).located, 1U);
+  EXPECT_EQ(locate_on_mesh(cloud, mesh).located, 1U);
   EXPECT_LT((cloud.uv[0] - Vec2f(0.5F, 0.5F)).norm(), 1e-6);
 }
 
@@ -413,19 +408,17 @@ TEST(SurfaceLookup, RefusesWhatItCannotUse) {
   SurfelCloud cloud = cloud_at({{0, 0, 0}});
   cloud.uv = {Vec2f(3, 4)};
   TriangleMesh mesh = square();
-  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh, {-1, {}}); }), ErrorKind::kUsage);
-  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh, {3, kNan}); }), ErrorKind::kUsage);
-
   cloud.variance = {};
   EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh); }), ErrorKind::kInput);
+  cloud.variance = {1.0F};
   mesh.wedge_uv.pop_back();
-  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh, {3, 1}); }), ErrorKind::kInput);
+  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh); }), ErrorKind::kInput);
   mesh.wedge_uv = {};
-  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh, {3, 1}); }), ErrorKind::kInput);
+  EXPECT_EQ(kind_of_failure([&] { locate_on_mesh(cloud, mesh); }), ErrorKind::kInput);
   EXPECT_EQ(cloud.uv, (Array<Vec2f>{Vec2f(3, 4)}));
   EXPECT_TRUE(cloud.dpdu.empty());
 
-  locate_on_mesh(cloud, square(), {3, 1});
+  locate_on_mesh(cloud, square());
   EXPECT_EQ(cloud.uv, (Array<Vec2f>{Vec2f(0, 0)}));
 }
 

@@ -126,15 +126,15 @@ TEST(PrincipalVariances, AreTheEigenvaluesOfATurnedEllipse) {
 TEST(LimitKernel, WidensTheMinorAxisAlone) {
   const double angle = 0.9;
   Mat2d variance = test::turned_kernel({0, 0}, 100, 1, angle).variance;
-  EXPECT_FALSE(limit_kernel(variance, {.max_aspect = 101}));
-  EXPECT_TRUE(limit_kernel(variance, {.max_aspect = 20}));
+  EXPECT_FALSE(limit_kernel(variance, 101));
+  EXPECT_TRUE(limit_kernel(variance, 20));
   EXPECT_TRUE(variance.isApprox(test::turned_kernel({0, 0}, 100, 5, angle).variance, 1e-9));
 }
 
 TEST(LimitKernel, ShrinksKernelsBeyondAllMeasure) {
   Mat2d variance = 1e30 * Mat2d::Identity();
-  EXPECT_FALSE(limit_kernel(variance, {.max_sigma = 1000}));
-  EXPECT_TRUE(variance.isApprox(1e6 * Mat2d::Identity(), 1e-9));
+  EXPECT_FALSE(limit_kernel(variance, kMaxAspect));
+  EXPECT_TRUE(variance.isApprox(0x1p48 * Mat2d::Identity(), 1e-9));
 }
 
 TEST(TexelPosition, HasTheImagesBottomAtVZero) {

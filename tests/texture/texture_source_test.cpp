@@ -49,6 +49,11 @@ TEST(LoadTextureImage, RasterisesProceduralTexturesAtTheFrequencyAsked) {
   EXPECT_NE(by_default.pixel(10, 2040)[0], by_default.pixel(10 + 128, 2040)[0]);
 }
 
+TEST(LoadTextures, RefusesImagesThatEndInNothing) {
+  const TextureSourceOptions options{.image = "checker:2", .wrap = WrapMode::kNothing};
+  EXPECT_TRUE(failure([&] { load_textures(options, nullptr, ""); }).starts_with("usage: `wrap`"));
+}
+
 TEST(LoadTextureImage, RefusesAFrequencyThatIsNone) {
   for (const std::string frequency : {"", "0", "-3", "x", "4x", "nan", "1e9"}) {
     const std::string name = "noise:" + frequency;

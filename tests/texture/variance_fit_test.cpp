@@ -123,7 +123,7 @@ TEST(VarianceFit, OddBasesAreSurvived) {
   for (const Channels& w : refine(twins, 1).w) EXPECT_LT(w.abs().maxCoeff(), 100);
 }
 
-TEST(VarianceFit, RefusesAMinifiedTerm) {
+TEST(VarianceFit, RefusesAMinifiedTermAndOptionsThatCannotBe) {
   const SurfelBasis basis = flat_basis(3, 0.8);
   const Quadrature points = cover_surface(basis, 2);
   const Array<Channels> zero(basis.size(), Channels::Zero());
@@ -131,6 +131,9 @@ TEST(VarianceFit, RefusesAMinifiedTerm) {
   const FitTarget target{Array<Channels>(points.size(), Channels::Zero()), zero};
   const auto solve = [](const RenderSystem&, Array<Channels>&) {};
   EXPECT_THROW(refine_variance(start, points, target, solve), Error);
+  start.system.mu = 0;
+  EXPECT_THROW(refine_variance(start, points, target, solve, {.cutoff = 0}), Error);
+  EXPECT_THROW(refine_variance(start, points, target, solve, {.coverage = -1}), Error);
 }
 
 TEST(VarianceFit, DoesNotDependOnTheThreads) {

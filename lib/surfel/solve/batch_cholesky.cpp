@@ -14,8 +14,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<double, kCholeskyBatch>;
 using V = hn::Vec<D>;
 
-/// Entries (i .. i + kRows - 1, j) of L, times the pivot's root. Several rows side by side, as each
-/// one's sum has to wait for its last addition.
+/// Makes the entries (i .. i + kRows - 1, j) of L. Several rows go side by side, as a row's sum has
+/// to wait for its last addition.
 template <std::size_t kRows>
 HWY_INLINE void eliminate(double* a, std::size_t i, std::size_t j, V inverse_root) {
   const D d;
@@ -32,7 +32,7 @@ HWY_INLINE void eliminate(double* a, std::size_t i, std::size_t j, V inverse_roo
   }
 }
 
-/// The diagonal is left holding the roots' inverses.
+/// Factorises in place: A = L L^T; the diagonal holds the inverses of L's diagonal.
 HWY_INLINE void factorize(std::size_t n, double* a) {
   const D d;
   const V one = hn::Set(d, 1.0);

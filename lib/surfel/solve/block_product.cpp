@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <utility>
 
+#include <surfel/base/group_by_key.h>
 #include <surfel/solve/block_product.h>
 
 #undef HWY_TARGET_INCLUDE
@@ -43,7 +45,7 @@ struct Sum {
 
 }  // namespace
 
-/// One block; y has room for all of its rows.
+/// y = a block's rows times x; y has room for all rows of a block.
 void multiply_block(const BlockMatrixF& matrix, std::size_t block, const float* x, float* y) {
   Sum sum[kBlockRows];
   for (Sum& s : sum) s.clear();
@@ -93,16 +95,15 @@ HWY_EXPORT(multiply_block);
 HWY_EXPORT(multiply_column_range);
 
 void BlockMatrixF::list_places() {
-  column_begin.assign(rows + 1, 0);
-  for (const std::uint32_t c : column) ++column_begin[c + 1];
-  for (std::size_t c = 0; c < rows; ++c) column_begin[c + 1] += column_begin[c];
-  place.resize(column.size());
-  Array<std::uint64_t> next = column_begin;
-  for (std::uint32_t block = 0; block < blocks(); ++block) {
-    for (std::uint64_t e = block_begin[block]; e < block_begin[block + 1]; ++e) {
-      place[next[column[e]]++] = {block, static_cast<std::uint32_t>(e - block_begin[block])};
+  Grouped<Place> places = group_by_key<Place>(rows, [&](const auto& add) {
+    for (std::uint32_t block = 0; block < blocks(); ++block) {
+      for (std::uint64_t e = block_begin[block]; e < block_begin[block + 1]; ++e) {
+        add(column[e], Place{block, static_cast<std::uint32_t>(e - block_begin[block])});
+      }
     }
-  }
+  });
+  column_begin = std::move(places.begin);
+  place = std::move(places.item);
 }
 
 void multiply_rows(const BlockMatrixF& matrix, std::size_t begin, std::size_t end,

@@ -10,7 +10,7 @@ namespace surfel {
 /// A preconditioner's numbers need no more than single precision.
 using ChannelsF = Eigen::Array4f;
 
-/// Rows that share their columns, which divides the number of indices, and of loads, by this.
+/// Number of rows that share their columns: there are that many times fewer indices and loads.
 constexpr std::size_t kBlockRows = 8;
 
 /// Sparse square matrix in single precision, in blocks of kBlockRows consecutive rows.
@@ -22,10 +22,10 @@ struct BlockMatrixF {
   };
 
   std::size_t rows = 0;
-  Array<std::uint64_t> block_begin;   ///< Of every block its first column, and their number.
-  Array<std::uint32_t> column;        ///< Ascending within a block.
-  Array<float> value;                 ///< kBlockRows of every column, one a row of the block.
-  Array<std::uint64_t> column_begin;  ///< Of every column its first place, and their number.
+  Array<std::uint64_t> block_begin;  ///< First column of every block, then the number of columns.
+  Array<std::uint32_t> column;       ///< Ascending within a block.
+  Array<float> value;                ///< kBlockRows values a column, one for each row of the block.
+  Array<std::uint64_t> column_begin;  ///< First place of every column, then the number of places.
   Array<Place> place;                 ///< Ascending within a column.
 
   std::size_t blocks() const { return (rows + kBlockRows - 1) / kBlockRows; }

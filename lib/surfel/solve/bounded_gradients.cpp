@@ -82,11 +82,7 @@ class Solver {
       step();
       ++report_.iterations;
       const Channels norm = choose_moves();
-      if (options_.progress) {
-        const double share =
-            std::log(norm.maxCoeff() / first) / std::log(options_.tolerance / first);
-        options_.progress(std::clamp(share, 0.0, 1.0));
-      }
+      tell_decay(options_.progress, first, norm.maxCoeff(), options_.tolerance);
     }
   }
 
@@ -98,16 +94,12 @@ class Solver {
     direction_.resize(count_);
     product_.resize(count_);
     inverse_diagonal_.resize(count_);
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        sum += b_[i].square();
-        x_[i] = x_[i].max(lower_).min(upper_);
-        direction_[i].setZero();
-        const double diagonal = matrix_.diagonal(i);
-        inverse_diagonal_[i] = diagonal > 0 ? 1 / diagonal : 1;
-      }
-      return std::array{sum};
+    const Channels squares = sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels {
+      x_[i] = x_[i].max(lower_).min(upper_);
+      direction_[i].setZero();
+      const double diagonal = matrix_.diagonal(i);
+      inverse_diagonal_[i] = diagonal > 0 ? 1 / diagonal : 1;
+      return b_[i].square();
     });
     unit_ = (squares == 0).select(Channels::Ones(), squares.sqrt());
     const double norm = scaled_norm();

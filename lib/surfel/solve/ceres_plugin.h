@@ -5,7 +5,7 @@
 
 namespace surfel {
 
-/// What the library and the plug-in libsurfel_ceres.so hand to one another: raw numbers only.
+// The library and the plug-in libsurfel_ceres.so hand raw numbers to one another.
 
 /// weight sum_q rho(|A_q w - f_q|^2) over rows q of A that have entries; rho is Huber's function,
 /// or the identity.

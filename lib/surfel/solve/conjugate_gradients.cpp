@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -46,19 +48,12 @@ class Solver {
     residual_.resize(count_);
     residual_f_.resize(count_);
     half_.resize(count_);
-    direction_.resize(count_);
     product_.resize(count_);
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        sum += b_[i].square();
-        direction_[i].setZero();
-      }
-      return std::array{sum};
-    });
-    const Channels norm2 = squares;  // A binding cannot be captured.
+    direction_.assign(count_, Channels::Zero());
+    const Channels norm2 =
+        sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels { return b_[i].square(); });
     unit_ = (norm2 == 0).select(Channels::Ones(), norm2.sqrt());
-    // Where b is zero so is the solution, and there is nothing that a residual is relative to.
+    // Where b is zero the solution is zero, and a relative residual has no meaning.
     parallel_for(count_, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         x_[i] = (norm2 == 0).select(Channels::Zero(), x_[i]);
@@ -69,14 +64,10 @@ class Solver {
   /// The true residual, in units of |b|. Returns its norm.
   Channels set_residual() {
     matrix_.multiply(x_, product_);
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        residual_[i] = (b_[i] - product_[i]) / unit_;
-        residual_f_[i] = residual_[i].cast<float>();
-        sum += residual_[i].square();
-      }
-      return std::array{sum};
+    const Channels squares = sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels {
+      residual_[i] = (b_[i] - product_[i]) / unit_;
+      residual_f_[i] = residual_[i].cast<float>();
+      return residual_[i].square();
     });
     return squares.sqrt();
   }
@@ -101,11 +92,7 @@ class Solver {
       const Channels norm = advance(alpha);
       ++report_.iterations;
       active = active && norm > options_.tolerance;
-      if (options_.progress) {
-        const double share =
-            std::log(norm.maxCoeff() / first) / std::log(options_.tolerance / first);
-        options_.progress(std::clamp(share, 0.0, 1.0));
-      }
+      tell_decay(options_.progress, first, norm.maxCoeff(), options_.tolerance);
     }
   }
 
@@ -133,25 +120,18 @@ class Solver {
   /// q = A p. Returns p^T q.
   Channels multiply() {
     matrix_.multiply(direction_, product_);
-    return sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) sum += direction_[i] * product_[i];
-      return std::array{sum};
-    })[0];
+    return sum_of(count_, kUnknownGrain,
+                  [&](std::size_t i) -> Channels { return direction_[i] * product_[i]; });
   }
 
   /// x += alpha p, r -= alpha q. Returns the norm of r.
   Channels advance(const Channels& alpha) {
     const Channels scaled = alpha * unit_;
-    const auto [squares] = sum_ranges<1>(count_, [&](std::size_t begin, std::size_t end) {
-      Channels sum = Channels::Zero();
-      for (std::size_t i = begin; i < end; ++i) {
-        x_[i] += scaled * direction_[i];
-        residual_[i] -= alpha * product_[i];
-        residual_f_[i] = residual_[i].cast<float>();
-        sum += residual_[i].square();
-      }
-      return std::array{sum};
+    const Channels squares = sum_of(count_, kUnknownGrain, [&](std::size_t i) -> Channels {
+      x_[i] += scaled * direction_[i];
+      residual_[i] -= alpha * product_[i];
+      residual_f_[i] = residual_[i].cast<float>();
+      return residual_[i].square();
     });
     return squares.sqrt();
   }
@@ -170,9 +150,31 @@ class Solver {
 
 }  // namespace
 
+std::vector<std::string> SolveOptions::problems() const {
+  std::vector<std::string> found;
+  if (!(tolerance > 0 && tolerance < 1)) {
+    found.push_back(fmt::format("`tolerance` is {}; it must be in (0, 1)", tolerance));
+  }
+  if (max_iterations < 0) {
+    found.push_back(fmt::format("`max_iterations` is {}; it must be >= 0", max_iterations));
+  }
+  if (bounds && !(std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
+                  bounds->lower < bounds->upper)) {
+    found.emplace_back("`bounds` must be two numbers, the lower first");
+  }
+  return found;
+}
+
+void tell_decay(const std::function<void(double)>& progress, double first, double now,
+                double last) {
+  if (!progress || !(now > 0 && first > last)) return;
+  progress(std::clamp(std::log(now / first) / std::log(last / first), 0.0, 1.0));
+}
+
 SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                 const InverseFactor& factor, Array<Channels>& x,
                                 const SolveOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);
   return Solver(matrix, b, factor, x, options).run();
 }

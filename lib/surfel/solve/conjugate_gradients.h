@@ -10,6 +10,7 @@ namespace surfel {
 /// options have bounds, minimises x^T A x / 2 - b^T x within them; see bounded_gradients.h. The
 /// result does not depend on the number of threads.
 /// \param matrix  positive definite.
+/// Throws Error(kUsage) where the options are not usable.
 /// \param factor  of the matrix, or of one close to it.
 /// \param x  in: where to start, out: the solution.
 SURFEL_API SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,

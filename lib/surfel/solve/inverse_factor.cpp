@@ -13,14 +13,15 @@
 
 #include <surfel/base/parallel.h>
 #include <surfel/solve/batch_cholesky.h>
+#include <surfel/solve/column_map.h>
 #include <surfel/solve/inverse_factor.h>
 #include <surfel/solve/range_sums.h>
 
 namespace surfel {
 namespace {
 
-constexpr std::size_t kMaxRowEntries = 240;  ///< With a block more it fits into a byte.
-constexpr std::size_t kBlockGrain = 64;
+constexpr std::size_t kMaxRowEntries = 240;  ///< With a block more, places fit into a byte.
+constexpr std::size_t kBlockGrain = 64;      ///< Blocks that one thread works on at a time.
 static_assert(kBlockGrain % kCholeskyBatch == 0 && kUnknownGrain % kBlockRows == 0);
 
 /// The first entry of a row whose column is at least `column`, or its end.
@@ -48,6 +49,49 @@ std::size_t default_row_entries(const SymmetricMatrix& matrix) {
   return std::clamp<std::size_t>(mean / 3, 8, 64);
 }
 
+/// Places of a pattern's columns, from 1 on, and 0 for all other columns, without a branch that
+/// nothing foretells: bytes in pages of columns that follow each other, of which only pages of the
+/// pattern are stored, in a table without collisions.
+class PatternPlaces {
+ public:
+  /// \param pattern  at most 255 columns.
+  void set(std::span<const std::uint32_t> pattern) {
+    while (!fill(pattern)) table_.resize(2 * table_.size());
+  }
+  std::uint8_t operator[](std::uint32_t column) const {
+    const Page& page = table_[column / kColumns & (table_.size() - 1)];
+    return place_[(page.number == column / kColumns ? page.begin : 0) + column % kColumns];
+  }
+
+ private:
+  static constexpr std::uint32_t kColumns = 32;
+  static constexpr std::uint32_t kNoPage = static_cast<std::uint32_t>(-1);
+  struct Page {
+    std::uint32_t number;
+    std::uint32_t begin;  ///< In place_.
+  };
+
+  /// \return false where two pages collide.
+  bool fill(std::span<const std::uint32_t> pattern) {
+    std::fill(table_.begin(), table_.end(), Page{kNoPage, 0});
+    place_.assign(kColumns, 0);  // The page of columns without a place.
+    for (std::size_t s = 0; s < pattern.size(); ++s) {
+      const std::uint32_t number = pattern[s] / kColumns;
+      Page& page = table_[number & (table_.size() - 1)];
+      if (page.number != number) {
+        if (page.number != kNoPage) return false;
+        page = {number, static_cast<std::uint32_t>(place_.size())};
+        place_.resize(place_.size() + kColumns, 0);
+      }
+      place_[page.begin + pattern[s] % kColumns] = static_cast<std::uint8_t>(s + 1);
+    }
+    return true;
+  }
+
+  std::vector<Page> table_ = std::vector<Page>(128);  ///< A power of two; most patterns fit in.
+  std::vector<std::uint8_t> place_;
+};
+
 /// Fills in the blocks of a factor; every thread has its own builder.
 class BlockBuilder {
  public:
@@ -55,35 +99,30 @@ class BlockBuilder {
   BlockBuilder(const SymmetricMatrix& matrix, const Array<double>& root, std::size_t before)
       : matrix_(matrix), root_(root), before_(before) {
     const std::size_t size = before + kBlockRows;
-    slot_.assign(matrix.rows(), 0);
     slot_value_.assign(size + 1, 0);
     slot_root_.resize(size);
     matrices_.resize(batch_entry(size, 0));
     rows_.resize(size * kBlockRows * kCholeskyBatch);
   }
 
-  /// Of the unknowns before a block those most strongly coupled to any of its rows, ascending.
+  /// The unknowns before a block that are most strongly coupled to any of its rows, ascending.
   /// Valid until the next call.
   std::span<const std::uint32_t> find_pattern(std::size_t block) {
     neighbors_.clear();
+    map_.clear();
     const std::size_t first = block * kBlockRows;
     const std::size_t end = std::min(first + kBlockRows, matrix_.rows());
-    if (place_.empty()) place_.assign(matrix_.rows(), kNowhere);
     for (std::size_t row = first; row < end; ++row) {
       for (std::uint64_t entry = matrix_.row_begin[row]; matrix_.column[entry] < first; ++entry) {
         const std::uint32_t j = matrix_.column[entry];
         const auto strength =
             static_cast<float>(std::abs(matrix_.value[entry]) * root_[j] * root_[row]);
-        if (place_[j] == kNowhere) {
-          place_[j] = static_cast<std::uint32_t>(neighbors_.size());
-          neighbors_.push_back({strength, j});
-        } else {
-          float& strongest = neighbors_[place_[j]].strength;
-          strongest = std::max(strongest, strength);
-        }
+        const std::uint32_t place = map_.number(j);
+        if (place == neighbors_.size()) neighbors_.push_back({strength, j});
+        float& strongest = neighbors_[place].strength;
+        strongest = std::max(strongest, strength);
       }
     }
-    for (const Neighbor& neighbor : neighbors_) place_[neighbor.index] = kNowhere;
     if (neighbors_.size() > before_) {
       const auto stronger = [](const Neighbor& a, const Neighbor& b) {
         return a.strength != b.strength ? a.strength > b.strength : a.index < b.index;
@@ -117,8 +156,6 @@ class BlockBuilder {
   }
 
  private:
-  static constexpr std::uint32_t kNowhere = static_cast<std::uint32_t>(-1);
-
   struct Neighbor {
     float strength;
     std::uint32_t index;
@@ -143,16 +180,14 @@ class BlockBuilder {
     const std::size_t own = pattern.size();
     const std::size_t offset = size - own;
     set_identity(offset, lane);
-    for (std::size_t s = 0; s < own; ++s) {
-      slot_[pattern[s]] = static_cast<std::uint8_t>(s + 1);
-      slot_root_[s] = root_[pattern[s]];
-    }
+    places_.set(pattern);
+    for (std::size_t s = 0; s < own; ++s) slot_root_[s] = root_[pattern[s]];
     for (std::size_t s = 0; s < own; ++s) {
       const std::uint32_t i = pattern[s];
-      // Entries outside of the pattern go to slot 0: quicker than a branch that nothing foretells.
+      // Entries outside of the pattern go to slot 0.
       const std::uint64_t end = matrix_.row_begin[i + 1] - 1;
       for (std::uint64_t entry = first_from(matrix_, i, pattern[0]); entry < end; ++entry) {
-        slot_value_[slot_[matrix_.column[entry]]] = matrix_.value[entry];
+        slot_value_[places_[matrix_.column[entry]]] = matrix_.value[entry];
       }
       double* out = matrices_.data() + batch_entry(offset + s, 0) + lane;
       for (std::size_t t = 0; t < offset; ++t) out[t * kCholeskyBatch] = 0;
@@ -163,7 +198,6 @@ class BlockBuilder {
       }
       out[s * kCholeskyBatch] = 1;
     }
-    for (const std::uint32_t column : pattern) slot_[column] = 0;
   }
 
   /// A block's rows, the last of L^-1, scaled back.
@@ -178,7 +212,7 @@ class BlockBuilder {
           rows_.data() + ((kBlockRows - rows + r) * size + size - pattern.size()) * kCholeskyBatch +
           lane;
       const std::size_t diagonal = before + r;
-      // Where the matrix is not positive definite, the diagonal has to do.
+      // Where the matrix is not positive definite, the row is the diagonal alone.
       const bool broken = !std::isfinite(row[diagonal * kCholeskyBatch]);
       for (std::size_t s = broken ? diagonal : 0; s <= diagonal; ++s) {
         const double entry = broken ? 1 : row[s * kCholeskyBatch];
@@ -192,9 +226,9 @@ class BlockBuilder {
   std::size_t before_;
   std::vector<Neighbor> neighbors_;
   std::vector<std::uint32_t> pattern_;
-  Array<std::uint32_t> place_;  ///< Of every unknown its place in neighbors_.
-  Array<std::uint8_t> slot_;    ///< Of every unknown its place in the pattern, from 1 on, or 0.
-  Array<double> slot_value_;    ///< Zero between rows, but for slot 0.
+  ColumnMap map_;  ///< Places in neighbors_.
+  PatternPlaces places_;
+  Array<double> slot_value_;  ///< By place in the pattern; zero between rows, except [0].
   Array<double> slot_root_;
   Array<double> matrices_;
   Array<double> rows_;

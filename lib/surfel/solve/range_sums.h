@@ -27,4 +27,19 @@ std::array<Channels, kSums> sum_ranges(std::size_t count, const Body& body) {
   return total;
 }
 
+/// Adds up what body(i) returns for the numbers i below `count`: sums of ranges of `grain` numbers,
+/// which run in parallel, in the order of the ranges.
+template <class Body>
+Channels sum_of(std::size_t count, std::size_t grain, const Body& body) {
+  Array<Channels> partial((count + grain - 1) / grain);
+  parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {
+    Channels sum = Channels::Zero();
+    for (std::size_t i = begin; i < end; ++i) sum += body(i);
+    partial[begin / grain] = sum;
+  });
+  Channels total = Channels::Zero();
+  for (const Channels& sum : partial) total += sum;
+  return total;
+}
+
 }  // namespace surfel

@@ -2,23 +2,33 @@
 
 #include <functional>
 #include <optional>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
 
 namespace surfel {
 
-/// Every unknown is kept within these.
+/// Range that every unknown is kept in; finite, lower < upper.
 struct CoefficientBounds {
   double lower = 0;
   double upper = 1;
 };
 
-struct SolveOptions {
+struct SURFEL_API SolveOptions {
   /// Iterations end where the residual |b - A x| of every channel is at most this times its |b|.
-  double tolerance = 1e-6;
-  int max_iterations = 2000;
+  double tolerance = 1e-6;    ///< In (0, 1).
+  int max_iterations = 2000;  ///< >= 0.
   std::optional<CoefficientBounds> bounds;
   /// Called with the share that is done, 0..1, from the calling thread; may be empty.
   std::function<void(double)> progress;
+  std::vector<std::string> problems() const;  ///< Empty if usable.
 };
+
+/// Tells how far a quantity that shrinks by about the same factor each step has come from `first`
+/// to `last`: calls progress(share), share 0..1; `progress` may be empty.
+SURFEL_API void tell_decay(const std::function<void(double)>& progress, double first, double now,
+                           double last);
 
 struct SolveReport {
   int iterations = 0;

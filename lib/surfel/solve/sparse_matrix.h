@@ -8,13 +8,13 @@
 
 namespace surfel {
 
-/// One unknown in all its colour channels, which are solved for together: R, G, B and one to spare,
-/// so that a vector register holds them.
+/// One unknown in all its colour channels, which are solved for together: R, G, B and a fourth
+/// (alpha or nothing), so that a vector register holds them.
 using Channels = Eigen::Array4d;
 
 /// Compressed sparse rows.
 struct SparseMatrix {
-  Array<std::uint64_t> row_begin;  ///< Of every row its first entry, and the number of entries.
+  Array<std::uint64_t> row_begin;  ///< First entry of every row, then the number of entries.
   Array<std::uint32_t> column;     ///< Ascending within a row.
   Array<double> value;
   std::size_t columns = 0;

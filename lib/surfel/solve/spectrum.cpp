@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kMinChannels = 2;  ///< The first channels seek the smallest eigenvalue.
 
-/// Of the Ritz problem in the span of the vector x, the gradient w and the last step p.
+/// Matrix of the Ritz problem in the span of the vector x, the gradient w and the last step p.
 using Matrix3 = Eigen::Matrix3d;
 
 /// The combination of x, w and p of extreme Rayleigh quotient. \param gram, energy  the products
@@ -36,7 +36,7 @@ Eigen::Vector3d extreme_combination(const Matrix3& gram, const Matrix3& energy, 
     basis.col(i) *= share > kLeastShare ? 1 / std::sqrt(share) : 0;
   }
   Matrix3 reduced = basis.transpose() * energy * basis;
-  // What was left out gets an eigenvalue that is not the one sought.
+  // Directions that were left out get an eigenvalue at the other end of the spectrum.
   const double far = (smallest ? 2 : -2) * reduced.norm();
   for (int i = 0; i < 3; ++i) {
     if (!(span.eigenvalues()[i] > kLeastShare)) reduced(i, i) = far;
@@ -68,7 +68,7 @@ class Seeker {
       const Spectrum before = spectrum;
       spectrum.min = value_.head<kMinChannels>().minCoeff();
       spectrum.max = value_.tail<4 - kMinChannels>().maxCoeff();
-      constexpr double kStanding = 0.005;
+      constexpr double kStanding = 0.005;  // Estimates are good to a few percent.
       const bool stands =
           std::abs(spectrum.min - before.min) <= kStanding * std::abs(spectrum.min) &&
           spectrum.max - before.max <= kStanding * spectrum.max;

@@ -1,6 +1,15 @@
+#include <utility>
+
+#include <surfel/base/group_by_key.h>
 #include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
+
+double SymmetricMatrix::trace() const {
+  double sum = 0;
+  for (std::size_t row = 0; row < rows(); ++row) sum += diagonal(row);
+  return sum;
+}
 
 Array<double> row_sums(const SymmetricMatrix& matrix) {
   Array<double> sums;
@@ -18,29 +27,24 @@ Array<double> row_sums(const SymmetricMatrix& matrix) {
 }
 
 SparseMatrix both_triangles(const SymmetricMatrix& matrix) {
-  const std::size_t n = matrix.rows();
-  SparseMatrix result;
-  result.columns = n;
-  result.row_begin.assign(n + 1, 0);
-  const auto for_each = [&](const auto& body) {
-    for (std::size_t row = 0; row < n; ++row) {
+  // A row has its own entries, ascending, before the rows below add theirs.
+  using Entry = std::pair<std::uint32_t, double>;
+  const Grouped<Entry> rows = group_by_key<Entry>(matrix.rows(), [&](const auto& add) {
+    for (std::uint32_t row = 0; row < matrix.rows(); ++row) {
       for (std::uint64_t e = matrix.row_begin[row]; e < matrix.row_begin[row + 1]; ++e) {
         const std::uint32_t column = matrix.column[e];
-        body(row, column, matrix.value[e]);
-        if (column != row) body(column, static_cast<std::uint32_t>(row), matrix.value[e]);
+        add(row, Entry(column, matrix.value[e]));
+        if (column != row) add(column, Entry(row, matrix.value[e]));
       }
     }
-  };
-  for_each([&](std::size_t row, std::uint32_t, double) { ++result.row_begin[row + 1]; });
-  for (std::size_t row = 0; row < n; ++row) result.row_begin[row + 1] += result.row_begin[row];
-  result.column.resize(result.row_begin.back());
-  result.value.resize(result.column.size());
-  // A row has its own entries, ascending, before the rows below add theirs.
-  Array<std::uint64_t> next = result.row_begin;
-  for_each([&](std::size_t row, std::uint32_t column, double value) {
-    result.column[next[row]] = column;
-    result.value[next[row]++] = value;
   });
+  SparseMatrix result;
+  result.columns = matrix.rows();
+  result.row_begin = rows.begin;
+  for (const auto& [column, value] : rows.item) {
+    result.column.push_back(column);
+    result.value.push_back(value);
+  }
   return result;
 }
 

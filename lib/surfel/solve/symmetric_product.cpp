@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include <surfel/base/parallel.h>
+#include <surfel/solve/column_map.h>
 #include <surfel/solve/range_sums.h>
 #include <surfel/solve/symmetric_product.h>
 
@@ -30,7 +31,7 @@ struct Row {
 };
 
 /// Entries [begin, end), of row i, both ways: adds a_ij x_j to the row's sums, and a_ij x_i to the
-/// unknown that target(j) points at.
+/// unknown that target(entry, j) points at.
 template <class Target>
 HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, std::uint64_t end,
                             const double* HWY_RESTRICT x, const Target& target, Row& row) {
@@ -40,7 +41,7 @@ HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, 
   const auto add = [&](std::size_t slot, std::uint64_t entry) HWY_ATTR {
     const std::size_t j = column[entry];
     const auto factor = hn::Set(d, value[entry]);
-    double* to = target(j);
+    double* to = target(entry, j);
     for (std::size_t part = 0; part < kParts; ++part) {
       const std::size_t lane = part * kLanes;
       hn::Vec<Tag>& sum = row.sum[slot][part];
@@ -58,7 +59,8 @@ HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, 
 }  // namespace
 
 /// Sets y in the range of rows from `begin` on to the sums of these rows' entries, and adds what
-/// the entries add to rows before to the range's halo.
+/// the entries add to rows before to the range's halo. \param slot  of every entry before the range
+/// its row's place in the halo.
 void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std::uint32_t* slot,
                     const double* x, double* y, double* halo) {
   const Tag d;
@@ -75,10 +77,13 @@ void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std:
       row.sum[0][part] = hn::Mul(hn::Set(d, matrix.value[last]), row.x[part]);
       for (std::size_t sum = 1; sum < kSums; ++sum) row.sum[sum][part] = hn::Zero(d);
     }
-    add_entries(
-        matrix, first, inside, x, [&](std::size_t j) { return halo + kChannels * slot[j]; }, row);
-    add_entries(
-        matrix, inside, last, x, [&](std::size_t j) { return y + kChannels * j; }, row);
+    const auto outside = [&](std::uint64_t entry, std::size_t) {
+      return halo + kChannels * slot[entry - first];
+    };
+    const auto own = [&](std::uint64_t, std::size_t j) { return y + kChannels * j; };
+    add_entries(matrix, first, inside, x, outside, row);
+    add_entries(matrix, inside, last, x, own, row);
+    slot += inside - first;
     for (std::size_t part = 0; part < kParts; ++part) {
       hn::StoreU(hn::Add(row.sum[0][part], row.sum[1][part]), d, y + kChannels * i + part * kLanes);
     }
@@ -91,70 +96,53 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace surfel {
-namespace {
-
-constexpr std::uint32_t kNone = static_cast<std::uint32_t>(-1);
-
-}  // namespace
 
 HWY_EXPORT(multiply_range);
 
-SymmetricProduct::SymmetricProduct(const SymmetricMatrix& matrix) : matrix_(matrix) {
-  const std::size_t rows = matrix.rows();
-  halo_.resize((rows + kRange - 1) / kRange);
-  find_halos();
-  halo_begin_.push_back(0);
-  for (const auto& halo : halo_) halo_begin_.push_back(halo_begin_.back() + halo.size());
-  halo_sum_.resize(halo_begin_.back());
-  incoming_begin_.assign(rows + 1, 0);
-  for (const auto& halo : halo_) {
-    for (const std::uint32_t j : halo) ++incoming_begin_[j + 1];
+SymmetricProduct::SymmetricProduct(const SymmetricMatrix& matrix)
+    : matrix_(matrix), halo_((matrix.rows() + kRange - 1) / kRange) {
+  parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int) { halo_[r] = find_halo(r); });
+  std::uint64_t sums = 0;
+  for (Halo& halo : halo_) {
+    halo.first_sum = sums;
+    sums += halo.row.size();
   }
-  for (std::size_t j = 0; j < rows; ++j) incoming_begin_[j + 1] += incoming_begin_[j];
-  incoming_.resize(halo_begin_.back());
-  Array<std::uint64_t> next = incoming_begin_;
-  std::uint64_t sum = 0;
-  for (const auto& halo : halo_) {
-    for (const std::uint32_t j : halo) incoming_[next[j]++] = sum++;
-  }
-}
-
-void SymmetricProduct::find_halos() {
-  parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int worker) {
-    Array<std::uint32_t>& slot = slot_[worker];
-    if (slot.empty()) slot.assign(matrix_.rows(), kNone);
-    const std::size_t begin = r * kRange;
-    const std::size_t end = std::min(begin + kRange, matrix_.rows());
-    for (std::size_t row = begin; row < end; ++row) {
-      for (std::uint64_t e = matrix_.row_begin[row]; matrix_.column[e] < begin; ++e) {
-        if (slot[matrix_.column[e]] != kNone) continue;
-        slot[matrix_.column[e]] = 0;
-        halo_[r].push_back(matrix_.column[e]);
-      }
+  halo_sum_.resize(sums);
+  incoming_ = group_by_key<std::uint64_t>(matrix.rows(), [&](const auto& add) {
+    for (const Halo& halo : halo_) {
+      for (std::size_t h = 0; h < halo.row.size(); ++h) add(halo.row[h], halo.first_sum + h);
     }
-    for (const std::uint32_t j : halo_[r]) slot[j] = kNone;
-    halo_[r].shrink_to_fit();
   });
 }
 
-void SymmetricProduct::multiply(const Array<Channels>& x, Array<Channels>& y) {
-  parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int worker) {
-    Array<std::uint32_t>& slot = slot_[worker];
-    if (slot.empty()) slot.resize(matrix_.rows());
-    Channels* sums = halo_sum_.data() + halo_begin_[r];
-    for (std::size_t h = 0; h < halo_[r].size(); ++h) {
-      slot[halo_[r][h]] = static_cast<std::uint32_t>(h);
-      sums[h].setZero();
+SymmetricProduct::Halo SymmetricProduct::find_halo(std::size_t range) const {
+  Halo halo;
+  ColumnMap rows;
+  const std::size_t begin = range * kRange;
+  const std::size_t end = std::min(begin + kRange, matrix_.rows());
+  for (std::size_t row = begin; row < end; ++row) {
+    for (std::uint64_t e = matrix_.row_begin[row]; matrix_.column[e] < begin; ++e) {
+      halo.slot.push_back(rows.number(matrix_.column[e]));
     }
-    const std::size_t begin = r * kRange;
+  }
+  halo.slot.shrink_to_fit();
+  halo.row.assign(rows.columns().begin(), rows.columns().end());
+  return halo;
+}
+
+void SymmetricProduct::multiply(const Array<Channels>& x, Array<Channels>& y) {
+  parallel_for(halo_.size(), 1, [&](std::size_t r, std::size_t, int) {
+    const Halo& halo = halo_[r];
+    Channels* const sums = halo_sum_.data() + halo.first_sum;
+    std::fill_n(sums, halo.row.size(), Channels::Zero());
     HWY_DYNAMIC_DISPATCH(multiply_range)
-    (matrix_, begin, slot.data(), reinterpret_cast<const double*>(x.data()),
+    (matrix_, r * kRange, halo.slot.data(), reinterpret_cast<const double*>(x.data()),
      reinterpret_cast<double*>(y.data()), reinterpret_cast<double*>(sums));
   });
   parallel_for(matrix_.rows(), kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t j = begin; j < end; ++j) {
-      for (std::uint64_t i = incoming_begin_[j]; i < incoming_begin_[j + 1]; ++i) {
-        y[j] += halo_sum_[incoming_[i]];
+      for (std::uint64_t i = incoming_.begin[j]; i < incoming_.begin[j + 1]; ++i) {
+        y[j] += halo_sum_[incoming_.item[i]];
       }
     }
   });

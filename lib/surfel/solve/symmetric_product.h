@@ -3,7 +3,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/solve/symmetric_matrix.h>
 
 namespace surfel {
@@ -26,15 +26,18 @@ class SURFEL_API SymmetricProduct {
   void multiply(const Array<Channels>& x, Array<Channels>& y);
 
  private:
-  void find_halos();
+  /// What the rows of a range add to rows before it.
+  struct Halo {
+    Array<std::uint32_t> row;   ///< The rows before the range that it adds to.
+    Array<std::uint32_t> slot;  ///< Of every entry before the range, its row's place in `row`.
+    std::uint64_t first_sum;    ///< Place in halo_sum_ of the first row's sum.
+  };
+  Halo find_halo(std::size_t range) const;
 
   const SymmetricMatrix& matrix_;
-  std::vector<Array<std::uint32_t>> halo_;  ///< By range: the rows before it that it adds to.
-  Array<std::uint64_t> halo_begin_;         ///< By range: its first sum; then the number of sums.
+  std::vector<Halo> halo_;  ///< By range.
   Array<Channels> halo_sum_;
-  Array<std::uint64_t> incoming_begin_;   ///< By row: the first of incoming_; then their number.
-  Array<std::uint64_t> incoming_;         ///< Sums that are added to each row.
-  PerWorker<Array<std::uint32_t>> slot_;  ///< By row: its place in a halo.
+  Grouped<std::uint64_t> incoming_;  ///< By row: the places in halo_sum_ that are added to it.
 };
 
 /// |b - A x| / |b| of the worst channel.

@@ -109,8 +109,8 @@ class LayerCompositor final : public GroupCompositor {
   }
   void complete(const Shader& shader, int x, int y, std::span<Fragment> fragments) const override {
     if (!shader.has_environment() || !picture_->at_border(x, y)) return;
-    const Vec3f normal = picture_->filtered_normal(x, y);
     for (Fragment& fragment : fragments.first(fragments.size() - 1)) {
+      const Vec3f normal = picture_->filtered_normal(x, y);
       std::copy_n(normal.data(), 3, fragment.channel + kNormalX);
     }
     fragments.back() = picture_->merged(shader, x, y, picture_->kept(x, y));

@@ -1,12 +1,13 @@
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/mesh_edges.h>
+#include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/texture/adaptive_spacing.h>
 
@@ -22,11 +23,8 @@ constexpr double kPricePrecision = 1e-3;
 
 double surface_area(const TriangleMesh& mesh) {
   double sum = 0;
-  for (const auto& face : mesh.face) {
-    const Vec3d a = mesh.position[face[0]].cast<double>();
-    const Vec3d b = mesh.position[face[1]].cast<double>();
-    const Vec3d c = mesh.position[face[2]].cast<double>();
-    sum += (b - a).cross(c - a).norm() / 2;
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+    sum += area_vector(face_corners(mesh, f)).norm() / 2;
   }
   return sum;
 }
@@ -119,15 +117,11 @@ SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
   }
   out.unit_deviation = options.unit_deviation.value_or(diagonal(mesh) / 30);
   const Array<std::uint32_t> rings = edge_rings(mesh);
-  Timer timer;
-  const auto stage = [&](const char* done) {
-    out.times.add(done, timer.milliseconds());
-    timer.restart();
-  };
+  StageTimer timer(out.times);
   for (double wanted = kFewestProbes;; wanted *= 4) {
     const double spacing = std::sqrt(area / wanted);
     const std::vector<SurfaceProbe> probes = look(mesh, textures, spacing, options.seed, name);
-    stage("look");
+    timer.end("look");
     const DetailTree tree(probes, border_pieces(mesh, rings, spacing),
                           {area, spacing, out.unit_deviation, options.variance_scale});
     const auto fine_enough = [&](const DetailTree::Cut& tried) {
@@ -142,7 +136,7 @@ SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
       return area * density >= count;
     };
     const DetailTree::Cut cut = bracket_cuts(tree, kPricePrecision, fine_enough).fine;
-    stage("choose");
+    timer.end("choose");
     const bool reached = !options.max_error || cut.error() <= *options.max_error;
     if ((reached && cut.finest_samples <= kFinestShare * cut.samples) ||
         4 * wanted > static_cast<double>(options.most_probes)) {

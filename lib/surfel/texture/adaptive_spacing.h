@@ -17,9 +17,9 @@ namespace surfel {
 
 struct SURFEL_API AdaptiveSpacingOptions {
   /// Root mean square over the surface of the error of colour (per channel, linear light, 0 to 1)
-  /// and of shape (distance / unit_deviation) together, > 0. Either
+  /// and of shape (distance / unit_deviation) together, > 0. Either max_error or count is set.
   std::optional<double> max_error;
-  std::optional<std::size_t> count;  ///< this or the number of samples to place best, >= 1.
+  std::optional<std::size_t> count;  ///< Number of samples to place best, >= 1.
   /// Distance between surfels and surface, scene units, > 0, that counts as much as black against
   /// white. Unset: 1/30 of the bounding box's diagonal.
   std::optional<double> unit_deviation;
@@ -32,20 +32,20 @@ struct SURFEL_API AdaptiveSpacingOptions {
 /// What adaptive_spacing() met and chose.
 struct AdaptiveSpacingReport {
   std::size_t probes = 0;     ///< Places where the surface was looked at.
-  std::size_t cells = 0;      ///< Of which each has a spacing.
+  std::size_t cells = 0;      ///< Cells of the field; each has one spacing.
   double unit_deviation = 0;  ///< Scene units.
-  double error = 0;           ///< Expected: the root of the sum of the squares of
-  double color_error = 0;     ///< these two; the second
-  double shape_error = 0;     ///< in units of unit_deviation.
+  double error = 0;           ///< Expected: root of color_error^2 + shape_error^2.
+  double color_error = 0;     ///< Root mean square, linear light.
+  double shape_error = 0;     ///< Root mean square, in units of unit_deviation.
   double least_spacing = 0;   ///< Scene units.
-  bool reached = true;  ///< Else not even the finest spacing that was looked at meets max_error.
+  bool reached = true;  ///< False: the finest spacing that was looked at does not meet max_error.
   StageTimes times;
 };
 
 /// The spacing that gives a mesh the error asked for with the fewest samples, or the least error
 /// with a number of them: small where texture, vertex colours or shape have detail (detail_tree.h
 /// says what errors are), large elsewhere, changing by at most 0.35 per unit of distance in
-/// between, which only lowers the error. The errors are those of coefficients by view-independent
+/// between, which only lowers the error. Errors are expected of coefficients by view-independent
 /// EWA, drawn at cutoff 1, seen from near.
 ///
 /// The mesh is looked at in uniform samples, four times as many each time until few of the surfels

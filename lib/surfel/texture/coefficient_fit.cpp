@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include <surfel/base/timing.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/scene/amplitude.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -95,11 +95,9 @@ double largest(const Array<double>& values) {
   return values.empty() ? 0 : *std::max_element(values.begin(), values.end());
 }
 
-/// Replaces R by S R S with S = mean(diag(R))^-1/2 I, whose diagonal it returns.
+/// Replaces R by S R S with S = mean(diag(R))^-1/2 I. \return the diagonal of S.
 Array<double> scale_by_mean_diagonal(SymmetricMatrix& matrix) {
-  double sum = 0;
-  for (std::size_t row = 0; row < matrix.rows(); ++row) sum += matrix.diagonal(row);
-  const double mean = sum / static_cast<double>(matrix.rows());
+  const double mean = matrix.trace() / static_cast<double>(matrix.rows());
   for (double& value : matrix.value) value /= mean;
   return Array<double>(matrix.rows(), 1 / std::sqrt(mean));
 }
@@ -123,7 +121,8 @@ void leave_out_unknown(Quadrature& quadrature, Array<Channels>& color,
   color.resize(kept);
 }
 
-/// Writes the variances of a refined basis. What was the amplitude stays so.
+/// Writes the variances of a refined basis. Amplitudes stay: where the cloud leaves them to the
+/// variances, it gets them as areas.
 void store_variances(const SurfelBasis& basis, SurfelCloud& cloud) {
   if (cloud.area.empty()) {
     for (std::size_t k = 0; k < cloud.size(); ++k) {
@@ -163,12 +162,13 @@ struct RenderFit {
     report.residual = relative_residual(system.normal_matrix, b, w);
   }
 
-  /// Holds unresolved detail. \param b  the right side, which follows. \param w  in: where to
-  /// start, out: a better place to.
+  /// Holds the coefficients where detail is unresolved (unresolved_detail.h).
+  /// \param b  the right side, which is brought up to date.
+  /// \param w  in: where a rough solution starts; out: the rough solution.
   void hold_unresolved(RenderSystem& system, Array<Channels>& b, Array<Channels>& w,
                        SystemReport& report) const {
-    constexpr double kRough = 1e-5;
-    constexpr std::size_t kFewEntries = 16;
+    constexpr double kRough = 1e-5;          // The default tolerance: shares need no more.
+    constexpr std::size_t kFewEntries = 16;  // A quarter of InverseFactor's most.
     SolveOptions rough;
     rough.tolerance = std::max(kRough, options.tolerance);
     // The matrix is about to change: a better factor would take longer than the steps it saves.
@@ -203,10 +203,11 @@ struct RenderFit {
 
 }  // namespace
 
+// SS01 (11), R w = c, in the coefficients x = S^-1 w of kernels scaled to a unit diagonal.
 void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOptions& options,
               TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
-  Timer timer;
+  StageTimer timer(report.times);
   GramSystem gram = make_gram_system(basis);
   system.functions = basis.size();
   system.entries = gram.matrix.entries();
@@ -224,10 +225,9 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOpti
   } else {
     scale = scale_to_unit_diagonal(gram.matrix);
   }
-  report.times.add("assembly", timer.milliseconds());
+  timer.end("assembly");
   tell(options, 0.3);
 
-  timer.restart();
   // Lifted by about as much as lambda may come to, the matrix has a good factor, which serves
   // whatever lambda is.
   const double lift = options.lambda.value_or(largest(row_sums(gram.matrix)) / kMostCondition);
@@ -243,10 +243,9 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOpti
   add_to_diagonal(gram.matrix, (system.lambda - lift) / (1 + lift));  // The mean is 1 + lift.
   system.eigen_min = spectrum.min + system.lambda;
   system.eigen_max = spectrum.max + system.lambda;
-  report.times.add("condition", timer.milliseconds());
+  timer.end("condition");
   tell(options, 0.5);
 
-  timer.restart();
   Array<Channels> x(basis.size());
   Array<Channels> b(basis.size());
   for (std::size_t i = 0; i < basis.size(); ++i) {
@@ -257,13 +256,14 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOpti
         system);
   for (std::size_t i = 0; i < basis.size(); ++i) x[i] *= scale[i];
   store(x, basis, report.alpha, cloud);
-  report.times.add("solve", timer.milliseconds());
+  timer.end("solve");
 }
 
+// Least squares for SS01 (9).
 void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOptions& render_options,
                 const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
-  Timer timer;
+  StageTimer timer(report.times);
   Quadrature& quadrature = colors.quadrature;
   leave_out_unknown(quadrature, colors.color, colors.known);
   Array<std::uint8_t>().swap(colors.known);
@@ -279,32 +279,28 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   system.points = quadrature.size();
   if (!options.refine_variance) Array<Vec2f>().swap(quadrature.offset);
   system.lambda = render_options.regularization;
-  report.times.add("assembly", timer.milliseconds());
+  timer.end("assembly");
   tell(options, 0.5);
 
-  timer.restart();
   const double solved = options.refine_variance ? 0.55 : 1;
   Array<Channels> w = fit.target.w_0;
   Array<Channels> b = fit.right_side(render);
   if (render.mu > 0) {
     // Without a minified term there is nothing that aliasing would spoil from afar.
     fit.hold_unresolved(render, b, w, system);
-    report.times.add("unresolved", timer.milliseconds());
-    timer.restart();
+    timer.end("unresolved");
   }
   InverseFactor factor(render.normal_matrix);
-  report.times.add("condition", timer.milliseconds());
+  timer.end("condition");
 
-  timer.restart();
   if (options.robust) {
     fit.solve_robust(render, w, system);
-    report.times.add("robust", timer.milliseconds());
+    timer.end("robust");
   } else {
     fit.solve(render, b, factor, w, system, stage(options, 0.5, solved));
-    report.times.add("solve", timer.milliseconds());
+    timer.end("solve");
   }
   if (options.refine_variance) {
-    timer.restart();
     system.error_before = fit.error(render, w);
     RenderSolution solution{colors.basis, std::move(render), std::move(w)};
     system.variance = refine_variance(solution, quadrature, fit.target,
@@ -319,14 +315,13 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
     render = std::move(solution.system);
     w = std::move(solution.w);
     factor = InverseFactor(render.normal_matrix);
-    report.times.add("variance", timer.milliseconds());
+    timer.end("variance");
   }
 
-  timer.restart();
   const Spectrum spectrum = estimate_spectrum(render.normal_matrix, factor, kSpectrumSteps);
   system.eigen_min = spectrum.min;
   system.eigen_max = spectrum.max;
-  report.times.add("condition", timer.milliseconds());
+  timer.end("condition");
   system.entries = render.normal_matrix.entries();
   system.uncovered = render.near.uncovered;
   system.error_ewa = fit.error(render, fit.target.w_0);

@@ -4,10 +4,11 @@
 #include <atomic>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 #include <utility>
 
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/texture/ewa_fit.h>
 
 namespace surfel {
@@ -17,10 +18,12 @@ constexpr std::uint32_t kNoChart = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint32_t kNoFunction = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kGrain = 1 << 12;
 
-/// A chart whose box has more texels than this many images, or than kMaxBox, is not masked: where
-/// an image is repeated so often, what lies beyond the border is the image again.
+/// A chart whose box has more texels than this many images is not masked: where an image is
+/// repeated so often, the image lies beyond the border again.
 constexpr double kMaxRepetitions = 4;
+/// Boxes of so few texels are masked whatever the image: they take 1 MB.
 constexpr double kMinBox = 1 << 16;
+/// Boxes of more texels are never masked: they take 4 GB.
 constexpr double kMaxBox = 1 << 28;
 
 /// Charts with more texels are worked on by all threads together, smaller ones by one thread each.
@@ -52,25 +55,22 @@ class EwaFit {
   }
 
   void run() {
-    Timer timer;
+    StageTimer timer(report_.times);
     survey();
     const std::vector<ChartTask> tasks = plan_charts();
-    report_.times.add("charts", timer.milliseconds());
+    timer.end("charts");
 
-    timer.restart();
     load_maps(tasks);
     report_.alpha = std::any_of(textures_.maps.begin(), textures_.maps.end(),
                                 [](const TextureMap& map) { return map.has_alpha(); });
-    report_.times.add("pyramid", timer.milliseconds());
+    timer.end("pyramid");
 
-    timer.restart();
     cloud_.coefficient.resize(cloud_.size());
     if (report_.alpha) cloud_.alpha.resize(cloud_.size());
     fit_unmasked();
     fit_charts(tasks);
     cloud_.basis_cutoff.reset();
-    report_.outside_charts += unreached_;
-    report_.times.add("filter", timer.milliseconds());
+    timer.end("filter");
   }
 
  private:
@@ -90,7 +90,6 @@ class EwaFit {
     bool widened = false;  ///< Its aspect was limited.
   };
 
-  /// The surfel's uv must be finite.
   Footprint footprint(std::size_t k) const {
     const TextureMap& map = map_of(k);
     Footprint result;
@@ -98,7 +97,7 @@ class EwaFit {
     result.kernel.variance = reconstruction();
     if (auto variance = texture_space_variance(cloud_, k, map.width(), map.height())) {
       result.kernel.variance += *variance;
-      result.widened = limit_kernel(result.kernel.variance, {.max_aspect = options_.max_aspect});
+      result.widened = limit_kernel(result.kernel.variance, options_.max_aspect);
     } else {
       result.point = true;
     }
@@ -135,7 +134,7 @@ class EwaFit {
       result.along << *L * f.tangent, *L * f.bitangent;
       result.variance +=
           static_cast<double>(points_->quadrature.variance[i]) * (*L * L->transpose());
-      limit_kernel(result.variance, {.max_aspect = options_.max_aspect});
+      limit_kernel(result.variance, options_.max_aspect);
     }
     return result;
   }
@@ -149,32 +148,29 @@ class EwaFit {
     points_->color[q] << sample->color.cast<double>().array(), sample->alpha;
   }
 
+  /// Adds one to a number of the report, on any thread.
+  static void count(std::size_t& number) {
+    std::atomic_ref(number).fetch_add(1, std::memory_order_relaxed);
+  }
+
   /// Finds the chart and the pyramid level of every surfel, and counts what is unusual.
   void survey() {
     level_.resize(cloud_.size());
     if (textures_.charts) chart_.assign(cloud_.size(), kNoChart);
-    std::atomic<std::size_t> without_uv{0};
-    std::atomic<std::size_t> without_kernel{0};
-    std::atomic<std::size_t> widened{0};
-    std::atomic<std::size_t> outside{0};
     parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         level_[k] = 0;
         if (!cloud_.uv[k].allFinite()) {
-          ++without_uv;
+          count(report_.without_uv);
           continue;
         }
         const Footprint place = footprint(k);
-        if (place.point) ++without_kernel;
-        if (place.widened) ++widened;
+        if (place.point) count(report_.without_kernel);
+        if (place.widened) count(report_.widened);
         if (!options_.exact) level_[k] = level_for(place.kernel);
-        if (textures_.charts && !find_chart(k)) ++outside;
+        if (textures_.charts && !find_chart(k)) count(report_.outside_charts);
       }
     });
-    report_.without_uv = without_uv;
-    report_.without_kernel = without_kernel;
-    report_.widened = widened;
-    report_.outside_charts = outside;
   }
 
   static std::uint8_t level_for(const TexelKernel& kernel) {
@@ -196,21 +192,19 @@ class EwaFit {
     return chart.has_value();
   }
 
-  /// Groups surfels by chart. Those of charts that are too large lose theirs.
+  /// Groups surfels by chart. Surfels of a chart that is too large lose it.
   std::vector<ChartTask> plan_charts() {
     std::vector<ChartTask> tasks;
     if (!textures_.charts) return tasks;
     report_.charts = textures_.charts->count();
-    std::vector<std::size_t> begin(textures_.charts->count() + 1, 0);
-    for (const std::uint32_t chart : chart_) {
-      if (chart != kNoChart) ++begin[chart + 1];
-    }
-    std::partial_sum(begin.begin(), begin.end(), begin.begin());
-    order_.resize(begin.back());
-    std::vector<std::size_t> next(begin.begin(), begin.end() - 1);
-    for (std::size_t k = 0; k < chart_.size(); ++k) {
-      if (chart_[k] != kNoChart) order_[next[chart_[k]]++] = static_cast<std::uint32_t>(k);
-    }
+    const Grouped<std::uint32_t> surfels =
+        group_by_key<std::uint32_t>(textures_.charts->count(), [&](const auto& add) {
+          for (std::uint32_t k = 0; k < chart_.size(); ++k) {
+            if (chart_[k] != kNoChart) add(chart_[k], k);
+          }
+        });
+    const Array<std::uint64_t>& begin = surfels.begin;
+    order_ = surfels.item;
     for (std::uint32_t chart = 0; chart + 1 < begin.size(); ++chart) {
       if (begin[chart] == begin[chart + 1]) continue;
       const TextureMap& map = map_of(order_[begin[chart]]);
@@ -235,7 +229,7 @@ class EwaFit {
       for (std::size_t k = begin; k < end; ++k) {
         if (!cloud_.uv[k].allFinite()) continue;
         TexelKernel kernel = footprint(k).kernel;
-        // That of a surfel whose own kernel does not reach its chart.
+        // Of a surfel that has a chart: the kernel where its own does not reach the chart.
         if (!unmasked(k)) kernel.variance = reconstruction();
         textures_.maps[map_index(k)].request(kernel, max_level());
         if (!unmasked(k)) continue;
@@ -266,20 +260,14 @@ class EwaFit {
     parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
-        if (!cloud_.uv[k].allFinite()) {
-          store(k, means[map_index(k)]);
-          if (!points_ || function_[k] == kNoFunction) continue;
-          const std::uint32_t i = function_[k];
-          for (std::size_t q = points_->quadrature.begin[i]; q < points_->quadrature.begin[i + 1];
-               ++q) {
-            store_point(q, means[map_index(k)]);
-          }
-          continue;
-        }
-        store(k, map_of(k).sample(footprint(k).kernel, max_level()));
+        const auto sample = [&](const TexelKernel& kernel) {
+          return means.empty() || cloud_.uv[k].allFinite() ? map_of(k).sample(kernel, max_level())
+                                                           : means[map_index(k)];
+        };
+        store(k, sample(footprint(k).kernel));
         const PointKernels points = point_kernels(k);
         for (std::size_t q = points.begin; q < points.end; ++q) {
-          store_point(q, map_of(k).sample(points.kernel(q), max_level()));
+          store_point(q, sample(points.kernel(q)));
         }
       }
     });
@@ -319,7 +307,7 @@ class EwaFit {
         const TexelKernel kernel = footprint(k).kernel;
         std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
-          ++unreached_;
+          count(report_.outside_charts);
           sample = map.sample({kernel.center, reconstruction()}, max_level());
         }
         store(k, *sample);
@@ -340,7 +328,6 @@ class EwaFit {
   Array<std::uint8_t> level_;      ///< Pyramid level per surfel.
   Array<std::uint32_t> chart_;     ///< Chart per surfel, or empty.
   Array<std::uint32_t> order_;     ///< Surfels that have a chart, by chart.
-  std::atomic<std::size_t> unreached_{0};
 };
 
 }  // namespace

@@ -17,9 +17,9 @@ struct PointColors {
 
 /// View-independent EWA [SS01 section 5]: w_k = sum_i c_i g_i / sum_i g_i over the texels i, with
 /// g = G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image, n being the reconstruction
-/// kernel's standard deviation. It is what (11) gives where the basis is taken as orthonormal. The
-/// columns are those that fit_texture() has checked. Builds the maps' pyramids as far as needed.
-/// The same for any number of threads.
+/// kernel's standard deviation. These coefficients solve SS01 (11) where the basis is taken as
+/// orthonormal. fit_texture() must have checked the columns. Builds the maps' pyramids as far as
+/// needed. The result is the same for any number of threads.
 /// \param points  if not null, sampled at the same time, as the textures are then at hand.
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
              TextureFitReport& report, PointColors* points = nullptr);

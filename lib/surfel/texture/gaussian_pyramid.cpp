@@ -127,23 +127,23 @@ struct RowKernel {
   double ratio_step;
 };
 
-/// Adds kernel times texel over the texels texel_at(begin) ... texel_at(end - 1) of a row.
-template <class TexelAt>
-void add_row(int begin, int end, RowKernel kernel, const TexelAt& texel_at,
-             GaussianPyramid::Sum& total) {
-  using Texel = Eigen::Map<const Eigen::Array4f>;
+/// Adds kernel times texel over `count` texels of a row.
+void add_row(const float* texels, int count, RowKernel kernel, GaussianPyramid::Sum& total) {
+  const auto texel = [&](int i) {
+    return Eigen::Map<const Eigen::Array4f>(texels + static_cast<std::ptrdiff_t>(i) * 4);
+  };
   Eigen::Array4f even = Eigen::Array4f::Zero();
   Eigen::Array4f odd = Eigen::Array4f::Zero();
   Eigen::Array2d weight = Eigen::Array2d::Zero();
-  int x = begin;
-  for (; x + 1 < end; x += 2) {
-    even += static_cast<float>(kernel.value[0]) * Texel(texel_at(x));
-    odd += static_cast<float>(kernel.value[1]) * Texel(texel_at(x + 1));
+  int i = 0;
+  for (; i + 1 < count; i += 2) {
+    even += static_cast<float>(kernel.value[0]) * texel(i);
+    odd += static_cast<float>(kernel.value[1]) * texel(i + 1);
     weight += kernel.value;
     kernel.advance();
   }
-  if (x < end) {
-    even += static_cast<float>(kernel.value[0]) * Texel(texel_at(x));
+  if (i < count) {
+    even += static_cast<float>(kernel.value[0]) * texel(i);
     weight[0] += kernel.value[0];
   }
   total.texels += (even + odd).cast<double>();
@@ -402,8 +402,8 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     y_begin = std::max(y_begin, level.y.first);
     y_end = std::min(y_end, level.y.first + level.y.count);
   }
-  // The row's texels out of their tiles. To allocate it for each kernel would take a tenth of the
-  // time.
+  // A row's texels, where they are in tiles or beyond the image's border. To allocate it for each
+  // kernel would take a tenth of the time.
   thread_local Eigen::Array<float, 4, Eigen::Dynamic> fetched;
   for (int y = y_begin; y < y_end; ++y) {
     const double dy = y + 0.5 - center_y;
@@ -421,31 +421,22 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
 
     const RowKernel row(begin + 0.5 - row_center, decay, step, exponent);
     const int stored_y = stored_offset(y, level.y, wrap_);
-    if (level.tiles) {
-      if (fetched.cols() < end - begin) fetched.resize(4, end - begin);
-      if (begin >= level.x.first && end <= level.x.first + level.x.count) {
-        level.tiles->row(stored_y, begin - level.x.first, end - level.x.first, fetched.data());
-      } else {
-        for (int x = begin; x < end; ++x) {
-          fetched.col(x - begin) = level.texel(stored_offset(x, level.x, wrap_), stored_y);
-        }
-      }
-      const auto texel_at = [&](int x) { return fetched.col(x - begin).data(); };
-      add_row(begin, end, row, texel_at, total);
+    const bool inside = begin >= level.x.first && end <= level.x.first + level.x.count;
+    if (inside && !level.tiles) {
+      const float* first =
+          level.row(stored_y) + static_cast<std::ptrdiff_t>(begin - level.x.first) * 4;
+      add_row(first, end - begin, row, total);
       continue;
     }
-    const float* texels = level.row(stored_y);
-    if (begin >= level.x.first && end <= level.x.first + level.x.count) {
-      const auto texel_at = [&](int x) {
-        return texels + static_cast<std::ptrdiff_t>(x - level.x.first) * 4;
-      };
-      add_row(begin, end, row, texel_at, total);
+    if (fetched.cols() < end - begin) fetched.resize(4, end - begin);
+    if (inside) {
+      level.tiles->row(stored_y, begin - level.x.first, end - level.x.first, fetched.data());
     } else {
-      const auto texel_at = [&](int x) {
-        return texels + static_cast<std::ptrdiff_t>(stored_offset(x, level.x, wrap_)) * 4;
-      };
-      add_row(begin, end, row, texel_at, total);
+      for (int x = begin; x < end; ++x) {
+        fetched.col(x - begin) = level.texel(stored_offset(x, level.x, wrap_), stored_y);
+      }
     }
+    add_row(fetched.data(), end - begin, row, total);
   }
   return total;
 }

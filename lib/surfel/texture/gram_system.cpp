@@ -186,9 +186,9 @@ class PairSearch {
            (std::max(p.reach2, q.reach2) + kThickness2 / 2) * (p.major + q.major) * (1 + 1e-12);
   }
 
-  /// Adds those of a block that function `lane` of block b couples with. What is computed depends
-  /// on sums of the two functions' values, and on squares and products of two of their differences:
-  /// exchanged, they give the same bits.
+  /// Adds the functions of block `other` that function `lane` of block b couples with. Results
+  /// depend on sums of the two functions' values, and on squares and products of two of their
+  /// differences: if the two are exchanged, the bits are the same.
   template <bool kIsotropic>
   void couple(std::size_t b, std::size_t lane, std::size_t other, Couplings& out) const {
     const Block& p = blocks_[b];
@@ -294,8 +294,9 @@ Reach choose_reach(PairSearch& search, std::size_t count) {
   return reach;
 }
 
-/// Entries of a row. By whole blocks: Eigen's exponential is not the same function, to the last
-/// bit, for a vector register and for what is left over.
+/// Entries of a row, a_k a_j G_{V_k + V_j}(u_k - u_j) [SS01 (11)]. By whole blocks: Eigen's
+/// exponential is not the same function, to the last bit, for a vector register and for what is
+/// left over.
 void write_entries(double area, const Couplings& couplings, double* value) {
   using Lanes = Eigen::Array<double, kLanes, 1>;
   for (std::size_t i = 0; i < couplings.count; i += kLanes) {
@@ -310,6 +311,7 @@ void write_entries(double area, const Couplings& couplings, double* value) {
 
 }  // namespace
 
+// R of SS01 (11), whose entries are the inner products of SS01 appendix A.
 GramSystem make_gram_system(const SurfelBasis& basis) {
   PairSearch search(basis);
   GramSystem system;
@@ -341,9 +343,7 @@ GramSystem make_gram_system(const SurfelBasis& basis) {
 }
 
 void add_to_diagonal(SymmetricMatrix& matrix, double lambda) {
-  double sum = 0;
-  for (std::size_t row = 0; row < matrix.rows(); ++row) sum += matrix.diagonal(row);
-  const double added = lambda * sum / static_cast<double>(matrix.rows());
+  const double added = lambda * matrix.trace() / static_cast<double>(matrix.rows());
   for (std::size_t row = 0; row < matrix.rows(); ++row) matrix.diagonal(row) += added;
 }
 

@@ -3,12 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
+#include <surfel/solve/column_map.h>
+#include <surfel/solve/range_sums.h>
 #include <surfel/surface/voronoi_cell.h>
 #include <surfel/texture/render_system.h>
 
@@ -144,7 +148,7 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   seen.u = along(f.tangent, f.variance_u);
   seen.v = along(f.bitangent, f.variance_v);
   seen.max_depth = reach_of(f, cutoff);
-  seen.peak = f.area / (2 * std::numbers::pi * std::sqrt(f.variance_u * f.variance_v));
+  seen.peak = f.peak();
   return true;
 }
 
@@ -348,24 +352,19 @@ class Assembler {
   }
 
   void transpose(const std::vector<RowChunk>& reaching, EvaluatedBasis& result) const {
-    const auto for_each = [&](const auto& body) {
-      std::uint32_t i = 0;
-      for (const RowChunk& chunk : reaching) {
-        std::size_t e = 0;
-        for (const std::uint64_t end : chunk.row_end) {
-          for (; e < end; ++e) body(i, chunk.column[e]);
-          ++i;
-        }
-      }
-    };
-    result.owner_begin.assign(basis_.size() + 1, 0);
-    for_each([&](std::uint32_t, std::uint32_t k) { ++result.owner_begin[k + 1]; });
-    for (std::size_t k = 0; k < basis_.size(); ++k) {
-      result.owner_begin[k + 1] += result.owner_begin[k];
-    }
-    result.owner.resize(result.owner_begin.back());
-    Array<std::uint64_t> next = result.owner_begin;
-    for_each([&](std::uint32_t i, std::uint32_t k) { result.owner[next[k]++] = i; });
+    Grouped<std::uint32_t> owners =
+        group_by_key<std::uint32_t>(basis_.size(), [&](const auto& add) {
+          std::uint32_t i = 0;
+          for (const RowChunk& chunk : reaching) {
+            std::size_t e = 0;
+            for (const std::uint64_t end : chunk.row_end) {
+              for (; e < end; ++e) add(chunk.column[e], i);
+              ++i;
+            }
+          }
+        });
+    result.owner_begin = std::move(owners.begin);
+    result.owner = std::move(owners.item);
   }
 
   const SurfelBasis& basis_;
@@ -391,61 +390,32 @@ void for_column(const EvaluatedBasis& basis, std::size_t k, const Body& body) {
   }
 }
 
-/// A sparse row that is summed up: an open-addressing hash table (linear probing) of its columns,
-/// whose size follows the row's length, not the matrix's.
+/// A sparse row that is summed up.
 class RowSum {
  public:
-  RowSum() : table_(kLeastSlots, kFree) {}
-
   double& operator[](std::uint32_t column) {
-    std::size_t slot = first_slot(column);
-    for (; table_[slot] != kFree; slot = (slot + 1) & (table_.size() - 1)) {
-      Sum& sum = sums_[table_[slot]];
-      if (sum.column == column) return sum.value;
-    }
-    // At most half full, so that probing ends soon.
-    if (2 * (sums_.size() + 1) > table_.size()) {
-      grow();
-      return (*this)[column];
-    }
-    table_[slot] = static_cast<std::uint32_t>(sums_.size());
-    sums_.push_back({column, static_cast<std::uint32_t>(slot), 0.0});
-    return sums_.back().value;
+    const std::uint32_t place = map_.number(column);
+    if (place == value_.size()) value_.push_back(0.0);
+    return value_[place];
   }
 
   /// Ends the row: adds its entries to `rows` by ascending column, and starts the next one.
   void move_to(RowChunk& rows) {
-    for (const Sum& sum : sums_) table_[sum.slot] = kFree;
-    std::sort(sums_.begin(), sums_.end(),
-              [](const Sum& a, const Sum& b) { return a.column < b.column; });
-    for (const Sum& sum : sums_) rows.add(sum.column, sum.value);
+    order_.resize(map_.size());
+    std::iota(order_.begin(), order_.end(), 0U);
+    const std::vector<std::uint32_t>& column = map_.columns();
+    std::sort(order_.begin(), order_.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return column[a] < column[b]; });
+    for (const std::uint32_t place : order_) rows.add(column[place], value_[place]);
     rows.end_row();
-    sums_.clear();
+    map_.clear();
+    value_.clear();
   }
 
  private:
-  static constexpr std::uint32_t kFree = static_cast<std::uint32_t>(-1);
-  static constexpr std::size_t kLeastSlots = 256;  ///< A power of two; most rows need no more.
-  struct Sum {
-    std::uint32_t column;
-    std::uint32_t slot;  ///< In the table.
-    double value;
-  };
-
-  /// Columns that follow each other, as most in a row do, get slots that follow each other.
-  std::size_t first_slot(std::uint32_t column) const { return column & (table_.size() - 1); }
-  void grow() {
-    table_.assign(2 * table_.size(), kFree);
-    for (std::size_t i = 0; i < sums_.size(); ++i) {
-      std::size_t slot = first_slot(sums_[i].column);
-      while (table_[slot] != kFree) slot = (slot + 1) & (table_.size() - 1);
-      table_[slot] = static_cast<std::uint32_t>(i);
-      sums_[i].slot = static_cast<std::uint32_t>(slot);
-    }
-  }
-
-  std::vector<std::uint32_t> table_;  ///< Places in sums_.
-  std::vector<Sum> sums_;             ///< Of the row's columns, as they came.
+  ColumnMap map_;
+  std::vector<double> value_;  ///< By the column's number.
+  std::vector<std::uint32_t> order_;
 };
 
 /// A^T A, or A^T D A with the diagonal D of `weight` if that is not null, + mu B^T B.
@@ -479,18 +449,6 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
   });
   SparseMatrix lower = join(std::move(chunks), columns);
   return {std::move(lower.row_begin), std::move(lower.column), std::move(lower.value)};
-}
-
-/// Sum of value(i) over i < count, the same for any number of threads.
-template <class Value>
-Channels sum_over(std::size_t count, const Value& value) {
-  std::vector<Channels> sums(chunk_count(count), Channels::Zero());
-  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) sums[begin / kGrain] += value(i);
-  });
-  Channels total = Channels::Zero();
-  for (const Channels& sum : sums) total += sum;
-  return total;
 }
 
 /// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
@@ -585,9 +543,8 @@ RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& 
     system.far = Assembler(wide, centers, options.cutoff).run();
   }
   system.normal_matrix = normal_product(system);
-  double trace = 0;
-  for (std::size_t k = 0; k < basis.size(); ++k) trace += system.normal_matrix.diagonal(k);
-  const double mean = basis.size() > 0 ? trace / static_cast<double>(basis.size()) : 0;
+  const double mean =
+      basis.size() > 0 ? system.normal_matrix.trace() / static_cast<double>(basis.size()) : 0;
   system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for (std::size_t k = 0; k < basis.size(); ++k) system.normal_matrix.diagonal(k) += system.lambda;
   return system;
@@ -613,8 +570,8 @@ Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
 }
 
 Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
-  return sum_over(A.rows(),
-                  [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
+  return sum_of(A.rows(), kGrain,
+                [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
 }
 
 Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
@@ -640,7 +597,7 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
 }
 
 Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
-  return mu * far.residual2(w, w_0) + sum_over(w.size(), [&](std::size_t k) -> Channels {
+  return mu * far.residual2(w, w_0) + sum_of(w.size(), kGrain, [&](std::size_t k) -> Channels {
            return pull(k) * (w[k] - w_0[k]).square();
          });
 }

@@ -6,6 +6,8 @@
 #include <numeric>
 #include <utility>
 
+#include <fmt/format.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -15,9 +17,9 @@
 namespace surfel {
 namespace {
 
-/// Of an unset scale, by the median length of the residuals ...
+/// An unset scale, by the median length of the residuals.
 constexpr double kScaleByMedian = 2;
-/// ... which outliers have bent less after each round: the scale stands from this one on.
+/// Rounds after which an unset scale stands: each bends the fit less towards outliers.
 constexpr int kScaleRounds = 2;
 /// Reach of the medians about colour samples, whatever the renderer's cutoff: some ten neighbours.
 constexpr double kMedianCutoff = 4;
@@ -43,7 +45,7 @@ Array<double> weights(const Array<double>& length, double scale) {
   return result;
 }
 
-/// Diagonal, of the roots of the pull's weights.
+/// Diagonal matrix of the square roots of the pull's weights.
 SparseMatrix pull_matrix(const RenderSystem& system, std::size_t size) {
   SparseMatrix matrix;
   matrix.columns = size;
@@ -60,7 +62,7 @@ bool covered(const RenderSystem& system, std::size_t q) {
   return system.near.A.row_begin[q] < system.near.A.row_begin[q + 1];
 }
 
-/// Of any values but none; moves them.
+/// Median of at least one value; changes their order.
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -85,7 +87,9 @@ double estimate_scale(const RenderSystem& system, const Array<double>& residual)
 class Rounds {
  public:
   Rounds(const RenderSystem& system, const FitTarget& target, const RobustOptions& options)
-      : system_(system), target_(target), options_(options) {}
+      : system_(system), target_(target), options_(options) {
+    for (const std::string& problem : options.problems()) throw_usage(problem);
+  }
 
   Array<double> residual_lengths(const Array<Channels>& w) const {
     return lengths(system_.near.residuals(w, target_.f));
@@ -136,7 +140,7 @@ class Rounds {
   }
 
  private:
-  /// Of the system with these weights.
+  /// The right side of the system with these weights.
   Array<Channels> right_side(const Array<double>& weight) const {
     Array<Channels> weighted(weight.size());
     for (std::size_t q = 0; q < weight.size(); ++q) weighted[q] = weight[q] * target_.f[q];
@@ -149,6 +153,17 @@ class Rounds {
 };
 
 }  // namespace
+
+std::vector<std::string> RobustOptions::problems() const {
+  std::vector<std::string> found;
+  if (scale && !(*scale > 0 && std::isfinite(*scale))) {
+    found.push_back(fmt::format("`scale` is {}; it must be positive", *scale));
+  }
+  if (!(tolerance > 0 && tolerance < 1)) {
+    found.push_back(fmt::format("`tolerance` is {}; it must be in (0, 1)", tolerance));
+  }
+  return found;
+}
 
 double robust_cost(const RenderSystem& system, const FitTarget& target, const Array<Channels>& w,
                    double scale) {
@@ -167,10 +182,7 @@ RobustReport robust_fit(const RenderSystem& system, const FitTarget& target, Arr
   do {
     change = rounds.run(report.scale, rounds.residual_lengths(w), w, report);
     if (first == 0) first = change;
-    if (options.progress && change > 0 && first > options.tolerance) {
-      options.progress(
-          std::clamp(std::log(change / first) / std::log(options.tolerance / first), 0.0, 1.0));
-    }
+    tell_decay(options.progress, first, change, options.tolerance);
   } while (change > options.tolerance && report.rounds < kMostRounds);
   report.converged = report.converged && change <= options.tolerance;
   rounds.finish(w, report);

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <functional>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/solve/ceres_plugin.h>
@@ -17,37 +19,40 @@ struct SURFEL_API RobustOptions {
   /// least kLeastRobustScale. (Gaussian noise in three channels: 2 % of the points are beyond.)
   std::optional<double> scale{};
   /// Rounds end where they change w by less, relative to |w|.
-  double tolerance = 1e-5;
-  std::function<void(double)> progress{};  ///< Called with the share that is done; may be empty.
+  double tolerance = 1e-5;                    ///< In (0, 1).
+  std::function<void(double)> progress{};     ///< Called with the share that is done; may be empty.
+  std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// A quarter of a step of 8-bit colours: what is rounding is no outlier.
 inline constexpr double kLeastRobustScale = 1e-3;
 
 /// Huber's function of a residual's squared length: squares up to `scale`, then lines,
-/// 2 scale |r| - scale^2. It is convex: there is one minimum, wherever one starts, where those of
-/// losses that level out (Cauchy's) depend on it. [Huber 1964]
+/// 2 scale |r| - scale^2 [Huber 1964]. It is convex, so that there is one minimum, wherever one
+/// starts; a loss that levels out (Cauchy's) has several.
 ///
-/// What is minimised is sum_q rho(|A_q w - f_q|^2) + mu |B w - w_0|^2 + lambda |w - w_0|^2, a
-/// point's channels together. Only the points are under the loss: w_0 is filtered, and what
-/// outliers do to it is no outlier.
+/// The cost is sum_q rho(|A_q w - f_q|^2) + mu |B w - w_0|^2 + lambda |w - w_0|^2, a point's
+/// channels together. Only the points are under the loss: w_0 is filtered, and outliers change it
+/// by less than they are.
 SURFEL_API double robust_cost(const RenderSystem& system, const FitTarget& target,
                               const Array<Channels>& w, double scale);
 
-/// Minimises that by iteratively reweighted least squares [Holland, Welsch 1977]: weights
-/// min(1, scale / |r|) of the last round, conjugate gradients on A^T D A + mu B^T B + lambda I. No
-/// round raises the cost. The result does not depend on the number of threads.
-/// \param w  in: where to start, best w_0, as what a fit without a loss makes of outliers makes the
-/// estimated scale larger; out: the minimum.
+/// Minimises robust_cost() by iteratively reweighted least squares [Holland, Welsch 1977]: with
+/// weights D = min(1, scale / |r|) of the last round, conjugate gradients on
+/// A^T D A + mu B^T B + lambda I. No round raises the cost. The result does not depend on the
+/// number of threads. Throws Error(kUsage) where the options are not usable. \param w  in: where to
+/// start, best w_0: a fit without a loss follows outliers, which makes the
+///           estimated scale larger; out: the minimum.
 SURFEL_API RobustReport robust_fit(const RenderSystem& system, const FitTarget& target,
                                    Array<Channels>& w, const RobustOptions& options = {});
 
-/// The same by Ceres (ceres_solver.h), with the scale that robust_fit() would estimate: the
-/// reference, for small systems.
+/// Minimises robust_cost() by Ceres (ceres_solver.h), with the scale that robust_fit() would
+/// estimate: the reference, for small systems.
 SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const FitTarget& target,
                                          Array<Channels>& w, const RobustOptions& options = {});
 
-/// The plain objective of the system by Ceres, or robust_cost() of a scale > 0, from w on.
+/// Minimises the system's objective (scale = 0), or robust_cost() of a scale > 0, by Ceres, from w
+/// on.
 SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const FitTarget& target, double scale,
                                  double tolerance, Array<Channels>& w);
 

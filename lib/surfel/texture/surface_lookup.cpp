@@ -1,6 +1,5 @@
 // Ericson 2005, "Real-Time Collision Detection", section 5.1.5 (closest point on a triangle).
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +11,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
+#include <surfel/sample/mesh_face.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/texture/surface_lookup.h>
 
@@ -24,26 +25,17 @@ constexpr double kFloatEpsilon = std::numeric_limits<float>::epsilon();
 constexpr std::uint32_t kNoFace = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kGrain = 1 << 12;
 
-using Corners = std::array<Vec3d, 3>;
+/// A surfel lies on the mesh where it is at most this many of its (larger) standard deviations from
+/// it, beyond the coordinates' rounding: 99.7 % of normal noise as wide as the surfel.
+constexpr double kMostDeviations = 3;
 
-Corners corners(const TriangleMesh& mesh, std::uint32_t face) {
-  Corners out;
-  for (int k = 0; k < 3; ++k) out[k] = mesh.position[mesh.face[face][k]].cast<double>();
-  return out;
-}
-
-/// Twice the area along the normal.
-Vec3d area_vector(const Corners& corner) {
-  return (corner[1] - corner[0]).cross(corner[2] - corner[0]);
-}
-
-Vec3d weighted_sum(const Corners& corner, const Vec3d& weight) {
+Vec3d weighted_sum(const FaceCorners& corner, const Vec3d& weight) {
   return weight[0] * corner[0] + weight[1] * corner[1] + weight[2] * corner[2];
 }
 
 /// Barycentric coordinates of the triangle's point nearest to p. Every division is by more than its
 /// dividend, so that edges too short to be told from none do no harm.
-Vec3d closest_in_triangle(const Vec3d& p, const Corners& t) {
+Vec3d closest_in_triangle(const Vec3d& p, const FaceCorners& t) {
   const Vec3d ab = t[1] - t[0];
   const Vec3d ac = t[2] - t[0];
   const Vec3d ap = p - t[0];
@@ -78,24 +70,6 @@ Vec3d closest_in_triangle(const Vec3d& p, const Corners& t) {
   }
   const double sum = va + vb + vc;
   return {1 - vb / sum - vc / sum, vb / sum, vc / sum};
-}
-
-/// Derivatives of the position by uv over a face, as the mesh sampler has them; zero where the uv
-/// span no area.
-struct UvFrame {
-  Vec3d dpdu = Vec3d::Zero();
-  Vec3d dpdv = Vec3d::Zero();
-};
-
-UvFrame uv_frame(const Corners& corner, const std::array<Vec2f, 3>& uv) {
-  const Vec2d a = (uv[1] - uv[0]).cast<double>();
-  const Vec2d b = (uv[2] - uv[0]).cast<double>();
-  const double determinant = a.x() * b.y() - a.y() * b.x();
-  if (!(std::abs(determinant) > 1e-12 * a.norm() * b.norm())) return {};
-  const Vec3d edge_a = corner[1] - corner[0];
-  const Vec3d edge_b = corner[2] - corner[0];
-  return {(b.y() * edge_a - a.y() * edge_b) / determinant,
-          (a.x() * edge_b - b.x() * edge_a) / determinant};
 }
 
 struct Query {
@@ -201,7 +175,7 @@ class FaceTree {
     Vec3f position;
     std::uint32_t face;
   };
-  /// Boxes of four children, one in each lane. Those of no faces are infinitely far.
+  /// Boxes of four children, one in each lane. The box of a child without faces is infinitely far.
   struct Node {
     std::array<Eigen::Array4f, 3> min;
     std::array<Eigen::Array4f, 3> max;
@@ -216,12 +190,12 @@ class FaceTree {
     }
   };
 
-  /// Faces without area are left out. Finds the largest coordinate by the way.
+  /// Centres of the faces that have an area. Sets the largest coordinate as well.
   Array<Center> face_centers() {
     Array<Center> centers;
     centers.reserve(mesh_.face.size());
     for (std::uint32_t face = 0; face < mesh_.face.size(); ++face) {
-      const Corners corner = corners(mesh_, face);
+      const FaceCorners corner = face_corners(mesh_, face);
       if (!(area_vector(corner).squaredNorm() > 0)) continue;
       const Vec3d low = corner[0].cwiseMin(corner[1]).cwiseMin(corner[2]);
       const Vec3d high = corner[0].cwiseMax(corner[1]).cwiseMax(corner[2]);
@@ -234,7 +208,7 @@ class FaceTree {
 
   static std::size_t first_of_level(int level) { return ((std::size_t{1} << (2 * level)) - 1) / 3; }
 
-  /// Of the faces of a level's node; the end is the next node's.
+  /// The first face of a level's node; its last one is before the first of the next node.
   std::size_t range_begin(int level, std::size_t index) const {
     return (face_count_ * index) >> (2 * level);
   }
@@ -266,7 +240,7 @@ class FaceTree {
         [axis](const Center& a, const Center& b) { return a.position[axis] < b.position[axis]; });
   }
 
-  /// Fills a node in, whose children are.
+  /// Fills in a node whose children are filled in.
   void bound(int level, std::size_t index) {
     Node& node = node_[first_of_level(level) + index];
     constexpr float kFar = std::numeric_limits<float>::infinity();
@@ -298,7 +272,7 @@ class FaceTree {
 
   /// Makes this face `best` if it is better.
   void try_face(const Query& query, std::uint32_t face, SurfacePoint& best) const {
-    const Corners corner = corners(mesh_, face);
+    const FaceCorners corner = face_corners(mesh_, face);
     const Vec3d barycentric = closest_in_triangle(query.position, corner);
     const double distance2 = (weighted_sum(corner, barycentric) - query.position).squaredNorm();
     if (!(distance2 <= best.cost2 && distance2 <= query.limit * query.limit)) return;
@@ -314,7 +288,7 @@ class FaceTree {
   }
 
   /// Direction, not unit, that the face's front looks to.
-  Vec3d facing(std::uint32_t face, const Corners& corner) const {
+  Vec3d facing(std::uint32_t face, const FaceCorners& corner) const {
     if (!mesh_.wedge_normal.empty()) {
       const auto& normal = mesh_.wedge_normal[face];
       const Vec3f sum = normal[0] + normal[1] + normal[2];
@@ -345,13 +319,8 @@ double deviation(const SurfelCloud& cloud, std::size_t i) {
 /// Finds and writes one surfel after the other. The columns are its own until all are written.
 class Lookup {
  public:
-  Lookup(const SurfelCloud& cloud, const TriangleMesh& mesh, const SurfaceLookupOptions& options,
-         const FaceTree& tree)
-      : cloud_(cloud),
-        mesh_(mesh),
-        options_(options),
-        tree_(tree),
-        to_mesh_(cloud.origin - mesh.origin) {
+  Lookup(const SurfelCloud& cloud, const TriangleMesh& mesh, const FaceTree& tree)
+      : cloud_(cloud), mesh_(mesh), tree_(tree), to_mesh_(cloud.origin - mesh.origin) {
     uv_.resize(cloud.size());
     dpdu_.resize(cloud.size());
     dpdv_.resize(cloud.size());
@@ -384,7 +353,7 @@ class Lookup {
     for (int k = 0; k < 3; ++k) {
       uv += found.barycentric[k] * mesh_.wedge_uv[found.face][k].cast<double>();
     }
-    const UvFrame frame = uv_frame(corners(mesh_, found.face), mesh_.wedge_uv[found.face]);
+    const UvFrame frame = uv_frame(face_corners(mesh_, found.face), mesh_.wedge_uv[found.face]);
     report.flat_uv += frame.dpdu.isZero(0) && frame.dpdv.isZero(0);
     uv_[i] = uv.cast<float>();
     dpdu_[i] = frame.dpdu.cast<float>();
@@ -408,9 +377,7 @@ class Lookup {
         kFloatEpsilon * (position.cwiseAbs().maxCoeff() + tree_.largest_coordinate());
     Query query;
     query.position = to_mesh_ + position;
-    query.limit = rounding + options_.max_distance.value_or(std::isinf(options_.max_deviations)
-                                                                ? kInfinity
-                                                                : options_.max_deviations * sigma);
+    query.limit = rounding + kMostDeviations * sigma;
     query.turned_away = sigma + rounding;
     if (!cloud_.normal.empty() && cloud_.normal[i].allFinite()) {
       query.normal = cloud_.normal[i].cast<double>();
@@ -420,7 +387,6 @@ class Lookup {
 
   const SurfelCloud& cloud_;
   const TriangleMesh& mesh_;
-  const SurfaceLookupOptions& options_;
   const FaceTree& tree_;
   Vec3d to_mesh_;
   Array<Vec2f> uv_;
@@ -429,8 +395,7 @@ class Lookup {
   Array<std::uint16_t> material_;
 };
 
-void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh,
-                 const SurfaceLookupOptions& options, const std::string& name) {
+void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh, const std::string& name) {
   if (mesh.wedge_uv.empty()) {
     throw_input(name, "the mesh has no texture coordinates to give to the surfels");
   }
@@ -442,43 +407,28 @@ void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh,
   check(mesh.wedge_uv.size(), "faces' uv");
   check(mesh.wedge_normal.size(), "faces' normals");
   check(mesh.face_material.size(), "faces' materials");
-  if (!options.max_distance && !std::isinf(options.max_deviations) && !cloud.empty() &&
-      !has_variance(cloud)) {
+  if (!cloud.empty() && !has_variance(cloud)) {
     throw_input("",
                 "the surfels have no variance to say how far from the mesh they may lie; "
-                "surfel-estimate writes one, or give a largest distance");
+                "surfel-estimate writes one");
   }
 }
 
 }  // namespace
 
-std::vector<std::string> SurfaceLookupOptions::problems() const {
-  std::vector<std::string> found;
-  if (!(max_deviations >= 0)) {
-    found.push_back(fmt::format("`max_deviations` is {}; it must not be negative", max_deviations));
-  }
-  if (max_distance && !(*max_distance >= 0)) {
-    found.push_back(fmt::format("`max_distance` is {}; it must not be negative", *max_distance));
-  }
-  return found;
-}
-
 SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
-                                   const SurfaceLookupOptions& options, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
-  check_input(cloud, mesh, options, name);
+                                   const std::string& name) {
+  check_input(cloud, mesh, name);
   SurfaceLookupReport report;
-  Timer timer;
+  StageTimer timer(report.times);
   const FaceTree tree(mesh);
-  report.times.add("face tree", timer.milliseconds());
-  timer.restart();
+  timer.end("face tree");
 
   // Along the curve, a surfel's face is a good guess of the next one's.
   const Array<std::uint32_t> order = morton_order(cloud.position);
-  report.times.add("order", timer.milliseconds());
-  timer.restart();
+  timer.end("order");
 
-  Lookup lookup(cloud, mesh, options, tree);
+  Lookup lookup(cloud, mesh, tree);
   std::vector<SurfaceLookupReport> parts((order.size() + kGrain - 1) / kGrain);
   parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
     std::uint32_t guess = kNoFace;
@@ -497,7 +447,7 @@ SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
     report.largest_distance = std::max(report.largest_distance, part.largest_distance);
   }
   if (report.located > 0) report.mean_distance /= static_cast<double>(report.located);
-  report.times.add("lookup", timer.milliseconds());
+  timer.end("lookup");
   return report;
 }
 

@@ -1,9 +1,7 @@
 #pragma once
 
 #include <cstddef>
-#include <optional>
 #include <string>
-#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
@@ -12,19 +10,10 @@
 
 namespace surfel {
 
-struct SURFEL_API SurfaceLookupOptions {
-  /// How far from the mesh a surfel may lie beyond the coordinates' rounding, in its own (larger)
-  /// standard deviations, >= 0; infinity: anywhere.
-  double max_deviations = 3;
-  /// The same in scene units, for all surfels; wins, and is needed where they have no variance.
-  std::optional<double> max_distance;
-  std::vector<std::string> problems() const;  ///< Empty if usable.
-};
-
 /// What a lookup met and made. The first three add up to the number of surfels.
 struct SurfaceLookupReport {
   std::size_t located = 0;
-  std::size_t too_far = 0;           ///< From any face: uv are NaN.
+  std::size_t too_far = 0;           ///< No face within three standard deviations: uv are NaN.
   std::size_t without_position = 0;  ///< Position not finite: uv are NaN.
   std::size_t flat_uv = 0;           ///< Located on a face whose uv span no area: dpdu = dpdv = 0.
   std::size_t turned_away = 0;       ///< Located on a face turned away from the surfel's normal.
@@ -43,13 +32,14 @@ struct SurfaceLookupReport {
 /// is, if the file gave normals, else by the order of its corners. Surfels without normal take
 /// whatever is nearest. Of faces equally far, the lowest; faces without area are no surface.
 ///
-/// `name` is the mesh's file, to start messages with, or empty.
-/// Throws Error: kUsage for bad options; kInput where the mesh has no uv, or the limit is in
-/// standard deviations and the surfels have no variance. The cloud is unchanged then. The same for
-/// any number of threads. Cost: 1.5 microseconds of one core a surfel near the mesh and 0.3 a face;
-/// 50 bytes for each of both.
+/// Surfels further from the mesh than three of their (larger) standard deviations, beyond the
+/// coordinates' rounding, are not located: their uv are NaN.
+///
+/// \param name  the mesh's file, to start messages with, or empty.
+/// Throws Error(kInput) where the mesh has no uv, or the surfels have no variance. The cloud is
+/// unchanged then. The same for any number of threads. Cost: 1.5 microseconds of one core a surfel
+/// near the mesh and 0.3 a face; 50 bytes for each of both.
 SURFEL_API SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
-                                              const SurfaceLookupOptions& options = {},
                                               const std::string& name = {});
 
 }  // namespace surfel

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numbers>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -20,9 +22,14 @@ struct SurfelBasis {
     Vec3d tangent, bitangent, normal;
     double variance_u, variance_v;
     double area;  ///< The amplitude a_k, unit^2.
+
+    /// r_k at its centre.
+    double peak() const {
+      return area / (2 * std::numbers::pi * std::sqrt(variance_u * variance_v));
+    }
   };
   Array<Function> function;
-  Array<std::uint32_t> surfel;  ///< Of every function, its index in the cloud.
+  Array<std::uint32_t> surfel;  ///< Index in the cloud of every function's surfel.
   std::size_t unusable = 0;  ///< Surfels left out: no finite position, normal, positive variance.
 
   std::size_t size() const { return function.size(); }

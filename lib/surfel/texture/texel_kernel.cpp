@@ -21,6 +21,23 @@ Vec2d surfel_variance(const SurfelCloud& cloud, std::size_t k) {
   return Vec2d::Constant(cloud.variance[k]);
 }
 
+/// Derivatives of the surface by an image's texels, and their cross product.
+struct TexelFrame {
+  Vec3d dpdx, dpdy, cross;
+};
+
+/// nullopt where the derivatives span no area.
+std::optional<TexelFrame> texel_frame(const SurfelCloud& cloud, std::size_t surfel, int width,
+                                      int height) {
+  // Image rows run downwards, v upwards.
+  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
+  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
+  const Vec3d cross = dpdx.cross(dpdy);
+  const double longest2 = std::max(dpdx.squaredNorm(), dpdy.squaredNorm());
+  if (!(cross.norm() > kSingular * longest2)) return std::nullopt;
+  return TexelFrame{dpdx, dpdy, cross};
+}
+
 }  // namespace
 
 PrincipalVariances principal_variances(const Mat2d& variance) {
@@ -31,19 +48,16 @@ PrincipalVariances principal_variances(const Mat2d& variance) {
   return {major, std::max(0.0, variance.determinant() / major)};
 }
 
+// T^-1 V T^-T of SS01 section 5.
 std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel, int width,
                                             int height) {
-  // Image rows run downwards, v upwards.
-  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
-  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
-  const Vec3d cross = dpdx.cross(dpdy);
-  const double area = cross.norm();
-  if (!(area > kSingular * std::max(dpdx.squaredNorm(), dpdy.squaredNorm()))) return std::nullopt;
-
+  const auto frame = texel_frame(cloud, surfel, width, height);
+  if (!frame) return std::nullopt;
+  const auto& [dpdx, dpdy, cross] = *frame;
   const Vec2d V = surfel_variance(cloud, surfel);
   if (!(V.minCoeff() >= 0)) return std::nullopt;
 
-  const Vec3d normal = cross / area;
+  const Vec3d normal = cross / cross.norm();
   Vec3d t = dpdx;
   if (cloud.anisotropic()) {
     const Vec3d tangent = cloud.tangent[surfel].cast<double>();
@@ -63,13 +77,10 @@ std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_
 std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
                                                            std::size_t surfel, int width,
                                                            int height) {
-  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
-  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
-  const Vec3d cross = dpdx.cross(dpdy);
+  const auto frame = texel_frame(cloud, surfel, width, height);
+  if (!frame) return std::nullopt;
+  const auto& [dpdx, dpdy, cross] = *frame;
   const double area2 = cross.squaredNorm();
-  if (!(std::sqrt(area2) > kSingular * std::max(dpdx.squaredNorm(), dpdy.squaredNorm()))) {
-    return std::nullopt;
-  }
   // The dual basis: rows that are 1 along one derivative and 0 along the other.
   Eigen::Matrix<double, 2, 3> L;
   L.row(0) = dpdy.cross(cross).transpose() / area2;
@@ -78,16 +89,17 @@ std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cl
   return L;
 }
 
-bool limit_kernel(Mat2d& variance, const KernelLimits& limits) {
+bool limit_kernel(Mat2d& variance, double max_aspect) {
+  constexpr double kMostSigma = 0x1p24;
   PrincipalVariances axes = principal_variances(variance);
-  const double max_variance = limits.max_sigma * limits.max_sigma;
+  const double max_variance = kMostSigma * kMostSigma;
   if (axes.major > max_variance) {
     const double shrink = max_variance / axes.major;
     variance *= shrink;
     axes.major *= shrink;
     axes.minor *= shrink;
   }
-  const double least = axes.major / (limits.max_aspect * limits.max_aspect);
+  const double least = axes.major / (max_aspect * max_aspect);
   if (axes.minor >= least) return false;
   // Adds to the minor axis alone: major I - M projects on it.
   const Mat2d projector = (axes.major * Mat2d::Identity() - variance) / (axes.major - axes.minor);

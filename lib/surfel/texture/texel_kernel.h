@@ -48,16 +48,14 @@ SURFEL_API std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const Surf
                                                                       std::size_t surfel, int width,
                                                                       int height);
 
-/// Bounds of a kernel's shape, which bound what it costs to evaluate.
-struct KernelLimits {
-  /// Longest axis over shortest, >= 1; a kernel that is more elongated is widened, which blurs but
-  /// does not alias (Heckbert 1989).
-  double max_aspect = 128;
-  /// Largest standard deviation, texels; beyond it the kernel is shrunk.
-  double max_sigma = 0x1p24;
-};
+/// Longest axis of a kernel over its shortest up to which kernels commonly stay as they are: what a
+/// kernel costs grows with it.
+inline constexpr double kMaxAspect = 128;
 
-/// Applies the limits; true if the aspect was changed.
-SURFEL_API bool limit_kernel(Mat2d& variance, const KernelLimits& limits);
+/// Widens a kernel whose longest axis is more than `max_aspect` >= 1 times its shortest until it is
+/// that, which blurs but does not alias (Heckbert 1989). A kernel of a standard deviation above
+/// 2^24 texels is shrunk to that first: no image is larger, and indices of texels fit into an int.
+/// \return whether the kernel was widened.
+SURFEL_API bool limit_kernel(Mat2d& variance, double max_aspect);
 
 }  // namespace surfel

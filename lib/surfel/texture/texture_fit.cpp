@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
 #include <surfel/texture/robust_fit.h>
@@ -145,10 +145,10 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       fit_ewa(cloud, textures, options, report);
       fit_gram(cloud, basis, options, report);
     } else {
-      Timer timer;
+      StageTimer timer(report.times);
       const int points = options.points.value_or(options.refine_variance ? 12 : 6);
       PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points)};
-      report.times.add("points", timer.milliseconds());
+      timer.end("points");
       fit_ewa(cloud, textures, options, report, &colors);
       RenderSystemOptions render;
       render.cutoff = options.cutoff;

@@ -35,7 +35,7 @@ struct SURFEL_API TextureFitOptions {
   /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. SS01: 1.
   double reconstruction = 1;
   /// Kernels longer than this many times their width are widened, 1 to 10000.
-  double max_aspect = KernelLimits{}.max_aspect;
+  double max_aspect = kMaxAspect;
   /// Sum every kernel over the image's own texels: slow where kernels are large, and the truth that
   /// the pyramid is measured against.
   bool exact = false;
@@ -48,8 +48,8 @@ struct SURFEL_API TextureFitOptions {
   /// Weight of |w - w_ewa|^2 by the mean of the system's diagonal, 0 (kGram only) to 1e6. Unset:
   /// render 0.03; gram as much as brings the condition down to 1e6, 0 if it is less.
   std::optional<double> lambda{};
-  std::optional<CoefficientBounds>
-      bounds{};       ///< Coefficients stay within; kConjugateGradients only.
+  /// Coefficients stay within; kConjugateGradients only.
+  std::optional<CoefficientBounds> bounds{};
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
   /// kRender: quadrature points a surfel, 1 to 256. Unset: 6; 12 with refine_variance, which has a
   /// size to find for every surfel as well and gains 0.3 to 0.5 dB by them.
@@ -77,18 +77,18 @@ struct SystemReport {
   double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
   double eigen_max = 0;
   int iterations = 0;        ///< Of conjugate gradients, or steps of Ceres; 0 for kLdlt.
-  int rough_iterations = 0;  ///< kRender: those before that tell what is unresolved.
+  int rough_iterations = 0;  ///< kRender: of the rough solution that shows unresolved detail.
   double residual = 0;       ///< Relative, of the worst channel.
   bool converged = true;
-  std::size_t points = 0;     ///< kRender: quadrature points ...
-  std::size_t uncovered = 0;  ///< ... that no kernel reaches, left out.
+  std::size_t points = 0;     ///< kRender: quadrature points.
+  std::size_t uncovered = 0;  ///< kRender: points that no kernel reaches, which are left out.
   /// kRender: unknowns held to w_ewa as the texture has detail there that surfels cannot hold
   /// (unresolved_detail.h).
   std::size_t unresolved = 0;
-  double error_ewa = 0;  ///< kRender: root mean square error at the points, all channels, of
-  double error = 0;      ///< w_ewa and of the fit.
-  double min_reach = 0;  ///< kGram: how far entries go, standard deviations.
-  double max_reach = 0;
+  double error_ewa = 0;  ///< kRender: root mean square error of w_ewa, all points and channels.
+  double error = 0;      ///< kRender: root mean square error of the fit.
+  double min_reach = 0;  ///< kGram: least distance that entries go to, standard deviations.
+  double max_reach = 0;  ///< kGram: largest distance that entries go to, standard deviations.
   std::optional<RobustReport> robust{};
   std::optional<VarianceFitReport> variance{};
   double error_before = 0;  ///< With `variance`: `error` as it was with the variances given.
@@ -133,10 +133,10 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
                                         const TextureFitOptions& options,
                                         const std::string& name = "surfels");
 
-/// The same fits to the surfels' own colour samples instead of a texture: coefficients such that
-/// the rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k =
-/// c_k. With robust, coefficients are pulled towards the
-/// winsorised samples (robust_fit.h), as outliers would hold their own. With kRender, lambda is 0.5
+/// Fits the coefficients to the surfels' own colour samples instead of a texture, so that the
+/// rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k = c_k.
+/// With robust, coefficients are pulled towards the winsorised samples (robust_fit.h): an outlier
+/// would hold its own coefficient. With kRender, lambda is 0.5
 /// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
 /// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
 /// does not tell its variance.

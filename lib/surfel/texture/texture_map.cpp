@@ -193,12 +193,15 @@ std::pair<int, int> wanted_columns(const TexelTiles& tiles, int y_begin, int y_e
   return {first, last};
 }
 
+/// A level on the raster's texels, which has none yet.
+PyramidLevel level_on(const CoverageRaster& raster) {
+  return {{raster.first_x, raster.width, 1}, {raster.first_y, raster.height, 1}};
+}
+
 /// A box cut out of the wrapped image, times the coverage.
 PyramidLevel masked(const TextureMap& map, const CoverageRaster& raster) {
   const PyramidLevel& image = map.pyramid().image();
-  PyramidLevel level;
-  level.x = {raster.first_x, raster.width, 1};
-  level.y = {raster.first_y, raster.height, 1};
+  PyramidLevel level = level_on(raster);
   level.texels.resize(raster.weight.size() * 4);
   std::vector<int> columns(static_cast<std::size_t>(raster.width));
   for (int x = 0; x < raster.width; ++x) {
@@ -225,9 +228,7 @@ PyramidLevel masked(const TextureMap& map, const CoverageRaster& raster) {
 
 /// The coverage alone, as every channel of a level.
 PyramidLevel coverage_level(const CoverageRaster& raster) {
-  PyramidLevel level;
-  level.x = {raster.first_x, raster.width, 1};
-  level.y = {raster.first_y, raster.height, 1};
+  PyramidLevel level = level_on(raster);
   level.texels.resize(raster.weight.size() * 4);
   for (std::size_t i = 0; i < raster.weight.size(); ++i) {
     std::fill_n(level.texels.data() + i * 4, 4, raster.weight[i]);
@@ -364,7 +365,7 @@ ChartTexture::ChartTexture(const TextureMap& map, const std::vector<UvCharts::Tr
     if (map.has_alpha()) coverage_.emplace(coverage_level(band), kWrap).build(levels.coarsest);
     return;
   }
-  const PyramidLevel level{{box.first_x, box.width, 1}, {box.first_y, box.height, 1}};
+  const PyramidLevel level = level_on(box);
   PyramidStream texels(level.x, level.y, kWrap, levels);
   PyramidStream coverage(level.x, level.y, kWrap, levels);
   const int band_height = std::max(1, kChartBandTexels / box.width);

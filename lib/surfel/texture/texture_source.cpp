@@ -72,6 +72,9 @@ Image load_texture_image(const std::string& name) {
 
 TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh* mesh,
                          const std::string& mesh_name) {
+  if (options.wrap == WrapMode::kNothing) {
+    throw_usage("`wrap` must say what lies beyond the image's borders; it cannot be nothing");
+  }
   TextureSet textures;
   if (mesh && mesh->wedge_uv.empty()) {
     throw_input(mesh_name, "the mesh has no texture coordinates, so no image can be put on it");

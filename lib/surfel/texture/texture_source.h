@@ -15,10 +15,11 @@ namespace surfel {
 SURFEL_API Image load_texture_image(const std::string& name);
 
 struct TextureSourceOptions {
-  std::string image{};                ///< For all surfels; empty = those of the mesh's materials.
-  WrapMode wrap = WrapMode::kRepeat;  ///< As OBJ and MTL have it where they do not say "-clamp on".
-  bool charts = true;                 ///< Keep kernels within the mesh's charts.
-  bool whole = true;  ///< Image files in memory; else opened, for TextureMap::load().
+  std::string image{};  ///< For all surfels; empty = those of the mesh's materials.
+  /// Not kNothing. OBJ and MTL files repeat images where they do not say "-clamp on".
+  WrapMode wrap = WrapMode::kRepeat;
+  bool charts = true;  ///< Keep kernels within the mesh's charts.
+  bool whole = true;   ///< Image files in memory; else opened, for TextureMap::load().
 };
 
 /// Textures of surfels that were sampled from `mesh`, or, without one, of any surfels. Materials

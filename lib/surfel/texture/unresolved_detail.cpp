@@ -12,9 +12,10 @@ constexpr std::size_t kGrain = 1 << 11;
 /// 0.3, larger ones less. At 2.2 h there is up to 8 dB to be gained, at 1.6 h more to be lost.
 constexpr double kFirstShare = 0.2;
 constexpr double kFullShare = 0.3;
-/// Of the mean diagonal: what is left of w - w_0 there is some hundredth.
+/// Weight of |w - w_0|^2 by the mean diagonal where a function is held entirely: it leaves some
+/// hundredth of w - w_0.
 constexpr double kFullHold = 100;
-/// Variance that is none: a hundredth of the range of colours, squared.
+/// Variance of a texture that counts as constant: a hundredth of the range of colours, squared.
 constexpr double kNoVariance = 1e-4;
 
 /// Sums over each function's own points of what body(q, sums) adds for each, covered ones only.
@@ -41,7 +42,8 @@ Array<double> unresolved_share(const RenderSystem& system, const Array<Channels>
   Array<Channels> squares = sum_points(near, [&](std::size_t q, Channels& sum) {
     sum += Channels(near.residual(q, w, f).square().sum(), f[q].square().sum(), 1, 0);
   });
-  // Twice, as far as ringing goes: inside squares it is not to be taken for detail.
+  // Weighed twice, which reaches as far as ringing does: inside the squares of a checker ringing
+  // must not be taken for detail.
   const Array<Channels> none(mean.size(), Channels::Zero());
   for (Array<Channels>* sums : {&mean, &squares}) {
     *sums = system.far.residuals(system.far.residuals(*sums, none), none);
@@ -61,9 +63,7 @@ std::size_t hold_unresolved(RenderSystem& system, const Array<Channels>& w,
                             const Array<Channels>& f) {
   SymmetricMatrix& matrix = system.normal_matrix;
   const Array<double> share = unresolved_share(system, w, f);
-  double trace = 0;
-  for (std::size_t k = 0; k < share.size(); ++k) trace += matrix.diagonal(k);
-  const double full = kFullHold * trace / static_cast<double>(share.size());
+  const double full = kFullHold * matrix.trace() / static_cast<double>(share.size());
   system.held.assign(share.size(), 0.0);
   std::size_t held = 0;
   for (std::size_t k = 0; k < share.size(); ++k) {

@@ -2,10 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <tuple>
 
+#include <surfel/base/box_tree.h>
+#include <surfel/base/disjoint_sets.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/texture/texel_kernel.h>
 #include <surfel/texture/uv_charts.h>
 
@@ -24,26 +26,6 @@ double signed_area(const UvCharts::Triangle& t) {
 bool has_area(const UvCharts::Triangle& t) {
   return t[0].allFinite() && t[1].allFinite() && t[2].allFinite() && signed_area(t) != 0;
 }
-
-/// Disjoint sets of faces; a set's root is its smallest face.
-class FaceSets {
- public:
-  explicit FaceSets(std::size_t count) : parent_(count) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-  }
-  std::uint32_t root(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = root(a);
-    b = root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
 
 /// One side of an edge, its ends in a fixed order: equal sides belong to one chart.
 struct Side {
@@ -102,15 +84,43 @@ Vec3d closest_in_triangle(const Vec2d& p, const std::array<Vec2d, 3>& t) {
 
 }  // namespace
 
+/// Boxes of faces in uv, along a curve.
+struct UvCharts::Tree {
+  struct Box {
+    Vec2f min = Vec2f::Constant(std::numeric_limits<float>::infinity());
+    Vec2f max = -min;
+
+    void add(const Box& other) {
+      min = min.cwiseMin(other.min);
+      max = max.cwiseMax(other.max);
+    }
+  };
+
+  Tree(const TriangleMesh& mesh, const Array<std::uint32_t>& faces) {
+    Array<Vec3f> center;
+    for (const std::uint32_t f : faces) {
+      const Vec2f sum = mesh.wedge_uv[f][0] + mesh.wedge_uv[f][1] + mesh.wedge_uv[f][2];
+      center.emplace_back(sum.x(), sum.y(), 0.0F);
+    }
+    face = morton_order(center);
+    for (std::uint32_t& f : face) f = faces[f];
+    boxes = {face.size(), [&](std::size_t i) {
+               const Triangle& t = mesh.wedge_uv[face[i]];
+               return Box{t[0].cwiseMin(t[1]).cwiseMin(t[2]), t[0].cwiseMax(t[1]).cwiseMax(t[2])};
+             }};
+  }
+
+  Array<std::uint32_t> face;  ///< In the order of the boxes' items.
+  BoxTree<Box, 2, 4> boxes;
+};
+
 UvCharts::UvCharts(const TriangleMesh& mesh) : mesh_(&mesh) {
   if (mesh.wedge_uv.empty()) {
     throw Error(ErrorKind::kInput, "the mesh has no texture coordinates, so it has no charts");
   }
   find_charts();
-  group_faces_by_chart();
   merge_equal_charts();
-  group_faces_by_chart();
-  build_tree();
+  tree_ = std::make_shared<const Tree>(mesh, faces_.item);
 }
 
 void UvCharts::find_charts() {
@@ -124,9 +134,9 @@ void UvCharts::find_charts() {
   std::sort(sides.begin(), sides.end(),
             [](const Side& a, const Side& b) { return a.edge() < b.edge(); });
 
-  FaceSets sets(faces);
+  DisjointSets sets(faces);
   for (std::size_t i = 1; i < sides.size(); ++i) {
-    if (sides[i - 1].edge() == sides[i].edge()) sets.join(sides[i - 1].face, sides[i].face);
+    if (sides[i - 1].edge() == sides[i].edge()) sets.unite(sides[i - 1].face, sides[i].face);
   }
   chart_of_face_.assign(faces, kNoChart);
   std::uint32_t charts = 0;
@@ -135,20 +145,15 @@ void UvCharts::find_charts() {
     const std::uint32_t root = sets.root(face);
     chart_of_face_[face] = root == face ? charts++ : chart_of_face_[root];
   }
-  chart_begin_.assign(charts + std::size_t{1}, 0);
+  group_faces(charts);
 }
 
-void UvCharts::group_faces_by_chart() {
-  std::fill(chart_begin_.begin(), chart_begin_.end(), 0);
-  for (const std::uint32_t chart : chart_of_face_) {
-    if (chart != kNoChart) ++chart_begin_[chart + 1];
-  }
-  std::partial_sum(chart_begin_.begin(), chart_begin_.end(), chart_begin_.begin());
-  face_of_chart_.resize(chart_begin_.back());
-  std::vector<std::size_t> next(chart_begin_.begin(), chart_begin_.end() - 1);
-  for (std::uint32_t face = 0; face < chart_of_face_.size(); ++face) {
-    if (chart_of_face_[face] != kNoChart) face_of_chart_[next[chart_of_face_[face]]++] = face;
-  }
+void UvCharts::group_faces(std::size_t charts) {
+  faces_ = group_by_key<std::uint32_t>(charts, [&](const auto& add) {
+    for (std::uint32_t face = 0; face < chart_of_face_.size(); ++face) {
+      if (chart_of_face_[face] != kNoChart) add(chart_of_face_[face], face);
+    }
+  });
 }
 
 void UvCharts::merge_equal_charts() {
@@ -161,7 +166,7 @@ void UvCharts::merge_equal_charts() {
   std::vector<Key> keys(count());
   for (std::uint32_t chart = 0; chart < count(); ++chart) {
     Key& key = keys[chart];
-    const std::uint32_t face = face_of_chart_[chart_begin_[chart]];
+    const std::uint32_t face = faces_.item[faces_.begin[chart]];
     key.material = mesh_->face_material.empty() ? 0 : mesh_->face_material[face];
     key.chart = chart;
     for (const Triangle& t : triangles(chart)) key.triangles.push_back(canonical(t));
@@ -178,62 +183,20 @@ void UvCharts::merge_equal_charts() {
   for (std::uint32_t& chart : chart_of_face_) {
     if (chart != kNoChart) chart = merged[chart];
   }
-  chart_begin_.assign(charts + std::size_t{1}, 0);
+  group_faces(charts);
 }
 
 std::vector<UvCharts::Triangle> UvCharts::triangles(std::uint32_t chart) const {
   std::vector<Triangle> found;
-  for (std::size_t i = chart_begin_[chart]; i < chart_begin_[chart + 1]; ++i) {
-    found.push_back(mesh_->wedge_uv[face_of_chart_[i]]);
+  for (std::size_t i = faces_.begin[chart]; i < faces_.begin[chart + 1]; ++i) {
+    found.push_back(mesh_->wedge_uv[faces_.item[i]]);
   }
   return found;
-}
-
-void UvCharts::build_tree() {
-  tree_face_ = face_of_chart_;
-  if (tree_face_.empty()) return;
-  std::size_t leaves = 1;
-  while (leaves < tree_face_.size()) leaves *= 2;
-  tree_.resize(2 * leaves);
-  build_node(1, 0, tree_face_.size());
-}
-
-UvCharts::Node UvCharts::build_node(std::size_t node, std::size_t begin, std::size_t end) {
-  Node box;
-  if (end - begin == 1) {
-    const Triangle& t = mesh_->wedge_uv[tree_face_[begin]];
-    box = {t[0].cwiseMin(t[1]).cwiseMin(t[2]), t[0].cwiseMax(t[1]).cwiseMax(t[2])};
-  } else {
-    const auto center = [&](std::uint32_t face) -> Vec2f {
-      const Triangle& t = mesh_->wedge_uv[face];
-      return t[0] + t[1] + t[2];
-    };
-    Vec2f low = center(tree_face_[begin]);
-    Vec2f high = low;
-    for (std::size_t i = begin; i < end; ++i) {
-      low = low.cwiseMin(center(tree_face_[i]));
-      high = high.cwiseMax(center(tree_face_[i]));
-    }
-    const int axis = (high - low).x() >= (high - low).y() ? 0 : 1;
-    const std::size_t middle = begin + (end - begin + 1) / 2;
-    const auto at = [&](std::size_t i) {
-      return tree_face_.begin() + static_cast<std::ptrdiff_t>(i);
-    };
-    std::nth_element(at(begin), at(middle), at(end), [&](std::uint32_t a, std::uint32_t b) {
-      return std::make_pair(center(a)[axis], a) < std::make_pair(center(b)[axis], b);
-    });
-    const Node left = build_node(2 * node, begin, middle);
-    const Node right = build_node(2 * node + 1, middle, end);
-    box = {left.min.cwiseMin(right.min), left.max.cwiseMax(right.max)};
-  }
-  tree_[node] = box;
-  return box;
 }
 
 std::optional<std::uint32_t> UvCharts::find(const Vec2f& uv, const Vec3d& position,
                                             std::optional<std::uint16_t> material,
                                             const Vec2f& tolerance) const {
-  if (tree_face_.empty()) return std::nullopt;
   const Vec2d p = uv.cast<double>();
   const Vec3d in_mesh = position - mesh_->origin;
   std::optional<std::uint32_t> chart;
@@ -259,27 +222,14 @@ std::optional<std::uint32_t> UvCharts::find(const Vec2f& uv, const Vec3d& positi
     }
   };
 
-  struct Range {
-    std::size_t node, begin, end;
-  };
-  std::array<Range, 64> open;  // A tree of 2^32 faces is 33 levels deep.
-  std::size_t open_count = 0;
-  open[open_count++] = {1, 0, tree_face_.size()};
-  while (open_count > 0) {
-    const Range range = open[--open_count];
-    const Node& box = tree_[range.node];
-    if (((uv + tolerance).array() < box.min.array()).any() ||
-        ((uv - tolerance).array() > box.max.array()).any()) {
-      continue;
-    }
-    if (range.end - range.begin == 1) {
-      try_face(tree_face_[range.begin]);
-      continue;
-    }
-    const std::size_t middle = range.begin + (range.end - range.begin + 1) / 2;
-    open[open_count++] = {2 * range.node + 1, middle, range.end};
-    open[open_count++] = {2 * range.node, range.begin, middle};
-  }
+  tree_->boxes.for_each_leaf(
+      [&](const Tree::Box& box) {
+        return ((uv + tolerance).array() >= box.min.array()).all() &&
+               ((uv - tolerance).array() <= box.max.array()).all();
+      },
+      [&](std::size_t leaf) {
+        tree_->boxes.for_each_item(leaf, [&](std::size_t i) { try_face(tree_->face[i]); });
+      });
   return chart;
 }
 

@@ -2,10 +2,12 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/types.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -31,7 +33,7 @@ class SURFEL_API UvCharts {
   /// Throws Error(kInput) where the mesh has no uv. The mesh must outlive the charts.
   explicit UvCharts(const TriangleMesh& mesh);
 
-  std::size_t count() const { return chart_begin_.size() - 1; }
+  std::size_t count() const { return faces_.begin.size() - 1; }
 
   /// The chart of the point of the surface at `uv` that is nearest to `position` (world
   /// coordinates): where charts lie on one another, the position tells them apart.
@@ -46,24 +48,17 @@ class SURFEL_API UvCharts {
   std::vector<Triangle> triangles(std::uint32_t chart) const;
 
  private:
-  /// Box of a subtree of faces; its children are the halves of its range. Leaves hold one.
-  struct Node {
-    Vec2f min;
-    Vec2f max;
-  };
+  struct Tree;
 
   void find_charts();
   void merge_equal_charts();
-  void group_faces_by_chart();
-  void build_tree();
-  Node build_node(std::size_t node, std::size_t begin, std::size_t end);
+  /// Sets faces_ by chart_of_face_.
+  void group_faces(std::size_t charts);
 
   const TriangleMesh* mesh_;
   Array<std::uint32_t> chart_of_face_;
-  std::vector<std::size_t> chart_begin_;  ///< Into face_of_chart_, and its end.
-  Array<std::uint32_t> face_of_chart_;
-  Array<std::uint32_t> tree_face_;  ///< Faces in the order of the tree's leaves.
-  std::vector<Node> tree_;
+  Grouped<std::uint32_t> faces_;      ///< Faces by chart.
+  std::shared_ptr<const Tree> tree_;  ///< Over the charts' faces in uv.
 };
 
 /// Texel box of uv triangles on an image of width x height texels, without weights; nullopt where

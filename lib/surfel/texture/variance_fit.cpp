@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 #include <vector>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
@@ -168,10 +168,6 @@ class Model {
     std::vector<Value> values;
   };
 
-  static double peak_of(const SurfelBasis::Function& f) {
-    return f.area / (2 * std::numbers::pi * std::sqrt(f.variance_u * f.variance_v));
-  }
-
   void make_chunks() {
     const std::size_t points = exponent_.rows();
     chunks_.resize((points + kChunkPoints - 1) / kChunkPoints);
@@ -248,7 +244,7 @@ class Model {
         worker.kernels.clear();
         for (const std::uint32_t k : chunk.function) {
           const double factor = std::exp(-change_[k]);
-          worker.kernels.push_back({factor, factor * peak_of(state_.basis.function[k]), w_[k]});
+          worker.kernels.push_back({factor, factor * state_.basis.function[k].peak(), w_[k]});
         }
         for (std::size_t q = chunk.begin; q < chunk.end; ++q) {
           Point point;
@@ -364,7 +360,7 @@ class Model {
       const double factor = std::exp(-change[k]);
       const double beta = exponent_.value[e] * factor;
       if (beta < cutoff_) {
-        sum += factor * peak_of(state_.basis.function[k]) * std::exp(-beta);
+        sum += factor * state_.basis.function[k].peak() * std::exp(-beta);
       }
     }
     return sum;
@@ -433,10 +429,22 @@ State candidate(const Problem& problem, const State& state, const Model& model,
 
 }  // namespace
 
+std::vector<std::string> VarianceFitOptions::problems() const {
+  std::vector<std::string> found;
+  if (!(cutoff > 0 && std::isfinite(cutoff))) {
+    found.push_back(fmt::format("`cutoff` is {}; it must be positive", cutoff));
+  }
+  if (!(coverage >= 0 && std::isfinite(coverage))) {
+    found.push_back(fmt::format("`coverage` is {}; it must not be negative", coverage));
+  }
+  return found;
+}
+
 VarianceFitReport refine_variance(
     RenderSolution& solution, const Quadrature& quadrature, const FitTarget& target,
     FunctionRef<void(const RenderSystem& system, Array<Channels>& w)> solve,
     const VarianceFitOptions& options) {
+  for (const std::string& problem : options.problems()) throw_usage(problem);
   if (solution.system.mu != 0)
     throw_usage("variances are fitted to systems without a minified term");
   VarianceFitReport report;

@@ -2,6 +2,8 @@
 
 #include <cstddef>
 #include <functional>
+#include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
@@ -11,9 +13,10 @@
 namespace surfel {
 
 struct SURFEL_API VarianceFitOptions {
-  double cutoff = 1;    ///< c of the renderer: as the system's.
+  double cutoff = 1;    ///< c of the renderer, > 0; the system must have been made for it.
   double coverage = 0;  ///< tau of the renderer, >= 0: no point's coverage may fall below it.
-  std::function<void(double)> progress{};  ///< Called with the share that is done; may be empty.
+  std::function<void(double)> progress{};     ///< Called with the share that is done; may be empty.
+  std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// Standard deviations stay within this factor of where they started, up and down.
@@ -40,10 +43,10 @@ struct RenderSolution {
 /// repeated with half the range for the log-variances. Points at which the kernels' sum would fall
 /// below the smaller of tau and what it was hold the variances of the functions about them.
 ///
-/// \param solution  in: with the variances to start with, and mu = 0 (Error(kUsage) otherwise);
-/// out:
-///                  with the variances found, as single precision holds them.
+/// \param solution  in: the variances to start with, and a system of mu = 0; out: the variances
+///                  found, as single precision holds them, and their system and coefficients.
 /// \param solve  sets w to the solution of a system, from w on.
+/// Throws Error(kUsage) where mu is not 0 or the options are not usable.
 /// The result does not depend on the number of threads. It takes some 0.5 ms of one core a surfel
 /// (12 points, c = 1), almost all of it to evaluate the model 150 times; an interrupt ends it after
 /// the next of these.
