@@ -14,13 +14,13 @@ namespace {
 /// Largest neighbourhoods of normals that are kept for the later stages: 256 bytes a point.
 constexpr int kMostShared = 64;
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kCloudGrain = 1 << 14;
 
 /// Values of points order[0], order[1], ...
 template <class T>
 Array<T> gathered(const Array<T>& values, const Array<std::uint32_t>& order) {
   Array<T> out(order.size());
-  parallel_each(order.size(), kGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
+  parallel_each(order.size(), kCloudGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
   return out;
 }
 
@@ -30,10 +30,11 @@ Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) 
   constexpr std::uint32_t kRemoved = std::numeric_limits<std::uint32_t>::max();
   Array<std::uint32_t> place(count);
   if (order.size() < count) place.assign(count, kRemoved);
-  parallel_each(order.size(), kGrain,
+  parallel_each(order.size(), kCloudGrain,
                 [&](std::size_t i) { place[order[i]] = static_cast<std::uint32_t>(i); });
   if (order.size() == count) {  // None was removed.
-    parallel_each(count, kGrain, [&](std::size_t i) { order[i] = static_cast<std::uint32_t>(i); });
+    parallel_each(count, kCloudGrain,
+                  [&](std::size_t i) { order[i] = static_cast<std::uint32_t>(i); });
     return place;
   }
   std::size_t kept = 0;
@@ -156,7 +157,7 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
   auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
   static_assert(sizeof(PointFlag) == 1);
   auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
-  parallel_each(count, kGrain, [&](std::size_t i) {
+  parallel_each(count, kCloudGrain, [&](std::size_t i) {
     const std::uint32_t from = place[i];
     const SplatSize& size = estimates.sizes.of[from];
     const NormalQuality& quality = estimates.normals.quality[from];

@@ -12,7 +12,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1024;
+constexpr std::size_t kOrientationGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 constexpr float kLongestWeight = 65534;  ///< The largest length below NeighborGraph::kNoEdge.
 /// Squared sine of 51 degrees: steeper edges to a tangent plane lead to another sheet. 45 degrees
@@ -53,7 +53,7 @@ class Spreader {
     for (int round = 0; round < kJoinRounds && parts_ > 1 && join_parts(); ++round) look_up();
     const bool right_opposed = settled_ != kNone && opposed_[settled_] != 0;
     const std::uint32_t right = settled_ == kNone ? kNone : part_[settled_];
-    parallel_each(position_.size(), kGrain, [&](std::size_t i) {
+    parallel_each(position_.size(), kOrientationGrain, [&](std::size_t i) {
       if ((opposed_[i] != 0) != (part_[i] == right && right_opposed)) normal_[i] = -normal_[i];
     });
   }
@@ -96,7 +96,7 @@ class Spreader {
   void join_neighbors() {
     NeighborGraph graph{search_.rows(kOrientationNeighbors + 1), {}};
     graph.length.resize(position_.size() * graph.degree());
-    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(position_.size(), kOrientationGrain, [&](std::size_t begin, std::size_t end, int) {
       std::uint16_t* length = graph.length.data() + begin * graph.degree();
       for (std::size_t i = begin; i < end; ++i) {
         for (const std::uint32_t j : graph.rows.of(i)) {
@@ -138,8 +138,8 @@ class Spreader {
       float weight;
       std::uint32_t from, to;
     };
-    std::vector<std::vector<Join>> found((count + kGrain - 1) / kGrain);
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<std::vector<Join>> found((count + kOrientationGrain - 1) / kOrientationGrain);
+    parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int) {
       std::vector<Neighbor> near;
       for (std::size_t i = begin; i < end; ++i) {
         if (!known(i) || part_[i] == largest) continue;
@@ -153,7 +153,7 @@ class Spreader {
             best.to = n.index;
           }
         }
-        if (best.to != kNone) found[begin / kGrain].push_back(best);
+        if (best.to != kNone) found[begin / kOrientationGrain].push_back(best);
       }
     });
     std::vector<Join> joins;
@@ -215,7 +215,7 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
     };
     PerWorker<std::vector<std::uint32_t>> extreme(
         [&] { return std::make_unique<std::vector<std::uint32_t>>(parts, kNone); });
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int worker) {
       std::vector<std::uint32_t>& most = extreme[worker];
       for (std::size_t i = begin; i < end; ++i) {
         if (!normal[i].isZero(0))
@@ -230,7 +230,7 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
       if (at != kNone) vote[n] += static_cast<double>(normal[at].dot(d));
     }
   }
-  parallel_each(count, kGrain, [&](std::size_t i) {
+  parallel_each(count, kOrientationGrain, [&](std::size_t i) {
     if (normal[i].isZero(0) || part[i] == settled) return;
     if (vote[number[part[i]]] < 0) normal[i] = -normal[i];
   });
@@ -265,7 +265,7 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
   // Turning a normal changes the sign of its x, of a zero too.
   Array<std::uint8_t> before(count);
   const auto negative = [&](std::size_t i) { return std::signbit(normal[i].x()) ? 1 : 0; };
-  parallel_each(count, kGrain,
+  parallel_each(count, kOrientationGrain,
                 [&](std::size_t i) { before[i] = static_cast<std::uint8_t>(negative(i)); });
   switch (options.method) {
     case Orientation::kNone:
@@ -274,7 +274,7 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
     case Orientation::kUp: {
       const bool towards_point = options.method == Orientation::kViewpoint;
       const Vec3d eye = options.viewpoint - origin;
-      parallel_each(count, kGrain, [&](std::size_t i) {
+      parallel_each(count, kOrientationGrain, [&](std::size_t i) {
         const Vec3d to = towards_point ? Vec3d(eye - position[i].cast<double>()) : options.up;
         if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
       });

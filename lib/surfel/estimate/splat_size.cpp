@@ -17,7 +17,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1024;
+constexpr std::size_t kSizeGrain = 1024;
 /// Points that surround one in a regular pattern: SS01's small neighbourhood.
 constexpr std::size_t kSmallNeighborhood = 6;
 /// The local spacing is the mean distance to this many points: a square grid has four neighbours.
@@ -364,7 +364,7 @@ class Sizer {
 
   /// Cuts the splats of points that are far from all others to their neighbours' spacing.
   void limit_lonely() {
-    parallel_for(position_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
+    parallel_for(position_.size(), kSizeGrain, [&](std::size_t begin, std::size_t end, int w) {
       std::vector<Neighbor>& near = workers_[w].more;
       std::vector<float> others;
       for (std::size_t i = begin; i < end; ++i) {

@@ -13,7 +13,7 @@ namespace {
 using enum SurfelAttribute;
 
 /// Records that one thread takes at a time.
-constexpr std::size_t kBlock = 16 * SurfelDecoder::kPiece;
+constexpr std::size_t kReadBlock = 16 * SurfelDecoder::kPiece;
 
 class Reader {
  public:
@@ -108,12 +108,12 @@ void Reader::add_columns() {
 
 /// Fills the columns, then the positions again if they lie so far away that the origin must move.
 void Reader::run() {
-  std::vector<Bounds> boxes(table_.count / kBlock + 1);
+  std::vector<Bounds> boxes(table_.count / kReadBlock + 1);
   const auto pass = [&](std::span<const Column> columns) {
-    parallel_for(table_.count, kBlock, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(table_.count, kReadBlock, [&](std::size_t begin, std::size_t end, int) {
       static thread_local Array<std::byte> scratch;
       const std::byte* records = table_.read(begin, end, scratch);
-      Bounds& box = boxes[begin / kBlock];
+      Bounds& box = boxes[begin / kReadBlock];
       for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
         const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
         decoder_.measure(records, count, box);

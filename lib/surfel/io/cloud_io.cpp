@@ -102,16 +102,16 @@ void append_text(const std::byte* record, const std::vector<RecordColumn>& colum
 }
 
 /// Records that one thread makes at a time: they fit into its cache.
-constexpr std::size_t kBlock = 4096;
+constexpr std::size_t kWriteBlock = 4096;
 
 /// Each thread writes what it has made: one makes while another writes.
 void write_binary(const CloudRecords& records, std::size_t count, OutputFile& file) {
   const std::size_t stride = records.stride();
   const std::uint64_t offset = file.reserve(std::uint64_t{count} * stride);
   PerWorker<Array<std::byte>> buffers;
-  parallel_for(count, kBlock, [&](std::size_t begin, std::size_t end, int worker) {
+  parallel_for(count, kWriteBlock, [&](std::size_t begin, std::size_t end, int worker) {
     Array<std::byte>& buffer = buffers[worker];
-    buffer.resize(kBlock * stride);
+    buffer.resize(kWriteBlock * stride);
     records.encode(begin, end, buffer.data());
     file.write_at(offset + begin * stride, buffer.data(), (end - begin) * stride);
   });
@@ -119,21 +119,21 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
 
 /// Writes some blocks of records at a time: threads make their text, then it is written in order.
 void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
-  constexpr std::size_t kChunk = 64 * kBlock;
+  constexpr std::size_t kChunk = 64 * kWriteBlock;
   const std::size_t stride = records.stride();
-  std::vector<std::string> texts(kChunk / kBlock);
+  std::vector<std::string> texts(kChunk / kWriteBlock);
   for (std::size_t first = 0; first < count; first += kChunk) {
     const std::size_t chunk = std::min(kChunk, count - first);
-    parallel_for(chunk, kBlock, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(chunk, kWriteBlock, [&](std::size_t begin, std::size_t end, int) {
       Array<std::byte> bytes((end - begin) * stride);
       records.encode(first + begin, first + end, bytes.data());
-      std::string& text = texts[begin / kBlock];
+      std::string& text = texts[begin / kWriteBlock];
       text.clear();
       for (std::size_t i = 0; i < end - begin; ++i) {
         append_text(bytes.data() + i * stride, records.columns(), text);
       }
     });
-    for (std::size_t k = 0; k * kBlock < chunk; ++k) file.write(texts[k]);
+    for (std::size_t k = 0; k * kWriteBlock < chunk; ++k) file.write(texts[k]);
   }
 }
 

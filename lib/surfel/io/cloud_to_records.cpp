@@ -10,13 +10,13 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = std::size_t{1} << 15;
+constexpr std::size_t kCloudGrain = std::size_t{1} << 15;
 
 /// Are all coordinates of this axis exact as float?
 bool exact_in_float(const SurfelCloud& cloud, int axis) {
   if (cloud.origin[axis] == 0) return true;
   std::atomic<bool> exact{true};
-  parallel_for(cloud.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(cloud.size(), kCloudGrain, [&](std::size_t begin, std::size_t end, int) {
     bool all = true;
     for (std::size_t i = begin; i < end; ++i) {
       const double x = cloud.origin[axis] + static_cast<double>(cloud.position[i][axis]);

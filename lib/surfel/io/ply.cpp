@@ -12,7 +12,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = std::size_t{1} << 15;
+constexpr std::size_t kPlyGrain = std::size_t{1} << 15;
 
 std::optional<ScalarType> scalar_type(std::string_view name) {
   constexpr std::pair<std::string_view, ScalarType> kTypes[] = {
@@ -266,7 +266,7 @@ void convert_column(const RecordTable& table, const RecordColumn& column, Array<
   Array<std::byte> none;
   const std::byte* records = table.read(0, table.count, none);
   visit_type(column.type, [&]<class From>(From) {
-    parallel_for(table.count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(table.count, kPlyGrain, [&](std::size_t begin, std::size_t end, int) {
       const std::byte* at = records + begin * table.stride + column.offset;
       for (std::size_t i = begin; i < end; ++i) {
         const From value = load_scalar<From, kSwapped>(at);

@@ -11,6 +11,7 @@
 #include <surfel/base/random.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/surface/neighbor_search.h>
 #include <surfel/surface/tangent_frame.h>
 #include <surfel/surface/voronoi_cell.h>
@@ -67,10 +68,6 @@ struct Discs {
   Array<std::uint32_t> surfel;  ///< Index into the cloud.
   Array<float> radius;          ///< sqrt(2 c max variance); empty without variances.
 };
-
-bool has_variance(const SurfelCloud& cloud) {
-  return cloud.anisotropic() || !cloud.variance.empty();
-}
 
 float largest_variance(const SurfelCloud& cloud, std::size_t i) {
   return cloud.anisotropic() ? std::max(cloud.variance_u[i], cloud.variance_v[i])

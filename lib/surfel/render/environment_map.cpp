@@ -16,7 +16,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 /// Standard deviation of a level by the distance of its rows: bilinear interpolation between texels
 /// takes up to 10 % from the peak of the narrowest spot that there can be; at 3/4 it took 35 %.
 constexpr double kDeviationPerRow = 1.5;
@@ -73,13 +72,14 @@ void EnvironmentMap::Level::add_ring(int count) {
 }
 
 double EnvironmentMap::Level::colatitude(int ring) const {
-  return std::clamp((ring - 0.5) / rows, 0.0, 1.0) * kPi;
+  return std::clamp((ring - 0.5) / rows, 0.0, 1.0) * std::numbers::pi;
 }
 
 double EnvironmentMap::Level::solid_angle(int ring) const {
   if (ring == 0 || ring == rows + 1) return 0;
   // The strip's, 2 pi (cos a - cos b), as a product.
-  const double strip = 4 * kPi * std::sin(colatitude(ring)) * std::sin(kPi / (2 * rows));
+  const double strip =
+      4 * std::numbers::pi * std::sin(colatitude(ring)) * std::sin(std::numbers::pi / (2 * rows));
   return strip / rings[static_cast<std::size_t>(ring)].count;
 }
 
@@ -131,7 +131,7 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
   Level out;
   out.rows = level.rows / step;
   // Of two neighbours' mean, along each axis: a quarter of their distance squared.
-  if (step == 2) out.variance = static_cast<float>(std::pow(kPi / level.rows, 2) / 4);
+  if (step == 2) out.variance = static_cast<float>(std::pow(std::numbers::pi / level.rows, 2) / 4);
   const int columns = level.rings[1].count;
   for (int k = 0; k <= out.rows + 1; ++k) {
     const bool pole = k == 0 || k == out.rows + 1;
@@ -179,7 +179,7 @@ Vec3f EnvironmentMap::filtered_texel(const Level& from, double colatitude, doubl
   static const Decay decay;
   const double reach = std::min(2.0, kReach / concentration);  // Of 1 - cos.
   const double angle = 2 * std::asin(std::sqrt(reach / 2));
-  const auto row_of = [&](double at) { return at / kPi * from.rows + 0.5; };
+  const auto row_of = [&](double at) { return at / std::numbers::pi * from.rows + 0.5; };
   const int first = std::max(1, static_cast<int>(std::ceil(row_of(colatitude - angle))));
   const int last = std::min(from.rows, static_cast<int>(std::floor(row_of(colatitude + angle))));
   Vec3d sum(0, 0, 0);
@@ -196,15 +196,15 @@ Vec3f EnvironmentMap::filtered_texel(const Level& from, double colatitude, doubl
     int begin = 0;
     int count = ring.count;
     if (half_sine2 < 1) {
-      const double columns = std::asin(std::sqrt(half_sine2)) / kPi * ring.count;
+      const double columns = std::asin(std::sqrt(half_sine2)) / std::numbers::pi * ring.count;
       begin = static_cast<int>(std::ceil(u * ring.count - 0.5 - columns));
       count = static_cast<int>(std::floor(u * ring.count - 0.5 + columns)) - begin + 1;
       count = std::min(count, ring.count);
     }
     const double solid_angle = from.solid_angle(k);
-    const double half = kPi * ((begin + 0.5) / ring.count - u);
-    const double step_sine = std::sin(kPi / ring.count);
-    const double step_cosine = std::cos(kPi / ring.count);
+    const double half = std::numbers::pi * ((begin + 0.5) / ring.count - u);
+    const double step_sine = std::sin(std::numbers::pi / ring.count);
+    const double step_cosine = std::cos(std::numbers::pi / ring.count);
     double sine = std::sin(half);
     double cosine = std::cos(half);
     const Vec3f* texels = from.texels.data() + ring.begin;
@@ -262,7 +262,7 @@ Vec3d EnvironmentMap::mean(const Level& level) {
     }
     sum += level.solid_angle(k) * row;
   }
-  return sum / (4 * kPi);
+  return sum / (4 * std::numbers::pi);
 }
 
 EnvironmentMap::EnvironmentMap(const Image& image, const std::string& name) {
@@ -271,8 +271,9 @@ EnvironmentMap::EnvironmentMap(const Image& image, const std::string& name) {
     const Level& last = levels_.back();
     const int rows = std::max(kFewestRows, (last.rows + 1) / 2);
     // A picture of fewer rows than the level is not to be seen between.
-    const double deviation = std::max(kDeviationPerRow * kPi / std::min(rows, last.rows),
-                                      2 * std::sqrt(static_cast<double>(last.variance)));
+    const double deviation =
+        std::max(kDeviationPerRow * std::numbers::pi / std::min(rows, last.rows),
+                 2 * std::sqrt(static_cast<double>(last.variance)));
     const auto variance = static_cast<float>(deviation * deviation);
     levels_.push_back(levels_.size() == 1 ? filtered(thinned(last), rows, variance)
                                           : filtered(last, rows, variance));

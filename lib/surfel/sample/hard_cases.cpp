@@ -19,7 +19,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr int kSize = 128;  ///< Of pictures, pixels a side.
 const Vec3f kYellow(0.9F, 0.8F, 0.3F), kBlue(0.05F, 0.1F, 0.3F);
 
@@ -41,11 +40,11 @@ CameraOptions look(const Vec3d& eye, const Vec3d& target, double fov = 40,
 }
 
 /// The focal length of a view of kSize pixels, pixels.
-double focal(double fov = 40) { return kSize / (2 * std::tan(fov * kPi / 360)); }
+double focal(double fov = 40) { return kSize / (2 * std::tan(fov * std::numbers::pi / 360)); }
 
 /// View of the origin from `distance` in front of it, `angle` degrees off the z axis.
 CameraOptions orbit(double distance, double angle, double fov = 40) {
-  const double a = angle * kPi / 180;
+  const double a = angle * std::numbers::pi / 180;
   return look(Vec3d(0, 0.0 - distance * std::sin(a), distance * std::cos(a)), Vec3d(0, 0, 0), fov);
 }
 
@@ -122,13 +121,13 @@ void add_uv(SurfelCloud& cloud, const Sheet& sheet) {
 /// Fibonacci's sphere, of colours that vary over a few surfels.
 SurfelCloud sphere(int count, double radius, const Vec3d& center = {0, 0, 0}) {
   SurfelCloud cloud;
-  const double area = 4 * kPi * radius * radius / count;
+  const double area = 4 * std::numbers::pi * radius * radius / count;
   const double wave = 3 * std::sqrt(area);
   const auto level = [&](double x) { return static_cast<float>(0.5 + 0.45 * std::sin(x / wave)); };
   for (int i = 0; i < count; ++i) {
     const double y = 1 - (2 * i + 1.0) / count;
     const double ring = std::sqrt(1 - y * y);
-    const double phi = i * kPi * (3 - std::sqrt(5.0));
+    const double phi = i * std::numbers::pi * (3 - std::sqrt(5.0));
     const Vec3d n(ring * std::cos(phi), y, ring * std::sin(phi));
     const Vec3d p = radius * n;
     add(cloud, center + p, n, area, {level(p.x()), level(p.y()), level(p.sum())});
@@ -207,7 +206,7 @@ HardScene collinear(const Request& r) {
 HardScene isolated(const Request& r) {
   HardScene scene{points(3000), orbit(5, 0)};
   for (int i = 0; i < 20; ++i) {
-    const double phi = 2 * kPi * (i + 0.5 * random_uniform(r.seed, i)) / 20;
+    const double phi = 2 * std::numbers::pi * (i + 0.5 * random_uniform(r.seed, i)) / 20;
     add_point(scene.cloud, Vec3d(1.6 * std::cos(phi), 1.6 * std::sin(phi), 0));
   }
   return scene;
@@ -265,7 +264,7 @@ HardScene thin_body(const Request& r) { return two_sheets(r, true); }
 /// Two panes that cross at `value` degrees.
 HardScene intersecting(const Request& r) {
   HardScene scene{{}, look(Vec3d(0, 0, 2.2), Vec3d(0, 0, 0))};
-  const double a = r.value * kPi / 360;
+  const double a = r.value * std::numbers::pi / 360;
   for (const double turn : {a, -a}) {
     const Vec3d across(std::cos(turn), 0, std::sin(turn));
     add_sheet(scene.cloud, Sheet{.across = across, .side = 96, .seed = r.seed + (turn > 0 ? 0 : 1)},
@@ -429,7 +428,7 @@ HardScene slivers(const Request& r) {
   HardScene scene = sheet_scene(Sheet{.side = 48, .seed = r.seed}, plain(Vec3f(0.5F, 0.5F, 0.5F)),
                                 orbit(2.2, 75));
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
-    const double angle = kPi * random_uniform(r.seed, i, 2);
+    const double angle = std::numbers::pi * random_uniform(r.seed, i, 2);
     const float variance = scene.cloud.variance[i];
     scene.cloud.tangent.push_back(Vec3d(std::cos(angle), std::sin(angle), 0).cast<float>());
     scene.cloud.variance_u.push_back(static_cast<float>(variance * r.value));

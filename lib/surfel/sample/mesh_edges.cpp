@@ -10,13 +10,13 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kEdgeGrain = 1 << 14;
 
 }  // namespace
 
 Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   Array<std::uint64_t> keys(position.size());
-  parallel_each(position.size(), kGrain, [&](std::size_t i) {
+  parallel_each(position.size(), kEdgeGrain, [&](std::size_t i) {
     const Vec3f p = position[i] + Vec3f::Zero();  // -0 becomes 0, to which it is equal.
     const auto xy = static_cast<std::uint64_t>(std::bit_cast<std::uint32_t>(p.x())) << 32 |
                     std::bit_cast<std::uint32_t>(p.y());
@@ -41,7 +41,7 @@ Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
   const Array<std::uint32_t> welded = welded_vertices(mesh.position);
   const std::size_t edges = 3 * mesh.face.size();
   Array<std::uint64_t> keys(edges);
-  parallel_each(mesh.face.size(), kGrain, [&](std::size_t f) {
+  parallel_each(mesh.face.size(), kEdgeGrain, [&](std::size_t f) {
     for (int k = 0; k < 3; ++k) {
       const std::uint64_t a = welded[mesh.face[f][k]];
       const std::uint64_t b = welded[mesh.face[f][(k + 1) % 3]];

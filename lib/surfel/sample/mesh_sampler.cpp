@@ -19,7 +19,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kSampleGrain = 1 << 14;
 constexpr std::size_t kMostSamples = std::size_t{1}
                                      << 28;  ///< PoissonDisk counts slots in 31 bits.
 
@@ -342,7 +342,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   for (const SurfaceSample& sample : samples) sampled_area += sample.area;
   const double to_exact = faces.total_area / sampled_area;
   const double scale2 = options.variance_scale * options.variance_scale;
-  parallel_each(samples.size(), kGrain, [&](std::size_t i) {
+  parallel_each(samples.size(), kSampleGrain, [&](std::size_t i) {
     const SurfaceSample& sample = samples[i];
     const double spacing = out.spacing * sample.size;
     const double cell = spacing * spacing;

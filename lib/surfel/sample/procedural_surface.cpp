@@ -14,8 +14,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// The parallelogram corner + u * edge_u + v * edge_v.
 class Plane final : public ParametricSurface {
  public:
@@ -42,14 +40,16 @@ class Torus final : public ParametricSurface {
   bool closed_u() const override { return true; }
   bool closed_v() const override { return true; }
   Point at(double u, double v) const override {
-    const double phi = 2 * kPi * u;
-    const double psi = 2 * kPi * v;
+    const double phi = 2 * std::numbers::pi * u;
+    const double psi = 2 * std::numbers::pi * v;
     const Vec3d radial(std::cos(phi), std::sin(phi), 0);
     const Vec3d along(-std::sin(phi), std::cos(phi), 0);
     const Vec3d normal = std::cos(psi) * radial + std::sin(psi) * Vec3d::UnitZ();
-    const Vec3d dpdv = 2 * kPi * minor_ * (std::cos(psi) * Vec3d::UnitZ() - std::sin(psi) * radial);
+    const Vec3d dpdv =
+        2 * std::numbers::pi * minor_ * (std::cos(psi) * Vec3d::UnitZ() - std::sin(psi) * radial);
     return {center_ + rotation_ * (major_ * radial + minor_ * normal), rotation_ * normal,
-            rotation_ * (2 * kPi * (major_ + minor_ * std::cos(psi)) * along), rotation_ * dpdv};
+            rotation_ * (2 * std::numbers::pi * (major_ + minor_ * std::cos(psi)) * along),
+            rotation_ * dpdv};
   }
 
  private:
@@ -64,14 +64,15 @@ class StarSurface : public ParametricSurface {
   bool closed_u() const final { return true; }
   bool has_poles() const final { return true; }
   Point at(double u, double v) const final {
-    const double phi = 2 * kPi * (u - 0.5);
-    const double theta = kPi * v;
+    const double phi = 2 * std::numbers::pi * (u - 0.5);
+    const double theta = std::numbers::pi * v;
     // At a pole sin(pi) is not quite zero in floating point; the derivative by u must be.
     const double ring = v <= 0 || v >= 1 ? 0 : std::sin(theta);
     const Vec3d d(ring * std::sin(phi), -std::cos(theta), ring * std::cos(phi));
-    const Vec3d d_by_u = 2 * kPi * Vec3d(ring * std::cos(phi), 0, -ring * std::sin(phi));
-    const Vec3d d_by_v = kPi * Vec3d(std::cos(theta) * std::sin(phi), std::sin(theta),
-                                     std::cos(theta) * std::cos(phi));
+    const Vec3d d_by_u =
+        2 * std::numbers::pi * Vec3d(ring * std::cos(phi), 0, -ring * std::sin(phi));
+    const Vec3d d_by_v = std::numbers::pi * Vec3d(std::cos(theta) * std::sin(phi), std::sin(theta),
+                                                  std::cos(theta) * std::cos(phi));
     const NoiseValue<3> r = radius(d);
     const Vec3d tangential = r.gradient - d * d.dot(r.gradient);
     return {r.value * d, (r.value * d - tangential).normalized(),

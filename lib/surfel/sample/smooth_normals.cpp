@@ -10,7 +10,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 13;
+constexpr std::size_t kVertexGrain = 1 << 13;
 constexpr std::size_t kMostCompared = 256;
 
 /// The wedges (3 * face + corner) at each welded vertex.
@@ -72,7 +72,7 @@ Array<std::array<Vec3f, 3>> smooth_normals(const TriangleMesh& mesh, double crea
   const double least_cosine = std::cos(crease_angle) - 1e-9;
   Array<std::array<Vec3f, 3>> normals(mesh.face.size());
   const auto at = [&](std::uint32_t wedge) -> Vec3f& { return normals[wedge / 3][wedge % 3]; };
-  parallel_for(mesh.position.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(mesh.position.size(), kVertexGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<Contribution> faces;
     for (std::size_t v = begin; v < end; ++v) {
       faces.clear();

@@ -10,7 +10,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kChunkGrain = 1 << 14;
 
 /// How a triangle is cut when the edges of a mask are halved: corners 0..2 are the triangle's, 3 +
 /// k is the middle of edge k.
@@ -87,7 +87,7 @@ class RefinementRound {
   RefinementRound(const Array<SurfaceChunk>& chunks, const EdgeLimit& limit) : chunks_(chunks) {
     const std::size_t n = chunks.size();
     mask_.resize(n);
-    parallel_each(n, kGrain, [&](std::size_t i) {
+    parallel_each(n, kChunkGrain, [&](std::size_t i) {
       mask_[i] = 0;
       for (int k = 0; k < 3; ++k) {
         if (limit.exceeded(chunks[i].corner[k], chunks[i].corner[(k + 1) % 3])) {
@@ -108,7 +108,7 @@ class RefinementRound {
 
   Array<SurfaceChunk> children() const {
     Array<SurfaceChunk> out(first_child_.back());
-    parallel_each(chunks_.size(), kGrain, [&](std::size_t i) { split(i, out); });
+    parallel_each(chunks_.size(), kChunkGrain, [&](std::size_t i) { split(i, out); });
     return out;
   }
 
@@ -164,7 +164,7 @@ class RefinementRound {
 
 Array<SurfaceChunk> whole_faces(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor) {
   Array<SurfaceChunk> chunks(mesh.face.size());
-  parallel_each(chunks.size(), kGrain, [&](std::size_t f) {
+  parallel_each(chunks.size(), kChunkGrain, [&](std::size_t f) {
     chunks[f].face = static_cast<std::uint32_t>(f);
     for (int k = 0; k < 3; ++k) {
       chunks[f].corner[k] = mesh.position[mesh.face[f][k]];
@@ -187,7 +187,7 @@ Array<std::uint64_t> block_keys(const Array<SurfaceChunk>& chunks, double block_
     for (const Vec3f& corner : chunk.corner) low = low.cwiseMin(corner);
   }
   Array<std::uint64_t> keys(chunks.size());
-  parallel_each(chunks.size(), kGrain, [&](std::size_t i) {
+  parallel_each(chunks.size(), kChunkGrain, [&](std::size_t i) {
     const Vec3f centroid = (chunks[i].corner[0] + chunks[i].corner[1] + chunks[i].corner[2]) / 3;
     const Vec3d cell = ((centroid - low).cast<double>() / block_side).cwiseMax(0);
     keys[i] =
@@ -221,7 +221,7 @@ SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uin
   SurfaceChunks sorted;
   sorted.chunk.resize(chunks.size());
   for (std::size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<std::uint32_t>(i);
-  parallel_each(order.size(), kGrain, [&](std::size_t i) {
+  parallel_each(order.size(), kChunkGrain, [&](std::size_t i) {
     SurfaceChunk& chunk = sorted.chunk[i];
     chunk = chunks[order[i]];
     for (std::uint32_t& n : chunk.neighbor) {

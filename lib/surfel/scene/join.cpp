@@ -16,7 +16,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 16;
+constexpr std::size_t kJoinGrain = 1 << 16;
 constexpr std::size_t kMostMaterials = std::size_t{1} << 16;
 
 Vec3f any_tangent(const SurfelCloud& cloud, std::size_t i) {
@@ -114,7 +114,7 @@ class Joiner {
       const Array<T>& from = cloud.*column;
       T* to = (out_.*column).data() + first_[k];
       if (from.empty() && !cloud.empty()) report_.filled.push_back({k, name});
-      parallel_for(cloud.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t i = begin; i < end; ++i) {
           to[i] = from.empty() ? static_cast<T>(value(cloud, i)) : from[i];
         }
@@ -163,13 +163,13 @@ class Joiner {
       const SurfelCloud& cloud = clouds_[k];
       const Vec3d shift = cloud.origin - out_.origin;
       Vec3f* to = out_.position.data() + first_[k];
-      std::vector<double> rounding(cloud.size() / kGrain + 1, 0);
-      parallel_for(cloud.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      std::vector<double> rounding(cloud.size() / kJoinGrain + 1, 0);
+      parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t i = begin; i < end; ++i) {
           const Vec3d offset = shift + cloud.position[i].cast<double>();
           to[i] = offset.cast<float>();
           const double change = (to[i].cast<double>() - offset).cwiseAbs().maxCoeff();
-          if (change > rounding[begin / kGrain]) rounding[begin / kGrain] = change;
+          if (change > rounding[begin / kJoinGrain]) rounding[begin / kJoinGrain] = change;
         }
       });
       report_.rounding =

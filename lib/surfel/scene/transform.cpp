@@ -8,12 +8,12 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 16;
+constexpr std::size_t kTransformGrain = 1 << 16;
 constexpr double kMostScale = 1e9;
 
 template <class T, class Change>
 void change(Array<T>& column, Change&& to) {
-  parallel_for(column.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(column.size(), kTransformGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) column[i] = to(column[i]);
   });
 }

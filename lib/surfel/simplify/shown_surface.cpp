@@ -4,7 +4,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kShownGrain = 1 << 12;
 
 }  // namespace
 
@@ -26,7 +26,7 @@ ShownSurface shown_surface(const SurfelCloud& places, const SurfelBasis& basis,
   out.height.assign(places.size(), 0.0F);
   out.coverage.assign(places.size(), 0.0F);
   const SparseMatrix& A = evaluated.A;
-  parallel_each(place.size(), kGrain, [&](std::size_t q) {
+  parallel_each(place.size(), kShownGrain, [&](std::size_t q) {
     if (A.row_begin[q] == A.row_begin[q + 1]) return;
     const std::uint32_t i = place[q];
     const Vec3d position = places.position[i].cast<double>();

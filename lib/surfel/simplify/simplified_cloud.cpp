@@ -16,7 +16,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kMergeGrain = 1 << 12;
 /// Largest factor by which close_gaps() raises the area of a surfel. A place that would need more
 /// is hardly reached by the surfel's kernel; a higher weight would only drown the neighbours'
 /// colours.
@@ -30,7 +30,7 @@ constexpr double kTolerance = 1e-4;
 /// The clusters' surfels, complete but for variances and coefficients.
 SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) {
   Array<MergeSurfel> merged_surfel(clusters.size());
-  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(clusters.size(), kMergeGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<MergeSurfel> surfels;
     std::vector<std::uint32_t> all;
     for (std::size_t c = begin; c < end; ++c) {
@@ -68,7 +68,7 @@ SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) 
 void size(const OriginalCloud& original, const SheetClusters& clusters, double cutoff,
           SurfelCloud& out) {
   if (out.area.empty()) out.area.resize(out.size());
-  parallel_for(out.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(out.size(), kMergeGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<CoveredPlace> places;
     for (std::size_t k = begin; k < end; ++k) {
       const std::span<const std::uint32_t> members = clusters.members(k);

@@ -17,7 +17,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kRadiusGrain = 1 << 12;
 /// Distance that seeds keep from each other, in units of the spacing asked for: with this one a
 /// seed has a spacing squared of surface.
 constexpr double kSeedRadius = PoissonDisk::kConflictRadius;
@@ -166,7 +166,7 @@ DetailTree Simplifier::make_tree() {
 Array<float> Simplifier::radii(const DetailTree& tree, const DetailTree::Cut& cut) const {
   const SizingField field = tree.field(cut);
   Array<float> radius(original_.cloud.size());
-  parallel_each(radius.size(), kGrain, [&](std::size_t i) {
+  parallel_each(radius.size(), kRadiusGrain, [&](std::size_t i) {
     radius[i] = static_cast<float>(kSeedRadius * field.at(original_.cloud.position[i]));
   });
   return radius;

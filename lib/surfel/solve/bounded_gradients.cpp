@@ -36,10 +36,10 @@ struct Gradient {
   double chopped;  ///< Its part where x is at a bound and would be moved inwards.
 };
 
-class Solver {
+class BoundedSolver {
  public:
-  Solver(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
-         Array<Channels>& x, const SolveOptions& options)
+  BoundedSolver(const SymmetricMatrix& matrix, const Array<Channels>& b,
+                const InverseFactor& factor, Array<Channels>& x, const SolveOptions& options)
       : matrix_(matrix),
         product_of_(matrix),
         b_(b),
@@ -299,7 +299,7 @@ class Solver {
 SolveReport bounded_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                               const InverseFactor& factor, Array<Channels>& x,
                               const SolveOptions& options) {
-  return Solver(matrix, b, factor, x, options).run();
+  return BoundedSolver(matrix, b, factor, x, options).run();
 }
 
 }  // namespace surfel

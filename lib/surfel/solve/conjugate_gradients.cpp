@@ -18,10 +18,10 @@ namespace {
 
 using Mask = Eigen::Array<bool, 4, 1>;
 
-class Solver {
+class ConjugateSolver {
  public:
-  Solver(const SymmetricMatrix& matrix, const Array<Channels>& b, const InverseFactor& factor,
-         Array<Channels>& x, const SolveOptions& options)
+  ConjugateSolver(const SymmetricMatrix& matrix, const Array<Channels>& b,
+                  const InverseFactor& factor, Array<Channels>& x, const SolveOptions& options)
       : matrix_(matrix), b_(b), factor_(factor), x_(x), options_(options), count_(b.size()) {}
 
   SolveReport run() {
@@ -176,7 +176,7 @@ SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Chann
                                 const SolveOptions& options) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);
-  return Solver(matrix, b, factor, x, options).run();
+  return ConjugateSolver(matrix, b, factor, x, options).run();
 }
 
 }  // namespace surfel

@@ -17,7 +17,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kCoverageGrain = 1 << 14;
 /// Groups of that many splats are done one after another with all threads; smaller ones side by
 /// side, a thread each.
 constexpr std::size_t kLargeGroup = 1 << 15;
@@ -131,7 +131,7 @@ class GroupCoverer {
 
   void keep_own_radii() {
     cloud_.group_radius.assign(cloud_.size(), 0);
-    parallel_for(discs_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(discs_.size(), kCoverageGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         cloud_.group_radius[discs_.surfel[i]] = discs_.radius[i];
       }

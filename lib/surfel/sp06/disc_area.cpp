@@ -7,8 +7,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 double sector(const Vec2d& a, const Vec2d& b, double radius2) {
@@ -85,19 +83,19 @@ double UncoveredDiscArea::operator()(const Circle& disc, std::span<const Circle>
           (distance * distance + r * r - self.radius * self.radius) / (2 * distance * r);
       const double half = std::acos(std::clamp(cosine, -1.0, 1.0));
       const double inwards = std::atan2(-near_[i].center.y(), -near_[i].center.x());
-      hide(inwards + half, inwards + 2 * kPi - half);
+      hide(inwards + half, inwards + 2 * std::numbers::pi - half);
     }
     area -= shown_arcs(near_[i]);
   }
-  return std::clamp(area, 0.0, kPi * self.radius * self.radius);
+  return std::clamp(area, 0.0, std::numbers::pi * self.radius * self.radius);
 }
 
 void UncoveredDiscArea::hide(double begin, double end) {
-  const double turn = std::floor(begin / (2 * kPi)) * 2 * kPi;
+  const double turn = std::floor(begin / (2 * std::numbers::pi)) * 2 * std::numbers::pi;
   begin -= turn;
   end -= turn;
-  hidden_.push_back({begin, std::min(end, 2 * kPi)});
-  if (end > 2 * kPi) hidden_.push_back({0, end - 2 * kPi});
+  hidden_.push_back({begin, std::min(end, 2 * std::numbers::pi)});
+  if (end > 2 * std::numbers::pi) hidden_.push_back({0, end - 2 * std::numbers::pi});
 }
 
 /// Hides the part of a circle that lies in another disc. Is that all of it?
@@ -135,7 +133,7 @@ double UncoveredDiscArea::shown_arcs(const Circle& circle) {
     if (interval.begin > at) sum += arc(at, interval.begin);
     at = std::max(at, interval.end);
   }
-  if (at < 2 * kPi) sum += arc(at, 2 * kPi);
+  if (at < 2 * std::numbers::pi) sum += arc(at, 2 * std::numbers::pi);
   return sum;
 }
 

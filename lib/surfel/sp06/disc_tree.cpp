@@ -13,7 +13,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kDiscGrain = 1 << 14;
 
 /// One past the last disc at the same place as `begin`.
 std::size_t end_of_place(const Array<Vec3f>& center, std::size_t begin) {
@@ -30,7 +30,7 @@ Discs Discs::gathered(std::span<const std::uint32_t> which) const {
   out.normal.resize(which.size());
   out.radius.resize(which.size());
   out.surfel.resize(which.size());
-  parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(which.size(), kDiscGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       out.center[i] = center[which[i]];
       out.normal[i] = normal[which[i]];

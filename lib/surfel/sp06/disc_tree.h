@@ -36,6 +36,9 @@ SURFEL_API Discs make_discs(const SurfelCloud& cloud, double cutoff,
 /// which is as large at least and covers them.
 SURFEL_API Array<std::uint32_t> distinct_discs(const Discs& discs);
 
+/// By how much distances are enlarged before boxes of discs are tested, in single precision.
+inline constexpr double kBoxRounding = 1 + 1e-5;
+
 /// Tangent plane of a disc, and what other discs are to it.
 class SURFEL_API TangentPlane {
  public:

@@ -12,9 +12,6 @@
 namespace surfel {
 namespace {
 
-/// Boxes are tested in single precision.
-constexpr double kRounding = 1 + 1e-5;
-
 /// A group that grows.
 class GrowingGroup {
  public:
@@ -37,7 +34,7 @@ class GrowingGroup {
     const auto enter = [&](const DiscTree::Node& node, std::size_t number, float distance2) {
       const double reach = radius + static_cast<double>(node.radius());
       return !covered && has_members_[number] &&
-             static_cast<double>(distance2) <= kRounding * reach * reach;
+             static_cast<double>(distance2) <= kBoxRounding * reach * reach;
     };
     const auto visit = [&](std::size_t j) {
       Vec2d place;

@@ -13,7 +13,6 @@
 namespace surfel {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 /// Directions in which the surface's reach is measured. A round border is overestimated by
 /// 1 / cos(pi / 16), 2 %.
 constexpr std::size_t kDirections = 16;
@@ -25,14 +24,12 @@ constexpr std::size_t kAlongCurve = 6;
 /// Cells whose corner is that much further away than those of a disc of their area, squared, are
 /// looked at closely; a regular hexagon has 1.2.
 constexpr double kSlender = 2.5;
-/// Boxes are tested in single precision.
-constexpr double kRounding = 1 + 1e-5;
 
 const std::array<Vec2d, kDirections>& directions() {
   static const std::array<Vec2d, kDirections> kUnit = [] {
     std::array<Vec2d, kDirections> unit;
     for (std::size_t k = 0; k < kDirections; ++k) {
-      const double angle = 2 * kPi * static_cast<double>(k) / kDirections;
+      const double angle = 2 * std::numbers::pi * static_cast<double>(k) / kDirections;
       unit[k] = {std::cos(angle), std::sin(angle)};
     }
     return unit;
@@ -55,7 +52,7 @@ void cut_cell(const FoundDiscs& all, std::size_t disc, const TangentPlane& plane
   const double enough2 = enough * enough;
   // Bisectors beyond the cell's furthest corner cut nothing.
   const Vec3f& center = plane.center();
-  const auto limit2 = [&] { return static_cast<float>(4 * kRounding * cell.radius2()); };
+  const auto limit2 = [&] { return static_cast<float>(4 * kBoxRounding * cell.radius2()); };
   float reach2 = limit2();
   const auto enter = [&](const DiscTree::Node&, std::size_t, float distance2) {
     return distance2 <= reach2 && cell.radius2() > enough2;
@@ -98,7 +95,7 @@ void for_each_touching(const FoundDiscs& all, const TangentPlane& plane, const V
   bool more = true;
   const auto enter = [&](const DiscTree::Node& node, std::size_t, float distance2) {
     const double reach = cell_radius + static_cast<double>(node.radius());
-    return more && static_cast<double>(distance2) <= kRounding * reach * reach;
+    return more && static_cast<double>(distance2) <= kBoxRounding * reach * reach;
   };
   const auto try_visit = [&](std::size_t j) {
     Vec2d place;
@@ -133,7 +130,9 @@ bool owns(const FoundDiscs& members, std::size_t i, const Discs& all, std::size_
 
 /// At a crease cells have spikes: the plane goes on where the surface turns away, and the
 /// neighbours behind the crease bound it badly.
-bool slender(const VoronoiCell& cell) { return kPi * cell.radius2() > kSlender * cell.area(); }
+bool slender(const VoronoiCell& cell) {
+  return std::numbers::pi * cell.radius2() > kSlender * cell.area();
+}
 
 /// Distance of the nearest side; 0 for a cell without area.
 double inner_radius(const VoronoiCell& cell) {
@@ -263,7 +262,7 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
             plane, [&](const Discs& all, std::size_t j) { return owns(group, i, all, j); }, cell);
         restricted = restriction.cut;
         if (!open || restriction.reach <= half_side) break;
-        half_side = std::max(2 * half_side, kRounding * restriction.reach);
+        half_side = std::max(2 * half_side, kBoxRounding * restriction.reach);
       }
       reach_[i] = cell.radius();
       inner_[i] = inner_radius(cell);
@@ -293,8 +292,8 @@ double GroupCells::covered_area(std::span<const float> radius, double factor) co
     for (std::size_t i = begin; i < end; ++i) {
       const double r = factor * static_cast<double>(radius[i]);
       // Discs within their cells and over them are many and need no sides.
-      sum +=
-          r <= inner_[i] ? kPi * r * r : disc_area_in_polygon(std::min(r, reach_[i]), corners(i));
+      sum += r <= inner_[i] ? std::numbers::pi * r * r
+                            : disc_area_in_polygon(std::min(r, reach_[i]), corners(i));
     }
     partial[begin / kGrain] = sum;
   });

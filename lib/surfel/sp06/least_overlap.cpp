@@ -15,7 +15,7 @@ namespace surfel {
 namespace {
 
 constexpr int kMaxSweeps = 100;
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kAreaGrain = 1 << 12;
 constexpr std::uint32_t kUnplaced = 0xffffffff;
 /// A splat moves only for more than this share of its overlap, so that rounding cannot move it back
 /// and forth for ever.
@@ -24,7 +24,7 @@ constexpr double kWorthMoving = 1e-6;
 /// Of every end of an edge, the area that the two discs share, unit^2.
 Array<float> lens_areas(const SurfelCloud& cloud, const OverlapGraph& graph, double cutoff) {
   Array<float> area(graph.neighbor.size());
-  parallel_for(graph.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(graph.size(), kAreaGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t v = begin; v < end; ++v) {
       const std::uint32_t i = graph.splat[v];
       const double radius = splat_radius(cloud, i, cutoff);

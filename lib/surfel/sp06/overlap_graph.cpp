@@ -21,8 +21,8 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kLanes = 8;    ///< Splats in a block.
-constexpr std::size_t kGrain = 256;  ///< Blocks.
+constexpr std::size_t kLanes = 8;         ///< Splats in a block.
+constexpr std::size_t kBlockGrain = 256;  ///< Blocks.
 constexpr std::size_t kSplatGrain = 1 << 14;
 constexpr double kOctavesPerClass = 2;  ///< Radii of one class differ by less than 4 : 1.
 /// Single precision decides with this margin which pairs are worth a look in double. Its own error
@@ -80,7 +80,7 @@ class OverlapSearch {
         radius_(count_),
         blocks_((count_ + kLanes - 1) / kLanes) {
     gather(cloud, splat);
-    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(blocks_.size(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t b = begin; b < end; ++b) fill_block(b);
     });
     tree_ = {count_, [&](std::size_t v) { return box_of(v / kLanes, v % kLanes); }};
@@ -278,10 +278,10 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
   const std::uint64_t most = max_memory / (2 * sizeof(std::uint32_t));
   if (least_entries(search, graph.size()) > most) throw_too_many(graph, most, name);
   std::atomic<std::uint64_t> total{0};
-  std::vector<Array<std::uint32_t>> found((search.blocks() + kGrain - 1) / kGrain);
+  std::vector<Array<std::uint32_t>> found((search.blocks() + kBlockGrain - 1) / kBlockGrain);
   graph.row_begin.resize(graph.size() + 1);
   graph.row_begin[0] = 0;
-  parallel_for(search.blocks(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(search.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<std::uint32_t> near;
     std::vector<std::uint32_t> neighbors;
     std::size_t counted = 0;
@@ -298,13 +298,13 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
         throw_too_many(graph, most, name);
       }
     }
-    found[begin / kGrain].assign(neighbors.begin(), neighbors.end());
+    found[begin / kBlockGrain].assign(neighbors.begin(), neighbors.end());
   });
 
   for (std::size_t v = 0; v < graph.size(); ++v) graph.row_begin[v + 1] += graph.row_begin[v];
   graph.neighbor.resize(graph.row_begin.back());
   parallel_for(found.size(), 1, [&](std::size_t begin, std::size_t, int) {
-    const std::uint64_t row = graph.row_begin[begin * kGrain * kLanes];
+    const std::uint64_t row = graph.row_begin[begin * kBlockGrain * kLanes];
     std::copy(found[begin].begin(), found[begin].end(), graph.neighbor.data() + row);
     found[begin] = {};
   });

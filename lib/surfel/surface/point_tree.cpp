@@ -13,7 +13,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 14;
+constexpr std::size_t kTreeGrain = 1 << 14;
 constexpr std::size_t kWidth = PointTree::kWidth;
 
 /// Leading bits that two codes share.
@@ -94,25 +94,26 @@ PointTree::PointTree(const Array<Vec3f>& points) : member_(morton_order(points))
   const MortonGrid grid = morton_grid(points);
   Array<std::uint64_t> code(n);
   Array<Vec3f> position(n);
-  parallel_each(n, kGrain, [&](std::size_t i) {
+  parallel_each(n, kTreeGrain, [&](std::size_t i) {
     position[i] = points[member_[i]];
     code[i] = grid.code(position[i]);
   });
   refine(code, position, member_);
 
   // Distinct positions.
-  const std::size_t blocks = (n + kGrain - 1) / kGrain;
+  const std::size_t blocks = (n + kTreeGrain - 1) / kTreeGrain;
   std::vector<std::size_t> before(blocks + 1);
   const auto starts_place = [&](std::size_t i) { return i == 0 || position[i] != position[i - 1]; };
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) before[begin / kGrain + 1] += starts_place(i) ? 1 : 0;
+  parallel_for(n, kTreeGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i)
+      before[begin / kTreeGrain + 1] += starts_place(i) ? 1 : 0;
   });
   for (std::size_t b = 0; b < blocks; ++b) before[b + 1] += before[b];
   first_.resize(before.back() + 1);
   first_.back() = static_cast<std::uint32_t>(n);
   Array<Vec3f> place(before.back());
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    std::size_t at = before[begin / kGrain];
+  parallel_for(n, kTreeGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::size_t at = before[begin / kTreeGrain];
     for (std::size_t i = begin; i < end; ++i) {
       if (!starts_place(i)) continue;
       first_[at] = static_cast<std::uint32_t>(i);
@@ -155,7 +156,7 @@ void PointTree::cut_leaves(std::span<const Vec3f> place, std::size_t begin,
 }
 
 void PointTree::fill_leaves(std::span<const Vec3f> place) {
-  constexpr std::size_t kLeafGrain = kGrain / kWidth;
+  constexpr std::size_t kLeafGrain = kTreeGrain / kWidth;
   leaf_.resize(leaf_place_.size() - 1);
   parallel_for(leaf_.size(), kLeafGrain, [&](std::size_t begin, std::size_t end, int) {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -186,7 +187,7 @@ void PointTree::add_levels(std::vector<std::uint64_t> code) {
     const bool lowest = level_.empty();
     Array<Node> nodes(first.size());
     first.push_back(static_cast<std::uint32_t>(code.size()));
-    parallel_each(nodes.size(), kGrain / kWidth, [&](std::size_t i) {
+    parallel_each(nodes.size(), kTreeGrain / kWidth, [&](std::size_t i) {
       Node& node = nodes[i];
       node = {};  // Boxes of unused entries are never looked at, but are read.
       node.first_child = first[i];

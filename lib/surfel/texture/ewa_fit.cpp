@@ -14,9 +14,9 @@
 namespace surfel {
 namespace {
 
-constexpr std::uint32_t kNoChart = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kUnmasked = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint32_t kNoFunction = std::numeric_limits<std::uint32_t>::max();
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kSurfelGrain = 1 << 12;
 
 /// A chart whose box has more texels than this many images is not masked: where an image is
 /// repeated so often, the image lies beyond the border again.
@@ -156,8 +156,8 @@ class EwaFit {
   /// Finds the chart and the pyramid level of every surfel, and counts what is unusual.
   void survey() {
     level_.resize(cloud_.size());
-    if (textures_.charts) chart_.assign(cloud_.size(), kNoChart);
-    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    if (textures_.charts) chart_.assign(cloud_.size(), kUnmasked);
+    parallel_for(cloud_.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         level_[k] = 0;
         if (!cloud_.uv[k].allFinite()) {
@@ -188,7 +188,7 @@ class EwaFit {
     const Vec3d position = cloud_.world(k);
     auto chart = textures_.charts->find(cloud_.uv[k], position, material, texel / 4);
     if (!chart) chart = textures_.charts->find(cloud_.uv[k], position, material, 2 * texel);
-    chart_[k] = chart.value_or(kNoChart);
+    chart_[k] = chart.value_or(kUnmasked);
     return chart.has_value();
   }
 
@@ -200,7 +200,7 @@ class EwaFit {
     const Grouped<std::uint32_t> surfels =
         group_by_key<std::uint32_t>(textures_.charts->count(), [&](const auto& add) {
           for (std::uint32_t k = 0; k < chart_.size(); ++k) {
-            if (chart_[k] != kNoChart) add(chart_[k], k);
+            if (chart_[k] != kUnmasked) add(chart_[k], k);
           }
         });
     const Array<std::uint64_t>& begin = surfels.begin;
@@ -216,16 +216,16 @@ class EwaFit {
         continue;
       }
       ++report_.charts_too_large;
-      for (std::size_t i = begin[chart]; i < begin[chart + 1]; ++i) chart_[order_[i]] = kNoChart;
+      for (std::size_t i = begin[chart]; i < begin[chart + 1]; ++i) chart_[order_[i]] = kUnmasked;
     }
     return tasks;
   }
 
-  bool unmasked(std::size_t k) const { return chart_.empty() || chart_[k] == kNoChart; }
+  bool unmasked(std::size_t k) const { return chart_.empty() || chart_[k] == kUnmasked; }
 
   void load_maps(const std::vector<ChartTask>& tasks) {
     if (!level_.empty()) report_.levels = *std::max_element(level_.begin(), level_.end()) + 1;
-    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(cloud_.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!cloud_.uv[k].allFinite()) continue;
         TexelKernel kernel = footprint(k).kernel;
@@ -257,7 +257,7 @@ class EwaFit {
     if (report_.without_uv > 0) {
       for (const TextureMap& map : textures_.maps) means.push_back(map.mean());
     }
-    parallel_for(cloud_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(cloud_.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
         const auto sample = [&](const TexelKernel& kernel) {
@@ -301,7 +301,7 @@ class EwaFit {
       levels.coarsest = std::max(levels.coarsest, level);
     }
     const ChartTexture texture(map, textures_.charts->triangles(task.chart), task.raster, levels);
-    parallel_for(task.end - task.begin, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(task.end - task.begin, kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = task.begin + begin; i < task.begin + end; ++i) {
         const std::size_t k = order_[i];
         const TexelKernel kernel = footprint(k).kernel;

@@ -13,13 +13,13 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kLanes = 8;   ///< Functions in a block.
-constexpr std::size_t kGrain = 64;  ///< Blocks.
-constexpr std::size_t kRowGrain = 1 << 14;
+constexpr std::size_t kLanes = 8;        ///< Functions in a block.
+constexpr std::size_t kBlockGrain = 64;  ///< Blocks.
+constexpr std::size_t kGramRowGrain = 1 << 14;
 /// Surfels whose normals are further apart than this cosine (60 degrees) are not coupled: between
 /// them there is a sharp edge, or they are the two sides of a sheet.
-constexpr double kMinCosine = 0.5;
-constexpr double kMinSum2 = 2 * (1 + kMinCosine);  ///< Least |n_k + n_j|^2 of a coupled pair.
+constexpr double kCoupledCosine = 0.5;
+constexpr double kMinSum2 = 2 * (1 + kCoupledCosine);  ///< Least |n_k + n_j|^2 of a coupled pair.
 /// Surfels further apart along their mean normal than this many standard deviations of the kernels'
 /// minor axes (root mean square of the two), squared, lie on different sheets: at 1, noise does not
 /// part a sheet, whose kernels are wider than the noise is high.
@@ -88,7 +88,7 @@ class PairSearch {
       : basis_(basis), blocks_((basis.size() + kLanes - 1) / kLanes) {
     isotropic_ = std::all_of(basis.function.begin(), basis.function.end(),
                              [](const auto& f) { return f.variance_u == f.variance_v; });
-    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(blocks_.size(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t b = begin; b < end; ++b) fill_block(b);
     });
   }
@@ -109,7 +109,7 @@ class PairSearch {
   /// up to k.
   template <bool kLower, class Body>
   void for_each_row(const Body& body) const {
-    parallel_for(blocks_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(blocks_.size(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
       Couplings couplings;
       std::vector<std::uint32_t> near;
       for (std::size_t b = begin; b < end; ++b) {
@@ -352,7 +352,7 @@ Array<double> scale_to_unit_diagonal(SymmetricMatrix& matrix) {
   for (std::size_t row = 0; row < matrix.rows(); ++row) {
     scale[row] = 1 / std::sqrt(matrix.diagonal(row));
   }
-  parallel_for(matrix.rows(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(matrix.rows(), kGramRowGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t row = begin; row < end; ++row) {
       for (std::uint64_t i = matrix.row_begin[row]; i < matrix.row_begin[row + 1]; ++i) {
         matrix.value[i] *= scale[row] * scale[matrix.column[i]];

@@ -19,9 +19,9 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 11;
+constexpr std::size_t kPointGrain = 1 << 11;
 /// Least cosine between the normals of a point and of a function that takes part there.
-constexpr double kMinCosine = 0.5;
+constexpr double kActiveCosine = 0.5;
 /// Functions closer than this, by the furthest that a cell may extend, share their cell.
 constexpr double kCoincident = 1e-6;
 /// A function takes part at most this many times its reach, squared, from the points' disc: as far
@@ -136,7 +136,7 @@ struct SeenFunction {
 bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, double cutoff,
          SeenFunction& seen) {
   const double cosine = owner.normal.dot(f.normal);
-  if (cosine < kMinCosine) return false;
+  if (cosine < kActiveCosine) return false;
   // The line (position + x tangent + y bitangent) + depth normal meets the function's plane.
   const Vec3d d = owner.position - f.position;
   seen.depth =
@@ -205,7 +205,7 @@ SparseMatrix join(std::vector<RowChunk> chunks, std::size_t columns) {
   return matrix;
 }
 
-std::size_t chunk_count(std::size_t count) { return (count + kGrain - 1) / kGrain; }
+std::size_t chunk_count(std::size_t count) { return (count + kPointGrain - 1) / kPointGrain; }
 
 /// Evaluates a basis at points.
 class Assembler {
@@ -226,9 +226,9 @@ class Assembler {
     std::vector<RowChunk> reaching(rows.size());
     std::vector<std::size_t> uncovered(rows.size());
     PerWorker<Worker> workers;
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+    parallel_for(count, kPointGrain, [&](std::size_t begin, std::size_t end, int w) {
       Worker& worker = workers[w];
-      const std::size_t chunk = begin / kGrain;
+      const std::size_t chunk = begin / kPointGrain;
       for (std::size_t i = begin; i < end; ++i) {
         if ((i - begin) % kOwners == 0) find_candidates(i, std::min(end, i + kOwners), worker);
         uncovered[chunk] += add_rows(i, worker);
@@ -247,7 +247,7 @@ class Assembler {
   }
 
  private:
-  static constexpr std::size_t kOwners = 4;  ///< That share a search; divides kGrain.
+  static constexpr std::size_t kOwners = 4;  ///< That share a search; divides kPointGrain.
 
   struct Candidate {
     Vec3d position;
@@ -427,7 +427,7 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
   };
   PerWorker<Worker> workers;
   std::vector<RowChunk> chunks(chunk_count(columns));
-  parallel_for(columns, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+  parallel_for(columns, kPointGrain, [&](std::size_t begin, std::size_t end, int w) {
     auto& [row, rows] = workers[w];
     for (std::size_t k = begin; k < end; ++k) {
       // The diagonal is there even where it is zero: lambda is added to it.
@@ -445,7 +445,7 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
       if (system.mu > 0) add(system.far, [&](std::size_t) { return system.mu; });
       row.move_to(rows);
     }
-    chunks[begin / kGrain] = rows.take();
+    chunks[begin / kPointGrain] = rows.take();
   });
   SparseMatrix lower = join(std::move(chunks), columns);
   return {std::move(lower.row_begin), std::move(lower.column), std::move(lower.value)};
@@ -481,7 +481,7 @@ Quadrature cover_surface(const SurfelBasis& basis, int points) {
 
   const ReachTree tree(basis, 0);
   PerWorker<VoronoiCell> cells;
-  parallel_for(basis.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
+  parallel_for(basis.size(), kPointGrain, [&](std::size_t begin, std::size_t end, int worker) {
     VoronoiCell& cell = cells[worker];
     for (std::size_t i = begin; i < end; ++i) {
       cut_cell(basis, tree, i, cell);
@@ -563,20 +563,20 @@ Channels EvaluatedBasis::residual(std::size_t q, const Array<Channels>& w,
 Array<Channels> EvaluatedBasis::residuals(const Array<Channels>& w,
                                           const Array<Channels>& f) const {
   Array<Channels> residual(A.rows());
-  parallel_for(A.rows(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(A.rows(), kPointGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t q = begin; q < end; ++q) residual[q] = this->residual(q, w, f);
   });
   return residual;
 }
 
 Channels EvaluatedBasis::residual2(const Array<Channels>& w, const Array<Channels>& f) const {
-  return sum_of(A.rows(), kGrain,
+  return sum_of(A.rows(), kPointGrain,
                 [&](std::size_t q) -> Channels { return this->residual(q, w, f).square(); });
 }
 
 Array<Channels> EvaluatedBasis::multiply_transposed(const Array<Channels>& f) const {
   Array<Channels> product(A.columns);
-  parallel_for(A.columns, kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(A.columns, kPointGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t k = begin; k < end; ++k) {
       Channels sum = Channels::Zero();
       for_column(*this, k, [&](std::size_t q, std::size_t e) { sum += A.value[e] * f[q]; });
@@ -597,7 +597,7 @@ Array<Channels> RenderSystem::right_side(const Array<Channels>& f,
 }
 
 Channels RenderSystem::pull2(const Array<Channels>& w, const Array<Channels>& w_0) const {
-  return mu * far.residual2(w, w_0) + sum_of(w.size(), kGrain, [&](std::size_t k) -> Channels {
+  return mu * far.residual2(w, w_0) + sum_of(w.size(), kPointGrain, [&](std::size_t k) -> Channels {
            return pull(k) * (w[k] - w_0[k]).square();
          });
 }

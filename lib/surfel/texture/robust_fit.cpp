@@ -25,8 +25,8 @@ constexpr int kScaleRounds = 2;
 constexpr double kMedianCutoff = 4;
 /// Rounds after which a fit that has not come to rest is reported as such: fits to textures with
 /// outliers take 10 to 40.
-constexpr int kMostRounds = 100;
-constexpr std::size_t kGrain = 1 << 11;
+constexpr int kMostRobustRounds = 100;
+constexpr std::size_t kMedianGrain = 1 << 11;
 
 double length(const Channels& r) { return std::sqrt(r.square().sum()); }
 
@@ -183,7 +183,7 @@ RobustReport robust_fit(const RenderSystem& system, const FitTarget& target, Arr
     change = rounds.run(report.scale, rounds.residual_lengths(w), w, report);
     if (first == 0) first = change;
     tell_decay(options.progress, first, change, options.tolerance);
-  } while (change > options.tolerance && report.rounds < kMostRounds);
+  } while (change > options.tolerance && report.rounds < kMostRobustRounds);
   report.converged = report.converged && change <= options.tolerance;
   rounds.finish(w, report);
   return report;
@@ -217,7 +217,7 @@ Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& samp
                            std::optional<double> scale) {
   const SparseMatrix neighbors = kernel_exponents(basis, at_functions(basis), kMedianCutoff);
   Array<Channels> medians(sample.size());
-  parallel_for(sample.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(sample.size(), kMedianGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<double> values;
     for (std::size_t k = begin; k < end; ++k) {
       for (Eigen::Index c = 0; c < 4; ++c) {

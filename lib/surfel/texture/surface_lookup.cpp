@@ -23,7 +23,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr double kFloatEpsilon = std::numeric_limits<float>::epsilon();
 constexpr std::uint32_t kNoFace = std::numeric_limits<std::uint32_t>::max();
-constexpr std::size_t kGrain = 1 << 12;
+constexpr std::size_t kLookupGrain = 1 << 12;
 
 /// A surfel lies on the mesh where it is at most this many of its (larger) standard deviations from
 /// it, beyond the coordinates' rounding: 99.7 % of normal noise as wide as the surfel.
@@ -108,7 +108,7 @@ class FaceTree {
     face_.resize(face_count_);
     for (std::size_t i = 0; i < face_count_; ++i) face_[i] = centers[i].face;
     for (int level = levels_ - 1; level >= 0; --level) {
-      parallel_for(std::size_t{1} << (2 * level), kGrain,
+      parallel_for(std::size_t{1} << (2 * level), kLookupGrain,
                    [&](std::size_t begin, std::size_t end, int) {
                      for (std::size_t i = begin; i < end; ++i) bound(level, i);
                    });
@@ -429,11 +429,11 @@ SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
   timer.end("order");
 
   Lookup lookup(cloud, mesh, tree);
-  std::vector<SurfaceLookupReport> parts((order.size() + kGrain - 1) / kGrain);
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  std::vector<SurfaceLookupReport> parts((order.size() + kLookupGrain - 1) / kLookupGrain);
+  parallel_for(order.size(), kLookupGrain, [&](std::size_t begin, std::size_t end, int) {
     std::uint32_t guess = kNoFace;
     for (std::size_t i = begin; i < end; ++i) {
-      lookup.locate(order[i], guess, parts[begin / kGrain]);
+      lookup.locate(order[i], guess, parts[begin / kLookupGrain]);
     }
   });
   lookup.move_columns_to(cloud);

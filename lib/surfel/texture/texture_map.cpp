@@ -16,7 +16,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 16;
+constexpr std::size_t kTexelGrain = 1 << 16;
 /// Texels of a file, and of a chart, that are worked on together.
 constexpr int kBandTexels = 1 << 19;
 constexpr int kChartBandTexels = 1 << 21;
@@ -32,7 +32,7 @@ Array<float> four_channels(Image&& image) {
   if (channels == 4) return std::move(image.data);
   const bool alpha = channels > 4 && image.channels[3] == "A";
   Array<float> data(texels * 4);
-  parallel_for(texels, kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(texels, kTexelGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
       const float* from = image.data.data() + i * channels;
       std::copy_n(from, 3, data.data() + i * 4);
@@ -45,7 +45,7 @@ Array<float> four_channels(Image&& image) {
 /// Multiplies the colours by alpha, in place; true if some alpha is less than 1.
 bool premultiply(Array<float>& data) {
   std::atomic<bool> has_alpha = false;
-  parallel_for(data.size() / 4, kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(data.size() / 4, kTexelGrain, [&](std::size_t begin, std::size_t end, int) {
     bool found = false;
     for (std::size_t i = begin; i < end; ++i) {
       float* texel = data.data() + i * 4;
@@ -152,7 +152,7 @@ class BandReader {
     if (!is_decoded_) {
       texels_.resize(coded_.size());
       const TexelDecoder decode;
-      parallel_for(box_.pixels(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+      parallel_for(box_.pixels(), kTexelGrain, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t i = begin; i < end; ++i) {
           Eigen::Map<Eigen::Array4f>(texels_.data() + i * 4) = decode(coded_.data() + i * 4);
         }

@@ -6,7 +6,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 11;
+constexpr std::size_t kColumnGrain = 1 << 11;
 /// Share from which on functions are held, and from which on entirely. Measured on checkers, c = 1
 /// to 4, sigma = 0.5 to 1 h: squares of 1.1 h leave 0.75 to 1, of 1.6 h 0.2 to 0.9, of 2.2 h up to
 /// 0.3, larger ones less. At 2.2 h there is up to 8 dB to be gained, at 1.6 h more to be lost.
@@ -22,7 +22,7 @@ constexpr double kNoVariance = 1e-4;
 template <class Body>
 Array<Channels> sum_points(const EvaluatedBasis& basis, const Body& body) {
   Array<Channels> sums(basis.A.columns, Channels::Zero());
-  parallel_for(sums.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(sums.size(), kColumnGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t k = begin; k < end; ++k) {
       for (std::size_t q = basis.point_begin[k]; q < basis.point_begin[k + 1]; ++q) {
         if (basis.A.row_begin[q] < basis.A.row_begin[q + 1]) body(q, sums[k]);

@@ -16,10 +16,10 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 11;
+constexpr std::size_t kFunctionGrain = 1 << 11;
 /// Points that are worked on at once, and add to the gradient in one place.
 constexpr std::size_t kChunkPoints = 1 << 12;
-constexpr int kMostRounds = 6;
+constexpr int kMostVarianceRounds = 6;
 /// Range of the log-variances in the first round, and from which on no further one is made.
 constexpr double kFirstRange = 0.4;
 constexpr double kLeastRange = 0.1;
@@ -117,7 +117,7 @@ class Model {
     const auto evaluate = [&](const double* at, double* cost, double* gradient) {
       const double share = std::min(1.0, static_cast<double>(++evaluations) / kSteps);
       const auto& progress = problem_.options.progress;
-      if (progress) progress((report.rounds + share) / kMostRounds);
+      if (progress) progress((report.rounds + share) / kMostVarianceRounds);
       return this->evaluate(at, *cost, gradient);
     };
     report.iterations += ceres_minimize(x, evaluate, kStepTolerance, kSteps).iterations;
@@ -293,7 +293,7 @@ class Model {
       }
       change_[k] = range_[k] > 0 ? range_[k] * std::tanh(scale_[k] * z[k] / range_[k]) : 0;
     }
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(count, kFunctionGrain, [&](std::size_t begin, std::size_t end, int) {
       factor_.multiply_transposed(begin, end, y_.data(), product_.data() + begin);
       for (std::size_t k = begin; k < end; ++k) w_[k] = state_.w[k] + product_[k].cast<double>();
     });
@@ -339,7 +339,7 @@ class Model {
       }
     }
     for (std::size_t k = 0; k < count; ++k) y_[k] = w_gradient_[k].cast<float>();
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(count, kFunctionGrain, [&](std::size_t begin, std::size_t end, int) {
       factor_.multiply(begin, end, y_.data(), product_.data() + begin);
     });
     const double* z = x + count * channels;
@@ -458,7 +458,7 @@ VarianceFitReport refine_variance(
   report.objective = report.objective_start;
   std::vector<char> held(start.size(), 0);
   double range = kFirstRange;
-  while (report.rounds < kMostRounds && range >= kLeastRange) {
+  while (report.rounds < kMostVarianceRounds && range >= kLeastRange) {
     Model model(problem, state, range);
     std::vector<char> held_now = held;
     const Array<double> change = model.minimise(report);

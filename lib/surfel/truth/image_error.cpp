@@ -16,7 +16,7 @@ constexpr std::size_t kRowsPerRange = 16;
 constexpr float kSolid = 0.99F;  ///< Alpha of a pixel inside the silhouette.
 constexpr float kEmpty = 0.5F;   ///< Where less of a solid pixel is there, it is a hole.
 
-using Rgba = std::array<float, 4>;
+using RgbaArray = std::array<float, 4>;
 
 /// R G B A of a picture by name.
 class ColorReader {
@@ -32,7 +32,7 @@ class ColorReader {
     }
   }
 
-  Rgba operator()(int x, int y) const {
+  RgbaArray operator()(int x, int y) const {
     const float* p = image_.pixel(x, y);
     return {p[channel_[0]], p[channel_[1]], p[channel_[2]], channel_[3] < 0 ? 1 : p[channel_[3]]};
   }
@@ -68,27 +68,27 @@ struct PreparedPair {
   Counts counts;
 };
 
-Rgba over(const Rgba& p, const Rgba& background) {
-  Rgba out = p;
+RgbaArray over(const RgbaArray& p, const RgbaArray& background) {
+  RgbaArray out = p;
   const float through = (1 - p[3]) * background[3];
   for (std::size_t i = 0; i < 3; ++i) out[i] += through * background[i];
   return out;
 }
 
-bool finite_difference(const Rgba& a, const Rgba& b) {
+bool finite_difference(const RgbaArray& a, const RgbaArray& b) {
   for (std::size_t i = 0; i < 4; ++i) {
     if (!std::isfinite(a[i] - b[i])) return false;
   }
   return true;
 }
 
-Rgba encoded(Rgba p, ImageEncoding encoding) {
+RgbaArray encoded(RgbaArray p, ImageEncoding encoding) {
   if (encoding == ImageEncoding::kLinear) return p;
   for (std::size_t i = 0; i < 3; ++i) p[i] = linear_to_srgb(std::clamp(p[i], 0.0F, 1.0F));
   return p;
 }
 
-Counts prepare_pixel(Rgba& a, Rgba& b, const ImageErrorOptions& options) {
+Counts prepare_pixel(RgbaArray& a, RgbaArray& b, const ImageErrorOptions& options) {
   Counts counts;
   counts.solid = b[3] >= kSolid ? 1 : 0;
   counts.holes = b[3] >= kSolid && !(a[3] >= kEmpty) ? 1 : 0;
@@ -135,8 +135,8 @@ PreparedPair prepare(const Image& tested, const Image& truth, const ImageErrorOp
   parallel_for(rows, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
     for (int y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
       for (int x = 0; x < width; ++x) {
-        Rgba a = read_tested(x, y);
-        Rgba b = read_truth(x, y);
+        RgbaArray a = read_tested(x, y);
+        RgbaArray b = read_truth(x, y);
         partial[begin / kRowsPerRange] += prepare_pixel(a, b, options);
         std::copy(a.begin(), a.end(), pair.tested.pixel(x, y));
         std::copy(b.begin(), b.end(), pair.truth.pixel(x, y));
