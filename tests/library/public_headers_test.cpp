@@ -14,11 +14,11 @@
 namespace surfel::test {
 namespace {
 
-const std::string kLibrary = std::string(SURFEL_SOURCE_DIR) + "/lib/";
+const std::string kLibraryFolder = std::string(SURFEL_SOURCE_DIR) + "/lib/";
 
 std::set<std::string> public_headers() {
   const std::vector<std::string> found =
-      matches(text_of(kLibrary + "CMakeLists.txt"), std::regex(R"((surfel/\w+/\w+\.h)\b)"));
+      matches(text_of(kLibraryFolder + "CMakeLists.txt"), std::regex(R"((surfel/\w+/\w+\.h)\b)"));
   return {found.begin(), found.end()};
 }
 
@@ -26,7 +26,7 @@ TEST(PublicHeaders, IncludeOnlyPublicOnes) {
   const std::set<std::string> known = public_headers();
   ASSERT_GT(known.size(), 50U);
   for (const std::string& header : known) {
-    const std::string text = text_of(kLibrary + header);
+    const std::string text = text_of(kLibraryFolder + header);
     ASSERT_FALSE(text.empty()) << header;
     for (const std::string& other :
          matches(text, std::regex(R"(#\s*include\s*[<"](surfel/[^>"]+))"))) {
@@ -38,8 +38,8 @@ TEST(PublicHeaders, IncludeOnlyPublicOnes) {
 TEST(PublicHeaders, ShowNoOtherLibraryThanEigen) {
   for (const std::string& header : public_headers()) {
     if (header == "surfel/pcl/conversion.h") continue;
-    for (const std::string& other :
-         matches(text_of(kLibrary + header), std::regex(R"(#\s*include\s*[<"]([^>"]+/[^>"]+))"))) {
+    for (const std::string& other : matches(text_of(kLibraryFolder + header),
+                                            std::regex(R"(#\s*include\s*[<"]([^>"]+/[^>"]+))"))) {
       EXPECT_TRUE(other.rfind("surfel/", 0) == 0 || other.rfind("Eigen/", 0) == 0)
           << header << " includes " << other;
     }
@@ -52,7 +52,7 @@ TEST(PublicHeaders, HaveNoTypeWhoseLayoutDependsOnCompilerFlags) {
       R"(\bEigen::((?:Vector4|RowVector4|Array4|Matrix2|Matrix4|Array22|Array44|Quaternion|Affine3|Isometry3|Projective3)d|Matrix4f|Array44f|Affine3f|Isometry3f|Projective3f)\b)");
   for (const std::string& header : public_headers()) {
     if (header == "surfel/pcl/conversion.h") continue;  // It has functions alone, compiled there.
-    for (const std::string& type : matches(text_of(kLibrary + header), aligned)) {
+    for (const std::string& type : matches(text_of(kLibraryFolder + header), aligned)) {
       ADD_FAILURE() << header << " has Eigen::" << type;
     }
   }
