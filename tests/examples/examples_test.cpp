@@ -20,7 +20,7 @@ using test::TemporaryFolder;
 const std::string kSamples = std::string(SURFEL_SOURCE_DIR) + "/samples/";
 
 RunResult run_example(std::vector<std::string> command) {
-  command[0] = std::string(SURFEL_EXAMPLE_DIR) + "/example_" + command[0];
+  command[0].insert(0, SURFEL_EXAMPLE_DIR "/example_");
   const RunResult result = test::run(command);
   EXPECT_EQ(result.exit_code, 0) << command[0] << ": " << result.errors;
   return result;
