@@ -230,6 +230,17 @@ class Lamps {
   const float x_, y_;  ///< Of the tile's first pixel, from the principal point.
 };
 
+/// Stores premultiplied colours over the background.
+void store_over(const V3& color, V opacity, const Rgba& background, Rgba& first) {
+  const D d;
+  const V transmitted = hn::Sub(hn::Set(d, 1), opacity);
+  const auto over = [&](V front, float back)
+                        HWY_ATTR { return hn::MulAdd(transmitted, hn::Set(d, back), front); };
+  hn::StoreInterleaved4(over(color.x, background.red), over(color.y, background.green),
+                        over(color.z, background.blue), over(opacity, background.alpha), d,
+                        &first.red);
+}
+
 }  // namespace
 
 void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, const Rgba& background,
@@ -301,12 +312,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       behind = at.depth;
     }
     sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(plain, fragments.sum)));
-    const V transmitted = hn::Sub(one, opacity);
-    const auto over = [&](V front, float back)
-                          HWY_ATTR { return hn::MulAdd(transmitted, hn::Set(d, back), front); };
-    hn::StoreInterleaved4(over(color.x, background.red), over(color.y, background.green),
-                          over(color.z, background.blue), over(opacity, background.alpha), d,
-                          &out.color[pixel].red);
+    store_over(color, opacity, background, out.color[pixel]);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
     std::uint8_t bits[8] = {};  // As many as may be written.
     hn::StoreMaskBits(d, hn::And(plain, waits), bits);
