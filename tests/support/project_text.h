@@ -24,7 +24,7 @@ inline std::vector<std::string> matches(const std::string& text, const std::rege
   return found;
 }
 
-/// The library's folders in the order of lib/CMakeLists.txt, which is that of the data flow.
+/// The library's folders in the order of lib/CMakeLists.txt, which follows the data.
 inline std::vector<std::string> library_folders() {
   return matches(text_of(SURFEL_SOURCE_DIR "/lib/CMakeLists.txt"),
                  std::regex(R"(add_subdirectory\(surfel/(\w+)\))"));

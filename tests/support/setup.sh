@@ -1,6 +1,6 @@
-# Sourced by the scripts that need the project built: surfel_install_packages installs those of the packages
-# that are missing on a Debian 12, surfel_build PRESET [TARGET...] configures and builds in build/PRESET, all if
-# no target is named. Both are quick when there is nothing to do.
+# Sourced by the scripts that need the project built. surfel_install_packages PACKAGE... installs the packages that a
+# Debian 12 lacks; surfel_build PRESET [TARGET...] configures and builds in build/PRESET, everything if no target is
+# named. Both are quick when there is nothing to do.
 
 surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 
@@ -20,7 +20,6 @@ surfel_packages=(
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
 )
 
-# surfel_install_packages PACKAGE...
 surfel_install_packages() {
   local missing=() package
   for package in "$@"; do

@@ -46,7 +46,6 @@ double sum_of_alpha(const Image& image) {
   return sum;
 }
 
-/// dB, of all channels.
 void expect_color(const Image& image, int x, int y, const Rgba& expected, double tolerance) {
   const float* p = image.pixel(x, y);
   EXPECT_NEAR(p[0], expected.red, tolerance);

@@ -67,7 +67,7 @@ CLI::Option* add_vector(CLI::App& app, const std::string& names, Vector& value,
                      });
 }
 
-/// Option for a vector without which something else happens.
+/// Option for a vector of fixed size that may be left out.
 template <class Vector>
 CLI::Option* add_vector(CLI::App& app, const std::string& names, std::optional<Vector>& value,
                         const std::string& description) {

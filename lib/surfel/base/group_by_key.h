@@ -11,7 +11,7 @@ namespace surfel {
 /// Items sorted by key; items of one key stay in the order in which they came.
 template <class Item>
 struct Grouped {
-  Array<std::uint64_t> begin;  ///< Of every key its first item, then the number of items.
+  Array<std::uint64_t> begin;  ///< First item of every key, then the number of items.
   Array<Item> item;
 };
 

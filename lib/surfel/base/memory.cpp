@@ -6,9 +6,9 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kHugePage = std::size_t{2}
-                                  << 20;  ///< On x86-64, and on Arm with small pages of 4 KB.
-constexpr std::size_t kCacheLine = 64;    ///< Bytes.
+/// Bytes of a huge page on x86-64, and on Arm with small pages of 4 KB.
+constexpr std::size_t kHugePage = std::size_t{2} << 20;
+constexpr std::size_t kCacheLine = 64;  ///< Bytes.
 
 std::align_val_t array_alignment(std::size_t bytes) noexcept {
   return std::align_val_t{bytes >= kHugePage ? kHugePage : kCacheLine};

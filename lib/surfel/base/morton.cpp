@@ -5,7 +5,6 @@
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 
 namespace surfel {

@@ -44,6 +44,17 @@ SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);
 
+/// Calls body(i) for every i below `count`, in parallel, `grain` of them one after the other in one
+/// thread: a parallel_for() whose body needs neither its range nor a worker's scratch. Where
+/// `grain` numbers take tens of microseconds, handing them out costs nothing; no result depends on
+/// it.
+template <class Body>
+void parallel_each(std::size_t count, std::size_t grain, const Body& body) {
+  parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) body(i);
+  });
+}
+
 /// Scratch memory for the workers of a loop, one T for each, made when the worker first asks for it
 /// and kept for later loops. However many threads later loops have, there is a place for each of
 /// their workers. One loop at a time may use it.

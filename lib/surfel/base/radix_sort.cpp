@@ -8,7 +8,6 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/base/radix_sort.h>
 
 namespace surfel {

@@ -3,7 +3,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/surface/neighbor_lists.h>

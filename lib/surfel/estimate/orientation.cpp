@@ -5,7 +5,6 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/spanning_forest.h>
 

@@ -9,7 +9,6 @@
 
 #include <surfel/base/disjoint_sets.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/estimate/spanning_forest.h>
 
 namespace surfel {

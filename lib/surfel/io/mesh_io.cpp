@@ -24,25 +24,11 @@ std::string extension_of_content(const InputFile& file) {
 }
 
 /// Writers rely on what readers guarantee; meshes may also come from a program.
-void check_columns(const TriangleMesh& mesh, const std::string& path) {
-  const std::size_t faces = mesh.face.size();
-  const auto fits = [](const auto& column, std::size_t size) {
-    return column.empty() || column.size() == size;
-  };
-  if (!fits(mesh.color, mesh.position.size()) || !fits(mesh.wedge_uv, faces) ||
-      !fits(mesh.wedge_normal, faces) || !fits(mesh.face_material, faces) ||
-      (!mesh.material.empty() && faces > 0 && mesh.face_material.empty())) {
-    throw_input(path, "the columns of the mesh differ in length");
-  }
-  for (const auto& face : mesh.face) {
-    if (*std::max_element(face.begin(), face.end()) >= mesh.position.size()) {
-      throw_input(path, "a face names a vertex that is not there");
-    }
-  }
-  for (const std::uint16_t material : mesh.face_material) {
-    if (material >= mesh.material.size()) {
-      throw_input(path, "a face names a material that is not there");
-    }
+void check(const TriangleMesh& mesh, const std::string& path) {
+  mesh.check_columns(path);
+  mesh.check_materials(path);
+  if (!mesh.material.empty() && !mesh.face.empty() && mesh.face_material.empty()) {
+    throw_input(path, "the mesh has materials, but no `face_material`");
   }
 }
 
@@ -63,7 +49,7 @@ TriangleMesh read_mesh(const std::string& path) {
 
 void write_mesh(const TriangleMesh& mesh, const std::string& path,
                 const MeshWriteOptions& options) {
-  check_columns(mesh, path);
+  check(mesh, path);
   const std::string extension = lower_extension(path);
   if (extension == ".obj") {
     write_obj(mesh, path, options);

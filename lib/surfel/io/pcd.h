@@ -19,7 +19,7 @@ namespace surfel {
 /// zero everywhere is left out, since most writers that have none store zeros; 64-bit integers
 /// become doubles. The header is checked against the file's size before anything is allocated.
 ///
-/// Compressed bodies are read by PCL. Ascii and binary bodies are tables like those of PLY and are
+/// Compressed bodies are read by PCL. Ascii and binary bodies are tables, as in PLY files, and are
 /// read here: no run waits for PCL's files library to load, coordinates of text keep digits that
 /// float fields would round off (UTM coordinates, for example), and errors name the line. Internal
 /// to the io module.

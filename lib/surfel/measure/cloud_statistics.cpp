@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/base/random.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/measure/cloud_statistics.h>

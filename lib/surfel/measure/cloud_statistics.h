@@ -72,7 +72,7 @@ struct PropertyInfo {
   std::string name;
   std::string type;
 };
-/// The properties of a cloud, but for the radii that write_cloud() makes of the variances.
+/// The properties of a cloud. Radii, which write_cloud() makes of the variances, are not listed.
 SURFEL_API std::vector<PropertyInfo> cloud_properties(const SurfelCloud& cloud);
 
 }  // namespace surfel

@@ -35,8 +35,9 @@ class Continuation {
   float weight_ = 0;
 };
 
-/// Whether there is a fragment of a layer in a patch. \param layer  Its weights.
-/// Bits are added up without a branch, so that compilers use vectors.
+/// Whether there is a fragment of a layer in a patch. Bits are added up without a branch, so that
+/// compilers use vectors.
+/// \param layer  The layer's weights in the patch.
 bool is_used(const float* layer) {
   std::uint32_t all = 0;
   for (int i = 0; i < kPatchPixels; ++i) all |= std::bit_cast<std::uint32_t>(layer[i]);
@@ -44,7 +45,8 @@ bool is_used(const float* layer) {
 }
 
 /// The weights of a layer in a patch as TileRims keeps them: negative where the back is seen,
-/// infinite where fragments are merged, again without a branch. \param layer  Its weights.
+/// infinite where fragments are merged. There is no branch, so that compilers use vectors.
+/// \param layer  The layer's weights in the patch, which its other channels follow.
 void sign_weights(const float* layer, float* __restrict out) {
   constexpr std::uint32_t kInfinity =
       std::bit_cast<std::uint32_t>(std::numeric_limits<float>::infinity());

@@ -21,10 +21,10 @@ struct PlainPixels {
   TileInside inside;
 };
 
-/// Resolves the plain pixels of a tile, a vector at a time, where there is no environment: those of
-/// whose fragments, up to the first opaque one, none may lie at the edge of its surface; and near
-/// the tile's border those that have one fragment alone. Their colours are resolve_pixel()'s over a
-/// background (premultiplied), but for rounding.
+/// Resolves the plain pixels of a tile, a vector at a time, where there is no environment. A pixel
+/// is plain if none of its fragments, up to the first opaque one, may lie at the edge of its
+/// surface; near the tile's border a pixel with a single fragment is plain, too. The colours are
+/// resolve_pixel()'s over a background (premultiplied) within rounding.
 /// \param lighting  null: unlit.
 PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,
                                  const Rgba& background);

@@ -170,8 +170,8 @@ void Renderer::Impl::put(PixelResult result, float* out) const {
   }
 }
 
-/// Resolves the pixels of a tile, but for the ones that depend on other tiles, and stores the tile
-/// for those.
+/// Resolves the pixels of a tile that do not depend on other tiles. Adds all other pixels to
+/// `open`, and stores the tile's border for the pixels of other tiles that look at it.
 void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
                              OpenPixels& open, Image& image) {
   const Rgba behind = backdrop();
@@ -225,7 +225,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   }
 }
 
-/// Resolves the pixels that wait for other tiles, but for those that wait for the next band.
+/// Resolves the open pixels, except pixels that depend on the next band.
 void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;

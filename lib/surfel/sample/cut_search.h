@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <utility>
 
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/sample/detail_tree.h>
 
 namespace surfel {

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/sample/equal_area_strata.h>
 
 namespace surfel {

@@ -8,7 +8,6 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/equal_area_strata.h>
 #include <surfel/sample/generate.h>
@@ -133,8 +132,8 @@ constexpr std::size_t kRowGrain = 16;
 
 /// Consecutive cells of a row, with bounds of their positions.
 struct Segment {
-  static constexpr std::size_t kCells =
-      512;  ///< A segment takes 48 bytes, a tenth of a byte a surfel.
+  /// Cells of a segment, which takes 48 bytes: a tenth of a byte a surfel.
+  static constexpr std::size_t kCells = 512;
   const PartSampler* part;
   std::uint32_t row;
   std::uint32_t begin;  ///< First cell; kCells of them, or up to the row's end.

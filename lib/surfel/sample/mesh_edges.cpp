@@ -2,7 +2,7 @@
 #include <bit>
 
 #include <surfel/base/disjoint_sets.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/mesh_edges.h>

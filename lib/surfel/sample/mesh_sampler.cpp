@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_face.h>
@@ -20,8 +20,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kSampleGrain = 1 << 14;
-constexpr std::size_t kMostSamples = std::size_t{1}
-                                     << 28;  ///< PoissonDisk counts slots in 31 bits.
+/// PoissonDisk counts slots in 31 bits.
+constexpr std::size_t kMostSamples = std::size_t{1} << 28;
 
 /// Measures of the faces, for refusals and for the variances of small components.
 struct FaceMeasures {
@@ -46,17 +46,6 @@ FaceMeasures measure(const TriangleMesh& mesh) {
     m.total_edge += longest_edge(corner);
   }
   return m;
-}
-
-void check_columns(const TriangleMesh& mesh, const std::string& name) {
-  const auto check = [&](std::size_t size, std::size_t expected, const char* what) {
-    if (size == 0 || size == expected) return;
-    throw_input(name, fmt::format("the mesh has {} {}; {} are needed", size, what, expected));
-  };
-  check(mesh.color.size(), mesh.position.size(), "vertex colours");
-  check(mesh.wedge_uv.size(), mesh.face.size(), "faces' uv");
-  check(mesh.wedge_normal.size(), mesh.face.size(), "faces' normals");
-  check(mesh.face_material.size(), mesh.face.size(), "faces' materials");
 }
 
 /// Area of the mesh in units of the field's spacing squared, by quadrature.
@@ -302,7 +291,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   out = {};
   StageTimer stage(out.times);
 
-  check_columns(mesh, name);
+  mesh.check_columns(name);
   const FaceMeasures faces = measure(mesh);
   if (!(faces.total_area > 0)) {
     throw_input(name, fmt::format("the mesh has no area ({} faces); there is nothing to sample",

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/poisson_disk.h>
 #include <surfel/sample/surface_chunks.h>

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/sample/procedural_sky.h>
 #include <surfel/scene/lat_long.h>
 

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/sample/surface_chunks.h>
 

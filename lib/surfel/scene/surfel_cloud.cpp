@@ -8,7 +8,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kBoundsGrain = 1 << 16;
+constexpr std::size_t kSurfelGrain = 1 << 16;
 
 }  // namespace
 
@@ -18,14 +18,14 @@ const Array<Vec3f>* SurfelCloud::render_color() const {
 }
 
 Bounds SurfelCloud::bounds() const {
-  const std::size_t blocks = (size() + kBoundsGrain - 1) / kBoundsGrain;
+  const std::size_t blocks = (size() + kSurfelGrain - 1) / kSurfelGrain;
   std::vector<Bounds> partial(blocks);
-  parallel_for(size(), kBoundsGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
     Bounds box;
     for (std::size_t i = begin; i < end; ++i) {
       if (position[i].allFinite()) box.add(world(i));
     }
-    partial[begin / kBoundsGrain] = box;
+    partial[begin / kSurfelGrain] = box;
   });
   Bounds box;
   for (const Bounds& b : partial) {
@@ -51,7 +51,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   const auto gather = [&](const auto& from, auto& to) {
     if (from.empty()) return;
     to.resize(order.size());
-    parallel_for(order.size(), kBoundsGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(order.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) to[i] = from[order[i]];
     });
   };
@@ -77,7 +77,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
     ExtraProperty to{property.name, property.type, {}};
     const std::size_t bytes = scalar_size(property.type);
     to.data.resize(order.size() * bytes);
-    parallel_for(order.size(), kBoundsGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(order.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
         std::memcpy(to.data.data() + i * bytes, property.data.data() + order[i] * bytes, bytes);
       }

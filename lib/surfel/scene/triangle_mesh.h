@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
 
 namespace surfel {
@@ -19,7 +20,7 @@ struct MeshMaterial {
 
 /// Indexed triangles. Polygons were triangulated (concave ones rightly) on reading; faces keep the
 /// file's order.
-struct TriangleMesh {
+struct SURFEL_API TriangleMesh {
   Vec3d origin{0, 0, 0};                     ///< World position = origin + position.
   Array<Vec3f> position;                     ///< Per vertex, scene units.
   Array<Vec3f> color;                        ///< Per vertex, linear; empty = none.
@@ -30,6 +31,13 @@ struct TriangleMesh {
   std::vector<MeshMaterial> material;
   std::size_t degenerate_faces = 0;  ///< Faces of zero area or with repeated vertices that
                                      ///< were dropped on reading.
+
+  /// Throws Error(kInput) if a column is neither empty nor as long as it must be, or a face names a
+  /// vertex that the mesh lacks; `name` starts the message.
+  void check_columns(const std::string& name) const;
+  /// Throws Error(kInput) if a face names a material that the mesh lacks; `name` starts the
+  /// message.
+  void check_materials(const std::string& name) const;
 };
 
 }  // namespace surfel

@@ -1,4 +1,4 @@
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/simplify/shown_surface.h>
 
 namespace surfel {

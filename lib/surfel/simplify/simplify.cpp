@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
-#include <surfel/base/parallel_each.h>
+#include <surfel/base/parallel.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>

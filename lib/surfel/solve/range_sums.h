@@ -11,13 +11,15 @@ namespace surfel {
 /// Unknowns in a range of a parallel loop: their numbers fit into the first-level cache.
 constexpr std::size_t kUnknownGrain = 512;
 
-/// Adds up what body(begin, end) returns for the ranges of [0, count), which run in parallel, in
-/// the order of the ranges: the same on every run, for any number of threads.
+/// Adds up what body(begin, end) returns for the ranges of [0, count), of `grain` numbers each,
+/// which run in parallel, in the order of the ranges: the same on every run, for any number of
+/// threads.
 template <std::size_t kSums, class Body>
-std::array<Channels, kSums> sum_ranges(std::size_t count, const Body& body) {
-  Array<std::array<Channels, kSums>> partial((count + kUnknownGrain - 1) / kUnknownGrain);
-  parallel_for(count, kUnknownGrain, [&](std::size_t begin, std::size_t end, int) {
-    partial[begin / kUnknownGrain] = body(begin, end);
+std::array<Channels, kSums> sum_ranges(std::size_t count, const Body& body,
+                                       std::size_t grain = kUnknownGrain) {
+  Array<std::array<Channels, kSums>> partial((count + grain - 1) / grain);
+  parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {
+    partial[begin / grain] = body(begin, end);
   });
   std::array<Channels, kSums> total;
   total.fill(Channels::Zero());
@@ -27,19 +29,16 @@ std::array<Channels, kSums> sum_ranges(std::size_t count, const Body& body) {
   return total;
 }
 
-/// Adds up what body(i) returns for the numbers i below `count`: sums of ranges of `grain` numbers,
-/// which run in parallel, in the order of the ranges.
+/// Adds up what body(i) returns for the numbers i below `count`, range by range as sum_ranges()
+/// does.
 template <class Body>
 Channels sum_of(std::size_t count, std::size_t grain, const Body& body) {
-  Array<Channels> partial((count + grain - 1) / grain);
-  parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {
+  const auto range = [&](std::size_t begin, std::size_t end) {
     Channels sum = Channels::Zero();
     for (std::size_t i = begin; i < end; ++i) sum += body(i);
-    partial[begin / grain] = sum;
-  });
-  Channels total = Channels::Zero();
-  for (const Channels& sum : partial) total += sum;
-  return total;
+    return std::array{sum};
+  };
+  return sum_ranges<1>(count, range, grain)[0];
 }
 
 }  // namespace surfel

@@ -59,8 +59,8 @@ HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, 
 }  // namespace
 
 /// Sets y in the range of rows from `begin` on to the sums of these rows' entries, and adds what
-/// the entries add to rows before to the range's halo. \param slot  of every entry before the range
-/// its row's place in the halo.
+/// the entries add to rows before to the range's halo.
+/// \param slot  place in the halo of the row of every entry before the range.
 void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std::uint32_t* slot,
                     const double* x, double* y, double* halo) {
   const Tag d;

@@ -237,7 +237,7 @@ class Blender {
                                static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
   }
 
-  /// Blends what is pending but for the nearest layer, which is returned; null without any.
+  /// Blends all pending layers except the nearest one, and returns that; null if none is pending.
   const Pending* nearest(State& s, int pixel) {
     Pending& back = s.side[0];
     Pending& front = s.side[1];

@@ -138,7 +138,7 @@ class LayerCompositor final : public GroupCompositor {
       const int y = tile.y0 + tile_pixel_y(pixel);
       PictureLayers& picture = *compositor.picture_;
       if (!tile.shader->has_environment() || !picture.at_border(x, y)) return false;
-      return *tile.fragment(0, pixel) > 0 || !picture.kept(x, y).empty();
+      return tile.fragment(0, pixel)[kWeight * kPatchPixels] > 0 || !picture.kept(x, y).empty();
     }
     void take_statistics(FrameStatistics& statistics) override {
       statistics.culled += std::exchange(culled, 0);

@@ -30,10 +30,10 @@ struct CloudLoadOptions {
 /// Surfels of a file, ready to be rendered: in memory, or streamed from the file.
 class SURFEL_API LoadedCloud {
  public:
-  /// Reads any file that read_cloud() reads. The surfels are those of a RenderCloud made from the
-  /// SurfelCloud that read_cloud() returns with all levels of detail. Binary PLY is decoded without
-  /// a SurfelCloud in between, which is several times as fast, and faster still if the surfels of
-  /// the file follow morton_order().
+  /// Reads any file that read_cloud() reads, and holds the surfels that a RenderCloud would hold if
+  /// it were made from the SurfelCloud that read_cloud() returns with all levels of detail. Binary
+  /// PLY is decoded without a SurfelCloud in between, which is several times as fast, and faster
+  /// still if the surfels of the file follow morton_order().
   ///
   /// A file can be streamed (CloudStream) if it is binary PLY whose vertices have scalar properties
   /// only, and either has levels of detail, or has no copies of splats and consecutive surfels lie

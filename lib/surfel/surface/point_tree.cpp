@@ -7,7 +7,6 @@
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/parallel_each.h>
 #include <surfel/surface/point_tree.h>
 
 namespace surfel {

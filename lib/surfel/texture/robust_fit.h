@@ -40,8 +40,8 @@ SURFEL_API double robust_cost(const RenderSystem& system, const FitTarget& targe
 /// Minimises robust_cost() by iteratively reweighted least squares [Holland, Welsch 1977]: with
 /// weights D = min(1, scale / |r|) of the last round, conjugate gradients on
 /// A^T D A + mu B^T B + lambda I. No round raises the cost. The result does not depend on the
-/// number of threads. Throws Error(kUsage) where the options are not usable. \param w  in: where to
-/// start, best w_0: a fit without a loss follows outliers, which makes the
+/// number of threads. Throws Error(kUsage) where the options are not usable.
+/// \param w  in: where to start, best w_0: a fit without a loss follows outliers, which makes the
 ///           estimated scale larger; out: the minimum.
 SURFEL_API RobustReport robust_fit(const RenderSystem& system, const FitTarget& target,
                                    Array<Channels>& w, const RobustOptions& options = {});

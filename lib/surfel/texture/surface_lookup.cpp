@@ -399,14 +399,7 @@ void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh, const std::
   if (mesh.wedge_uv.empty()) {
     throw_input(name, "the mesh has no texture coordinates to give to the surfels");
   }
-  const auto check = [&](std::size_t size, const char* what) {
-    if (size == 0 || size == mesh.face.size()) return;
-    throw_input(name,
-                fmt::format("the mesh has {} {}; {} are needed", size, what, mesh.face.size()));
-  };
-  check(mesh.wedge_uv.size(), "faces' uv");
-  check(mesh.wedge_normal.size(), "faces' normals");
-  check(mesh.face_material.size(), "faces' materials");
+  mesh.check_columns(name);
   if (!cloud.empty() && !has_variance(cloud)) {
     throw_input("",
                 "the surfels have no variance to say how far from the mesh they may lie; "

@@ -121,40 +121,6 @@ std::vector<std::string> MeshRenderOptions::problems() const {
   return found;
 }
 
-namespace {
-
-/// Throws Error(kInput) if a column of a mesh is neither empty nor as long as it must be, or a face
-/// refers to what the mesh does not have.
-/// \param needs_materials  Colours are the materials'. Else a mesh without materials may number
-/// those
-///                         of textures or of a scene.
-void check_mesh(const TriangleMesh& mesh, bool needs_materials) {
-  const auto check_size = [](std::size_t size, std::size_t expected, const char* field) {
-    if (size == 0 || size == expected) return;
-    throw_input(
-        "", fmt::format("`{}` of the mesh has {} values; {} are needed", field, size, expected));
-  };
-  check_size(mesh.color.size(), mesh.position.size(), "color");
-  check_size(mesh.wedge_uv.size(), mesh.face.size(), "wedge_uv");
-  check_size(mesh.wedge_normal.size(), mesh.face.size(), "wedge_normal");
-  check_size(mesh.face_material.size(), mesh.face.size(), "face_material");
-  const auto check_index = [](std::size_t face, const char* field, std::size_t index,
-                              std::size_t count, const char* table) {
-    if (index < count) return;
-    throw_input("", fmt::format("`{}` of face {} of the mesh is {}; `{}` has {} rows", field, face,
-                                index, table, count));
-  };
-  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
-    for (const std::uint32_t v : mesh.face[f]) {
-      check_index(f, "face", v, mesh.position.size(), "position");
-    }
-    if (mesh.face_material.empty() || (mesh.material.empty() && !needs_materials)) continue;
-    check_index(f, "face_material", mesh.face_material[f], mesh.material.size(), "material");
-  }
-}
-
-}  // namespace
-
 struct MeshRenderer::Impl {
   const TriangleMesh& mesh;
   const TextureSet* textures;
@@ -278,7 +244,9 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
     : impl_(new Impl{mesh, textures, scene, options}) {
   for (const std::string& problem : options.problems()) throw_usage(problem);
   for (const std::string& problem : scene.problems()) throw_usage(problem);
-  check_mesh(mesh, !textures && mesh.color.empty());
+  mesh.check_columns("");
+  // A mesh without materials may number the materials of its textures, or of a scene.
+  if (!mesh.material.empty() || (!textures && mesh.color.empty())) mesh.check_materials("");
   if (textures) impl_->check_textures();
   if (mesh.face.empty()) return;
   if (options.lit && mesh.wedge_normal.empty()) {
