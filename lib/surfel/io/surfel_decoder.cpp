@@ -38,9 +38,10 @@ void visit_column(const RecordColumn& column, bool swapped, Visit&& visit) {
 
 /// The decoding loop: writes value(at) for each of `count` records, `record` bytes apart, the first
 /// at `at`. Four at a time, which takes two instructions a value instead of five.
-template <class To, class Value>
-void for_values(const std::byte* at, std::size_t record, std::size_t count, To* to,
-                std::size_t stride, const Value& value) {
+/// \param stride  Places from one value written to the next: an integer, or a type that stands for it.
+template <class To, class Stride, class Value>
+void for_values(const std::byte* at, std::size_t record, std::size_t count, To* to, Stride stride,
+                const Value& value) {
   std::size_t i = 0;
   for (; i + 4 <= count; i += 4, at += 4 * record, to += 4 * stride) {
     to[0] = value(at);
@@ -233,7 +234,13 @@ void SurfelDecoder::decode_component(SurfelAttribute attribute, int component,
   const RecordColumn& column = *field.columns[static_cast<std::size_t>(component)];
   visit_column(column, table_.swapped, [&](auto load) {
     const auto run = [&](const auto& value) {
-      for_values(records + column.offset, table_.stride, count, to, stride, value);
+      const std::byte* first = records + column.offset;
+      if (stride == 1) {
+        constexpr std::integral_constant<std::size_t, 1> kOne;
+        for_values(first, table_.stride, count, to, kOne, value);
+      } else {
+        for_values(first, table_.stride, count, to, stride, value);
+      }
     };
     if constexpr (std::is_same_v<To, float>) {
       if (const double origin = origin_[component]; attribute == kPosition && origin != 0) {

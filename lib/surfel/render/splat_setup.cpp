@@ -147,14 +147,18 @@ class Writer {
     const Ints di;
     HWY_ALIGN std::int32_t taken[kTileSize];
     hn::Store(hn::VecFromMask(di, hn::RebindMask(di, s.classes.visible)), di, taken);
+    // A member would go through memory at every lane, as what is written might be the member.
+    Splat* next = splats_;
+    Splat dropped;
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
       // Splats that are not visible go where nobody reads.
-      auto* const to = reinterpret_cast<std::byte*>(taken[lane] != 0 ? splats_ : &dropped_);
+      auto* const to = reinterpret_cast<std::byte*>(taken[lane] != 0 ? next : &dropped);
       for (std::size_t q = 0; q < 4; ++q) {
         std::memcpy(to + q * kQuarter, quarters[q] + 4 * lane, kQuarter);
       }
-      splats_ -= taken[lane];
+      next -= taken[lane];
     }
+    splats_ = next;
     M first = s.classes.visible;
     if (!first_column_) first = hn::And(first, hn::Ge(s.columns.unclipped, hn::Zero(d)));
     if (!first_row_) first = hn::And(first, hn::Ge(s.rows.unclipped, hn::Zero(d)));
@@ -218,7 +222,6 @@ class Writer {
   int visible_count_ = 0;
   int exact_count_ = 0;
   std::size_t first_count_ = 0;
-  Splat dropped_;
 };
 
 /// Projects the surfels of a cluster, a vector at a time.
