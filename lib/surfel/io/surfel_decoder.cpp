@@ -38,7 +38,8 @@ void visit_column(const RecordColumn& column, bool swapped, Visit&& visit) {
 
 /// The decoding loop: writes value(at) for each of `count` records, `record` bytes apart, the first
 /// at `at`. Four at a time, which takes two instructions a value instead of five.
-/// \param stride  Places from one value written to the next: an integer, or a type that stands for it.
+/// \param stride  Places from one value written to the next: an integer, or a type that stands for
+/// it.
 template <class To, class Stride, class Value>
 void for_values(const std::byte* at, std::size_t record, std::size_t count, To* to, Stride stride,
                 const Value& value) {

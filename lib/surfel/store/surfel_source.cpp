@@ -1,7 +1,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <utility>
 
@@ -26,19 +28,21 @@ Vec3f unit_tangent(const Vec3f& tangent, const Vec3f& normal) {
   return normal.isZero() ? Vec3f::UnitX() : Vec3f(normal.unitOrthogonal());
 }
 
+/// Makes vectors unit, or zero where they have no direction. There is no branch, so that compilers
+/// use vectors.
 void make_unit_normals(float* __restrict x, float* __restrict y, float* __restrict z,
                        std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     const float length = std::sqrt(x[i] * x[i] + (y[i] * y[i] + z[i] * z[i]));
-    const bool known = length > 0 && length <= std::numeric_limits<float>::max();
-    // Divided in any case, since a division that may not happen keeps the loop from being
-    // vectorised.
-    const float unit_x = x[i] / length;
-    const float unit_y = y[i] / length;
-    const float unit_z = z[i] / length;
-    x[i] = known ? unit_x : 0.0F;
-    y[i] = known ? unit_y : 0.0F;
-    z[i] = known ? unit_z : 0.0F;
+    const int known = static_cast<int>(length > 0) &
+                      static_cast<int>(length <= std::numeric_limits<float>::max());
+    const std::uint32_t mask = 0 - static_cast<std::uint32_t>(known);  // All bits, or none.
+    const auto unit = [&](float v) {
+      return std::bit_cast<float>(std::bit_cast<std::uint32_t>(v / length) & mask);
+    };
+    x[i] = unit(x[i]);
+    y[i] = unit(y[i]);
+    z[i] = unit(z[i]);
   }
 }
 
