@@ -13,6 +13,7 @@
 // After the above, which decides on the target.
 #include <hwy/contrib/math/math-inl.h>
 #include <surfel/render/kernel_raster-inl.h>
+#include <surfel/render/lighting-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -150,6 +151,27 @@ alignas(64) constexpr std::array<float, kTilePixels> kNearBorder = [] {
   return near;
 }();
 
+/// See lit_color().
+struct LaneOps {
+  static HWY_INLINE V3 set(const float* v) { return HWY_NAMESPACE::set(v); }
+  static HWY_INLINE V dot(const V3& a, const V3& b) { return HWY_NAMESPACE::dot(a, b); }
+  static HWY_INLINE V3 normalized(const V3& a) { return HWY_NAMESPACE::normalized(a); }
+  static HWY_INLINE V positive_part(V x) { return hn::Max(x, hn::Zero(D())); }
+  static HWY_INLINE V highlight(V cosine, V half_cosine, float shininess) {
+    return hn::IfThenElseZero(hn::Gt(cosine, hn::Zero(D())), pow(half_cosine, shininess));
+  }
+
+ private:
+  /// x to an exponent >= 0, of x from 0 to 1; less counts as 0.
+  static V pow(V x, float exponent) {
+    const D d;
+    if (exponent == 0) return hn::Set(d, 1);
+    const M above = hn::Gt(x, hn::Zero(d));
+    const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
+    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(hn::Set(d, exponent), log)));
+  }
+};
+
 /// Lights fragments of a vector of pixels as Shader::shade() does.
 class Lamps {
  public:
@@ -183,30 +205,12 @@ class Lamps {
     V3 normal = select(has_normal, normalized(at.normal), to_eye);
     normal = select(hn::Lt(dot(normal, to_eye), zero), hn::Set(d, -1) * normal, normal);
 
-    const V3 material_diffuse = set(material.diffuse);
-    const V3 material_specular = set(material.specular);
-    const bool shiny =
-        material.specular[0] != 0 || material.specular[1] != 0 || material.specular[2] != 0;
-    V3 diffuse = set(material.ambient);
-    V3 specular{zero, zero, zero};
-    for (std::size_t i = 0; i < lighting_.light_count; ++i) {
-      const Lighting::Light& light = lighting_.lights[i];
-      V3 to_light = set(light.vector);
-      if (light.point) {
-        const V3 place = lighting_.orthographic ? across + hn::Neg(at.depth) * forward_
-                                                : hn::Div(hn::Set(d, 1), at.depth) * ray;
-        to_light = normalized(to_light - place);
-      }
-      const V cosine = hn::Max(dot(normal, to_light), zero);
-      diffuse = diffuse + cosine * (material_diffuse * set(light.color));
-      if (!shiny) continue;
-      const V half_cosine = dot(normal, normalized(to_light + to_eye));
-      const V power =
-          hn::IfThenElseZero(hn::Gt(cosine, zero), pow(half_cosine, material.shininess));
-      specular = specular + power * (material_specular * set(light.color));
-    }
-    const V3 color = hn::Div(hn::Set(d, 1), at.alpha) * at.color;
-    return color * diffuse + specular;
+    const auto place = [&]() HWY_ATTR {
+      return lighting_.orthographic ? across + hn::Neg(at.depth) * forward_
+                                    : hn::Div(hn::Set(d, 1), at.depth) * ray;
+    };
+    return lit_color<LaneOps>(lighting_, material, hn::Div(hn::Set(d, 1), at.alpha) * at.color,
+                              normal, to_eye, place);
   }
 
  private:
@@ -214,15 +218,6 @@ class Lamps {
     const auto& m = lighting_.world_from_camera;
     const float v[] = {m[0][c], m[1][c], m[2][c]};
     return set(v);
-  }
-
-  /// x to an exponent >= 0, of x from 0 to 1; less counts as 0.
-  static V pow(V x, float exponent) {
-    const D d;
-    if (exponent == 0) return hn::Set(d, 1);
-    const M above = hn::Gt(x, hn::Zero(d));
-    const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
-    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(hn::Set(d, exponent), log)));
   }
 
   const Lighting& lighting_;

@@ -6,6 +6,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/render/environment_map.h>
+#include <surfel/render/lighting-inl.h>
 #include <surfel/render/shading.h>
 
 namespace surfel {
@@ -21,6 +22,19 @@ float dielectric_reflectance(float ior, float cosine) {
   const float parallel = (cosine - eta * transmitted) / (cosine + eta * transmitted);
   return 0.5F * (perpendicular * perpendicular + parallel * parallel);
 }
+
+/// See lit_color().
+struct ArrayOps {
+  static Eigen::Array3f set(const float* v) { return Eigen::Array3f(v); }
+  static float dot(const Eigen::Array3f& a, const Eigen::Array3f& b) {
+    return a.matrix().dot(b.matrix());
+  }
+  static Eigen::Array3f normalized(const Eigen::Array3f& a) { return a.matrix().normalized(); }
+  static float positive_part(float x) { return std::max(0.0F, x); }
+  static float highlight(float cosine, float half_cosine, float shininess) {
+    return cosine > 0 ? std::pow(std::max(0.0F, half_cosine), shininess) : 0;
+  }
+};
 
 void to_plain(const Vec3f& from, float* to) { std::copy_n(from.data(), 3, to); }
 
@@ -242,32 +256,18 @@ void Shader::add_environment(Rgba& color, const SeenThrough& surfaces, float x, 
 
 Vec3f Shader::lit_color(const Vec3f& color, const Surface& surface, float x, float y,
                         float depth) const {
-  const Material& material = surface.material;
-  const Vec3f& normal = surface.normal;
-  const Vec3f& to_eye = surface.to_eye;
-  Vec3f diffuse = material.ambient.cwiseProduct(scene_->ambient);
-  Vec3f specular(0, 0, 0);
-  for (const Lighting::Light& light : lights_) {
-    const Vec3f light_color(light.color);
-    Vec3f to_light(light.vector);
-    if (light.point) {
-      Vec3f place = ray(x, y) * z(depth);
-      if (orthographic_) {
-        place += world_from_camera_ *
-                 Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 0);
-      }
-      to_light = (to_light - place).normalized();
+  const auto place = [&] {
+    Vec3f at = ray(x, y) * z(depth);
+    if (orthographic_) {
+      at += world_from_camera_ *
+            Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 0);
     }
-    const float cosine = normal.dot(to_light);
-    if (!(cosine > 0)) continue;
-    diffuse += cosine * material.diffuse.cwiseProduct(light_color);
-    if (!material.specular.isZero()) {
-      const float half_cosine = std::max(0.0F, normal.dot((to_light + to_eye).normalized()));
-      specular +=
-          std::pow(half_cosine, material.shininess) * material.specular.cwiseProduct(light_color);
-    }
-  }
-  return color.cwiseProduct(diffuse) + specular;
+    return Eigen::Array3f(at);
+  };
+  const auto material = static_cast<std::size_t>(&surface.material - scene_->materials.data());
+  return HWY_NAMESPACE::lit_color<ArrayOps>(lighting_, materials_[material], Eigen::Array3f(color),
+                                            Eigen::Array3f(surface.normal),
+                                            Eigen::Array3f(surface.to_eye), place);
 }
 
 }  // namespace surfel
