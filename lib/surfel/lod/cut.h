@@ -9,7 +9,7 @@
 
 namespace surfel {
 
-/// What a cut does at a cluster of a tree.
+/// The step of a cut at a cluster of a tree.
 enum class CutStep : std::uint8_t {
   kSkip,    ///< The cluster is not seen, nor is anything below it.
   kDraw,    ///< The cluster's surfels are fine enough.
@@ -37,8 +37,8 @@ inline constexpr double kLongerSide = 1.35;
 
 /// Variance that a merged surfel's Gaussian must have at least, as a part of its area, for a level
 /// whose pieces are up to `error` pixels long to cover without holes: together with the pixel
-/// filter, of `lowpass` pixels, that of a regular cloud, V = h^2 with h^2 the area. 0 as long as
-/// the filter does it alone.
+/// filter, of `lowpass` pixels, the variance of a regular cloud, V = h^2 with h^2 the area. 0 as
+/// long as the filter alone is wide enough.
 SURFEL_API float covering_variance(double error, double lowpass);
 
 }  // namespace surfel

@@ -29,9 +29,9 @@ struct Place {
   std::uint32_t index;
 };
 
-/// Orders places so that each run of kClusterSurfels is compact, and so is each run of `reduction`
-/// of those, of `reduction` of those again, and so on: cut at a multiple of the largest of these
-/// sizes, across the longest side of the box.
+/// Orders places so that each run of kClusterSurfels is compact, each sequence of `reduction` such
+/// runs is, each sequence of `reduction` such sequences, and so on: places are cut at a multiple of
+/// the largest of these sizes, across the longest side of the box.
 void split_places(Array<Place>& places, int reduction) {
   struct Run {
     std::size_t begin, end;  ///< In clusters.

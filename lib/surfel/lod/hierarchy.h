@@ -14,15 +14,15 @@
 namespace surfel {
 
 struct HierarchyOptions {
-  /// Surfels of a level for one of the next coarser level, 2..16: finer steps come closer to what a
-  /// picture needs, and make a larger file (1 / (reduction - 1) more surfels).
+  /// Surfels of a level for one surfel of the next coarser level, 2..16: finer steps come closer to
+  /// what a picture needs, and make a larger file (1 / (reduction - 1) more surfels).
   int reduction = 3;
   SheetRules sheets = {};
 
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// What build_hierarchy() met and made.
+/// The surfels that build_hierarchy() left out, and the levels that it made.
 struct HierarchyReport {
   UnusableSurfels dropped;          ///< Surfels left out of all levels.
   std::vector<std::size_t> levels;  ///< Surfels of each level, finest first.
@@ -31,8 +31,8 @@ struct HierarchyReport {
   StageTimes stages;  ///< sort, split, merge, assemble.
 };
 
-/// A cloud with levels of detail: its own surfels and, level by level, fewer that stand for the
-/// same surface, with the tree of their clusters (SurfelCloud::tree).
+/// A cloud with levels of detail: its own surfels and, level by level, fewer surfels that stand for
+/// the surface, with the tree of their clusters (SurfelCloud::tree).
 ///
 /// The surfels are cut in two by their positions, across the longer side, until clusters of
 /// kClusterSurfels are left (all but one are full). A cluster of the next level holds the surfels

@@ -23,7 +23,7 @@ struct MergeSurfel {
   Vec3f coefficient;
   float alpha;
   std::uint16_t material;
-  std::uint32_t source;  ///< Surfel of the cloud that all other attributes are taken from.
+  std::uint32_t source;  ///< The surfel of the cloud from which all other attributes are taken.
 };
 
 /// Surfel i of a cloud that has variances. Where the cloud has no areas the area is sqrt |V|, as in

@@ -8,11 +8,11 @@
 namespace surfel {
 namespace {
 
-/// A group with a conflict counts as this many times as large: what must not be merged is cut
-/// before anything that is less than four times as long.
+/// A group with a conflict counts as this many times as large: surfels that must not be merged are
+/// cut apart before any group that is less than four times as long is cut.
 constexpr float kConflictSize = 4;
-/// A group with a conflict is cut by what is in conflict once it is no longer than this many mean
-/// groups; in longer groups normals differ because the surface is curved.
+/// A group with a conflict is cut between the conflicting normals or sheets once it is no longer
+/// than this many mean groups; in longer groups normals differ because the surface is curved.
 constexpr float kConflictReach = 3;
 
 /// Direction of the largest variance of a covariance (xx xy xz yy yz zz), by power iteration from
@@ -91,7 +91,7 @@ SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32
 }
 
 /// Brings the members of one side to the front, both sides in their order; returns where the other
-/// begins. Where all are on one side, halves.
+/// side begins. Where all are on one side, the halves are the sides.
 template <class Side>
 std::uint32_t SurfelPartition::divide(const Group& group, Side side) {
   scratch_.clear();
@@ -121,7 +121,7 @@ std::uint32_t SurfelPartition::cut_conflict(const Group& group) {
                    [&](std::uint32_t i) { return like_first(surfels_[i]); })) {
     return divide(group, like_first);
   }
-  // Two normals far from each other, and what is closer to the one or to the other.
+  // Two normals far from each other, and the members that are closer to either.
   const auto farthest_from = [&](const Vec3f& normal) {
     Vec3f found = normal;
     float least = 2;

@@ -46,12 +46,12 @@ class FrontToBack {
     Rgba color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(edge));
     const bool front = shows_front(c[kTag]);
     const float coverage = tile_.coverage(fragment, edge);
-    // With what it reflects, where there is something to reflect.
+    // With the reflected environment, where the surface reflects one.
     const float opacity =
         tile_.shader->has_environment() ? color.alpha / coverage : c[kAlpha] / c[kWeight];
     if (!front && front_coverage_ > 0) {
-      // What the front leaves of it, where it lies behind the front and where it looks out; over
-      // what (12) is going to leave of it.
+      // The share of the back's colour that the front lets through, where the back lies behind the
+      // front and where it looks out, over the share that (12) is going to let through.
       const float left = std::min(coverage, front_coverage_) * (1 - front_opacity_) +
                          std::max(0.0F, coverage - front_coverage_);
       const float independent = coverage * (1 - front_coverage_ * front_opacity_);
@@ -86,10 +86,11 @@ class FrontToBack {
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
-  // Layers run out where surfaces end before one another, at rims. What covers them is not known
-  // yet around them: taken to be inside, rims grow (by 1 dB of a head's picture); taken to be at an
-  // edge, crests that are seen at a grazing angle get thin. So most of the way to an edge, as far
-  // as splats are filtered; of surfaces that cover the pixel nothing changes.
+  // Layers run out at rims, where surfaces end before one another. The sums around merged fragments
+  // are not known yet: taken to be inside a surface, rims grow (by 1 dB of a head's picture); taken
+  // to be at an edge, crests that are seen at a grazing angle get thin. Filtered splats are
+  // therefore taken to be most of the way to an edge; surfaces that cover the pixel are not
+  // changed.
   const auto edge = [](const Fragment& f) {
     return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F;
   };
@@ -105,7 +106,7 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   out.channel[kGreen] = color.green;
   out.channel[kBlue] = color.blue;
   out.channel[kAlpha] = color.alpha;
-  // The nearest surface is what the environment behind all is seen through.
+  // The environment behind all surfaces is seen through the nearest one.
   out.channel[kTag] = front.channel[kTag];
   const float weight = is_merged(front) ? 1 : front.channel[kWeight];
   for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = front.channel[c] / weight;
@@ -213,8 +214,8 @@ void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& co
     return;
   }
   // A surface seen at a grazing angle reaches further in depth within the pixel than epsilon
-  // allows, and comes in slabs of which none covers the pixel. A newcomer is one more of them; were
-  // two of them merged before they are complete, what belongs to them would come too late.
+  // allows, and comes in slabs of which none covers the pixel. The newcomer is one more slab; were
+  // two slabs merged before they are complete, the rest of their splats would come too late.
   int slab = -1;
   float least = std::numeric_limits<float>::infinity();
   for (const int i : {in_front - 1, in_front}) {
@@ -240,7 +241,7 @@ void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& co
   ++tile.merges.merged;
   // The pair to merge, and the layer that it leaves free. Nothing may lie between the two.
   if (in_front == 1 && sorted.count == 2) {
-    // One on either side: the newcomer itself joins the one behind.
+    // With one fragment on either side, the newcomer itself is merged with the fragment behind it.
     store(tile, sorted.order[1], pixel, merged(tile, fresh, sorted[1], pixel));
     return;
   }

@@ -13,8 +13,8 @@
 
 namespace surfel {
 
-/// What a fragment keeps of a surface in a pixel (SS01 table 1): sums over the contributions of one
-/// surface, each weighted by its resampling kernel rho. kPatchPixels floats each.
+/// A fragment is one surface in one pixel (SS01 table 1): sums over the surface's contributions,
+/// each weighted by its resampling kernel rho. kPatchPixels floats each.
 enum FragmentChannel : int {
   kWeight,  ///< Sum of rho; 0 = free; shaded and merged: how many surfaces it holds, negative.
   kDepth,   ///< Sum of rho * depth; merged: the nearest fragment's depth.
@@ -38,13 +38,13 @@ inline constexpr float kOpaqueAlpha = 0.9995F;
 /// Where the sums of rho are at least this share of tau all around, a surface has no edge.
 inline constexpr float kInsideShare = 0.5F;
 
-/// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. What a vector of
-/// pixels needs lies together: planes of a whole tile would be a power of two apart, which caches
-/// and the order of loads behind stores suffer from.
+/// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. The values of a
+/// vector of pixels lie together: planes of a whole tile would be a power of two apart, which
+/// caches and the order of loads behind stores suffer from.
 struct ABufferLayout {
   int layers = 1;
   bool normals = false;
-  bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, but for merged fragments.
+  bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, except in merged fragments.
 
   int channels() const { return normals ? kNormalZ + 1 : kBack + 1; }
   std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kPatchPixels; }
@@ -83,7 +83,7 @@ struct Rgba {
   }
 };
 
-/// What merging cost, summed over a frame.
+/// The errors that merging made, summed over a frame.
 struct MergeStatistics {
   std::uint64_t merged = 0;  ///< Pairs of fragments merged.
   std::uint64_t late = 0;    ///< Contributions that came after their surface had been merged ...
@@ -101,7 +101,7 @@ struct MergeStatistics {
 class Shader;
 struct OpenPixels;
 
-/// One tile being rasterised: its A-buffer and what merging needs to know.
+/// A tile being rasterised: its A-buffer, and the weights and the shader that merging needs.
 struct TileABuffer {
   ABufferLayout layout;
   float* data = nullptr;
@@ -111,8 +111,8 @@ struct TileABuffer {
   int picture_width = kTileSize;
   int picture_height = kTileSize;
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
-  float edge_weight =
-      1;  ///< The same at its edge, >= tau. A surface hides what is behind from it on.
+  float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
+                          ///< hides all surfaces behind it; >= tau.
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -135,7 +135,7 @@ struct TileABuffer {
   }
 };
 
-/// What one splat adds to one pixel.
+/// A splat's contribution to a pixel.
 struct PixelContribution {
   float rho, depth;
   const Splat& splat;
@@ -143,17 +143,17 @@ struct PixelContribution {
 };
 
 /// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a
-/// merged pair: steps 2 and 3 of SS01 section 6. It joins the fragment next to it in depth if that
-/// shows the same side and does not cover the pixel yet: without this, a grazing
-/// surface, which is deeper within a pixel than epsilon, takes all layers and leaves holes.
-/// Otherwise, as contributions arrive roughly front to back, the nearest two fragments are the ones
-/// that are complete: they are shaded and composited (12), and the free layer goes to the newcomer.
-/// With a single layer the nearer surface stays.
+/// merged pair: steps 2 and 3 of SS01 section 6. It joins the fragment next to it in depth if the
+/// fragment shows the same side and does not cover the pixel yet: without this, a grazing surface,
+/// which is deeper within a pixel than epsilon, takes all layers and leaves holes. Otherwise, as
+/// contributions arrive roughly front to back, the nearest two fragments are the ones that are
+/// complete: they are shaded and composited (12), and the free layer goes to the newcomer. With a
+/// single layer the nearer surface stays.
 void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution);
 
-/// A contribution that comes after its surface has been merged into `layer`: composites it into
-/// what the merged surfaces leave open. For opaque surfaces, where the order behind them matters
-/// less than that nothing is missing.
+/// A contribution that comes after its surface has been merged into `layer`: composites it into the
+/// share that the merged surfaces leave open. For opaque surfaces, where the order behind them
+/// matters less than that nothing is missing.
 void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
                          const PixelContribution& contribution);
 
@@ -162,13 +162,13 @@ struct NearestLayer {
   float depth = -std::numeric_limits<float>::infinity();  ///< Nearness, as in Splat; of none: that.
   bool front = false;                                     ///< The side that is seen.
 };
-/// That of a pixel's A-buffer, if it is unmerged.
+/// The nearest layer of a pixel, if it is unmerged.
 NearestLayer nearest_layer(TileABuffer& tile, int pixel);
 
 /// Per-pixel result of a tile.
 struct PixelResult {
   Rgba color;
-  float depth = 0;              ///< z where opacity passes one half; infinity if it never does.
+  float depth = 0;              ///< z where opacity passes one half; infinity if it stays below.
   float depth_first = 0;        ///< z of the nearest fragment; infinity if there is none.
   float normal[3] = {0, 0, 0};  ///< Of the nearest unmerged fragment, unit; zero if none.
   float weight = 0;             ///< Sum of rho of the nearest fragment.

@@ -25,7 +25,7 @@ class Shader;
 struct TileABuffer;
 struct TileJob;
 
-/// What one frame cost and did.
+/// Figures of one frame: times, and numbers of splats, clusters and fragments.
 struct FrameStatistics {
   double milliseconds = 0;
   StageTimes stages;             ///< cull, read (from the store's file), raster.
@@ -42,7 +42,7 @@ struct FrameStatistics {
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than were peeled.
 };
 
-/// How surfels become the splats of one list.
+/// The rules by which surfels become the splats of a list.
 struct SplatListOptions {
   bool groups = false;                   ///< Splats carry their groups.
   DepthOrder order = DepthOrder::kFine;  ///< Order of a tile's splats.
@@ -54,7 +54,7 @@ struct SplatListOptions {
 /// Turns the splats of tiles into fragments of A-buffers.
 class SURFEL_API Compositor {
  public:
-  /// One thread's part.
+  /// The part of a compositor that one thread owns.
   class SURFEL_API Worker {
    public:
     virtual ~Worker() = default;
@@ -67,7 +67,7 @@ class SURFEL_API Compositor {
     /// Whether a pixel of the tile drawn last depends on other tiles, and is left to complete().
     /// Only called if Compositor::has_background().
     virtual bool waits(const TileABuffer& /*tile*/, int /*pixel*/) const { return false; }
-    /// Adds to the statistics, and forgets, what this worker counted.
+    /// Adds this worker's counts to the statistics, and sets them to 0.
     virtual void take_statistics(FrameStatistics& /*statistics*/) {}
   };
 

@@ -8,7 +8,7 @@
 
 namespace surfel {
 
-/// How finely depths are told apart; what agrees stays in the order that it comes in.
+/// How finely depths are told apart; splats of equal keys stay in the order that they come in.
 enum class DepthOrder {
   /// In as many steps of the range as there are splats, but 2048 at most: enough where surfaces are
   /// told apart by depth whatever comes first.

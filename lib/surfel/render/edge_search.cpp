@@ -137,7 +137,7 @@ float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeigh
 
 void TileRims::begin(const Camera& camera, const Band& band, int layers) {
   const auto tiles = static_cast<std::size_t>(band.tiles_x);
-  // A row more, for the last one of the band before.
+  // The row of tiles before the band's first is the last one of the band before.
   const int row_before = band.y0 / kTileSize - 1;
   if (row_before < 0) {
     const std::size_t all = tiles * (band.tiles_y + 1);

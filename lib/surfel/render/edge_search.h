@@ -36,8 +36,8 @@ bool sees_other_tiles(const TileABuffer& tile, int pixel);
 /// The sums around a fragment of a pixel that sees no other tile.
 EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel);
 
-/// To what degree an unmerged fragment's pixel is at the edge of its surface, 0 to 1. Outside of
-/// the picture the sums are taken to go on as they came.
+/// The degree to which an unmerged fragment's pixel is at the edge of its surface, 0 to 1. Outside
+/// of the picture the sums are taken to go on as they came.
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around);
 
 /// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
@@ -67,7 +67,7 @@ class TileRims {
  private:
   /// A layer's fragments in the pixels of a patch.
   using Patch = std::array<float, kPatchPixels>;
-  /// What is stored of a pixel.
+  /// Where a pixel's values are stored.
   struct Place {
     std::size_t patch;
     std::size_t pixel;  ///< Of the patch.
@@ -118,7 +118,7 @@ struct OpenPixels {
   void clear();
 };
 
-/// What resolve_pixel() makes of a pixel, when all tiles around are stored.
+/// The result that resolve_pixel() left open, when all tiles around the pixel are stored.
 /// \param tile  the picture's weights and shader.
 PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
                                const OpenPixels::Pixel& pixel, const TileRims& rims);

@@ -28,7 +28,7 @@ constexpr double kReach = 8;
 constexpr int kSkyWidth = 2048;
 constexpr std::size_t kMostPixels = std::size_t{1} << 27;
 
-/// exp(-x) for 0 <= x <= kReach, to 5e-7 of itself: what filtering does most.
+/// exp(-x) for 0 <= x <= kReach, to 5e-7 of itself: filtering spends most of its time on it.
 class Decay {
  public:
   Decay() {
@@ -122,7 +122,7 @@ EnvironmentMap::Level EnvironmentMap::image_level(const Image& image, const std:
 }
 
 /// The same level with texels as many as a ring's circumference asks for, each the mean over its
-/// part of the ring: what is left is about as fine along rings as across, so that a lobe meets
+/// part of the ring: the texels are about as fine along rings as across, so that a lobe meets
 /// equally many texels everywhere. Of many rows two are made one, and two columns: lobes reach over
 /// three of the rows at one standard deviation, and have four times as few texels to add up.
 EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
@@ -130,7 +130,8 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
   const int step = level.rows >= kManyRows && level.rows % 2 == 0 ? 2 : 1;
   Level out;
   out.rows = level.rows / step;
-  // Of two neighbours' mean, along each axis: a quarter of their distance squared.
+  // The variance of the mean of two neighbours, along each axis: a quarter of their distance
+  // squared.
   if (step == 2) out.variance = static_cast<float>(std::pow(std::numbers::pi / level.rows, 2) / 4);
   const int columns = level.rings[1].count;
   for (int k = 0; k <= out.rows + 1; ++k) {
@@ -241,7 +242,7 @@ EnvironmentMap::Level EnvironmentMap::filtered(const Level& from, int rows, floa
           from, to.colatitude(static_cast<int>(k)), (i + 0.5) / ring.count, concentration);
     }
   });
-  // What sampling has left to be wished for: some 10^-4 of it.
+  // The rest that sampling has left undone, some 10^-4 of the whole.
   const Vec3d wanted = mean(from);
   const Vec3d is = mean(to);
   Vec3f scale(1, 1, 1);

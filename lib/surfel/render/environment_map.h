@@ -14,8 +14,8 @@ namespace surfel {
 
 /// Light from all directions, filtered on the sphere for lookups of any width.
 ///
-/// Widths are variances of directions along one axis, radians^2: that of Brownian motion on the
-/// sphere, whose mean cosine is exp(-variance), so that variances of filters that follow one
+/// Widths are variances of directions along one axis, radians^2: the variance of Brownian motion on
+/// the sphere, whose mean cosine is exp(-variance), so that variances of filters that follow one
 /// another add up however wide they are. Level 0 is the picture. Each further level has half as
 /// many rows, down to 32, and at least the standard deviation of 3/2 of their distance, made from
 /// the level before it with the von Mises-Fisher lobe that has the missing mean cosine. Rows have
@@ -38,7 +38,7 @@ class SURFEL_API EnvironmentMap {
   Vec3f radiance(const Vec3f& direction, float variance) const;
 
   int levels() const { return static_cast<int>(levels_.size()); }
-  /// What level l is filtered with; 0 for the first.
+  /// The variance of level l's filter; 0 for the first.
   float variance(int level) const { return levels_[static_cast<std::size_t>(level)].variance; }
   /// Mean over the sphere of level l.
   Vec3d mean(int level) const { return mean(levels_[static_cast<std::size_t>(level)]); }

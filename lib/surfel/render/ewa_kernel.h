@@ -2,8 +2,8 @@
 
 // Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), sections 3 and 4.
 //
-// The plain scalar form of what splat_setup.cpp does for many surfels at once, in double: the truth
-// that the fast path is tested against, and the place to read the mathematics.
+// The plain scalar form of splat_setup.cpp, in double: the truth that the fast path is tested
+// against, and the place to read the mathematics.
 
 #include <Eigen/Core>
 #include <optional>

@@ -15,10 +15,10 @@ constexpr int kCorners = 12;
 /// Planes seen under a smaller cosine than this are edge-on: less than a millionth of the disc is
 /// seen.
 constexpr double kEdgeOn = 1e-6;
-/// What is nearer to the eye plane than this share of the disc's radius is not bounded: the eye
-/// would have to be as near to the disc for it to be on the picture.
+/// A disc that is nearer to the eye plane than this share of its radius is not bounded: the eye
+/// would have to be as near to the disc for it to be in the picture.
 constexpr double kNearest = 1e-6;
-/// Lesser ones would leave fragments without weight.
+/// Kernels with a smaller peak would leave fragments without weight.
 constexpr float kLeastAmplitude = 1e-30F;
 /// As in splat_setup.cpp: below this cosine the filter's footprint on the plane stops growing.
 constexpr double kLeastCosine = 0.1;
@@ -44,7 +44,7 @@ struct Bounds2 {
   bool empty() const { return !(x0 <= x1); }
 };
 
-/// Of what is seen of a disc beyond z = near: its polygon is clipped in camera space.
+/// Bounds of the part of a disc beyond z = near: its polygon is clipped in camera space.
 Bounds2 bounds_of(const SurfelInCamera& surfel, const Eigen::Vector3d& bitangent, double cutoff,
                   double near, const Camera& camera) {
   const double around = std::sqrt(2 * cutoff) / std::cos(std::numbers::pi / kCorners);

@@ -11,16 +11,16 @@
 
 namespace surfel {
 
-/// Rectangle of the picture that is drawn, pixels, and what the kernel is filtered with.
+/// Rectangle of the picture that is drawn, pixels, and the pixel filter.
 struct ExactKernelView {
   double cutoff = 1;   ///< c of beta < c.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels.
   double x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< At most kMostBlockSize pixels a side.
-  /// The rectangle begins where what is drawn does.
+  /// The rectangle begins at the first column or row of the picture's part that is drawn.
   bool first_column = true, first_row = true;
 };
 
-/// What a splat's box and exact kernel are.
+/// A splat's box and its exact kernel.
 struct ExactKernel {
   Splat splat;  ///< Its box, depth, kExactKernel and tag; no colour.
   ExactSplat exact;
@@ -40,9 +40,9 @@ struct ExactKernel {
 ///
 /// The box holds the disc's projection, clipped in camera space at the near plane, plus the reach
 /// of the filter. (Beyond it, towards the plane's horizon, the linearised filter would reach
-/// further and further: what is cut off there is below 3 % of the kernel's peak for a disc that
-/// the eye looks along, and usually nothing.) Nothing is returned for what is not seen: outside of
-/// the rectangle, behind the near plane, or edge-on. Perspective projection only.
+/// further and further: the part that is cut off there is below 3 % of the kernel's peak for a disc
+/// that the eye looks along, and usually nothing.) Nothing is returned for a disc that is not seen:
+/// outside of the rectangle, behind the near plane, or edge-on. Perspective projection only.
 SURFEL_API std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel,
                                                         const Camera& camera,
                                                         const ExactKernelView& view);

@@ -29,8 +29,9 @@ struct Band {
   std::size_t tile(int x, int y) const { return static_cast<std::size_t>(y) * tiles_x + x; }
 };
 
-/// Square groups of tiles that a band is drawn in. A block has as many tiles as one worker's caches
-/// hold the splats of, so that splats are drawn as soon as they are set up and never go to memory.
+/// Square groups of tiles that a band is drawn in. A block has so many tiles that one worker's
+/// caches hold their splats, so that splats are drawn as soon as they are set up and never go to
+/// memory.
 struct BlockGrid {
   int shift = 1;  ///< A block has 2^shift tiles a side.
   int blocks_x = 0, blocks_y = 0;
@@ -51,7 +52,7 @@ struct Frame {
   Band band;
   BlockGrid grid;
 
-  /// One past the last row of pixels around which `reach` rows are drawn once this band is.
+  /// One past the last row of pixels around which `reach` rows have been drawn when this band has.
   int end_of_surrounded_rows(int reach) const {
     return band.y1 == camera.height ? band.y1 : band.y1 - reach;
   }

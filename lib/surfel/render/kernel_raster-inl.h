@@ -1,5 +1,6 @@
-// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001: section 4. What all SIMD
-// rasterisers of a tile share; included once for each target, see Highway's documentation.
+// Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001: section 4. The common
+// parts of all SIMD rasterisers of a tile; included once for each target, see Highway's
+// documentation.
 
 #if defined(SURFEL_RENDER_KERNEL_RASTER_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SURFEL_RENDER_KERNEL_RASTER_INL_H_
@@ -40,16 +41,16 @@ inline constexpr float kExpMinus[] = {0.999999554F,  -0.999967851F, 0.499620874F
 HWY_ALIGN inline constexpr float kColumnOfLane[] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
 HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
-/// A splat at a vector of pixels: what its kernel and its plane are there.
+/// The values of a splat's kernel and plane at a vector of pixels.
 struct Sample {
   V beta;       ///< Less than the cutoff inside.
   V depth;      ///< Of the plane, within the kernel's reach.
-  V epsilon;    ///< Depths within this are of one surface.
+  V epsilon;    ///< Fragments whose depths differ by less are of one surface.
   V amplitude;  ///< rho where beta is 0.
 };
 
 /// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps
-/// a copy of its own in registers: what is behind a reference has to be read again after every
+/// a copy of its own in registers: a value behind a reference has to be read again after every
 /// store.
 class SplatSampler {
  public:
@@ -82,7 +83,7 @@ class SplatSampler {
     const V dy = hn::Sub(y, hn::Set(d, splat.y));
     Sample s;
     if (HWY_UNLIKELY(splat.k < 0)) {
-      // Field by field: what a call returns lies in memory.
+      // The fields are taken one by one, as a returned structure lies in memory.
       const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_}, dx, dy);
       s.beta = e.beta;
       s.depth = e.depth;
@@ -108,8 +109,8 @@ class SplatSampler {
     V depth_epsilon;
   };
 
-  /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. Apart from the
-  /// affine one's code, as few splats come here.
+  /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. It is a function
+  /// apart from the affine kernel's code, as few splats come here.
   static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx,
                                    V dy) {
     const D d;
@@ -181,13 +182,13 @@ class KernelRaster {
 
   const SplatSampler& sampler() const { return sampler_; }
 
-  /// Calls visit(PixelSplats) for vectors of pixels and those splats in [begin, end) of the order
-  /// whose boxes they meet, in that order for every pixel; but for splats that lie behind all of
-  /// the vector's depths in the plane `hidden`, which may be null, with all that is within epsilon
-  /// of them.
+  /// Calls visit(PixelSplats) for vectors of pixels and the splats in [begin, end) of the order
+  /// whose boxes they meet, in the order's sequence for every pixel. Left out are splats that lie,
+  /// with all depths within epsilon of them, behind all of the vector's depths in the plane
+  /// `hidden`, which may be null.
   ///
-  /// Vector by vector: what is drawn stays in the first-level cache, and branches go the way that
-  /// they went for the splat before.
+  /// Pixels are visited vector by vector: they stay in the first-level cache, and branches go the
+  /// way that they went for the splat before.
   template <class Visit>
   HWY_INLINE void for_each_vector(std::size_t begin, std::size_t end, const float* hidden,
                                   const Visit& visit) const {
@@ -210,7 +211,7 @@ class KernelRaster {
     }
   }
 
-  /// The same with visit(splat's index, first pixel, Sample).
+  /// As for_each_vector(), with visit(splat's index, first pixel, Sample).
   template <class Visit>
   HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
                        const Visit& visit) const {
@@ -228,7 +229,7 @@ class KernelRaster {
   static constexpr int kPatches = kTilePixels / kPatchPixels;
   /// Splats that are listed at once: as many as the first-level cache holds.
   static constexpr std::size_t kListed = 256;
-  /// What rounding may add to a depth, of the terms that it is made of.
+  /// The rounding error of a depth, as a part of the terms that it is summed from.
   static constexpr float kRounding = 1e-6F;
 
   /// For every patch of the tile, the splats whose boxes it meets, in order.
@@ -326,7 +327,7 @@ class KernelRaster {
   float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
 };
 
-/// A vector of unmerged fragments, but for their tags: see FragmentChannel.
+/// A vector of unmerged fragments without their tags: see FragmentChannel.
 template <bool kNormals, bool kOpaqueSplats>
 struct FragmentSums {
   V weight, depth, red, green, blue, alpha, normal_x, normal_y, normal_z;

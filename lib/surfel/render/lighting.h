@@ -4,7 +4,8 @@
 
 namespace surfel {
 
-/// What a Shader lights fragments by where there is no environment: plain numbers for SIMD code.
+/// Lights and materials by which a Shader lights fragments where there is no environment: plain
+/// numbers for SIMD code.
 struct Lighting {
   struct Light {
     float vector[3];  ///< Towards the light, unit; of point lights the place relative to the eye.

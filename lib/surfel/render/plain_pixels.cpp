@@ -76,7 +76,8 @@ struct Fragments {
 
 /// How many a vector of pixels has.
 struct FragmentCount {
-  V count, sum;    ///< Of each pixel, and the sum of its unmerged ones' weights.
+  V count,
+      sum;  ///< Every pixel's number of fragments, and the sum of the unmerged fragments' weights.
   int layers = 0;  ///< That are in use.
 };
 
@@ -188,7 +189,7 @@ class Lamps {
         .materials[std::min<std::size_t>(tag >> kMaterialShift, lighting_.material_count - 1)];
   }
 
-  /// Their colours, unpremultiplied.
+  /// The fragments' colours, unpremultiplied.
   V3 light(const Fragments& at, std::size_t pixel, const Lighting::Reflection& material) const {
     const D d;
     const V zero = hn::Zero(d);
@@ -260,7 +261,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};
     V opacity = zero;
-    M waits = hn::Ne(zero, zero);  // For other tiles, to be at an edge or not.
+    M waits = hn::Ne(zero, zero);  // Other tiles decide whether these are at an edge.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -273,7 +274,8 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const M known = hn::Or(not_filtered, hn::Ge(at.weight, edge_weight));
       const M no_edge = hn::Or(known, out.inside == TileInside::kNo ? lone : whole);
       if (i == 0) waits = hn::AndNot(known, hn::And(lone, unmerged));
-      // Of equally near ones there is but one behind the depths before.
+      // Of equally near fragments only one lies behind the depths before, so that the pixel is
+      // left.
       open = hn::And(open, hn::Or(merged, hn::And(unmerged, no_edge)));
       const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
       const V coverage =
@@ -283,7 +285,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       V3 shade = hn::Mul(inv_weight, coverage) * at.color;
       const std::intptr_t first = hn::FindFirstTrue(d, hn::And(open, unmerged));
       if (lighting && first >= 0) {
-        // Of one material at a time: the others are left.
+        // Fragments of one material are shaded; pixels with other materials are left.
         const std::uint32_t tag =
             hn::ExtractLane(hn::BitCast(Tags(), at.tag), static_cast<std::size_t>(first));
         const std::uint32_t material = ~std::uint32_t{0} << kMaterialShift;
@@ -291,7 +293,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
             hn::RebindMask(d, hn::Eq(tag_bits(at.tag, material), hn::Set(Tags(), tag & material)));
         open = hn::And(open, hn::Or(merged, same));
         const Lamps lamps(*lighting, tile);
-        // Of what has no colour of its own nothing is seen.
+        // A fragment without a colour of its own is not seen.
         const M colored = hn::And(unmerged, hn::Gt(at.alpha, zero));
         const V3 lit = select(colored, front * lamps.light(at, pixel, lamps.material(tag)),
                               {zero, zero, zero});

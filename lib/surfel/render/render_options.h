@@ -34,8 +34,8 @@ enum class Filter : std::uint8_t {
 };
 
 struct RenderOptions {
-  /// What becomes of the splats of a pixel; null: the A-buffer of SS01 section 6. sp06/methods.h
-  /// makes the others.
+  /// The method by which a pixel's splats are composited; null: the A-buffer of SS01 section 6.
+  /// sp06/methods.h makes the others.
   std::shared_ptr<const CompositingMethod> method = nullptr;
   Kernel kernel = Kernel::kAuto;
   double kernel_tolerance = 0.1;  ///< Of Kernel::kAuto, pixels, > 0.
@@ -43,9 +43,9 @@ struct RenderOptions {
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
   int layers = 3;      ///< l: fragments per pixel, 1..64, of methods with an A-buffer.
-  /// Contributions join a surface within this many footprints of it, > 0. A footprint ends at
-  /// beta = 1, or at the cutoff if that is less: what the tails of larger cutoffs reach over would
-  /// mix sheets that are far apart (20 dB of a transparent scene's at c = 4).
+  /// Contributions join a surface within this many footprints of it, > 0. A footprint ends at beta
+  /// = 1, or at the cutoff if that is less: the tails of larger cutoffs would mix sheets that are
+  /// far apart (20 dB of a transparent scene's at c = 4).
   double depth_epsilon = 1;
   std::optional<double> coverage_threshold;  ///< tau, > 0; unset: coverage_threshold(cutoff).
   bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.

@@ -68,7 +68,7 @@ struct Renderer::Impl {
   const Scene& scene;
   const RenderOptions options;
   std::unique_ptr<Compositor> compositor;
-  TileABuffer blank_tile;  ///< What all tiles have in common, but for the shader.
+  TileABuffer blank_tile;  ///< The members that all tiles have in common, without the shader.
 
   // Kept from frame to frame: nothing is allocated in a turntable's later frames.
   PerWorker<Worker> workers{[this] {
@@ -181,7 +181,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   }
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
   if (plain) open.add_lone(tile, plain->lone);
-  // What a pixel without fragments shows, where that is the same for all.
+  // The channels of a pixel without fragments, where all such pixels are alike.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
     nothing = {behind.red, behind.green, behind.blue, behind.alpha};
@@ -245,7 +245,7 @@ void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
       put(resolve_open_pixel(tile, open, pixel, rims), out);
     });
     for_each_surrounded(open.lone, [&](const LoneFragment& lone, float* out) {
-      // What a pixel shows of its only fragment is proportional to the coverage.
+      // The share of the pixel's only fragment is proportional to the coverage.
       const float change = rims.coverage_change(tile, lone);
       const Rgba behind = backdrop();
       for (const float back : {behind.red, behind.green, behind.blue, behind.alpha}) {
@@ -314,7 +314,7 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
 void Renderer::Impl::draw(const Pass& pass) {
   const Frame& frame = pass.frame;
   if (pass.first && !pass.last) a_buffer.resize(blank_tile.layout.size() * frame.band.tiles());
-  // The blocks with most to do come first, so that none is left to one thread at the end.
+  // The blocks with most splats come first, so that none is left to one thread at the end.
   std::vector<std::size_t> blocks(frame.grid.blocks());
   std::iota(blocks.begin(), blocks.end(), std::size_t{0});
   std::stable_sort(blocks.begin(), blocks.end(), [&](std::size_t a, std::size_t b) {

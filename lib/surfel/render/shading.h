@@ -25,7 +25,7 @@ SURFEL_API Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optio
 
 /// A ray after refraction, SP06 (12).
 struct RefractedRay {
-  Vec3f direction;     ///< Unit; total reflection: that of the mirrored ray.
+  Vec3f direction;     ///< Unit; at total reflection the mirrored ray's.
   float by_normal;     ///< Turn of the direction by turn of the normal, in the plane of incidence;
   float by_direction;  ///< ... and by turn of the incident ray.
 };
@@ -34,13 +34,13 @@ struct RefractedRay {
 /// the same side.
 SURFEL_API RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers);
 
-/// The surfaces through which a pixel sees what is behind all of them. A surface that covers a part
-/// of the pixel alone, be it that another one begins there or that it is the tail of a kernel, has
-/// no more than its share in how the light is refracted.
+/// The surfaces through which a pixel sees its background. A surface that covers only a part of the
+/// pixel, because another surface begins there or because it is the tail of a kernel, refracts only
+/// its share of the light.
 class SURFEL_API SeenThrough {
  public:
   /// The next surface, front to back.
-  /// \param surfaces  How many it stands for: 1, of merged fragments more.
+  /// \param surfaces How many surfaces the fragment stands for: 1, or more where it is merged.
   /// \param coverage  Of the pixel, 0..1.
   /// \param opacity   As shaded: nothing that lies behind an opaque one counts.
   void add(const Fragment& surface, float surfaces, float coverage, float opacity);
@@ -50,13 +50,13 @@ class SURFEL_API SeenThrough {
   const Fragment& surface(int i) const { return surface_[static_cast<std::size_t>(i)]; }
   /// Share of the pixel that surface i covers, and none before it.
   float share(int i) const { return share_[static_cast<std::size_t>(i)]; }
-  /// Share that no surface covers. Surfaces are taken to lie upon one another.
+  /// The share of the pixel that no surface covers. Surfaces are taken to lie upon one another.
   float uncovered() const { return uncovered_; }
   /// SP06's l, as there a real number: each surface up to the first opaque one by its coverage.
   float layers() const { return layers_; }
 
  private:
-  static constexpr int kMost = 4;  ///< The last one stands for all that follow.
+  static constexpr int kMost = 4;  ///< The last surface stands for all that follow.
   std::array<Fragment, kMost> surface_;
   std::array<float, kMost> share_;
   int count_ = 0;
@@ -84,7 +84,7 @@ class SURFEL_API SeenThrough {
 /// the pixel filter one of the ray's direction. The lookup has the sum of all.
 class SURFEL_API Shader {
  public:
-  /// What the last fragment that was shaded at a place reflects.
+  /// The reflection of the last fragment that was shaded at a place.
   struct Reflected {
     const Material* material = nullptr;  ///< The fragment's; null: there was no fragment.
     Vec3f normal;                        ///< Unit, on the eye's side.
@@ -101,13 +101,13 @@ class SURFEL_API Shader {
 
   bool lit() const { return scene_ != nullptr; }
   bool has_environment() const { return environment_ != nullptr; }
-  /// What fragments are lit by; null if unlit. Refers to the shader.
+  /// The lights and materials of fragments; null if unlit. Valid as long as the shader.
   const Lighting* lighting() const { return lit() ? &lighting_ : nullptr; }
 
   /// Colour of an unmerged fragment seen at picture coordinates (x, y), pixels, pixel centres at
   /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
-  /// min(1, sum of rho / full_weight). What it reflects is neither multiplied by its opacity nor
-  /// seen through: the opacity is that of both.
+  /// min(1, sum of rho / full_weight). Its reflection is neither multiplied by its opacity nor seen
+  /// through: the opacity is that of both.
   Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const {
     Reflected unknown;
     return shade(fragment, x, y, full_weight, unknown);
@@ -129,9 +129,9 @@ class SURFEL_API Shader {
   }
 
   /// Composites a pixel's surfaces over the environment: behind() where there are surfaces, the
-  /// environment itself where there are none and in so far as it is visible. What does not refract
-  /// is seen straight through, and shows no invisible environment. Where it shows, the pixel
-  /// becomes opaque. Nothing happens without an environment.
+  /// environment itself where there are none and in so far as it is visible. A surface that does
+  /// not refract is seen straight through, and shows no invisible environment. Where it shows, the
+  /// pixel becomes opaque. Nothing happens without an environment.
   /// \param color  the surfaces' composite, premultiplied.
   void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
@@ -140,7 +140,7 @@ class SURFEL_API Shader {
   float depth(float z) const { return orthographic_ ? -z : 1.0F / z; }
 
  private:
-  /// What lighting needs to know of a fragment.
+  /// The values of a fragment that lighting needs.
   struct Surface {
     const Material& material;
     Vec3f to_eye;           ///< Unit.

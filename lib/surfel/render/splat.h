@@ -63,8 +63,8 @@ inline constexpr int kMaterialShift = 2;
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;
 
-/// What it takes to meet a pixel's ray and the surfel's tangent plane exactly (exact_kernel.h):
-/// affine functions f[0] + f[1] dx + f[2] dy of the offset from (Splat::x, Splat::y), pixels.
+/// The meeting point of a pixel's ray and the surfel's tangent plane (exact_kernel.h): affine
+/// functions f[0] + f[1] dx + f[2] dy of the offset from (Splat::x, Splat::y), pixels.
 struct alignas(64) ExactSplat {
   float u[3], v[3];          ///< Plane coordinates in standard deviations, times 1 / z.
   float depth[3];            ///< 1 / z.
@@ -97,7 +97,8 @@ struct SplatView {
   float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
   /// Splats outside of this rectangle of at most kMostBlockSize pixels a side are dropped.
   float clip_x0, clip_y0, clip_x1, clip_y1;
-  bool first_column, first_row;  ///< The rectangle begins where what is drawn does.
+  bool first_column, first_row;  ///< The rectangle begins at the first column or row of the
+                                 ///< picture's part that is drawn.
 };
 
 }  // namespace surfel

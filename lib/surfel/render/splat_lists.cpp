@@ -16,7 +16,7 @@
 namespace surfel {
 namespace {
 
-/// A block's splats should fit a core's second-level cache, with room for what else is there.
+/// A block's splats should fit a core's second-level cache and leave room for other data.
 constexpr double kBlockSplats = 24000;
 /// Blocks that a band has at least, for the threads to share.
 constexpr std::size_t kLeastBlocks = 64;
@@ -160,8 +160,8 @@ Vec3f SplatLists::center_in_camera(const Cluster& cluster) const {
          Vec3f(view_.translation[0], view_.translation[1], view_.translation[2]);
 }
 
-/// Tiles that the splats of a cluster may touch: those of its box, projected, with what a disc and
-/// the pixel filter reach beyond.
+/// Tiles that the splats of a cluster may touch: the projected box of the cluster, extended by the
+/// reach of a disc and of the pixel filter.
 void SplatLists::bound(const Band& band, VisibleCluster& out) const {
   const Cluster& cluster = cloud_.clusters()[out.index];
   const Vec3f center = center_in_camera(cluster);
@@ -172,7 +172,7 @@ void SplatLists::bound(const Band& band, VisibleCluster& out) const {
   const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
   const float radius = disc_radius(cluster);
   const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
-  // What reaches near the eye's plane may be seen anywhere.
+  // A cluster that reaches near the eye's plane may be seen anywhere.
   if (!view_.orthographic && !(least_z > 0.1F * radius)) return;
   Eigen::Array2f lo = Eigen::Array2f::Constant(std::numeric_limits<float>::infinity());
   Eigen::Array2f hi = -lo;
@@ -228,8 +228,8 @@ float SplatLists::disc_radius(const Cluster& cluster) const {
                          : std::sqrt(2 * view_.cutoff) * cluster.max_deviation;
 }
 
-/// What a surfel's standard deviations are multiplied with for its disc to have the radius that its
-/// group asks for.
+/// The factor on a surfel's standard deviations that gives its disc the radius that its group asks
+/// for.
 double SplatLists::enlargement(std::size_t surfel) const {
   const float deviation = cloud_.anisotropic()
                               ? std::max(cloud_.deviation_u[surfel], cloud_.deviation_v[surfel])
@@ -249,7 +249,7 @@ SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
           from(cloud_.alpha)};
 }
 
-/// The same with the deviations that they are drawn with.
+/// The surfels with the deviations that they are drawn with.
 SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
   SurfelColumns surfels = surfel_columns(cluster);
   const bool widened = covering_ > 0;
@@ -301,8 +301,8 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
     const std::size_t needed = count + more;
     if (array.size() < needed) array.resize(std::max({needed, 2 * array.size(), least}));
   };
-  // Of what lies in memory of its own from the start only the pages that are used get touched: that
-  // costs less than to move it as it grows.
+  // Only the touched pages of a block of memory of its own count, so that reserving it from the
+  // start costs less than moving the splats as their number grows.
   const std::size_t all = std::min(most, kFirstSplats);
   grow(worker.splats, worker.count, all);
   if (layout_.normals) grow(worker.normals, worker.count, all);
@@ -314,8 +314,8 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
   }
 }
 
-/// Completes the splats from `begin` on, which have all but what their materials give them, and
-/// lists them in the tiles that they touch. `surfels` has their surfels.
+/// Completes the splats from `begin` on, which lack only the values of their materials, and lists
+/// them in the tiles that they touch. `surfels` has their surfels.
 void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const {
   const std::size_t count = worker.count - begin;
   Splat* const splats = worker.splats.data() + begin;

@@ -52,7 +52,7 @@ class SplatLists {
 
   /// Splats loaded since the last call, each counted once though it may be in several blocks ...
   std::size_t take_splat_count();
-  /// ... and those of them with exact kernels.
+  /// ... and the splats with exact kernels among them.
   std::size_t take_exact_count();
 
  private:
@@ -62,10 +62,10 @@ class SplatLists {
     Array<float> depths;
     std::size_t count = 0;
   };
-  /// What one worker has loaded, and scratch memory.
+  /// The splats that one worker has loaded, and its scratch memory.
   struct Worker {
     SetUpSplats set_up;
-    Array<float> deviation_u, deviation_v;  ///< Enlarged or widened ones of a cluster.
+    Array<float> deviation_u, deviation_v;  ///< Enlarged or widened deviations of a cluster.
     std::size_t count = 0;                  ///< Of splats.
     Array<Splat> splats;
     Array<SplatNormal> normals;
@@ -85,7 +85,7 @@ class SplatLists {
   Vec3f center_in_camera(const Cluster& cluster) const;
   void bound(const Band& band, VisibleCluster& visible) const;
   double enlargement(std::size_t surfel) const;
-  /// Least standard deviation that a cluster's surfel is drawn with; 0 for those of the finest
+  /// Least standard deviation that a cluster's surfel is drawn with; 0 for surfels of the finest
   /// level.
   float covering_deviation(const Cluster& cluster, std::size_t surfel) const;
   SurfelColumns surfel_columns(const Cluster& cluster) const;
@@ -100,7 +100,8 @@ class SplatLists {
   const RenderOptions& options_;
   ABufferLayout layout_;
   SplatListOptions lists_;
-  /// Of levels of detail: see covering_variance(). 0: their Gaussians are drawn as they are.
+  /// The least variance of surfels of coarser levels, see covering_variance(); 0: their Gaussians
+  /// are drawn as they are.
   float covering_ = 0;
   const Frame* frame_ = nullptr;  ///< The frame being drawn.
   const VisibleCluster* clusters_ = nullptr;

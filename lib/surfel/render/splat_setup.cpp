@@ -1,6 +1,6 @@
 // Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001: equations (4) and (6).
 // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017: the tangent frame.
-// ewa_kernel.cpp holds the same in plain double.
+// ewa_kernel.cpp holds these equations in plain double.
 
 #include <cmath>
 #include <cstddef>
@@ -53,8 +53,8 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
 /// Below this cosine between normal and line of sight the footprint of the pixel filter on the
 /// plane stops growing: a grazing plane runs to infinity. At 0.1 the footprint is ten pixels long.
 constexpr float kLeastCosine = 0.1F;
-/// The same bound for the depth gradient, which is exact down to where single precision keeps four
-/// digits of the cosine.
+/// The bound of the cosine for the depth gradient, which is exact down to where single precision
+/// keeps four digits of the cosine.
 constexpr float kLeastGradientCosine = 1e-3F;
 constexpr float kInvTwoPi = 0.15915494309189535F;
 /// Splats with a smaller peak are seen edge-on: their fragments would have no weight.
@@ -69,7 +69,8 @@ struct Discs {
   V slope_x, slope_y;          ///< p.x / p.z and p.y / p.z; orthographic: 0.
   V x, y;                      ///< Pixels.
   V deviation_u, deviation_v;  ///< Standard deviations, scene units.
-  V deviation, radius;         ///< The larger one, and the disc's radius sqrt(2 c) times it.
+  V deviation,
+      radius;  ///< The larger deviation, and the disc's radius, which is sqrt(2 c) times as large.
 };
 
 /// Resampling kernels (6) of surfels, as Splat has them.
@@ -86,8 +87,8 @@ struct DepthPlanes {
   M front;  ///< The surfel's front faces the eye.
 };
 
-/// Pixels from the first one of the rectangle whose centre lies at or after a place, or from none
-/// left of the rectangle, to the last one at or before another.
+/// The range of the rectangle's pixels whose centres lie between two places, both included;
+/// `unclipped` is the first one where the rectangle had no left end.
 struct Pixels {
   V unclipped, first, last;
 };
@@ -147,7 +148,8 @@ class Writer {
     const Ints di;
     HWY_ALIGN std::int32_t taken[kTileSize];
     hn::Store(hn::VecFromMask(di, hn::RebindMask(di, s.classes.visible)), di, taken);
-    // A member would go through memory at every lane, as what is written might be the member.
+    // A member would be read from memory again at every lane, since the splats written might alias
+    // it.
     Splat* next = splats_;
     Splat dropped;
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {

@@ -31,15 +31,16 @@ struct SurfelColumns {
   const float* alpha;
 };
 
-/// Which surfels set-up made splats of. Room for one vector past the end.
+/// The surfels of which set-up made splats. Room for one vector past the end.
 struct SetUpSplats {
   static constexpr int kSize = kSetupSurfels + 16;
   alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
-  /// Indices of those that need an exact kernel, ascending: nothing else of them is set here.
+  /// Indices of the surfels that need an exact kernel, ascending: set-up makes nothing else of
+  /// them.
   alignas(64) std::int32_t exact[kSize];
   int visible_count, exact_count;
-  /// How many of the visible ones have the first pixel of their box in the picture in this
-  /// rectangle: over all of its rectangles that is every splat once.
+  /// The number of visible splats whose box's first pixel in the picture lies in this rectangle:
+  /// over all rectangles of a picture every splat is counted once.
   int first_count;
 };
 

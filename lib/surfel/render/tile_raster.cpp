@@ -56,7 +56,8 @@ class Rasterizer {
  private:
   /// Share of a pixel that a contribution must have to be worth merging two surfaces for.
   static constexpr float kLeastShare = 1e-3F;
-  /// The same of the largest kernel around, where kernels are so many that none has such a share.
+  /// The least share in the largest kernel around, where kernels are so many that none has
+  /// kLeastShare of a pixel.
   static constexpr float kLeastShareOfLargest = 3e-2F;
 
   static float infinity() { return __builtin_inff(); }
@@ -75,7 +76,7 @@ class Rasterizer {
     float largest = 0;
     for (std::size_t i = drawn_.first; i < drawn_.second; ++i) {
       const Splat& splat = job_.splats[job_.order[i]];
-      // Exact ones are large on the screen, so that a few make a surface.
+      // Exact splats are large on the screen, so that a few make a surface.
       largest = std::max(largest, splat.k < 0 ? tile_.full_weight : splat.amplitude);
     }
     return largest;
@@ -100,7 +101,7 @@ class Rasterizer {
     }
   }
 
-  /// Fragments that nothing behind is seen through. Merged ones have a negative weight and never
+  /// Fragments through which nothing is seen. Merged fragments have a negative weight and never
   /// pass.
   static HWY_INLINE M covers(V weight, V alpha, V full_weight) {
     const M full = hn::Ge(weight, full_weight);
@@ -108,21 +109,21 @@ class Rasterizer {
     return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
   }
 
-  /// Merged fragments that nothing behind is seen through.
+  /// Merged fragments through which nothing is seen.
   static M covers_merged(const float* fragment, V weight) {
     const D d;
     return hn::And(hn::Lt(weight, hn::Zero(d)),
                    hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
-  /// What a splat adds to a vector of pixels.
+  /// A splat's contribution to a vector of pixels.
   struct Contribution {
     V rho;  ///< 0 in pixels that it does not add to.
     V depth, epsilon;
     std::uint32_t splat;
   };
 
-  /// A layer's fragments in a vector of pixels, unmerged ones but for their tags.
+  /// A layer's fragments in a vector of pixels: the unmerged fragments' sums, and the tags.
   class Layer {
    public:
     Layer(float* fragment, V full)
@@ -174,8 +175,8 @@ class Rasterizer {
   }
 
   /// Adds splats to a vector of pixels, in steps over some of them at a time, layer by layer: a
-  /// layer's sums depend on those contributions alone that no layer before it has taken, and what
-  /// one splat waits for, or a branch guessed wrong, costs no more than its own step.
+  /// layer's sums depend only on contributions that no layer before it has taken. A splat that
+  /// waits, or a branch guessed wrong, costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
     constexpr std::ptrdiff_t kBatch = 32;
     Contribution batch[kBatch];
@@ -192,8 +193,8 @@ class Rasterizer {
   using Layers = std::uint64_t;
   static_assert(kMostLayers <= std::numeric_limits<Layers>::digits);
 
-  /// Layers to which something may be added that is not nearer than `reach`, or which may hide it:
-  /// not those that have been merged, or lie in front of it everywhere.
+  /// Layers that may take, or hide, a contribution that is not nearer than `reach`: not the layers
+  /// that have been merged, nor layers that lie in front of it everywhere.
   Layers open_layers(std::size_t pixel, float reach) const {
     const D d;
     const V zero = hn::Zero(d);
@@ -212,13 +213,14 @@ class Rasterizer {
     return open;
   }
 
-  /// Adds contributions that are not the first open layer's; `open` are the others.
+  /// Adds contributions that the first open layer did not take; `open` are the other layers.
   HWY_INLINE void place(const PixelSplats& list, Layers open, Contribution* batch,
                         std::size_t count) {
     const std::size_t left = join_layers(list.pixel, open, batch, count);
     bool made = false;
     for (std::size_t i = 0; i < left; ++i) {
-      // One by one they take longer, but they must where one has made a layer for the next.
+      // Contributions take longer one by one, but must be added so where one has made a layer for
+      // the next.
       if (made && join_layers(list.pixel, open, batch + i, 1) == 0) continue;
       if (!add_without_layer(list.pixel, batch[i])) continue;
       made = true;
@@ -226,8 +228,8 @@ class Rasterizer {
     }
   }
 
-  /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves what
-  /// is another's and returns how many these are.
+  /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves the
+  /// contributions of other surfaces in `out`, and returns their number.
   HWY_INLINE std::size_t join_first(const PixelSplats& list, const std::uint32_t* begin,
                                     const std::uint32_t* end, int which, Contribution* out) const {
     const D d;
@@ -241,7 +243,7 @@ class Rasterizer {
     std::size_t left = 0;
     for (; begin < end; ++begin) {
       const Sample s = sampler.at(*begin, x, y);
-      // What lies within epsilon of the hiding surface may belong to it.
+      // A contribution within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
       const V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
@@ -256,8 +258,8 @@ class Rasterizer {
     return left;
   }
 
-  /// Adds contributions to some layers. Leaves those for which there is none, in the pixels where
-  /// there is none, and returns how many these are.
+  /// Adds contributions to some layers. Leaves contributions for which there is no layer, in the
+  /// pixels where there is none, and returns their number.
   HWY_INLINE std::size_t join_layers(std::size_t pixel, Layers open, Contribution* batch,
                                      std::size_t count) const {
     const Splat* const splats = job_.splats;
@@ -298,7 +300,7 @@ class Rasterizer {
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return false;
     }
-    // What nobody sees is not worth two surfaces merged.
+    // A contribution that nobody sees is not worth merging two surfaces for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
     open = add_to_merged(pixel, open, c);
     for_each_lane(open, c, [&](std::size_t lane, const PixelContribution& one) {
@@ -307,9 +309,9 @@ class Rasterizer {
     return !hn::AllFalse(d, open);
   }
 
-  /// Contributions that come after their surface has been merged: those behind an opaque pair are
-  /// not seen; those within a pair fill what it leaves open if all is opaque, and are dropped
-  /// otherwise, as their place in the pair is not known. Returns the others.
+  /// Treats contributions that come after their surface has been merged: behind an opaque pair they
+  /// are not seen; within a pair they fill the share that it leaves open if all is opaque, and are
+  /// dropped otherwise, as their place in the pair is not known. Returns the other contributions.
   HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Contribution& c) {
     const D d;
     const V depth = c.depth;

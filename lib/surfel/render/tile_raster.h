@@ -20,15 +20,16 @@ struct TileJob {
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
   float cutoff = 1;
   float lowpass2 = 1;       ///< Variance of the low-pass filter, pixels^2.
-  float depth_epsilon = 1;  ///< Depths within this many depth ranges are of one surface.
+  float depth_epsilon = 1;  ///< Contributions whose depths differ by less than so many depth ranges
+                            ///< are of one surface.
   bool opaque = true;       ///< Every splat has alpha 1.
 };
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and
 /// for every pixel accumulates it to the fragment of its surface (the same side faces the eye,
-/// depths agree within epsilon) or separates it. What lies behind an opaque surface that already
-/// covers the pixel is skipped. SIMD over a tile's rows, chosen at run time; exp() is a polynomial
-/// of relative error below 3e-6.
+/// depths agree within epsilon) or separates it. Contributions behind an opaque surface that
+/// already covers the pixel are skipped. SIMD over a tile's rows, chosen at run time; exp() is a
+/// polynomial of relative error below 3e-6.
 void rasterize_tile(const TileJob& job, TileABuffer& tile);
 
 }  // namespace surfel

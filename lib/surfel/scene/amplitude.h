@@ -8,7 +8,7 @@
 namespace surfel {
 
 /// sqrt |V_i|, unit^2: the amplitude of a surfel whose cloud has no areas. The cloud has variances.
-/// \tparam Real  what it is computed in.
+/// \tparam Real the type that it is computed in.
 template <class Real = float>
 Real root_of_determinant(const SurfelCloud& cloud, std::size_t i) {
   return cloud.anisotropic() ? std::sqrt(static_cast<Real>(cloud.variance_u[i]) *

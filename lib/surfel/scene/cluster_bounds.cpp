@@ -16,23 +16,23 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// For what does not depend on an order: as wide as there is.
+/// The widest vectors of the target, for results that do not depend on the order of additions.
 using Wide = hn::CappedTag<float, kColumnPadding>;
-/// For sums: as wide for every instruction set with vectors, so that all round alike.
+/// For sums: every instruction set with vectors has these, so that all of them round alike.
 using Four = hn::CappedTag<float, 4>;
 
-/// Some consecutive values of columns, of which the last ones may be past the end.
+/// Consecutive values of columns; the last of them may lie past the columns' end.
 template <class D>
 class Group {
  public:
   HWY_INLINE Group(std::size_t first, std::size_t count)
       : first_(first), inside_(hn::FirstN(D(), count - first)) {}
 
-  /// Those past the end are `other`.
+  /// Values past the column's end are `other`.
   HWY_INLINE hn::Vec<D> load(const float* column, float other) const {
     return hn::IfThenElse(inside_, hn::LoadU(D(), column + first_), hn::Set(D(), other));
   }
-  /// Those past the end are NaN.
+  /// Values past the column's end are NaN.
   HWY_INLINE hn::Vec<D> load(const float* column) const {
     return load(column, std::numeric_limits<float>::quiet_NaN());
   }
@@ -70,7 +70,7 @@ HWY_INLINE V dot(const V (&x)[3], const V (&y)[3]) {
   return hn::Add(hn::Mul(x[0], y[0]), hn::Add(hn::Mul(x[1], y[1]), hn::Mul(x[2], y[2])));
 }
 
-/// The cone of normals, if there is one.
+/// The cone of normals, if any cone holds them.
 HWY_INLINE void bound_normals(const ClusterColumns& s, ClusterBounds& bounds) {
   using V = hn::Vec<Four>;
   V sums[3] = {hn::Zero(Four()), hn::Zero(Four()), hn::Zero(Four())};

@@ -11,7 +11,7 @@ namespace surfel {
 /// Where surfels lie and which way they look, for culling.
 struct ClusterBounds {
   Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
-  float radius = 0;          ///< Of that sphere.
+  float radius = 0;          ///< The sphere's.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
   Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
   float cone_cosine =
@@ -36,16 +36,17 @@ struct ClusterColumns {
 /// Bounds of surfels. Values that are NaN bound nothing.
 SURFEL_API ClusterBounds cluster_bounds(const ClusterColumns& surfels);
 
-/// Of surfels, what the whole cloud's figures are made of.
+/// Figures of some surfels, from which the whole cloud's are added up.
 struct SurfelTotals {
-  Vec3f min, max;              ///< Of the positions that are not NaN; infinite if there is none.
-  Vec3f reach_min, reach_max;  ///< The same with each surfel's deviation_u.
-  double deviations = 0;       ///< Sum of the larger ones.
-  bool usable = true;          ///< What must be positive or finite is.
-  bool transparent = false;    ///< Some alpha is below 1.
+  Vec3f min, max;  ///< Of the positions that are not NaN; infinite if there is none.
+  Vec3f reach_min,
+      reach_max;          ///< Bounds of the positions, each extended by its surfel's deviation_u.
+  double deviations = 0;  ///< Sum of every surfel's larger standard deviation, scene units.
+  bool usable = true;     ///< All values that must be positive or finite are.
+  bool transparent = false;  ///< Some alpha is below 1.
 };
 
-/// Of surfels in several parts.
+/// The figures of all surfels, from the figures of their parts.
 SURFEL_API SurfelTotals added_up(std::span<const SurfelTotals> parts);
 
 /// \param alpha     may be null.

@@ -11,15 +11,16 @@
 
 namespace surfel {
 
-/// Most surfels of a cluster: what the renderer sets up at a time.
+/// Most surfels of a cluster, which is the number that the renderer sets up at a time.
 inline constexpr std::uint32_t kClusterSurfels = 256;
 
-/// A node of a level-of-detail tree: consecutive surfels that stand for the same surface as those
-/// of all its children do, with fewer of them.
+/// A node of a level-of-detail tree: consecutive surfels that stand for the surface of all its
+/// children's surfels, with fewer of them.
 struct TreeCluster {
   std::uint32_t begin = 0;  ///< Surfels of the cloud, kClusterSurfels at most.
   std::uint32_t end = 0;
-  std::uint32_t first_child = 0;  ///< Children follow each other; their surfels do, too.
+  std::uint32_t first_child =
+      0;  ///< A cluster's children follow one another, and so do the children's surfels.
   std::uint32_t child_count = 0;  ///< 0: a cluster of the finest level.
   std::uint8_t level = 0;         ///< 0 = finest; children are one level below.
   /// Length that a surfel's piece of surface has on its longer side: root of the mean square by

@@ -12,7 +12,8 @@
 
 namespace surfel {
 
-/// What a user says of a camera; what is left out is chosen so that the whole scene is seen.
+/// The camera as a user describes it; options that are not set are chosen so that the whole scene
+/// is seen.
 struct CameraOptions {
   std::optional<Vec3d> eye;     ///< Default: in front of the target (towards +z, or -y where `up`
                                 ///< is z) and 20 degrees above it, so far that all is seen.
@@ -32,7 +33,8 @@ struct CameraOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// What a camera is to see: the box decides on the target, the support function on the distance.
+/// The scene that a camera is to see: its box decides on the target, its support function on the
+/// distance.
 struct SceneExtent {
   Bounds box;  ///< World; an empty one stands for a unit cube.
   /// Of the spheres that the scene consists of, the greatest a . center + b radius (b >= 0), world

@@ -104,7 +104,7 @@ class Joiner {
     return std::all_of(clouds_.begin(), clouds_.end(), has);
   }
 
-  /// A column that some clouds have; value(cloud, i) is what the others get.
+  /// A column that some clouds have; surfel i of another cloud gets value(cloud, i).
   template <class T, class Value>
   void fill(const char* name, Array<T> SurfelCloud::*column, Value&& value) {
     if (!any([&](const SurfelCloud& c) { return !(c.*column).empty(); })) return;
@@ -190,7 +190,7 @@ class Joiner {
     if (!any([](const SurfelCloud& c) { return c.anisotropic(); })) {
       keep("variance", &SurfelCloud::variance);
     } else {
-      // Where both are there the anisotropic ones win.
+      // Where a cloud has both kinds of variances, the anisotropic ones win.
       if (all([](const SurfelCloud& c) { return !c.variance.empty(); })) {
         keep("variance", &SurfelCloud::variance);
       }

@@ -11,8 +11,8 @@
 namespace surfel {
 
 struct JoinOptions {
-  /// Row of the material table for each cloud's surfels, 0..65535, -1 = the rows that they have;
-  /// empty: of all clouds those that they have.
+  /// Row of the material table for each cloud's surfels, 0..65535; -1: its surfels keep their rows.
+  /// Empty: the surfels of all clouds do.
   std::vector<int> material;
   /// The rows of a cloud come after those of the clouds before it, so that no two clouds share
   /// one; not together with `material`.
@@ -30,8 +30,9 @@ struct JoinReport {
   };
   std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
   std::vector<std::string> dropped;  ///< Columns that not every cloud had.
-  double rounding = 0;               ///< Largest change of a coordinate, scene units, that finite
-                        ///< precision made: clouds far from one another share an origin.
+  /// Largest change of a coordinate by rounding, scene units: clouds far from one another share an
+  /// origin.
+  double rounding = 0;
   bool basis_differs = false;  ///< Coefficients were fitted for different cutoffs.
 };
 

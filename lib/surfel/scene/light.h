@@ -8,7 +8,8 @@ namespace surfel {
 struct Light {
   enum class Type {
     kDirectional,  ///< `vector` points from the light into the scene, world axes.
-    kHeadlight,    ///< The same in camera axes (x right, y down, z forward): moves with the camera.
+    kHeadlight,    ///< A directional light whose vector is in camera axes (x right, y down, z
+                   ///< forward): it moves with the camera.
     kPoint,        ///< `vector` is the light's place in the world; no fall-off.
   };
   Type type = Type::kHeadlight;

@@ -17,18 +17,18 @@ struct Material {
   float shininess = 32;  ///< Exponent of Blinn and Phong, >= 0.
   float opacity = 1;     ///< Multiplies the surfels' alpha, 0..1.
 
-  // What follows shows in scenes with an environment only.
+  // The members below show in scenes with an environment only.
 
   /// Share of the environment's light that is reflected at normal incidence, 0..1; it rises to 1 at
-  /// grazing angles. 0: no reflection at any angle. Tints are for opaque materials: what a surface
-  /// lets through is less by the mean of the three.
+  /// grazing angles. 0: no reflection at any angle. Tints are for opaque materials: a surface lets
+  /// through less light by the mean of the three.
   Vec3f reflectivity{0, 0, 0};
-  /// Index of refraction of what the surface encloses, relative to what is around it, 0.25..4: the
-  /// reciprocal of SP06's refraction ratio. Unset: nothing is refracted.
+  /// Index of refraction of the medium that the surface encloses, relative to the medium around it,
+  /// 0.25..4: the reciprocal of SP06's refraction ratio. Unset: nothing is refracted.
   std::optional<float> ior{};
-  float dispersion = 0;  ///< (ior of blue - ior of red) / ior, 0..0.5; that of green is `ior`.
-  /// Burley's, 0..1: its square is the width alpha of the microfacets' distribution. For the
-  /// environment alone: `shininess` is that of lights.
+  float dispersion = 0;  ///< (ior of blue - ior of red) / ior, 0..0.5; `ior` is green's.
+  /// Burley's, 0..1: its square is the width alpha of the microfacets' distribution. It blurs the
+  /// environment alone; highlights of lights have `shininess`.
   float roughness = 0;
   Vec3f absorption{0, 0, 0};  ///< Share of the environment's light that a layer takes, 0..1.
 };

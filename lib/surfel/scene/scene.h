@@ -15,21 +15,21 @@ namespace surfel {
 
 class EnvironmentMap;
 
-/// Environment::image of the one that is made, procedural_sky() (sample/procedural_sky.h).
+/// The value of Environment::image that stands for procedural_sky() (sample/procedural_sky.h).
 inline constexpr char kSkyName[] = "sky";
 
 /// Light from far away in all directions.
 struct Environment {
   std::string image;    ///< A lat-long picture (io/lat_long.h), or "sky", which is made.
   float intensity = 1;  ///< Factor for the picture's values, 0..1e6.
-  float rotation = 0;   ///< Degrees about +y: what the picture has at +z is turned towards +x.
+  float rotation = 0;   ///< Degrees about +y: the picture's direction +z is turned towards +x.
   bool visible = true;  ///< Is seen directly, too; else only in reflections and by refraction.
   std::shared_ptr<const EnvironmentMap> map{};  ///< Made by load_environment().
 };
 
 /// How often a ray is refracted on its way through a pixel's surfaces (SP06 section 5.2.3).
 enum class Refraction : std::uint8_t {
-  kSingle,  ///< Once, by the nearest one.
+  kSingle,  ///< A ray is refracted once, by the nearest surface.
   kMulti,   ///< As often as there are surfaces, SP06 (12).
 };
 

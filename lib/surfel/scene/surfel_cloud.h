@@ -57,11 +57,11 @@ struct SURFEL_API SurfelCloud {
   Array<std::uint16_t> material;  ///< Row of the material table.
   Array<std::uint16_t> group;     ///< Group S_k (SP06).
   Array<float> group_radius;      ///< Enlarged radius of SP06, unit.
-  Array<std::uint32_t> source;    ///< Splats duplicated from one another share it.
+  Array<std::uint32_t> source;    ///< Copies of one splat share it.
   Array<std::uint8_t> level;      ///< Level of detail, 0 = finest.
   std::vector<ExtraProperty> extra;
   /// Levels of detail (surfel-lod); empty where there is one level only. It fits the order of the
-  /// surfels: what changes that drops it, as gathered() does.
+  /// surfels: a function that changes the order drops it, as gathered() does.
   ClusterTree tree;
 
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
@@ -74,7 +74,7 @@ struct SURFEL_API SurfelCloud {
   std::size_t size() const { return position.size(); }
   bool empty() const { return position.empty(); }
   bool anisotropic() const { return !tangent.empty(); }
-  /// Linear colour of what says nothing of it: a light grey that the default lights do not drive
+  /// Linear colour of surfels that have none: a light grey that the default lights do not drive
   /// into saturation.
   static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
   /// Column of linear colours to render: `coefficient`, else `color`, else null.

@@ -47,7 +47,8 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
 
   SurfelCloud at_old_origin;
   at_old_origin.origin = moved(cloud.origin);
-  // Bounds of the new places, as offsets from the old origin's; those are near enough for floats.
+  // Bounds of the new places as offsets from the old origin's new place; the offsets are small
+  // enough for floats.
   at_old_origin.position = cloud.position;
   change(at_old_origin.position,
          [&](const Vec3f& p) -> Vec3f { return (linear * p.cast<double>()).cast<float>(); });

@@ -9,7 +9,7 @@
 
 namespace surfel {
 
-/// World coordinates to others: x -> scale * (rotation * x) + translation.
+/// Maps world coordinates x to scale * (rotation * x) + translation.
 struct Similarity {
   double scale = 1;                             ///< 1e-9..1e9.
   Quaternion rotation{Quaternion::Identity()};  ///< Unit.
@@ -21,8 +21,8 @@ struct Similarity {
 };
 
 /// Moves a cloud: positions, in double, to an origin that suits them; normals, tangents and
-/// derivatives are turned, lengths, variances and areas scaled, the viewpoint moved. Other
-/// properties stay what they are. The identity changes nothing, not a bit. Throws Error(kUsage) for
+/// derivatives are turned, lengths, variances and areas scaled, the viewpoint moved. All other
+/// properties stay as they are. The identity changes nothing, not a bit. Throws Error(kUsage) for
 /// an unusable similarity.
 SURFEL_API void transform_cloud(SurfelCloud& cloud, const Similarity& similarity);
 

@@ -11,7 +11,7 @@
 
 namespace surfel {
 
-/// What a mesh's material says of colour (OBJ's mtl, PLY's TextureFile).
+/// Colour and texture of a mesh's material (OBJ's mtl, PLY's TextureFile).
 struct MeshMaterial {
   std::string name;
   Vec3f diffuse{1, 1, 1};  ///< Kd, linear.

@@ -8,7 +8,7 @@
 
 namespace surfel {
 
-/// Can a surfel be drawn, or what of it forbids it?
+/// Whether a surfel can be drawn, or else which of its attributes forbids it.
 enum class Usability : std::uint8_t { kUsable, kPosition, kVariance, kColor };
 
 /// Surfels that cannot be drawn, by the reason.
@@ -30,7 +30,8 @@ struct UnusableSurfels {
   }
 };
 
-/// The values of a surfel that decide whether it can be drawn; absent ones keep their default.
+/// The values of a surfel that decide whether it can be drawn; values of absent attributes keep
+/// their default.
 struct SurfelValues {
   Vec3f position;
   float size_u, size_v = 1;  ///< Variances or standard deviations.

@@ -12,7 +12,8 @@
 namespace surfel {
 
 /// A thick half line: the balls around origin + t direction with the radius `radius` + t `spread`,
-/// for all t >= 0. A ray is a beam without thickness, a pixel seen from the eye one that spreads.
+/// for all t >= 0. A ray is a beam without thickness, a pixel seen from the eye is a beam that
+/// spreads.
 struct Beam {
   Vec3d origin{0, 0, 0};  ///< Scene units, relative to the cloud's origin.
   Vec3d direction{0, 0, 1};
@@ -34,8 +35,8 @@ class SURFEL_API DiscHierarchy {
   /// Discs are ellipses of `reach` standard deviations. Keeps no reference to the cloud.
   DiscHierarchy(const RenderCloud& cloud, double reach, Bound bound);
 
-  /// Calls visit(surfel) once for every surfel whose bound meets the beam, and for some others
-  /// whose bounds are near, in an order that depends on the cloud alone.
+  /// Calls visit(surfel) once for every surfel whose bound meets the beam, and for some surfels
+  /// whose bounds pass the beam closely, in an order that depends on the cloud alone.
   void for_each(const Beam& beam, FunctionRef<void(std::uint32_t surfel)> visit) const;
 
  private:

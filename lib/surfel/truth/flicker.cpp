@@ -29,7 +29,7 @@ std::vector<float> encoded(const Image& image) {
   return values;
 }
 
-/// What is wrong with a frame.
+/// A sentence on a frame that is not usable.
 std::vector<float> error_of(const Image& tested, const Image& truth) {
   if (tested.width != truth.width || tested.height != truth.height) {
     throw_input("", fmt::format("frames are of {}x{} and {}x{} pixels; they must be of one size",

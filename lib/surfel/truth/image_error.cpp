@@ -57,11 +57,11 @@ struct Counts {
   }
 };
 
-/// Two pictures with all that is ours settled in their values, so that OpenImageIO's compare() fits
-/// what is left. It knows no masks: what is not compared is made equal. It takes two NaN for equal,
-/// leaves the first NaN against a number out of its counts and has NaN for a mean from the second
-/// on: there are none left. Its PSNR is relative to the largest value that it meets: rms is taken,
-/// and PSNR made of it here.
+/// Two pictures whose values settle everything that OpenImageIO's compare() does not know, so that
+/// it fits: it knows no masks, and pixels that are not compared are made equal. It takes two NaN
+/// for equal, leaves the first NaN against a number out of its counts and has NaN for a mean from
+/// the second on: no NaN is left. Its PSNR is relative to the largest value that it meets: rms is
+/// taken from it, and PSNR from rms.
 struct PreparedPair {
   Image tested;  ///< R G B as compared, A as given.
   Image truth;
@@ -180,7 +180,7 @@ ImageError image_error(const Image& tested, const Image& truth, const ImageError
   compare(a, b, 0, 3, threshold, color);
   compare(a, b, 3, 4, threshold, alpha);
 
-  // The means are over all pixels, those that are left out being equal.
+  // The means are over all pixels; pixels that are not compared are equal and count 0.
   const auto compared = static_cast<double>(counts.compared);
   const double all_per_compared = static_cast<double>(a.width) * a.height / compared;
   ImageError error;

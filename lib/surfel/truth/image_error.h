@@ -12,14 +12,14 @@ namespace surfel {
 
 /// The values in which pictures are compared; full scale is 1 in both.
 enum class ImageEncoding {
-  kSrgb,   ///< What a viewer sees: clamped to 0..1 and sRGB-encoded.
+  kSrgb,   ///< Values as a viewer sees them: clamped to 0..1 and sRGB-encoded.
   kLinear  ///< Linear light, as it is.
 };
 
 struct ImageErrorOptions {
   ImageEncoding encoding = ImageEncoding::kSrgb;
-  /// What both pictures are laid over, linear R G B and straight alpha, each finite. Transparent:
-  /// the premultiplied colours as they are, a picture over black.
+  /// The background that both pictures are laid over, linear R G B and straight alpha, each finite.
+  /// Transparent: the premultiplied colours as they are, which is a picture over black.
   std::array<float, 4> background{0, 0, 0, 0};
   /// A pixel counts as beyond when a colour channel differs by more than this, 0 <= threshold < 1.
   /// The default is passed by two levels of 8 bits, not by the one that rounding can make.
@@ -36,7 +36,7 @@ struct ImageErrorOptions {
 /// always compared, and counts as a difference of 1 in every channel.
 struct ImageError {
   std::size_t pixels = 0;     ///< Pixels that were compared.
-  std::size_t nonfinite = 0;  ///< Of these, the ones whose difference is not finite.
+  std::size_t nonfinite = 0;  ///< The compared pixels whose difference is not finite.
   double psnr = 0;            ///< -20 log10(rmse), dB; infinity for equal pictures.
   double rmse = 0;            ///< Root of the mean squared difference.
   double mean_absolute = 0;
@@ -47,7 +47,7 @@ struct ImageError {
   /// Share of the pixels with an alpha of at least 0.99 in the truth whose alpha in the tested
   /// picture is not at least 0.5; 0 where the truth has no such pixel.
   double holes = 0;
-  double alpha_psnr = 0;  ///< The same as `psnr` for alpha, of all pixels, never encoded.
+  double alpha_psnr = 0;  ///< PSNR of alpha, of all pixels, never encoded, dB.
 };
 
 /// Compares the tested picture with the truth. Both are premultiplied linear, as rendered or as

@@ -22,8 +22,8 @@
 namespace surfel {
 namespace {
 
-/// Behind a transparent face a ray goes on after this part of the bounding sphere's diameter, ten
-/// times what rounding makes of the largest distance: a ray through an edge must not see both
+/// Behind a transparent face a ray goes on after this part of the bounding sphere's diameter, which
+/// is ten times the rounding error of the largest distance: a ray through an edge must not see both
 /// faces.
 constexpr double kGap = 0x1p-20;
 
@@ -84,7 +84,7 @@ std::optional<Span> inside(const Sphere& sphere, const Vec3d& origin, const Vec3
   return Span{middle - half, middle + half};
 }
 
-/// What Shader takes: a surface that covers all of a ray.
+/// A fragment for Shader, of a surface that covers all of a ray.
 Fragment fragment(const Eigen::Array4f& color, const Vec3f& normal, float depth,
                   std::uint32_t material, bool front) {
   Fragment f{};

@@ -28,16 +28,15 @@ struct MeshRenderOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// Ray-traces a textured mesh: what pictures of surfels that were made from it are measured
-/// against.
+/// Ray-traces a textured mesh: the truth for pictures of surfels that were made from it.
 ///
-/// A ray's colour is that of the nearest face at z >= near, and, where that is transparent, of
-/// those behind it, composited. A face's colour comes from its texture's own texels, bilinearly
-/// interpolated and not filtered: the rays of a pixel do that. Without textures it is the vertices'
-/// colour, else the material's where that names no image, else the light grey of colourless clouds.
-/// Normals are the file's, else smooth ones as sample_mesh() makes them by default, and are shaded
-/// as those of surfels are; the scene's materials, too, apply as to the surfels, by the number of
-/// the face's material. Then supersample() filters the rays of a picture.
+/// A ray has the colour of the nearest face at z >= near, ; where that face is transparent, the
+/// colours of all faces behind it are composited. A face's colour comes from its texture's own
+/// texels, bilinearly interpolated and not filtered: the rays of a pixel do that. Without textures
+/// it is the vertices' colour, else the material's where that names no image, else the light grey
+/// of colourless clouds. Normals are the file's, else smooth ones as sample_mesh() makes them by
+/// default, and are shaded as those of surfels are; the scene's materials, too, apply as to the
+/// surfels, by the number of the face's material. Then supersample() filters the rays of a picture.
 ///
 /// Directions and distances are single precision, from where the ray enters the mesh's bounding
 /// sphere on: the picture depends neither on how far from the world's origin the mesh lies, nor on

@@ -23,8 +23,8 @@
 namespace surfel {
 namespace {
 
-/// A ray goes on beyond its best hit by this part of the distance, several times what rounding
-/// makes of distances where Embree compares them.
+/// A ray goes on beyond its best hit by this part of the distance, several times the rounding error
+/// of distances where Embree compares them.
 constexpr float kTie = 0x1p-20F;
 
 struct Release {
@@ -56,7 +56,8 @@ struct Query {
 
 /// Keeps the least hit by (t, face). Embree's own choice between hits that rounding makes equal, at
 /// edges and where faces coincide, hangs on the order of its hierarchy, which threads build as they
-/// come. So that it reports all of them, the ray goes on a little beyond the best one.
+/// come. The ray goes on a little beyond the best hit, so that Embree reports all hits that
+/// rounding makes equal.
 void keep_least(const RTCFilterFunctionNArguments* arguments) {
   Query& query = *reinterpret_cast<Query*>(const_cast<RTCIntersectContext*>(arguments->context));
   RTCRay& ray = *reinterpret_cast<RTCRay*>(arguments->ray);
@@ -82,7 +83,7 @@ struct MemoryLimit {
   }
 };
 
-/// Embree's limit on threads is one on the whole process for as long as it has a device: it is set
+/// Embree's limit on threads holds for the whole process for as long as it has a device: it is set
 /// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet.
 std::string device_configuration() {
 #ifdef __SANITIZE_THREAD__

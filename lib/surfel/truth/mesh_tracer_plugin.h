@@ -29,8 +29,8 @@ class MeshTracer {
  public:
   virtual ~MeshTracer() = default;
 
-  /// The nearest hit, of several at the same distance that of the lowest face: it does not depend
-  /// on how threads built the hierarchy. Callable from any thread.
+  /// The nearest hit; of several hits at one distance, the hit of the lowest face, which does not
+  /// depend on how threads built the hierarchy. Callable from any thread.
   virtual std::optional<MeshHit> nearest(const MeshRay& ray) const = 0;
 };
 
@@ -42,8 +42,9 @@ struct MeshToTrace {
   std::size_t faces = 0;
 };
 
-/// What libsurfel_trace.so offers. The caller owns the result. Throws Error: kNumeric if Embree
-/// fails or would need more memory than there is, kInterrupted if asked to stop.
+/// The function by which libsurfel_trace.so offers its tracer. The caller owns the result. Throws
+/// Error: kNumeric if Embree fails or would need more memory than there is, kInterrupted if asked
+/// to stop.
 using MakeMeshTracer = MeshTracer*(const MeshToTrace& mesh);
 inline constexpr char kMakeMeshTracerSymbol[] = "surfel_make_mesh_tracer";
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the two ray casters (reference.h, source_ewa.h) have in common: surfels in double, and the
+// The common parts of the two ray casters (reference.h, source_ewa.h): surfels in double, and the
 // surfaces that a ray meets.
 
 #include <cstdint>
@@ -35,7 +35,7 @@ struct Disc {
   }
 };
 
-/// What a surfel contributes to a ray.
+/// A surfel's contribution to a ray.
 struct RayHit {
   double z;        ///< Depth along the view.
   double weight;   ///< rho, > 0.

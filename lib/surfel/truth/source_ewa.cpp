@@ -34,7 +34,8 @@ class SourceKernels {
         radius_(std::sqrt(2 * options.cutoff)),
         pixel_(options.lowpass * std::max(1 / camera.focal_x, 1 / camera.focal_y)) {}
 
-  /// What the discs are to touch that contribute to the pixel around `ray`; relative to the eye.
+  /// The beam that every disc meets that contributes to the pixel around `ray`; relative to the
+  /// eye.
   Beam beam(const ViewRay& ray) const {
     Beam beam{ray.origin, ray.direction, 0, 0};
     (camera_.orthographic ? beam.radius : beam.spread) = kMostDepthRatio * radius_ * pixel_;

@@ -30,8 +30,9 @@ struct SupersampleOptions {
 
 /// Traces the centres of an n x n grid in every pixel of the picture (and of a margin around it as
 /// wide as the filter reaches) and filters the premultiplied colours with a Gaussian of standard
-/// deviation `lowpass`, cut off at 4 of them and normalised: a picture as a pixel filter sees it,
-/// accurate to the sampling. Parallel over rows; the same for any number of threads.
+/// deviation `lowpass`, cut off at four standard deviations and normalised: a picture as a pixel
+/// filter sees it, accurate to the sampling. Parallel over rows; the same for any number of
+/// threads.
 ///
 /// \param trace     colour at picture coordinates (x, y), premultiplied, linear; called in parallel
 ///                  with the number of the calling worker, as parallel_for() counts workers.
