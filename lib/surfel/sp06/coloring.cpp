@@ -16,7 +16,7 @@
 namespace surfel {
 namespace {
 
-/// Vertices by ascending degree, equal ones ascending, and where those of each degree begin.
+/// Vertices by ascending degree, vertices of equal degree ascending, and where each degree begins.
 struct DegreeBuckets {
   Array<std::uint32_t> vertex;
   std::vector<std::uint32_t> begin;  ///< Of degrees 0..max_degree + 1.
@@ -45,8 +45,8 @@ Array<std::uint32_t> largest_first(const OverlapGraph& graph) {
 
 Array<std::uint32_t> smallest_last(const OverlapGraph& graph) {
   const std::size_t n = graph.size();
-  // The vertices before i are removed; the others follow by ascending degree among themselves, and
-  // begin[d] is where those of degree d start.
+  // The vertices before i are removed; the vertices from i on are sorted by their degree among
+  // themselves, and begin[d] is where degree d starts.
   DegreeBuckets buckets(graph);
   Array<std::uint32_t>& vertex = buckets.vertex;
   std::vector<std::uint32_t>& begin = buckets.begin;

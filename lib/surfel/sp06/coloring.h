@@ -9,11 +9,12 @@
 
 namespace surfel {
 
-/// In which order the vertices take their colours.
+/// The order in which vertices take their colours.
 enum class ColoringOrder : std::uint8_t {
   kLargestFirst,  ///< By descending degree (Welsh, Powell 1967; SP06 section 4.1).
-  kSmallestLast,  ///< The vertex of least degree among those left comes last (Matula, Beck 1983).
-  kDsatur,        ///< Next is the one whose neighbours have the most colours (Brelaz 1979).
+  kSmallestLast,  ///< The vertex of least degree among the uncoloured vertices comes last (Matula,
+                  ///< Beck 1983).
+  kDsatur,        ///< The vertex whose neighbours have the most colours comes next (Brelaz 1979).
 };
 
 /// Groups that the column `group` (ushort) can number.

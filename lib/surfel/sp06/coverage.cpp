@@ -114,7 +114,7 @@ class GroupCoverer {
     parallel_for(small.size(), 1, [&](std::size_t begin, std::size_t, int) { body(small[begin]); });
   }
 
-  /// Of the discs of a group those that are not hidden by another one.
+  /// The discs of a group that no other disc of it hides.
   Array<std::uint32_t> distinct_of(std::span<const std::uint32_t> members) const {
     Array<std::uint32_t> distinct = distinct_discs(discs_.gathered(members));
     for (std::uint32_t& i : distinct) i = members[i];
@@ -193,7 +193,7 @@ class GroupCoverer {
     return radius;
   }
 
-  /// Median of what the discs would have to grow by, each 1 at least.
+  /// Median of the factors, 1 at least, by which the discs would have to grow.
   static double median_growth(const GroupCells& cells, const Discs& discs) {
     if (cells.size() == 0) return 1;
     std::vector<double> growth(cells.size());

@@ -17,7 +17,8 @@ namespace surfel {
 enum class CoverMethod : std::uint8_t {
   kNone,         ///< Not at all: it is measured how much they cover.
   kEnlarge,      ///< Method (2): one factor for all radii of a group.
-  kEnlargeEach,  ///< One radius for every splat: it covers its cell. The least overlap of the two.
+  kEnlargeEach,  ///< One radius for every splat, so that it covers its cell: overlaps less than
+                 ///< kEnlarge.
   kDuplicate,    ///< Method (1): splats of other groups are added.
 };
 
@@ -40,10 +41,11 @@ struct CoverageOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
-/// What a group covers. Areas in scene units squared, measured in the tangent planes of its splats.
+/// The part of the surface that a group covers. Areas are in scene units squared, measured in the
+/// tangent planes of the group's splats.
 struct GroupCoverage {
-  std::size_t splats = 0;  ///< Of the group, with the added ones.
-  std::size_t added = 0;   ///< By kDuplicate.
+  std::size_t splats = 0;  ///< The group's, with the added splats.
+  std::size_t added = 0;   ///< Splats that kDuplicate added.
   /// Splats at the place and on the sheet of a larger one, which need not cover anything.
   std::size_t hidden = 0;
   /// Cells that end at the surface's border, so that the splat grows no further (see GroupCells).
@@ -51,10 +53,10 @@ struct GroupCoverage {
   /// kEnlargeEach: splats that grow as much as is allowed, and would have to grow more.
   std::size_t limited = 0;
   double cell_area = 0;     ///< Of the restricted Voronoi cells: the surface as the group sees it.
-  double covered_area = 0;  ///< Of the cells, by their own discs.
+  double covered_area = 0;  ///< The cells' area that their own discs cover.
   double uncovered_area = 0;  ///< cell_area - covered_area.
-  /// Area of all discs less covered_area, `Clipped` of SP06 (7): what they have beyond their cells,
-  /// over one another or over the border.
+  /// Area of all discs less covered_area, `Clipped` of SP06 (7): the parts beyond the discs' own
+  /// cells, over one another or over the border.
   double overlap_area = 0;
   /// A - cell_area where that is positive: surface that is in no cell of the group, as it is on
   /// sheets where the group has no splat, or is curved within a cell. No radius covers it.
@@ -62,7 +64,8 @@ struct GroupCoverage {
   double growth_mean = 1;  ///< Of new by old radius.
   double growth_max = 1;
   std::optional<Enlargement> enlargement;  ///< kEnlarge: how (8) was solved.
-  std::optional<Enlargement> fixed_point;  ///< The paper's (9) for the same area, if asked for.
+  std::optional<Enlargement>
+      fixed_point;  ///< The solution of the paper's (9) for this area, if asked for.
 };
 
 struct CoverageReport {
@@ -85,18 +88,18 @@ struct CoverageReport {
   StageTimes times;
 };
 
-/// Measures what the groups of a cloud (column `group`) cover of its surface, and makes them cover
-/// it. Discs are circles of the larger variance.
+/// Measures how much of the surface the groups of a cloud (column `group`) cover, and makes them
+/// cover it. Discs are circles of the larger variance.
 ///
-/// kEnlarge and kEnlargeEach write `group_radius`, never smaller than a splat's own radius (which
-/// splats keep that are hidden or have no disc; 0 where there is none). kNone and kDuplicate leave
-/// splats their own radius and drop that column. kDuplicate appends copies with the group that they
-/// are added to, in the order of groups, and gives all splats `source`: the index of the original
-/// before, or its own `source` if there was that column.
+/// kEnlarge and kEnlargeEach write `group_radius`, never smaller than a splat's own radius (splats
+/// that are hidden or have no disc keep their own radius; 0 where there is none). kNone and
+/// kDuplicate leave splats their own radius and drop that column. kDuplicate appends copies with
+/// the group that they are added to, in the order of groups, and gives all splats `source`: the
+/// index of the original before, or its own `source` if there was that column.
 ///
-/// The surface is what the cloud's discs cover (DiscSurface). Where a border is in a splat's cell,
-/// the cell ends there and so does the splat's growth; most_growth limits it on top of that, and
-/// what is left open by it is in uncovered_area. Coverage that no radius of the group can
+/// The surface is the union of the cloud's discs (DiscSurface). Where a border is in a splat's
+/// cell, the cell ends there and so does the splat's growth; most_growth limits it on top of that,
+/// and the area that it leaves open is in uncovered_area. Coverage that no radius of the group can
 /// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of the area of
 /// the group's cells: A itself, which is not measured in the same tangent planes, may be more than
 /// they hold, and (8) then has no solution.

@@ -102,8 +102,8 @@ class Peeler {
     return found;
   }
 
-  /// Adds the fragments left that reach the plane `anchor`, but those that have been added as they
-  /// reach the plane `added`, if that is another.
+  /// Adds the fragments left that reach the plane `anchor`, without the fragments that were added
+  /// as they reach the plane `added`, if that is another plane.
   void add_reaching(int layer, Plane anchor, Plane added) {
     const D d;
     const hn::RebindToUnsigned<D> du;
@@ -132,20 +132,22 @@ class Peeler {
   void add_layer(int layer) {
     const D d;
     add_reaching(layer, kNext, kNext);
-    // The nearest fragment alone would let the far ones of a surface that is steep or noisy fall
-    // off as another layer: what reaches the mean depth of those that joined belongs to them.
+    // With the nearest fragment alone as the measure, the far fragments of a steep or noisy surface
+    // would fall off as another layer: a fragment that reaches the mean depth of the fragments that
+    // joined belongs to them.
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       const V mean = hn::Div(hn::Load(d, tile_.fragment(layer, pixel) + kDepth * kPatchPixels),
                              hn::Load(d, tile_.fragment(layer, pixel) + kWeight * kPatchPixels));
       for (std::uint32_t side = 0; side < 2; ++side) {
-        // Rounding must not move the mean in front of what it is the mean of.
+        // Rounding must not move the mean in front of the depths that it is the mean of.
         const V next = hn::Load(d, plane(kNext, side) + pixel);
         hn::Store(hn::IfThenElse(hn::Gt(next, hn::Set(d, none())), hn::Min(mean, next), next), d,
                   plane(kMean, side) + pixel);
       }
     }
     add_reaching(layer, kMean, kNext);
-    // What has been peeled; behind an opaque surface that covers its pixel all has.
+    // The depth up to which the pixel has been peeled; behind an opaque surface that covers its
+    // pixel everything has.
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       const V weight = hn::Load(d, tile_.fragment(layer, pixel) + kWeight * kPatchPixels);
       M closed = hn::Ge(weight, hn::Set(d, tile_.edge_weight));

@@ -1,7 +1,7 @@
 #pragma once
 
-// Depth peeling of splats: what Zhang, Pajarola, "Single-Pass Point Rendering and Transparent
-// Shading", 2006 (SP06), compare their transparency with (section 2; Everitt 2001).
+// Depth peeling of splats, with which Zhang, Pajarola, "Single-Pass Point Rendering and Transparent
+// Shading", 2006 (SP06), compare their transparency (section 2; Everitt 2001).
 
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
@@ -14,7 +14,7 @@ struct PeelScratch {
   Array<float> planes;
 };
 
-/// What peeling found, summed over a frame.
+/// Figures of peeling, summed over a frame.
 struct PeelStatistics {
   int layers = 0;                     ///< Most layers that a pixel has, as far as peeled.
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with layers left unpeeled.

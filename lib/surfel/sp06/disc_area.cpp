@@ -57,7 +57,7 @@ double UncoveredDiscArea::operator()(const Circle& disc, std::span<const Circle>
     near_.push_back(circle);
   }
   double area = shown_arcs(self);
-  // From left to right, so that of many discs few are compared.
+  // Discs are sorted from left to right, so that of many discs few are compared.
   std::stable_sort(near_.begin(), near_.end(),
                    [](const Circle& a, const Circle& b) { return a.center.x() < b.center.x(); });
   double largest = 0;
@@ -67,7 +67,7 @@ double UncoveredDiscArea::operator()(const Circle& disc, std::span<const Circle>
     bool shown = true;
     const double reach = near_[i].radius + largest;
     const double x = near_[i].center.x();
-    // Of discs that coincide the first one bounds what is left.
+    // Of discs that coincide the first one bounds the open area.
     for (std::size_t k = i; k-- > 0 && shown && x - near_[k].center.x() < reach;) {
       shown = !hide_inside(near_[i], near_[k], true);
     }
@@ -75,7 +75,7 @@ double UncoveredDiscArea::operator()(const Circle& disc, std::span<const Circle>
       shown = !hide_inside(near_[i], near_[k], false);
     }
     if (!shown) continue;
-    // Only what lies in the disc bounds it: the rest of the circle is hidden.
+    // Only arcs within the disc bound its area: the rest of a circle is hidden.
     const double distance = near_[i].center.norm();
     if (distance + near_[i].radius > self.radius) {
       const double r = near_[i].radius;

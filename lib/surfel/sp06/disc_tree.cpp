@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kDiscGrain = 1 << 14;
 
-/// One past the last disc at the same place as `begin`.
+/// One past the last disc at the place of disc `begin`.
 std::size_t end_of_place(const Array<Vec3f>& center, std::size_t begin) {
   std::size_t end = begin + 1;
   while (end < center.size() && center[end] == center[begin]) ++end;

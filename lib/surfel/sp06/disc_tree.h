@@ -39,7 +39,7 @@ SURFEL_API Array<std::uint32_t> distinct_discs(const Discs& discs);
 /// By how much distances are enlarged before boxes of discs are tested, in single precision.
 inline constexpr double kBoxRounding = 1 + 1e-5;
 
-/// Tangent plane of a disc, and what other discs are to it.
+/// The tangent plane of a disc, in which other discs are looked at.
 class SURFEL_API TangentPlane {
  public:
   TangentPlane(const Discs& discs, std::size_t disc);

@@ -23,7 +23,7 @@ Enlargement enlarge_by_bracketing(const GroupCells& cells, std::span<const float
   for (std::size_t i = 0; i < cells.size(); ++i) {
     full = std::max(full, cells.reach(i) / static_cast<double>(radius[i]));
   }
-  // What is missing, in shares of the area; the factor's logarithm is x.
+  // The area that is missing, as a share of the whole; x is the factor's logarithm.
   const auto missing = [&](double x) {
     ++out.iterations;
     return 1 - cells.covered_area(radius, std::exp(x)) / area;

@@ -21,8 +21,8 @@ constexpr std::size_t kDirections = 16;
 constexpr double kOwnSquare = 1.01;
 /// Discs along the curve that are looked at first, either way.
 constexpr std::size_t kAlongCurve = 6;
-/// Cells whose corner is that much further away than those of a disc of their area, squared, are
-/// looked at closely; a regular hexagon has 1.2.
+/// Cells whose corner is so many times further away, squared, than a corner of a disc of their area
+/// are looked at closely; a regular hexagon has 1.2.
 constexpr double kSlender = 2.5;
 
 const std::array<Vec2d, kDirections>& directions() {
@@ -62,7 +62,7 @@ void cut_cell(const FoundDiscs& all, std::size_t disc, const TangentPlane& plane
     Vec2d place;
     if (plane.unfold(discs.center[j], discs.normal[j], place) && cell.cut(place)) reach2 = limit2();
   };
-  // The next ones along the curve first: they close most cells, so that few boxes are opened.
+  // The next discs along the curve come first: they close most cells, so that few boxes are opened.
   const std::size_t first = disc - std::min(disc, kAlongCurve);
   const std::size_t last = std::min(discs.size() - 1, disc + kAlongCurve);
   for (std::size_t step = 1; step <= kAlongCurve; ++step) {
@@ -205,8 +205,8 @@ DiscSurface::Restriction DiscSurface::restrict_cell(const TangentPlane& plane, O
     touching.push_back({place.norm() + static_cast<double>(discs_.radius[j]), j, place});
     return true;
   });
-  // The furthest first: few of the others reach further in any direction and have to be asked
-  // about.
+  // The furthest corners come first: few other discs reach further in any direction and have to be
+  // asked about.
   std::sort(touching.begin(), touching.end(), [](const Touching& a, const Touching& b) {
     return a.furthest != b.furthest ? a.furthest > b.furthest : a.disc < b.disc;
   });
@@ -255,7 +255,8 @@ GroupCells::GroupCells(const Discs& discs, const DiscSurface& surface)
       bool restricted = false;
       for (double half_side = first_guess(i);;) {
         cut_cell(group, i, plane, half_side, 0, cell);
-        // Neighbours further away than twice the square could cut what reaches beyond it.
+        // Neighbours further away than twice the square could only cut the part of a cell beyond
+        // it.
         const bool open = cell.radius() > half_side;
         if (!open && !slender(cell) && !surface.may_end_in(plane, cell)) break;
         const auto restriction = surface.restrict_cell(

@@ -27,11 +27,11 @@ class SURFEL_API DiscSurface {
     bool cut = false;  ///< Whether the surface ends within the cell.
     double reach = 0;  ///< Of the surface from the centre, largest, scene units.
   };
-  /// Is a disc of this surface one that the cell is to cover?
+  /// Whether a disc of this surface is to be covered by the cell.
   using Owns = FunctionRef<bool(const Discs& discs, std::size_t disc)>;
-  /// Cuts from a cell, given in the tangent plane of a disc, what lies beyond the
-  /// surface: of the discs on the same sheet that touch the cell and that it owns the reach in 16
-  /// directions is taken, and the cell ends there.
+  /// Cuts from a cell, given in the tangent plane of a disc, the part beyond the surface: the reach
+  /// in 16 directions is taken of the discs on the same sheet that touch the cell and that it owns,
+  /// and the cell ends there.
   Restriction restrict_cell(const TangentPlane& plane, Owns owns, VoronoiCell& cell) const;
   /// May the surface end within the cell?
   bool may_end_in(const TangentPlane& plane, const VoronoiCell& cell) const;
@@ -69,8 +69,7 @@ class SURFEL_API GroupCells {
   double area() const { return area_; }
   /// Cells that end at the surface's border.
   std::size_t restricted() const { return restricted_; }
-  /// Area of what the discs cover of their own cells, unit^2; disc i has the radius
-  /// factor * radius[i].
+  /// The discs' area within their own cells, unit^2; disc i has the radius factor * radius[i].
   double covered_area(std::span<const float> radius, double factor) const;
 
  private:

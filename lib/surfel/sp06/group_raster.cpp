@@ -30,7 +30,7 @@ float* at(GroupImages& images, int image, GroupImages::Channel channel, std::siz
   return images.plane(image, channel) + pixel;
 }
 
-/// Do fragments show the same side of their surface?
+/// Whether two fragments show the same side of their surface.
 template <class Entry>
 HWY_INLINE M same_side(Entry a, Entry b) {
   const hn::RebindToUnsigned<D> du;
@@ -62,8 +62,8 @@ HWY_INLINE NearestFragments nearest_of(GroupImages& images, int count, std::size
   return nearest;
 }
 
-/// Of every pixel, the depth that a splat must reach for something of it to be seen: that of the
-/// nearest surface, where it covers the pixel; minus infinity where it does not.
+/// For every pixel the depth that a splat must reach to be seen: the nearest surface's, where it
+/// covers the pixel; minus infinity where it does not.
 void find_hidden(GroupImages& images, const TileABuffer& weights, const float* outside,
                  float* hidden) {
   const D d;
@@ -134,7 +134,7 @@ HWY_INLINE void insert(GroupImages& images, int group, std::size_t pixel, M open
     }
     open = hn::AndNot(hn::Or(free, merges), open);
     if (hn::AllFalse(d, open)) return;
-    // What has been pushed out goes on to the next layer.
+    // The fragment that has been pushed out goes on to the next layer.
     const auto carry = [&](V& value, V pushed)
                            HWY_ATTR { value = hn::IfThenElse(pushes, pushed, value); };
     carry(f.sum, old.sum);
@@ -199,7 +199,7 @@ class ImageCompositor {
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       M open = hn::Eq(none, none);
       for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-        // What lies in front of all is among the nearest of each group.
+        // The fragment in front of all is among the nearest of each group.
         const int count = images_.groups() * (layer == 0 ? 1 : images_.layers());
         const NearestFragments nearest = nearest_of(images_, count, pixel);
         open = hn::And(open, hn::Gt(nearest.depth, none));
@@ -222,8 +222,9 @@ class ImageCompositor {
     return hn::BitCast(Ints(), hn::ShiftRight<1>(entry));
   }
 
-  /// Figure 5 goes by the nearest fragment, which lets the far ones of a surface that is steep or
-  /// noisy fall off as another layer; the mean depth of what the nearest fragment joins does not.
+  /// Figure 5 goes by the nearest fragment, which lets the far fragments of a steep or noisy
+  /// surface fall off as another layer; the mean depth of the fragments that the nearest one joins
+  /// does not.
   HWY_INLINE V anchor(int count, std::size_t pixel, const NearestFragments& nearest) const {
     const D d;
     V weight = hn::Zero(d);
@@ -239,8 +240,8 @@ class ImageCompositor {
     return hn::Min(nearest.depth, hn::Div(weighted_depth, weight));
   }
 
-  /// The fragments of an image that are there, show the nearest one's side and are as near as a
-  /// depth, within their epsilon.
+  /// The fragments of an image that show the nearest fragment's side and lie within their epsilon
+  /// of a depth.
   HWY_INLINE M joining(int image, std::size_t pixel, const NearestFragments& nearest,
                        V depth) const {
     const D d;
@@ -270,7 +271,8 @@ class ImageCompositor {
       const auto splat =
           hn::IfThenElseZero(hn::RebindMask(di, joins), splat_of(entries(images_, k, pixel)));
       const auto place = hn::Mul(splat, hn::Set(di, kSplatFloats));
-      // Values are masked, as what does not join may be anything, and 0 times it not a number.
+      // Values are masked, as the fragment of a pixel that does not join may hold any bits, and 0
+      // times them may be NaN.
       const auto add = [&](int channel, V value) HWY_ATTR {
         out.sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), out.sum[channel]);
       };

@@ -13,10 +13,10 @@
 
 namespace surfel {
 
-/// The images I_k of a tile, one for each group: of every pixel the one fragment that won (SP06
+/// The images I_k of a tile, one for each group; every pixel has the fragment that won it (SP06
 /// (4)). As nothing is interpolated, a fragment names its splat instead of keeping its attributes.
-/// SP06 keeps the nearest layer; with more than one, each group keeps what it saw behind it, which
-/// shows at the edges of what is in front.
+/// SP06 keeps the nearest layer; with more than one, each group keeps its layers behind, too, which
+/// show at the edges of nearer surfaces.
 class GroupImages {
  public:
   /// Planes of kTilePixels floats.
@@ -24,8 +24,8 @@ class GroupImages {
     kSum,    ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
     kRho,    ///< Weight w_i.
     kDepth,  ///< c_d: nearness, as in Splat.
-    kReach,  ///< kDepth plus epsilon: a surface as near as this is the same.
-    kKey,    ///< What Voronoi rasterisation compares.
+    kReach,  ///< kDepth plus epsilon: fragments that reach this depth are of one surface.
+    kKey,    ///< The value that Voronoi rasterisation compares.
     kEntry,  ///< Index of the splat, times 2, plus 1 if its front is seen; bits.
     kChannels
   };
@@ -47,26 +47,25 @@ class GroupImages {
 };
 
 /// Geometry pass of SP06's Algorithm 1: rasterises splats into the images of their groups, where
-/// the nearest fragment of a pixel wins. Among those of one layer (`rule`) the one that lies nearer
-/// to its splat's centre does, in units of the splat's size, sqrt(beta / cutoff): the splats of a
-/// group that overlap are cut where they meet instead of lapping over one another (Voronoi
-/// rasterisation).
-///   kQuantised: SP06 (10), the least of floor((z - d_min) / (d_max - d_min) n) + sqrt(beta /
-///     cutoff). It cuts a surface wherever it crosses a step of the depth.
-///   kWindowed: layers are told apart by |difference of depth| < epsilon and the side seen.
-///   kOff: the nearest.
+/// the nearest fragment of a pixel wins. Among fragments of one layer (`rule`) the fragment that
+/// lies nearer to its splat's centre does, in units of the splat's size, sqrt(beta / cutoff): the
+/// splats of a group that overlap are cut where they meet instead of lapping over one another
+/// (Voronoi rasterisation). kQuantised: SP06 (10), the least of floor((z - d_min) / (d_max - d_min)
+/// n) + sqrt(beta / cutoff). It cuts a surface wherever it crosses a step of the depth. kWindowed:
+/// layers are told apart by |difference of depth| < epsilon and the side seen. kOff: the nearest.
 /// The kernels of fragments that lose to one of their surface still count for its coverage (SS01
-/// section 7), which SP06 has not: a sum is kept for it.
-/// Splats behind a surface that already covers the tile are skipped, where nothing of them would be
-/// seen: in opaque pictures, and where a single layer is kept.
+/// section 7), which SP06 has not: a sum is kept for it. Splats behind a surface that already
+/// covers the tile are skipped, where no part of them would be seen: in opaque pictures, and where
+/// a single layer is kept.
 /// \param weights  a tile's weights that cover a pixel, see TileABuffer.
 void rasterize_groups(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
                       GroupImages& images);
 
 /// Compositing pass, SP06 figure 5: of every pixel the fragments of all images within epsilon of
 /// the nearest one, and of its side, are averaged by their weights to the surface's fragment in the
-/// A-buffer, which must be empty. Where that does not cover its pixel, at its edge, the same is
-/// done with the fragments left over, up to the A-buffer's number of layers. Uses up the images.
+/// A-buffer, which must be empty. Where the surface does not cover its pixel, at its edge, the
+/// fragments left over are averaged in the same way, up to the A-buffer's number of layers. Uses up
+/// the images.
 void composite_groups(const TileJob& job, GroupImages& images, TileABuffer& tile);
 
 }  // namespace surfel

@@ -32,16 +32,16 @@ struct GroupingReport {
   double mean_degree = 0;
   std::uint64_t edges = 0;
   std::uint64_t graph_bytes = 0;
-  std::vector<std::size_t> sizes;  ///< Splats of every group, the unusable ones left out.
+  std::vector<std::size_t> sizes;             ///< The number of usable splats of every group.
   std::optional<LeastOverlapReport> overlap;  ///< With a fixed number of groups.
   StageTimes times;
 };
 
-/// The group of every splat of the cloud (SP06 section 4), so that no two of a group overlap but by
-/// a relaxation that is on, or with a fixed number of groups, as little as can be. Does not depend
-/// on the order of the splats in the cloud (but for splats at the very same place) nor on the
-/// number of threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` as
-/// make_overlap_graph() and greedy_coloring() do.
+/// The group of every splat of the cloud (SP06 section 4). No two splats of a group overlap, unless
+/// a relaxation allows it; with a fixed number of groups they overlap as little as can be. Does not
+/// depend on the order of the splats in the cloud (except for splats at the very same place) nor on
+/// the number of threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name`
+/// as make_overlap_graph() and greedy_coloring() do.
 SURFEL_API Array<std::uint16_t> make_groups(const SurfelCloud& cloud,
                                             const GroupingOptions& options,
                                             GroupingReport* report = nullptr,

@@ -38,8 +38,8 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-/// Calls take(splat's index, the splat's fragment) for all fragments of a tile; the ones of a pixel
-/// come in the job's order of splats.
+/// Calls take(splat's index, the splat's fragment) for all fragments of a tile; the fragments of a
+/// pixel come in the job's order of splats.
 void for_each_fragment_simd(
     const TileJob& job, int x0, int y0,
     FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
@@ -169,7 +169,7 @@ class Blender {
         return;
       }
       if (f.depth < pending.depth) {
-        // Its splat's centre lies in front of what is behind, this fragment does not.
+        // The splat's centre lies in front of the layer behind, but this fragment does not.
         if (pending.any_blended && same_layer(f.depth, pending.blended, f.epsilon)) {
           ++culled_;
           return;
@@ -185,7 +185,7 @@ class Blender {
         ++s.layers;
         return;
       }
-      // The layer is over, and what the other side has of layers behind it is, too.
+      // The layer is over, and so are the other side's layers behind it.
       Pending& other = s.side[1 - side];
       if (other.splat >= 0 && other.depth < pending.depth) flush(s, other, f.pixel);
       flush(s, pending, f.pixel);
@@ -237,7 +237,7 @@ class Blender {
                                static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
   }
 
-  /// Blends all pending layers except the nearest one, and returns that; null if none is pending.
+  /// Blends all pending layers except the nearest one, which is returned; null if none is pending.
   const Pending* nearest(State& s, int pixel) {
     Pending& back = s.side[0];
     Pending& front = s.side[1];
@@ -257,8 +257,8 @@ class Blender {
       const Pending* near = nearest(s, pixel);
       counts.push_back(s.layers + (near ? 1 : 0));
       if (!near) continue;
-      // Of the groups' flat splats the ones that are seen near their centres count most, and those
-      // at their rims nothing: the mean normal has no steps there, nor has what is seen through it.
+      // Fragments count most near their splat's centre and nothing at its rim: the groups' splats
+      // are flat, and the mean normal and the refracted light are to have no steps there.
       const float inside = 1 - near->key * near->key;
       const float weight = std::max(kLeastWeight, inside * inside);
       const SplatNormal& normal = job_.normals[near->splat];
@@ -268,9 +268,10 @@ class Blender {
     layers = mean_count(counts);
   }
 
-  /// The mean of the groups without the quarters of them that have the fewest and the most, since a
-  /// single large disc that sticks out of a bent surface is a layer more, and refraction by one
-  /// layer more goes elsewhere. Where that is none, of all groups.
+  /// The mean number of layers of the groups, without the quarter of the groups that has the fewest
+  /// and the quarter that has the most: a single large disc that sticks out of a bent surface is a
+  /// layer more, and refraction by one layer more goes elsewhere. Where this mean is 0, all groups
+  /// are taken.
   static float mean_count(std::vector<int>& counts) {
     const auto groups = static_cast<std::ptrdiff_t>(counts.size());
     const std::ptrdiff_t cut = groups / 4;

@@ -18,7 +18,7 @@ namespace surfel {
 class LayerScratch {
  public:
   /// Most recent layer of one side of the surface in a group's pixel. It is blended when the next
-  /// begins: until then a fragment nearer to its splat's centre may take its place.
+  /// layer begins: until then a fragment nearer to its splat's centre may take its place.
   struct Pending {
     float depth;
     float key;  ///< sqrt(beta / cutoff).
@@ -53,13 +53,13 @@ void filter_surfaces(TileABuffer& tile, PictureLayers& picture);
 /// epsilon, and kOff blends every fragment.
 ///
 /// Order: the splats of a tile are sorted by the depth of their centres (SP06 traverses a BSP-tree,
-/// which yields the same order but for splats of different leaves, at a cost that sorting short
+/// which yields the same order except for splats of different leaves, at a cost that sorting short
 /// lists does not have; the sort is stable over an order that depends on the surfels alone). Where
 /// fragments come in another order than their splats, one that lies behind its side's most recent
 /// layer is blended beneath it.
 ///
-/// \param masked  of every pixel its nearest layer, which is culled, with all in front of it: of
-///     pixels without one everything is. Null: nothing is culled.
+/// \param masked the nearest layer of every pixel: it is culled with all fragments in front of it;
+///     pixels without one are culled whole. Null: nothing is culled.
 /// \param tile  the tile's place in the picture, and its shader.
 /// \return fragments culled as of a layer that is there already.
 std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLayers& picture,

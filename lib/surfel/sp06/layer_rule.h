@@ -11,15 +11,16 @@
 
 namespace surfel {
 
-/// Which fragments of a group are of one layer, and which of them stays: see group_raster.h and
-/// layer_blend.h.
+/// The rule by which fragments of a group are of one layer, and by which one of them stays: see
+/// group_raster.h and layer_blend.h.
 enum class Voronoi : std::uint8_t {
   kOff,        ///< Each is a layer; Algorithm 1 keeps the nearest, Algorithm 2 blends all.
-  kQuantised,  ///< Those in one step of the depth, SP06 (6) and (10), with seams between steps.
-  kWindowed,   ///< Those nearer than epsilon. The one nearest to its splat's centre stays.
+  kQuantised,  ///< Fragments in one step of the depth, SP06 (6) and (10), with seams between steps.
+  kWindowed,   ///< Fragments within epsilon of one another. The fragment nearest to its splat's
+               ///< centre stays.
 };
 
-/// Which fragments of a group lie in the same layer, for one picture.
+/// The rule with its figures for one picture.
 struct LayerRule {
   Voronoi voronoi = Voronoi::kWindowed;
   bool orthographic = false;

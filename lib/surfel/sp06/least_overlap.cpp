@@ -69,7 +69,7 @@ class Placement {
     return worth;
   }
 
-  /// Adds up what is shared within groups, every pair once.
+  /// Adds up the areas shared within groups, every pair once.
   void measure(double& overlap, std::uint64_t& pairs) const {
     overlap = 0;
     pairs = 0;
@@ -97,7 +97,8 @@ class Placement {
     touched_.clear();
   }
 
-  /// The smallest of the groups without overlap; else the one with the least, of equals the first.
+  /// The smallest of the groups without overlap, or else the group with the least overlap; of equal
+  /// groups the first.
   std::uint32_t best_group() const {
     for (const auto& [size, g] : by_size_) {
       if (overlap_[g] == 0) return g;
@@ -125,7 +126,7 @@ class Placement {
   const Array<float>& area_;
   std::vector<std::uint32_t> group_;
   std::vector<double> overlap_;         ///< Of the vertex at hand with every group ...
-  std::vector<std::uint32_t> touched_;  ///< ... and those where it is not 0.
+  std::vector<std::uint32_t> touched_;  ///< ... and the groups where it is not 0.
   std::vector<std::size_t> sizes_;
   std::set<std::pair<std::size_t, std::uint32_t>> by_size_;  ///< Groups, the smallest first.
 };

@@ -16,11 +16,11 @@
 namespace surfel {
 namespace {
 
-/// How far the discs of layers that are not interpolated reach beyond their rim, pixels: as little
-/// as lets every disc meet a pixel's centre.
+/// How far the discs of layers that are not interpolated reach beyond their rim, pixels: the least
+/// reach with which every disc meets a pixel's centre.
 constexpr double kLayerReach = 0.5;
 
-/// What the three algorithms of SP06 have in common.
+/// The common part of SP06's three algorithms.
 class GroupCompositor : public Compositor {
  public:
   GroupCompositor(const RenderCloud& cloud, const RenderOptions& options, Voronoi voronoi)

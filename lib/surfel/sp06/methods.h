@@ -12,13 +12,13 @@
 
 namespace surfel {
 
-/// What becomes of the splats of a pixel.
+/// The way in which a pixel's splats are composited.
 enum class Method : std::uint8_t {
   kABuffer,      ///< SS01 section 6: surfaces separated and interpolated as splats arrive.
   kDeferred,     ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
   kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
   kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
-  kDepthPeel,  ///< One surface after another: the reference that SP06 compares with, and slow.
+  kDepthPeel,        ///< One surface after another: the slow reference that SP06 compares with.
 };
 
 struct MethodOptions {

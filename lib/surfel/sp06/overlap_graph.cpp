@@ -47,7 +47,7 @@ struct Box {
     max = max.max(other.max);
     reach = std::max(reach, other.reach);
   }
-  /// False only if no splat of this box overlaps one of the other.
+  /// False only if no splat of this box overlaps a splat of the other box.
   bool may_overlap(const Box& other) const {
     const float distance2 = (min - other.max).max(other.min - max).max(0.0F).matrix().squaredNorm();
     const float sum = reach + other.reach;
@@ -55,7 +55,7 @@ struct Box {
   }
 };
 
-/// What the relaxations compare.
+/// The attributes that the relaxations compare.
 struct Look {
   Vec3d normal;           ///< Unit, or zero.
   Eigen::Vector4f color;  ///< Linear, alpha last.
@@ -89,7 +89,7 @@ class OverlapSearch {
   std::size_t blocks() const { return blocks_.size(); }
   std::size_t lanes(std::size_t block) const { return tree_.leaf_size(block); }
 
-  /// Blocks that may hold neighbours of those in block b, ascending.
+  /// Blocks that may hold neighbours of block b's splats, ascending.
   void collect(std::size_t b, std::vector<std::uint32_t>& blocks) const {
     blocks.clear();
     tree_.for_each_leaf(
@@ -157,7 +157,7 @@ class OverlapSearch {
     return box;
   }
 
-  /// Splats of block b that overlap that of `row` to single precision, and a few more.
+  /// Splats of block b that overlap the splat of `row` to single precision, and a few more.
   std::size_t find_candidates(const Box& row, std::size_t b, std::uint32_t* candidates) const {
     const Block& q = blocks_[b];
     std::uint32_t hit[kLanes];
@@ -176,7 +176,7 @@ class OverlapSearch {
     return n;
   }
 
-  /// SP06 (5) and its relaxations. All that is computed is the same, to the bit, for the pair
+  /// SP06 (5) and its relaxations. All results have the same bits when the two splats are
   /// exchanged.
   bool overlap(std::size_t v, std::size_t w) const {
     const Vec3d d = position_[w].cast<double>() - position_[v].cast<double>();
@@ -247,8 +247,9 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
                         most / 2, graph.size()));
 }
 
-/// Length of all rows together, less what a sample of them tells: not above it but by chance, since
-/// the longest of the sample (a few splats may overlap all others) are left out.
+/// Length of all rows together, estimated low from a sample of them: the longest rows of the sample
+/// (a few splats may overlap all others) are left out, so that the estimate exceeds the length only
+/// by chance.
 std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
   constexpr std::size_t kSample = 256;
   constexpr std::size_t kLeftOut = 16;

@@ -56,7 +56,7 @@ struct SURFEL_API OverlapGraph {
 SURFEL_API float splat_radius(const SurfelCloud& cloud, std::size_t i, double cutoff);
 
 /// The graph of all pairs with |p_i - p_j| < overlap (r_i + r_j), evaluated in double from the
-/// cloud's single precision values, but those that a relaxation which is on takes out.
+/// cloud's single precision values, without the pairs that an enabled relaxation takes out.
 ///
 /// The search is a hierarchy of boxes over blocks of splats of similar radius: time and memory
 /// follow the number of edges, whatever the ratio of the radii. 8 bytes an edge while it runs and

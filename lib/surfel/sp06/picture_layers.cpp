@@ -16,8 +16,8 @@ std::size_t border_place(int x, int y) {
   return static_cast<std::size_t>(2 * (kTileSize + y) + (x == 0 ? 0 : 1));
 }
 
-/// Whether normals are of one smooth surface. Others are of different surfaces, or sides of a
-/// crease.
+/// Whether two normals are of one smooth surface: normals of different surfaces, or of the sides of
+/// a crease, differ more.
 bool alike(const Vec3f& a, const Vec3f& b) {
   constexpr float kCosine = 0.5F;  // 60 degrees.
   return a.dot(b) > kCosine * a.norm() * b.norm();
@@ -64,7 +64,7 @@ std::span<const PictureLayers::GroupPixel> PictureLayers::kept(int x, int y) con
   return std::span(border.groups).subspan(begin, count);
 }
 
-/// Calls visit(pixel's index, share) for the pixels of the picture around one, and for it, with the
+/// Calls visit(pixel's index, share) for a pixel and the pixels of the picture around it, with the
 /// shares of a Gaussian of one pixel's standard deviation.
 template <class Visit>
 void PictureLayers::for_each_around(int x, int y, const Visit& visit) const {

@@ -1,7 +1,7 @@
 #pragma once
 
 // Zhang, Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06), section
-// 5.2.3: what the layers of a picture's pixels come to, with an environment around them.
+// 5.2.3: the layers of a picture's pixels merged, with an environment around them.
 
 #include <array>
 #include <cstddef>
@@ -47,7 +47,7 @@ class PictureLayers {
   bool at_border(int x, int y) const;
   /// The interpolated surface of a pixel.
   Surface& surface(int x, int y) { return surfaces_[index(x, y)]; }
-  /// The groups' nearest layers together.
+  /// The sum over the groups' nearest layers.
   Surface& nearest(int x, int y) { return nearest_[index(x, y)]; }
   /// SP06's l: the number of layers.
   float& layers(int x, int y) { return layers_[index(x, y)]; }

@@ -29,7 +29,7 @@ struct SURFEL_API AdaptiveSpacingOptions {
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// What adaptive_spacing() met and chose.
+/// The field of spacings that adaptive_spacing() chose, and the errors expected of it.
 struct AdaptiveSpacingReport {
   std::size_t probes = 0;     ///< Places where the surface was looked at.
   std::size_t cells = 0;      ///< Cells of the field; each has one spacing.

@@ -23,7 +23,7 @@ namespace {
 /// Gram matrices are regularised down to this condition: beyond it, coefficients are some thousand
 /// times as large as the colours, and single precision does not hold them.
 constexpr double kMostCondition = 1e6;
-/// What the condition is needed for does not need it closely.
+/// The condition decides on lambda alone, which does not need it closely.
 constexpr int kSpectrumSteps = 12;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
@@ -48,7 +48,7 @@ void tell(const TextureFitOptions& options, double done) {
   if (options.progress) options.progress(done);
 }
 
-/// Progress of a stage by that of the whole.
+/// The progress of a stage, as a part of the whole's.
 std::function<void(double)> stage(const TextureFitOptions& options, double begin, double end) {
   if (!options.progress) return {};
   return [&options, begin, end](double done) { options.progress(begin + (end - begin) * done); };
@@ -59,7 +59,7 @@ void note(const CeresReport& solved, SystemReport& report) {
   report.converged = solved.converged;
 }
 
-/// matrix x = b in the first `channels` (1..4), the others being 0.
+/// The system matrix x = b in the first `channels` (1..4); all other channels are 0.
 struct LinearSystem {
   const SymmetricMatrix& matrix;
   const Array<Channels>& b;

@@ -104,7 +104,7 @@ class EwaFit {
     return result;
   }
 
-  /// Kernel of a surfel's points, all of one shape, and where their centres are.
+  /// The kernels of a surfel's points, which have one shape, and their centres.
   struct PointKernels {
     Mat2d variance;
     Vec2d center;                       ///< Of the surfel.
@@ -148,7 +148,7 @@ class EwaFit {
     points_->color[q] << sample->color.cast<double>().array(), sample->alpha;
   }
 
-  /// Adds one to a number of the report, on any thread.
+  /// Counts one more in a number of the report, on any thread.
   static void count(std::size_t& number) {
     std::atomic_ref(number).fetch_add(1, std::memory_order_relaxed);
   }

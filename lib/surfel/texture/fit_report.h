@@ -4,7 +4,7 @@
 
 namespace surfel {
 
-/// What robust_fit() did.
+/// Figures of a robust_fit().
 struct RobustReport {
   double scale = 0;               ///< Length of residuals from which on they were outliers.
   int rounds = 0;                 ///< Weighted systems solved, or steps of Ceres.
@@ -15,7 +15,7 @@ struct RobustReport {
   bool converged = true;
 };
 
-/// What refine_variance() did.
+/// Figures of a refine_variance().
 struct VarianceFitReport {
   int rounds = 0;              ///< Joint minimisations, the rejected ones included.
   int accepted = 0;            ///< Rounds that lowered the objective.

@@ -17,7 +17,7 @@ namespace {
 /// Reach of the filter from one level to the next, in its standard deviations: exp(-8) is left out.
 constexpr double kStepReach = 4;
 constexpr std::size_t kRowGrain = 4;
-/// Rows that go together from one level in memory to the next.
+/// The number of rows that are filtered together from one level in memory into the next.
 constexpr int kBandRows = 64;
 
 /// Remainder in [0, period).
@@ -45,9 +45,9 @@ double step_sigma(const TexelAxis& fine, double coarse_pitch, bool from_image) {
   return std::sqrt(GaussianPyramid::kPrefilter * (squared(coarse_pitch) - before)) / fine.pitch;
 }
 
-/// The next level's texels. Periodic images keep whole periods. Others grow by the filter's reach,
-/// so that their outermost texels see nothing but what continues beyond (clamp: the border, none:
-/// nothing).
+/// The next level's texels. Periodic images keep whole periods. Other images grow by the filter's
+/// reach, so that their outermost texels see only the continuation beyond the image (clamp: the
+/// border, none: nothing).
 TexelAxis coarser(const TexelAxis& fine, WrapMode wrap, bool from_image) {
   if (wrap == WrapMode::kRepeat || wrap == WrapMode::kMirror) {
     const int count = (fine.count + 1) / 2;
@@ -123,7 +123,7 @@ struct RowKernel {
     ratio *= ratio_step;
   }
   Eigen::Array2d value;  ///< At this texel and at the next.
-  Eigen::Array2d ratio;  ///< To those two texels further on.
+  Eigen::Array2d ratio;  ///< The factor to the values two texels further on.
   double ratio_step;
 };
 
@@ -192,12 +192,13 @@ class PyramidStream::Step {
   bool is_kept() const { return keep_; }
   void keep() { keep_ = true; }
 
-  /// Adds rows of the finer level. \return those of this level that are complete by that, to stay
-  /// where they are until release().
+  /// Adds rows of the finer level. \return the rows of this level that are complete with them,
+  /// which stay where they are until release().
   std::vector<TexelRow> add(std::span<const TexelRow> fine) {
     start();
     filter_rows(fine);
-    // What the rows give, by the row that gets it; each gets it in the order of `fine`.
+    // The rows' contributions, by the row that gets them; each row adds them in the order of
+    // `fine`.
     std::vector<Part> parts;
     for (std::size_t i = 0; i < fine.size(); ++i) {
       for (const Tap& tap : parts_[fine[i].offset]) parts.push_back({tap.offset, i, tap.weight});
@@ -276,10 +277,11 @@ class PyramidStream::Step {
   bool keep_;
   PyramidLevel coarse_;
   std::vector<std::vector<Tap>> x_taps_;  ///< On the finer level, of each texel of a row.
-  std::vector<std::vector<Tap>> parts_;   ///< On this level, of each row of the finer one.
-  std::vector<std::size_t> missing_;      ///< Taps that each row still waits for.
-  std::vector<int> empty_;                ///< Rows that nothing reaches.
-  std::vector<Array<float>> rows_;        ///< Of a level that is not kept.
+  std::vector<std::vector<Tap>>
+      parts_;  ///< The rows of this level that each row of the finer level contributes to.
+  std::vector<std::size_t> missing_;  ///< Taps that each row still waits for.
+  std::vector<int> empty_;            ///< Rows that nothing reaches.
+  std::vector<Array<float>> rows_;    ///< Of a level that is not kept.
   Eigen::ArrayXXf filtered_;
 };
 
@@ -293,7 +295,7 @@ PyramidStream::PyramidStream(const TexelAxis& x, const TexelAxis& y, WrapMode wr
     fine_x = steps_.back()->level().x;
     fine_y = steps_.back()->level().y;
   }
-  if (!steps_.empty()) steps_.back()->keep();  // All that is coarser is that one texel.
+  if (!steps_.empty()) steps_.back()->keep();  // All coarser levels would be that one texel.
 }
 
 PyramidStream::~PyramidStream() = default;
@@ -380,7 +382,7 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
     return total;
   }
 
-  // The kernel in the level's texels, less what the level has been filtered by.
+  // The kernel in the level's texels, without the variance that the level has been filtered with.
   const double prefilter = l > 0 ? kPrefilter : 0;
   const double xx = kernel.variance(0, 0) / squared(level.x.pitch) - prefilter;
   const double yy = kernel.variance(1, 1) / squared(level.y.pitch) - prefilter;

@@ -11,7 +11,7 @@
 
 namespace surfel {
 
-/// What lies beyond the borders of an image.
+/// The continuation of an image beyond its borders.
 enum class WrapMode {
   kRepeat,   ///< The image again.
   kMirror,   ///< The image mirrored at each border.
@@ -60,8 +60,8 @@ struct LevelRange {
   int coarsest = 0;
 };
 
-/// Makes a pyramid's levels from an image whose rows come in pieces. Of levels that are not wanted,
-/// and of the image, only the rows that still have a part in other levels' rows are kept.
+/// Makes a pyramid's levels from an image whose rows come in pieces. Of the image, and of levels
+/// that are not wanted, only the rows that still have a part in other levels' rows are kept.
 class SURFEL_API PyramidStream {
  public:
   /// \param wanted  levels from 1 on; fewer are made where they come down to a single texel.
@@ -70,7 +70,7 @@ class SURFEL_API PyramidStream {
   PyramidStream(PyramidStream&&) noexcept;
   PyramidStream& operator=(PyramidStream&&) = delete;
 
-  /// What the levels that are wanted take, roughly.
+  /// The memory that the wanted levels take, roughly.
   double bytes() const;
   /// Each row of the image once. The order and the pieces matter for rounding alone. In parallel.
   void add(std::span<const TexelRow> rows);
@@ -103,8 +103,8 @@ class SURFEL_API GaussianPyramid {
 
   /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
   GaussianPyramid(PyramidLevel image, WrapMode wrap);
-  /// With the levels from 1 on as PyramidStream made them; kernels must belong on those that have
-  /// texels.
+  /// A pyramid with the levels from 1 on as PyramidStream made them; kernels must belong on levels
+  /// that have texels.
   GaussianPyramid(PyramidLevel image, std::vector<PyramidLevel> levels, WrapMode wrap);
 
   /// The level that a kernel whose smaller principal variance is `minor` texel^2 belongs on.

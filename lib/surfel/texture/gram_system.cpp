@@ -61,8 +61,8 @@ struct Box {
   }
 };
 
-/// The functions that a row couples with, and what their entries are made of. Room for a block more
-/// than there are: values are computed by blocks.
+/// The functions that a row couples with, and the values that their entries are computed from.
+/// There is room for a block more, as values are computed by blocks.
 struct Couplings {
   Array<std::uint32_t> column;
   Array<double> exponent;  ///< d^T (V_k + V_j)^-1 d
@@ -259,7 +259,7 @@ class PairSearch {
 
 /// kappa^2 = (sigma / h)^2 of a function that couples with `count` others and itself within
 /// kMinReach: in the metric of both, pi reach^2 2 sigma^2 holds so many of density 1 / h^2. At the
-/// border of a surface it is less, but a pair takes the larger reach of the two.
+/// border of a surface there are fewer, but a pair takes the larger reach of the two.
 double overlap(std::size_t count) {
   return static_cast<double>(count) / (2 * std::numbers::pi * kMinReach * kMinReach);
 }
@@ -294,9 +294,9 @@ Reach choose_reach(PairSearch& search, std::size_t count) {
   return reach;
 }
 
-/// Entries of a row, a_k a_j G_{V_k + V_j}(u_k - u_j) [SS01 (11)]. By whole blocks: Eigen's
-/// exponential is not the same function, to the last bit, for a vector register and for what is
-/// left over.
+/// Entries of a row, a_k a_j G_{V_k + V_j}(u_k - u_j) [SS01 (11)]. Entries are computed by whole
+/// blocks: Eigen's exponential is not the same function, to the last bit, for a vector register and
+/// for the values left over.
 void write_entries(double area, const Couplings& couplings, double* value) {
   using Lanes = Eigen::Array<double, kLanes, 1>;
   for (std::size_t i = 0; i < couplings.count; i += kLanes) {

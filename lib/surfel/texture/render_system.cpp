@@ -22,13 +22,13 @@ namespace {
 constexpr std::size_t kPointGrain = 1 << 11;
 /// Least cosine between the normals of a point and of a function that takes part there.
 constexpr double kActiveCosine = 0.5;
-/// Functions closer than this, by the furthest that a cell may extend, share their cell.
+/// Functions whose distance is less than this share of a cell's largest extent share their cell.
 constexpr double kCoincident = 1e-6;
 /// A function takes part at most this many times its reach, squared, from the points' disc: as far
 /// from its own centre as along the line of sight.
 constexpr double kPlanarReach2 = 2;
-/// Variance that points are filtered with, by the area of their cell: less lets in detail that
-/// functions cannot hold, more costs sharpness.
+/// Variance of the points' filter, as a share of the area of their cell: a smaller one lets in
+/// detail that functions cannot hold, a larger one costs sharpness.
 constexpr double kCellVariance = 0.0625;
 /// The least, by the area that each point stands for: no detail may fall between them.
 constexpr double kPointVariance = 0.25;
@@ -122,8 +122,8 @@ void cut_cell(const SurfelBasis& basis, const ReachTree& tree, std::size_t i, Vo
   });
 }
 
-/// A function as the points of one owner see it: what it takes to evaluate it is affine in their
-/// offsets (x, y), value = c . (1, x, y).
+/// A function as the points of one owner see it: all terms of it are affine in their offsets (x,
+/// y), value = c . (1, x, y).
 struct SeenFunction {
   std::uint32_t index;
   Vec3d u, v;   ///< In the function's plane, by its standard deviations.
@@ -132,7 +132,7 @@ struct SeenFunction {
   double peak;  ///< r_k at its centre.
 };
 
-/// \return whether the two lie on one sheet, for what normals can tell.
+/// \return whether the two may lie on one sheet by their normals.
 bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, double cutoff,
          SeenFunction& seen) {
   const double cosine = owner.normal.dot(f.normal);
@@ -152,7 +152,7 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   return true;
 }
 
-/// What the assembler writes of a kernel at a point.
+/// The kernel at a point as the assembler writes it.
 enum class Entry { kNormalised, kExponent };
 
 /// Rows that one range of a loop has made, one after the other.
@@ -167,7 +167,7 @@ struct RowChunk {
     value.push_back(v);
   }
   void end_row() { row_end.push_back(column.size()); }
-  /// What was added so far, no larger than it must be; the memory is kept for what comes next.
+  /// The rows added so far, no larger than they must be; the memory is kept for the next range.
   RowChunk take() {
     RowChunk taken = *this;
     row_end.clear();
@@ -328,8 +328,8 @@ class Assembler {
     return radius2;
   }
 
-  /// What may reach any point of the owners [begin, end), in ascending order: neighbours in the
-  /// order share one descent of the tree.
+  /// The functions that may reach any point of the owners [begin, end), in ascending order:
+  /// neighbours in the order share one descent of the tree.
   void find_candidates(std::size_t begin, std::size_t end, Worker& worker) const {
     Vec3d min = basis_.function[begin].position;
     Vec3d max = min;

@@ -27,11 +27,12 @@ struct Quadrature {
 };
 
 /// As many points for every function, spread evenly over its Voronoi cell among the functions of
-/// the same sheet. The texture is filtered for the functions' spacing, not for the points': what
-/// the functions cannot hold they must not be fitted to, as it comes back as noise where the
-/// surface is minified. The cell ends at 0.95 spacings (the square root of the area; drawn out as V
-/// is) where there are no neighbours. What faces the other way, or lies further from the tangent
-/// plane than along it, is another sheet. Duplicates share their cell, and each has points in it.
+/// the same sheet. The texture is filtered for the functions' spacing, not for the points' spacing:
+/// the functions must not be fitted to detail that they cannot hold, as it comes back as noise
+/// where the surface is minified. The cell ends at 0.95 spacings (the square root of the area;
+/// drawn out as V is) where there are no neighbours. What faces the other way, or lies further from
+/// the tangent plane than along it, is another sheet. Duplicates share their cell, and each has
+/// points in it.
 /// \param points  per function, 1..256; time and memory grow with them. Checkers and a textured
 ///                mesh lose up to 0.15 dB with 6 against 12, and 0.05 dB with 12 against 64.
 SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 6);
@@ -39,9 +40,10 @@ SURFEL_API Quadrature cover_surface(const SurfelBasis& basis, int points = 6);
 /// The functions' own positions: colour samples are known nowhere else.
 SURFEL_API Quadrature at_functions(const SurfelBasis& basis);
 
-/// Regularisation for colour samples: one equation a surfel says nothing of what lies between, and
-/// noise must not be fitted. (Measured on jittered grids, noise of 0 and 10 % of the range: up to 3
-/// dB better than the samples as coefficients, at most 0.03 dB worse; 0.1 loses up to 0.8 dB.)
+/// Regularisation for colour samples: one equation a surfel says nothing of the surface between the
+/// surfels, and noise must not be fitted. (Measured on jittered grids, noise of 0 and 10 % of the
+/// range: up to 3 dB better than the samples as coefficients, at most 0.03 dB worse; 0.1 loses up
+/// to 0.8 dB.)
 inline constexpr double kColorRegularization = 0.5;
 
 struct SURFEL_API RenderSystemOptions {
@@ -56,13 +58,14 @@ struct SURFEL_API RenderSystemOptions {
 
 /// A basis at points, as the renderer evaluates it.
 struct SURFEL_API EvaluatedBasis {
-  SparseMatrix A;  ///< Rows sum to 1; those of points that no function reaches are empty.
+  SparseMatrix A;             ///< Rows sum to 1; rows of points that no function reaches are empty.
   std::size_t uncovered = 0;  ///< Points that no function reaches.
-  /// Of every function, the owners of the points it reaches: what leads from columns to rows of A.
+  /// Of every function, the owners of the points it reaches: the way from columns to rows of A.
   Array<std::uint64_t> owner_begin;
   Array<std::uint32_t> owner;
   Array<std::uint64_t> point_begin;  ///< Quadrature::begin.
-  Array<float> coverage;  ///< Of every point sum_j r_j(u_q), what the renderer compares with tau.
+  Array<float>
+      coverage;  ///< The sum_j r_j(u_q) of every point, which the renderer compares with tau.
 
   /// (A w - f)_q, zero at uncovered points.
   Channels residual(std::size_t q, const Array<Channels>& w, const Array<Channels>& f) const;
@@ -109,18 +112,18 @@ struct SURFEL_API RenderSystem {
   /// A^T f + mu B^T w_0 + (lambda + held) w_0. \param f  per point; ignored at uncovered ones.
   /// \param w_0 per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
-  /// What holds w back, all but the first term.
+  /// The terms that hold w back: all terms except the first.
   Channels pull2(const Array<Channels>& w, const Array<Channels>& w_0) const;
   /// A^T D A + mu B^T B + lambda I + diag(held) with the diagonal matrix D: the normal matrix where
   /// points count by weights. \param weight  per point.
   SymmetricMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 
-/// What the coefficients of a render system are fitted to.
+/// The values that the coefficients of a render system are fitted to.
 struct FitTarget {
   Array<Channels> f;    ///< Per near point; ignored at uncovered ones.
   Array<Channels> w_0;  ///< Per function.
-  int channels = 4;     ///< The first 1..4 count; the others must be 0.
+  int channels = 4;     ///< The first 1..4 channels count; all other channels must be 0.
 };
 
 /// The basis at the points alone: kernels end at `cutoff`, > 0. The same for any number of threads.
@@ -132,7 +135,7 @@ SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,
                                                const Quadrature& quadrature,
                                                const RenderSystemOptions& options = {});
 
-/// The same rows with beta in the place of A_qk, and kernels that end at `cutoff`.
+/// Rows of the values beta in the place of A_qk; kernels end at `cutoff`.
 SURFEL_API SparseMatrix kernel_exponents(const SurfelBasis& basis, const Quadrature& quadrature,
                                          double cutoff);
 

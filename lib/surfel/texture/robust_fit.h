@@ -24,7 +24,7 @@ struct SURFEL_API RobustOptions {
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// A quarter of a step of 8-bit colours: what is rounding is no outlier.
+/// A quarter of a step of 8-bit colours: rounding is no outlier.
 inline constexpr double kLeastRobustScale = 1e-3;
 
 /// Huber's function of a residual's squared length: squares up to `scale`, then lines,
@@ -56,10 +56,7 @@ SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const FitTa
 SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const FitTarget& target, double scale,
                                  double tolerance, Array<Channels>& w);
 
-/// Winsorised colour samples, what robust fits to samples are pulled towards: a sample further than
-/// `scale` from the median about it, channel by channel, over the functions that reach its place at
-/// beta < 4, is moved to that distance. Unset: twice the median of all those distances, at least
-/// kLeastRobustScale.
+/// Winsorised colour samples, towards which robust fits to samples are pulled
 SURFEL_API Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
                                       std::optional<double> scale = {});
 

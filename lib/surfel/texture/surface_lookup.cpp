@@ -76,14 +76,14 @@ struct Query {
   Vec3d position;            ///< In the mesh's coordinates.
   Vec3d normal{0, 0, 0};     ///< Zero: unknown.
   double limit = kInfinity;  ///< Faces further away are not there.
-  double turned_away = 0;    ///< What is added to twice the distance of faces turned away.
+  double turned_away = 0;  ///< The length that is added to twice the distance of faces turned away.
 };
 
 struct SurfacePoint {
   std::uint32_t face = kNoFace;
   Vec3d barycentric{0, 0, 0};
   double distance2 = kInfinity;
-  double cost2 = kInfinity;  ///< Square of the distance, or of what it counts as.
+  double cost2 = kInfinity;  ///< Square of the distance, or of the length that it counts as.
   bool turned_away = false;
 };
 
@@ -115,7 +115,7 @@ class FaceTree {
     }
   }
 
-  /// Largest coordinate of the mesh: what its rounding is measured by.
+  /// Largest coordinate of the mesh, by which its rounding is measured.
   double largest_coordinate() const { return largest_coordinate_; }
 
   /// The nearest face, as the query's rules have it.
@@ -316,7 +316,7 @@ double deviation(const SurfelCloud& cloud, std::size_t i) {
   return variance > 0 ? std::sqrt(static_cast<double>(variance)) : 0;
 }
 
-/// Finds and writes one surfel after the other. The columns are its own until all are written.
+/// Finds and writes surfels one by one. The columns are its own until all are written.
 class Lookup {
  public:
   Lookup(const SurfelCloud& cloud, const TriangleMesh& mesh, const FaceTree& tree)

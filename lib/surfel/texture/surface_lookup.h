@@ -10,7 +10,8 @@
 
 namespace surfel {
 
-/// What a lookup met and made. The first three add up to the number of surfels.
+/// The numbers of surfels found, and the distances. The first three add up to the number of
+/// surfels.
 struct SurfaceLookupReport {
   std::size_t located = 0;
   std::size_t too_far = 0;           ///< No face within three standard deviations: uv are NaN.

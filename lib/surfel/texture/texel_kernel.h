@@ -42,14 +42,14 @@ SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud,
                                                        int width, int height);
 
 /// T^-1 as a map from scene units to texels: a step d along the surface at the surfel moves
-/// texel_position() by the product with it, and an isotropic Gaussian of variance 1 there is one of
-/// L L^T in the image. Nullopt where there is none, as above.
+/// texel_position() by the product with it, and an isotropic Gaussian of variance 1 there becomes
+/// the Gaussian of L L^T in the image. Nullopt where there is none, as above.
 SURFEL_API std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
                                                                       std::size_t surfel, int width,
                                                                       int height);
 
-/// Longest axis of a kernel over its shortest up to which kernels commonly stay as they are: what a
-/// kernel costs grows with it.
+/// Longest axis of a kernel over its shortest up to which kernels commonly stay as they are: a
+/// kernel's cost grows with this ratio.
 inline constexpr double kMaxAspect = 128;
 
 /// Widens a kernel whose longest axis is more than `max_aspect` >= 1 times its shortest until it is

@@ -60,7 +60,7 @@ class TexelTiles {
     return static_cast<std::size_t>(count) * tile_bytes();
   }
 
-  /// Keeps what is wanted of texels x_begin ... x_end - 1 of row y. \param texels  from x_begin on.
+  /// Keeps the wanted ones of the texels x_begin ... x_end - 1 of row y.
   void store(int y, int x_begin, int x_end, const std::byte* texels) {
     for (int x = x_begin; x < x_end;) {
       const int next = std::min(x_end, (x / kSize + 1) * kSize);

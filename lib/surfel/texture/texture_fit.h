@@ -21,7 +21,7 @@ namespace surfel {
 enum class TextureFitKind {
   kEwa,     ///< View-independent EWA (ewa_fit.h).
   kGram,    ///< R w = c [SS01 (11)]: least squares for sum_k w_k r_k (gram_system.h).
-  kRender,  ///< Least squares for what the renderer makes of the w_k (render_system.h).
+  kRender,  ///< Least squares for the picture that the renderer makes of the w_k (render_system.h).
 };
 
 enum class FitSolver {
@@ -71,7 +71,7 @@ struct SURFEL_API TextureFitOptions {
 
 /// Of a fit that solved a system of equations.
 struct SystemReport {
-  std::size_t functions = 0;  ///< Unknowns: the usable surfels; the others keep w_ewa.
+  std::size_t functions = 0;  ///< Unknowns: the usable surfels; all other surfels keep w_ewa.
   std::size_t entries = 0;    ///< Of the matrix, both triangles.
   double lambda = 0;          ///< By the mean of the diagonal.
   double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
@@ -96,7 +96,7 @@ struct SystemReport {
   double condition() const { return eigen_min > 0 ? eigen_max / eigen_min : 0; }
 };
 
-/// What the surfels are textured with.
+/// The texture of the surfels.
 struct TextureSet {
   std::vector<TextureMap> maps;
   std::vector<std::size_t> map_of_material{};  ///< Index into maps; empty: maps[0] for all surfels.
@@ -109,7 +109,7 @@ struct TextureSet {
   }
 };
 
-/// What a fit met and made.
+/// Figures of a fit, and the numbers of unusual surfels.
 struct TextureFitReport {
   std::size_t surfels = 0;
   std::size_t without_uv = 0;      ///< uv not finite: given the image's mean colour.

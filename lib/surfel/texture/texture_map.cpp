@@ -121,7 +121,7 @@ class BandReader {
     height_ = std::max(1, kBandTexels / layout.width / piece) * piece;
   }
 
-  /// Rows of a band, but for the last.
+  /// Rows of every band except the last.
   int height() const { return height_; }
 
   void read(const ImageReader::Box& box) {
@@ -236,7 +236,7 @@ PyramidLevel coverage_level(const CoverageRaster& raster) {
   return level;
 }
 
-/// Rows of a level that are part of a larger one, which starts at `first`.
+/// Rows of a level that are part of a larger array of rows, which starts at `first`.
 std::vector<TexelRow> rows_of(const PyramidLevel& level, int first) {
   std::vector<TexelRow> rows;
   for (int y = 0; y < level.y.count; ++y) rows.push_back({level.y.first + y - first, level.row(y)});

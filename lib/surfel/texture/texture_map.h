@@ -35,7 +35,7 @@ class SURFEL_API TextureMap {
   ///               channels. Throws Error(kInput) where it has no pixel or fewer channels.
   /// \param wrap   must not be kNothing.
   TextureMap(Image image, WrapMode wrap);
-  /// A file's image, as ImageReader gives it out. Copies of the map share what is kept of it.
+  /// A file's image, as ImageReader gives it out. Copies of the map share the rows kept of it.
   TextureMap(std::shared_ptr<ImageReader> reader, WrapMode wrap);
   /// One colour everywhere.
   static TextureMap constant(const Vec3f& color);
@@ -50,8 +50,8 @@ class SURFEL_API TextureMap {
   void request(const TexelKernel& kernel, int max_level = GaussianPyramid::kMaxLevel);
   /// Announces texels, which may lie beyond the borders, for a ChartTexture.
   void request(const GaussianPyramid::Box& texels);
-  /// Prepares for what was requested; of an image in memory it makes large kernels cheap, but is
-  /// not needed. Throws Error(kInput) where the file is damaged, or what is needed does not fit
+  /// Prepares for the requested kernels; of an image in memory it makes large kernels cheap, but is
+  /// not needed. Throws Error(kInput) where the file is damaged, or the texels needed do not fit
   /// into memory.
   void load();
   /// \param max_level  0: the sum over the image's own texels, even where coarser levels are built.

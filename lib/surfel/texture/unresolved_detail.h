@@ -17,9 +17,9 @@ SURFEL_API Array<double> unresolved_share(const RenderSystem& system, const Arra
                                           const Array<Channels>& f);
 
 /// Raises lambda where the texture has detail that the functions cannot hold (RenderSystem::held).
-/// What is fitted to such detail is aliasing: no gain from near, and noise from afar, where w_0,
-/// which averages it away, is right. Little happens up to a share of 0.4; from 0.5 on, lambda is
-/// larger by 10 times the mean diagonal of the normal matrix.
+/// Coefficients fitted to such detail are aliased: no gain from near, and noise from afar, where
+/// w_0, which averages it away, is right. Little happens up to a share of 0.4; from 0.5 on, lambda
+/// is larger by 10 times the mean diagonal of the normal matrix.
 /// \param w  the solution without.
 /// \return the number of functions whose lambda was raised.
 SURFEL_API std::size_t hold_unresolved(RenderSystem& system, const Array<Channels>& w,

@@ -30,8 +30,8 @@ constexpr double kStepTolerance = 1e-4;
 /// Kernels of the model fade out between (1 -+ kFade) c: half the distance of 12 points a surfel,
 /// by the radius of the kernels at sigma = spacing, c = 1.
 constexpr double kFade = 0.2;
-/// Pull of the log-variances towards their start, by the mean of the Gauss-Newton diagonal: what no
-/// point says anything about stays.
+/// Pull of the log-variances towards their start, by the mean of the Gauss-Newton diagonal: a
+/// variance that no point depends on stays.
 constexpr double kPull = 0.02;
 /// Weight of missing coverage in the model, by the mean square of the residuals.
 constexpr double kCoverageWeight = 100;
@@ -67,7 +67,7 @@ SurfelBasis scaled(const SurfelBasis& basis, const Array<double>& t) {
   return result;
 }
 
-/// What all rounds have in common.
+/// The data that all rounds have in common.
 struct Problem {
   SurfelBasis start;
   const Quadrature& quadrature;
@@ -78,7 +78,7 @@ struct Problem {
   std::size_t channels() const { return static_cast<std::size_t>(target.channels); }
 };
 
-/// What a round starts from.
+/// The state that a round starts from.
 struct State : RenderSolution {
   Array<double> t;  ///< Log of the factor that all rounds before gave the variances.
 };
@@ -224,7 +224,7 @@ class Model {
     for (std::size_t k = 0; k < count; ++k) scale_[k] = 1 / std::sqrt(diagonal[k] + pull_);
   }
 
-  /// What the model shows at a point.
+  /// The model's colour at a point.
   struct Point {
     double sum;
     Channels p, residual;

@@ -31,10 +31,10 @@ struct RenderSolution {
 
 /// Minimises |A w - f|^2 + lambda |w - w_0|^2 over the coefficients and one factor for the variance
 /// of every function (an ellipse keeps its shape), together. Amplitudes a_k, points and lambda
-/// stay. There is no minified term: B, and what w_0 is filtered with, would change with the
-/// variances. (Measured on spot, its texture and a checker, 5000 and 20,000 surfels, lambda the
-/// same: B under the filter of the first variances costs 0.1 to 0.8 dB from near, 0.4 to 2.6 dB
-/// where minified, and up to twice the time.)
+/// stay. There is no minified term: B, and the filter of w_0, would change with the variances.
+/// (Measured on spot, its texture and a checker, 5000 and 20,000 surfels, lambda the same: B under
+/// the filter of the first variances costs 0.1 to 0.8 dB from near, 0.4 to 2.6 dB where minified,
+/// and up to twice the time.)
 ///
 /// Kernels that end at beta = c make A jump as variances change. So every round minimises a smooth
 /// model, by Ceres' L-BFGS, in which kernels fade out over a range of beta about c that is as wide
