@@ -81,7 +81,7 @@ surfel::Similarity similarity(const Settings& s) {
   if (s.rotation) {
     const surfel::Vec3d axis = s.rotation->head<3>();
     const double angle = (*s.rotation)[3] * std::numbers::pi / 180;
-    // What has no direction stays so, and is refused as a rotation.
+    // A vector without a direction stays so, and is refused as a rotation.
     out.rotation = Eigen::AngleAxisd(angle, axis.stableNormalized());
   }
   return out;

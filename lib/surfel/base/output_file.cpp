@@ -94,7 +94,7 @@ std::string follow_links(const std::string& target) {
   return path;
 }
 
-/// What stands in a temporary's name for the part that makes it the only one.
+/// The placeholder in a temporary's name for the part that makes it unique.
 constexpr std::string_view kRandomPart = "XXXXXX";
 
 /// Name of a hidden temporary beside `path` with its extension, kRandomPart in the middle. Long

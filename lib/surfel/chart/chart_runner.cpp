@@ -172,7 +172,7 @@ struct ChartRunner::Impl {
 ChartRunner::Impl::Impl(ChartOptions given) : options(std::move(given)) {
   std::vector<std::string> problems = options.problems();
   if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
-  // The tools run in another folder. What is no file may be the name of a procedural texture.
+  // The tools run in another folder. A name that is no file's may be a procedural texture's.
   for (std::string* file :
        {&options.input, &options.image, &options.mesh, &options.scene, &options.folder}) {
     if (fs::exists(*file)) *file = fs::absolute(*file).lexically_normal().string();
@@ -435,7 +435,7 @@ ToolChain ChartRunner::Impl::chain_of(const Sweep& sweep, const SweepPoint* poin
   return chain;
 }
 
-/// Adds what the tools need to know of the files.
+/// Adds the facts about the files that the tools need.
 void ChartRunner::Impl::complete(ToolChain& chain) const {
   if (context.mesh && !chain.value(Stage::kSample, "--count")) {
     chain.set(Stage::kSample, {"--count", std::to_string(options.count)});

@@ -9,7 +9,7 @@
 
 namespace surfel {
 
-/// What decides which sweeps and settings make sense.
+/// The facts that decide which sweeps and settings make sense.
 struct SweepContext {
   bool mesh = false;           ///< The input is a mesh, which is sampled.
   bool texture = false;        ///< There is an image to fit coefficients to.

@@ -191,7 +191,7 @@ std::vector<Vec3f> probes(Orientation method) {
   return out;
 }
 
-/// Turns whole parts, but for the part `settled`, so that the furthest point of a part in a probed
+/// Turns whole parts, except the part `settled`, so that the furthest point of a part in a probed
 /// direction looks there, by the sum over the directions.
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
                 std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {

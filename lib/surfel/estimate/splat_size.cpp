@@ -164,8 +164,8 @@ class Sizer {
     store(i, around, area, shape_of(worker.cell), frame);
   }
 
-  /// Sizes a point whose cell is closed, as nearly all are, the fast way: equal but for rounding.
-  /// False if the cell may be open; nothing is done then.
+  /// Sizes a point whose cell is closed, as nearly all are, the fast way: the result is equal
+  /// within rounding. False if the cell may be open; nothing is done then.
   bool size_closed(std::size_t i, const Neighborhood& around, Worker& worker) {
     if (normal_[i].isZero(0) || !around.bounds_cell()) return false;
     const std::span<const Neighbor> near = around.near;

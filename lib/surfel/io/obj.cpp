@@ -99,7 +99,8 @@ class ObjReader {
     mesh_.normal.push_back(normal);
   }
 
-  /// Index from 0 of what a face names: from 1 on, or backwards from the last one read.
+  /// The index from 0 of the element that a face names, which counts from 1 on, or backwards from
+  /// the last element read.
   std::uint32_t read_index(std::size_t count, Reach& reach, const char* what) {
     const std::size_t position = in_.position();
     const std::int64_t index = in_.integer("an index of a face");

@@ -188,7 +188,7 @@ struct ElementData {
   std::optional<std::size_t> end;
   bool decoded = false;
   RecordTable scalars;
-  Array<std::byte> records;     ///< Owns what `scalars` shows, unless that is the file.
+  Array<std::byte> records;     ///< Owns the memory that `scalars` shows, unless it is the file's.
   std::vector<RawLists> lists;  ///< One for each property; empty for scalar properties.
 };
 

@@ -91,7 +91,7 @@ class TextScanner {
   bool take(T& value);
 
   std::string name_;
-  std::array<std::uint8_t, 256> kind_{};  ///< What each character means.
+  std::array<std::uint8_t, 256> kind_{};  ///< The meaning of each character.
   const char* first_;
   const char* at_;
   const char* end_;

@@ -27,7 +27,7 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
     for (end = begin + 1; end < order.size() && keys[end] == keys[begin]; ++end) {
     }
-    // All of a run are at one place, but for collisions of the hash.
+    // All points of a run are at one place, unless hashes collide.
     for (std::size_t i = begin; i < end; ++i) {
       std::size_t first = begin;
       while (position[order[first]] != position[order[i]]) ++first;

@@ -37,7 +37,7 @@ struct SURFEL_API MeshSampleOptions {
   std::vector<std::string> problems() const;   ///< Empty if usable.
 };
 
-/// What sample_mesh() met and reached.
+/// Figures of a sample_mesh(): faces left out, and the spacing reached.
 struct MeshSampleReport {
   std::size_t faces = 0;
   std::size_t degenerate_faces = 0;  ///< Faces without area: dropped on reading, or skipped.

@@ -58,7 +58,7 @@ Vec3f mixed(const Vec3f& a, const Vec3f& b, double part) {
   return a + static_cast<float>(part) * (b - a);
 }
 
-/// What lies in a direction. Radiance is smooth within a part, and jumps from one to the next.
+/// The part of the sky in a direction.
 struct Seen {
   Vec3f radiance;
   int part;

@@ -27,7 +27,7 @@ constexpr double kRegularization = 0.1;
 /// Relative residual of the fit: a quarter of a tenth of a step of 8-bit colours.
 constexpr double kTolerance = 1e-4;
 
-/// The clusters' surfels, complete but for variances and coefficients.
+/// The clusters' surfels, with all columns except variances and coefficients.
 SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) {
   Array<MergeSurfel> merged_surfel(clusters.size());
   parallel_for(clusters.size(), kMergeGrain, [&](std::size_t begin, std::size_t end, int) {

@@ -47,7 +47,7 @@ struct SimplifyError {
   SURFEL_API double total() const;  ///< Root of the sum of the squares of color, shading and shape.
 };
 
-/// What simplify_surfels() met and made.
+/// Figures of a simplify_surfels().
 struct SimplifyReport {
   UnusableSurfels dropped;    ///< Surfels left out.
   std::size_t surfels = 0;    ///< Usable surfels before.

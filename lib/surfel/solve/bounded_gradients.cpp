@@ -17,7 +17,7 @@
 namespace surfel {
 namespace {
 
-/// What a channel does next; every step takes one product with the matrix.
+/// The next step of a channel; every step takes one product with the matrix.
 enum class Move {
   kRest,       ///< It has converged.
   kConjugate,  ///< Conjugate gradients among the free unknowns.

@@ -26,7 +26,7 @@ class SURFEL_API SymmetricProduct {
   void multiply(const Array<Channels>& x, Array<Channels>& y);
 
  private:
-  /// What the rows of a range add to rows before it.
+  /// The sums that the rows of a range add to rows before it.
   struct Halo {
     Array<std::uint32_t> row;   ///< The rows before the range that it adds to.
     Array<std::uint32_t> slot;  ///< Of every entry before the range, its row's place in `row`.

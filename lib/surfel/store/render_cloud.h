@@ -69,7 +69,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
 
   const RenderCloud& cloud() const override { return *this; }
   std::size_t size() const { return size_; }
-  /// The clusters; element i is that of tree()[i] if there are levels of detail.
+  /// The clusters; element i belongs to tree()[i] if there are levels of detail.
   const std::vector<Cluster>& clusters() const { return clusters_; }
   /// Levels of detail; empty if the cloud has none, or if they were not asked for.
   const ClusterTree& tree() const { return tree_; }

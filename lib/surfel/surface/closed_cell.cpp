@@ -94,7 +94,7 @@ struct Sums {
       : area(zero), xx(zero), xy(zero), yy(zero), gap_x(zero), gap_y(zero), radius2(zero) {}
 
   HWY_INLINE void add(const V& ax, const V& ay, const V& bx, const V& by) {
-    // Moments of a triangle (0, a, b), as in VoronoiCell::moments(), but for the factor 1 / 24.
+    // Moments of a triangle (0, a, b), as in VoronoiCell::moments(), without the factor 1 / 24.
     const V cx = hn::Add(ax, bx);
     const V cy = hn::Add(ay, by);
     const V cross = hn::MulSub(ax, by, hn::Mul(ay, bx));
