@@ -367,14 +367,13 @@ Image glass_ball(Method method, const SurfelCloud& cloud,
   return renderer.render(camera);
 }
 
-/// The picture moved by some pixels shows the same, though other pixels are at the borders of
-/// tiles. Where discs are seen edge-on, at the ball's rim, rounding decides whether they meet a
-/// pixel.
+/// The picture moved by some pixels shows the same, though other pixels are at the borders of tiles
+/// and of the SIMD vectors' patches. Pixels at the picture's own border have fewer neighbours.
 TEST(Methods, GlassDoesNotDependOnWhereTilesLie) {
   constexpr int kSize = 96;
-  constexpr int kRadius = 30;  // Of the ball's 39 pixels.
   const SurfelCloud ball = covered(fibonacci_sphere(2000, 1), 4);
   const Camera camera = camera_at(4, kSize, 35);
+  const auto inside = [](int at) { return at > 0 && at < kSize - 1; };
   for (const Method method : {Method::kTransparent, Method::kTransparentHigh}) {
     const Image still = glass_ball(method, ball, camera);
     for (const auto& [dx, dy] : {std::pair(5, 3), std::pair(1, 8), std::pair(-7, -9)}) {
@@ -382,16 +381,19 @@ TEST(Methods, GlassDoesNotDependOnWhereTilesLie) {
       moved.center_x += dx;
       moved.center_y += dy;
       const Image image = glass_ball(method, ball, moved);
-      double worst = 0;
-      for (int y = -kRadius; y < kRadius; ++y) {
-        for (int x = -kRadius; x < kRadius; ++x) {
-          if (x * x + y * y > kRadius * kRadius) continue;
-          const float* const a = still.pixel(kSize / 2 + x, kSize / 2 + y);
-          const float* const b = image.pixel(kSize / 2 + x + dx, kSize / 2 + y + dy);
-          for (int c = 0; c < 4; ++c) worst = std::max<double>(worst, std::abs(a[c] - b[c]));
+      int differ = 0;
+      for (int y = 1; y < kSize - 1; ++y) {
+        for (int x = 1; x < kSize - 1; ++x) {
+          if (!inside(x + dx) || !inside(y + dy)) continue;
+          const float* const a = still.pixel(x, y);
+          const float* const b = image.pixel(x + dx, y + dy);
+          differ += std::equal(a, a + 4, b, [](float p, float q) { return std::abs(p - q) < 1e-3; })
+                        ? 0
+                        : 1;
         }
       }
-      EXPECT_LT(worst, 1e-3) << static_cast<int>(method) << " " << dx << " " << dy;
+      // Rounding may decide whether a disc meets a pixel, which nine pixels are filtered over.
+      EXPECT_LE(differ, 9) << static_cast<int>(method) << " " << dx << " " << dy;
     }
   }
 }

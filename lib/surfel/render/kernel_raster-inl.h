@@ -54,11 +54,14 @@ struct Sample {
 /// store.
 class SplatSampler {
  public:
-  explicit SplatSampler(const TileJob& job)
+  /// \param x0, y0  the tile's first pixel in the picture.
+  SplatSampler(const TileJob& job, int x0, int y0)
       : splats_(job.splats),
         exact_(job.exact),
         depth_epsilon_(hn::Set(D(), job.depth_epsilon)),
-        lowpass2_(job.lowpass2) {
+        lowpass2_(job.lowpass2),
+        block_x_(static_cast<float>(x0 - job.box_x)),
+        block_y_(static_cast<float>(y0 - job.box_y)) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     float scale = 1;
     for (; job.cutoff * scale > 1; scale /= 2) ++squarings_;
@@ -85,7 +88,7 @@ class SplatSampler {
     if (HWY_UNLIKELY(splat.k < 0)) {
       // The fields are taken one by one, as a returned structure lies in memory.
       const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_}, dx, dy);
-      s.beta = e.beta;
+      s.beta = hn::IfThenElse(in_box(splat.box, x, y), e.beta, hn::Set(d, __builtin_inff()));
       s.depth = e.depth;
       s.epsilon = e.epsilon;
       s.amplitude = e.amplitude;
@@ -104,6 +107,18 @@ class SplatSampler {
   }
 
  private:
+  /// Whether pixels lie in a splat's box, beyond which an exact kernel's linearised filter may
+  /// reach: a pixel must not depend on whether the box meets other pixels of its vector.
+  HWY_INLINE M in_box(const PixelBox& box, V x, V y) const {
+    const D d;
+    const auto between = [&](V at, float block, int first, int last) HWY_ATTR {
+      const V in_block = hn::Sub(at, hn::Set(d, block));
+      return hn::And(hn::Gt(in_block, hn::Set(d, static_cast<float>(first))),
+                     hn::Lt(in_block, hn::Set(d, static_cast<float>(last + 1))));
+    };
+    return hn::And(between(x, block_x_, box.x0, box.x1), between(y, block_y_, box.y0, box.y1));
+  }
+
   struct Filtering {
     float lowpass2;
     V depth_epsilon;
@@ -153,8 +168,9 @@ class SplatSampler {
   const ExactSplat* exact_;
   V depth_epsilon_;
   float lowpass2_;
-  float exp_minus_[6];  ///< kExpMinus for beta / 2^n.
-  int squarings_ = 0;   ///< n.
+  float block_x_, block_y_;  ///< First pixel of the tile's block in the picture.
+  float exp_minus_[6];       ///< kExpMinus for beta / 2^n.
+  int squarings_ = 0;        ///< n.
 };
 
 /// A vector of pixels, and the splats whose boxes it meets.
@@ -176,7 +192,7 @@ class KernelRaster {
  public:
   KernelRaster(const TileJob& job, int x0, int y0)
       : job_(job),
-        sampler_(job),
+        sampler_(job, x0, y0),
         x0_(static_cast<float>(x0) + 0.5F),
         y0_(static_cast<float>(y0) + 0.5F) {}
 
