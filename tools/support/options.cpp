@@ -85,7 +85,7 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
 }
 
 std::pair<int, int> parse_size(const std::string& option, const std::string& text) {
-  constexpr int kLargest = 65536;
+  constexpr int kLargest = 65536;  // A picture of this width and height takes 64 GB.
   const std::size_t x = text.find('x');
   if (x != std::string::npos) {
     const auto width = parse_number<int>(text.data(), text.data() + x);

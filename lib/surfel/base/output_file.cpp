@@ -100,8 +100,8 @@ constexpr std::string_view kRandomPart = "XXXXXX";
 /// Name of a hidden temporary beside `path` with its extension, kRandomPart in the middle. Long
 /// names are cut: the random part must not make them too long.
 std::string temporary_pattern(const std::string& path) {
-  constexpr std::size_t kLongestStem = 64;  ///< File systems allow 255 bytes a name.
-  constexpr std::size_t kLongestExtension = 32;
+  constexpr std::size_t kLongestStem = 64;       ///< File systems allow 255 bytes a name.
+  constexpr std::size_t kLongestExtension = 32;  // Longer ones are no extensions that a tool knows.
   const auto [folder, name] = split(path);
   const std::size_t dot = name.rfind('.');
   std::string extension = dot == std::string::npos || dot == 0 ? "" : name.substr(dot);

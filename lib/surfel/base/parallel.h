@@ -33,21 +33,21 @@ SURFEL_API void withdraw_interrupt() noexcept;
 SURFEL_API bool interrupt_requested() noexcept;
 
 /// Calls body(begin, end, worker) for consecutive ranges of [0, count) of `grain` items each (the
-/// last may be shorter). The ranges depend on `count` and `grain` alone, never on the number of
-/// threads, so that a sum per range, added up in the order of the ranges, is the same on every run.
-/// `worker` is in [0, kMostThreads) and no two running calls of the loop share it: it picks scratch
-/// memory from a PerWorker, never a place for results. An exception of the body stops the loop and
-/// is passed on once all workers have stopped; if several ranges fail, the exception of the lowest
-/// range is. A loop inside a loop's body runs on the calling thread alone, as worker 0. Several
-/// threads may run loops at once.
+/// last may be shorter). A range should take tens of microseconds, beside which handing it out
+/// costs nothing: constants named k...Grain, and grains without a name, come from this rule. The
+/// ranges depend on `count` and `grain` alone, never on the number of threads, so that a sum per
+/// range, added up in the order of the ranges, is the same on every run. `worker` is in [0,
+/// kMostThreads) and no two running calls of the loop share it: it picks scratch memory from a
+/// PerWorker, never a place for results. An exception of the body stops the loop and is passed on
+/// once all workers have stopped; if several ranges fail, the exception of the lowest range is. A
+/// loop inside a loop's body runs on the calling thread alone, as worker 0. Several threads may run
+/// loops at once.
 SURFEL_API void parallel_for(
     std::size_t count, std::size_t grain,
     FunctionRef<void(std::size_t begin, std::size_t end, int worker)> body);
 
-/// Calls body(i) for every i below `count`, in parallel, `grain` of them one after the other in one
-/// thread: a parallel_for() whose body needs neither its range nor a worker's scratch. Where
-/// `grain` numbers take tens of microseconds, handing them out costs nothing; no result depends on
-/// it.
+/// Calls body(i) for every i below `count`, in parallel: a range has `grain` of them. No result
+/// depends on the grain.
 template <class Body>
 void parallel_each(std::size_t count, std::size_t grain, const Body& body) {
   parallel_for(count, grain, [&](std::size_t begin, std::size_t end, int) {

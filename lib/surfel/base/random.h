@@ -14,6 +14,7 @@ inline std::uint64_t random_bits(std::uint64_t seed, std::uint64_t index,
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
     return z ^ (z >> 31);
   };
+  // 2^64 over the golden ratio, SplitMix64's step: its multiples are spread evenly.
   constexpr std::uint64_t kGolden = 0x9e3779b97f4a7c15ULL;
   return mix(mix(seed + kGolden * (index + 1)) + kGolden * (dimension + 1));
 }

@@ -12,6 +12,7 @@
 namespace surfel {
 namespace {
 
+/// Pixels: a page of text is about as wide.
 constexpr double kWidth = 800;
 constexpr double kHeight = 480;
 // The area between the axes, pixels from the top left: it leaves room for their numbers and titles.
@@ -20,9 +21,9 @@ constexpr double kRight = 785;
 constexpr double kTop = 40;
 constexpr double kBottom = 425;
 constexpr double kGlyphWidth = 6.8;  ///< A generous mean for the labels' 12 px sans-serif.
-constexpr double kLineHeight = 14;
-constexpr double kMarker = 9;     ///< Half the side of the square that a marker takes.
-constexpr double kLineReach = 2;  ///< Half the side of the square that a point of a line takes.
+constexpr double kLineHeight = 14;   ///< The labels' 12 px, and a gap.
+constexpr double kMarker = 9;        ///< Half the side of the square that a marker takes.
+constexpr double kLineReach = 2;     ///< Half the side of the square that a point of a line takes.
 /// From here on the slowest point is so much slower than the fastest that a linear axis would crowd
 /// the fast ones.
 constexpr double kLogarithmicFrom = 4;

@@ -270,7 +270,7 @@ class Sizer {
     // A neighbour p is beyond the corner c in the direction of c turned by t if
     // cos t (p.c - c.c) + sin t (c x p) >= 0. The furthest neighbours, which decide, come first.
     constexpr double kRoot3 = std::numbers::sqrt3;
-    constexpr unsigned kAllSides = 0b11111;
+    constexpr unsigned kAllSides = 0b11111;  // A bit for each of the five sides.
     unsigned sides = 0;
     for (auto p = flat.rbegin(); p != flat.rend() && sides != kAllSides; ++p) {
       const double along = p->dot(corner) - distance2;
@@ -294,6 +294,7 @@ class Sizer {
 
   /// Ends the cell in every direction in which it is open. Was there one?
   static bool close_at_border(const Neighborhood& around, Worker& worker) {
+    // A bound: cells have fewer open corners, unless rounding leaves slivers.
     constexpr int kMostCuts = 32;
     int cuts = 0;
     for (; cuts < kMostCuts; ++cuts) {

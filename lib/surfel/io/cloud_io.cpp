@@ -119,7 +119,7 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
 
 /// Writes some blocks of records at a time: threads make their text, then it is written in order.
 void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
-  constexpr std::size_t kChunk = 64 * kWriteBlock;
+  constexpr std::size_t kChunk = 64 * kWriteBlock;  // Blocks for all threads, in little memory.
   const std::size_t stride = records.stride();
   std::vector<std::string> texts(kChunk / kWriteBlock);
   for (std::size_t first = 0; first < count; first += kChunk) {

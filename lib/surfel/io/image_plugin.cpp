@@ -29,8 +29,10 @@
 namespace surfel {
 namespace {
 
+/// More than any picture needs; a damaged header may claim thousands.
 constexpr int kMostChannels = 256;
 constexpr std::uint64_t kMegabyte = 1 << 20;
+/// 256 GB: larger images are taken for damaged headers.
 constexpr std::uint64_t kMostStreamedMegabytes = 1 << 18;
 
 /// Most megabytes of pixels of an image that is read as a whole.
@@ -192,6 +194,7 @@ void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm for
 /// Does a JPEG stream run up to its end marker? libjpeg completes a cut one in grey and says
 /// nothing. In the coded data between segments a 0xff is followed by 0, a restart marker or fill.
 bool jpeg_is_whole(std::span<const std::byte> bytes) {
+  // Markers, ITU-T T.81 table B.1.
   constexpr int kTemporary = 0x01, kRestart0 = 0xd0, kStart = 0xd8, kEnd = 0xd9, kFill = 0xff;
   const auto at = [&](std::size_t i) { return std::to_integer<int>(bytes[i]); };
   for (std::size_t i = 0; i + 1 < bytes.size();) {

@@ -117,6 +117,7 @@ void InputFile::expect(std::size_t offset, std::size_t size) const noexcept {
 }
 
 void InputFile::read_pipe(int descriptor) {
+  // Bytes; each further step doubles the memory.
   constexpr std::size_t kFirst = std::size_t{1} << 20;
   for (;;) {
     if (size_ == start_.size()) {

@@ -155,6 +155,7 @@ class PcdHeaderParser {
                         "I and U of 1, 2, 4 or 8",
                         field.name, field.type ? field.type : '?', field.size));
       }
+      // Bytes of a record; real ones have hundreds.
       constexpr std::size_t kMost = std::size_t{1} << 20;
       record += std::min(kMost, field.size) * std::min(kMost, field.count);
       if (field.size == 0 || field.count == 0 || record > kMost) {
@@ -350,7 +351,7 @@ void PcdFile::unpack_colors() {
     add_byte("blue", 0);
     if (packed.name == "rgb" || table_.find("alpha")) return;
     add_byte("alpha", 3);
-    constexpr std::size_t kBlock = 4096;
+    constexpr std::size_t kBlock = 4096;  // Records that are read at a time.
     Array<std::byte> scratch;
     bool any = false;
     for (std::size_t begin = 0; begin < table_.count && !any; begin += kBlock) {

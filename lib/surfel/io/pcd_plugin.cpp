@@ -50,7 +50,7 @@ extern "C" bool surfel_pcd_decompress(surfel::PcdDecompression& work) {
     int version = 0;
     int data_type = 0;
     unsigned int data_begin = 0;
-    constexpr int kCompressed = 2;
+    constexpr int kCompressed = 2;  // PCL's number of binary_compressed.
     if (reader.readHeader(header, cloud, origin, orientation, version, data_type, data_begin) < 0 ||
         data_type != kCompressed || data_begin != work.header_size ||
         reader.readBodyBinary(work.file, cloud, version, true, data_begin) < 0) {

@@ -35,6 +35,7 @@ Light read_light(const TomlTable& table) {
 }
 
 Material read_material(const TomlTable& table) {
+  // Far beyond any real material; squares stay far below float's range.
   constexpr double kLargest = 1e6;
   Material material;
   table.read("name", material.name);

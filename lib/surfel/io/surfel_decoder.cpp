@@ -146,7 +146,7 @@ void SurfelDecoder::find_vector(SurfelAttribute attribute, std::initializer_list
 /// Can T hold all values of the field's columns?
 template <class T>
 bool SurfelDecoder::fit(const Field& field) const {
-  constexpr std::size_t kBlock = 4096;
+  constexpr std::size_t kBlock = 4096;  // Records: their bytes stay in the second-level cache.
   std::atomic<bool> all = true;
   for (const RecordColumn* column : field.columns) {
     if (!column) continue;

@@ -65,6 +65,7 @@ std::optional<double> parse_number(std::string_view text) { return parse<double>
 std::optional<std::size_t> parse_count(std::string_view text) { return parse<std::size_t>(text); }
 
 std::string quoted_excerpt(std::string_view text) {
+  // Enough to find the place, and to keep a message on one line.
   constexpr std::size_t kLongest = 40;
   std::string excerpt(text.substr(0, kLongest));
   std::replace_if(

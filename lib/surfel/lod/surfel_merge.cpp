@@ -137,7 +137,7 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
   out.position = (base + mean).cast<float>();
   out.covariance = to_float(c);
   const double length = normal.norm();
-  constexpr double kCancelled = 1e-3;
+  constexpr double kCancelled = 1e-3;  // Shorter sums of unit normals have no direction to rely on.
   if (length > kCancelled * weights) out.normal = (normal / length).cast<float>();
   out.area = static_cast<float>(oriented && total > 0 ? std::max(length, total / 2) : total);
   out.alpha = static_cast<float>(opacity / weights);

@@ -60,7 +60,7 @@ HWY_EXPORT(make_depth_keys_simd);
 
 namespace {
 
-constexpr int kKeyBits = 11;
+constexpr int kKeyBits = 11;  ///< A histogram of 2^11 counts stays in the first-level cache.
 constexpr std::size_t kMostSteps = std::size_t{1} << kKeyBits;
 
 /// A stable pass of counting: calls put(place, i) for the i of [0, count) with their places by
@@ -79,6 +79,7 @@ void sort_by_counting(std::size_t count, std::size_t steps, const KeyOf& key_of,
 
 void sort_front_to_back(const float* depths, const std::uint32_t* splats, std::size_t count,
                         DepthOrder how, DepthSortScratch& scratch, std::uint32_t* order) {
+  // Fewer steps save no time, as counting takes one pass in any case.
   constexpr std::size_t kLeastSteps = 512;
   if (count == 0) return;
   const bool fine = how == DepthOrder::kFine;

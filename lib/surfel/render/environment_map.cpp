@@ -19,14 +19,14 @@ namespace {
 /// Standard deviation of a level by the distance of its rows: bilinear interpolation between texels
 /// takes up to 10 % from the peak of the narrowest spot that there can be; at 3/4 it took 35 %.
 constexpr double kDeviationPerRow = 1.5;
-constexpr int kFewestRows = 32;
+constexpr int kFewestRows = 32;  ///< Of the last level: more than kWidest needs.
 /// From this variance on all directions see nearly the same: mean cosine 0.02.
 constexpr float kWidest = 4;
 /// Lobes end where they have fallen to exp(-8) of their peak.
 constexpr double kReach = 8;
 /// Of the procedural sky: at common fields of view its edges are as sharp as the picture's.
 constexpr int kSkyWidth = 2048;
-constexpr std::size_t kMostPixels = std::size_t{1} << 27;
+constexpr std::size_t kMostPixels = std::size_t{1} << 27;  ///< 16384 x 8192: 2 GB of floats.
 
 /// exp(-x) for 0 <= x <= kReach, to 5e-7 of itself: filtering spends most of its time on it.
 class Decay {
@@ -126,7 +126,7 @@ EnvironmentMap::Level EnvironmentMap::image_level(const Image& image, const std:
 /// equally many texels everywhere. Of many rows two are made one, and two columns: lobes reach over
 /// three of the rows at one standard deviation, and have four times as few texels to add up.
 EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
-  constexpr int kManyRows = 128;
+  constexpr int kManyRows = 128;  // Rows of a level from which on two are made one.
   const int step = level.rows >= kManyRows && level.rows % 2 == 0 ? 2 : 1;
   Level out;
   out.rows = level.rows / step;

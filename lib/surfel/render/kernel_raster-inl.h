@@ -282,6 +282,7 @@ class KernelRaster {
   /// Lists the splats [begin, end) of the order, a vector of them at a time: which patches they
   /// meet are the bits of a number.
   void list(std::size_t begin, std::size_t end, Lists& lists) const {
+    // Splats: the widest vector's, which is fetched while one is worked on.
     constexpr std::size_t kPrefetchAhead = 16;
     const D d;
     const hn::RebindToSigned<D> di;

@@ -59,7 +59,7 @@ struct RenderOptions {
   /// the longer side, pixels, 0..1000; 0: the finest level alone. Unset: kLodError times the
   /// low-pass filter's deviation, so that neighbours are one deviation apart.
   std::optional<double> lod_error;
-  static constexpr double kLodError = 1.4;
+  static constexpr double kLodError = 1.4;  ///< About kLongerSide (lod/cut.h).
   /// depth_epsilon in footprints that end at the cutoff.
   double epsilon_share() const { return depth_epsilon / std::sqrt(std::max(1.0, cutoff)); }
   /// lod_error with its default filled in, pixels.

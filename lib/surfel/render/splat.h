@@ -58,7 +58,7 @@ static_assert(sizeof(Splat) == 64);
 /// Bits of Splat::tag.
 inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
-inline constexpr int kMaterialShift = 2;
+inline constexpr int kMaterialShift = 2;          ///< The bits above the flags hold the material.
 
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;

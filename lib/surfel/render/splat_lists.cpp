@@ -196,7 +196,7 @@ void SplatLists::bound(const Band& band, VisibleCluster& out) const {
           : Eigen::Array2f((lo.abs().max(hi.abs()).square() + 1).sqrt() * (radius / least_z));
   const Eigen::Array2f focal(view_.focal_x, view_.focal_y);
   const Eigen::Array2f middle(view_.center_x, view_.center_y - view_.clip_y0);
-  constexpr float kRounding = 0.01F;
+  constexpr float kRounding = 0.01F;  // Pixels: coordinates round by 2^-8 of one at most.
   const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + kRounding;
   const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
   const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);

@@ -178,7 +178,7 @@ class Rasterizer {
   /// layer's sums depend only on contributions that no layer before it has taken. A splat that
   /// waits, or a branch guessed wrong, costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
-    constexpr std::ptrdiff_t kBatch = 32;
+    constexpr std::ptrdiff_t kBatch = 32;  // Its contributions stay in the first-level cache.
     Contribution batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);

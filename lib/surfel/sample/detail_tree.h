@@ -109,7 +109,7 @@ class SURFEL_API DetailTree {
     Errors halved;  ///< ... and with sigma / sqrt 2, between the cell's and its children's.
   };
   class Builder;
-  static constexpr int kOctrees = 2;
+  static constexpr int kOctrees = 2;  ///< Shifted against each other, see DetailTree.
   /// The cheapest choice for a node at a price: to divide it, to give it its own spacing or half
   /// the variance of that, or to keep its surfels.
   enum class Choice : std::uint8_t { kDivide, kOwn, kHalved, kKeep };

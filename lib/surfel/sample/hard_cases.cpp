@@ -458,7 +458,7 @@ struct Maker {
 };
 
 const std::vector<Maker>& makers() {
-  constexpr double kMost = 1e8;
+  constexpr double kMost = 1e8;  // Surfels: more do not fit into memory.
   static const std::vector<Maker> all{
       {{"grazing", "checkered plane seen at NUMBER degrees to its normal", 80, 0, 90}, grazing},
       {{"slivers", "ellipses NUMBER times as long as wide, on a slant", 100, 1, 1e6}, slivers},

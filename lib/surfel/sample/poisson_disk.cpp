@@ -171,6 +171,7 @@ class PoissonDisk::Impl {
 
  private:
   static constexpr std::size_t kGrain = 1 << 12;
+  /// Marks slots of samples set aside.
   static constexpr std::uint32_t kAsideBit = std::uint32_t{1} << 31;
   static constexpr std::uint32_t kNoSlot = ~kAsideBit;
 
@@ -472,7 +473,7 @@ class PoissonDisk::Impl {
     for (int k = 0; k < 3; ++k) {
       edge = std::max(edge, (c.corner[(k + 1) % 3] - c.corner[k]).norm());
     }
-    constexpr double kPointsPerSpacing = 1.5;
+    constexpr double kPointsPerSpacing = 1.5;  // Along an edge: denser than samples lie.
     const double spacing = spacing_ * grade_[chunk].least;
     const int n = std::max(1, static_cast<int>(std::ceil(kPointsPerSpacing * edge / spacing)));
     const double part = c.area() / (n * n);

@@ -65,6 +65,7 @@ struct Seen {
   double distance = 0;  ///< On the floor, from the point below the eye.
 };
 
+// Numbers of the parts.
 constexpr int kSky = 0;
 constexpr int kSun = 1;
 constexpr int kFloor = 2;   ///< And the dark squares next.
@@ -141,7 +142,7 @@ Image procedural_sky(int width, int height) {
   // In small pictures sun and lights may hide between the centres.
   constexpr int kPlainRows = 256;
   const double farthest = height < kPlainRows ? -1 : farthest_plain_floor(height);
-  constexpr std::uint8_t kFine = 0xff;
+  constexpr std::uint8_t kFine = 0xff;  // Marks pixels whose neighbours lie in other parts.
   std::vector<std::uint8_t> parts(static_cast<std::size_t>(width) *
                                   static_cast<std::size_t>(height));
   const auto part = [&](int x, int y) -> std::uint8_t& {

@@ -11,7 +11,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kVertexGrain = 1 << 13;
-constexpr std::size_t kMostCompared = 256;
+constexpr std::size_t kMostCompared = 256;  ///< Faces of a vertex: all pairs of them are compared.
 
 /// The wedges (3 * face + corner) at each welded vertex.
 struct VertexWedges {

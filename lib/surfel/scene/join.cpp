@@ -17,7 +17,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kJoinGrain = 1 << 16;
-constexpr std::size_t kMostMaterials = std::size_t{1} << 16;
+constexpr std::size_t kMostMaterials = std::size_t{1} << 16;  ///< A surfel's material has 16 bits.
 
 Vec3f any_tangent(const SurfelCloud& cloud, std::size_t i) {
   if (cloud.normal.empty() || !(cloud.normal[i].squaredNorm() > 0)) return {1, 0, 0};

@@ -9,7 +9,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kTransformGrain = 1 << 16;
-constexpr double kMostScale = 1e9;
+constexpr double kMostScale = 1e9;  ///< Kilometres to micrometres: areas, which are scaled twice,
+                                    ///< stay far inside float's range.
 
 template <class T, class Change>
 void change(Array<T>& column, Change&& to) {

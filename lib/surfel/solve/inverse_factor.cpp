@@ -64,7 +64,7 @@ class PatternPlaces {
   }
 
  private:
-  static constexpr std::uint32_t kColumns = 32;
+  static constexpr std::uint32_t kColumns = 32;  ///< Of a page: its bytes are half a cache line.
   static constexpr std::uint32_t kNoPage = static_cast<std::uint32_t>(-1);
   struct Page {
     std::uint32_t number;

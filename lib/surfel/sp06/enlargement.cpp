@@ -12,6 +12,7 @@ namespace {
 /// Of the area, and of the factor.
 constexpr double kTolerance = 1e-6;
 constexpr double kFixedPointTolerance = 1e-4;
+/// Twice as many as bisection takes to come down to rounding.
 constexpr int kMostEvaluations = 100;
 
 }  // namespace

@@ -14,9 +14,9 @@
 namespace surfel {
 namespace {
 
-constexpr int kMaxSweeps = 100;
+constexpr int kMaxSweeps = 100;  ///< A bound: sweeps end when no splat moves any more.
 constexpr std::size_t kAreaGrain = 1 << 12;
-constexpr std::uint32_t kUnplaced = 0xffffffff;
+constexpr std::uint32_t kUnplaced = 0xffffffff;  ///< No group has this number.
 /// A splat moves only for more than this share of its overlap, so that rounding cannot move it back
 /// and forth for ever.
 constexpr double kWorthMoving = 1e-6;

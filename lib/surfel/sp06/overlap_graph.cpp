@@ -251,8 +251,8 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
 /// (a few splats may overlap all others) are left out, so that the estimate exceeds the length only
 /// by chance.
 std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
-  constexpr std::size_t kSample = 256;
-  constexpr std::size_t kLeftOut = 16;
+  constexpr std::size_t kSample = 256;  // Rows, spread evenly.
+  constexpr std::size_t kLeftOut = 16;  // The longest.
   if (splats < 4 * kSample) return 0;
   std::vector<std::size_t> length(kSample);
   parallel_for(kSample, 4, [&](std::size_t begin, std::size_t end, int) {

@@ -22,7 +22,7 @@ constexpr std::size_t kWidth = ClosedCell::kWidth;
 using D = hn::CappedTag<float, kWidth>;
 using V = hn::Vec<D>;
 
-constexpr float kRoot3 = 1.7320508F;
+constexpr float kRoot3 = 1.7320508F;  ///< The square root of 3.
 
 void set_frame(const Vec3f& n, ClosedCell& cell) {
   const float sign = std::copysign(1.0F, n.z());

@@ -12,7 +12,7 @@ namespace surfel {
 namespace {
 
 using Index = flann::KDTreeSingleIndex<flann::L2_Simple<float>>;
-constexpr int kLeafSize = 12;
+constexpr int kLeafSize = 12;  ///< Points; FLANN's default is 10.
 constexpr std::size_t kGrain = 256;
 
 /// The distinct positions, in Morton order, each with the points that lie there. The tree is built

@@ -26,7 +26,7 @@ NeighborRows NeighborSearch::rows(std::size_t k) const {
 }
 
 double neighbor_recall(const Array<Vec3f>& points, const NeighborSearch& search, std::size_t k) {
-  constexpr std::size_t kMostSamples = 1000;
+  constexpr std::size_t kMostSamples = 1000;  // The recall's standard error is below 1.6 %.
   const std::size_t samples = std::min(points.size(), kMostSamples);
   const ExactSearch exact(points);
   std::vector<Neighbor> expected;

@@ -23,7 +23,7 @@ namespace surfel {
 /// FLANN's takes 5.5 to 7 times as long (docs/speed.md).
 class PointTree {
  public:
-  static constexpr std::size_t kWidth = 16;
+  static constexpr std::size_t kWidth = 16;  ///< Floats of the widest vectors.
 
   /// Places of a leaf, in columns. Unused entries are NaN: no comparison with their distance holds.
   struct alignas(64) Leaf {

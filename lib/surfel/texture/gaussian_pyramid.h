@@ -99,7 +99,7 @@ class SURFEL_API GaussianPyramid {
   /// Texels where the kernel's exponent exceeds this are left out: exp(-10) = 4.5e-5 of the peak,
   /// and as much of the volume, so that no sum is off by more than 5e-5 of the image's range.
   static constexpr double kExponentCutoff = 10;
-  static constexpr int kMaxLevel = 30;
+  static constexpr int kMaxLevel = 30;  ///< No image has more than 2^30 texels a side.
 
   /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
   GaussianPyramid(PyramidLevel image, WrapMode wrap);

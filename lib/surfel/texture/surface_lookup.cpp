@@ -96,7 +96,7 @@ class FaceTree {
   explicit FaceTree(const TriangleMesh& mesh) : mesh_(mesh) {
     Array<Center> centers = face_centers();
     face_count_ = centers.size();
-    constexpr std::size_t kMostFacesInLeaf = 4;
+    constexpr std::size_t kMostFacesInLeaf = 4;  // As many as a node has children.
     for (levels_ = 1; (kMostFacesInLeaf << (2 * levels_)) < face_count_;) ++levels_;
     node_.resize(first_of_level(levels_));
     for (int level = 0; level < levels_; ++level) {

@@ -90,7 +90,7 @@ std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cl
 }
 
 bool limit_kernel(Mat2d& variance, double max_aspect) {
-  constexpr double kMostSigma = 0x1p24;
+  constexpr double kMostSigma = 0x1p24;  // Texels: a kernel as wide sees the mean of any image.
   PrincipalVariances axes = principal_variances(variance);
   const double max_variance = kMostSigma * kMostSigma;
   if (axes.major > max_variance) {

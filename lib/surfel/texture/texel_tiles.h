@@ -36,7 +36,7 @@ class TexelDecoder {
 /// codes them in 8 bits, which are decoded at each use.
 class TexelTiles {
  public:
-  static constexpr int kSize = 64;
+  static constexpr int kSize = 64;  ///< Texels a side: a tile of floats takes 64 KB.
 
   TexelTiles(int width, int height, bool coded)
       : coded_(coded),

@@ -11,9 +11,9 @@
 namespace surfel {
 namespace {
 
-constexpr int kProceduralSize = 2048;
-constexpr int kProceduralSamples = 2;  ///< Per texel and axis.
-constexpr double kLeastFrequency = 0.01;
+constexpr int kProceduralSize = 2048;      ///< Texels a side.
+constexpr int kProceduralSamples = 2;      ///< Per texel and axis.
+constexpr double kLeastFrequency = 0.01;   ///< The image shows a hundredth of a period.
 constexpr double kLargestFrequency = 512;  ///< Leaves four texels a period.
 
 Image procedural_image(const std::string& name, const std::string& frequency) {

@@ -245,7 +245,7 @@ std::optional<CoverageRaster> coverage_box(const std::vector<UvCharts::Triangle>
   }
   low = low.array().floor();
   high = high.array().floor() + 1;
-  constexpr double kMaxIndex = 1e9;
+  constexpr double kMaxIndex = 1e9;  // Indices of texels fit 32 bits with a sign.
   if (!((high - low).prod() <= max_texels && low.minCoeff() >= -kMaxIndex &&
         high.maxCoeff() <= kMaxIndex)) {
     return std::nullopt;

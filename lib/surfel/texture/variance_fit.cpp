@@ -19,12 +19,13 @@ namespace {
 constexpr std::size_t kFunctionGrain = 1 << 11;
 /// Points that are worked on at once, and add to the gradient in one place.
 constexpr std::size_t kChunkPoints = 1 << 12;
-constexpr int kMostVarianceRounds = 6;
+constexpr int kMostVarianceRounds = 6;  ///< A bound: rounds end by kLeastGain.
 /// Range of the log-variances in the first round, and from which on no further one is made.
 constexpr double kFirstRange = 0.4;
 constexpr double kLeastRange = 0.1;
 /// Rounds end where one gains less of the objective.
 constexpr double kLeastGain = 0.01;
+/// Most steps of a round, and the relative gain that ends them.
 constexpr int kSteps = 30;
 constexpr double kStepTolerance = 1e-4;
 /// Kernels of the model fade out between (1 -+ kFade) c: half the distance of 12 points a surfel,

@@ -9,7 +9,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::uint32_t kLeafSize = 4;
+constexpr std::uint32_t kLeafSize = 4;  ///< Discs, which are met one by one.
 
 Vec3d center_of(const RenderCloud& cloud, std::uint32_t i) {
   return {cloud.x[i], cloud.y[i], cloud.z[i]};
