@@ -52,7 +52,8 @@ class SURFEL_API SeenThrough {
   float share(int i) const { return share_[static_cast<std::size_t>(i)]; }
   /// The share of the pixel that no surface covers. Surfaces are taken to lie upon one another.
   float uncovered() const { return uncovered_; }
-  /// SP06's l, as there a real number: each surface up to the first opaque one by its coverage.
+  /// SP06's l, a real number as in the paper: each surface up to the first opaque one by its
+  /// coverage.
   float layers() const { return layers_; }
 
  private:
@@ -120,9 +121,9 @@ class SURFEL_API Shader {
   /// The environment's radiance behind all surfaces of a pixel, seen through the nearest one:
   /// refracted `layers` times (once where the scene says so), in each of R, G and B by its own
   /// index, straight ahead where the surface does not refract. Black without an environment. To be
-  /// multiplied by the transmittance that the surfaces leave. \param layers  SP06's l, as there a
-  /// real number: surfaces up to the first opaque one, each
-  ///                counted by its coverage.
+  /// multiplied by the transmittance that the surfaces leave.
+  /// \param layers  SP06's l, a real number as in the paper: surfaces up to the first opaque one,
+  ///     each counted by its coverage.
   Vec3f behind(const Fragment& nearest, float x, float y, float layers) const;
   Vec3f behind(const Fragment& nearest, float x, float y, int layers) const {
     return behind(nearest, x, y, static_cast<float>(layers));
