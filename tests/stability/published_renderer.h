@@ -21,7 +21,7 @@ struct PublishedOptions {
 /// As printed: J by the inverse of the projected screen axes; the affine kernel (6); surfels in the
 /// order of the cloud; the z threshold alone decides what is one surface; with no layer free the
 /// two fragments next to each other in z are shaded and merged (12); alpha' = alpha min(1, q /
-/// tau). Corrected as in design.md section 3: V = h^2 I, the exponent, the amplitude. Where the
+/// tau). Corrected as lib/README.md says: V = h^2 I, the exponent, the amplitude. Where the
 /// paper is silent it gets the better choice: the tangent plane's z is exact, not stepped;
 /// contributions that match a shaded fragment are dropped.
 template <class T>

@@ -46,7 +46,7 @@ struct ComponentColumns {
 
 /// The one decoder from a file's records to columns of surfels, for whole files, pieces of them and
 /// levels of detail alike. The constructor resolves which property stands for which attribute:
-/// design.md section 2 names the properties, which may be of any type and either byte order and
+/// docs/format.md names the properties, which may be of any type and either byte order and
 /// have several spellings, case aside. An integer attribute whose values do not fit is taken for a
 /// property of another meaning. Internal to the library.
 class SurfelDecoder {

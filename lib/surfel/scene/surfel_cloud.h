@@ -33,7 +33,7 @@ struct Viewpoint {
 
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
 /// there, every other column either is empty (the attribute is absent) or has size() values.
-/// design.md section 2 lists the columns' meaning; colours here are linear light.
+/// docs/format.md lists the columns as files have them; colours here are linear light.
 struct SURFEL_API SurfelCloud {
   Vec3d origin{0, 0, 0};  ///< World position = origin + position, so that far-away scenes keep
                           ///< their precision in float.
