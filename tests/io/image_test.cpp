@@ -22,6 +22,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "support/message_of.h"
 #include "support/test_data.h"
 
 // Where libpng jumps out of an error, OpenImageIO forgets the message: tests/support/lsan.supp
@@ -34,6 +35,7 @@ extern "C" __attribute__((visibility("default"))) const char* __asan_default_opt
 namespace surfel {
 namespace {
 
+using test::message_of;
 using test::TemporaryFolder;
 
 Image make_image(int width, int height, std::vector<std::string> channels) {
@@ -438,6 +440,18 @@ TEST(Image, AbsurdHeadersAreRefused) {
     EXPECT_EQ(error_kind(name, [&] { read_image(data_file("malformed/invalid/" + name)); }),
               ErrorKind::kInput);
   }
+}
+
+/// libpng takes the memory that a chunk of text claims, and fills it.
+TEST(Image, ChunksLongerThanTheirPngFileAreRefusedBeforeTheyTakeMemory) {
+  const std::string header("\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0", 29);
+  const std::string text("\x3a\x7e\x9b\x55\x7f\xff\xff\xf0tEXtTitle\0hello\0\0\0\0", 27);
+  const TemporaryFolder folder;
+  const std::string path = folder / "huge.png";
+  const std::string file = header + text;
+  write_bytes(path, {file.begin(), file.end()});
+  EXPECT_NE(message_of([&] { read_image(path); }).find("a chunk claims 2147483632 bytes"),
+            std::string::npos);
 }
 
 TEST(Image, PngSuite) {

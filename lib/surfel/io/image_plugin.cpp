@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <memory>
@@ -24,6 +26,7 @@
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_writer.h>
+#include <surfel/io/record_table.h>
 #include <surfel/io/surfel_decoder.h>
 
 namespace surfel {
@@ -225,6 +228,24 @@ std::string format_of(std::span<const std::byte> bytes) {
   return start.starts_with("#?") ? "hdr" : "";
 }
 
+/// Throws Error(kInput) where a chunk before the first pixels of a PNG file is longer than the
+/// file: libpng would take and fill memory of that size.
+void check_png_chunks(std::span<const std::byte> bytes, const std::string& name) {
+  constexpr bool kSwapped = std::endian::native == std::endian::little;
+  constexpr std::size_t kSignature = 8;
+  constexpr std::size_t kFrame = 12;  // Of a chunk: its length, its type and a checksum.
+  for (std::size_t at = kSignature; at + kFrame <= bytes.size();) {
+    const std::uint64_t length = load_scalar<std::uint32_t, kSwapped>(bytes.data() + at);
+    if (std::memcmp(bytes.data() + at + 4, "IDAT", 4) == 0) return;
+    if (length > bytes.size() - at - kFrame) {
+      throw_input(
+          name,
+          fmt::format("damaged image: a chunk claims {} bytes, more than the file has", length));
+    }
+    at += kFrame + length;
+  }
+}
+
 /// Opens standard input or a pipe, whose bytes `memory` reads.
 std::unique_ptr<OIIO::ImageInput> open_piped(const InputFile& file, const OIIO::ImageSpec& hints,
                                              OIIO::Filesystem::IOMemReader& memory) {
@@ -271,6 +292,7 @@ void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
 /// A file that has been found to be a flat picture.
 struct OpenedImage {
   OpenedImage(const std::string& path, std::uint64_t most_megabytes) : file(path) {
+    if (format_of(file.bytes()) == "png") check_png_chunks(file.bytes(), file.name());
     const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
