@@ -87,7 +87,7 @@ class PerWorker {
   std::array<std::unique_ptr<T>, kMostThreads> places_;
 };
 
-/// How many of the numbers below `count` there are that holds(i) says yes to, asked in parallel.
+/// Number of indices i below `count` for which holds(i) is true; several threads call holds().
 template <class Holds>
 std::size_t count_where(std::size_t count, const Holds& holds) {
   constexpr std::size_t kGrain = 1024;

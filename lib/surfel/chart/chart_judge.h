@@ -11,7 +11,7 @@
 
 namespace surfel {
 
-/// Goal of a recommendation: one of the two is set.
+/// Goal of a recommendation; exactly one member is set.
 struct ChartGoal {
   std::optional<double> min_psnr;  ///< Least PSNR, dB.
   /// Longest time of a picture without reading and writing, ms, > 0.

@@ -13,16 +13,19 @@ struct CostPoint {
   double error = 0;  ///< > 0.
 };
 
-/// For every point whether it is on the Pareto front: no other is better in one and as good in the
-/// other. Equal points are on it together. O(n log n).
+/// Tells for every point whether it is on the Pareto front: no other point is better in one measure
+/// and at least as good in the other. Equal points are on the front together. O(n log n).
 SURFEL_API std::vector<bool> pareto_front(const std::vector<CostPoint>& points);
 
-/// How far a point is from the front: the factors that the best of the others would save.
+/// Distance of a point from the front: the factors by which the best other points are better.
 struct FrontDistance {
-  double time = 1;          ///< Its time by the least one of points that are no less accurate.
-  std::size_t faster = 0;   ///< The point with that time, itself if there is none.
-  double error = 1;         ///< Its error by the least one of points that take no longer.
-  std::size_t sharper = 0;  ///< The point with that error.
+  /// The point's time by the least time of points that are no less accurate.
+  double time = 1;
+  /// The point with the least time; the point itself if no other is faster.
+  std::size_t faster = 0;
+  double error = 1;  ///< The point's error by the least error of points that take no longer.
+  /// The point with the least error; the point itself if no other is better.
+  std::size_t sharper = 0;
 };
 
 /// The distance of points[index]. Throws std::out_of_range for an index beyond the points.

@@ -30,8 +30,9 @@ struct OrientationOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// Edges a point of the graph that signs spread along: as many as a point of a square grid has
-/// around it. More edges cost time and lead across gaps, fewer leave parts of the surface apart.
+/// Edges of each point in the graph along which signs spread: as many as a point of a square grid
+/// has around it. More edges cost time and lead across gaps, fewer leave parts of the surface
+/// apart.
 inline constexpr std::size_t kOrientationNeighbors = 8;
 
 struct OrientationReport {

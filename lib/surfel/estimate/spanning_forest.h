@@ -68,9 +68,9 @@ class SURFEL_API SignedSets {
   Array<std::uint8_t> rank_;
 };
 
-/// Edges from points to others in their rows: edge e leads from point e / degree() to the
-/// (e % degree())-th of its row, of no more than 65. Where both ends have each other in their rows,
-/// the edge is there from both, of the same length, or from neither.
+/// Graph of points and the neighbours that their rows list, at most 65 a row: edge e leads from
+/// point e / degree() to entry e % degree() of the point's row. An edge between two points that
+/// list each other is there from both ends with the same length, or from neither end.
 struct NeighborGraph {
   static constexpr std::uint16_t kNoEdge = std::numeric_limits<std::uint16_t>::max();
   NeighborRows rows;

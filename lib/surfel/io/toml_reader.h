@@ -12,7 +12,7 @@ namespace surfel {
 
 /// One table of a TOML file. read() leaves the value alone where the key is absent, throws
 /// Error(kInput) naming file, line and key where it is of another type, and remembers the key, so
-/// that reject_unread() can refuse those that nobody asked for. Internal to the io module.
+/// that reject_unread() can refuse keys that nobody asked for. Internal to the io module.
 class TomlTable {
  public:
   void read(const char* key, double& value) const;

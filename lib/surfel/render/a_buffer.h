@@ -58,18 +58,18 @@ struct Fragment {
 };
 
 inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
-/// Depth of the nearest part.
+/// Depth of a fragment, or of the nearest surface in a merged one.
 inline float front_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kDepth]
                              : fragment.channel[kDepth] / fragment.channel[kWeight];
 }
-/// kFrontTag and kFilteredTag of a fragment's kTag.
+/// Tests of a fragment's kTag for kFrontTag and kFilteredTag.
 inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
 inline bool is_filtered(float tag) {
   return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
 }
 
-/// Premultiplied colour.
+/// Colour with premultiplied opacity.
 struct Rgba {
   float red = 0, green = 0, blue = 0, alpha = 0;
 
@@ -159,8 +159,9 @@ void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
 
 /// Nearest surface of a pixel.
 struct NearestLayer {
-  float depth = -std::numeric_limits<float>::infinity();  ///< Nearness, as in Splat; of none: that.
-  bool front = false;                                     ///< The side that is seen.
+  /// Nearness, as in Splat::depth; stays so where there is no layer.
+  float depth = -std::numeric_limits<float>::infinity();
+  bool front = false;  ///< The side that is seen.
 };
 /// The nearest layer of a pixel, if it is unmerged.
 NearestLayer nearest_layer(TileABuffer& tile, int pixel);
@@ -168,10 +169,11 @@ NearestLayer nearest_layer(TileABuffer& tile, int pixel);
 /// Per-pixel result of a tile.
 struct PixelResult {
   Rgba color;
-  float depth = 0;              ///< z where opacity passes one half; infinity if it stays below.
-  float depth_first = 0;        ///< z of the nearest fragment; infinity if there is none.
-  float normal[3] = {0, 0, 0};  ///< Of the nearest unmerged fragment, unit; zero if none.
-  float weight = 0;             ///< Sum of rho of the nearest fragment.
+  float depth = 0;        ///< z where opacity passes one half; infinity if it stays below.
+  float depth_first = 0;  ///< z of the nearest fragment; infinity if there is none.
+  /// Unit normal of the nearest unmerged fragment; zero if there is none.
+  float normal[3] = {0, 0, 0};
+  float weight = 0;  ///< Sum of rho of the nearest fragment.
 };
 
 /// Shades, weighs by coverage (SS01 section 7) and composites a pixel's fragments front to back.

@@ -72,8 +72,8 @@ class SURFEL_API Compositor {
   };
 
   virtual ~Compositor() = default;
-  /// The lists of splats that are drawn, one or more. Where splats come in batches, it is the
-  /// splats of the first list.
+  /// The lists of splats that are drawn, one or more. Where splats come in batches, only the first
+  /// list does.
   virtual std::vector<SplatListOptions> lists() const = 0;
   /// Fragments per pixel of the A-buffer, 1..kMostLayers.
   virtual int layers() const = 0;
@@ -100,7 +100,7 @@ class SURFEL_API CompositingMethod {
   virtual RenderColumns columns() const { return {}; }
   /// All splats of a tile must be there at once, so that all surfels must be in memory.
   virtual bool needs_whole_tiles() const { return true; }
-  /// Throws Error if this cloud cannot be drawn so. The compositor keeps references to both.
+  /// Throws Error if the method cannot draw this cloud. The compositor keeps references to both.
   /// \param opaque  no surfel, nor any material, has an opacity below 1.
   virtual std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
                                            bool opaque) const = 0;

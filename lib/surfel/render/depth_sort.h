@@ -10,10 +10,10 @@ namespace surfel {
 
 /// How finely depths are told apart; splats of equal keys stay in the order that they come in.
 enum class DepthOrder {
-  /// In as many steps of the range as there are splats, but 2048 at most: enough where surfaces are
-  /// told apart by depth whatever comes first.
+  /// As many steps of the range as there are splats, but 2048 at most: enough for methods that tell
+  /// surfaces apart by depth whatever the order of their splats.
   kCoarse,
-  kFine,  ///< In 2^22 steps.
+  kFine,  ///< 2^22 steps.
 };
 
 /// Memory of sort_front_to_back(), kept from call to call.
@@ -22,7 +22,7 @@ struct DepthSortScratch {
 };
 
 /// Orders the splats of a tile, nearest first. SIMD, chosen at run time.
-/// \param depths  `count` of them, larger is nearer, and room up to the next multiple of kTileSize
+/// \param depths  `count` depths, larger is nearer, and room up to the next multiple of kTileSize
 /// \param splats  parallel to them
 /// \param order   `count` of `splats`
 SURFEL_API void sort_front_to_back(const float* depths, const std::uint32_t* splats,

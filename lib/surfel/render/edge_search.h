@@ -41,7 +41,7 @@ EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around);
 
 /// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
-/// kInsideShare of tau: no edge is seen where the tiles around show the same side so.
+/// kInsideShare of tau: no edge is seen where the tiles around show the same side in the same way.
 enum class TileInside : std::uint8_t { kNo, kFront, kBack };
 
 /// The only fragment of a pixel near a tile's border, which may be at an edge.
@@ -60,8 +60,8 @@ class TileRims {
 
   /// The sums around a fragment of a picture's pixel within kEdgeReach of a tile's border.
   EdgeNeighbors look_around(const Fragment& fragment, int x, int y) const;
-  /// The coverage of a lone fragment, by the coverage that it has away from edges.
-  /// \param weights  The picture's.
+  /// Ratio of a lone fragment's coverage to the coverage that it would have away from edges.
+  /// \param weights tau and the weight at edges of the picture.
   float coverage_change(const TileABuffer& weights, const LoneFragment& lone) const;
 
  private:
@@ -70,9 +70,10 @@ class TileRims {
   /// Where a pixel's values are stored.
   struct Place {
     std::size_t patch;
-    std::size_t pixel;  ///< Of the patch.
+    std::size_t pixel;  ///< Place of the pixel in the patch.
   };
-  static constexpr int kPatches = 12;  ///< Of a tile: all but the four in its middle.
+  /// Patches of a tile that are stored: all but the four in its middle.
+  static constexpr int kPatches = 12;
 
   std::size_t tile_of(int tile_x, int tile_y) const {
     return static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
@@ -80,13 +81,14 @@ class TileRims {
   Place place_of(int x, int y) const;
   bool inside_goes_on(int x, int y) const;
 
-  int width_ = 0, height_ = 0;  ///< The picture's.
+  int width_ = 0, height_ = 0;  ///< Size of the picture, pixels.
   int tiles_x_ = 0;
   int first_row_ = 0;  ///< Row of tiles in the picture that is stored first.
   /// Sums of rho, negative where the back is seen, infinite where fragments are merged. All of a
   /// layer together: layers but the first two are hardly touched.
   Array<Patch> weights_;
-  Array<Patch> depths_;  ///< Parallel; only of patches that have several layers in use.
+  /// Depths, parallel to weights_; only of patches that have several layers in use.
+  Array<Patch> depths_;
   std::size_t layer_stride_ = 0;
   Array<std::uint8_t> used_;  ///< Layers in use, by patch.
   Array<TileInside> inside_;  ///< By tile.
@@ -96,8 +98,8 @@ class TileRims {
 struct OpenPixels {
   struct Pixel {
     int x, y;
-    std::size_t first;  ///< Place of its nearest fragment.
-    int count;          ///< Fragments, nearest first.
+    std::size_t first;  ///< Place in `fragments` of the nearest fragment.
+    int count;          ///< Number of fragments, which are stored nearest first.
     bool rest;          ///< A merged fragment follows that lies behind all of them, or weighs 0.
   };
   std::vector<Pixel> pixels;

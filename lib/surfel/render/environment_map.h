@@ -23,8 +23,8 @@ namespace surfel {
 /// singular there, and there is no seam at the picture's border. Sums are weighted by solid angle,
 /// and every level has the mean of the picture over the sphere.
 ///
-/// Axes are those of io/lat_long.h. Memory: 14.6 bytes for each pixel of the picture (1024 x 512:
-/// 7.6 MB), while it is made also the picture's own 16.
+/// The axes are defined in scene/lat_long.h. Memory: 14.6 bytes for each pixel of the picture (1024
+/// x 512: 7.6 MB), while it is made also the picture's own 16.
 class SURFEL_API EnvironmentMap {
  public:
   /// \param image  R G B A, of which A plays no role; twice as wide as high, at most 2^27 pixels.
@@ -61,7 +61,8 @@ class SURFEL_API EnvironmentMap {
 
     void add_ring(int count);
     double colatitude(int ring) const;
-    /// Of each texel of a ring; the poles have none, they are there to interpolate from.
+    /// Solid angle of each texel of a ring; the poles' texels have none: they are there to
+    /// interpolate from.
     double solid_angle(int ring) const;
   };
 

@@ -78,7 +78,7 @@ class SplatSampler {
     return rho;
   }
 
-  /// A splat at a vector of pixels with their centres at (x, y).
+  /// A splat's values at the pixels with centres (x, y).
   HWY_INLINE Sample at(std::uint32_t index, V x, V y) const {
     const D d;
     const Splat& splat = splats_[index];
@@ -175,11 +175,11 @@ class SplatSampler {
 
 /// A vector of pixels, and the splats whose boxes it meets.
 struct PixelSplats {
-  std::size_t pixel;  ///< The first.
-  V x, y;             ///< Centres in the picture.
+  std::size_t pixel;  ///< The first pixel of the vector.
+  V x, y;             ///< Centres of the pixels in the picture.
   const std::uint32_t* begin;
   const std::uint32_t* end;
-  float reach;  ///< None of them, with all that is within epsilon of it, is nearer than this.
+  float reach;  ///< No splat, nor anything within its epsilon, is nearer than this depth.
 };
 
 /// Binary logarithms: floats of a Splat, pixels along a patch.
@@ -253,7 +253,7 @@ class KernelRaster {
     std::uint32_t splats[kPatches][kListed + kTileSize];  ///< A vector past the end is written.
     std::size_t count[kPatches];
     float hidden[kPatches];  ///< The least depth that hides.
-    float least;             ///< Of all.
+    float least;             ///< Least value of `hidden`.
     float reach;             ///< PixelSplats::reach.
   };
 
@@ -282,7 +282,7 @@ class KernelRaster {
   /// Lists the splats [begin, end) of the order, a vector of them at a time: which patches they
   /// meet are the bits of a number.
   void list(std::size_t begin, std::size_t end, Lists& lists) const {
-    // Splats: the widest vector's, which is fetched while one is worked on.
+    // Splats of the widest vector: the next vector of splats is fetched while one is worked on.
     constexpr std::size_t kPrefetchAhead = 16;
     const D d;
     const hn::RebindToSigned<D> di;

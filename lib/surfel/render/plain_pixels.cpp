@@ -74,11 +74,11 @@ struct Fragments {
   V3 normal;  ///< Only in shaded pictures.
 };
 
-/// How many a vector of pixels has.
+/// Fragments of a vector of pixels.
 struct FragmentCount {
-  V count,
-      sum;  ///< Every pixel's number of fragments, and the sum of the unmerged fragments' weights.
-  int layers = 0;  ///< That are in use.
+  V count;         ///< Every pixel's number of fragments.
+  V sum;           ///< Sum of the weights of every pixel's unmerged fragments.
+  int layers = 0;  ///< Layers that some of the pixels use.
 };
 
 FragmentCount count_fragments(const TileABuffer& tile, std::size_t pixel) {

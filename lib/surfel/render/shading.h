@@ -25,9 +25,10 @@ SURFEL_API Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optio
 
 /// A ray after refraction, SP06 (12).
 struct RefractedRay {
-  Vec3f direction;     ///< Unit; at total reflection the mirrored ray's.
-  float by_normal;     ///< Turn of the direction by turn of the normal, in the plane of incidence;
-  float by_direction;  ///< ... and by turn of the incident ray.
+  Vec3f direction;  ///< Unit; at total reflection the mirrored ray's.
+  /// Change of the direction's angle by the normal's angle, in the plane of incidence ...
+  float by_normal;
+  float by_direction;  ///< ... and by the incident ray's angle.
 };
 
 /// sin(theta_T) = eta^layers sin(theta_I), where eta = 1 / ior. `normal` and `to_eye` are unit, on
@@ -41,19 +42,20 @@ class SURFEL_API SeenThrough {
  public:
   /// The next surface, front to back.
   /// \param surfaces How many surfaces the fragment stands for: 1, or more where it is merged.
-  /// \param coverage  Of the pixel, 0..1.
-  /// \param opacity   As shaded: nothing that lies behind an opaque one counts.
+  /// \param coverage share of the pixel that the surface covers, 0..1.
+  /// \param opacity opacity of the surface after shading: surfaces behind an opaque one do not
+  ///     count.
   void add(const Fragment& surface, float surfaces, float coverage, float opacity);
 
-  /// How many there are that something is seen through first.
+  /// Number of surfaces that are the nearest ones in some share of the pixel.
   int count() const { return count_; }
   const Fragment& surface(int i) const { return surface_[static_cast<std::size_t>(i)]; }
-  /// Share of the pixel that surface i covers, and none before it.
+  /// Share of the pixel that surface i covers and no surface before i does.
   float share(int i) const { return share_[static_cast<std::size_t>(i)]; }
   /// The share of the pixel that no surface covers. Surfaces are taken to lie upon one another.
   float uncovered() const { return uncovered_; }
-  /// SP06's l, a real number as in the paper: each surface up to the first opaque one by its
-  /// coverage.
+  /// SP06's l, a real number as in the paper: the sum of the coverages of all surfaces up to the
+  /// first opaque one.
   float layers() const { return layers_; }
 
  private:
@@ -107,13 +109,14 @@ class SURFEL_API Shader {
 
   /// Colour of an unmerged fragment seen at picture coordinates (x, y), pixels, pixel centres at
   /// +1/2: normalised by the sum of rho (9), shaded, its opacity multiplied with its coverage
-  /// min(1, sum of rho / full_weight). Its reflection is neither multiplied by its opacity nor seen
-  /// through: the opacity is that of both.
+  /// min(1, sum of rho / full_weight). A reflection is added in full whatever the fragment's
+  /// opacity; the opacity that is returned hides what lies behind fragment and reflection together.
   Rgba shade(const Fragment& fragment, float x, float y, float full_weight) const {
     Reflected unknown;
     return shade(fragment, x, y, full_weight, unknown);
   }
-  /// Looks the reflection up once for successive fragments of a place that reflect the same.
+  /// Shades as above, and looks the environment up only once for successive fragments of a place
+  /// whose reflections are alike.
   /// \param reflected  kept from fragment to fragment of the place (x, y).
   Rgba shade(const Fragment& fragment, float x, float y, float full_weight,
              Reflected& reflected) const;
@@ -136,7 +139,7 @@ class SURFEL_API Shader {
   /// \param color  the surfaces' composite, premultiplied.
   void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
-  /// z of a depth as splats hold it, and back.
+  /// Conversions between Splat::depth and the depth z along the view.
   float z(float depth) const { return orthographic_ ? -depth : 1.0F / depth; }
   float depth(float z) const { return orthographic_ ? -z : 1.0F / z; }
 
@@ -144,15 +147,17 @@ class SURFEL_API Shader {
   /// The values of a fragment that lighting needs.
   struct Surface {
     const Material& material;
-    Vec3f to_eye;           ///< Unit.
-    Vec3f normal;           ///< Unit, on the eye's side.
-    float normal_variance;  ///< Of the normals along an axis, microfacets included, radians^2.
+    Vec3f to_eye;  ///< Unit.
+    Vec3f normal;  ///< Unit, on the eye's side.
+    /// Variance of the normals along an axis, microfacets included, radians^2.
+    float normal_variance;
   };
   Surface surface(const Fragment& fragment, float x, float y) const;
-  /// From the eye through (x, y), world axes; of perspective cameras with z = 1 along the view.
+  /// Direction from the eye through picture coordinates (x, y), world axes; perspective cameras
+  /// give it z = 1 along the view.
   Vec3f ray(float x, float y) const;
   Vec3f lit_color(const Vec3f& color, const Surface& surface, float x, float y, float depth) const;
-  /// Of the environment, from a direction in the world.
+  /// Radiance of the environment from a direction in world axes, filtered with `variance`.
   Vec3f radiance(const Vec3f& direction, float variance) const;
 
   const Scene* scene_;
@@ -162,7 +167,8 @@ class SURFEL_API Shader {
   Lighting lighting_{};
   Eigen::Matrix3f world_from_camera_;
   Eigen::Matrix3f map_from_world_;  ///< The environment's rotation, undone.
-  float ray_variance_;  ///< Of a ray's direction in its pixel, along an axis, radians^2.
+  /// Variance of a ray's direction within its pixel, along an axis, radians^2.
+  float ray_variance_;
   float inv_focal_x_, inv_focal_y_, center_x_, center_y_;
   bool orthographic_;
 };

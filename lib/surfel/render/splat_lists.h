@@ -30,7 +30,7 @@ namespace surfel {
 class SplatLists {
  public:
   /// Keeps references to the cloud, the scene and the options, which are usable.
-  /// \param layout  of the tiles' A-buffers: what splats carry.
+  /// \param layout of the tiles' A-buffers: it decides whether splats carry normals and alpha.
   SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
              const ABufferLayout& layout, const SplatListOptions& lists);
 
@@ -91,7 +91,7 @@ class SplatLists {
   SurfelColumns surfel_columns(const Cluster& cluster) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
-  /// Room for that many `more` splats, of which there will be `most` at most.
+  /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 

@@ -31,28 +31,30 @@ struct SurfelColumns {
   const float* alpha;
 };
 
-/// The surfels of which set-up made splats. Room for one vector past the end.
+/// Indices of the surfels that one call selected, in the order of the columns. Arrays have room for
+/// one vector past their end.
 struct SetUpSplats {
   static constexpr int kSize = kSetupSurfels + 16;
-  alignas(64) std::int32_t visible[kSize];  ///< Indices, ascending.
-  /// Indices of the surfels that need an exact kernel, ascending: set-up makes nothing else of
-  /// them.
+  alignas(64) std::int32_t visible[kSize];  ///< Surfels that became splats.
+  /// Surfels that need an exact kernel, for which the call makes no splat.
   alignas(64) std::int32_t exact[kSize];
   int visible_count, exact_count;
-  /// The number of visible splats whose box's first pixel in the picture lies in this rectangle:
-  /// over all rectangles of a picture every splat is counted once.
+  /// Number of visible splats whose box has its first pixel in the clip rectangle: over all
+  /// rectangles of a picture every splat is counted once.
   int first_count;
 };
 
 /// Projects `count` (<= kSetupSurfels) surfels and makes their resampling kernels (6); SIMD, chosen
 /// at run time. Arrays may be read up to the next multiple of the vector length past `count`, so
-/// columns carry padding (RenderCloud::kPadding). `visible` are those in front of the near plane as
-/// a whole disc, with pixel centres of the clip rectangle in their box. `exact` are those for which
-/// the affine approximation (4) is off by more than the tolerance somewhere on the disc, and those
-/// that reach through the near plane (neither, where the tolerance is infinite).
-/// `next` are those of the next call, or null: they are fetched from memory meanwhile, as clusters
-/// follow one another in depth, not in memory.
-/// \param splats  those of the visible ones, but for their materials and what these change
+/// columns carry padding (RenderCloud::kPadding). A surfel is put into out.visible if its whole
+/// disc lies in front of the near plane and its box holds a pixel's centre of the clip rectangle. A
+/// surfel is put into out.exact instead if its disc reaches through the near plane, or if the
+/// affine approximation (4) is off by more than the tolerance somewhere on the disc; with an
+/// infinite tolerance out.exact stays empty.
+/// \param next    columns of the next call's surfels, or null: they are fetched from memory
+///     meanwhile, since clusters follow one another in depth, not in memory.
+/// \param splats  gets a splat for each surfel of out.visible; materials and their effects on
+///     colour and opacity are left to the caller.
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
                    const SurfelColumns* next, Splat* splats, SetUpSplats& out);
 

@@ -14,7 +14,7 @@ struct TileJob {
   const SplatNormal* normals = nullptr;   ///< Parallel to `splats`; null in unshaded pictures.
   const ExactSplat* exact = nullptr;      ///< Parallel to `splats`; read where k is kExactKernel.
   const std::uint16_t* groups = nullptr;  ///< Parallel to `splats`; null where they do not matter.
-  /// Indices into them; kTileSize more places can be read.
+  /// Indices into `splats`; kTileSize more places can be read.
   const std::uint32_t* order = nullptr;
   std::size_t count = 0;
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.

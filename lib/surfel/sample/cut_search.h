@@ -38,7 +38,7 @@ CutBracket bracket_cuts(const DetailTree& tree, double precision, const Test& fi
   return out;
 }
 
-/// Mean of value(i) over evenly spread i below `count`, 50,000 at most, which suffice to tell the
+/// Mean of value(i) over at most 50,000 numbers i, evenly spread below `count`: enough to tell the
 /// number of samples that a field makes to better than 1 %.
 template <class Value>
 double mean_of_probes(std::size_t count, const Value& value) {

@@ -110,14 +110,14 @@ class SURFEL_API DetailTree {
   };
   class Builder;
   static constexpr int kOctrees = 2;  ///< Shifted against each other, see DetailTree.
-  /// The cheapest choice for a node at a price: to divide it, to give it its own spacing or half
-  /// the variance of that, or to keep its surfels.
+  /// The cheapest choice for a node at a price: to divide it, to use its own spacing, to use the
+  /// spacing of half the variance, or to keep its surfels.
   enum class Choice : std::uint8_t { kDivide, kOwn, kHalved, kKeep };
 
   /// Cells of the parts of a node that need its spacing.
   void add_cells(std::size_t index, float spacing, int levels,
                  std::vector<SizingCell>& cells) const;
-  double measured_area() const;  ///< The surface's, in every octree.
+  double measured_area() const;  ///< Area of the surface, as the probes sum it up in each octree.
   double side(int level) const;
   double spacing(const Node& node) const;
 

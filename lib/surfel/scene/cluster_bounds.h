@@ -36,13 +36,13 @@ struct ClusterColumns {
 /// Bounds of surfels. Values that are NaN bound nothing.
 SURFEL_API ClusterBounds cluster_bounds(const ClusterColumns& surfels);
 
-/// Figures of some surfels, from which the whole cloud's are added up.
+/// Figures of some surfels; added_up() makes the whole cloud's figures of them.
 struct SurfelTotals {
   Vec3f min, max;  ///< Of the positions that are not NaN; infinite if there is none.
   Vec3f reach_min,
       reach_max;          ///< Bounds of the positions, each extended by its surfel's deviation_u.
   double deviations = 0;  ///< Sum of every surfel's larger standard deviation, scene units.
-  bool usable = true;     ///< All values that must be positive or finite are.
+  bool usable = true;     ///< Every value that must be positive or finite is.
   bool transparent = false;  ///< Some alpha is below 1.
 };
 

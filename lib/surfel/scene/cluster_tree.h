@@ -26,7 +26,7 @@ struct TreeCluster {
   /// Length that a surfel's piece of surface has on its longer side: root of the mean square by
   /// area, scene units.
   float spacing = 0;
-  ClusterBounds bounds;  ///< Of this cluster's surfels and of all those below it.
+  ClusterBounds bounds;  ///< Bounds of the surfels of this cluster and of all clusters below it.
   /// Box around the discs, to one standard deviation, of the surfels of the finest level below.
   Vec3f reach_min{0, 0, 0}, reach_max{0, 0, 0};
 };

@@ -11,8 +11,8 @@
 namespace surfel {
 
 struct JoinOptions {
-  /// Row of the material table for each cloud's surfels, 0..65535; -1: its surfels keep their rows.
-  /// Empty: the surfels of all clouds do.
+  /// For each cloud, the row of the material table that its surfels get, 0..65535; -1: the cloud's
+  /// surfels keep their rows. Empty: all surfels keep their rows.
   std::vector<int> material;
   /// The rows of a cloud come after those of the clouds before it, so that no two clouds share
   /// one; not together with `material`.
@@ -41,7 +41,8 @@ struct JoinReport {
 ///  - what some lack is filled: normal 0 (unknown); area sqrt |V|; alpha 1; colour
 ///    SurfelCloud::colorless(); coefficients the colour that would be rendered; material and level
 ///    0; other properties 0;
-///  - variances become anisotropic where one cloud's are: along any tangent, both the same;
+///  - variances become anisotropic where one cloud's variances are: along any tangent, both the
+///  same;
 ///  - uv, dpdu, dpdv, group and group_radius stay where all clouds have them: there is no value for
 ///    none. Groups stay as they are: where bodies overlap, splats of one group may;
 ///  - `source` is numbered anew, so that splats of different clouds never share it;

@@ -20,7 +20,7 @@ inline constexpr char kSkyName[] = "sky";
 
 /// Light from far away in all directions.
 struct Environment {
-  std::string image;    ///< A lat-long picture (io/lat_long.h), or "sky", which is made.
+  std::string image;    ///< A lat-long picture (scene/lat_long.h), or "sky", which is made.
   float intensity = 1;  ///< Factor for the picture's values, 0..1e6.
   float rotation = 0;   ///< Degrees about +y: the picture's direction +z is turned towards +x.
   bool visible = true;  ///< Is seen directly, too; else only in reflections and by refraction.

@@ -52,8 +52,9 @@ struct GroupCoverage {
   std::size_t capped = 0;
   /// kEnlargeEach: splats that grow as much as is allowed, and would have to grow more.
   std::size_t limited = 0;
-  double cell_area = 0;     ///< Of the restricted Voronoi cells: the surface as the group sees it.
-  double covered_area = 0;  ///< The cells' area that their own discs cover.
+  /// Area of the restricted Voronoi cells: the surface as the group sees it.
+  double cell_area = 0;
+  double covered_area = 0;    ///< The cells' area that their own discs cover.
   double uncovered_area = 0;  ///< cell_area - covered_area.
   /// Area of all discs less covered_area, `Clipped` of SP06 (7): the parts beyond the discs' own
   /// cells, over one another or over the border.
@@ -61,7 +62,7 @@ struct GroupCoverage {
   /// A - cell_area where that is positive: surface that is in no cell of the group, as it is on
   /// sheets where the group has no splat, or is curved within a cell. No radius covers it.
   double unreachable_area = 0;
-  double growth_mean = 1;  ///< Of new by old radius.
+  double growth_mean = 1;  ///< Mean ratio of new to old radius.
   double growth_max = 1;
   std::optional<Enlargement> enlargement;  ///< kEnlarge: how (8) was solved.
   std::optional<Enlargement>
@@ -79,11 +80,11 @@ struct CoverageReport {
   std::size_t hidden = 0;
   /// Splats without a finite position, a normal or a variance above zero: they have no disc.
   std::size_t without_disc = 0;
-  std::size_t border_splats = 0;  ///< At which the whole cloud's surface ends.
-  double covered_area = 0;  ///< Mean of the groups, as are the next two; by splats for growth.
+  std::size_t border_splats = 0;  ///< Splats at which the whole cloud's surface ends.
+  double covered_area = 0;        ///< Mean over the groups, as in the next two members.
   double uncovered_area = 0;
   double overlap_area = 0;
-  double growth_mean = 1;
+  double growth_mean = 1;  ///< Mean ratio of new to old radius over the splats of all groups.
   double growth_max = 1;
   StageTimes times;
 };

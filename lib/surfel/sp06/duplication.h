@@ -8,8 +8,8 @@
 
 namespace surfel {
 
-/// Discs to be added to groups so that these cover more of the surface: SP06 section 4.2.2, method
-/// (1), with the greedy order by gain that its priority queue stands for.
+/// Discs to be added to groups so that the groups cover more of the surface: SP06 section 4.2.2,
+/// method (1), with the greedy order by gain that its priority queue stands for.
 class SURFEL_API Duplication {
  public:
   /// \param discs  of the whole cloud, outlives this object.

@@ -25,7 +25,7 @@ class SURFEL_API DiscSurface {
 
   struct Restriction {
     bool cut = false;  ///< Whether the surface ends within the cell.
-    double reach = 0;  ///< Of the surface from the centre, largest, scene units.
+    double reach = 0;  ///< Largest distance of the surface from the disc's centre, scene units.
   };
   /// Whether a disc of this surface is to be covered by the cell.
   using Owns = FunctionRef<bool(const Discs& discs, std::size_t disc)>;
@@ -48,13 +48,13 @@ class SURFEL_API DiscSurface {
 
 /// Voronoi cells of a group's discs in their tangent planes, restricted to the surface. Cells whose
 /// neighbours lie on other sheets are not cut by them; where the group has no neighbour left, at a
-/// border, a cell ends where the discs of the whole cloud end (DiscSurface), those left out that
-/// are wholly nearer to another splat of the group on their own sheet: a splat that is askew to the
-/// surface would see far parts of it in its plane. So a cell's size is bounded by that of the
-/// surface. A disc covers its part of the surface if it covers its cell: the part of disc i outside
-/// of its cell is what SP06 (7) has to subtract (`Clipped` as worded there would subtract the lens
-/// of two discs twice), and for discs of one size the parts inside add up to the area of the union.
-/// Where sizes differ the sum is a lower bound.
+/// border, a cell ends where the discs of the whole cloud end (DiscSurface). Discs that are wholly
+/// nearer to another splat of the group on their own sheet do not count there: a splat that is
+/// askew to the surface would see far parts of the surface in its plane. So a cell is bounded by
+/// the surface's size. A disc covers its part of the surface if it covers its cell: the part of
+/// disc i outside of its cell is what SP06 (7) has to subtract (`Clipped` as worded there would
+/// subtract the lens of two discs twice), and for discs of one size the parts inside add up to the
+/// area of the union. Where sizes differ the sum is a lower bound.
 class SURFEL_API GroupCells {
  public:
   /// `discs`: of one group, no two at one place on one sheet (distinct_discs()).

@@ -15,7 +15,7 @@ namespace surfel {
 SURFEL_API double lens_area(double radius_a, double radius_b, double distance);
 
 struct LeastOverlapReport {
-  double disc_area = 0;  ///< Of all discs together, unit^2.
+  double disc_area = 0;  ///< Sum of the areas of all discs, unit^2.
   /// Sum of the lens areas within groups, unit^2, after the first placement ...
   double placed_overlap_area = 0;
   double overlap_area = 0;              ///< ... and in the end.

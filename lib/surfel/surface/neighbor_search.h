@@ -76,7 +76,8 @@ class SURFEL_API NeighborSearch {
     for_each(most, radius * radius, body);
   }
 
-  /// The k nearest (or all, if there are fewer) of every point, the point itself included.
+  /// The k nearest neighbours of every point (all points, if there are fewer), the point itself
+  /// included.
   virtual NeighborRows rows(std::size_t k) const;
 };
 

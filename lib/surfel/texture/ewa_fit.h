@@ -10,7 +10,7 @@ namespace surfel {
 /// surfel's derivatives.
 struct PointColors {
   const SurfelBasis& basis;
-  Quadrature quadrature;        ///< Of the basis.
+  Quadrature quadrature;        ///< Points, and the filters for each function of the basis.
   Array<Channels> color{};      ///< Out: R, G, B, alpha.
   Array<std::uint8_t> known{};  ///< Out: 0 where the point lies off its surfel's chart.
 };

@@ -9,9 +9,10 @@ struct RobustReport {
   double scale = 0;               ///< Length of residuals from which on they were outliers.
   int rounds = 0;                 ///< Weighted systems solved, or steps of Ceres.
   std::size_t down_weighted = 0;  ///< Points with residuals beyond the scale.
-  double cost = 0;                ///< Of the coefficients found, by robust_cost().
-  int iterations = 0;             ///< Of conjugate gradients, all rounds; or steps of Ceres.
-  double residual = 0;            ///< The cost's gradient, by the weighted system's right side.
+  double cost = 0;                ///< robust_cost() of the coefficients found.
+  /// Iterations of conjugate gradients in all rounds, or steps of Ceres.
+  int iterations = 0;
+  double residual = 0;  ///< The cost's gradient, by the weighted system's right side.
   bool converged = true;
 };
 
@@ -19,7 +20,7 @@ struct RobustReport {
 struct VarianceFitReport {
   int rounds = 0;              ///< Joint minimisations, the rejected ones included.
   int accepted = 0;            ///< Rounds that lowered the objective.
-  int iterations = 0;          ///< Of L-BFGS, all rounds.
+  int iterations = 0;          ///< Iterations of L-BFGS in all rounds.
   double objective_start = 0;  ///< |A w - f|^2 + lambda |w - w_0|^2 with the variances given.
   double objective = 0;        ///< The objective with the variances found.
   double sigma_min = 1;        ///< Least change of a standard deviation, a factor.

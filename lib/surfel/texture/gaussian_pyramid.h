@@ -114,9 +114,9 @@ class SURFEL_API GaussianPyramid {
 
   /// Sum over the texels of kernel times texel, the kernel's peak being 1 at its centre.
   struct Sum {
-    /// Of R, G, B, weight; not aligned, as in base/types.h.
+    /// Sums of R, G, B and weight; not aligned, as in base/types.h.
     Eigen::Array<double, 4, 1, Eigen::DontAlign> texels{0, 0, 0, 0};
-    double kernel = 0;  ///< Of the kernel, over the texels that exist.
+    double kernel = 0;  ///< Sum of the kernel over the texels that exist.
   };
   /// \param max_level  the coarsest level to use; 0: the image's own texels, whatever it takes.
   /// A level that was not built is replaced by the coarsest there is.

@@ -78,15 +78,15 @@ struct SURFEL_API EvaluatedBasis {
 };
 
 /// Least squares in the basis that the renderer evaluates [SS01 (9)], magnified and minified at
-/// once: the w that minimise
-///   |A w - f|^2 + mu |B w - w_0|^2 + sum_k (lambda + held_k) |w_k - w_0k|^2,
-/// with A_qk = r_k(u_q) / sum_j r_j(u_q), the r_k truncated at c. B is the same at the functions'
-/// own positions, the r_k as wide as they are on screen where the pixel filter is about as wide as
-/// they: of variance V (1 + 1 / t), t being the share of its variance that truncation leaves a
-/// Gaussian. There the picture ought to be the texture under a Gaussian of variance V, which is
-/// what w_0, the coefficients of view-independent EWA, are. Without that term, coefficients that
-/// are right from near sum to noise from afar, where the renderer weighs them by their areas, and
-/// not by what truncation and normalisation make of these at each place.
+/// once: the w that minimise |A w - f|^2 + mu |B w - w_0|^2 + sum_k (lambda + held_k) |w_k -
+/// w_0k|^2, with A_qk = r_k(u_q) / sum_j r_j(u_q), the r_k truncated at c. B is the same at the
+/// functions' own positions, the r_k as wide as they are on screen where the pixel filter is about
+/// as wide as they: of variance V (1 + 1 / t), t being the share of its variance that truncation
+/// leaves a Gaussian. There the picture ought to be the texture under a Gaussian of variance V,
+/// which is what w_0, the coefficients of view-independent EWA, are. Without that term,
+/// coefficients that are right from near sum to noise from afar, where the renderer weighs them by
+/// their areas, and not by the values that truncation and normalisation make of the areas at each
+/// place.
 ///
 /// A point is seen along its owner's normal, as by a viewer straight above. A function takes part
 /// where the line of sight meets its plane within the truncated kernel, if the place is no further

@@ -56,7 +56,9 @@ SURFEL_API RobustReport robust_fit_ceres(const RenderSystem& system, const FitTa
 SURFEL_API CeresReport ceres_fit(const RenderSystem& system, const FitTarget& target, double scale,
                                  double tolerance, Array<Channels>& w);
 
-/// Winsorised colour samples, towards which robust fits to samples are pulled
+/// Winsorised colour samples, towards which robust fits to samples are pulled: a sample further
+/// than `scale` (unset: estimated as RobustOptions::scale is) from the median of its
+/// neighbourhood's samples is moved towards the median, to that distance.
 SURFEL_API Array<Channels> winsorized(const SurfelBasis& basis, const Array<Channels>& sample,
                                       std::optional<double> scale = {});
 

@@ -29,7 +29,7 @@ class TexelDecoder {
   }
 
  private:
-  std::array<float, 256> linear_;  ///< Of every byte.
+  std::array<float, 256> linear_;  ///< Linear light of every byte.
 };
 
 /// The texels of an image that are wanted, by square tiles: premultiplied floats, or as their file
@@ -60,7 +60,7 @@ class TexelTiles {
     return static_cast<std::size_t>(count) * tile_bytes();
   }
 
-  /// Keeps the wanted ones of the texels x_begin ... x_end - 1 of row y.
+  /// Keeps the texels x_begin ... x_end - 1 of row y that lie in wanted tiles.
   void store(int y, int x_begin, int x_end, const std::byte* texels) {
     for (int x = x_begin; x < x_end;) {
       const int next = std::min(x_end, (x / kSize + 1) * kSize);
@@ -75,7 +75,7 @@ class TexelTiles {
   }
   std::size_t texel_bytes() const { return coded_ ? 4 : 4 * sizeof(float); }
 
-  /// Premultiplied. The tile must have been stored.
+  /// Premultiplied colour of a texel, whose tile must have been stored.
   Eigen::Array4f texel(int x, int y) const {
     const std::byte* texel = tile_[index(x / kSize, y / kSize)].get() + place(x, y);
     if (coded_) return decode_(reinterpret_cast<const std::uint8_t*>(texel));

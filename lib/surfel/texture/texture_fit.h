@@ -69,16 +69,18 @@ struct SURFEL_API TextureFitOptions {
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
-/// Of a fit that solved a system of equations.
+/// Figures of a fit that solved a system of equations.
 struct SystemReport {
   std::size_t functions = 0;  ///< Unknowns: the usable surfels; all other surfels keep w_ewa.
-  std::size_t entries = 0;    ///< Of the matrix, both triangles.
-  double lambda = 0;          ///< By the mean of the diagonal.
-  double eigen_min = 0;       ///< Of the matrix as it is solved, lambda included, estimated.
+  std::size_t entries = 0;    ///< Entries of the matrix, both triangles.
+  double lambda = 0;          ///< Lambda in units of the diagonal's mean.
+  /// Estimated extreme eigenvalues of the matrix that is solved, lambda included.
+  double eigen_min = 0;
   double eigen_max = 0;
-  int iterations = 0;        ///< Of conjugate gradients, or steps of Ceres; 0 for kLdlt.
-  int rough_iterations = 0;  ///< kRender: of the rough solution that shows unresolved detail.
-  double residual = 0;       ///< Relative, of the worst channel.
+  int iterations = 0;  ///< Iterations of conjugate gradients, or steps of Ceres; 0 for kLdlt.
+  /// kRender: iterations of the rough solution that shows unresolved detail.
+  int rough_iterations = 0;
+  double residual = 0;  ///< Relative residual of the worst channel.
   bool converged = true;
   std::size_t points = 0;     ///< kRender: quadrature points.
   std::size_t uncovered = 0;  ///< kRender: points that no kernel reaches, which are left out.
@@ -120,8 +122,9 @@ struct TextureFitReport {
   std::size_t outside_charts = 0;    ///< Surfels whose uv is on no chart: filtered without one.
   int levels = 0;                    ///< Largest number of pyramid levels used.
   bool alpha = false;                ///< The alpha column was written.
-  std::optional<SystemReport> system{};  ///< Of kGram and kRender.
-  Vec3f coefficient_min{0, 0, 0};        ///< Of all surfels, per channel.
+  std::optional<SystemReport> system{};  ///< Figures of the system of kGram and kRender.
+  /// Least and largest coefficients over all surfels, by channel.
+  Vec3f coefficient_min{0, 0, 0};
   Vec3f coefficient_max{0, 0, 0};
   StageTimes times;
 };

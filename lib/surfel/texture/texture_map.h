@@ -67,7 +67,7 @@ class SURFEL_API TextureMap {
 
   bool has_alpha_ = false;               // Before the pyramid, whose making sets it.
   std::shared_ptr<ImageReader> reader_;  ///< None where the image is in memory.
-  std::shared_ptr<TexelTiles> tiles_;    ///< Of the reader's image.
+  std::shared_ptr<TexelTiles> tiles_;    ///< Tiles of the reader's image.
   std::uint32_t requested_levels_ = 0;   ///< A bit each.
   GaussianPyramid pyramid_;
 };

@@ -15,7 +15,8 @@ namespace surfel {
 SURFEL_API Image load_texture_image(const std::string& name);
 
 struct TextureSourceOptions {
-  std::string image{};  ///< For all surfels; empty = those of the mesh's materials.
+  /// Image for all surfels; empty = the images that the mesh's materials name.
+  std::string image{};
   /// Not kNothing. OBJ and MTL files repeat images where they do not say "-clamp on".
   WrapMode wrap = WrapMode::kRepeat;
   bool charts = true;  ///< Keep kernels within the mesh's charts.

@@ -7,10 +7,11 @@
 
 namespace surfel {
 
-/// Of every function, the share of the texture's variance about it that the coefficients `w` leave:
-/// mean squares over the points of the functions that the far basis reaches, by its weights, twice
-/// over. All of it (1) where detail is finer than the functions can hold; a sharp edge of something
-/// that they can leaves some tenth. 0 where the texture is constant, and where no point is reached.
+/// For every function, the share of the texture's variance around it that the coefficients `w` do
+/// not reproduce: a ratio of mean squares over the points of the functions that the far basis
+/// reaches, averaged with the far basis' weights twice over. The share is 1 where detail is finer
+/// than the functions can hold, and some tenths at a sharp edge that they can hold; it is 0 where
+/// the texture is constant, and where no point is reached.
 /// \param system  with a far basis (mu > 0).
 /// \param f  per near point.
 SURFEL_API Array<double> unresolved_share(const RenderSystem& system, const Array<Channels>& w,

@@ -59,7 +59,7 @@ SURFEL_API ImageError image_error(const Image& tested, const Image& truth,
                                   const ImageErrorOptions& options = {});
 
 /// Picture of scale * |tested - truth| in R G B, opaque; pixels that are not compared are black.
-/// Under kSrgb the differences are those of encoded values: they are decoded here, so that the
+/// Under kSrgb encoded values are subtracted, and the differences are decoded here, so that the
 /// levels of a PNG show them. `scale` is finite and > 0. Throws as image_error() does, except that
 /// there may be no pixel to compare.
 SURFEL_API Image difference_image(const Image& tested, const Image& truth,

@@ -30,12 +30,12 @@ struct MeshRenderOptions {
 
 /// Ray-traces a textured mesh: the truth for pictures of surfels that were made from it.
 ///
-/// A ray has the colour of the nearest face at z >= near, ; where that face is transparent, the
+/// A ray has the colour of the nearest face at z >= near; where that face is transparent, the
 /// colours of all faces behind it are composited. A face's colour comes from its texture's own
 /// texels, bilinearly interpolated and not filtered: the rays of a pixel do that. Without textures
 /// it is the vertices' colour, else the material's where that names no image, else the light grey
 /// of colourless clouds. Normals are the file's, else smooth ones as sample_mesh() makes them by
-/// default, and are shaded as those of surfels are; the scene's materials, too, apply as to the
+/// default, and are shaded as surfels' normals are; the scene's materials, too, apply as to the
 /// surfels, by the number of the face's material. Then supersample() filters the rays of a picture.
 ///
 /// Directions and distances are single precision, from where the ray enters the mesh's bounding

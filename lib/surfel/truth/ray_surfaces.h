@@ -68,7 +68,7 @@ class RaySurfaces {
     Vec3d color{0, 0, 0};  ///< Times alpha.
     double alpha = 0;
     Vec3d normal{0, 0, 0};
-    std::uint32_t material = 0;  ///< Of the first hit.
+    std::uint32_t material = 0;  ///< Material of the first hit.
     bool front = false;
 
     double mean_z() const { return z / weight; }

@@ -27,8 +27,8 @@ namespace surfel {
 ///
 ///   rho = area |J_x| G_Sigma(J_x u),
 ///
-/// in which all is finite: J_x u is the offset from the surfel's projection to x, times the ratio
-/// of the surfel's depth to that of the hit. A plane seen edge-on has rho = 0.
+/// in which all is finite: J_x u is the offset from the surfel's projection to x, times the
+/// surfel's depth by the hit's depth. A plane seen edge-on has rho = 0.
 ///
 /// For the same ratio a pixel near the horizon would find surfels of the plane that are many pixels
 /// away, where the warp of its filter is no longer what J_x says. A surfel therefore contributes
