@@ -3,9 +3,11 @@
 // The parts that a picture is drawn in: bands of rows, blocks of tiles.
 
 #include <cstddef>
+#include <vector>
 
 #include <surfel/render/splat.h>
 #include <surfel/scene/camera.h>
+#include <surfel/store/cluster_store.h>
 
 namespace surfel {
 
@@ -50,6 +52,8 @@ struct Frame {
   const Camera& camera;
   const Shader& shader;
   Band band;
+  /// For each of Compositor::lists(), the clusters that reach into the band, nearest first.
+  std::vector<std::vector<VisibleCluster>> clusters;
   BlockGrid grid;
 
   /// One past the last row of pixels around which `reach` rows have been drawn when this band has.

@@ -58,13 +58,13 @@ class SplatSampler {
   SplatSampler(const TileJob& job, int x0, int y0)
       : splats_(job.splats),
         exact_(job.exact),
-        depth_epsilon_(hn::Set(D(), job.depth_epsilon)),
-        lowpass2_(job.lowpass2),
+        depth_epsilon_(hn::Set(D(), job.rules->depth_epsilon)),
+        lowpass2_(job.rules->lowpass2),
         block_x_(static_cast<float>(x0 - job.box_x)),
         block_y_(static_cast<float>(y0 - job.box_y)) {
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     float scale = 1;
-    for (; job.cutoff * scale > 1; scale /= 2) ++squarings_;
+    for (; job.rules->cutoff * scale > 1; scale /= 2) ++squarings_;
     float power = 1;
     for (int i = 0; i < 6; ++i, power *= scale) exp_minus_[i] = kExpMinus[i] * power;
   }
@@ -290,7 +290,7 @@ class KernelRaster {
     using Unsigned = hn::Vec<decltype(du)>;
     const auto* fields = reinterpret_cast<const float*>(job_.splats);
     const auto* boxes = reinterpret_cast<const std::int32_t*>(job_.splats);
-    const V share = hn::Set(d, 1 + job_.depth_epsilon);
+    const V share = hn::Set(d, 1 + job_.rules->depth_epsilon);
     V nearest = hn::Set(d, -__builtin_inff());
     std::fill_n(lists.count, kPatches, std::size_t{0});
     for (; begin < end; begin += hn::MaxLanes(d)) {

@@ -328,30 +328,31 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
                                Image& image, FrameStatistics& statistics) {
   StageTimes& stages = statistics.stages;
   Timer timer;
-  std::vector<std::vector<VisibleCluster>> seen;
+  Frame being_made{.camera = camera, .shader = shader, .band = band};
   std::size_t most = 0;
   for (SplatLists& list : lists) {
-    seen.push_back(list.cull(camera, band));
-    most = std::max(most, seen.back().size());
+    being_made.clusters.push_back(list.cull(camera, band));
+    most = std::max(most, being_made.clusters.back().size());
   }
+  being_made.grid = BlockGrid(band, most * RenderCloud::kClusterSize);
   statistics.clusters += most;
-  const Frame frame{camera, shader, band, BlockGrid(band, most * RenderCloud::kClusterSize)};
+  const Frame& frame = being_made;
   stages.add("cull", timer.milliseconds());
   rims.begin(camera, band, blank_tile.layout.layers);
-  const std::span<VisibleCluster> clusters = seen.front();
+  const std::span<const VisibleCluster> clusters = frame.clusters.front();
   const std::size_t size =
       std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
   for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
-    const std::span<VisibleCluster> rest = clusters.subspan(begin);
-    const std::span<VisibleCluster> batch = rest.first(std::min(size, rest.size()));
-    const std::span<VisibleCluster> next = rest.subspan(batch.size());
+    const std::span<const VisibleCluster> rest = clusters.subspan(begin);
+    const std::span<const VisibleCluster> batch = rest.first(std::min(size, rest.size()));
+    const std::span<const VisibleCluster> next = rest.subspan(batch.size());
     timer.restart();
     store.fetch(batch);
     store.expect(next.first(std::min(size, next.size())));
     if (!store.resident()) stages.add("read", timer.milliseconds());
     timer.restart();
     lists.front().bin(frame, batch);
-    for (std::size_t i = 1; i < lists.size(); ++i) lists[i].bin(frame, seen[i]);
+    for (std::size_t i = 1; i < lists.size(); ++i) lists[i].bin(frame, frame.clusters[i]);
     stages.add("cull", timer.milliseconds());
     timer.restart();
     const bool last = begin + batch.size() == clusters.size();

@@ -96,12 +96,12 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
     : scene_(scene),
       world_from_camera_(camera.camera_from_world.transpose().cast<float>()),
       map_from_world_(Eigen::Matrix3f::Identity()),
-      ray_variance_(0),
-      inv_focal_x_(static_cast<float>(1 / camera.focal_x)),
-      inv_focal_y_(static_cast<float>(1 / camera.focal_y)),
-      center_x_(static_cast<float>(camera.center_x)),
-      center_y_(static_cast<float>(camera.center_y)),
-      orthographic_(camera.orthographic) {
+      ray_variance_(0) {
+  lighting_.inv_focal_x = static_cast<float>(1 / camera.focal_x);
+  lighting_.inv_focal_y = static_cast<float>(1 / camera.focal_y);
+  lighting_.center_x = static_cast<float>(camera.center_x);
+  lighting_.center_y = static_cast<float>(camera.center_y);
+  lighting_.orthographic = camera.orthographic;
   if (!scene) return;
   if (scene->environment) {
     environment_ = &*scene->environment;
@@ -109,7 +109,8 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
     const float angle = environment_->rotation * std::numbers::pi_v<float> / 180;
     map_from_world_ = Eigen::AngleAxisf(-angle, Vec3f::UnitY()).toRotationMatrix();
     // Rays of orthographic cameras have all the same direction.
-    if (!orthographic_) ray_variance_ = static_cast<float>(std::pow(lowpass / camera.focal_y, 2));
+    if (!lighting_.orthographic)
+      ray_variance_ = static_cast<float>(std::pow(lowpass / camera.focal_y, 2));
   }
   for (const Light& light : scene->lights) {
     if (light.type == Light::Type::kPoint) {
@@ -132,11 +133,6 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
   lighting_.light_count = lights_.size();
   lighting_.materials = materials_.data();
   lighting_.material_count = materials_.size();
-  lighting_.inv_focal_x = inv_focal_x_;
-  lighting_.inv_focal_y = inv_focal_y_;
-  lighting_.center_x = center_x_;
-  lighting_.center_y = center_y_;
-  lighting_.orthographic = orthographic_;
   for (int row = 0; row < 3; ++row) {
     to_plain(world_from_camera_.row(row).transpose(), lighting_.world_from_camera[row]);
   }
@@ -178,10 +174,13 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
   return {out.x(), out.y(), out.z(), coverage * share + (1 - share) * opacity};
 }
 
+Vec3f Shader::from_eye(float x, float y, float z) const {
+  return world_from_camera_ * Vec3f((x - lighting_.center_x) * lighting_.inv_focal_x,
+                                    (y - lighting_.center_y) * lighting_.inv_focal_y, z);
+}
+
 Vec3f Shader::ray(float x, float y) const {
-  if (orthographic_) return world_from_camera_.col(2);
-  return world_from_camera_ *
-         Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 1);
+  return lighting_.orthographic ? Vec3f(world_from_camera_.col(2)) : from_eye(x, y, 1);
 }
 
 Shader::Surface Shader::surface(const Fragment& fragment, float x, float y) const {
@@ -258,10 +257,7 @@ Vec3f Shader::lit_color(const Vec3f& color, const Surface& surface, float x, flo
                         float depth) const {
   const auto place = [&] {
     Vec3f at = ray(x, y) * z(depth);
-    if (orthographic_) {
-      at += world_from_camera_ *
-            Vec3f((x - center_x_) * inv_focal_x_, (y - center_y_) * inv_focal_y_, 0);
-    }
+    if (lighting_.orthographic) at += from_eye(x, y, 0);
     return Eigen::Array3f(at);
   };
   const auto material = static_cast<std::size_t>(&surface.material - scene_->materials.data());

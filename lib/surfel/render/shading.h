@@ -140,8 +140,8 @@ class SURFEL_API Shader {
   void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
   /// Conversions between Splat::depth and the depth z along the view.
-  float z(float depth) const { return orthographic_ ? -depth : 1.0F / depth; }
-  float depth(float z) const { return orthographic_ ? -z : 1.0F / z; }
+  float z(float depth) const { return lighting_.orthographic ? -depth : 1.0F / depth; }
+  float depth(float z) const { return lighting_.orthographic ? -z : 1.0F / z; }
 
  private:
   /// The values of a fragment that lighting needs.
@@ -156,6 +156,9 @@ class SURFEL_API Shader {
   /// Direction from the eye through picture coordinates (x, y), world axes; perspective cameras
   /// give it z = 1 along the view.
   Vec3f ray(float x, float y) const;
+  /// The point at picture coordinates (x, y), as scene units at depth 1, and at z along the view,
+  /// in world axes from the eye.
+  Vec3f from_eye(float x, float y, float z) const;
   Vec3f lit_color(const Vec3f& color, const Surface& surface, float x, float y, float depth) const;
   /// Radiance of the environment from a direction in world axes, filtered with `variance`.
   Vec3f radiance(const Vec3f& direction, float variance) const;
@@ -169,8 +172,6 @@ class SURFEL_API Shader {
   Eigen::Matrix3f map_from_world_;  ///< The environment's rotation, undone.
   /// Variance of a ray's direction within its pixel, along an axis, radians^2.
   float ray_variance_;
-  float inv_focal_x_, inv_focal_y_, center_x_, center_y_;
-  bool orthographic_;
 };
 
 }  // namespace surfel

@@ -47,6 +47,10 @@ SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const Rende
                        const ABufferLayout& layout, const SplatListOptions& lists)
     : cloud_(cloud), scene_(scene), options_(options), layout_(layout), lists_(lists) {
   lists_.enlarged = lists.enlarged && !cloud.group_radius.empty();
+  rules_ = {.cutoff = static_cast<float>(options.cutoff),
+            .lowpass2 = static_cast<float>(lists.lowpass * lists.lowpass),
+            .depth_epsilon = static_cast<float>(options.epsilon_share()),
+            .opaque = layout.opaque};
   if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
 }
 
@@ -67,8 +71,8 @@ SplatView SplatLists::view(const Camera& camera, const Band& band) const {
   view.near = static_cast<float>(camera.near);
   view.orthographic = camera.orthographic;
   view.cull_back = options_.cull_back;
-  view.cutoff = static_cast<float>(options_.cutoff);
-  view.lowpass2 = static_cast<float>(lists_.lowpass * lists_.lowpass);
+  view.cutoff = rules_.cutoff;
+  view.lowpass2 = rules_.lowpass2;
   view.circular = options_.filter == Filter::kCircular;
   view.tolerance = std::numeric_limits<float>::infinity();
   if (!camera.orthographic && !view.circular && options_.kernel != Kernel::kAffine) {
@@ -151,6 +155,7 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
     return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
   });
+  parallel_each(all.size(), 256, [&](std::size_t i) { bound(band, all[i]); });
   return all;
 }
 
@@ -363,14 +368,9 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   }
 }
 
-void SplatLists::bin(const Frame& frame, std::span<VisibleCluster> clusters) {
+void SplatLists::bin(const Frame& frame, std::span<const VisibleCluster> clusters) {
   frame_ = &frame;
-  view_ = view(frame.camera, frame.band);
   const BlockGrid& grid = frame.grid;
-  constexpr std::size_t kGrain = 256;
-  parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) bound(frame.band, clusters[i]);
-  });
   clusters_ = clusters.data();
   block_begin_.resize(grid.blocks() + 1);
   std::fill(block_begin_.begin(), block_begin_.end(), 0U);
@@ -478,18 +478,15 @@ TileJob SplatLists::job(int x, int y, int worker) {
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
-  return {.splats = w.splats.data(),
+  return {.rules = &rules_,
+          .splats = w.splats.data(),
           .normals = layout_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),
           .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
           .count = list.count,
           .box_x = x * kTileSize,
-          .box_y = y * kTileSize,
-          .cutoff = view_.cutoff,
-          .lowpass2 = view_.lowpass2,
-          .depth_epsilon = static_cast<float>(options_.epsilon_share()),
-          .opaque = layout_.opaque};
+          .box_y = y * kTileSize};
 }
 
 std::size_t SplatLists::take_splat_count() {

@@ -34,11 +34,12 @@ class SplatLists {
   SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
              const ABufferLayout& layout, const SplatListOptions& lists);
 
-  /// Begins a band: the clusters that reach into it, nearest first, ties by index.
+  /// Begins a band: the clusters that reach into it, nearest first, ties by index, each with the
+  /// tiles that its splats may touch.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
-  /// Lists clusters of the frame's band, whose surfels are there, by block, in their order. Keeps
-  /// references to the clusters and to the frame.
-  void bin(const Frame& frame, std::span<VisibleCluster> clusters);
+  /// Lists clusters of the frame, whose surfels are in memory, by block, in their order. Keeps a
+  /// reference to the frame.
+  void bin(const Frame& frame, std::span<const VisibleCluster> clusters);
 
   /// Clusters of a block.
   std::size_t clusters(std::size_t block) const {
@@ -100,6 +101,7 @@ class SplatLists {
   const RenderOptions& options_;
   ABufferLayout layout_;
   SplatListOptions lists_;
+  FragmentRules rules_;
   /// The least variance of surfels of coarser levels, see covering_variance(); 0: their Gaussians
   /// are drawn as they are.
   float covering_ = 0;

@@ -237,7 +237,7 @@ class Rasterizer {
     const Splat* const splats = job_.splats;
     const V x = list.x;
     const V y = list.y;
-    const V cutoff = hn::Set(d, job_.cutoff);
+    const V cutoff = hn::Set(d, job_.rules->cutoff);
     const V hidden = hn::Load(d, hidden_ + list.pixel);
     Layer layer(tile_.fragment(which, list.pixel), full_);
     std::size_t left = 0;
@@ -375,10 +375,11 @@ class Rasterizer {
 
 void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
   if (job.normals) {
-    job.opaque ? Rasterizer<true, true>(job, tile).run() : Rasterizer<true, false>(job, tile).run();
+    job.rules->opaque ? Rasterizer<true, true>(job, tile).run()
+                      : Rasterizer<true, false>(job, tile).run();
   } else {
-    job.opaque ? Rasterizer<false, true>(job, tile).run()
-               : Rasterizer<false, false>(job, tile).run();
+    job.rules->opaque ? Rasterizer<false, true>(job, tile).run()
+                      : Rasterizer<false, false>(job, tile).run();
   }
 }
 

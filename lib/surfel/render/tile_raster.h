@@ -8,8 +8,18 @@
 
 namespace surfel {
 
+/// The rules by which splats of a list become fragments, in all tiles of all pictures.
+struct FragmentRules {
+  float cutoff = 1;
+  float lowpass2 = 1;  ///< Variance of the low-pass filter, pixels^2.
+  /// Contributions whose depths differ by less than so many depth ranges are of one surface.
+  float depth_epsilon = 1;
+  bool opaque = true;  ///< Every splat has alpha 1.
+};
+
 /// Splats of one tile, in the order in which they are to be drawn: nearest first.
 struct TileJob {
+  const FragmentRules* rules = nullptr;
   const Splat* splats = nullptr;
   const SplatNormal* normals = nullptr;   ///< Parallel to `splats`; null in unshaded pictures.
   const ExactSplat* exact = nullptr;      ///< Parallel to `splats`; read where k is kExactKernel.
@@ -18,11 +28,6 @@ struct TileJob {
   const std::uint32_t* order = nullptr;
   std::size_t count = 0;
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
-  float cutoff = 1;
-  float lowpass2 = 1;       ///< Variance of the low-pass filter, pixels^2.
-  float depth_epsilon = 1;  ///< Contributions whose depths differ by less than so many depth ranges
-                            ///< are of one surface.
-  bool opaque = true;       ///< Every splat has alpha 1.
 };
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and

@@ -65,7 +65,7 @@ class Peeler {
   template <class Body>
   HWY_INLINE void for_each_fragment(const Body& body) const {
     const D d;
-    const V cutoff = hn::Set(d, job_.cutoff);
+    const V cutoff = hn::Set(d, job_.rules->cutoff);
     raster_.draw(0, job_.count, nullptr,
                  [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
                    const std::uint32_t side = job_.splats[index].tag & kFrontTag;
@@ -175,11 +175,11 @@ class Peeler {
 
 PeelStatistics peel_tile_simd(const TileJob& job, PeelScratch& scratch, TileABuffer& tile) {
   if (job.normals) {
-    return job.opaque ? Peeler<true, true>(job, scratch, tile).run()
-                      : Peeler<true, false>(job, scratch, tile).run();
+    return job.rules->opaque ? Peeler<true, true>(job, scratch, tile).run()
+                             : Peeler<true, false>(job, scratch, tile).run();
   }
-  return job.opaque ? Peeler<false, true>(job, scratch, tile).run()
-                    : Peeler<false, false>(job, scratch, tile).run();
+  return job.rules->opaque ? Peeler<false, true>(job, scratch, tile).run()
+                           : Peeler<false, false>(job, scratch, tile).run();
 }
 
 }  // namespace HWY_NAMESPACE

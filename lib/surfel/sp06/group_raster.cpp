@@ -154,8 +154,8 @@ void rasterize(const TileJob& job, const LayerRule& rule, bool skip_hidden,
   const D d;
   const hn::RebindToUnsigned<D> du;
   const KernelRaster raster(job, weights.x0, weights.y0);
-  const V cutoff = hn::Set(d, job.cutoff);
-  const V inv_cutoff = hn::Set(d, 1 / job.cutoff);
+  const V cutoff = hn::Set(d, job.rules->cutoff);
+  const V inv_cutoff = hn::Set(d, 1 / job.rules->cutoff);
   HWY_ALIGN float outside[kTilePixels];
   HWY_ALIGN float hidden[kTilePixels];
   for (int p = 0; p < kTilePixels; ++p) {
@@ -326,7 +326,7 @@ void composite(const TileJob& job, GroupImages& images, TileABuffer& tile) {
 
 void rasterize_groups_simd(const TileJob& job, const LayerRule& rule, const TileABuffer& weights,
                            GroupImages& images) {
-  const bool skip_hidden = job.opaque || images.layers() == 1;
+  const bool skip_hidden = job.rules->opaque || images.layers() == 1;
   switch (rule.voronoi) {
     case Voronoi::kOff:
       return rasterize<Voronoi::kOff>(job, rule, skip_hidden, weights, images);
@@ -339,11 +339,11 @@ void rasterize_groups_simd(const TileJob& job, const LayerRule& rule, const Tile
 
 void composite_groups_simd(const TileJob& job, GroupImages& images, TileABuffer& tile) {
   if (job.normals) {
-    job.opaque ? composite<true, true>(job, images, tile)
-               : composite<true, false>(job, images, tile);
+    job.rules->opaque ? composite<true, true>(job, images, tile)
+                      : composite<true, false>(job, images, tile);
   } else {
-    job.opaque ? composite<false, true>(job, images, tile)
-               : composite<false, false>(job, images, tile);
+    job.rules->opaque ? composite<false, true>(job, images, tile)
+                      : composite<false, false>(job, images, tile);
   }
 }
 

@@ -45,8 +45,8 @@ void for_each_fragment_simd(
     FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
   const D d;
   const KernelRaster raster(job, x0, y0);
-  const V cutoff = hn::Set(d, job.cutoff);
-  const V inv_cutoff = hn::Set(d, 1 / job.cutoff);
+  const V cutoff = hn::Set(d, job.rules->cutoff);
+  const V inv_cutoff = hn::Set(d, 1 / job.rules->cutoff);
   HWY_ALIGN float depths[kTileSize];
   HWY_ALIGN float epsilons[kTileSize];
   HWY_ALIGN float keys[kTileSize];
