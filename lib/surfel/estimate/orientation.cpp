@@ -91,7 +91,7 @@ class Spreader {
 
   bool opposed(std::size_t i, std::size_t j) const { return agreement(i, j) < 0; }
 
-  /// Along the spanning forest of the edges to the nearest points.
+  /// Joins points along the spanning forest of the edges to the nearest points.
   void join_neighbors() {
     NeighborGraph graph{search_.rows(kOrientationNeighbors + 1), {}};
     graph.length.resize(position_.size() * graph.degree());
@@ -122,10 +122,10 @@ class Spreader {
     });
   }
 
-  /// Joins parts to others near them. Did any?
+  /// Joins parts to other parts near them; returns whether any were joined.
   bool join_parts() {
     const std::size_t count = position_.size();
-    Array<std::uint32_t> size;  // Of the part whose root this is.
+    Array<std::uint32_t> size;  // Known points of each part, by the part's root.
     size.assign(count, 0);
     for (std::size_t i = 0; i < count; ++i) size[part_[i]] += known(i) ? 1 : 0;
     // The largest part (of several, the part of the lowest point) waits for the others to come.

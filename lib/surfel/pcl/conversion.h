@@ -4,7 +4,6 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <concepts>
 #include <cstdint>
 #include <cstring>
 #include <string_view>
@@ -17,32 +16,6 @@
 namespace surfel {
 
 namespace pcl_detail {
-
-template <class Point>
-concept HasNormal = requires(Point p) {
-  { p.normal_x } -> std::convertible_to<float>;
-};
-template <class Point>
-concept HasColor = requires(Point p) {
-  { p.r } -> std::convertible_to<int>;
-};
-template <class Point>
-concept HasAlpha = requires(Point p) {
-  { p.a } -> std::convertible_to<int>;
-};
-template <class Point>
-concept HasRadius = requires(Point p) {
-  { p.radius } -> std::convertible_to<float>;
-};
-
-template <class Point>
-concept HasConfidence = requires(Point p) {
-  { p.confidence } -> std::convertible_to<float>;
-};
-template <class Point>
-concept HasCurvature = requires(Point p) {
-  { p.curvature } -> std::convertible_to<float>;
-};
 
 /// The float column of that name among the cloud's other properties, or null.
 inline const ExtraProperty* find_extra(const SurfelCloud& cloud, std::string_view name) {
@@ -99,34 +72,34 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
     p.y = position.y();
     p.z = position.z();
     if (!position.allFinite()) out.is_dense = false;
-    if constexpr (detail::HasNormal<Point>) {
+    if constexpr (requires(Point q) { q.normal_x; }) {
       if (!cloud.normal.empty()) {
         p.normal_x = cloud.normal[i].x();
         p.normal_y = cloud.normal[i].y();
         p.normal_z = cloud.normal[i].z();
       }
     }
-    if constexpr (detail::HasColor<Point>) {
+    if constexpr (requires(Point q) { q.r; }) {
       if (color) {
         p.r = linear_to_srgb8((*color)[i].x());
         p.g = linear_to_srgb8((*color)[i].y());
         p.b = linear_to_srgb8((*color)[i].z());
       }
     }
-    if constexpr (detail::HasAlpha<Point>) {
+    if constexpr (requires(Point q) { q.a; }) {
       if (!cloud.alpha.empty()) p.a = detail::to_byte(cloud.alpha[i]);
     }
-    if constexpr (detail::HasRadius<Point>) {
+    if constexpr (requires(Point q) { q.radius; }) {
       if (cloud.anisotropic()) {
         p.radius = std::sqrt(std::fmax(cloud.variance_u[i], cloud.variance_v[i]));
       } else if (!cloud.variance.empty()) {
         p.radius = std::sqrt(cloud.variance[i]);
       }
     }
-    if constexpr (detail::HasConfidence<Point>) {
+    if constexpr (requires(Point q) { q.confidence; }) {
       if (confidence) p.confidence = detail::get_extra(*confidence, i);
     }
-    if constexpr (detail::HasCurvature<Point>) {
+    if constexpr (requires(Point q) { q.curvature; }) {
       if (curvature) p.curvature = detail::get_extra(*curvature, i);
     }
   }
@@ -149,30 +122,30 @@ SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false
   SurfelCloud out;
   const std::size_t count = cloud.size();
   out.position.resize(count);
-  if constexpr (detail::HasNormal<Point>) out.normal.resize(count);
-  if constexpr (detail::HasColor<Point>) out.color.resize(count);
-  if constexpr (detail::HasRadius<Point>) out.variance.resize(count);
-  if constexpr (detail::HasAlpha<Point>) {
+  if constexpr (requires(Point q) { q.normal_x; }) out.normal.resize(count);
+  if constexpr (requires(Point q) { q.r; }) out.color.resize(count);
+  if constexpr (requires(Point q) { q.radius; }) out.variance.resize(count);
+  if constexpr (requires(Point q) { q.a; }) {
     if (with_alpha) out.alpha.resize(count);
   }
   for (std::size_t i = 0; i < count; ++i) {
     const Point& p = cloud[i];
     out.position[i] = Vec3f(p.x, p.y, p.z);
-    if constexpr (detail::HasNormal<Point>) {
+    if constexpr (requires(Point q) { q.normal_x; }) {
       out.normal[i] = Vec3f(p.normal_x, p.normal_y, p.normal_z);
     }
-    if constexpr (detail::HasColor<Point>) {
+    if constexpr (requires(Point q) { q.r; }) {
       out.color[i] = Vec3f(srgb8_to_linear(p.r), srgb8_to_linear(p.g), srgb8_to_linear(p.b));
     }
-    if constexpr (detail::HasRadius<Point>) out.variance[i] = p.radius * p.radius;
-    if constexpr (detail::HasAlpha<Point>) {
+    if constexpr (requires(Point q) { q.radius; }) out.variance[i] = p.radius * p.radius;
+    if constexpr (requires(Point q) { q.a; }) {
       if (with_alpha) out.alpha[i] = static_cast<float>(p.a) / 255.0F;
     }
   }
-  if constexpr (detail::HasConfidence<Point>) {
+  if constexpr (requires(Point q) { q.confidence; }) {
     detail::add_extra(out, "confidence", [&](std::size_t i) { return cloud[i].confidence; });
   }
-  if constexpr (detail::HasCurvature<Point>) {
+  if constexpr (requires(Point q) { q.curvature; }) {
     detail::add_extra(out, "curvature", [&](std::size_t i) { return cloud[i].curvature; });
   }
   const Eigen::Quaternionf& q = cloud.sensor_orientation_;

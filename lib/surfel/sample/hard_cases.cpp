@@ -19,7 +19,7 @@
 namespace surfel {
 namespace {
 
-constexpr int kSize = 128;  ///< Of pictures, pixels a side.
+constexpr int kSize = 128;  ///< Side of the pictures, pixels.
 const Vec3f kYellow(0.9F, 0.8F, 0.3F), kBlue(0.05F, 0.1F, 0.3F);
 
 /// Arguments of the functions below that make the cases.

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/smooth_normals.h>
@@ -14,29 +15,19 @@ constexpr std::size_t kVertexGrain = 1 << 13;
 constexpr std::size_t kMostCompared = 256;  ///< Faces of a vertex: all pairs of them are compared.
 
 /// The wedges (3 * face + corner) at each welded vertex.
-struct VertexWedges {
-  std::vector<std::uint32_t> first;  ///< Of each vertex in `wedge`, then the number of wedges.
-  std::vector<std::uint32_t> wedge;
-
-  explicit VertexWedges(const TriangleMesh& mesh) {
-    const Array<std::uint32_t> welded = welded_vertices(mesh.position);
-    first.assign(mesh.position.size() + 1, 0);
-    for (const auto& face : mesh.face) {
-      for (const std::uint32_t v : face) ++first[welded[v] + 1];
+Grouped<std::uint32_t> wedges_at_vertices(const TriangleMesh& mesh) {
+  const Array<std::uint32_t> welded = welded_vertices(mesh.position);
+  return group_by_key<std::uint32_t>(mesh.position.size(), [&](const auto& add) {
+    for (std::uint32_t i = 0; i < 3 * mesh.face.size(); ++i) {
+      add(welded[mesh.face[i / 3][i % 3]], i);
     }
-    for (std::size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
-    std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
-    wedge.resize(3 * mesh.face.size());
-    for (std::size_t i = 0; i < wedge.size(); ++i) {
-      wedge[next[welded[mesh.face[i / 3][i % 3]]]++] = static_cast<std::uint32_t>(i);
-    }
-  }
-};
+  });
+}
 
 /// Contribution of a face to the normal at one of its corners.
 struct Contribution {
-  Vec3d normal;  ///< Of the face; zero where it has no area.
-  double angle;  ///< At the corner.
+  Vec3d normal;  ///< Normal of the face; zero where the face has no area.
+  double angle;  ///< Angle of the face at the corner.
 };
 
 Contribution contribution(const TriangleMesh& mesh, std::uint32_t wedge) {
@@ -67,7 +58,7 @@ bool is_smooth(const std::vector<Contribution>& faces, const Vec3d& mean, double
 }  // namespace
 
 Array<std::array<Vec3f, 3>> smooth_normals(const TriangleMesh& mesh, double crease_angle) {
-  const VertexWedges around(mesh);
+  const Grouped<std::uint32_t> around = wedges_at_vertices(mesh);
   // Faces of one plane meet at an angle of zero, whatever rounding makes of it.
   const double least_cosine = std::cos(crease_angle) - 1e-9;
   Array<std::array<Vec3f, 3>> normals(mesh.face.size());
@@ -77,15 +68,15 @@ Array<std::array<Vec3f, 3>> smooth_normals(const TriangleMesh& mesh, double crea
     for (std::size_t v = begin; v < end; ++v) {
       faces.clear();
       Vec3d sum = Vec3d::Zero();
-      for (std::uint32_t i = around.first[v]; i < around.first[v + 1]; ++i) {
-        faces.push_back(contribution(mesh, around.wedge[i]));
+      for (std::uint64_t i = around.begin[v]; i < around.begin[v + 1]; ++i) {
+        faces.push_back(contribution(mesh, around.item[i]));
         sum += faces.back().angle * faces.back().normal;
       }
       const Vec3f mean = unit(sum);
       const bool one_for_all =
           faces.size() > kMostCompared || is_smooth(faces, mean.cast<double>(), crease_angle);
       for (std::size_t i = 0; i < faces.size(); ++i) {
-        Vec3f& normal = at(around.wedge[around.first[v] + i]);
+        Vec3f& normal = at(around.item[around.begin[v] + i]);
         normal = mean;
         if (one_for_all || faces[i].angle == 0) continue;
         Vec3d own = Vec3d::Zero();

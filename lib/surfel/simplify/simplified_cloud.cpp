@@ -181,7 +181,7 @@ void fit(const OriginalCloud& original, const SimplifyOptions& options, Simplifi
   for (std::size_t q = 0; q < target.size(); ++q) target[q] = original.shown.color[places.place[q]];
   RenderSystemOptions render;
   render.cutoff = options.cutoff;
-  // What is fitted to is no finer than kernels: there is nothing to minify to (render_system.h).
+  // The target colours are no finer than kernels: nothing is minified (render_system.h).
   render.minified = 0;
   render.regularization = kRegularization;
   const RenderSystem system = assemble_render_system(basis, places.quadrature, render);
