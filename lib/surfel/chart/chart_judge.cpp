@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/chart/chart_judge.h>
 
 namespace surfel {
@@ -18,9 +19,7 @@ std::vector<std::string> ChartGoal::problems() const {
     found.emplace_back("either `min_psnr` or `max_time` must be given, and not both");
   }
   if (min_psnr && std::isnan(*min_psnr)) found.emplace_back("`min_psnr` is no number");
-  if (max_time && !(*max_time > 0)) {
-    found.push_back(fmt::format("`max_time` is {}; it must be greater than 0", *max_time));
-  }
+  if (max_time) check_option(found, *max_time > 0, "max_time", *max_time, "greater than 0");
   return found;
 }
 

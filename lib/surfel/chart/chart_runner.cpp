@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/shell_quote.h>
@@ -95,16 +96,11 @@ Words operator+(Words a, const Words& b) {
 
 std::vector<std::string> ChartOptions::problems() const {
   std::vector<std::string> problems = camera.problems();
-  if (count < 1) problems.emplace_back("`count` is 0; it must be at least 1");
-  if (repeats < 1 || repeats > 1000) {
-    problems.push_back(fmt::format("`repeats` is {}; it must be in 1..1000", repeats));
-  }
-  if (frames != 0 && (frames < 2 || frames > 1000)) {
-    problems.push_back(fmt::format("`frames` is {}; it must be 0 or in 2..1000", frames));
-  }
-  if (samples < 1 || samples > 64) {
-    problems.push_back(fmt::format("`samples` is {}; it must be in 1..64", samples));
-  }
+  check_option(problems, count >= 1, "count", count, "at least 1");
+  check_option(problems, repeats >= 1 && repeats <= 1000, "repeats", repeats, "in 1..1000");
+  check_option(problems, frames == 0 || (frames >= 2 && frames <= 1000), "frames", frames,
+               "0 or in 2..1000");
+  check_option(problems, samples >= 1 && samples <= 64, "samples", samples, "in 1..64");
   return problems;
 }
 

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/normals.h>
 #include <surfel/estimate/plane_fit.h>
@@ -165,7 +166,7 @@ class Estimator {
       }
       const Result result = classified(i, moments);
       if (result.flag == PointFlag::kGood) {
-        // What a larger neighbourhood adds to the distances is curvature and edges, not noise.
+        // A larger neighbourhood adds curvature and edges to the distances, but no noise.
         noise = std::min(noise, result.plane.noise());
         const Candidate candidate{result.plane.normal, result.plane.error(noise)};
         const bool agrees = std::all_of(
@@ -227,23 +228,19 @@ void store(const Result& result, std::size_t i, NormalEstimate& out) {
   quality.confidence = static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise())));
 }
 
-std::string out_of_range(const char* name, int value, int least, int most) {
-  return fmt::format("`{}` is {}; it must be {} to {}", name, value, least, most);
-}
-
 }  // namespace
 
 std::vector<std::string> NormalOptions::problems() const {
   std::vector<std::string> out;
-  if (k < 3 || k > kMostNeighbors) out.push_back(out_of_range("k", k, 3, kMostNeighbors));
-  if (k_max < 4 || k_max > kMostNeighbors) {
-    out.push_back(out_of_range("k_max", k_max, 4, kMostNeighbors));
-  } else if (k_min < 4 || k_min > k_max) {
-    out.push_back(out_of_range("k_min", k_min, 4, k_max));
-  }
-  if (!(radius >= 0) || !std::isfinite(radius)) {
-    out.push_back(fmt::format("`radius` is {}; it must be above 0, or 0 for none", radius));
-  }
+  const auto check = [&](const char* name, int value, int least, int most) {
+    check_option(out, value >= least && value <= most, name, value,
+                 fmt::format("{} to {}", least, most));
+  };
+  check("k", k, 3, kMostNeighbors);
+  check("k_max", k_max, 4, kMostNeighbors);
+  if (k_max >= 4 && k_max <= kMostNeighbors) check("k_min", k_min, 4, k_max);
+  check_option(out, radius >= 0 && std::isfinite(radius), "radius", radius,
+               "above 0, or 0 for none");
   if (adaptive && radius > 0) {
     out.emplace_back("`radius` and an adaptive number of neighbours exclude each other");
   }

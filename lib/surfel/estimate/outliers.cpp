@@ -1,7 +1,7 @@
 #include <algorithm>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/plugin.h>
 #include <surfel/estimate/outliers.h>
 #include <surfel/estimate/outliers_plugin.h>
@@ -10,12 +10,8 @@ namespace surfel {
 
 std::vector<std::string> OutlierOptions::problems() const {
   std::vector<std::string> found;
-  if (neighbors < 1 || neighbors > 1024) {
-    found.push_back(fmt::format("`neighbors` is {}; it must be in 1..1024", neighbors));
-  }
-  if (!(deviations > 0 && deviations <= 1e6)) {
-    found.push_back(fmt::format("`deviations` is {}; it must be in (0, 1e6]", deviations));
-  }
+  check_option(found, neighbors >= 1 && neighbors <= 1024, "neighbors", neighbors, "in 1..1024");
+  check_option(found, deviations > 0 && deviations <= 1e6, "deviations", deviations, "in (0, 1e6]");
   return found;
 }
 

@@ -5,8 +5,8 @@
 #include <numbers>
 #include <optional>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/splat_size.h>
 #include <surfel/surface/closed_cell.h>
@@ -67,7 +67,7 @@ struct Neighborhood {
     spacing /= static_cast<double>(end - coincident);
   }
 
-  /// Are there others enough to tell the spacing, and to bound a cell?
+  /// Are there enough other points to tell the spacing, and to bound a cell?
   bool bounds_cell() const { return near.size() >= coincident + 2; }
   /// All points up to this distance are known.
   double reach() const { return std::sqrt(static_cast<double>(near.back().distance2)); }
@@ -292,7 +292,7 @@ class Sizer {
     return furthest;
   }
 
-  /// Ends the cell in every direction in which it is open. Was there one?
+  /// Ends the cell in every direction in which it is open; returns whether there was one.
   static bool close_at_border(const Neighborhood& around, Worker& worker) {
     // A bound: cells have fewer open corners, unless rounding leaves slivers.
     constexpr int kMostCuts = 32;
@@ -415,8 +415,9 @@ class Sizer {
 }  // namespace
 
 std::vector<std::string> SplatSizeOptions::problems() const {
-  if (cutoff >= 0.1 && cutoff <= 16) return {};
-  return {fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff)};
+  std::vector<std::string> found;
+  check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "in 0.1..16");
+  return found;
 }
 
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,

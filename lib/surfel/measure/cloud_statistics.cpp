@@ -4,8 +4,8 @@
 #include <limits>
 #include <type_traits>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/io/cloud_to_records.h>
@@ -261,10 +261,8 @@ Distribution distribution(std::vector<double> values) {
 
 std::vector<std::string> CloudStatisticsOptions::problems() const {
   std::vector<std::string> out;
-  if (!(cutoff > 0) || !std::isfinite(cutoff)) {
-    out.push_back(fmt::format("`cutoff` is {}; it must be above 0", cutoff));
-  }
-  if (samples < 1) out.emplace_back("`samples` is 0; it must be at least 1");
+  check_option(out, cutoff > 0 && std::isfinite(cutoff), "cutoff", cutoff, "above 0");
+  check_option(out, samples >= 1, "samples", samples, "at least 1");
   return out;
 }
 

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <numbers>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/sample/detail_tree.h>
 #include <surfel/sample/poisson_disk.h>
@@ -265,14 +265,10 @@ class DetailTree::Builder {
 
 std::vector<std::string> DetailTree::Options::problems() const {
   std::vector<std::string> found;
-  const auto check_positive = [&](double value, const char* field) {
-    if (value > 0 && std::isfinite(value)) return;
-    found.push_back(fmt::format("`{}` is {}; it must be positive", field, value));
-  };
-  check_positive(area, "area");
-  check_positive(probe_spacing, "probe_spacing");
-  check_positive(unit_deviation, "unit_deviation");
-  check_positive(variance_scale, "variance_scale");
+  check_positive(found, "area", area);
+  check_positive(found, "probe_spacing", probe_spacing);
+  check_positive(found, "unit_deviation", unit_deviation);
+  check_positive(found, "variance_scale", variance_scale);
   return found;
 }
 

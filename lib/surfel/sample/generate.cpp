@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/equal_area_strata.h>
@@ -179,7 +180,7 @@ std::vector<Segment> measure_segments(const std::vector<PartSampler>& parts) {
 /// but the first.
 std::vector<std::uint64_t> cut_curve(const std::vector<Segment>& segments, const MortonGrid& grid,
                                      std::size_t piece) {
-  std::vector<std::pair<std::uint64_t, std::size_t>> middle;  // Of each segment, and its surfels.
+  std::vector<std::pair<std::uint64_t, std::size_t>> middle;  // Code, surfels.
   for (const Segment& s : segments) {
     middle.emplace_back(grid.code((s.min + s.max) / 2), s.end() - s.begin);
   }
@@ -305,15 +306,10 @@ void drop_unused_vertices(TriangleMesh& mesh) {
 
 std::vector<std::string> GenerateOptions::problems() const {
   std::vector<std::string> found;
-  if (count < 1 || count > std::numeric_limits<std::uint32_t>::max()) {
-    found.push_back(fmt::format("`count` is {}; it must be 1 to 4294967295", count));
-  }
-  if (!(jitter >= 0 && jitter <= 0.5)) {
-    found.push_back(fmt::format("`jitter` is {}; it must be 0 to 0.5 of the spacing", jitter));
-  }
-  if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
-  }
+  check_option(found, count >= 1 && count <= std::numeric_limits<std::uint32_t>::max(), "count",
+               count, "1 to 4294967295");
+  check_option(found, jitter >= 0 && jitter <= 0.5, "jitter", jitter, "0 to 0.5 of the spacing");
+  check_positive(found, "variance_scale", variance_scale);
   return found;
 }
 

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sample/mesh_edges.h>
@@ -268,15 +269,12 @@ std::vector<std::string> MeshSampleOptions::problems() const {
   if (spacing.has_value() == count.has_value()) {
     found.emplace_back("either `spacing` or `count` must be given, and not both");
   }
-  if (spacing && !(*spacing > 0 && std::isfinite(*spacing))) {
-    found.push_back(fmt::format("`spacing` is {}; it must be positive", *spacing));
+  if (spacing) check_positive(found, "spacing", *spacing);
+  if (count) {
+    check_option(found, *count >= 1 && *count <= kMostSamples, "count", *count,
+                 fmt::format("1 to {}", kMostSamples));
   }
-  if (count && (*count < 1 || *count > kMostSamples)) {
-    found.push_back(fmt::format("`count` is {}; it must be 1 to {}", *count, kMostSamples));
-  }
-  if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
-  }
+  check_positive(found, "variance_scale", variance_scale);
   if (!(crease_angle >= 0 && crease_angle <= std::numbers::pi)) {
     found.emplace_back("`crease_angle` must be 0 to 180 degrees");
   }

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/noise.h>
 #include <surfel/sample/procedural_image.h>
@@ -45,9 +46,7 @@ ProceduralTexture noise(const ProceduralTextureOptions& options) {
 
 std::vector<std::string> ProceduralTextureOptions::problems() const {
   std::vector<std::string> found;
-  if (!(frequency > 0 && std::isfinite(frequency))) {
-    found.push_back(fmt::format("`frequency` is {}; it must be positive", frequency));
-  }
+  check_positive(found, "frequency", frequency);
   return found;
 }
 

@@ -2,9 +2,9 @@
 #include <cmath>
 #include <utility>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
@@ -287,19 +287,14 @@ double SimplifyError::total() const {
 
 std::vector<std::string> SimplifyOptions::problems() const {
   std::vector<std::string> found = sheets.problems();
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(max_error.has_value() != count.has_value(),
-        "either `max_error` or `count` must be given, and not both");
-  check(!max_error || (*max_error > 0 && std::isfinite(*max_error)),
-        fmt::format("`max_error` is {}; it must be positive", max_error.value_or(0)));
-  check(!count || *count >= 1, "`count` is 0; it must be at least 1");
-  check(!unit_deviation || (*unit_deviation > 0 && std::isfinite(*unit_deviation)),
-        fmt::format("`unit_deviation` is {}; it must be positive", unit_deviation.value_or(0)));
-  check(light >= 0 && light <= 100, fmt::format("`light` is {}; it must be in 0..100", light));
-  check(cutoff >= 0.1 && cutoff <= 16,
-        fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff));
+  if (max_error.has_value() == count.has_value()) {
+    found.emplace_back("either `max_error` or `count` must be given, and not both");
+  }
+  if (max_error) check_positive(found, "max_error", *max_error);
+  if (count) check_option(found, *count >= 1, "count", *count, "at least 1");
+  if (unit_deviation) check_positive(found, "unit_deviation", *unit_deviation);
+  check_option(found, light >= 0 && light <= 100, "light", light, "in 0..100");
+  check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "in 0.1..16");
   return found;
 }
 

@@ -1,7 +1,7 @@
 #include <cmath>
 #include <numbers>
 
-#include <fmt/format.h>
+#include <surfel/base/option_check.h>
 #include <surfel/surface/sheet.h>
 
 namespace surfel {
@@ -12,13 +12,10 @@ float SheetRules::least_cosine() const {
 
 std::vector<std::string> SheetRules::problems() const {
   std::vector<std::string> found;
-  if (!(normal_angle > 0 && normal_angle <= 90)) {
-    found.push_back(
-        fmt::format("`normal_angle` is {}; it must be in (0, 90] degrees", normal_angle));
-  }
-  if (!(sheet_weight >= 1 && sheet_weight <= 1000)) {
-    found.push_back(fmt::format("`sheet_weight` is {}; it must be in 1..1000", sheet_weight));
-  }
+  check_option(found, normal_angle > 0 && normal_angle <= 90, "normal_angle", normal_angle,
+               "in (0, 90] degrees");
+  check_option(found, sheet_weight >= 1 && sheet_weight <= 1000, "sheet_weight", sheet_weight,
+               "in 1..1000");
   return found;
 }
 
