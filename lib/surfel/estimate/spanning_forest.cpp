@@ -8,7 +8,6 @@
 #include <vector>
 
 #include <surfel/base/disjoint_sets.h>
-#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/spanning_forest.h>
 
@@ -176,14 +175,17 @@ Array<std::uint64_t> shortest_of_points(const NeighborGraph& graph, const BlockK
 /// The keys of blocks, each in order, as a whole in order: a stable sort by length, as the numbers
 /// of a block's edges lie before those of the next.
 Array<std::uint64_t> in_order(const BlockKeys& keys) {
-  constexpr std::size_t kLengths = std::size_t{1} << 16;
-  return group_by_key<std::uint64_t>(kLengths,
-                                     [&](const auto& add) {
-                                       for (const auto& some : keys) {
-                                         for (const std::uint64_t key : some) add(key >> 48, key);
-                                       }
-                                     })
-      .item;
+  std::vector<std::size_t> place(std::size_t{1} << 16);
+  for (const auto& some : keys) {
+    for (const std::uint64_t key : some) ++place[key >> 48];
+  }
+  const std::size_t last = place.back();
+  std::exclusive_scan(place.begin(), place.end(), place.begin(), std::size_t{0});
+  Array<std::uint64_t> out(place.back() + last);
+  for (const auto& some : keys) {
+    for (const std::uint64_t key : some) out[place[key >> 48]++] = key;
+  }
+  return out;
 }
 
 }  // namespace

@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <limits>
-#include <utility>
 #include <vector>
 
 #include <surfel/base/error.h>
-#include <surfel/base/group_by_key.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
 #include <surfel/simplify/sheet_clusters.h>
@@ -50,11 +48,12 @@ class Clusterer {
       number[i] = static_cast<std::uint32_t>(out.seed.size());
       out.seed.push_back(i);
     }
-    Grouped<std::uint32_t> members = group_by_key<std::uint32_t>(out.size(), [&](const auto& add) {
-      for (std::uint32_t i = 0; i < count; ++i) add(number[seed_of_[i]], i);
-    });
-    out.begin = std::move(members.begin);
-    out.member = std::move(members.item);
+    out.begin.assign(out.seed.size() + 1, 0);
+    for (std::size_t i = 0; i < count; ++i) ++out.begin[number[seed_of_[i]] + 1];
+    for (std::size_t c = 0; c < out.size(); ++c) out.begin[c + 1] += out.begin[c];
+    out.member.resize(count);
+    Array<std::uint64_t> next = out.begin;
+    for (std::uint32_t i = 0; i < count; ++i) out.member[next[number[seed_of_[i]]]++] = i;
     return out;
   }
 
