@@ -11,8 +11,6 @@
 namespace surfel::test {
 namespace {
 
-using Vec3 = Eigen::Vector3d;
-
 /// Largest relative error of J J^T over the surfels of a case, in single precision; failures (not
 /// finite, or off by more than all of it) count as 1.
 template <class Method>

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include <fmt/format.h>
-#include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/chart/chart_judge.h>
 
@@ -25,7 +24,7 @@ std::vector<std::string> ChartGoal::problems() const {
 
 std::vector<std::size_t> recommendation_order(const std::vector<ChartPoint>& points,
                                               const ChartGoal& goal) {
-  for (const std::string& problem : goal.problems()) throw_usage(problem);
+  require_usable(goal);
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const ChartPoint& p = points[i];

@@ -604,7 +604,7 @@ ChartReport ChartRunner::run() {
 }
 
 Recommendation ChartRunner::recommend(const ChartGoal& goal) {
-  for (const std::string& problem : goal.problems()) throw_usage(problem);
+  require_usable(goal);
   Impl& run = *impl_;
   Sweep candidates;
   candidates.name = "recommend";

@@ -3,6 +3,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
@@ -192,7 +193,7 @@ std::vector<std::string> EstimateOptions::problems() const {
 
 SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& options,
                              EstimateReport* report, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   EstimateReport r;
   r.points = cloud.size();
   StageTimer stage(r.times);

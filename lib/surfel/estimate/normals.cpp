@@ -249,7 +249,7 @@ std::vector<std::string> NormalOptions::problems() const {
 
 NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch& search,
                                 const NormalOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   const std::size_t n = points.size();
   if (search.size() != n) {
     throw_usage("the neighbour search has " + std::to_string(search.size()) +

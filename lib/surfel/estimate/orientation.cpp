@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/spanning_forest.h>
@@ -258,7 +258,7 @@ std::vector<std::string> OrientationOptions::problems() const {
 OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                  const NeighborSearch& search, const Array<Vec3f>& previous,
                                  const OrientationOptions& options, Array<Vec3f>& normal) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   OrientationReport report;
   const std::size_t count = position.size();
   // Turning a normal changes the sign of its x, of a zero too.

@@ -16,7 +16,7 @@ std::vector<std::string> OutlierOptions::problems() const {
 }
 
 Array<std::uint8_t> inliers(const Array<Vec3f>& points, const OutlierOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   Array<std::uint8_t> inlier(points.size());
   if (points.size() <= static_cast<std::size_t>(options.neighbors)) {
     std::fill(inlier.begin(), inlier.end(), std::uint8_t{1});

@@ -5,7 +5,6 @@
 #include <numbers>
 #include <optional>
 
-#include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/splat_size.h>
@@ -423,7 +422,7 @@ std::vector<std::string> SplatSizeOptions::problems() const {
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                 bool oriented, const NeighborSearch& search,
                                 const SplatSizeOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   return Sizer(position, normal, oriented, search, options).run();
 }
 

@@ -49,8 +49,9 @@ inline ColorChannels color_channels(const Image& image) {
   return color_channels(image.channels, find_channel(image.channels, "A"));
 }
 
+/// Alpha as a byte; NaN becomes 0.
 inline std::uint8_t alpha8(float alpha) {
-  return static_cast<std::uint8_t>(std::clamp(alpha, 0.0f, 1.0f) * 255.0f + 0.5f);
+  return static_cast<std::uint8_t>((alpha > 0 ? std::min(alpha, 1.0f) : 0.0f) * 255.0f + 0.5f);
 }
 
 inline bool is_opaque(const Image& image, int alpha) {

@@ -5,9 +5,9 @@
 #include <limits>
 #include <numeric>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/lod/hierarchy.h>
@@ -409,15 +409,13 @@ SurfelCloud Builder::build(HierarchyReport& report) {
 
 std::vector<std::string> HierarchyOptions::problems() const {
   std::vector<std::string> found = sheets.problems();
-  if (reduction < 2 || reduction > 16) {
-    found.push_back(fmt::format("`reduction` is {}; it must be in 2..16", reduction));
-  }
+  check_option(found, reduction >= 2 && reduction <= 16, "reduction", reduction, "in 2..16");
   return found;
 }
 
 SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
                             HierarchyReport* report, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   cloud.check_columns(name);
   if (cloud.empty()) throw_input(name, "holds no surfel");
   if (!has_variance(cloud)) {

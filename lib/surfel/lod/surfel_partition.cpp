@@ -2,7 +2,7 @@
 #include <cmath>
 #include <numeric>
 
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/lod/surfel_partition.h>
 
 namespace surfel {
@@ -149,7 +149,7 @@ std::uint32_t SurfelPartition::cut(const Group& group) {
 
 void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t groups,
                           const SheetRules& rules) {
-  for (const std::string& problem : rules.problems()) throw_usage(problem);
+  require_usable(rules);
   surfels_ = surfels;
   normal_cosine_ = rules.least_cosine();
   stretch_ = static_cast<float>(rules.sheet_weight);

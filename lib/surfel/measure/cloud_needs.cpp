@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/scene/surfel_variance.h>
@@ -187,7 +187,7 @@ class Needs {
 
 std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud, const CloudStatistics& statistics,
                                    const CloudStatisticsOptions& options, const std::string& file) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   return Needs(cloud, statistics, options, file).find();
 }
 

@@ -4,7 +4,6 @@
 #include <limits>
 #include <type_traits>
 
-#include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
@@ -267,7 +266,7 @@ std::vector<std::string> CloudStatisticsOptions::problems() const {
 }
 
 CloudStatistics cloud_statistics(const SurfelCloud& cloud, const CloudStatisticsOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   CloudStatistics out;
   count_flaws(cloud, out);
   out.bounds = cloud.bounds();

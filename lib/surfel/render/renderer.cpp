@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/edge_search.h>
@@ -82,8 +83,8 @@ struct Renderer::Impl {
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {
-    for (const std::string& problem : options.problems()) throw_usage(problem);
-    for (const std::string& problem : scene.problems()) throw_usage(problem);
+    require_usable(options);
+    require_usable(scene);
     const CompositingMethod& method = options.compositing();
     if (!store.resident() && method.needs_whole_tiles()) {
       throw_usage(
@@ -328,7 +329,7 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
                                Image& image, FrameStatistics& statistics) {
   StageTimes& stages = statistics.stages;
   Timer timer;
-  Frame being_made{.camera = camera, .shader = shader, .band = band};
+  Frame being_made{camera, shader, band, {}, {}};
   std::size_t most = 0;
   for (SplatLists& list : lists) {
     being_made.clusters.push_back(list.cull(camera, band));
@@ -389,7 +390,7 @@ void Renderer::Impl::finish(FrameStatistics& statistics) {
 }
 
 Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
-  for (const std::string& problem : camera.problems()) throw_usage(problem);
+  require_usable(camera);
   Impl& r = *impl_;
   FrameStatistics stats;
   const Timer whole;

@@ -155,7 +155,6 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
     return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
   });
-  parallel_each(all.size(), 256, [&](std::size_t i) { bound(band, all[i]); });
   return all;
 }
 
@@ -165,20 +164,18 @@ Vec3f SplatLists::center_in_camera(const Cluster& cluster) const {
          Vec3f(view_.translation[0], view_.translation[1], view_.translation[2]);
 }
 
-/// Tiles that the splats of a cluster may touch: the projected box of the cluster, extended by the
-/// reach of a disc and of the pixel filter.
-void SplatLists::bound(const Band& band, VisibleCluster& out) const {
-  const Cluster& cluster = cloud_.clusters()[out.index];
+/// The projected box of the cluster, extended by the reach of a disc and of the pixel filter.
+SplatLists::TileRange SplatLists::tiles_of(const Cluster& cluster) const {
   const Vec3f center = center_in_camera(cluster);
-  out.x0 = out.y0 = 0;
-  out.x1 = static_cast<std::uint16_t>(band.tiles_x - 1);
-  out.y1 = static_cast<std::uint16_t>(band.tiles_y - 1);
+  const Band& band = frame_->band;
+  const TileRange all{0, 0, static_cast<std::uint16_t>(band.tiles_x - 1),
+                      static_cast<std::uint16_t>(band.tiles_y - 1)};
   const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
   const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
   const float radius = disc_radius(cluster);
   const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
   // A cluster that reaches near the eye's plane may be seen anywhere.
-  if (!view_.orthographic && !(least_z > 0.1F * radius)) return;
+  if (!view_.orthographic && !(least_z > 0.1F * radius)) return all;
   Eigen::Array2f lo = Eigen::Array2f::Constant(std::numeric_limits<float>::infinity());
   Eigen::Array2f hi = -lo;
   for (int corner = 0; corner < 8; ++corner) {
@@ -206,10 +203,10 @@ void SplatLists::bound(const Band& band, VisibleCluster& out) const {
   const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
   const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);
   const Eigen::Array2f last = (focal * (hi + reach) + middle + filter).max(0.0F).min(size - 1);
-  out.x0 = static_cast<std::uint16_t>(first.x() / kTileSize);
-  out.y0 = static_cast<std::uint16_t>(first.y() / kTileSize);
-  out.x1 = static_cast<std::uint16_t>(last.x() / kTileSize);
-  out.y1 = static_cast<std::uint16_t>(last.y() / kTileSize);
+  return {static_cast<std::uint16_t>(first.x() / kTileSize),
+          static_cast<std::uint16_t>(first.y() / kTileSize),
+          static_cast<std::uint16_t>(last.x() / kTileSize),
+          static_cast<std::uint16_t>(last.y() / kTileSize)};
 }
 
 /// The clusters to draw of a cloud with levels of detail: as coarse as lod_error allows.
@@ -372,16 +369,20 @@ void SplatLists::bin(const Frame& frame, std::span<const VisibleCluster> cluster
   frame_ = &frame;
   const BlockGrid& grid = frame.grid;
   clusters_ = clusters.data();
+  tiles_.resize(clusters.size());
+  constexpr std::size_t kGrain = 256;
+  parallel_each(clusters.size(), kGrain,
+                [&](std::size_t i) { tiles_[i] = tiles_of(cloud_.clusters()[clusters[i].index]); });
   block_begin_.resize(grid.blocks() + 1);
   std::fill(block_begin_.begin(), block_begin_.end(), 0U);
-  const auto for_each_block = [&](const VisibleCluster& c, const auto& body) {
+  const auto for_each_block = [&](const TileRange& c, const auto& body) {
     for (int y = c.y0 >> grid.shift; y <= c.y1 >> grid.shift; ++y) {
       for (int x = c.x0 >> grid.shift; x <= c.x1 >> grid.shift; ++x) body(y * grid.blocks_x + x);
     }
   };
   std::size_t sum = 0;
-  for (const VisibleCluster& c : clusters) {
-    for_each_block(c, [&](int block) {
+  for (const TileRange& tiles : tiles_) {
+    for_each_block(tiles, [&](int block) {
       ++block_begin_[block];
       ++sum;
     });
@@ -394,7 +395,7 @@ void SplatLists::bin(const Frame& frame, std::span<const VisibleCluster> cluster
   block_clusters_.resize(sum);
   // Entries become ends, which are the beginnings one block further.
   for (std::size_t i = 0; i < clusters.size(); ++i) {
-    for_each_block(clusters[i], [&](int block) {
+    for_each_block(tiles_[i], [&](int block) {
       block_clusters_[block_begin_[block]++] = static_cast<std::uint32_t>(i);
     });
   }

@@ -34,8 +34,7 @@ class SplatLists {
   SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
              const ABufferLayout& layout, const SplatListOptions& lists);
 
-  /// Begins a band: the clusters that reach into it, nearest first, ties by index, each with the
-  /// tiles that its splats may touch.
+  /// Begins a band: the clusters that reach into it, nearest first, ties by index.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
   /// Lists clusters of the frame, whose surfels are in memory, by block, in their order. Keeps a
   /// reference to the frame.
@@ -57,6 +56,10 @@ class SplatLists {
   std::size_t take_exact_count();
 
  private:
+  /// Tiles of the band that a cluster's splats may touch, the last ones included.
+  struct TileRange {
+    std::uint16_t x0, y0, x1, y1;
+  };
   /// The splats of a tile.
   struct TileList {
     Array<std::uint32_t> splats;
@@ -84,7 +87,7 @@ class SplatLists {
                                              FunctionRef<bool(std::uint32_t)> seen) const;
   float disc_radius(const Cluster& cluster) const;
   Vec3f center_in_camera(const Cluster& cluster) const;
-  void bound(const Band& band, VisibleCluster& visible) const;
+  TileRange tiles_of(const Cluster& cluster) const;
   double enlargement(std::size_t surfel) const;
   /// Least standard deviation that a cluster's surfel is drawn with; 0 for surfels of the finest
   /// level.
@@ -108,6 +111,7 @@ class SplatLists {
   const Frame* frame_ = nullptr;  ///< The frame being drawn.
   const VisibleCluster* clusters_ = nullptr;
   SplatView view_{};                     ///< Of the band being drawn.
+  Array<TileRange> tiles_;               ///< Parallel to clusters_.
   Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
   Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.
   PerWorker<Worker> workers_;

@@ -275,7 +275,7 @@ std::vector<std::string> DetailTree::Options::problems() const {
 DetailTree::DetailTree(const std::vector<SurfaceProbe>& probes,
                        const std::vector<BorderPiece>& border, const Options& options)
     : options_(options), leaf_side_(kCellSigmas * options.probe_spacing) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   if (probes.empty()) throw_usage("a detail tree needs one probe at least");
   Vec3f low = probes.front().position;
   Vec3f high = low;

@@ -112,7 +112,7 @@ class PartSampler {
 /// The parts that get any surfels.
 std::vector<PartSampler> make_samplers(const ProceduralScene& scene,
                                        const GenerateOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   std::vector<EqualAreaStrata> strata;
   for (const SurfacePart& part : scene.parts) {
     strata.emplace_back(*part.shape, scene.parts.size() == 1 ? options.count : 1);

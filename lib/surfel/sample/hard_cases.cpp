@@ -334,10 +334,8 @@ HardScene duplicates(const Request& r) {
 /// Two white charts side by side on the surface and apart in a picture that is black between.
 HardScene seam(const Request& r) {
   const auto width = static_cast<int>(r.value);
-  Image image;
-  image.width = image.height = width;
-  image.channels = {"R", "G", "B", "A"};
-  image.data.assign(static_cast<std::size_t>(width) * width * 4, 1);
+  Image image = rgba_image(width, width);
+  std::fill(image.data.begin(), image.data.end(), 1.0F);
   const auto on_chart = [](double s) {
     return std::abs(s - 0.25) < 0.2 || std::abs(s - 0.75) < 0.2;
   };

@@ -283,7 +283,7 @@ std::vector<std::string> MeshSampleOptions::problems() const {
 
 SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
                         MeshSampleReport* report, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   MeshSampleReport unused;
   MeshSampleReport& out = report ? *report : unused;
   out = {};

@@ -57,7 +57,7 @@ const std::vector<std::string>& procedural_texture_names() {
 
 ProceduralTexture procedural_texture(const std::string& name,
                                      const ProceduralTextureOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   if (name == "checker") return checker(options);
   if (name == "siemens") return siemens(options);
   if (name == "noise") return noise(options);
@@ -71,11 +71,7 @@ Image rasterize(const ProceduralTexture& texture, int width, int height, int sam
         fmt::format("a picture of {}x{} pixels of {} samples cannot be made; each must be positive",
                     width, height, samples));
   }
-  Image image;
-  image.width = width;
-  image.height = height;
-  image.channels = {"R", "G", "B", "A"};
-  image.data.resize(static_cast<std::size_t>(width) * height * 4);
+  Image image = rgba_image(width, height);
   parallel_for(static_cast<std::size_t>(height), 8, [&](std::size_t begin, std::size_t end, int) {
     for (int y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
       for (int x = 0; x < width; ++x) {

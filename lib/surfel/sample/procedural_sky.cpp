@@ -133,11 +133,7 @@ Image procedural_sky(int width, int height) {
                     "high",
                     width, height));
   }
-  Image image;
-  image.width = width;
-  image.height = height;
-  image.channels = {"R", "G", "B", "A"};
-  image.data.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 4);
+  Image image = rgba_image(width, height);
   // Most pixels lie within one part with all next to them, where their centre is as good as a mean.
   // In small pictures sun and lights may hide between the centres.
   constexpr int kPlainRows = 256;

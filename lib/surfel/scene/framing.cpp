@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/scene/framing.h>
 
 namespace surfel {
@@ -35,22 +36,20 @@ double reach_of(const Bounds& box, const Vec3d& a) {
 
 std::vector<std::string> CameraOptions::problems() const {
   std::vector<std::string> found;
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(fov > 0 && fov < 180, fmt::format("`fov` is {}; it must be in (0, 180) degrees", fov));
-  check(!ortho || (*ortho > 0 && std::isfinite(*ortho)),
-        fmt::format("`ortho` is {}; it must be a positive height", ortho.value_or(0)));
-  check(width >= 1 && width <= Camera::kMostSide && height >= 1 && height <= Camera::kMostSide,
-        fmt::format("size is {}x{}; each side must be in 1..{}", width, height, Camera::kMostSide));
-  check(near >= 0 && std::isfinite(near), fmt::format("`near` is {}; it must be >= 0", near));
-  check(up.allFinite() && up.norm() > 0, "`up` must be a finite direction, not zero");
-  check(zoom > 0 && std::isfinite(zoom), fmt::format("`zoom` is {}; it must be > 0", zoom));
-  check(!eye || eye->allFinite(), "`eye` must be finite");
-  check(!from || (from->allFinite() && from->norm() > 0),
-        "`from` must be a finite direction, not zero");
-  check(!eye || !from, "eye and from exclude each other");
-  check(!target || target->allFinite(), "`target` must be finite");
+  check_option(found, fov > 0 && fov < 180, "fov", fov, "in (0, 180) degrees");
+  check_option(found, !ortho || (*ortho > 0 && std::isfinite(*ortho)), "ortho", ortho.value_or(0),
+               "a positive height");
+  check_rule(
+      found, width >= 1 && width <= Camera::kMostSide && height >= 1 && height <= Camera::kMostSide,
+      fmt::format("size is {}x{}; each side must be in 1..{}", width, height, Camera::kMostSide));
+  check_option(found, near >= 0 && std::isfinite(near), "near", near, ">= 0");
+  check_rule(found, up.allFinite() && up.norm() > 0, "`up` must be a finite direction, not zero");
+  check_option(found, zoom > 0 && std::isfinite(zoom), "zoom", zoom, "> 0");
+  check_rule(found, !eye || eye->allFinite(), "`eye` must be finite");
+  check_rule(found, !from || (from->allFinite() && from->norm() > 0),
+             "`from` must be a finite direction, not zero");
+  check_rule(found, !eye || !from, "eye and from exclude each other");
+  check_rule(found, !target || target->allFinite(), "`target` must be finite");
   return found;
 }
 

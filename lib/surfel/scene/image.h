@@ -24,4 +24,11 @@ struct Image {
   }
 };
 
+/// A picture with the channels R G B A, whose values are not set.
+inline Image rgba_image(int width, int height) {
+  Image image{width, height, {"R", "G", "B", "A"}, {}};
+  image.data.resize(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  return image;
+}
+
 }  // namespace surfel

@@ -1,7 +1,6 @@
 #include <cmath>
 
-#include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/transform.h>
 
@@ -27,9 +26,8 @@ bool Similarity::identity() const {
 
 std::vector<std::string> Similarity::problems() const {
   std::vector<std::string> found;
-  if (!(scale >= 1 / kMostScale && scale <= kMostScale)) {
-    found.push_back(fmt::format("`scale` is {}; it must be in 1e-9..1e9", scale));
-  }
+  check_option(found, scale >= 1 / kMostScale && scale <= kMostScale, "scale", scale,
+               "in 1e-9..1e9");
   if (!(std::abs(rotation.norm() - 1) < 1e-9)) {
     found.emplace_back("the rotation's axis has no direction");
   }
@@ -38,7 +36,7 @@ std::vector<std::string> Similarity::problems() const {
 }
 
 void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
-  for (const std::string& problem : similarity.problems()) throw_usage(problem);
+  require_usable(similarity);
   if (similarity.identity()) return;
   const Eigen::Matrix3d rotation = similarity.rotation.toRotationMatrix();
   const Eigen::Matrix3d linear = similarity.scale * rotation;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
 #include <surfel/simplify/sheet_clusters.h>
@@ -104,7 +105,7 @@ class Clusterer {
 SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                              const Array<float>& radius, const SheetRules& rules,
                              std::uint64_t random_seed, std::size_t fill_to) {
-  for (const std::string& problem : rules.problems()) throw_usage(problem);
+  require_usable(rules);
   Array<std::uint64_t> key(cloud.size());
   for (std::size_t i = 0; i < key.size(); ++i) key[i] = random_bits(random_seed, i);
   const Array<std::uint32_t> order = sort_keys(key);

@@ -300,7 +300,7 @@ std::vector<std::string> SimplifyOptions::problems() const {
 
 SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
                              SimplifyReport* report, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   cloud.check_columns(name);
   if (cloud.empty()) throw_input(name, "holds no surfel");
   if (cloud.normal.empty()) {

@@ -5,8 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -152,12 +151,8 @@ class ConjugateSolver {
 
 std::vector<std::string> SolveOptions::problems() const {
   std::vector<std::string> found;
-  if (!(tolerance > 0 && tolerance < 1)) {
-    found.push_back(fmt::format("`tolerance` is {}; it must be in (0, 1)", tolerance));
-  }
-  if (max_iterations < 0) {
-    found.push_back(fmt::format("`max_iterations` is {}; it must be >= 0", max_iterations));
-  }
+  check_option(found, tolerance > 0 && tolerance < 1, "tolerance", tolerance, "in (0, 1)");
+  check_option(found, max_iterations >= 0, "max_iterations", max_iterations, ">= 0");
   if (bounds && !(std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
                   bounds->lower < bounds->upper)) {
     found.emplace_back("`bounds` must be two numbers, the lower first");
@@ -174,7 +169,7 @@ void tell_decay(const std::function<void(double)>& progress, double first, doubl
 SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                 const InverseFactor& factor, Array<Channels>& x,
                                 const SolveOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   if (options.bounds) return bounded_gradients(matrix, b, factor, x, options);
   return ConjugateSolver(matrix, b, factor, x, options).run();
 }

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sp06/coverage.h>
@@ -269,25 +270,19 @@ class GroupCoverer {
 
 std::vector<std::string> CoverageOptions::problems() const {
   std::vector<std::string> found;
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(cutoff > 0 && std::isfinite(cutoff),
-        fmt::format("`cutoff` is {}; it must be above 0", cutoff));
-  check(target > 0 && target <= 1, fmt::format("`target` is {}; it must be in (0, 1]", target));
-  check(least_gain > 0 && least_gain < 1,
-        fmt::format("`least_gain` is {}; it must be in (0, 1)", least_gain));
-  check(most_growth >= 1 && std::isfinite(most_growth),
-        fmt::format("`most_growth` is {}; it must be at least 1", most_growth));
-  check(
-      fixed_point_iterations >= 0,
-      fmt::format("`fixed_point_iterations` is {}; it must be 0 or more", fixed_point_iterations));
+  check_option(found, cutoff > 0 && std::isfinite(cutoff), "cutoff", cutoff, "above 0");
+  check_option(found, target > 0 && target <= 1, "target", target, "in (0, 1]");
+  check_option(found, least_gain > 0 && least_gain < 1, "least_gain", least_gain, "in (0, 1)");
+  check_option(found, most_growth >= 1 && std::isfinite(most_growth), "most_growth", most_growth,
+               "at least 1");
+  check_option(found, fixed_point_iterations >= 0, "fixed_point_iterations", fixed_point_iterations,
+               "0 or more");
   return found;
 }
 
 CoverageReport cover_groups(SurfelCloud& cloud, const CoverageOptions& options,
                             const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   cloud.check_columns(name);
   if (cloud.empty()) return {};
   if (cloud.group.empty()) {

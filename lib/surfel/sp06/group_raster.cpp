@@ -53,7 +53,7 @@ HWY_INLINE NearestFragments nearest_of(GroupImages& images, int count, std::size
   NearestFragments nearest{hn::Set(d, -__builtin_inff()), hn::Zero(Tags())};
   for (int k = 0; k < count; ++k) {
     const V sum = hn::Load(d, at(images, k, GroupImages::kSum, pixel));
-    const V depth = hn::Load(d, at(images, k, GroupImages::kDepth, pixel));
+    const V depth = hn::Load(d, at(images, k, GroupImages::kNearness, pixel));
     const M nearer = hn::And(hn::Gt(sum, hn::Zero(d)), hn::Gt(depth, nearest.depth));
     nearest.depth = hn::IfThenElse(nearer, depth, nearest.depth);
     nearest.entry =
@@ -109,9 +109,9 @@ HWY_INLINE void insert(GroupImages& images, int group, std::size_t pixel, M open
     const auto store = [&](GroupImages::Channel c, V value, M where) HWY_ATTR {
       hn::BlendedStore(value, where, d, fragment + c * kTilePixels);
     };
-    const GroupFragments old{load(GroupImages::kSum),   load(GroupImages::kRho),
-                             load(GroupImages::kDepth), load(GroupImages::kReach),
-                             load(GroupImages::kKey),   load(GroupImages::kEntry)};
+    const GroupFragments old{load(GroupImages::kSum),      load(GroupImages::kRho),
+                             load(GroupImages::kNearness), load(GroupImages::kReach),
+                             load(GroupImages::kKey),      load(GroupImages::kEntry)};
     const M used = hn::Gt(old.sum, hn::Zero(d));
     const M near = hn::Lt(hn::Abs(hn::Sub(f.depth, old.depth)), hn::Sub(f.reach, f.depth));
     const M same = hn::And(near, same_side(hn::BitCast(du, old.entry), hn::BitCast(du, f.entry)));
@@ -127,7 +127,7 @@ HWY_INLINE void insert(GroupImages& images, int group, std::size_t pixel, M open
     if (!hn::AllFalse(d, changes)) {
       store(GroupImages::kSum, hn::Add(hn::IfThenElseZero(merges, old.sum), f.sum), changes);
       store(GroupImages::kRho, f.rho, puts);
-      store(GroupImages::kDepth, f.depth, puts);
+      store(GroupImages::kNearness, f.depth, puts);
       store(GroupImages::kReach, f.reach, puts);
       store(GroupImages::kKey, f.key, puts);
       store(GroupImages::kEntry, f.entry, puts);
@@ -231,7 +231,7 @@ class ImageCompositor {
     V weighted_depth = hn::Zero(d);
     for (int k = 0; k < count; ++k) {
       const V rho = hn::Load(d, at(images_, k, GroupImages::kRho, pixel));
-      const V depth = hn::Load(d, at(images_, k, GroupImages::kDepth, pixel));
+      const V depth = hn::Load(d, at(images_, k, GroupImages::kNearness, pixel));
       const M joins = joining(k, pixel, nearest, nearest.depth);
       const V w = hn::IfThenElseZero(joins, rho);
       weight = hn::Add(weight, w);
@@ -277,7 +277,7 @@ class ImageCompositor {
         out.sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), out.sum[channel]);
       };
       out.sum[kWeight] = hn::Add(out.sum[kWeight], w);
-      add(kDepth, hn::Load(d, at(images_, k, GroupImages::kDepth, pixel)));
+      add(kDepth, hn::Load(d, at(images_, k, GroupImages::kNearness, pixel)));
       for (int c = 0; c < (kOpaqueSplats ? 3 : 4); ++c) {
         add(kRed + c, hn::GatherIndex(d, splats_ + kRedFloat + c, place));
       }

@@ -21,12 +21,12 @@ class GroupImages {
  public:
   /// Planes of kTilePixels floats.
   enum Channel : int {
-    kSum,    ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
-    kRho,    ///< Weight w_i.
-    kDepth,  ///< c_d: nearness, as in Splat.
-    kReach,  ///< kDepth plus epsilon: fragments that reach this depth are of one surface.
-    kKey,    ///< The value that Voronoi rasterisation compares.
-    kEntry,  ///< Index of the splat, times 2, plus 1 if its front is seen; bits.
+    kSum,       ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
+    kRho,       ///< Weight w_i.
+    kNearness,  ///< c_d, as Splat::depth.
+    kReach,     ///< kNearness plus epsilon: fragments that reach this depth are of one surface.
+    kKey,       ///< The value that Voronoi rasterisation compares.
+    kEntry,     ///< Index of the splat, times 2, plus 1 if its front is seen; bits.
     kChannels
   };
 

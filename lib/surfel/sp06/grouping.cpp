@@ -1,5 +1,5 @@
 #include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sp06/grouping.h>
 
@@ -16,7 +16,7 @@ std::vector<std::string> GroupingOptions::problems() const {
 
 Array<std::uint16_t> make_groups(const SurfelCloud& cloud, const GroupingOptions& options,
                                  GroupingReport* report, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   GroupingReport own;
   GroupingReport& r = report ? *report : own;
   r = {};

@@ -12,6 +12,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/stage_timer.h>
@@ -352,7 +353,7 @@ float splat_radius(const SurfelCloud& cloud, std::size_t i, double cutoff) {
 
 OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& options,
                                 StageTimes* times, const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   cloud.check_columns(name);
   if (!has_variance(cloud)) {
     throw_input(name,

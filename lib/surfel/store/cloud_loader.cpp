@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/option_check.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
@@ -178,7 +179,7 @@ std::vector<std::string> CloudLoadOptions::problems() const {
 
 LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& options)
     : impl_(std::make_unique<Impl>(options)) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   InputFile input(path);
   const std::string name = input.name();
   if (!impl_->load_records(input)) {

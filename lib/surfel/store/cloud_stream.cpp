@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/store/cloud_stream.h>
 
@@ -33,7 +34,7 @@ std::vector<std::string> CloudStreamOptions::problems() const {
 CloudStream::CloudStream(SurfelSource& source, const CloudStreamOptions& options,
                          const std::string& name)
     : source_(source), options_(options), name_(name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
 }
 
 std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source,

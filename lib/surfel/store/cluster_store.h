@@ -15,9 +15,6 @@ class RenderCloud;
 struct VisibleCluster {
   float nearest;        ///< Least depth of the bounding sphere of the cluster's surfels.
   std::uint32_t index;  ///< Index in RenderCloud::clusters().
-  /// Tiles of the band that the cluster's splats may touch, the last one included; set by
-  /// SplatLists::bin().
-  std::uint16_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };
 
 /// Clusters of surfels that pictures are drawn from: resident in memory (RenderCloud), or paged in

@@ -19,9 +19,11 @@ namespace surfel {
 
 /// Consecutive surfels of a RenderCloud with bounds for culling.
 struct Cluster : ClusterBounds {
-  std::uint32_t begin = 0;     ///< First surfel's row in the columns.
-  std::uint32_t end = 0;       ///< One past the last surfel's row.
-  Vec3f half_extent{0, 0, 0};  ///< Half the sides of a box around the surfels, centred at `center`.
+  std::uint32_t begin = 0;  ///< First surfel's row in the columns.
+  std::uint32_t end = 0;    ///< One past the last surfel's row.
+  /// Half the sides of a box around the surfels, centred at `center`. 0 for levels of detail that
+  /// stay in their file, until the cluster has been fetched.
+  Vec3f half_extent{0, 0, 0};
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   bool merged = false;         ///< The surfels replace surfels of a finer level of detail.
 };

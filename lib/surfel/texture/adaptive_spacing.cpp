@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sample/cut_search.h>
@@ -91,23 +91,17 @@ std::vector<std::string> AdaptiveSpacingOptions::problems() const {
   if (max_error.has_value() == count.has_value()) {
     found.emplace_back("either `max_error` or `count` must be given, and not both");
   }
-  if (max_error && !(*max_error > 0 && std::isfinite(*max_error))) {
-    found.push_back(fmt::format("`max_error` is {}; it must be positive", *max_error));
-  }
-  if (count && *count < 1) found.emplace_back("`count` is 0; it must be at least 1");
-  if (unit_deviation && !(*unit_deviation > 0 && std::isfinite(*unit_deviation))) {
-    found.push_back(fmt::format("`unit_deviation` is {}; it must be positive", *unit_deviation));
-  }
-  if (!(variance_scale > 0 && std::isfinite(variance_scale))) {
-    found.push_back(fmt::format("`variance_scale` is {}; it must be positive", variance_scale));
-  }
+  if (max_error) check_positive(found, "max_error", *max_error);
+  if (count) check_option(found, *count >= 1, "count", *count, "at least 1");
+  if (unit_deviation) check_positive(found, "unit_deviation", *unit_deviation);
+  check_positive(found, "variance_scale", variance_scale);
   return found;
 }
 
 SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
                              const AdaptiveSpacingOptions& options, AdaptiveSpacingReport* report,
                              const std::string& name) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   AdaptiveSpacingReport unused;
   AdaptiveSpacingReport& out = report ? *report : unused;
   out = {};

@@ -10,6 +10,7 @@
 #include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/group_by_key.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/column_map.h>
 #include <surfel/solve/range_sums.h>
@@ -510,18 +511,11 @@ Quadrature at_functions(const SurfelBasis& basis) {
 
 std::vector<std::string> RenderSystemOptions::problems() const {
   std::vector<std::string> found;
-  if (!(cutoff >= 0.1 && cutoff <= 16)) {
-    found.push_back(fmt::format("`cutoff` is {}; it must be in 0.1..16", cutoff));
-  }
-  if (!(minified >= 0 && minified <= 1e6)) {
-    found.push_back(fmt::format("`minified` is {}; it must be in 0..1e6", minified));
-  }
-  if (!(regularization > 0 && regularization <= 1e6)) {
-    found.push_back(fmt::format("`regularization` is {}; it must be in (0, 1e6]", regularization));
-  }
-  if (lambda && !(*lambda > 0 && std::isfinite(*lambda))) {
-    found.push_back(fmt::format("`lambda` is {}; it must be positive", *lambda));
-  }
+  check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "in 0.1..16");
+  check_option(found, minified >= 0 && minified <= 1e6, "minified", minified, "in 0..1e6");
+  check_option(found, regularization > 0 && regularization <= 1e6, "regularization", regularization,
+               "in (0, 1e6]");
+  if (lambda) check_positive(found, "lambda", *lambda);
   return found;
 }
 
@@ -532,7 +526,7 @@ EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadra
 
 RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
                                     const RenderSystemOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   RenderSystem system;
   system.near = Assembler(basis, quadrature, options.cutoff).run();
   if (options.minified > 0 && basis.size() > 0) {

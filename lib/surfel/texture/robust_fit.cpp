@@ -6,8 +6,7 @@
 #include <numeric>
 #include <utility>
 
-#include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
@@ -88,7 +87,7 @@ class Rounds {
  public:
   Rounds(const RenderSystem& system, const FitTarget& target, const RobustOptions& options)
       : system_(system), target_(target), options_(options) {
-    for (const std::string& problem : options.problems()) throw_usage(problem);
+    require_usable(options);
   }
 
   Array<double> residual_lengths(const Array<Channels>& w) const {
@@ -156,12 +155,8 @@ class Rounds {
 
 std::vector<std::string> RobustOptions::problems() const {
   std::vector<std::string> found;
-  if (scale && !(*scale > 0 && std::isfinite(*scale))) {
-    found.push_back(fmt::format("`scale` is {}; it must be positive", *scale));
-  }
-  if (!(tolerance > 0 && tolerance < 1)) {
-    found.push_back(fmt::format("`tolerance` is {}; it must be in (0, 1)", tolerance));
-  }
+  if (scale) check_positive(found, "scale", *scale);
+  check_option(found, tolerance > 0 && tolerance < 1, "tolerance", tolerance, "in (0, 1)");
   return found;
 }
 

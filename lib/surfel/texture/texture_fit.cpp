@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
@@ -80,51 +81,42 @@ void leave_out_without_uv(const SurfelCloud& cloud, SurfelBasis& basis) {
   basis.surfel.resize(kept);
 }
 
-void require_usable(const TextureFitOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
-}
-
 }  // namespace
 
 std::vector<std::string> TextureFitOptions::problems() const {
   std::vector<std::string> found;
-  if (!(reconstruction >= 0.25 && reconstruction <= 16)) {
-    found.push_back(
-        fmt::format("`reconstruction` is {}; it must be 0.25 to 16 texels", reconstruction));
-  }
-  if (!(max_aspect >= 1 && max_aspect <= 10000)) {
-    found.push_back(fmt::format("`max_aspect` is {}; it must be 1 to 10000", max_aspect));
-  }
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(tolerance >= 1e-14 && tolerance <= 0.1,
-        fmt::format("`tolerance` is {}; it must be 1e-14 to 0.1", tolerance));
-  check(!lambda || (*lambda >= 0 && *lambda <= 1e6),
-        fmt::format("`lambda` is {}; it must be 0 to 1e6", lambda.value_or(0)));
-  check(kind != TextureFitKind::kRender || lambda != 0.0,
-        "`lambda` is 0; the render fit needs more, as points may not reach every surfel");
-  check(cutoff >= 0.1 && cutoff <= 16, fmt::format("`cutoff` is {}; it must be 0.1 to 16", cutoff));
-  check(!points || (*points >= 1 && *points <= 256),
-        fmt::format("`points` is {}; it must be 1 to 256", points.value_or(0)));
-  check(!bounds || (std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
-                    bounds->lower < bounds->upper),
-        "`bounds` must be two numbers, the lower first");
-  check(!bounds || solver == FitSolver::kConjugateGradients,
-        "`bounds` need the solver cg; ldlt and ceres know none");
+  check_option(found, reconstruction >= 0.25 && reconstruction <= 16, "reconstruction",
+               reconstruction, "0.25 to 16 texels");
+  check_option(found, max_aspect >= 1 && max_aspect <= 10000, "max_aspect", max_aspect,
+               "1 to 10000");
+  check_option(found, tolerance >= 1e-14 && tolerance <= 0.1, "tolerance", tolerance,
+               "1e-14 to 0.1");
+  check_option(found, !lambda || (*lambda >= 0 && *lambda <= 1e6), "lambda", lambda.value_or(0),
+               "0 to 1e6");
+  check_rule(found, kind != TextureFitKind::kRender || lambda != 0.0,
+             "`lambda` is 0; the render fit needs more, as points may not reach every surfel");
+  check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "0.1 to 16");
+  check_option(found, !points || (*points >= 1 && *points <= 256), "points", points.value_or(0),
+               "1 to 256");
+  check_rule(found,
+             !bounds || (std::isfinite(bounds->lower) && std::isfinite(bounds->upper) &&
+                         bounds->lower < bounds->upper),
+             "`bounds` must be two numbers, the lower first");
+  check_rule(found, !bounds || solver == FitSolver::kConjugateGradients,
+             "`bounds` need the solver cg; ldlt and ceres know none");
   const auto needs_render = [&](bool used, const char* option) {
-    check(!used || kind == TextureFitKind::kRender,
-          fmt::format("`{}` has no effect without the render fit; leave it out", option));
-    check(!used || !bounds, fmt::format("`{}` and `bounds` do not go together", option));
+    check_rule(found, !used || kind == TextureFitKind::kRender,
+               fmt::format("`{}` has no effect without the render fit; leave it out", option));
+    check_rule(found, !used || !bounds,
+               fmt::format("`{}` and `bounds` do not go together", option));
   };
   needs_render(robust, "robust");
-  check(!robust || solver != FitSolver::kLdlt, "`robust` needs the solver cg or ceres");
-  check(!robust_scale || (*robust_scale > 0 && std::isfinite(*robust_scale)),
-        fmt::format("`robust_scale` is {}; it must be positive", robust_scale.value_or(0)));
+  check_rule(found, !robust || solver != FitSolver::kLdlt, "`robust` needs the solver cg or ceres");
+  if (robust_scale) check_positive(found, "robust_scale", *robust_scale);
   needs_render(refine_variance, "refine_variance");
-  check(!robust || !refine_variance, "`robust` and `refine_variance` do not go together");
-  check(coverage >= 0 && coverage <= 1e6,
-        fmt::format("`coverage` is {}; it must be 0 to 1e6", coverage));
+  check_rule(found, !robust || !refine_variance,
+             "`robust` and `refine_variance` do not go together");
+  check_option(found, coverage >= 0 && coverage <= 1e6, "coverage", coverage, "0 to 1e6");
   return found;
 }
 

@@ -257,9 +257,7 @@ TextureMap::TextureMap(std::shared_ptr<ImageReader> reader, WrapMode wrap)
 }
 
 TextureMap TextureMap::constant(const Vec3f& color) {
-  Image image;
-  image.width = image.height = 1;
-  image.channels = {"R", "G", "B", "A"};
+  Image image = rgba_image(1, 1);
   image.data = {color.x(), color.y(), color.z(), 1.0F};
   return {std::move(image), WrapMode::kRepeat};
 }

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/inverse_factor.h>
@@ -432,9 +433,7 @@ State candidate(const Problem& problem, const State& state, const Model& model,
 
 std::vector<std::string> VarianceFitOptions::problems() const {
   std::vector<std::string> found;
-  if (!(cutoff > 0 && std::isfinite(cutoff))) {
-    found.push_back(fmt::format("`cutoff` is {}; it must be positive", cutoff));
-  }
+  check_positive(found, "cutoff", cutoff);
   if (!(coverage >= 0 && std::isfinite(coverage))) {
     found.push_back(fmt::format("`coverage` is {}; it must not be negative", coverage));
   }
@@ -445,7 +444,7 @@ VarianceFitReport refine_variance(
     RenderSolution& solution, const Quadrature& quadrature, const FitTarget& target,
     FunctionRef<void(const RenderSystem& system, Array<Channels>& w)> solve,
     const VarianceFitOptions& options) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
+  require_usable(options);
   if (solution.system.mu != 0)
     throw_usage("variances are fitted to systems without a minified term");
   VarianceFitReport report;

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/plugin.h>
 #include <surfel/io/image_plugin.h>
@@ -111,12 +112,6 @@ Counts prepare_pixel(RgbaArray& a, RgbaArray& b, const ImageErrorOptions& option
   return counts;
 }
 
-Image rgba_image(int width, int height) {
-  Image image{width, height, {"R", "G", "B", "A"}, {}};
-  image.data.resize(static_cast<std::size_t>(width) * height * 4);
-  return image;
-}
-
 PreparedPair prepare(const Image& tested, const Image& truth, const ImageErrorOptions& options) {
   if (const auto problems = options.problems(); !problems.empty()) {
     throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
@@ -153,10 +148,8 @@ double decibels(double rms) { return -20 * std::log10(rms); }
 
 std::vector<std::string> ImageErrorOptions::problems() const {
   std::vector<std::string> out;
-  if (!(threshold >= 0 && threshold < 1)) {
-    out.push_back(
-        fmt::format("`threshold` is {}; it must be at least 0 and less than 1", threshold));
-  }
+  check_option(out, threshold >= 0 && threshold < 1, "threshold", threshold,
+               "at least 0 and less than 1");
   if (!std::all_of(background.begin(), background.end(),
                    [](float v) { return std::isfinite(v); })) {
     out.push_back(fmt::format("`background` is {}; it must be four finite numbers",

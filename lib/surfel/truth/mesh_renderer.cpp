@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/plugin.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/shading.h>
@@ -107,17 +108,9 @@ struct View {
 
 std::vector<std::string> MeshRenderOptions::problems() const {
   std::vector<std::string> found;
-  const auto check = [&](bool ok, const std::string& message) {
-    if (!ok) found.push_back(message);
-  };
-  check(samples >= 1 && samples <= 64,
-        fmt::format("`samples` is {}; it must be in 1..64", samples));
-  check(lowpass >= 0 && lowpass <= 16,
-        fmt::format("`lowpass` is {}; it must be in 0..16 pixels", lowpass));
-  check(std::all_of(background.begin(), background.end(),
-                    [](float v) { return std::isfinite(v) && v >= 0; }) &&
-            background[3] <= 1,
-        "`background` must be four numbers >= 0, alpha at most 1");
+  check_option(found, samples >= 1 && samples <= 64, "samples", samples, "in 1..64");
+  check_option(found, lowpass >= 0 && lowpass <= 16, "lowpass", lowpass, "in 0..16 pixels");
+  check_background(found, background);
   return found;
 }
 
@@ -242,8 +235,8 @@ Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
 MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                            const MeshRenderOptions& options)
     : impl_(new Impl{mesh, textures, scene, options}) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
-  for (const std::string& problem : scene.problems()) throw_usage(problem);
+  require_usable(options);
+  require_usable(scene);
   mesh.check_columns("");
   // A mesh without materials may number the materials of its textures, or of a scene.
   if (!mesh.material.empty() || (!textures && mesh.color.empty())) mesh.check_materials("");
@@ -265,7 +258,7 @@ MeshRenderer::~MeshRenderer() = default;
 
 Image MeshRenderer::render(const Camera& camera,
                            const std::function<void(double)>& progress) const {
-  for (const std::string& problem : camera.problems()) throw_usage(problem);
+  require_usable(camera);
   const MeshRenderOptions& options = impl_->options;
   const Shader shader(options.lit ? &impl_->scene : nullptr, camera);
   const View view{camera, shader, camera.eye - impl_->mesh.origin};

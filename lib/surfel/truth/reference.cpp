@@ -6,7 +6,7 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/shading.h>
 #include <surfel/surface/coverage_threshold.h>
@@ -100,14 +100,14 @@ ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scen
       options_(options),
       reference_(reference),
       hierarchy_(cloud, std::sqrt(2 * options.cutoff), DiscHierarchy::Bound::kDisc) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
-  for (const std::string& problem : scene.problems()) throw_usage(problem);
-  for (const std::string& problem : reference.problems()) throw_usage(problem);
+  require_usable(options);
+  require_usable(scene);
+  require_usable(reference);
 }
 
 Image ReferenceRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
-  for (const std::string& problem : camera.problems()) throw_usage(problem);
+  require_usable(camera);
   const Shader shader(options_.lit ? &scene_ : nullptr, camera);
   PerWorker<RayCaster> workers([&] {
     return std::make_unique<RayCaster>(cloud_, scene_, options_, hierarchy_, shader, camera);

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/shading.h>
 #include <surfel/surface/coverage_threshold.h>
@@ -122,13 +122,13 @@ SourceEwaRenderer::SourceEwaRenderer(const RenderCloud& cloud, const Scene& scen
       scene_(scene),
       options_(options),
       hierarchy_(cloud, std::sqrt(2 * options.cutoff), DiscHierarchy::Bound::kBall) {
-  for (const std::string& problem : options.problems()) throw_usage(problem);
-  for (const std::string& problem : scene.problems()) throw_usage(problem);
+  require_usable(options);
+  require_usable(scene);
 }
 
 Image SourceEwaRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
-  for (const std::string& problem : camera.problems()) throw_usage(problem);
+  require_usable(camera);
   const Shader shader(options_.lit ? &scene_ : nullptr, camera, options_.lowpass);
   const SourceKernels kernels(options_, camera);
   const double full_weight =
@@ -141,12 +141,7 @@ Image SourceEwaRenderer::render(const Camera& camera,
     return std::make_unique<Worker>(Worker{{cloud_, scene_, shader, full_weight}, {}});
   });
 
-  Image image;
-  image.width = camera.width;
-  image.height = camera.height;
-  image.channels = {"R", "G", "B", "A"};
-  image.data.resize(4 * static_cast<std::size_t>(camera.width) *
-                    static_cast<std::size_t>(camera.height));
+  Image image = rgba_image(camera.width, camera.height);
   std::atomic<int> rows_done{0};
   parallel_for(
       static_cast<std::size_t>(camera.height), 1, [&](std::size_t row, std::size_t, int w) {

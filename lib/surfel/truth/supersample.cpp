@@ -94,11 +94,8 @@ Image supersample(const Camera& camera, const SupersampleOptions& options,
   }
   const FilterTaps taps(options);
   const auto width = static_cast<std::size_t>(camera.width);
-  Image image;
-  image.width = camera.width;
-  image.height = camera.height;
-  image.channels = {"R", "G", "B", "A"};
-  image.data.assign(4 * width * static_cast<std::size_t>(camera.height), 0.0F);
+  Image image = rgba_image(camera.width, camera.height);
+  std::fill(image.data.begin(), image.data.end(), 0.0F);
 
   // A band of sample rows at a time, whose height depends on the picture's width alone: so does
   // then the order of the sums.
