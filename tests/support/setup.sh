@@ -4,11 +4,12 @@
 
 surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 
-# The compiler, and the libraries of the core and of the plug-in for pictures.
+# The compiler, and the libraries of the core and of the plug-in for pictures. CMake finds OpenImageIO only where its
+# tools are, too.
 surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
   libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev liblz4-dev libopenimageio-dev
-  libpng-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
+  openimageio-tools libpng-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
 )
 surfel_packages=(
   "${surfel_demo_packages[@]}"
@@ -17,7 +18,7 @@ surfel_packages=(
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # Tests and checks.
-  libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14 openimageio-tools
+  libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
   # The sanitizers.
   clang-14 libclang-rt-14-dev
 )
