@@ -4,17 +4,16 @@
 
 surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 
-# The compiler, and the libraries of the core and of the plug-in for pictures. CMake finds OpenImageIO only where its
-# tools are, too.
+# The compiler, and the libraries of the core.
 surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
-  libcli11-dev libeigen3-dev libflann-dev libfmt-dev libhwy-dev libimath-dev liblz4-dev libopenimageio-dev
-  openimageio-tools libpng-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
+  libcli11-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
 )
 surfel_packages=(
   "${surfel_demo_packages[@]}"
-  # The other plug-ins.
-  libceres-dev libembree-dev libopenmesh-dev libpcl-dev
+  # The plug-ins. CMake finds OpenImageIO only where its tools are, too.
+  libceres-dev libembree-dev libflann-dev libimath-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev
+  openimageio-tools
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # Tests and checks.

@@ -7,15 +7,19 @@
 #include <surfel/base/plugin.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/image_plugin.h>
+#include <surfel/io/input_file.h>
+#include <surfel/io/png_reader.h>
 #include <surfel/io/png_writer.h>
 
 namespace surfel {
 namespace {
 
 Image read_image(const std::string& path, ImageForm form) {
+  InputFile file(path);
+  if (is_png(file)) return read_png(std::move(file), form);
   Image image;
   const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
-  read(path, form, image);
+  read(file, path, form, image);
   return image;
 }
 
@@ -30,9 +34,11 @@ Image read_premultiplied_image(const std::string& path) {
 }
 
 std::shared_ptr<ImageReader> open_image(const std::string& path) {
+  InputFile file(path);
+  if (is_png(file)) return open_png(std::move(file));
   const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
   std::shared_ptr<ImageReader> reader;
-  open(path, reader);
+  open(file, path, reader);
   return reader;
 }
 

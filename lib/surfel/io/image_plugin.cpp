@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <memory>
@@ -21,13 +19,12 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
+#include <surfel/io/image_decoding.h>
 #include <surfel/io/image_encoding.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_writer.h>
-#include <surfel/io/record_table.h>
-#include <surfel/io/surfel_decoder.h>
 
 namespace surfel {
 namespace {
@@ -35,8 +32,6 @@ namespace {
 /// More than any picture needs; a damaged header may claim thousands.
 constexpr int kMostChannels = 256;
 constexpr std::uint64_t kMegabyte = 1 << 20;
-/// 256 GB: larger images are taken for damaged headers.
-constexpr std::uint64_t kMostStreamedMegabytes = 1 << 18;
 
 /// Most megabytes of pixels of an image that is read as a whole.
 std::uint64_t most_megabytes() {
@@ -86,77 +81,6 @@ std::string cause(std::string message) {
 // ---------------------------------------------------------------------------------------------
 // Reading
 
-/// One value as a fraction of full scale, still encoded.
-float fraction(std::uint8_t value) { return static_cast<float>(value) / 255.0f; }
-float fraction(std::uint16_t value) { return static_cast<float>(value) / 65535.0f; }
-float fraction(float value) { return value; }
-
-/// One colour value in linear light.
-float linear(std::uint8_t value) { return srgb8_to_linear(value); }
-float linear(std::uint16_t value) {
-  static const float* const table = srgb16_table();
-  return table[value];
-}
-float linear(float value) { return value; }
-
-template <class T>
-T divided(T value, T alpha) {
-  if constexpr (std::is_floating_point_v<T>) {
-    return value / alpha;
-  } else {
-    constexpr unsigned kFull = std::numeric_limits<T>::max();
-    return static_cast<T>(std::min(kFull, (value * kFull + alpha / 2u) / alpha));
-  }
-}
-
-/// Colour with its alpha divided out, linear. Integer formats multiplied the encoded value, so they
-/// are divided before they are decoded. Where alpha is zero the colour stays as stored: environment
-/// maps come with an empty alpha channel.
-template <class T>
-float straight(T value, T alpha) {
-  return linear(alpha > T{} ? divided(value, alpha) : value);
-}
-
-/// Layout of a file's pixels in memory.
-struct StoredPixels {
-  PixelSize size;
-  std::size_t stride;  ///< Number of channels of a pixel.
-  ColorChannels channel;
-  bool associated;  ///< Colours are multiplied by alpha.
-};
-
-/// Converts pixels to R G B A.
-template <class T>
-void convert_to_rgba(const T* in, const StoredPixels& stored, bool premultiply, float* rgba) {
-  const ColorChannels c = stored.channel;
-  // Premultiplied floats are linear as they are: to divide and multiply them again would lose bits,
-  // and the light where alpha is zero.
-  const bool as_stored = premultiply && stored.associated && std::is_floating_point_v<T>;
-  const bool divide = stored.associated && !as_stored;
-  const bool multiply = premultiply && !as_stored;
-  for_each_pixel(stored.size, in, stored.stride, rgba, 4, [&](const T* p, float* out) {
-    const std::array<T, 3> rgb{p[c.red], p[c.green], p[c.blue]};
-    out[3] = c.alpha >= 0 ? fraction(p[c.alpha]) : 1.0f;
-    for (std::size_t i = 0; i < 3; ++i) {
-      out[i] = divide ? straight(rgb[i], p[c.alpha]) : linear(rgb[i]);
-      if (multiply) out[i] *= out[3];
-    }
-  });
-}
-
-/// Converts pixels to R G B A of 8 bits, R G B still encoded and straight.
-void convert_to_coded(const std::uint8_t* in, const StoredPixels& stored, std::uint8_t* rgba) {
-  const ColorChannels c = stored.channel;
-  const auto convert = [&](const std::uint8_t* p, std::uint8_t* out) {
-    const std::array<std::uint8_t, 3> rgb{p[c.red], p[c.green], p[c.blue]};
-    out[3] = c.alpha >= 0 ? p[c.alpha] : std::numeric_limits<std::uint8_t>::max();
-    for (std::size_t i = 0; i < 3; ++i) {
-      out[i] = stored.associated && out[3] > 0 ? divided(rgb[i], out[3]) : rgb[i];
-    }
-  };
-  for_each_pixel(stored.size, in, stored.stride, rgba, 4, convert);
-}
-
 /// Whether the reader hands out colours multiplied by alpha although it was asked not to: OpenEXR's
 /// convention, and TIFF files that are stored so.
 bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c) {
@@ -168,30 +92,17 @@ bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c)
 
 /// Reads the pixels as T and converts them.
 template <class T>
-void read_pixels(OIIO::ImageInput& input, const std::string& path, ImageForm form, Image& image) {
+Image read_pixels(OIIO::ImageInput& input, const std::string& name, ImageForm form) {
   const OIIO::ImageSpec& spec = input.spec();
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   const PixelSize size{static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)};
-  const std::size_t pixel_count = size.width * size.height;
-  Array<T> pixels(pixel_count * channels);
+  Array<T> pixels(size.width * size.height * channels);
   if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, pixels.data())) {
-    throw_input(path, "damaged image: " + cause(input.geterror()));
+    throw_input(name, "damaged image: " + cause(input.geterror()));
   }
   const ColorChannels c = color_channels(spec.channelnames, spec.alpha_channel);
-  if (form == ImageForm::kRaw) {
-    image.channels = spec.channelnames;
-    image.data.resize(pixels.size());
-    const auto decode = [&](const T* in, float* out) {
-      for (int k = 0; k < spec.nchannels; ++k)
-        out[k] = k == c.alpha ? fraction(in[k]) : linear(in[k]);
-    };
-    for_each_pixel(size, pixels.data(), channels, image.data.data(), channels, decode);
-  } else {
-    image.channels = {"R", "G", "B", "A"};
-    image.data.resize(pixel_count * 4);
-    const StoredPixels stored{size, channels, c, has_associated_alpha(input, c)};
-    convert_to_rgba(pixels.data(), stored, form == ImageForm::kPremultiplied, image.data.data());
-  }
+  return decoded_image(pixels.data(), {size, channels, c, has_associated_alpha(input, c)},
+                       spec.channelnames, form);
 }
 
 /// Does a JPEG stream run up to its end marker? libjpeg completes a cut one in grey and says
@@ -221,29 +132,10 @@ bool jpeg_is_whole(std::span<const std::byte> bytes) {
 std::string format_of(std::span<const std::byte> bytes) {
   const std::string_view start(reinterpret_cast<const char*>(bytes.data()),
                                std::min<std::size_t>(bytes.size(), 4));
-  if (start == "\x89PNG") return "png";
   if (start == "\x76\x2f\x31\x01") return "openexr";
   if (start == std::string_view("II*\0", 4) || start == std::string_view("MM\0*", 4)) return "tiff";
   if (start.starts_with("\xff\xd8")) return "jpeg";
   return start.starts_with("#?") ? "hdr" : "";
-}
-
-/// Throws Error(kInput) where a chunk before the first pixels of a PNG file is longer than the
-/// file: libpng would take and fill memory of that size.
-void check_png_chunks(std::span<const std::byte> bytes, const std::string& name) {
-  constexpr bool kSwapped = std::endian::native == std::endian::little;
-  constexpr std::size_t kSignature = 8;
-  constexpr std::size_t kFrame = 12;  // Of a chunk: its length, its type and a checksum.
-  for (std::size_t at = kSignature; at + kFrame <= bytes.size();) {
-    const std::uint64_t length = load_scalar<std::uint32_t, kSwapped>(bytes.data() + at);
-    if (std::memcmp(bytes.data() + at + 4, "IDAT", 4) == 0) return;
-    if (length > bytes.size() - at - kFrame) {
-      throw_input(
-          name,
-          fmt::format("damaged image: a chunk claims {} bytes, more than the file has", length));
-    }
-    at += kFrame + length;
-  }
 }
 
 /// Opens standard input or a pipe, whose bytes `memory` reads.
@@ -280,19 +172,10 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
   }
 }
 
-void check_size(const OIIO::ImageSpec& spec, const std::string& path) {
-  const double bytes = static_cast<double>(spec.width) * spec.height * std::max(4, spec.nchannels) *
-                       2 * sizeof(float);
-  if (bytes > static_cast<double>(available_memory_bytes())) {
-    throw_input(path, fmt::format("{} x {} pixels of {} channels do not fit into memory",
-                                  spec.width, spec.height, spec.nchannels));
-  }
-}
-
 /// A file that has been found to be a flat picture.
 struct OpenedImage {
-  OpenedImage(const std::string& path, std::uint64_t most_megabytes) : file(path) {
-    if (format_of(file.bytes()) == "png") check_png_chunks(file.bytes(), file.name());
+  OpenedImage(InputFile opened, const std::string& path, std::uint64_t most_megabytes)
+      : file(std::move(opened)) {
     const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
@@ -314,18 +197,15 @@ struct OpenedImage {
 
 class PluginReader final : public ImageReader {
  public:
-  explicit PluginReader(const std::string& path)
-      : image_(path, kMostStreamedMegabytes),
+  PluginReader(InputFile file, const std::string& path)
+      : image_(std::move(file), path, kMostStreamedMegabytes),
         spec_(image_.input->spec()),
         channel_(color_channels(spec_.channelnames, spec_.alpha_channel)),
         associated_(has_associated_alpha(*image_.input, channel_)) {
     // Not every reader of OpenImageIO keeps to its limit.
-    const double megabytes = static_cast<double>(spec_.width) * spec_.height *
-                             static_cast<double>(spec_.pixel_bytes(true)) / kMegabyte;
-    if (megabytes > kMostStreamedMegabytes) {
-      throw_input(image_.file.name(), fmt::format("{} x {} pixels of {} channels are too many",
-                                                  spec_.width, spec_.height, spec_.nchannels));
-    }
+    check_streamable(
+        {static_cast<std::size_t>(spec_.width), static_cast<std::size_t>(spec_.height)},
+        spec_.pixel_bytes(true), image_.file.name());
     const int alpha = channel_.alpha < 0 ? channel_.red : channel_.alpha;
     const auto [first, last] = std::minmax({channel_.red, channel_.green, channel_.blue, alpha});
     first_channel_ = first;
@@ -541,28 +421,27 @@ OIIO::ImageBuf buffer_of(const Image& image) {
 
 extern "C" {
 
-SURFEL_API void surfel_image_plugin_read(const std::string& path, surfel::ImageForm form,
-                                         surfel::Image& image) {
+SURFEL_API void surfel_image_plugin_read(surfel::InputFile& file, const std::string& path,
+                                         surfel::ImageForm form, surfel::Image& image) {
   using namespace surfel;
-  const OpenedImage opened(path, most_megabytes());
+  const OpenedImage opened(std::move(file), path, most_megabytes());
   OIIO::ImageInput& input = *opened.input;
   const std::string& name = opened.file.name();
   const OIIO::ImageSpec& spec = input.spec();
-  check_size(spec, name);
-  image.width = spec.width;
-  image.height = spec.height;
+  check_fits({static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)},
+             spec.nchannels, name);
   if (spec.format.is_floating_point()) {
-    read_pixels<float>(input, name, form, image);
+    image = read_pixels<float>(input, name, form);
   } else if (spec.format.size() == 1) {
-    read_pixels<std::uint8_t>(input, name, form, image);
+    image = read_pixels<std::uint8_t>(input, name, form);
   } else {
-    read_pixels<std::uint16_t>(input, name, form, image);
+    image = read_pixels<std::uint16_t>(input, name, form);
   }
 }
 
-SURFEL_API void surfel_image_plugin_open(const std::string& path,
+SURFEL_API void surfel_image_plugin_open(surfel::InputFile& file, const std::string& path,
                                          std::shared_ptr<surfel::ImageReader>& reader) {
-  reader = std::make_shared<surfel::PluginReader>(path);
+  reader = std::make_shared<surfel::PluginReader>(std::move(file), path);
 }
 
 SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std::string& path,

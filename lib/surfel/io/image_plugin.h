@@ -5,6 +5,7 @@
 #include <string>
 
 #include <surfel/io/image_io.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/image.h>
 
 namespace surfel {
@@ -23,11 +24,14 @@ struct ChannelDifference {
 };
 
 /// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
-/// tools that see no image. The first three have the contracts of read_image(), open_image() and
-/// write_image(). The last compares the channels [first, last) of two pictures of equal size and
-/// channels, all of whose values are finite.
-using ReadImageFunction = void(const std::string& path, ImageForm form, Image& image);
-using OpenImageFunction = void(const std::string& path, std::shared_ptr<ImageReader>& reader);
+/// tools that see no image but PNG. The first three have the contracts of read_image(),
+/// open_image() and write_image(); they take over the file at `path`. The last compares the
+/// channels [first, last) of two pictures of equal size and channels, all of whose values are
+/// finite.
+using ReadImageFunction = void(InputFile& file, const std::string& path, ImageForm form,
+                               Image& image);
+using OpenImageFunction = void(InputFile& file, const std::string& path,
+                               std::shared_ptr<ImageReader>& reader);
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
 using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,

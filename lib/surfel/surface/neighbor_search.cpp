@@ -1,7 +1,8 @@
 #include <algorithm>
 
+#include <surfel/base/plugin.h>
 #include <surfel/surface/exact_search.h>
-#include <surfel/surface/flann_search.h>
+#include <surfel/surface/flann_plugin.h>
 #include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
@@ -9,7 +10,11 @@ namespace surfel {
 std::unique_ptr<NeighborSearch> make_neighbor_search(const Array<Vec3f>& points,
                                                      SearchMethod method) {
   if (method == SearchMethod::kExact) return std::make_unique<ExactSearch>(points);
-  return make_flann_search(points, method == SearchMethod::kFlannApproximate);
+  std::unique_ptr<NeighborSearch> search;
+  const auto make =
+      reinterpret_cast<MakeFlannSearch*>(plugin_symbol("flann", kMakeFlannSearchSymbol));
+  make(points, method == SearchMethod::kFlannApproximate, search);
+  return search;
 }
 
 NeighborRows NeighborSearch::rows(std::size_t k) const {

@@ -6,14 +6,14 @@
 #include <flann/algorithms/kdtree_single_index.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/surface/flann_search.h>
+#include <surfel/surface/flann_plugin.h>
 
 namespace surfel {
 namespace {
 
 using Index = flann::KDTreeSingleIndex<flann::L2_Simple<float>>;
 constexpr int kLeafSize = 12;  ///< Points; FLANN's default is 10.
-constexpr std::size_t kQueryGrain = 256;
+constexpr std::size_t kGrain = 256;
 
 /// The distinct positions, in Morton order, each with the points that lie there. The tree is built
 /// over these: however many points coincide, they are one entry, and equal distances at which the
@@ -155,7 +155,7 @@ class FlannSearch final : public NeighborSearch {
   /// queries find the tree's nodes and the points in the cache. Points at one place share a search.
   void for_each(std::size_t most, float limit2, Body body) const override {
     PerWorker<std::vector<Neighbor>> scratch;
-    parallel_for(places_.size(), kQueryGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    parallel_for(places_.size(), kGrain, [&](std::size_t begin, std::size_t end, int worker) {
       std::vector<Neighbor>& out = scratch[worker];
       NearestSet set(places_, out);
       for (std::size_t place = begin; place < end; ++place) {
@@ -179,9 +179,10 @@ class FlannSearch final : public NeighborSearch {
 };
 
 }  // namespace
-
-std::unique_ptr<NeighborSearch> make_flann_search(const Array<Vec3f>& points, bool approximate) {
-  return std::make_unique<FlannSearch>(points, approximate);
-}
-
 }  // namespace surfel
+
+extern "C" SURFEL_API void surfel_make_flann_search(
+    const surfel::Array<surfel::Vec3f>& points, bool approximate,
+    std::unique_ptr<surfel::NeighborSearch>& search) {
+  search = std::make_unique<surfel::FlannSearch>(points, approximate);
+}
