@@ -83,7 +83,7 @@ float largest_variance(const SurfelCloud& cloud, std::size_t i) {
   return cloud.variance.empty() ? 0 : cloud.variance[i];
 }
 
-void ours_and_z_buffer(const Settings& s, const SurfelCloud& cloud, const RenderCloud& surfels,
+void ours_and_z_buffer(const Settings& s, const SurfelCloud& cloud, RenderCloud& surfels,
                        const Camera& camera) {
   if (camera.orthographic) throw_usage("the z-buffer loop is for perspective cameras");
   Array<bench::ZPoint> points(cloud.size());
@@ -256,10 +256,10 @@ void run(const Settings& s) {
   SurfelCloud cloud = read_cloud(s.cloud);
   Array<std::uint32_t> order = morton_order(cloud.position);
   std::erase_if(order, [&](std::uint32_t i) { return !cloud.position[i].allFinite(); });
-  const RenderCloud surfels = s.lod.empty()
-                                  ? RenderCloud(cloud)
-                                  : RenderCloud(read_cloud(s.lod, CloudReadOptions{.levels = true}),
-                                                {.levels = true}, s.lod);
+  RenderCloud surfels = s.lod.empty()
+                            ? RenderCloud(cloud)
+                            : RenderCloud(read_cloud(s.lod, CloudReadOptions{.levels = true}),
+                                          {.levels = true}, s.lod);
   if (!s.lod.empty() && surfels.tree().empty()) throw_input(s.lod, "has no levels of detail");
   const SceneExtent extent = surfels.extent();
   cloud = cloud.gathered(order);

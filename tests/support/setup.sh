@@ -18,6 +18,8 @@ surfel_packages=(
   gnuplot-nox
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
+  # The benchmarks, which CI builds.
+  libbenchmark-dev libnanoflann-dev
   # The sanitizers.
   clang-14 libclang-rt-14-dev
 )
