@@ -19,7 +19,7 @@ surfel_packages=(
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
   # The benchmarks, which CI builds.
-  libbenchmark-dev libnanoflann-dev
+  libbenchmark-dev
   # The sanitizers.
   clang-14 libclang-rt-14-dev
 )
