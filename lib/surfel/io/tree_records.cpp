@@ -1,6 +1,7 @@
 #include <array>
 #include <bit>
 #include <limits>
+#include <vector>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -68,6 +69,19 @@ std::uint32_t whole(double value, const char* name, std::size_t row, const std::
   return static_cast<std::uint32_t>(value);
 }
 
+/// Decodes a column of consecutive records into element k of the rows.
+void decode_column(const RecordTable& table, const RecordColumn& column, const std::byte* records,
+                   std::size_t k, std::vector<Row>& rows) {
+  visit_type(column.type, [&]<class T>(T) {
+    const std::byte* at = records + column.offset;
+    for (Row& row : rows) {
+      row[k] =
+          static_cast<double>(table.swapped ? load_scalar<T, true>(at) : load_scalar<T, false>(at));
+      at += table.stride;
+    }
+  });
+}
+
 }  // namespace
 
 std::vector<RecordColumn> tree_columns() {
@@ -108,24 +122,10 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                                     kTreeElement, kColumns[k].name));
     }
   }
-  Array<std::byte> scratch;
-  const std::byte* records = table.read(0, table.count, scratch);
-  const auto row_at = [&](std::size_t i) {
-    Row row;
-    for (std::size_t k = 0; k < kColumnCount; ++k) {
-      const std::byte* at = records + i * table.stride + columns[k]->offset;
-      visit_type(columns[k]->type, [&]<class T>(T) {
-        row[k] = static_cast<double>(table.swapped ? load_scalar<T, true>(at)
-                                                   : load_scalar<T, false>(at));
-      });
-    }
-    return row;
-  };
   out.tree.resize(table.count);
   out.center.resize(table.count);
   out.reach.resize(table.count);
-  const auto take = [&](std::size_t i) {
-    const Row row = row_at(i);
+  const auto take = [&](std::size_t i, const Row& row) {
     const auto count = [&](std::size_t k) { return whole(row[k], kColumns[k].name, i, file); };
     const auto real = [&](std::size_t k) { return static_cast<float>(row[k]); };
     TreeCluster& c = out.tree[i];
@@ -155,9 +155,15 @@ TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                        (reach.min.array() <= reach.max.array()).all();
     if (!sound) c.bounds.radius = std::numeric_limits<float>::quiet_NaN();
   };
-  constexpr std::size_t kGrain = 1024;
+  constexpr std::size_t kGrain = 256;  // Records and rows stay in the second-level cache.
   parallel_for(table.count, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) take(i);
+    Array<std::byte> scratch;
+    const std::byte* records = table.read(begin, end, scratch);
+    std::vector<Row> rows(end - begin);
+    for (std::size_t k = 0; k < kColumnCount; ++k) {
+      decode_column(table, *columns[k], records, k, rows);
+    }
+    for (std::size_t i = begin; i < end; ++i) take(i, rows[i - begin]);
   });
   if (const std::string problem = tree_problem(out.tree, surfels); !problem.empty()) {
     throw_input(file, "its levels of detail are broken: " + problem + "; run surfel-lod again");
