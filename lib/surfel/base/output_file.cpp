@@ -82,7 +82,7 @@ std::pair<std::string, std::string> split(const std::string& path) {
 /// The file that a symbolic link stands for, there or not, so that the link is not replaced by it.
 std::string follow_links(const std::string& target) {
   namespace fs = std::filesystem;
-  constexpr int kMostLinks = 40;  // As the kernel.
+  constexpr int kMostLinks = 40;  // The kernel follows as many.
   std::string path = target;
   std::error_code error;
   for (int i = 0; fs::is_symlink(path, error); ++i) {

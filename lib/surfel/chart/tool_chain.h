@@ -18,7 +18,7 @@ SURFEL_API const char* tool_name(Stage stage);
 
 /// An option as it stands on a command line; a flag has no value.
 struct ToolOption {
-  std::string name;  ///< With its dashes.
+  std::string name;  ///< Name with its dashes.
   std::string value;
   bool operator==(const ToolOption&) const = default;
 };

@@ -49,7 +49,7 @@ struct SplatSize {
 
 /// Sizes of the splats of all points.
 struct SplatSizes {
-  Array<SplatSize> of;     ///< By point.
+  Array<SplatSize> of;     ///< Sizes by point.
   bool ellipses = false;   ///< Splats are ellipses; else they are discs.
   std::size_t border = 0;  ///< Points whose cell is open: at the surface's border, or alone.
   std::size_t capped = 0;  ///< Points far from all others, with splats cut to their neighbours'.

@@ -35,7 +35,7 @@ struct PlyElement {
 
 struct PlyHeader {
   PlyFormat format = PlyFormat::kAscii;
-  std::vector<PlyElement> elements;   ///< In the order of the file.
+  std::vector<PlyElement> elements;   ///< Elements in the order of the file.
   std::vector<std::string> comments;  ///< Without the word `comment`.
   std::vector<std::string> obj_info;
   const PlyElement* find(std::string_view element) const;  ///< Null if there is none.

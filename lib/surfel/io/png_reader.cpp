@@ -80,7 +80,7 @@ bool read_rows(PngReadJob& job, std::size_t count, std::byte* to, std::size_t ro
 /// take and fill memory of that size.
 void check_chunks(std::span<const std::byte> bytes, const std::string& name) {
   constexpr bool kSwapped = std::endian::native == std::endian::little;
-  constexpr std::size_t kFrame = 12;  // Of a chunk: its length, its type and a checksum.
+  constexpr std::size_t kFrame = 12;  // Bytes of a chunk's length, type and checksum.
   for (std::size_t at = kSignature; at + kFrame <= bytes.size();) {
     const std::uint64_t length = load_scalar<std::uint32_t, kSwapped>(bytes.data() + at);
     if (std::memcmp(bytes.data() + at + 4, "IDAT", 4) == 0) return;

@@ -34,7 +34,7 @@ struct Place {
 /// the largest of these sizes, across the longest side of the box.
 void split_places(Array<Place>& places, int reduction) {
   struct Run {
-    std::size_t begin, end;  ///< In clusters.
+    std::size_t begin, end;  ///< Places among the clusters.
   };
   std::vector<Run> runs{{0, (places.size() + kClusterSurfels - 1) / kClusterSurfels}};
   std::vector<Run> parts;

@@ -50,8 +50,8 @@ SURFEL_API void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeS
 /// A Gaussian in its tangent plane: V = diag(variance_u, variance_v) in the frame (t, n x t).
 struct TangentGaussian {
   Vec3f tangent;
-  float variance_u;  ///< Along the tangent: the larger variance.
-  float variance_v;  ///< Across the tangent.
+  float variance_u;  ///< Variance along the tangent: the larger one.
+  float variance_v;  ///< Variance across the tangent.
 };
 
 /// The part of a Gaussian in space that lies in the plane across `normal`. An unknown (zero) normal

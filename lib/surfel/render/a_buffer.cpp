@@ -78,7 +78,8 @@ class FrontToBack {
   const TileABuffer& tile_;
   float x_, y_;
   Rgba color_;
-  float front_coverage_ = 0;  ///< Of the last fragment, if it is unmerged and front-facing.
+  /// Coverage of the last fragment, if it is unmerged and front-facing.
+  float front_coverage_ = 0;
   float front_opacity_ = 0;
   float front_edge_ = 0;
   SeenThrough surfaces_;

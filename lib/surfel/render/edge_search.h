@@ -91,7 +91,7 @@ class TileRims {
   Array<Patch> depths_;
   std::size_t layer_stride_ = 0;
   Array<std::uint8_t> used_;  ///< Layers in use, by patch.
-  Array<TileInside> inside_;  ///< By tile.
+  Array<TileInside> inside_;  ///< Sides that the tiles show.
 };
 
 /// Pixels whose edges depend on other tiles, until all tiles are drawn.

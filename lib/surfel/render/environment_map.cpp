@@ -19,12 +19,12 @@ namespace {
 /// Standard deviation of a level by the distance of its rows: bilinear interpolation between texels
 /// takes up to 10 % from the peak of the narrowest spot that there can be; at 3/4 it took 35 %.
 constexpr double kDeviationPerRow = 1.5;
-constexpr int kFewestRows = 32;  ///< Of the last level: more than kWidest needs.
+constexpr int kFewestRows = 32;  ///< Rows of the last level: more than kWidest needs.
 /// From this variance on all directions see nearly the same: mean cosine 0.02.
 constexpr float kWidest = 4;
 /// Lobes end where they have fallen to exp(-8) of their peak.
 constexpr double kReach = 8;
-/// Of the procedural sky: at common fields of view its edges are as sharp as the picture's.
+/// Width of the procedural sky: at common fields of view its edges are as sharp as the picture's.
 constexpr int kSkyWidth = 2048;
 constexpr std::size_t kMostPixels = std::size_t{1} << 27;  ///< 16384 x 8192: 2 GB of floats.
 
@@ -178,7 +178,7 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
 Vec3f EnvironmentMap::filtered_texel(const Level& from, double colatitude, double u,
                                      double concentration) {
   static const Decay decay;
-  const double reach = std::min(2.0, kReach / concentration);  // Of 1 - cos.
+  const double reach = std::min(2.0, kReach / concentration);  // A reach of 1 - cos.
   const double angle = 2 * std::asin(std::sqrt(reach / 2));
   const auto row_of = [&](double at) { return at / std::numbers::pi * from.rows + 0.5; };
   const int first = std::max(1, static_cast<int>(std::ceil(row_of(colatitude - angle))));

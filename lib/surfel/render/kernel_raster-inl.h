@@ -44,7 +44,7 @@ HWY_ALIGN inline constexpr float kRowOfLane[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2
 /// The values of a splat's kernel and plane at a vector of pixels.
 struct Sample {
   V beta;       ///< Less than the cutoff inside.
-  V depth;      ///< Of the plane, within the kernel's reach.
+  V depth;      ///< Depth of the surfel's plane, within the kernel's reach.
   V epsilon;    ///< Fragments whose depths differ by less are of one surface.
   V amplitude;  ///< rho where beta is 0.
 };

@@ -223,7 +223,7 @@ class Lamps {
 
   const Lighting& lighting_;
   const V3 right_, down_, forward_;
-  const float x_, y_;  ///< Of the tile's first pixel, from the principal point.
+  const float x_, y_;  ///< Centre of the tile's first pixel, from the principal point.
 };
 
 /// Stores premultiplied colours over the background.
@@ -311,7 +311,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(plain, fragments.sum)));
     store_over(color, opacity, background, out.color[pixel]);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
-    std::uint8_t bits[8] = {};  // As many as may be written.
+    std::uint8_t bits[8] = {};  // StoreMaskBits() may write as many.
     hn::StoreMaskBits(d, hn::And(plain, waits), bits);
     out.lone[pixel / kPatchPixels] |=
         static_cast<std::uint16_t>((bits[0] | bits[1] << 8U) << pixel % kPatchPixels);

@@ -38,7 +38,7 @@ struct RenderOptions {
   /// sp06/methods.h makes the others.
   std::shared_ptr<const CompositingMethod> method = nullptr;
   Kernel kernel = Kernel::kAuto;
-  double kernel_tolerance = 0.1;  ///< Of Kernel::kAuto, pixels, > 0.
+  double kernel_tolerance = 0.1;  ///< Tolerance of Kernel::kAuto, pixels, > 0.
   Filter filter = Filter::kEwa;   ///< kCircular is affine: it needs another kernel than the exact.
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.

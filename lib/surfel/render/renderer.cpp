@@ -78,8 +78,9 @@ struct Renderer::Impl {
     return worker;
   }};
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
-  Array<float> a_buffer;          ///< Of all tiles of a band, where it takes several batches.
-  TileRims rims;                  ///< Of all tiles of a band.
+  /// A-buffers of all tiles of a band, where it takes several batches.
+  Array<float> a_buffer;
+  TileRims rims;  ///< Borders of all tiles of a band.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {

@@ -67,7 +67,7 @@ Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> 
 RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers) {
   const float eta = std::pow(1 / ior, layers);
   const float cosine = std::min(1.0F, normal.dot(to_eye));
-  const Vec3f across = cosine * normal - to_eye;  // Of length sin(theta_I).
+  const Vec3f across = cosine * normal - to_eye;  // Its length is sin(theta_I).
   const float transmitted2 = 1 - eta * eta * across.squaredNorm();
   if (transmitted2 <= 0) return {(2 * cosine * normal - to_eye).normalized(), 2, 1};
   const float transmitted = std::sqrt(transmitted2);

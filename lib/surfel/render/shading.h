@@ -91,7 +91,7 @@ class SURFEL_API Shader {
   struct Reflected {
     const Material* material = nullptr;  ///< The fragment's; null: there was no fragment.
     Vec3f normal;                        ///< Unit, on the eye's side.
-    float normal_variance;               ///< Along an axis, radians^2.
+    float normal_variance;               ///< Variance of the normals along an axis, radians^2.
     Vec3f reflectance, radiance;
   };
   /// `scene` null: unlit. Refers to the scene.

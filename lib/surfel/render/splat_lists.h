@@ -70,7 +70,7 @@ class SplatLists {
   struct Worker {
     SetUpSplats set_up;
     Array<float> deviation_u, deviation_v;  ///< Enlarged or widened deviations of a cluster.
-    std::size_t count = 0;                  ///< Of splats.
+    std::size_t count = 0;                  ///< Number of splats.
     Array<Splat> splats;
     Array<SplatNormal> normals;
     Array<std::uint16_t> groups;
@@ -110,7 +110,7 @@ class SplatLists {
   float covering_ = 0;
   const Frame* frame_ = nullptr;  ///< The frame being drawn.
   const VisibleCluster* clusters_ = nullptr;
-  SplatView view_{};                     ///< Of the band being drawn.
+  SplatView view_{};                     ///< View of the band being drawn.
   Array<TileRange> tiles_;               ///< Parallel to clusters_.
   Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
   Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.

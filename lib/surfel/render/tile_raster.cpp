@@ -71,7 +71,7 @@ class Rasterizer {
     return *least_;
   }
 
-  /// Of the splats being drawn.
+  /// Largest amplitude of the splats being drawn.
   float largest_amplitude() const {
     float largest = 0;
     for (std::size_t i = drawn_.first; i < drawn_.second; ++i) {
@@ -350,7 +350,7 @@ class Rasterizer {
     hn::Store(c.depth, d, depths);
     const Splat& splat = job_.splats[c.splat];
     const SplatNormal* const normal = normal_of(c.splat);
-    std::uint8_t bytes[8] = {};  // As many as may be written.
+    std::uint8_t bytes[8] = {};  // StoreMaskBits() may write as many.
     hn::StoreMaskBits(d, lanes, bytes);
     for (unsigned left = bytes[0] | bytes[1] << 8U; left != 0; left &= left - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(left));
@@ -364,7 +364,7 @@ class Rasterizer {
   const std::size_t stride_;
   const int layers_;
   const V full_;
-  std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Of the order.
+  std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Range of the order that is being drawn.
   std::optional<float> least_;                       ///< See least_to_merge().
   V late_weight_ = hn::Zero(D());
   HWY_ALIGN float hidden_[kTilePixels];

@@ -76,7 +76,8 @@ struct Sheet {
   double spacing() const { return 2 * half / side; }
 };
 
-using SheetColor = std::function<Vec3f(double u, double v)>;  ///< Of scene units from the centre.
+/// Colour at (u, v), scene units from the centre.
+using SheetColor = std::function<Vec3f(double u, double v)>;
 
 SheetColor plain(const Vec3f& color) {
   return [color](double, double) { return color; };

@@ -82,7 +82,7 @@ struct Sampling {
   const Array<std::uint32_t>& rings;
   const FaceMeasures& faces;
   const SizingField& field;
-  double area;  ///< In units of the field's spacing squared.
+  double area;  ///< Area in units of the field's spacing squared.
   std::uint64_t seed;
   const std::string& name;
 

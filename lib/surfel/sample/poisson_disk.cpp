@@ -197,7 +197,7 @@ class PoissonDisk::Impl {
 
   /// Chunks that a point reaches over the surface.
   struct Walk {
-    std::vector<std::uint32_t> chunks;  ///< In the order of the walk.
+    std::vector<std::uint32_t> chunks;  ///< Chunks in the order of the walk.
     std::vector<std::uint8_t> near;     ///< Whether each is within the coverage radius.
   };
 
@@ -517,14 +517,14 @@ class PoissonDisk::Impl {
                 ///< spacings where the dart fell.
   SurfaceChunks surface_;
   std::size_t size_ = 0;
-  Array<Vec3f> normal_;              ///< Of the chunks; zero where degenerate.
+  Array<Vec3f> normal_;              ///< Normals of the chunks; zero where degenerate.
   Array<std::uint32_t> first_slot_;  ///< Each chunk has room for as many samples as fit.
   Array<Vec3f> slot_;                ///< Positions.
   Array<float> size_of_;             ///< The field at the slots' samples.
-  Array<Grade> grade_;               ///< Of the chunks.
+  Array<Grade> grade_;               ///< Grades of the chunks.
   Array<std::uint16_t> used_;        ///< Slots taken, per chunk.
   Array<std::uint8_t> full_;         ///< One sample leaves no room in the chunk.
-  Array<std::uint8_t> visited_;      ///< By the walk that is under way.
+  Array<std::uint8_t> visited_;      ///< The walk that is under way has been here.
   std::vector<std::vector<std::uint32_t>> reach_;  ///< Samples that a chunk sees: slots, with
                                                    ///< kAsideBit where they face aside.
 };

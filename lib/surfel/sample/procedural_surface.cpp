@@ -102,7 +102,7 @@ class Head final : public StarSurface {
  private:
   struct Lobe {
     Vec3d direction;
-    double height;     ///< Of the radius.
+    double height;     ///< Height as a share of the radius.
     double sharpness;  ///< Falls to 1/e at an angle of about sqrt(2 / sharpness).
   };
 

@@ -49,7 +49,7 @@ class SURFEL_API SizingField {
   double least_;
   double largest_;
   double gradient_ = 0;
-  std::vector<Node> cell_;  ///< In the tree's order.
+  std::vector<Node> cell_;  ///< Cells in the tree's order.
   std::vector<Node> tree_;
 };
 

@@ -10,8 +10,8 @@ namespace surfel {
 
 /// Where surfels lie and which way they look, for culling.
 struct ClusterBounds {
-  Vec3f center{0, 0, 0};     ///< Of a sphere around the surfels' positions.
-  float radius = 0;          ///< The sphere's.
+  Vec3f center{0, 0, 0};     ///< Centre of a sphere around the surfels' positions.
+  float radius = 0;          ///< Radius of that sphere.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
   Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
   float cone_cosine =
@@ -38,7 +38,7 @@ SURFEL_API ClusterBounds cluster_bounds(const ClusterColumns& surfels);
 
 /// Figures of some surfels; added_up() makes the whole cloud's figures of them.
 struct SurfelTotals {
-  Vec3f min, max;  ///< Of the positions that are not NaN; infinite if there is none.
+  Vec3f min, max;  ///< Bounds of the positions that are not NaN; infinite if there is none.
   Vec3f reach_min,
       reach_max;          ///< Bounds of the positions, each extended by its surfel's deviation_u.
   double deviations = 0;  ///< Sum of every surfel's larger standard deviation, scene units.

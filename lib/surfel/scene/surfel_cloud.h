@@ -81,7 +81,7 @@ struct SURFEL_API SurfelCloud {
   const Array<Vec3f>* render_color() const;
 
   Vec3d world(std::size_t i) const { return origin + position[i].cast<double>(); }
-  /// Of the finite positions, in world coordinates.
+  /// Bounds of the finite positions, in world coordinates.
   Bounds bounds() const;
 
   /// The surfels order[0], order[1], ... with all their attributes; indices may repeat.

@@ -96,9 +96,9 @@ void size(const OriginalCloud& original, const SheetClusters& clusters, double c
 
 /// The original's surfels as points on the surfels that stand for them.
 struct Places {
-  SurfelBasis basis;  ///< Of the simplified cloud.
+  SurfelBasis basis;  ///< Basis of the simplified cloud.
   Quadrature quadrature;
-  Array<std::uint32_t> place;  ///< By point: its surfel of the original.
+  Array<std::uint32_t> place;  ///< For each point, its surfel of the original.
 };
 
 Places places_on(const OriginalCloud& original, const SimplifiedCloud& a) {

@@ -16,7 +16,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr std::size_t kChannels = 4;  ///< Of Channels (sparse_matrix.h).
+constexpr std::size_t kChannels = 4;  ///< Numbers of a Channels (sparse_matrix.h).
 using Tag = hn::CappedTag<float, kChannels>;
 constexpr std::size_t kLanes = std::min(kChannels, hn::MaxLanes(Tag()));
 constexpr std::size_t kParts = kChannels / kLanes;

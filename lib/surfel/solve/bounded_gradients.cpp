@@ -282,7 +282,7 @@ class BoundedSolver {
   const double upper_;
   const std::size_t count_;
   SolveReport report_;
-  double step_ = 1;  ///< Of projected gradients, in the scaled variables.
+  double step_ = 1;  ///< Length of the steps of projected gradients, in the scaled variables.
   Channels unit_;    ///< |b|, or 1 where that is zero.
   Channels rho_ = Channels::Zero();
   Channels alpha_;

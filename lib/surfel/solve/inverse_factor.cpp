@@ -64,11 +64,12 @@ class PatternPlaces {
   }
 
  private:
-  static constexpr std::uint32_t kColumns = 32;  ///< Of a page: its bytes are half a cache line.
+  /// Columns of a page: its bytes are half a cache line.
+  static constexpr std::uint32_t kColumns = 32;
   static constexpr std::uint32_t kNoPage = static_cast<std::uint32_t>(-1);
   struct Page {
     std::uint32_t number;
-    std::uint32_t begin;  ///< In place_.
+    std::uint32_t begin;  ///< First place in place_.
   };
 
   /// \return false where two pages collide.

@@ -29,7 +29,7 @@ class SURFEL_API SymmetricProduct {
   /// The sums that the rows of a range add to rows before it.
   struct Halo {
     Array<std::uint32_t> row;   ///< The rows before the range that it adds to.
-    Array<std::uint32_t> slot;  ///< Of every entry before the range, its row's place in `row`.
+    Array<std::uint32_t> slot;  ///< For each entry before the range, its row's place in `row`.
     std::uint64_t first_sum;    ///< Place in halo_sum_ of the first row's sum.
   };
   Halo find_halo(std::size_t range) const;

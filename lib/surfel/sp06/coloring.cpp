@@ -19,7 +19,7 @@ namespace {
 /// Vertices by ascending degree, vertices of equal degree ascending, and where each degree begins.
 struct DegreeBuckets {
   Array<std::uint32_t> vertex;
-  std::vector<std::uint32_t> begin;  ///< Of degrees 0..max_degree + 1.
+  std::vector<std::uint32_t> begin;  ///< First vertex of each degree 0..max_degree + 1.
 
   explicit DegreeBuckets(const OverlapGraph& graph)
       : vertex(graph.size()), begin(graph.max_degree() + 2, 0) {
@@ -94,7 +94,7 @@ class GrowingKeys {
     return top;
   }
 
-  /// Of a vertex that is still there.
+  /// Raises the key of a vertex that is still there.
   void grow(std::uint32_t v, std::uint64_t by) {
     key_[v] += by;
     std::size_t i = place_[v];
@@ -162,7 +162,8 @@ class FirstFree {
 
  private:
   static constexpr std::uint32_t kNobody = 0xffffffff;  ///< No vertex has this number.
-  std::vector<std::uint32_t> taken_by_;  ///< Of every colour, the last vertex that could not.
+  /// For each colour, the last vertex that could not take it.
+  std::vector<std::uint32_t> taken_by_;
 };
 
 constexpr std::uint32_t kUncolored = 0xffffffff;  ///< No colour has this number.

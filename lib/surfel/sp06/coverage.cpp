@@ -263,7 +263,7 @@ class GroupCoverer {
   Discs discs_;
   std::optional<GroupLists> lists_;
   std::optional<DiscSurface> surface_;
-  std::vector<Array<std::uint32_t>> added_;  ///< Of every group: indices into discs_.
+  std::vector<Array<std::uint32_t>> added_;  ///< Added discs of every group: indices into discs_.
 };
 
 }  // namespace

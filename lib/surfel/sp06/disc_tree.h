@@ -36,7 +36,7 @@ SURFEL_API Discs make_discs(const SurfelCloud& cloud, double cutoff,
 /// which is as large at least and covers them.
 SURFEL_API Array<std::uint32_t> distinct_discs(const Discs& discs);
 
-/// By how much distances are enlarged before boxes of discs are tested, in single precision.
+/// Factor by which distances grow before boxes of discs are tested, in single precision.
 inline constexpr double kBoxRounding = 1 + 1e-5;
 
 /// The tangent plane of a disc, in which other discs are looked at.

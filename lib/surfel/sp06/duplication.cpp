@@ -56,7 +56,8 @@ class GrowingGroup {
   const Discs& discs_;
   const DiscTree& tree_;
   std::vector<bool> is_member_;
-  std::vector<bool> has_members_;  ///< Of the tree's nodes.
+  /// By node of the tree: whether a disc of the group lies below it.
+  std::vector<bool> has_members_;
   std::vector<Circle> overlapping_;
   UncoveredDiscArea uncovered_;
 };

@@ -9,7 +9,7 @@
 namespace surfel {
 namespace {
 
-/// Of the area, and of the factor.
+/// Relative tolerance of the area and of the factor.
 constexpr double kTolerance = 1e-6;
 constexpr double kFixedPointTolerance = 1e-4;
 /// Twice as many as bisection takes to come down to rounding.

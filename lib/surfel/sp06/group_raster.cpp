@@ -212,7 +212,7 @@ class ImageCompositor {
   }
 
  private:
-  /// Of a vector of pixels.
+  /// Surface fragments of a vector of pixels.
   struct Surface {
     V sum[kNormalZ + 1];  ///< By FragmentChannel; weighted by the rho of the winning fragments.
     V weight;             ///< Sum of all kernels.

@@ -34,7 +34,7 @@ class LayerScratch {
   };
   std::vector<State> states;     ///< Groups x kTilePixels.
   std::vector<Fragment> merged;  ///< By pixel: its layers; of pixels at_border() still to come.
-  std::vector<PictureLayers::GroupPixel> groups;  ///< Of a pixel.
+  std::vector<PictureLayers::GroupPixel> groups;  ///< Groups with a layer in the pixel at hand.
   std::vector<int> counts;                        ///< Layers of a pixel by groups.
   std::vector<std::uint32_t> order;               ///< Splats of the tile, farthest first.
 };

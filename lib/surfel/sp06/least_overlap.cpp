@@ -21,7 +21,7 @@ constexpr std::uint32_t kUnplaced = 0xffffffff;  ///< No group has this number.
 /// and forth for ever.
 constexpr double kWorthMoving = 1e-6;
 
-/// Of every end of an edge, the area that the two discs share, unit^2.
+/// Areas that the two discs of each edge share, unit^2, for each end of an edge.
 Array<float> lens_areas(const SurfelCloud& cloud, const OverlapGraph& graph, double cutoff) {
   Array<float> area(graph.neighbor.size());
   parallel_for(graph.size(), kAreaGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -125,7 +125,7 @@ class Placement {
   const OverlapGraph& graph_;
   const Array<float>& area_;
   std::vector<std::uint32_t> group_;
-  std::vector<double> overlap_;         ///< Of the vertex at hand with every group ...
+  std::vector<double> overlap_;         ///< Overlap of the vertex at hand with every group ...
   std::vector<std::uint32_t> touched_;  ///< ... and the groups where it is not 0.
   std::vector<std::size_t> sizes_;
   std::set<std::pair<std::size_t, std::uint32_t>> by_size_;  ///< Groups, the smallest first.

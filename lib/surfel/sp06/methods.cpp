@@ -146,7 +146,7 @@ class LayerCompositor final : public GroupCompositor {
     const LayerCompositor& compositor;
     GroupImages images;
     LayerScratch scratch;
-    std::vector<NearestLayer> nearest;  ///< Of each pixel, drawn by Algorithm 1.
+    std::vector<NearestLayer> nearest;  ///< Nearest layer of each pixel, drawn by Algorithm 1.
     std::uint64_t culled = 0;
   };
   bool nearest_;

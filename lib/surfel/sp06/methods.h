@@ -22,8 +22,8 @@ enum class Method : std::uint8_t {
 };
 
 struct MethodOptions {
-  Voronoi voronoi = Voronoi::kWindowed;  ///< Of the methods with groups.
-  int peel = 8;                          ///< Of kDepthPeel: most layers, 1..64.
+  Voronoi voronoi = Voronoi::kWindowed;  ///< Rule of the methods with groups.
+  int peel = 8;                          ///< Most layers that kDepthPeel peels, 1..64.
 };
 
 /// The method for RenderOptions::method. Its problems() include those of `options`.

@@ -35,7 +35,7 @@ struct OverlapOptions {
 /// radius together and, among them, along a Morton curve, so that neighbours lie together in memory
 /// and a shuffled cloud gives the same graph.
 struct SURFEL_API OverlapGraph {
-  Array<std::uint32_t> splat;      ///< Of every vertex, its index in the cloud.
+  Array<std::uint32_t> splat;      ///< For each vertex, its splat's index in the cloud.
   Array<std::uint64_t> row_begin;  ///< size() + 1
   Array<std::uint32_t> neighbor;   ///< Every edge twice; ascending in a row, no vertex its own.
   std::size_t unusable = 0;  ///< Splats left out: position not finite, or variance not positive.

@@ -118,7 +118,7 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
   Fragment out{};
   if (groups.empty()) return out;
   Vec3f mean(0, 0, 0);
-  float layers = 1;  // Of use to an environment alone.
+  float layers = 1;  // Only an environment needs the number.
   if (shader.has_environment()) {
     const Surface sum = filtered_nearest(x, y);
     mean = sum.normal / sum.weight;

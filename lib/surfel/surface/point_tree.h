@@ -70,7 +70,7 @@ class PointTree {
 
   Array<std::uint32_t> member_;            ///< Points by place, ascending within each.
   Array<std::uint32_t> first_;             ///< Place to its first entry of `member_`; one more.
-  Array<std::uint32_t> place_of_;          ///< By point; empty if no two coincide.
+  Array<std::uint32_t> place_of_;          ///< Place of every point; empty if no two coincide.
   std::vector<std::uint32_t> leaf_place_;  ///< Leaf to its first place; one more.
   Array<Leaf> leaf_;
   std::vector<Array<Node>> level_;

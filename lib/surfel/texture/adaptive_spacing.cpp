@@ -18,7 +18,7 @@ namespace {
 constexpr double kFewestProbes = 1 << 15;
 /// Share of the samples in cells as small as they come that calls for a closer look.
 constexpr double kFinestShare = 0.05;
-/// Of the logarithm of a cut's price: 0.05 % of the number of samples.
+/// Precision of the logarithm of a cut's price: 0.05 % of the number of samples.
 constexpr double kPricePrecision = 1e-3;
 
 double surface_area(const TriangleMesh& mesh) {

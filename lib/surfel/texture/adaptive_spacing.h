@@ -23,7 +23,8 @@ struct SURFEL_API AdaptiveSpacingOptions {
   /// Distance between surfels and surface, scene units, > 0, that counts as much as black against
   /// white. Unset: 1/30 of the bounding box's diagonal.
   std::optional<double> unit_deviation;
-  double variance_scale = MeshSampleOptions::kVarianceScale;  ///< Of the samples.
+  /// MeshSampleOptions::variance_scale of the samples.
+  double variance_scale = MeshSampleOptions::kVarianceScale;
   std::uint64_t seed = 1;
   std::size_t most_probes = 1 << 21;          ///< Places to look at, at least 32768 are.
   std::vector<std::string> problems() const;  ///< Empty if usable.

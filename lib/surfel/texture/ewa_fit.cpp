@@ -107,9 +107,9 @@ class EwaFit {
   /// The kernels of a surfel's points, which have one shape, and their centres.
   struct PointKernels {
     Mat2d variance;
-    Vec2d center;                       ///< Of the surfel.
+    Vec2d center;                       ///< Centre of the surfel.
     Eigen::Matrix<double, 2, 2> along;  ///< Texels a unit along tangent and bitangent.
-    std::size_t begin = 0, end = 0;     ///< Of its points.
+    std::size_t begin = 0, end = 0;     ///< Range of its points.
     const Quadrature* quadrature = nullptr;
 
     TexelKernel kernel(std::size_t q) const {
@@ -324,10 +324,11 @@ class EwaFit {
   const TextureFitOptions& options_;
   TextureFitReport& report_;
   PointColors* points_;
-  Array<std::uint32_t> function_;  ///< Of the points' basis, by surfel; empty without points.
-  Array<std::uint8_t> level_;      ///< Pyramid level per surfel.
-  Array<std::uint32_t> chart_;     ///< Chart per surfel, or empty.
-  Array<std::uint32_t> order_;     ///< Surfels that have a chart, by chart.
+  /// Function of the points' basis by surfel; empty without points.
+  Array<std::uint32_t> function_;
+  Array<std::uint8_t> level_;   ///< Pyramid level per surfel.
+  Array<std::uint32_t> chart_;  ///< Chart per surfel, or empty.
+  Array<std::uint32_t> order_;  ///< Surfels that have a chart, by chart.
 };
 
 }  // namespace

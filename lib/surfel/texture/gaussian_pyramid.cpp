@@ -62,7 +62,7 @@ TexelAxis coarser(const TexelAxis& fine, WrapMode wrap, bool from_image) {
 }
 
 struct Tap {
-  int offset;  ///< Of the stored texel.
+  int offset;  ///< Offset of the stored texel.
   float weight;
 };
 
@@ -253,7 +253,7 @@ class PyramidStream::Step {
     return rows_[j].data();
   }
 
-  /// Along the rows.
+  /// Filters along the rows.
   void filter_rows(std::span<const TexelRow> fine) {
     if (filtered_.cols() < static_cast<Eigen::Index>(fine.size())) {
       filtered_.resize(floats(), static_cast<Eigen::Index>(fine.size()));
@@ -281,7 +281,7 @@ class PyramidStream::Step {
       parts_;  ///< The rows of this level that each row of the finer level contributes to.
   std::vector<std::size_t> missing_;  ///< Taps that each row still waits for.
   std::vector<int> empty_;            ///< Rows that nothing reaches.
-  std::vector<Array<float>> rows_;    ///< Of a level that is not kept.
+  std::vector<Array<float>> rows_;    ///< Rows of a level that is not kept.
   Eigen::ArrayXXf filtered_;
 };
 

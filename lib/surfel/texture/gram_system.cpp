@@ -195,7 +195,7 @@ class PairSearch {
     const Block& q = blocks_[other];
     double exponent[kLanes];
     double det[kLanes];
-    double excess[kLanes];  // Of the strictest of the three rules.
+    double excess[kLanes];  // Excess by the strictest of the three rules.
     for (std::size_t i = 0; i < kLanes; ++i) {
       const double dx = q.x[i] - p.x[lane];
       const double dy = q.y[i] - p.y[lane];
@@ -275,7 +275,7 @@ double overlap_reach2(double overlap) {
 
 /// How far functions couple.
 struct Reach {
-  Array<double> squared;   ///< Of every function.
+  Array<double> squared;   ///< Squared reach of every function.
   Array<double> left_out;  ///< GramSystem::left_out of every function.
 };
 

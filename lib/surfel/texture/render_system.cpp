@@ -127,8 +127,8 @@ void cut_cell(const SurfelBasis& basis, const ReachTree& tree, std::size_t i, Vo
 /// y), value = c . (1, x, y).
 struct SeenFunction {
   std::uint32_t index;
-  Vec3d u, v;   ///< In the function's plane, by its standard deviations.
-  Vec3d depth;  ///< Of that place, along the owner's normal.
+  Vec3d u, v;   ///< Plane coordinates of a place, in the function's standard deviations.
+  Vec3d depth;  ///< Depth of that place along the owner's normal.
   double max_depth;
   double peak;  ///< r_k at its centre.
 };
@@ -161,7 +161,7 @@ struct RowChunk {
   Array<std::uint64_t> row_end;  ///< Counted from the chunk's first entry.
   Array<std::uint32_t> column;
   Array<double> value;
-  Array<float> coverage;  ///< Of every row, if it was asked for.
+  Array<float> coverage;  ///< Coverage of every row, if it was asked for.
 
   void add(std::uint32_t c, double v) {
     column.push_back(c);
@@ -248,7 +248,7 @@ class Assembler {
   }
 
  private:
-  static constexpr std::size_t kOwners = 4;  ///< That share a search; divides kPointGrain.
+  static constexpr std::size_t kOwners = 4;  ///< Owners that share a search; divides kPointGrain.
 
   struct Candidate {
     Vec3d position;
@@ -415,7 +415,7 @@ class RowSum {
 
  private:
   ColumnMap map_;
-  std::vector<double> value_;  ///< By the column's number.
+  std::vector<double> value_;  ///< Values by the column's number.
   std::vector<std::uint32_t> order_;
 };
 

@@ -16,7 +16,7 @@ namespace surfel {
 /// Points u_q on the surface, each of which belongs to the function in whose tangent plane it lies,
 /// and counts for as much as any other.
 struct Quadrature {
-  Array<std::uint64_t> begin;  ///< Of every function its first point, and the number of points.
+  Array<std::uint64_t> begin;  ///< First point of every function, then the number of points.
   Array<Vec2f> offset;  ///< From its function's position along (tangent, bitangent), scene units.
   /// Of every function: the texture must be filtered with this isotropic Gaussian, unit^2 in its
   /// tangent plane, so as not to alias between its points.

@@ -73,7 +73,7 @@ Vec3d closest_in_triangle(const Vec3d& p, const FaceCorners& t) {
 }
 
 struct Query {
-  Vec3d position;            ///< In the mesh's coordinates.
+  Vec3d position;            ///< Place in the mesh's coordinates.
   Vec3d normal{0, 0, 0};     ///< Zero: unknown.
   double limit = kInfinity;  ///< Faces further away are not there.
   double turned_away = 0;  ///< The length that is added to twice the distance of faces turned away.
@@ -96,7 +96,7 @@ class FaceTree {
   explicit FaceTree(const TriangleMesh& mesh) : mesh_(mesh) {
     Array<Center> centers = face_centers();
     face_count_ = centers.size();
-    constexpr std::size_t kMostFacesInLeaf = 4;  // As many as a node has children.
+    constexpr std::size_t kMostFacesInLeaf = 4;  // A node has as many children.
     for (levels_ = 1; (kMostFacesInLeaf << (2 * levels_)) < face_count_;) ++levels_;
     node_.resize(first_of_level(levels_));
     for (int level = 0; level < levels_; ++level) {
@@ -300,9 +300,9 @@ class FaceTree {
   const TriangleMesh& mesh_;
   double largest_coordinate_ = 0;
   std::size_t face_count_ = 0;
-  int levels_ = 0;             ///< Of nodes; the leaves are the level below.
-  Array<Node> node_;           ///< Level by level.
-  Array<std::uint32_t> face_;  ///< In the order of the leaves.
+  int levels_ = 0;             ///< Levels of nodes; the leaves are the level below.
+  Array<Node> node_;           ///< Nodes level by level.
+  Array<std::uint32_t> face_;  ///< Faces in the order of the leaves.
 };
 
 /// Standard deviation along the longer axis; 0 where there is none.

@@ -18,7 +18,7 @@ struct SurfaceLookupReport {
   std::size_t without_position = 0;  ///< Position not finite: uv are NaN.
   std::size_t flat_uv = 0;           ///< Located on a face whose uv span no area: dpdu = dpdv = 0.
   std::size_t turned_away = 0;       ///< Located on a face turned away from the surfel's normal.
-  double mean_distance = 0;          ///< Of the located surfels from the mesh.
+  double mean_distance = 0;          ///< Mean distance of the located surfels from the mesh.
   double largest_distance = 0;
   StageTimes times;
 };

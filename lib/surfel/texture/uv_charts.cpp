@@ -110,7 +110,7 @@ struct UvCharts::Tree {
              }};
   }
 
-  Array<std::uint32_t> face;  ///< In the order of the boxes' items.
+  Array<std::uint32_t> face;  ///< Faces in the order of the boxes' items.
   BoxTree<Box, 2, 4> boxes;
 };
 

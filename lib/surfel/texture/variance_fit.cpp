@@ -162,7 +162,7 @@ class Model {
     Channels w;
   };
   struct Value {
-    std::uint32_t place;  ///< Of the function k in the chunk.
+    std::uint32_t place;  ///< Place of the function k in the chunk.
     double r, slope;      ///< r_k(u_q), and its derivative by t.
   };
   struct Worker {

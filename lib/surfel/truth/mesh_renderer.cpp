@@ -120,9 +120,10 @@ struct MeshRenderer::Impl {
   const Scene& scene;
   MeshRenderOptions options;
   Array<std::array<Vec3f, 3>> computed_normal{};  ///< Where the mesh has none and they are needed.
-  Bounds box{};                                   ///< Of the faces, relative to the mesh's origin.
-  Sphere bounds{};                                ///< Around the box.
-  std::unique_ptr<const MeshTracer> tracer{};     ///< None where there is no face.
+  /// Bounds of the faces, relative to the mesh's origin.
+  Bounds box{};
+  Sphere bounds{};                             ///< Around the box.
+  std::unique_ptr<const MeshTracer> tracer{};  ///< None where there is no face.
 
   std::uint16_t material(std::uint32_t face) const {
     return mesh.face_material.empty() ? std::uint16_t{0} : mesh.face_material[face];

@@ -11,7 +11,7 @@ namespace surfel {
 /// for another instruction set than the code that includes Eigen here.
 struct MeshRay {
   float origin[3];
-  float direction[3];  ///< Of any length.
+  float direction[3];  ///< May have any length.
   float from = 0;
   bool cull_back = false;  ///< Faces that face away are not met.
 };

@@ -79,7 +79,8 @@ class RayCaster {
   const DiscHierarchy& hierarchy_;
   const Camera& camera_;
 
-  double pixel_x_ = std::nan(""), pixel_y_ = std::nan("");  ///< Of the candidates: none yet.
+  /// The pixel of the candidates: none yet.
+  double pixel_x_ = std::nan(""), pixel_y_ = std::nan("");
   std::vector<Disc> candidates_;
   std::vector<RayHit> hits_;
   RaySurfaces surfaces_;

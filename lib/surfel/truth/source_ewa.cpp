@@ -110,7 +110,7 @@ class SourceKernels {
 
   const RenderOptions& options_;
   const Camera& camera_;
-  double radius_;  ///< Of kernels, standard deviations.
+  double radius_;  ///< Radius of kernels, standard deviations.
   double pixel_;   ///< Standard deviation of the pixel filter at depth 1; orthographic: anywhere.
 };
 
