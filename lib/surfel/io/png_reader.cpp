@@ -14,6 +14,7 @@
 #include <png.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_decoding.h>
+#include <surfel/io/png_errors.h>
 #include <surfel/io/png_reader.h>
 #include <surfel/io/record_table.h>
 
@@ -30,7 +31,7 @@ struct PngReadJob {
   png_infop info = nullptr;
   std::size_t at = 0;              ///< Next byte to read.
   std::vector<std::byte> skipped;  ///< A row that nobody wants.
-  std::string error;
+  PngErrors errors;
 
   explicit PngReadJob(std::span<const std::byte> file) : bytes(file) {}
   PngReadJob(const PngReadJob&) = delete;
@@ -44,13 +45,6 @@ void take(png_structp png, png_bytep data, std::size_t size) {
   std::memcpy(data, job.bytes.data() + job.at, size);
   job.at += size;
 }
-
-void fail_reading(png_structp png, png_const_charp message) {
-  static_cast<PngReadJob*>(png_get_error_ptr(png))->error = message;
-  png_longjmp(png, 1);
-}
-
-void ignore_warning(png_structp /*png*/, png_const_charp /*message*/) {}
 
 /// Reads the header, and asks for pixels of 8 or 16 bits, grey or R G B, with alpha where the file
 /// has any transparency. False if libpng reports an error. Holds nothing that has a destructor.
@@ -148,17 +142,18 @@ class PngPixels {
   void restart() {
     job_ = std::make_unique<PngReadJob>(file_.bytes());
     PngReadJob& job = *job_;
-    job.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &job, fail_reading, ignore_warning);
+    job.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &job.errors, PngErrors::fail,
+                                     PngErrors::ignore);
     job.info = job.png ? png_create_info_struct(job.png) : nullptr;
     if (!job.info || !start(job)) {
-      throw_input(file_.name(), "cannot be read as an image: " + job.error);
+      throw_input(file_.name(), "cannot be read as an image: " + job.errors.message);
     }
     next_ = 0;
   }
   void rows(std::size_t count, std::byte* to) {
     job_->skipped.resize(row_bytes());
     if (!read_rows(*job_, count, to, row_bytes())) {
-      throw_input(file_.name(), "damaged image: " + job_->error);
+      throw_input(file_.name(), "damaged image: " + job_->errors.message);
     }
   }
   /// Every pass over the rows adds the pixels that the passes before have left out.

@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/image_encoding.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/png_errors.h>
 #include <surfel/io/png_writer.h>
 
 namespace surfel {
@@ -23,7 +24,7 @@ struct PngJob {
   std::vector<png_text> text;
   std::vector<png_const_bytep> rows;
   std::vector<unsigned char> file;
-  std::string error;
+  PngErrors errors;
 
   PngJob() = default;
   PngJob(const PngJob&) = delete;
@@ -35,13 +36,6 @@ void append(png_structp png, png_bytep data, std::size_t size) {
   auto& file = static_cast<PngJob*>(png_get_io_ptr(png))->file;
   file.insert(file.end(), data, data + size);
 }
-
-void fail(png_structp png, png_const_charp message) {
-  static_cast<PngJob*>(png_get_error_ptr(png))->error = message;
-  png_longjmp(png, 1);
-}
-
-void ignore(png_structp /*png*/, png_const_charp /*message*/) {}
 
 /// False if libpng reports an error. Holds nothing that has a destructor.
 bool write(PngJob& job) {
@@ -81,10 +75,11 @@ std::vector<unsigned char> encode_png(const Image& image, const ImageWriteOption
     text.text = value.data();
     job.text.push_back(text);
   }
-  job.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &job, fail, ignore);
+  job.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &job.errors, PngErrors::fail,
+                                    PngErrors::ignore);
   if (job.png) job.info = png_create_info_struct(job.png);
   if (!job.info) throw std::bad_alloc();
-  if (!write(job)) throw Error(ErrorKind::kIo, "PNG cannot be encoded: " + job.error);
+  if (!write(job)) throw Error(ErrorKind::kIo, "PNG cannot be encoded: " + job.errors.message);
   return std::move(job.file);
 }
 

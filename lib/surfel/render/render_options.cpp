@@ -31,8 +31,8 @@ std::vector<std::string> RenderOptions::problems() const {
       found, kernel != Kernel::kPerspective || filter != Filter::kCircular,
       "the circular filter has an affine kernel only; choose another kernel than the perspective "
       "one");
-  check_rule(found, layers >= 1 && layers <= kMostLayers,
-             fmt::format("`layers` is {}; it must be in 1..{}", layers, kMostLayers));
+  check_option(found, layers >= 1 && layers <= kMostLayers, "layers", layers,
+               fmt::format("in 1..{}", kMostLayers));
   check_option(found, depth_epsilon > 0 && depth_epsilon <= 1e6, "depth_epsilon", depth_epsilon,
                "in (0, 1e6]");
   check_option(found,

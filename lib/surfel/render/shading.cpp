@@ -109,8 +109,9 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
     const float angle = environment_->rotation * std::numbers::pi_v<float> / 180;
     map_from_world_ = Eigen::AngleAxisf(-angle, Vec3f::UnitY()).toRotationMatrix();
     // Rays of orthographic cameras have all the same direction.
-    if (!lighting_.orthographic)
+    if (!lighting_.orthographic) {
       ray_variance_ = static_cast<float>(std::pow(lowpass / camera.focal_y, 2));
+    }
   }
   for (const Light& light : scene->lights) {
     if (light.type == Light::Type::kPoint) {

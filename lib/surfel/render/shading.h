@@ -156,8 +156,8 @@ class SURFEL_API Shader {
   /// Direction from the eye through picture coordinates (x, y), world axes; perspective cameras
   /// give it z = 1 along the view.
   Vec3f ray(float x, float y) const;
-  /// The point at picture coordinates (x, y), as scene units at depth 1, and at z along the view,
-  /// in world axes from the eye.
+  /// Vector in world axes that leads z along the view, and across it as far as picture coordinates
+  /// (x, y) lie from the principal point at depth 1.
   Vec3f from_eye(float x, float y, float z) const;
   Vec3f lit_color(const Vec3f& color, const Surface& surface, float x, float y, float depth) const;
   /// Radiance of the environment from a direction in world axes, filtered with `variance`.
