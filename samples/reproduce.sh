@@ -4,16 +4,17 @@
 #   samples/reproduce.sh [-o PAGE] [-s PART] [FIGURE]...
 #   -o PAGE    default: out/reproduce.html in the project
 #   -s PART    part of the surfels to take, 0.001 to 1, for a quick look; default: 1
-#   FIGURE     ss01-6 ss01-7 ss01-8 ss01-table2 (Zwicker et al. 2001), sp06-1 sp06-8 sp06-9 sp06-11 sp06-12 sp06-13
-#              sp06-14 sp06-table1 sp06-table2 (Zhang and Pajarola 2006); default: all
+#   FIGURE     ss01-1 ss01-6 ss01-7 ss01-8 ss01-table2 (Zwicker et al. 2001), sp06-1 sp06-8 sp06-9 sp06-10 sp06-11
+#              sp06-12 sp06-13 sp06-14 sp06-table1 sp06-table2 (Zhang and Pajarola 2006); default: all
 # Real meshes (for sp06) are looked for in $SURFEL_TEST_DATA (default: ../shared/data beside the project). Installs on a
 # fresh Debian 12 what building needs, and builds, unless $SURFEL_BIN names a folder with the tools. Takes minutes.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/../tests/support/setup.sh"
 
-figures=(ss01-6 ss01-7 ss01-8 ss01-table2
-  sp06-1 sp06-8 sp06-9 sp06-11 sp06-12 sp06-13 sp06-14 sp06-table1 sp06-table2)
+figures=(ss01-1 ss01-6 ss01-7 ss01-8 ss01-table2
+  sp06-1 sp06-8 sp06-9 sp06-10 sp06-11 sp06-12 sp06-13 sp06-14 sp06-table1 sp06-table2)
 declare -A title=(
+  [ss01-1]="SS01 figure 1: a textured scan, a terrain, semi-transparent surfaces"
   [ss01-6]="SS01 figure 6: a checkerboard on irregular points"
   [ss01-7]="SS01 figure 7: semi-transparent surfaces that intersect"
   [ss01-8]="SS01 figure 8: filters from magnification to minification"
@@ -21,6 +22,7 @@ declare -A title=(
   [sp06-1]="SP06 figure 1: transparent bodies and glass"
   [sp06-8]="SP06 figure 8: blending with fewer and fewer groups"
   [sp06-9]="SP06 figure 9: Voronoi rasterisation"
+  [sp06-10]="SP06 figure 10: opaque models, and a ball of glass beside geometrical optics"
   [sp06-11]="SP06 figure 11: what one group covers"
   [sp06-12]="SP06 figure 12: transparency beside depth peeling"
   [sp06-13]="SP06 figure 13: opaque things about a transparent body"
@@ -65,11 +67,12 @@ page=$(realpath -m "$page")
 mkdir -p "$(dirname "$page")"
 work=$(mktemp -d)
 trap 'rm -rf "$work" "$page.part"' EXIT
-# The commands run here and name nothing outside but these two.
+# The commands run here and name nothing outside but these three.
 mkdir "$work/run"
 cd "$work/run"
 ln -s "$data" data
 ln -s "$surfel_root/configs" configs
+ln -s "$surfel_root/samples" samples
 
 # ---- Commands and what is read from them -----------------------------------------------------------------------------
 
@@ -139,24 +142,47 @@ end_table() { echo '</table>'; }
 
 white="--background 1,1,1,1"
 
+make_ss01_1() {
+  about "Surface splatting of a scan of a human face, of a textured terrain, and of a complex object of semi-transparent surfaces: textured
+    geometry without holes and without aliasing." \
+    "The textured head of the samples, $(of 400000) points from its mesh and image, whole and near by; a terrain of $(of 1000000) points with a
+    checkerboard down to its horizon; shells and panes through one another, $(of 500000) points."
+  run "surfel-from-mesh samples/head.obj --count $(of 400000) -o head.ply"
+  run "surfel-texture head.ply --mesh samples/head.obj -o head-t.ply"
+  run "surfel-generate terrain --count $(of 1000000) -o terrain.ply"
+  run "surfel-texture terrain.ply --image checker:60 -o terrain-t.ply"
+  run "surfel-generate transparent --count $(of 500000) -o shells.ply"
+  local size="--size 420x420 --cutoff 2"
+  run "surfel-render head-t.ply $size --background 1,1,1,1 -o 1-head.png"
+  run "surfel-render head-t.ply --zoom 4 --target 0.25,0.05,0.5 $size --background 1,1,1,1 -o 1-near.png"
+  run "surfel-render terrain-t.ply --from 0,-1,0.6 --up 0,0,1 --zoom 2 $size --background 0.3,0.5,0.8,1 -o 1-terrain.png"
+  run "surfel-render shells.ply --layers 8 --from 0,0.15,1 $size --background 1,1,1,1 -o 1-shells.png"
+  tiles
+  tile 1-head.png "a textured scan"
+  tile 1-near.png "near by"
+  tile 1-terrain.png "a textured terrain"
+  tile 1-shells.png "semi-transparent surfaces"
+  end_tiles
+}
+
 make_ss01_6() {
   about "A checkerboard is sampled to irregular points: on the left by the optimised texture sampling of section 5 (R w = c), on the
     right by view-independent EWA. Top row minified, middle row magnified, bottom row extremely magnified, with the points in between.
     The optimised coefficients are much sharper." \
     "Columns: optimised sampling (<code>gram</code>), view-independent EWA (<code>ewa</code>), our least squares in the basis that the
-    renderer evaluates (<code>render</code>), the texture itself, the points. $(of 40000) points on a jittered grid, squares of five
+    renderer evaluates (<code>render</code>), the texture itself, the points. $(of 160000) points on a jittered grid, squares of five
     spacings, kernels of 0.7 spacings up to c = 4. Numbers are the PSNR against the texture. <code>gram</code> is optimal for kernels without
     end that are not divided by their sum; the arcs that it shows near by are where the renderer ends them."
-  run "surfel-generate plane --count $(of 40000) --variance-scale 0.7 --mesh plane.obj --resolution 4 -o plane.ply"
-  run "surfel-generate checker --frequency 40 --size 2560x2560 -o black.png"
+  run "surfel-generate plane --count $(of 160000) --variance-scale 0.7 --mesh plane.obj --resolution 4 -o plane.ply"
+  run "surfel-generate checker --frequency 80 --size 2560x2560 -o black.png"
   run "oiiotool black.png --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o checker.png"
   run "surfel-texture plane.ply --image checker.png --fit gram -o gram.ply"
   run "surfel-texture plane.ply --image checker.png --fit ewa -o ewa.ply"
   run "surfel-texture plane.ply --image checker.png --fit render --cutoff 4 -o render.ply"
-  run "surfel-generate plane --count $(of 40000) --variance-scale 0.12 -o dots.ply"
+  run "surfel-generate plane --count $(of 160000) --variance-scale 0.12 -o dots.ply"
   run "surfel-texture dots.ply --image checker.png -o points.ply"
   local size="--shading none --size 200x200"
-  local extreme="--eye 0.1,0.1,3 --target 0.1,0.1,0 --ortho 0.065" view options fit
+  local extreme="--eye 0.05,0.05,3 --target 0.05,0.05,0 --ortho 0.0325" view options fit
   while read -r view options; do
     run "surfel-render plane.ply --mesh plane.obj --image checker.png --samples 8 $options $size $white -o $view-texture.png"
     tiles
@@ -172,8 +198,8 @@ make_ss01_6() {
     fi
     end_tiles
   done <<VIEWS
-minified --eye 0,-1.25,0.5 --target 0,-0.3,-0.02 --up 0,0,1 --fov 42
-magnified --eye 0.115,0.055,3 --target 0.115,0.055,0 --ortho 0.23
+minified --eye 0,0,3 --target 0,0,0 --ortho 1.9
+magnified --eye 0.0575,0.0275,3 --target 0.0575,0.0275,0 --ortho 0.115
 extreme $extreme
 VIEWS
 }
@@ -207,8 +233,8 @@ make_ss01_8() {
     "A checkerboard on $(of 40000) points of a regular grid, c = 2. Numbers are the PSNR against the last picture, for which the points were ray
     cast with 64 rays a pixel."
   run "surfel-generate plane --jitter 0 --count $(of 40000) -o grid.ply"
-  run "surfel-texture grid.ply --image checker:50 -o grid-t.ply"
-  local view="--eye 0,-0.52,0.05 --target 0,0.1,-0.06 --up 0,0,1 --fov 30 --size 320x240 --cutoff 2 --shading none $white" filter
+  run "surfel-texture grid.ply --image checker:50 --fit render --cutoff 2 -o grid-t.ply"
+  local view="--eye 0,-1.05,0.2 --target 0,-0.62,0 --up 0,0,1 --fov 45 --size 320x240 --cutoff 2 --shading none $white" filter
   local -A name=([ewa]="screen space EWA" [ewa-source]="source space EWA" [circular]="circular splats" [none]="elliptical splats, no filter")
   run "surfel-render grid-t.ply --reference --samples 8 $view -o cast.png"
   tiles
@@ -324,6 +350,39 @@ make_sp06_9() {
     done
     end_tiles
   done
+}
+
+make_sp06_10() {
+  about "A head, a ball joint and a female, opaque, by deferred blending of groups with c = 0.4 and Voronoi rasterisation: smooth pictures." \
+    "A head of our own, a bunny and an armadillo, with as many points as in table 1, in the same way. Below, how far the refraction of section 5.2.3
+    is from optics, for which the paper has no picture: a ball of glass of $(of 20000) points, whose layers each refract (12) but stay where they are,
+    beside its mesh, ray-traced by Snell's law and Fresnel's equations at up to eight surfaces, without caustics. The ball of the optics turns the
+    environment upside down; the paper's equation, which knows the nearest normal alone, cannot."
+  local ours mesh count
+  tiles
+  while read -r _ ours mesh count; do
+    [[ $ours != dragon ]] || continue
+    surfels "$mesh" "$count" "table-$ours.ply"
+    run "surfel-group table-$ours.ply $splats --overlap 0.4 -o table-$ours-0.4.ply"
+    run "surfel-render table-$ours-0.4.ply --method deferred $splats $body_view --size 330x330 -o 10-$ours.png"
+    tile "10-$ours.png" "$ours, c = 0.4, $(of "$count") points"
+  done < <(models)
+  end_tiles
+  run "surfel-generate sphere --count $(of 20000) --mesh ball.obj --resolution 200 -o ball.ply"
+  run "surfel-group ball.ply --groups 4 -o ball-g.ply"
+  local view="--scene configs/scene-glass.toml $body_view --size 250x250"
+  run "surfel-render ball-g.ply --method transparent-high --refraction single $view -o 10-single.png"
+  run "surfel-render ball-g.ply --method transparent-high --refraction multi $view -o 10-multi.png"
+  run "surfel-render --mesh ball.obj --samples 8 $view -o 10-straight.png"
+  run "surfel-render --mesh ball.obj --samples 8 --bounces 8 $view -o 10-optics.png"
+  tiles
+  tile 10-single.png "the nearest surface refracts"
+  tile 10-multi.png "every surface refracts"
+  compare 10-multi.png 10-straight.png
+  tile 10-straight.png "the same equation on the mesh's surfaces, $psnr"
+  compare 10-multi.png 10-optics.png
+  tile 10-optics.png "geometrical optics, $psnr"
+  end_tiles
 }
 
 make_sp06_11() {
@@ -530,7 +589,8 @@ pre { background: #f6f6f6; border: 1px solid #ddd; padding: 0.6em; font-size: 0.
 meshes of its test data. All pictures and numbers were made in one run of <code>samples/reproduce.sh</code> on $machine$(
     [[ $part == 1 ]] || echo ", with $part of the surfels"). PSNR is of sRGB values.</p>
 <p>The commands run as they stand, after</p>
-<pre>$(printf 'mkdir again && cd again\nln -s %q data\nln -s %q configs\nPATH=%q:$PATH\n' "$data" "$surfel_root/configs" "$bin" | html)</pre>
+<pre>$(printf 'mkdir again && cd again\nln -s %q data\nln -s %q configs\nln -s %q samples\nPATH=%q:$PATH\n' \
+  "$data" "$surfel_root/configs" "$surfel_root/samples" "$bin" | html)</pre>
 <ul>
 HTML
   for figure in "${wanted[@]}"; do echo "<li><a href=\"#$figure\">${title[$figure]}</a></li>"; done

@@ -67,6 +67,7 @@ struct Settings {
   std::optional<std::uint64_t> memory;
   std::string mesh;
   surfel::TextureSourceOptions texture;
+  int bounces = 0;
 };
 
 void declare_camera(CLI::App& app, Settings& s) {
@@ -191,6 +192,10 @@ void declare_shading(CLI::App& app, Settings& s) {
               {"multi", Refractions::kMulti}},
              "Of --scene: rays are refracted by the nearest surface alone, or once by each; scene "
              "= as the file says");
+  app.add_option("--bounces", s.bounces,
+                 "Of --mesh and --scene: surfaces at which a ray is bent and mirrored one after "
+                 "another, 0..32; 0 = rays go straight on, and surfaces show the environment as "
+                 "surfels do");
   add_vector(app, "--background", s.render.background,
              "Linear R,G,B and straight alpha, each 0..1");
 }
@@ -294,8 +299,10 @@ void require_effect(const CLI::App& app, const Settings& s) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
   if (s.input.empty()) refuse("--mesh without surfels", {"--memory"});
-  if (s.scene_file.empty()) refuse("the default scene", {"--refraction"});
-  if (!s.render.lit) refuse("--shading none", {"--refraction"});
+  if (s.scene_file.empty()) refuse("the default scene", {"--refraction", "--bounces"});
+  if (!s.render.lit) refuse("--shading none", {"--refraction", "--bounces"});
+  if (s.mesh.empty()) refuse("surfels", {"--bounces"});
+  if (s.bounces > 0) refuse("--bounces", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
 }
 
@@ -393,6 +400,7 @@ struct MeshPainter {
                                   .lowpass = s.render.lowpass,
                                   .cull_back = s.render.cull_back,
                                   .lit = s.render.lit,
+                                  .bounces = s.bounces,
                                   .background = s.render.background});
   }
 };

@@ -127,8 +127,9 @@ TEST(MeshRenderOptions, DefaultsAreUsableAndBadValuesAreNamed) {
   MeshRenderOptions options;
   options.samples = 65;
   options.lowpass = -1;
+  options.bounces = 33;
   options.background = {0, 0, 0, 2};
-  EXPECT_EQ(options.problems().size(), 3U);
+  EXPECT_EQ(options.problems().size(), 4U);
   const TriangleMesh mesh = square();
   const Scene scene;
   EXPECT_THROW(MeshRenderer(mesh, nullptr, scene, options), Error);
@@ -581,6 +582,48 @@ TEST(MeshRenderer, SeesTheEnvironment) {
   for (int i = 0; i < 16; ++i) expect_pixel(image, i, 8, {0.5F, 1, 2, 1}, 1e-5F);
   const Image empty = render({}, nullptr, square_perspective(4), options, scene);
   expect_pixel(empty, 1, 1, {0.5F, 1, 2, 1}, 1e-5F);
+}
+
+/// A red wall behind a pane of glass, and the whole behind a mirror: rays that are bent or mirrored
+/// meet the mesh again, where rays that go straight on would see the environment.
+TEST(MeshRenderer, BentRaysMeetTheMeshAgain) {
+  TriangleMesh mesh;
+  add_square(mesh, 0, 0, 1, 0.5F);
+  add_square(mesh, 3, 1, 1, 0.75F);  // Behind the eye's near plane: the mirror alone shows it.
+  mesh.material.resize(2);
+  mesh.material[1].diffuse = {1, 0, 0};
+  Scene scene;
+  scene.materials.resize(2);
+  scene.materials[0].reflectivity = {1, 1, 1};
+  scene.ambient = {1, 1, 1};
+  scene.lights.clear();
+  scene.environment = test::uniform_environment({0, 1, 0});
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  Camera camera = square_perspective(16);
+  camera.near = 2;
+  const Image straight = render(mesh, nullptr, camera, options, scene);
+  expect_pixel(straight, 8, 8, {0, 1, 0, 1}, 1e-5F);
+  options.bounces = 2;
+  const Image bent = render(mesh, nullptr, camera, options, scene);
+  expect_pixel(bent, 8, 8, {1, 0, 0, 1}, 1e-5F);
+  expect_pixel(bent, 0, 0, {0, 1, 0, 1}, 1e-5F);
+  scene.materials[0].reflectivity = {0, 0, 0};  // Glass, whose way back is free.
+  scene.materials[0].opacity = 0;
+  scene.materials[0].ior = 1.5F;
+  expect_pixel(render(mesh, nullptr, camera, options, scene), 8, 8, {0, 1, 0, 1}, 1e-5F);
+}
+
+TEST(MeshRenderer, BouncesNeedAnEnvironment) {
+  const TriangleMesh mesh = square();
+  MeshRenderOptions options;
+  options.bounces = 1;
+  Scene scene;
+  EXPECT_THROW(MeshRenderer(mesh, nullptr, scene, options), Error);
+  scene.environment = test::uniform_environment({1, 1, 1});
+  EXPECT_NO_THROW(MeshRenderer(mesh, nullptr, scene, options));
+  options.lit = false;
+  EXPECT_THROW(MeshRenderer(mesh, nullptr, scene, options), Error);
 }
 
 // A MeshRenderer keeps references: temporaries do not bind.

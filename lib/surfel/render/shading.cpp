@@ -36,6 +36,15 @@ struct ArrayOps {
   }
 };
 
+/// \param place  gives the surface's place relative to the eye, for point lights.
+template <class Place>
+Vec3f lit_by(const Lighting& lighting, const Lighting::Reflection& reflection, const Vec3f& color,
+             const SeenSurface& surface, const Place& place) {
+  return HWY_NAMESPACE::lit_color<ArrayOps>(
+      lighting, reflection, Eigen::Array3f(color), Eigen::Array3f(surface.normal),
+      Eigen::Array3f(surface.to_eye), [&] { return Eigen::Array3f(place()); });
+}
+
 void to_plain(const Vec3f& from, float* to) { std::copy_n(from.data(), 3, to); }
 
 Lighting::Light plain_light(const Vec3f& vector, const Vec3f& color, bool point) {
@@ -75,6 +84,11 @@ RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float 
   const float by_direction = std::min(2.0F, eta * cosine / transmitted);
   return {(eta * across - transmitted * normal).normalized(), std::abs(1 - by_direction),
           by_direction};
+}
+
+float microfacet_variance(const Material& material) {
+  const float alpha = material.roughness * material.roughness;
+  return 0.5F * alpha * alpha;
 }
 
 void SeenThrough::add(const Fragment& surface, float surfaces, float coverage, float opacity) {
@@ -149,7 +163,7 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
     const float scale = inv_weight * coverage;
     return {c[kRed] * scale, c[kGreen] * scale, c[kBlue] * scale, alpha * coverage};
   }
-  const Surface at = surface(fragment, x, y);
+  const SeenSurface at = surface(fragment, x, y);
   const bool reflects = environment_ && !at.material.reflectivity.isZero();
   if (!(c[kAlpha] > 0) && !reflects) return {};
   const float opacity = alpha * coverage;
@@ -184,18 +198,17 @@ Vec3f Shader::ray(float x, float y) const {
   return lighting_.orthographic ? Vec3f(world_from_camera_.col(2)) : from_eye(x, y, 1);
 }
 
-Shader::Surface Shader::surface(const Fragment& fragment, float x, float y) const {
+SeenSurface Shader::surface(const Fragment& fragment, float x, float y) const {
   const float* c = fragment.channel;
   const std::size_t material = std::min<std::size_t>(
       std::bit_cast<std::uint32_t>(c[kTag]) >> kMaterialShift, scene_->materials.size() - 1);
-  Surface at{scene_->materials[material], -ray(x, y).normalized(), {}, 0};
+  SeenSurface at{scene_->materials[material], -ray(x, y).normalized(), {}, 0};
   at.normal = Vec3f(c[kNormalX], c[kNormalY], c[kNormalZ]);
   const float length = at.normal.norm();
   at.normal = length > 0 ? Vec3f(at.normal / length) : at.to_eye;
   if (at.normal.dot(at.to_eye) < 0) at.normal = -at.normal;
   if (environment_) {
-    const float alpha = at.material.roughness * at.material.roughness;
-    at.normal_variance = 0.5F * alpha * alpha;
+    at.normal_variance = microfacet_variance(at.material);
     const float weight = c[kWeight] > 0 ? c[kWeight] : 1;  // Merged: mean normals.
     if (length > 0) at.normal_variance -= std::log(std::min(1.0F, length / weight));
   }
@@ -209,7 +222,7 @@ Vec3f Shader::radiance(const Vec3f& direction, float variance) const {
 
 Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) const {
   if (!environment_) return {0, 0, 0};
-  const Surface at = surface(nearest, x, y);
+  const SeenSurface at = surface(nearest, x, y);
   const Material& material = at.material;
   const float count = scene_->refraction == Refraction::kSingle ? 1.0F : layers;
   const auto refracted = [&](float ior) {
@@ -254,17 +267,16 @@ void Shader::add_environment(Rgba& color, const SeenThrough& surfaces, float x, 
   if (straight > 0 && environment_->visible) add(radiance(ray(x, y), ray_variance_), straight);
 }
 
-Vec3f Shader::lit_color(const Vec3f& color, const Surface& surface, float x, float y,
+Vec3f Shader::lit_color(const Vec3f& color, const SeenSurface& surface, float x, float y,
                         float depth) const {
-  const auto place = [&] {
-    Vec3f at = ray(x, y) * z(depth);
-    if (lighting_.orthographic) at += from_eye(x, y, 0);
-    return Eigen::Array3f(at);
-  };
-  const auto material = static_cast<std::size_t>(&surface.material - scene_->materials.data());
-  return HWY_NAMESPACE::lit_color<ArrayOps>(lighting_, materials_[material], Eigen::Array3f(color),
-                                            Eigen::Array3f(surface.normal),
-                                            Eigen::Array3f(surface.to_eye), place);
+  return lit_by(lighting_, reflection(surface), color, surface, [&] {
+    const Vec3f along = ray(x, y) * z(depth);
+    return lighting_.orthographic ? Vec3f(along + from_eye(x, y, 0)) : along;
+  });
+}
+
+Vec3f Shader::lit_color(const Vec3f& color, const SeenSurface& surface, const Vec3f& place) const {
+  return lit_by(lighting_, reflection(surface), color, surface, [&] { return place; });
 }
 
 }  // namespace surfel

@@ -68,6 +68,18 @@ class SURFEL_API SeenThrough {
   bool opaque_ = false;
 };
 
+/// A place of a surface and the ray by which it is seen.
+struct SeenSurface {
+  const Material& material;
+  Vec3f to_eye;  ///< Unit; towards where the ray comes from.
+  Vec3f normal;  ///< Unit, on the side of `to_eye`.
+  /// Variance of the normals along an axis, microfacets included, radians^2.
+  float normal_variance;
+};
+
+/// Variance of the normals of a material's microfacets along an axis, radians^2: see Shader.
+SURFEL_API float microfacet_variance(const Material& material);
+
 /// Turns fragments into colours: unlit (the filtered texture itself) or lit by a scene's lights
 /// with the reflection model of Blinn and Phong, and by its environment. Normals are seen from both
 /// sides. For one camera.
@@ -139,29 +151,33 @@ class SURFEL_API Shader {
   /// \param color  the surfaces' composite, premultiplied.
   void add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const;
 
+  /// Colour of a surface under the scene's lights alone, neither mirrored nor seen through; 0 to 1
+  /// and beyond. Of a lit shader.
+  /// \param color  the surface's own, unpremultiplied.
+  /// \param surface  its material is one of the scene's.
+  /// \param place  relative to the camera's eye, world axes; point lights need it.
+  Vec3f lit_color(const Vec3f& color, const SeenSurface& surface, const Vec3f& place) const;
+  /// Radiance of the environment from a direction in world axes, of any length but zero, filtered
+  /// with `variance`, radians^2. Only where there is an environment.
+  Vec3f radiance(const Vec3f& direction, float variance) const;
+
   /// Conversions between Splat::depth and the depth z along the view.
   float z(float depth) const { return lighting_.orthographic ? -depth : 1.0F / depth; }
   float depth(float z) const { return lighting_.orthographic ? -z : 1.0F / z; }
 
  private:
-  /// The values of a fragment that lighting needs.
-  struct Surface {
-    const Material& material;
-    Vec3f to_eye;  ///< Unit.
-    Vec3f normal;  ///< Unit, on the eye's side.
-    /// Variance of the normals along an axis, microfacets included, radians^2.
-    float normal_variance;
-  };
-  Surface surface(const Fragment& fragment, float x, float y) const;
+  SeenSurface surface(const Fragment& fragment, float x, float y) const;
   /// Direction from the eye through picture coordinates (x, y), world axes; perspective cameras
   /// give it z = 1 along the view.
   Vec3f ray(float x, float y) const;
   /// Vector in world axes that leads z along the view, and across it as far as picture coordinates
   /// (x, y) lie from the principal point at depth 1.
   Vec3f from_eye(float x, float y, float z) const;
-  Vec3f lit_color(const Vec3f& color, const Surface& surface, float x, float y, float depth) const;
-  /// Radiance of the environment from a direction in world axes, filtered with `variance`.
-  Vec3f radiance(const Vec3f& direction, float variance) const;
+  Vec3f lit_color(const Vec3f& color, const SeenSurface& surface, float x, float y,
+                  float depth) const;
+  const Lighting::Reflection& reflection(const SeenSurface& surface) const {
+    return materials_[static_cast<std::size_t>(&surface.material - scene_->materials.data())];
+  }
 
   const Scene* scene_;
   const Environment* environment_ = nullptr;

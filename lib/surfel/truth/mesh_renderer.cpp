@@ -16,6 +16,7 @@
 #include <surfel/scene/framing.h>
 #include <surfel/store/render_cloud.h>
 #include <surfel/texture/texture_map.h>
+#include <surfel/truth/bent_rays.h>
 #include <surfel/truth/mesh_renderer.h>
 #include <surfel/truth/mesh_tracer_plugin.h>
 #include <surfel/truth/supersample.h>
@@ -110,6 +111,7 @@ std::vector<std::string> MeshRenderOptions::problems() const {
   std::vector<std::string> found;
   check_option(found, samples >= 1 && samples <= 64, "samples", samples, "in 1..64");
   check_option(found, lowpass >= 0 && lowpass <= 16, "lowpass", lowpass, "in 0..16 pixels");
+  check_option(found, bounces >= 0 && bounces <= 32, "bounces", bounces, "in 0..32");
   check_background(found, background);
   return found;
 }
@@ -136,7 +138,9 @@ struct MeshRenderer::Impl {
   Eigen::Array4f color(std::uint32_t face, const Barycentric& b) const;
   Vec3f normal(std::uint32_t face, const Barycentric& b) const;
   Fragment surface(const View& view, const MeshHit& hit, double z) const;
+  float gap() const { return static_cast<float>(2 * bounds.radius * kGap); }
   Rgba trace(const View& view, double x, double y) const;
+  Rgba trace_bent(const View& view, double x, double y) const;
 };
 
 void MeshRenderer::Impl::check_textures() const {
@@ -226,11 +230,34 @@ Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
       const Rgba shaded = view.shader.shade(at, at_x, at_y, 1);
       seen.composite(shaded);
       surfaces.add(at, 1, 1, shaded.alpha);
-      rest.from = hit->t + static_cast<float>(2 * bounds.radius * kGap);
+      rest.from = hit->t + gap();
     }
   }
   view.shader.add_environment(seen, surfaces, at_x, at_y);
   return seen;
+}
+
+/// As trace(), with rays that surfaces bend and mirror.
+Rgba MeshRenderer::Impl::trace_bent(const View& view, double x, double y) const {
+  const ViewRay ray = view_ray(view.camera, x, y);
+  const std::optional<Span> span =
+      tracer ? inside(bounds, view.eye + ray.origin, ray.direction) : std::nullopt;
+  const double start = span ? std::max(span->first, view.camera.near) : view.camera.near;
+  const auto nearest = [&](const Vec3f& origin, const Vec3f& direction,
+                           float from) -> std::optional<MetSurface> {
+    if (!span) return std::nullopt;
+    const auto hit = tracer->nearest({{origin.x(), origin.y(), origin.z()},
+                                      {direction.x(), direction.y(), direction.z()},
+                                      from,
+                                      options.cull_back});
+    if (!hit) return std::nullopt;
+    const Barycentric b(1 - hit->u - hit->v, hit->u, hit->v);
+    return MetSurface{hit->t, color(hit->face, b), normal(hit->face, b), material(hit->face),
+                      hit->front};
+  };
+  const BentRays rays{scene, view.shader, view.eye.cast<float>(), gap(), options.bounces};
+  return rays.trace(nearest, (view.eye + ray.origin + start * ray.direction).cast<float>(),
+                    ray.direction.normalized().cast<float>(), 0);
 }
 
 MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
@@ -238,6 +265,9 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
     : impl_(new Impl{mesh, textures, scene, options}) {
   require_usable(options);
   require_usable(scene);
+  if (options.bounces > 0 && !(options.lit && scene.environment)) {
+    throw_usage("`bounces` needs a lit scene with an environment, which the rays see in the end");
+  }
   mesh.check_columns("");
   // A mesh without materials may number the materials of its textures, or of a scene.
   if (!mesh.material.empty() || (!textures && mesh.color.empty())) mesh.check_materials("");
@@ -265,7 +295,10 @@ Image MeshRenderer::render(const Camera& camera,
   const View view{camera, shader, camera.eye - impl_->mesh.origin};
   Image image = supersample(
       camera, {options.samples, options.lowpass},
-      [&](double x, double y, int /*worker*/) { return impl_->trace(view, x, y); }, progress);
+      [&](double x, double y, int /*worker*/) {
+        return options.bounces > 0 ? impl_->trace_bent(view, x, y) : impl_->trace(view, x, y);
+      },
+      progress);
   composite_over(image, options.background);
   return image;
 }

@@ -22,6 +22,11 @@ struct MeshRenderOptions {
                        ///< mean over the pixel's own square.
   bool cull_back = false;  ///< Leave out faces whose corners are seen clockwise.
   bool lit = true;         ///< Shade with the scene; else show the texture itself.
+  /// Surfaces at which a ray is bent and mirrored one after another, 0..32; behind the last one it
+  /// sees the environment. 0: rays go straight on, and mirror and refract the environment as
+  /// surfels do, SP06 (12). Above 0 the scene needs an environment, and its `refraction` plays no
+  /// role.
+  int bounces = 0;
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
 
   /// Empty if usable, else one sentence per violated rule.
@@ -38,6 +43,12 @@ struct MeshRenderOptions {
 /// default, and are shaded as surfels' normals are; the scene's materials, too, apply as to the
 /// surfels, by the number of the face's material. Then supersample() filters the rays of a picture.
 ///
+/// With `bounces`, rays follow geometrical optics instead: each surface whose material has an index
+/// of refraction bends a ray by Snell's law where it goes in (through a front face) and where it
+/// comes out (through a back face), mirrors Fresnel's share of it, and takes the material's
+/// absorption; other surfaces let through straight ahead what they do not mirror or hide. Rays in
+/// the end see the environment, so that there are no caustics, and lights cast no shadows.
+///
 /// Directions and distances are single precision, from where the ray enters the mesh's bounding
 /// sphere on: the picture depends neither on how far from the world's origin the mesh lies, nor on
 /// how far from the mesh the eye is. Faces that coincide count as one, that of the lowest number.
@@ -46,7 +57,8 @@ class SURFEL_API MeshRenderer {
  public:
   /// Keeps references to all but the options; they must outlive the renderer.
   /// \param textures  null: none are to be seen. Charts play no role.
-  /// Throws Error: kUsage for options or scenes that are not usable; kInput where a column of the
+  /// Throws Error: kUsage for options or scenes that are not usable, and for bounces where nothing
+  /// is lit or the scene has no environment; kInput where a column of the
   /// mesh has another length than it must have or a face names vertices or materials that the mesh
   /// lacks, and where there are textures but the mesh has no texture coordinates, or has a material
   /// without a map; kNumeric if the mesh does not fit into memory a second time.
