@@ -2,18 +2,19 @@
 # Makes docs/texture.md and docs/figure6.png: the fits of surfel-texture beside each other. Needs a
 # build with -DSURFEL_BUILD_BENCH=ON and, for `meshes`, the real data.
 # Usage: tests/fits.sh [section...], the folder of the tools in SURFEL_BIN. Sections:
-#   figure     SS01 figure 6, seconds           quality    checkers on a plane, minutes
-#   views      far and near, a minute           stability  where fits may fail, seconds
-#   meshes     real textured meshes, minutes    options    one by one on the cow, a minute
-#   timing     up to 4 million surfels, some 10 minutes and 14 GB: on an idle machine
+#   figure       SS01 figure 6, seconds           quality    checkers on a plane, minutes
+#   right_sides  both of gram, seconds            views      far and near, a minute
+#   stability    where fits may fail, seconds     meshes     real textured meshes, minutes
+#   options      one by one on the cow, a minute
+#   timing       up to 4 million surfels, some 10 minutes and 14 GB: on an idle machine
 # All of them if none is named; what is not made again stays as it stands in docs/texture.md.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 tools=${SURFEL_BIN:-$root/build/release/bin}
 data=${SURFEL_TEST_DATA:-$root/../shared/data}
 page=$root/docs/texture.md
-all=(figure quality views stability meshes options timing)
-fits=(ewa gram render)
+all=(figure quality right_sides views stability meshes options timing)
+fits=(ewa gram normalised render)  # normalised: gram with the other right side.
 command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install openimageio-tools" >&2; exit 1; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -23,7 +24,13 @@ number() { sed -n "s/.*\"$1\": \\(-\\{0,1\\}[0-9.e+-]*\\).*/\\1/p" | head -1; }
 seconds() { number total_ms < "$1" | awk '{printf "%.1f", $1 / 1000}'; }
 
 # fit_options FIT CUTOFF: the options of surfel-texture; only render has a cutoff to fit for.
-fit_options() { if [ "$1" = render ]; then echo "--fit render --cutoff $2"; else echo "--fit $1"; fi; }
+fit_options() {
+  case $1 in
+    render) echo "--fit render --cutoff $2" ;;
+    normalised) echo "--fit gram --right-side normalised" ;;
+    *) echo "--fit $1" ;;
+  esac
+}
 
 # SS01 figure 6: rows are magnifications, columns the fits and the texture itself.
 figure() {
@@ -50,14 +57,14 @@ figure() {
         --background 1,1,1,1 --quiet
     done
   done
-  oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=5 4x3 --ch R,G,B --attrib png:compressionLevel 9 \
+  oiiotool --nosoftwareattrib "${tiles[@]}" --mosaic:pad=5 5x3 --ch R,G,B --attrib png:compressionLevel 9 \
     -o "$root/docs/figure6.png"
   cat <<'TEXT'
 ## SS01 figure 6
 
-![Checker: ewa, gram, render, the texture; minified, magnified, extremely magnified](figure6.png)
+![Checker: ewa, gram, gram normalised, render, the texture; minified, magnified, extremely magnified](figure6.png)
 
-Columns: ewa, gram, render, the texture itself; rows: in perspective, magnified, extremely magnified. 40,000 surfels on a jittered
+Columns: ewa, gram, gram with `--right-side normalised`, render, the texture itself; rows: in perspective, magnified, extremely magnified. 40,000 surfels on a jittered
 grid, squares of 5 spacings, sigma = 0.7 spacings, c = 4. What can be seen inside squares is the fits' own: overshoot beside edges
 that are sharper than the surfels can show.
 TEXT
@@ -65,6 +72,7 @@ TEXT
 
 quality() { "$tools/fit_table" quality; }
 views() { "$tools/fit_table" views; }
+right_sides() { "$tools/fit_table" right_sides; }
 stability() { "$tools/fit_table" stability; }
 
 # mesh_rows NAME MESH IMAGE FROM: rows of PSNR and seconds for several numbers of surfels and cutoffs.
@@ -97,8 +105,8 @@ PSNR of sRGB values inside the silhouette, 400 x 400 pixels, of the rendered sur
 (`surfel-render --mesh`); whole time of `surfel-texture`, reading and writing included, with 2 threads. Surfels of
 `surfel-from-mesh`, sigma = 0.7 spacings (its default).
 
-| mesh | surfels | c | ewa | gram | render |
-|---|---|---|---|---|---|
+| mesh | surfels | c | ewa | gram | normalised | render |
+|---|---|---|---|---|---|---|
 TEXT
   mesh_rows spot "$data/textured/spot/spot_triangulated.obj" "$data/textured/spot/spot_texture.png" 0.6,0.3,-1
   mesh_rows head "$data/textured/head_scan/lee_perry_smith.obj" "$data/textured/head_scan/lee_perry_smith_color.jpg" 0.3,0.1,1
@@ -163,7 +171,7 @@ TEXT
   "$tools/surfel-generate" noise --size 2048x2048 -o "$work/noise.png" --quiet
   for count in ${SURFEL_TIMING_COUNTS:-250000 1000000 4000000}; do
     "$tools/surfel-generate" plane --count "$count" -o "$work/s.ply" --quiet
-    for fit in "${fits[@]}"; do
+    for fit in ewa gram render; do
       { time "$tools/surfel-texture" "$work/s.ply" --image "$work/noise.png" --fit "$fit" -o "$work/t.ply" \
         --threads 2 --stats "$work/t.json" --quiet; } 2> "$work/processor"
       printf '| %s | %s | %s s | %s s | %s GB | %s |\n' "$count" "$fit" "$(seconds "$work/t.json")" \
@@ -190,7 +198,8 @@ done
 texture. There are three fits:
 
 - `--fit ewa`, the default, filters the texture with each surfel's kernel. It is fast, blurs a little and never rings.
-- `--fit gram` solves for the optimal samples of *Surface Splatting* (Zwicker et al. 2001, "SS01"), R w = c.
+- `--fit gram` solves for the optimal samples of *Surface Splatting* (Zwicker et al. 2001, "SS01"), R w = c; with `--right-side normalised`
+  for another c, which takes the renderer's division by the kernels' sum into account.
 - `--fit render` solves a least squares problem in the very basis that the renderer evaluates, from near and from afar.
 
 `render` is 1.3 to 8 dB nearer to the ray-traced mesh on real textures where `ewa` has less than 38 dB, and 4 to 14 dB on magnified

@@ -50,7 +50,7 @@ void declare_systems(CLI::App& app, Settings& s) {
   tool::add_text(app, "--lambda", "X", "auto",
                  "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
                  "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
-                 "below 1e6",
+                 "below 1e6 and lets cg converge",
                  [&s](const std::string& text) {
                    if (text == "auto") {
                      s.fit.lambda.reset();
@@ -60,6 +60,12 @@ void declare_systems(CLI::App& app, Settings& s) {
                  });
   tool::add_vector(app, "--bounds", s.bounds,
                    "Of cg: keep coefficients within these two, such as 0,1");
+  tool::add_choice(
+      app, "--right-side", s.fit.right_side,
+      {{"published", GramRightSide::kPublished}, {"normalised", GramRightSide::kNormalised}},
+      "Of --fit gram, the c of R w = c: published = the integrals of SS01 (11), the "
+      "optimum for the plain sum of all kernels, the default; normalised = by the "
+      "kernels' sum, by which the renderer divides, the only one of --from colors");
   app.add_option("--cutoff", s.fit.cutoff,
                  "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16");
   app.add_option(
@@ -107,8 +113,9 @@ void declare_options(CLI::App& app, Settings& s) {
                    {{"ewa", TextureFitKind::kEwa},
                     {"gram", TextureFitKind::kGram},
                     {"render", TextureFitKind::kRender}},
-                   "How coefficients are found: ewa = view-independent EWA; gram = least squares "
-                   "for the sum of all kernels; render = least squares for what surfel-render "
+                   "How coefficients are found: ewa = view-independent EWA; gram = R w = c, the "
+                   "least squares of the plain sum of all kernels; render = least squares for what "
+                   "surfel-render "
                    "makes of them: the sharpest under magnification");
   app.add_option("--reconstruction", s.fit.reconstruction,
                  "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16");
@@ -219,6 +226,12 @@ void report(nlohmann::json& json, const surfel::TextureFitReport& fit) {
   }
 }
 
+/// The right side of SS01 (11) takes amplitudes for areas.
+bool needs_area(const Settings& s) {
+  return s.from == From::kTexture && s.fit.kind == surfel::TextureFitKind::kGram &&
+         s.fit.right_side != surfel::GramRightSide::kNormalised;
+}
+
 void warn(const surfel::tool::Tool& tool, const std::string& input,
           const surfel::TextureFitReport& fit) {
   const auto count = [&](std::size_t surfels, const std::string& what) {
@@ -271,6 +284,13 @@ int main(int argc, char** argv) {
     const surfel::TextureFitReport fit = make_fit(cloud, mesh ? &*mesh : nullptr, settings, tool);
     report(tool.report(), fit);
     warn(tool, settings.input, fit);
+    if (needs_area(settings) && cloud.area.empty() && !cloud.empty()) {
+      tool.note(
+          fmt::format("{}: the surfels have no area, so that their kernels do not sum to "
+                      "about 1, and surfel-render, which divides by the sum, shows other "
+                      "colours than the texture's; --right-side normalised needs none",
+                      settings.input));
+    }
 
     surfel::tool::write_result(tool, cloud, settings.output);
     tool.note(fmt::format("{}: {} surfels", settings.output, cloud.size()));

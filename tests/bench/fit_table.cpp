@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,8 +20,22 @@ namespace {
 
 using namespace surfel;
 
-constexpr TextureFitKind kFits[] = {TextureFitKind::kEwa, TextureFitKind::kGram,
-                                    TextureFitKind::kRender};
+struct Fit {
+  const char* name;  ///< As in the tables of tests/fits.sh.
+  TextureFitKind kind;
+  std::optional<GramRightSide> right_side{};
+};
+constexpr Fit kFits[] = {{"ewa", TextureFitKind::kEwa},
+                         {"gram", TextureFitKind::kGram},
+                         {"normalised", TextureFitKind::kGram, GramRightSide::kNormalised},
+                         {"render", TextureFitKind::kRender}};
+
+TextureFitOptions options_of(const Fit& fit) {
+  TextureFitOptions options;
+  options.kind = fit.kind;
+  options.right_side = fit.right_side;
+  return options;
+}
 
 /// A checker on the plane, of which the picture shows the middle.
 struct View {
@@ -139,7 +154,9 @@ SurfelCloud plane_cloud(int side, double kappa) {
 }
 
 void quality(const View& view) {
-  fmt::print("\n{}\n\n| c | sigma/h | ewa | gram | render |\n|---|---|---|---|---|\n", view.title);
+  fmt::print("\n{}\n\n| c | sigma/h |", view.title);
+  for (const Fit& fit : kFits) fmt::print(" {} |", fit.name);
+  fmt::print("\n|---|---|---|---|---|---|\n");
   TextureSet textures;
   textures.maps.emplace_back(checker_image(view), WrapMode::kRepeat);
   const Camera camera = camera_above(view);
@@ -148,15 +165,70 @@ void quality(const View& view) {
     for (const double kappa : {0.5, 0.6, 0.7, 0.85, 1.0}) {
       SurfelCloud cloud = plane_cloud(view.side, kappa);
       std::string row = fmt::format("| {:g} | {:g} |", cutoff, kappa);
-      for (const TextureFitKind kind : kFits) {
-        TextureFitOptions fit;
-        fit.kind = kind;
-        fit.cutoff = cutoff;
-        fit_texture(cloud, textures, fit);
+      for (const Fit& fit : kFits) {
+        TextureFitOptions options = options_of(fit);
+        options.cutoff = cutoff;
+        fit_texture(cloud, textures, options);
         row += fmt::format(" {:.2f} |", rendered_psnr(cloud, camera, cutoff, truth));
       }
       fmt::print("{}\n", row);
       std::fflush(stdout);
+    }
+  }
+}
+
+/// Root mean square of sum_i c_i n_i - sum_k w_k r_k, what SS01 (10) integrates, over the plane
+/// without a border of 5 h. The kernels are round.
+double plain_sum_error(const View& view, const SurfelCloud& cloud, const TextureMap& map) {
+  const double h = 2.0 / view.side;
+  const int points = static_cast<int>((view.side - 10) * 6);
+  double sum = 0;
+  for (int y = 0; y < points; ++y) {
+    for (int x = 0; x < points; ++x) {
+      const Vec2d p(5 + (x + 0.5) / 6, 5 + (y + 0.5) / 6);  // h from the plane's corner.
+      const Vec2d place = p * h - Vec2d(1, 1);
+      double error =
+          -map.sample({map.texel((p / view.side).cast<float>()), Mat2d::Identity()}).color.x();
+      for (std::size_t k = 0; k < cloud.size(); ++k) {
+        const auto v = static_cast<double>(cloud.variance[k]);
+        const double d2 = (cloud.position[k].head<2>().cast<double>() - place).squaredNorm();
+        error += static_cast<double>(cloud.coefficient[k].x() * cloud.area[k]) *
+                 std::exp(-d2 / (2 * v)) / (2 * M_PI * v);
+      }
+      sum += error * error;
+    }
+  }
+  return std::sqrt(sum) / points;
+}
+
+/// Both right sides in the plain sum, and as they are rendered.
+void right_sides() {
+  const View view{"", 20, 4, 2, 12, true, 5};
+  fmt::print(
+      "## The two right sides of gram\n\n{0} x {0} surfels of a plane, squares of {1:g} h, two "
+      "texels a spacing. Error of the plain sum: root mean square of the texture less the sum of "
+      "all kernels, what SS01 (10)\nintegrates, without a border of 5 h. The picture: PSNR in dB "
+      "as "
+      "above, magnified.\n\n| sigma/h | fit | plain sum |",
+      view.side, view.square);
+  constexpr double kCutoffs[] = {1, 2, 4};
+  for (const double cutoff : kCutoffs) fmt::print(" c = {:g} |", cutoff);
+  fmt::print("\n|---|---|---|---|---|---|\n");
+  TextureSet textures;
+  textures.maps.emplace_back(checker_image(view), WrapMode::kRepeat);
+  const Camera camera = camera_above(view);
+  for (const double kappa : {0.5, 0.7, 0.85, 1.0}) {
+    for (const Fit& fit : kFits) {
+      if (fit.kind != TextureFitKind::kGram) continue;
+      SurfelCloud cloud = plane_cloud(view.side, kappa);
+      fit_texture(cloud, textures, options_of(fit));
+      std::string row = fmt::format("| {:g} | {} | {:.4f} |", kappa, fit.name,
+                                    plain_sum_error(view, cloud, textures.maps[0]));
+      for (const double cutoff : kCutoffs) {
+        const std::vector<double> truth = truth_of(view, camera, textures.maps[0], cutoff);
+        row += fmt::format(" {:.2f} |", rendered_psnr(cloud, camera, cutoff, truth));
+      }
+      fmt::print("{}\n", row);
     }
   }
 }
@@ -316,10 +388,8 @@ void stability() {
     }
     std::vector<double> truth = truth_of(view, camera, textures.maps[0], 1);
     if (trouble.one_texel) std::fill(truth.begin(), truth.end(), 0.2);
-    for (const TextureFitKind kind : kFits) {
-      TextureFitOptions fit;
-      fit.kind = kind;
-      const TextureFitReport report = fit_texture(trouble.cloud, textures, fit);
+    for (const Fit& fit : kFits) {
+      const TextureFitReport report = fit_texture(trouble.cloud, textures, options_of(fit));
       std::size_t not_finite = 0;
       for (const Vec3f& w : trouble.cloud.coefficient) not_finite += w.allFinite() ? 0 : 1;
       std::string unusual;
@@ -341,10 +411,9 @@ void stability() {
         quality =
             fmt::format("{:.1f}", std::min(99.9, rendered_psnr(trouble.cloud, camera, 1, truth)));
       }
-      constexpr const char* kNames[] = {"ewa", "gram", "render"};
-      fmt::print("| {} | {} | {:.2f} .. {:.2f} {} {} {} | {} |\n", trouble.name,
-                 kNames[static_cast<int>(kind)], report.coefficient_min.x(),
-                 report.coefficient_max.x(), system, unusual, iterations, quality);
+      fmt::print("| {} | {} | {:.2f} .. {:.2f} {} {} {} | {} |\n", trouble.name, fit.name,
+                 report.coefficient_min.x(), report.coefficient_max.x(), system, unusual,
+                 iterations, quality);
     }
     std::fflush(stdout);
   }
@@ -352,13 +421,14 @@ void stability() {
 
 }  // namespace
 
-/// Arguments: quality, stability, views; all if there are none.
+/// Arguments: quality, right_sides, stability, views; all if there are none.
 int main(int argc, char** argv) {
   const std::vector<std::string> tables(argv + 1, argv + argc);
   const auto wanted = [&](const std::string& table) {
     return tables.empty() || std::find(tables.begin(), tables.end(), table) != tables.end();
   };
   if (wanted("quality")) qualities();
+  if (wanted("right_sides")) right_sides();
   if (wanted("stability")) stability();
   if (wanted("views")) views();
 }

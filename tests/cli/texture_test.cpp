@@ -172,6 +172,47 @@ TEST_F(SurfelTexture, OptionsOfTheRenderFitAreRefusedWithoutIt) {
   }
 }
 
+TEST_F(SurfelTexture, RightSidesOfTheGramFit) {
+  const auto fit = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{surfels_, "-o", output_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return texture(arguments);
+  };
+  const std::vector<std::vector<std::string>> refused{
+      {"--image", image_, "--right-side", "published"},
+      {"--image", image_, "--fit", "render", "--right-side", "normalised"},
+      {"--image", image_, "--fit", "gram", "--right-side", "none"},
+      {"--from", "colors", "--fit", "gram", "--right-side", "published"}};
+  SurfelCloud cloud = read_cloud(surfels_);
+  cloud.color = {Vec3f(1, 0, 0), Vec3f(1, 1, 1)};
+  write_cloud(cloud, surfels_);
+  for (const std::vector<std::string>& arguments : refused) {
+    const RunResult result = fit(arguments);
+    EXPECT_EQ(result.exit_code, 2) << result.errors;
+    EXPECT_TRUE(contains(result.errors, "--right-side")) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
+  EXPECT_EQ(fit({"--from", "colors", "--fit", "gram", "--right-side", "normalised"}).exit_code, 0);
+}
+
+TEST_F(SurfelTexture, SaysThatThePublishedRightSideNeedsAreas) {
+  const auto told = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{surfels_, "-o", output_, "--image", image_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return contains(result.errors, "have no area");
+  };
+  EXPECT_TRUE(told({"--fit", "gram"}));
+  EXPECT_FALSE(told({"--fit", "gram", "--right-side", "normalised"}));
+  EXPECT_FALSE(told({"--fit", "ewa"}));
+  EXPECT_FALSE(told({"--fit", "render"}));
+  SurfelCloud cloud = read_cloud(surfels_);
+  cloud.area.assign(2, 1e-4F);
+  write_cloud(cloud, surfels_);
+  EXPECT_FALSE(told({"--fit", "gram"}));
+}
+
 TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {
   const std::string damaged = folder_ / "damaged.png";
   write_text(damaged, "\x89PNG\r\n\x1a\n and then nothing");

@@ -61,31 +61,14 @@ float largest_difference(const SurfelCloud& a, const SurfelCloud& b) {
   return most;
 }
 
-TEST(CoefficientFit, ConstantTexturesGiveConstantCoefficients) {
-  const Vec3f color(0.2F, 0.5F, 0.9F);
-  TextureSet textures;
-  textures.maps.push_back(TextureMap::constant(color));
-  for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
-    for (const double kappa : {0.5, 0.8, 1.0}) {
-      SurfelCloud cloud = grid(24, kappa);
-      fit_texture(cloud, textures, fit_of(kind));
-      for (const Vec3f& w : cloud.coefficient) ASSERT_LT((w - color).norm(), 1e-5F) << kappa;
-    }
-  }
+TextureFitOptions gram_fit(GramRightSide side) {
+  TextureFitOptions options = fit_of(TextureFitKind::kGram);
+  options.right_side = side;
+  return options;
 }
 
-TEST(CoefficientFit, GramIsTheDenseSolution) {
-  SurfelCloud cloud = grid(30, 0.7);
-  TextureSet textures = one_map(noise_image(64, 64, 5));
-  SurfelCloud ewa = cloud;
-  fit_texture(ewa, textures, {});
-  TextureFitOptions options = fit_of(TextureFitKind::kGram);
-  options.tolerance = 1e-12;
-  const TextureFitReport report = fit_texture(cloud, textures, options);
-  ASSERT_TRUE(report.system);
-  EXPECT_EQ(report.system->lambda, 0);
-
-  // (11) in double, written out: every pair, the whole matrix.
+/// R of SS01 (11) for a plane, written out: every pair, the whole matrix.
+Eigen::MatrixXd dense_gram(const SurfelCloud& cloud) {
   const std::size_t n = cloud.size();
   Eigen::MatrixXd R(n, n);
   for (std::size_t i = 0; i < n; ++i) {
@@ -97,20 +80,178 @@ TEST(CoefficientFit, GramIsTheDenseSolution) {
                 (2 * M_PI * v);
     }
   }
-  Eigen::MatrixXd c(n, 3);
-  for (std::size_t i = 0; i < n; ++i) {
-    c.row(i) = R.row(i).sum() * ewa.coefficient[i].cast<double>().transpose();
+  return R;
+}
+
+/// The integral of sum_i c_i n_i, the texture that a repeated image stands for on a plane of
+/// grid(), times the normalised Gaussian of `variance` unit^2 about `place`, texel by texel; n has
+/// the standard deviation `reconstruction` texels. At variance 0: the texture at the place.
+Eigen::RowVector3d texture_under(const Image& image, const Vec2d& place, double variance,
+                                 double reconstruction) {
+  const Vec2d s(place.x() * image.width, (1 - place.y()) * image.height);
+  const double v = variance * image.width * image.width + reconstruction * reconstruction;
+  const double reach = 8 * std::sqrt(v);
+  Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+  for (int y = static_cast<int>(std::floor(s.y() - reach)); y <= s.y() + reach; ++y) {
+    for (int x = static_cast<int>(std::floor(s.x() - reach)); x <= s.x() + reach; ++x) {
+      const double g = std::exp(-(Vec2d(x + 0.5, y + 0.5) - s).squaredNorm() / (2 * v));
+      const float* texel = image.pixel(test::walk(x, image.width, WrapMode::kRepeat),
+                                       test::walk(y, image.height, WrapMode::kRepeat));
+      for (int c = 0; c < 3; ++c) sum[c] += g * static_cast<double>(texel[c]);
+    }
+  }
+  return sum / (2 * M_PI * v);
+}
+
+/// c of SS01 (11), written out.
+Eigen::MatrixXd published_right_side(const SurfelCloud& cloud, const Image& image,
+                                     double reconstruction) {
+  Eigen::MatrixXd c(cloud.size(), 3);
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    c.row(static_cast<Eigen::Index>(k)) =
+        static_cast<double>(cloud.area[k]) *
+        texture_under(image, cloud.position[k].head<2>().cast<double>(),
+                      static_cast<double>(cloud.variance[k]), reconstruction);
+  }
+  return c;
+}
+
+double largest_difference(const SurfelCloud& cloud, const Eigen::MatrixXd& w) {
+  double most = 0;
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    const Eigen::RowVector3d expected = w.row(static_cast<Eigen::Index>(k));
+    most = std::max(
+        most, (cloud.coefficient[k].cast<double>().transpose() - expected).cwiseAbs().maxCoeff());
+  }
+  return most;
+}
+
+/// Squares of `square` surfel spacings on an image for grid(n).
+Image checkered(int n, int texels_per_spacing, int square) {
+  const int size = n * texels_per_spacing;
+  const int side = square * texels_per_spacing;
+  return test::make_image(size, size, [&](int x, int y) {
+    const float value = (x / side + y / side) % 2 == 0 ? 0.0F : 1.0F;
+    return Eigen::Vector4f(value, value, value, 1);
+  });
+}
+
+/// Root mean square of sum_i c_i n_i - sum_k w_k r_k [SS01 (10)], red, over the middle of grid().
+double plain_sum_error(const SurfelCloud& cloud, const Image& image) {
+  constexpr int kSide = 60;  // Points.
+  double sum = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const Vec2d p(0.25 + (x + 0.5) * 0.5 / kSide, 0.25 + (y + 0.5) * 0.5 / kSide);
+      double value = 0;
+      for (std::size_t k = 0; k < cloud.size(); ++k) {
+        const auto v = static_cast<double>(cloud.variance[k]);
+        const double d2 = (cloud.position[k].head<2>().cast<double>() - p).squaredNorm();
+        value += static_cast<double>(cloud.coefficient[k].x() * cloud.area[k]) *
+                 std::exp(-d2 / (2 * v)) / (2 * M_PI * v);
+      }
+      const double error = value - texture_under(image, p, 0, 1)[0];
+      sum += error * error;
+    }
+  }
+  return std::sqrt(sum) / kSide;
+}
+
+TEST(CoefficientFit, ConstantTexturesGiveConstantCoefficients) {
+  const Vec3f color(0.2F, 0.5F, 0.9F);
+  TextureSet textures;
+  textures.maps.push_back(TextureMap::constant(color));
+  for (const TextureFitOptions& options :
+       {gram_fit(GramRightSide::kNormalised), fit_of(TextureFitKind::kRender)}) {
+    for (const double kappa : {0.5, 0.8, 1.0}) {
+      SurfelCloud cloud = grid(24, kappa);
+      fit_texture(cloud, textures, options);
+      for (const Vec3f& w : cloud.coefficient) ASSERT_LT((w - color).norm(), 1e-5F) << kappa;
+    }
+  }
+}
+
+struct TexelDensity {
+  int texels;             ///< Along the plane of 30 x 30 surfels.
+  double reconstruction;  ///< Texels.
+};
+
+class PublishedGram : public testing::TestWithParam<TexelDensity> {};
+
+TEST_P(PublishedGram, IsEquation11WrittenOut) {
+  SurfelCloud cloud = grid(30, 0.7);
+  const Image image = noise_image(GetParam().texels, GetParam().texels, 5);
+  TextureSet textures = one_map(image);
+  TextureFitOptions options = fit_of(TextureFitKind::kGram);
+  options.tolerance = 1e-12;
+  options.reconstruction = GetParam().reconstruction;
+  const TextureFitReport report = fit_texture(cloud, textures, options);
+  ASSERT_TRUE(report.system);
+  EXPECT_EQ(report.system->lambda, 0);
+  const Eigen::MatrixXd w = solve_definite(
+      dense_gram(cloud), published_right_side(cloud, image, GetParam().reconstruction));
+  // Kernels end where exp(-10) of their volume is left.
+  EXPECT_LT(largest_difference(cloud, w), 1e-4 * w.cwiseAbs().maxCoeff());
+}
+
+INSTANTIATE_TEST_SUITE_P(TexelDensities, PublishedGram,
+                         testing::Values(TexelDensity{200, 1}, TexelDensity{64, 1},
+                                         TexelDensity{8, 1}, TexelDensity{30, 0.5},
+                                         TexelDensity{8, 0.25}));
+
+TEST(CoefficientFit, PublishedGramIsBestForThePlainSum) {
+  constexpr int kSide = 20;
+  const Image image = checkered(kSide, 2, 4);
+  TextureSet textures = one_map(image);
+  for (const double kappa : {0.5, 0.7, 0.85}) {
+    SurfelCloud cloud = grid(kSide, kappa);
+    fit_texture(cloud, textures, gram_fit(GramRightSide::kNormalised));
+    const double normalised = plain_sum_error(cloud, image);
+    fit_texture(cloud, textures, gram_fit(GramRightSide::kPublished));
+    const double published = plain_sum_error(cloud, image);
+    EXPECT_LT(published, (kappa < 0.6 ? 0.8 : 0.5) * normalised) << kappa;
+    const Eigen::MatrixXd w =
+        solve_definite(dense_gram(cloud), published_right_side(cloud, image, 1));
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      cloud.coefficient[k] = w.row(static_cast<Eigen::Index>(k)).transpose().cast<float>();
+    }
+    EXPECT_NEAR(published, plain_sum_error(cloud, image), 1e-3 * published) << kappa;
+  }
+}
+
+TEST(CoefficientFit, NormalisedGramIsTheDenseSolution) {
+  SurfelCloud cloud = grid(30, 0.7);
+  TextureSet textures = one_map(noise_image(64, 64, 5));
+  SurfelCloud ewa = cloud;
+  fit_texture(ewa, textures, {});
+  TextureFitOptions options = gram_fit(GramRightSide::kNormalised);
+  options.tolerance = 1e-12;
+  const TextureFitReport report = fit_texture(cloud, textures, options);
+  ASSERT_TRUE(report.system);
+  EXPECT_EQ(report.system->lambda, 0);
+
+  const Eigen::MatrixXd R = dense_gram(cloud);
+  Eigen::MatrixXd c(cloud.size(), 3);
+  for (Eigen::Index k = 0; k < R.rows(); ++k) {
+    c.row(k) =
+        R.row(k).sum() * ewa.coefficient[static_cast<std::size_t>(k)].cast<double>().transpose();
   }
   const Eigen::MatrixXd w = solve_definite(R, c);
-  const double largest = w.cwiseAbs().maxCoeff();
-  for (std::size_t i = 0; i < n; ++i) {
-    // Single precision of the colours that both start from, times the condition's root.
-    ASSERT_LT((cloud.coefficient[i].cast<double>().transpose() - w.row(i)).cwiseAbs().maxCoeff(),
-              1e-6 * largest);
-  }
+  // Single precision of the colours that both start from, times the condition's root.
+  EXPECT_LT(largest_difference(cloud, w), 1e-6 * w.cwiseAbs().maxCoeff());
   const Eigen::VectorXd spectrum = eigenvalues(R);
   const double condition = spectrum.maxCoeff() / spectrum.minCoeff();
   EXPECT_NEAR(report.system->condition() / condition, 1, 0.3);
+}
+
+TEST(CoefficientFit, ColorsHaveTheNormalisedRightSideOnly) {
+  SurfelCloud cloud = grid(12, 0.7);
+  for (const Vec2f& p : cloud.uv) cloud.color.push_back(Vec3f::Constant(p.x() < 0.5F ? 0 : 1));
+  SurfelCloud same = cloud;
+  fit_colors(cloud, fit_of(TextureFitKind::kGram));
+  fit_colors(same, gram_fit(GramRightSide::kNormalised));
+  EXPECT_EQ(largest_difference(cloud, same), 0);
+  EXPECT_THROW(fit_colors(cloud, gram_fit(GramRightSide::kPublished)), Error);
 }
 
 TEST(CoefficientFit, SolversAgree) {
@@ -360,6 +501,7 @@ TEST(CoefficientFit, UnusableOptionsAreNamed) {
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.lambda = 0; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.lambda = -1; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.cutoff = 0; }), 1U);
+  EXPECT_EQ(refused([](TextureFitOptions& o) { o.right_side = GramRightSide::kPublished; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.points = 0; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.bounds = {1, 0}; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) { o.robust_scale = 0; }), 1U);

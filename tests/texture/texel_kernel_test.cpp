@@ -142,5 +142,27 @@ TEST(TexelPosition, HasTheImagesBottomAtVZero) {
   EXPECT_EQ(texel_position({1, 1}, 30, 20), Vec2d(30, 0));
 }
 
+TEST(LatticeSum, IsTheSumOverTheTexels) {
+  for (const double sigma : {0.25, 0.4, 0.7, 1.0, 3.0}) {
+    for (const double aspect : {1.0, 5.0}) {
+      for (const Vec2d& center : {Vec2d(0.5, 0.5), Vec2d(-7.2, 1000.1), Vec2d(3, 4)}) {
+        const TexelKernel kernel = test::turned_kernel(center, sigma, aspect * sigma, 0.6);
+        const Mat2d conic = kernel.variance.inverse();
+        const int reach = static_cast<int>(std::ceil(9 * aspect * sigma));
+        double sum = 0;
+        for (int y = -reach; y <= reach; ++y) {
+          for (int x = -reach; x <= reach; ++x) {
+            const Vec2d d =
+                Vec2d(x + 0.5, y + 0.5) - (center.array() - center.array().floor()).matrix();
+            sum += std::exp(-d.dot(conic * d) / 2);
+          }
+        }
+        sum /= 2 * std::numbers::pi * std::sqrt(kernel.variance.determinant());
+        EXPECT_NEAR(lattice_sum(kernel), sum, 2e-8) << sigma << ' ' << aspect;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace surfel

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/scene/amplitude.h>
 #include <surfel/solve/ceres_solver.h>
@@ -25,6 +26,11 @@ namespace {
 constexpr double kMostCondition = 1e6;
 /// The condition decides on lambda alone, which does not need it closely.
 constexpr int kSpectrumSteps = 12;
+/// An automatic lambda grows by this factor until conjugate gradients converge,
+constexpr double kRaise = 4;
+/// and no further than this, where w_ewa weighs as much as a tenth of the equations.
+constexpr double kMostLambda = 0.1;
+constexpr std::size_t kIntegralGrain = 1 << 12;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
   Array<Channels> w(basis.size());
@@ -101,6 +107,79 @@ Array<double> scale_by_mean_diagonal(SymmetricMatrix& matrix) {
   for (double& value : matrix.value) value /= mean;
   return Array<double>(matrix.rows(), 1 / std::sqrt(mean));
 }
+
+/// R w = c in the coefficients x = S^-1 w: (S R S + lambda I) x = S c + lambda S^-1 w_ewa, with a
+/// diagonal of 1; bounded unknowns must all be scaled alike.
+class GramFit {
+ public:
+  /// \param gram  is scaled.
+  GramFit(GramSystem& gram, const TextureFitOptions& options)
+      : gram_(gram), options_(options), bounds_(options.bounds) {
+    if (bounds_ && gram.matrix.rows() > 0) {
+      scale_ = scale_by_mean_diagonal(gram.matrix);
+      bounds_ = {bounds_->lower / scale_.front(), bounds_->upper / scale_.front()};
+    } else {
+      scale_ = scale_to_unit_diagonal(gram.matrix);
+    }
+  }
+
+  /// \return a factor that serves whatever lambda is.
+  InverseFactor choose_lambda(SystemReport& report) {
+    // Lifted by about as much as lambda may come to, the matrix has a good factor.
+    set_lambda(options_.lambda.value_or(largest(row_sums(gram_.matrix)) / kMostCondition));
+    InverseFactor factor(gram_.matrix);
+    spectrum_ = estimate_spectrum(gram_.matrix, factor, kSpectrumSteps);
+    spectrum_.min -= lambda_;
+    spectrum_.max -= lambda_;
+    set_lambda(options_.lambda.value_or(
+        spectrum_.condition() <= kMostCondition
+            ? 0
+            : std::max(0.0, spectrum_.max / kMostCondition - spectrum_.min) + gram_.left_out));
+    note_lambda(report);
+    return factor;
+  }
+
+  /// \param weights  c_k / w_ewa. \param w  in: w_ewa; out: the solution.
+  void solve(const Array<double>& weights, const InverseFactor& factor, int channels,
+             Array<Channels>& w, SystemReport& report) {
+    const Array<Channels> w_ewa = std::exchange(w, {});
+    for (int iterations = 0;; iterations = report.iterations) {
+      Array<Channels> b(w_ewa.size());
+      w.resize(w_ewa.size());
+      for (std::size_t i = 0; i < w.size(); ++i) {
+        w[i] = w_ewa[i] / scale_[i];
+        b[i] = (scale_[i] * weights[i]) * w_ewa[i] + lambda_ * w[i];
+      }
+      surfel::solve({gram_.matrix, b, factor, bounds_, channels}, options_, stage(options_, 0.5, 1),
+                    w, report);
+      report.iterations += iterations;
+      if (report.converged || options_.lambda || lambda_ >= kMostLambda) break;
+      if (options_.solver != FitSolver::kConjugateGradients) break;
+      set_lambda(std::max(kRaise * lambda_, spectrum_.max / kMostCondition));
+      note_lambda(report);
+    }
+    for (std::size_t i = 0; i < w.size(); ++i) w[i] *= scale_[i];
+  }
+
+ private:
+  void set_lambda(double lambda) {
+    add_to_diagonal(gram_.matrix, (lambda - lambda_) / (1 + lambda_));  // The mean is 1 + lambda_.
+    lambda_ = lambda;
+  }
+
+  void note_lambda(SystemReport& report) const {
+    report.lambda = lambda_;
+    report.eigen_min = spectrum_.min + lambda_;
+    report.eigen_max = spectrum_.max + lambda_;
+  }
+
+  GramSystem& gram_;
+  const TextureFitOptions& options_;
+  std::optional<CoefficientBounds> bounds_;  ///< Of the scaled coefficients.
+  Array<double> scale_;                      ///< The diagonal of S.
+  double lambda_ = 0;
+  Spectrum spectrum_;  ///< Without lambda.
+};
 
 /// Takes out the points without colour.
 void leave_out_unknown(Quadrature& quadrature, Array<Channels>& color,
@@ -203,9 +282,23 @@ struct RenderFit {
 
 }  // namespace
 
+Array<double> texture_integrals(const SurfelCloud& cloud, const SurfelBasis& basis,
+                                const TextureSet& textures, const TextureFitOptions& options) {
+  Array<double> integrals(basis.size());
+  parallel_for(basis.size(), kIntegralGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t k = basis.surfel[i];
+      const TextureMap& map = textures.maps[textures.map_index(cloud, k)];
+      integrals[i] =
+          basis.function[i].area * lattice_sum(ewa_kernel(cloud, k, map, options).kernel);
+    }
+  });
+  return integrals;
+}
+
 // SS01 (11), R w = c, in the coefficients x = S^-1 w of kernels scaled to a unit diagonal.
-void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOptions& options,
-              TextureFitReport& report) {
+void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>& integrals,
+              const TextureFitOptions& options, TextureFitReport& report) {
   SystemReport& system = report.system.emplace();
   StageTimer timer(report.times);
   GramSystem gram = make_gram_system(basis);
@@ -213,49 +306,18 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const TextureFitOpti
   system.entries = gram.matrix.entries();
   system.min_reach = gram.min_reach;
   system.max_reach = gram.max_reach;
-  const Array<Channels> w_ewa = coefficients_of(cloud, basis, report.alpha);
-  const Array<double> sums = row_sums(gram.matrix);
-  // (S R S + lambda I) S^-1 w = S c + lambda S^-1 w_ewa, with a diagonal of 1; bounded unknowns
-  // must all be scaled alike.
-  std::optional<CoefficientBounds> bounds = options.bounds;
-  Array<double> scale;
-  if (bounds && basis.size() > 0) {
-    scale = scale_by_mean_diagonal(gram.matrix);
-    bounds = {bounds->lower / scale.front(), bounds->upper / scale.front()};
-  } else {
-    scale = scale_to_unit_diagonal(gram.matrix);
-  }
+  const Array<double> weights = integrals.empty() ? row_sums(gram.matrix) : integrals;
+  GramFit fit(gram, options);
   timer.end("assembly");
   tell(options, 0.3);
 
-  // Lifted by about as much as lambda may come to, the matrix has a good factor, which serves
-  // whatever lambda is.
-  const double lift = options.lambda.value_or(largest(row_sums(gram.matrix)) / kMostCondition);
-  add_to_diagonal(gram.matrix, lift);
-  const InverseFactor factor(gram.matrix);
-  Spectrum spectrum = estimate_spectrum(gram.matrix, factor, kSpectrumSteps);
-  spectrum.min -= lift;
-  spectrum.max -= lift;
-  system.lambda = options.lambda.value_or(
-      spectrum.condition() <= kMostCondition
-          ? 0
-          : std::max(0.0, spectrum.max / kMostCondition - spectrum.min) + gram.left_out);
-  add_to_diagonal(gram.matrix, (system.lambda - lift) / (1 + lift));  // The mean is 1 + lift.
-  system.eigen_min = spectrum.min + system.lambda;
-  system.eigen_max = spectrum.max + system.lambda;
+  const InverseFactor factor = fit.choose_lambda(system);
   timer.end("condition");
   tell(options, 0.5);
 
-  Array<Channels> x(basis.size());
-  Array<Channels> b(basis.size());
-  for (std::size_t i = 0; i < basis.size(); ++i) {
-    x[i] = w_ewa[i] / scale[i];
-    b[i] = (scale[i] * sums[i]) * w_ewa[i] + system.lambda * x[i];
-  }
-  solve({gram.matrix, b, factor, bounds, report.alpha ? 4 : 3}, options, stage(options, 0.5, 1), x,
-        system);
-  for (std::size_t i = 0; i < basis.size(); ++i) x[i] *= scale[i];
-  store(x, basis, report.alpha, cloud);
+  Array<Channels> w = coefficients_of(cloud, basis, report.alpha);
+  fit.solve(weights, factor, report.alpha ? 4 : 3, w, system);
+  store(w, basis, report.alpha, cloud);
   timer.end("solve");
 }
 

@@ -40,6 +40,11 @@ struct ChartTask {
   }
 };
 
+/// Variance of the reconstruction kernel alone.
+Mat2d reconstruction_variance(const TextureFitOptions& options) {
+  return options.reconstruction * options.reconstruction * Mat2d::Identity();
+}
+
 class EwaFit {
  public:
   EwaFit(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
@@ -79,30 +84,9 @@ class EwaFit {
 
   int max_level() const { return options_.exact ? 0 : GaussianPyramid::kMaxLevel; }
 
-  /// Variance of the reconstruction kernel alone.
-  Mat2d reconstruction() const {
-    return options_.reconstruction * options_.reconstruction * Mat2d::Identity();
-  }
+  Mat2d reconstruction() const { return reconstruction_variance(options_); }
 
-  struct Footprint {
-    TexelKernel kernel;
-    bool point = false;    ///< The surfel's own kernel is not usable.
-    bool widened = false;  ///< Its aspect was limited.
-  };
-
-  Footprint footprint(std::size_t k) const {
-    const TextureMap& map = map_of(k);
-    Footprint result;
-    result.kernel.center = map.texel(cloud_.uv[k]);
-    result.kernel.variance = reconstruction();
-    if (auto variance = texture_space_variance(cloud_, k, map.width(), map.height())) {
-      result.kernel.variance += *variance;
-      result.widened = limit_kernel(result.kernel.variance, options_.max_aspect);
-    } else {
-      result.point = true;
-    }
-    return result;
-  }
+  EwaKernel footprint(std::size_t k) const { return ewa_kernel(cloud_, k, map_of(k), options_); }
 
   /// The kernels of a surfel's points, which have one shape, and their centres.
   struct PointKernels {
@@ -164,7 +148,7 @@ class EwaFit {
           count(report_.without_uv);
           continue;
         }
-        const Footprint place = footprint(k);
+        const EwaKernel place = footprint(k);
         if (place.point) count(report_.without_kernel);
         if (place.widened) count(report_.widened);
         if (!options_.exact) level_[k] = level_for(place.kernel);
@@ -332,6 +316,20 @@ class EwaFit {
 };
 
 }  // namespace
+
+EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const TextureMap& map,
+                     const TextureFitOptions& options) {
+  EwaKernel result;
+  result.kernel.center = map.texel(cloud.uv[surfel]);
+  result.kernel.variance = reconstruction_variance(options);
+  if (auto variance = texture_space_variance(cloud, surfel, map.width(), map.height())) {
+    result.kernel.variance += *variance;
+    result.widened = limit_kernel(result.kernel.variance, options.max_aspect);
+  } else {
+    result.point = true;
+  }
+  return result;
+}
 
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
              TextureFitReport& report, PointColors* points) {

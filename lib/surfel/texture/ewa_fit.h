@@ -15,6 +15,17 @@ struct PointColors {
   Array<std::uint8_t> known{};  ///< Out: 0 where the point lies off its surfel's chart.
 };
 
+/// The kernel that a surfel averages its texture with.
+struct EwaKernel {
+  TexelKernel kernel;
+  bool point = false;    ///< The surfel's own kernel is not usable.
+  bool widened = false;  ///< Its aspect was limited.
+};
+
+/// G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image; the surfel's uv are finite.
+EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const TextureMap& map,
+                     const TextureFitOptions& options);
+
 /// View-independent EWA [SS01 section 5]: w_k = sum_i c_i g_i / sum_i g_i over the texels i, with
 /// g = G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image, n being the reconstruction
 /// kernel's standard deviation. These coefficients solve SS01 (11) where the basis is taken as

@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <surfel/texture/texel_kernel.h>
 
@@ -105,6 +106,25 @@ bool limit_kernel(Mat2d& variance, double max_aspect) {
   const Mat2d projector = (axes.major * Mat2d::Identity() - variance) / (axes.major - axes.minor);
   variance += (least - axes.minor) * projector;
   return true;
+}
+
+// sum_i G_M(s - s_i) = sum_m exp(-2 pi^2 m^T M m) cos(2 pi m^T s), texels s_i at integers.
+double lattice_sum(const TexelKernel& kernel) {
+  constexpr double kMostExponent = 20;  // exp(-20) = 2e-9.
+  constexpr double kTwoPi2 = 2 * std::numbers::pi * std::numbers::pi;
+  const double minor = principal_variances(kernel.variance).minor;
+  const int reach = static_cast<int>(std::sqrt(kMostExponent / (kTwoPi2 * minor)));
+  // Where texels have their centres.
+  const Vec2d s = kernel.center - Vec2d(0.5, 0.5);
+  double sum = 0;
+  for (int y = -reach; y <= reach; ++y) {
+    for (int x = -reach; x <= reach; ++x) {
+      const Vec2d m(x, y);
+      sum += std::exp(-kTwoPi2 * m.dot(kernel.variance * m)) *
+             std::cos(2 * std::numbers::pi * m.dot(s));
+    }
+  }
+  return sum;
 }
 
 }  // namespace surfel

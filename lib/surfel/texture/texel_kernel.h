@@ -58,4 +58,10 @@ inline constexpr double kMaxAspect = 128;
 /// \return whether the kernel was widened.
 SURFEL_API bool limit_kernel(Mat2d& variance, double max_aspect);
 
+/// Sum over the texels of an unbounded image of the kernel, whose integral is 1, by Poisson's
+/// summation formula, to 1e-8. It is 1 where both standard deviations are at least a texel; a
+/// narrower kernel gains on a texel's centre and loses between texels.
+/// \param kernel  both standard deviations at least 0.25 texels (time grows with 1 / variance).
+SURFEL_API double lattice_sum(const TexelKernel& kernel);
+
 }  // namespace surfel

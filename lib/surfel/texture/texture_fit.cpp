@@ -95,6 +95,8 @@ std::vector<std::string> TextureFitOptions::problems() const {
                "0 to 1e6");
   check_rule(found, kind != TextureFitKind::kRender || lambda != 0.0,
              "`lambda` is 0; the render fit needs more, as points may not reach every surfel");
+  check_rule(found, !right_side || kind == TextureFitKind::kGram,
+             "`right_side` has no effect without the gram fit; leave it out");
   check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "0.1 to 16");
   check_option(found, !points || (*points >= 1 && *points <= 256), "points", points.value_or(0),
                "1 to 256");
@@ -135,7 +137,11 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
     if (options.kind == TextureFitKind::kGram) {
       leave_out_without_uv(cloud, basis);
       fit_ewa(cloud, textures, options, report);
-      fit_gram(cloud, basis, options, report);
+      const bool published =
+          options.right_side.value_or(GramRightSide::kPublished) == GramRightSide::kPublished;
+      fit_gram(cloud, basis,
+               published ? texture_integrals(cloud, basis, textures, options) : Array<double>(),
+               options, report);
     } else {
       StageTimer timer(report.times);
       const int points = options.points.value_or(options.refine_variance ? 12 : 6);
@@ -161,6 +167,11 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
     throw_usage(
         "`refine_variance` needs a texture: one colour a surfel does not tell its variance");
   }
+  if (options.right_side == GramRightSide::kPublished) {
+    throw_usage(
+        "the `right_side` published is an integral over a texture, and the surfels' colours are "
+        "none; choose normalised");
+  }
   check_kernels_present(cloud, name);
   if (!cloud.empty() && cloud.color.empty()) {
     throw_input(name, "the surfels have no colours (red, green, blue) to fit");
@@ -176,7 +187,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
   if (options.kind != TextureFitKind::kEwa) {
     const SurfelBasis basis = make_basis(cloud);
     if (options.kind == TextureFitKind::kGram) {
-      fit_gram(cloud, basis, options, report);
+      fit_gram(cloud, basis, {}, options, report);
     } else {
       PointColors colors{.basis = basis, .quadrature = at_functions(basis)};
       for (const std::uint32_t k : basis.surfel) {

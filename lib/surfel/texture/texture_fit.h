@@ -24,6 +24,19 @@ enum class TextureFitKind {
   kRender,  ///< Least squares for the picture that the renderer makes of the w_k (render_system.h).
 };
 
+/// Right sides c of R w = c.
+enum class GramRightSide {
+  /// c_k = sum_i c_i <r_k, n_i o t^-1> [SS01 (11)], n the reconstruction kernel and t the map from
+  /// the texture to the surface: the w_k minimise SS01 (10), the error of sum_k w_k r_k itself.
+  /// That
+  /// sum is the surface's colour only where amplitudes are areas; without the column `area`,
+  /// coefficients take up the factor.
+  kPublished,
+  /// c_k = <r_k, sum_j r_j> w_ewa: the sum of all functions in place of 1, by which the renderer
+  /// divides. A constant texture has constant coefficients, whatever the amplitudes and lambda.
+  kNormalised,
+};
+
 enum class FitSolver {
   kConjugateGradients,  ///< conjugate_gradients.h: fast, in parallel, to the tolerance.
   kLdlt,                ///< direct_solve.h: exact, for small systems.
@@ -46,10 +59,15 @@ struct SURFEL_API TextureFitOptions {
   /// coefficients in the last step. 1e-14 to 0.1.
   double tolerance = 1e-5;
   /// Weight of |w - w_ewa|^2 by the mean of the system's diagonal, 0 (kGram only) to 1e6. Unset:
-  /// render 0.03; gram as much as brings the condition down to 1e6, 0 if it is less.
+  /// render 0.03; gram as much as brings the condition down to 1e6, 0 if it is less, and with
+  /// kConjugateGradients as much more as makes them converge: where surfels of a bent surface or a
+  /// thin sheet do not couple, R may be indefinite.
   std::optional<double> lambda{};
   /// Coefficients stay within; kConjugateGradients only.
   std::optional<CoefficientBounds> bounds{};
+  /// kGram: unset: kPublished of a texture; kNormalised of colours, which are no function on the
+  /// surface that could be integrated.
+  std::optional<GramRightSide> right_side{};
   double cutoff = 1;  ///< kRender: c of the renderer that the fit is for, 0.1 to 16.
   /// kRender: quadrature points a surfel, 1 to 256. Unset: 6; 12 with refine_variance, which has a
   /// size to find for every surfel as well and gains 0.3 to 0.5 dB by them.
@@ -142,7 +160,7 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 /// would hold its own coefficient. With kRender, lambda is 0.5
 /// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
 /// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
-/// does not tell its variance.
+/// does not tell its variance; and for the right side kPublished, which needs a texture.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
 
