@@ -171,8 +171,9 @@ make_ss01_6() {
     The optimised coefficients are much sharper." \
     "Columns: optimised sampling (<code>gram</code>), view-independent EWA (<code>ewa</code>), our least squares in the basis that the
     renderer evaluates (<code>render</code>), the texture itself, the points. $(of 160000) points on a jittered grid, squares of five
-    spacings, kernels of 0.7 spacings up to c = 4. Numbers are the PSNR against the texture. <code>gram</code> is optimal for kernels without
-    end that are not divided by their sum; the arcs that it shows near by are where the renderer ends them."
+    spacings, kernels of 0.7 spacings up to c = 4. Numbers are the PSNR against the texture. <code>gram</code> minimises
+    (10), the error of kernels without end that are not divided by their sum; the arcs that it shows near by are where the renderer ends
+    and divides them."
   run "surfel-generate plane --count $(of 160000) --variance-scale 0.7 --mesh plane.obj --resolution 4 -o plane.ply"
   run "surfel-generate checker --frequency 80 --size 2560x2560 -o black.png"
   run "oiiotool black.png --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o checker.png"
