@@ -26,10 +26,17 @@ namespace {
 constexpr double kMostCondition = 1e6;
 /// The condition decides on lambda alone, which does not need it closely.
 constexpr int kSpectrumSteps = 12;
-/// An automatic lambda grows by this factor until conjugate gradients converge. On textured meshes
-/// of 5,000 to 100,000 surfels, 0.2 to 0.8 are needed; an attempt below that ends after 0 to 3
-/// iterations.
-constexpr double kRaise = 3;
+/// Of an indefinite R, whose least eigenvalue is commonly -0.2 to -1 on textured meshes: a shift
+/// that makes about definite what an InverseFactor is made of, entries of a row that are enough for
+/// one, as the condition is below 100, and steps that come within a few percent of the eigenvalue.
+constexpr double kShift = 1;
+constexpr std::size_t kShiftedEntries = 16;
+constexpr int kShiftedSteps = 30;
+/// Lambda by the least eigenvalue of an indefinite R: the nearer to 1, the less the solution is
+/// pulled to w_ewa, and the more the direction of that eigenvalue is enlarged.
+constexpr double kIndefiniteLambda = 1.5;
+/// An automatic lambda grows by this factor where conjugate gradients do not converge.
+constexpr double kRaise = 2;
 constexpr std::size_t kIntegralGrain = 1 << 12;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
@@ -123,26 +130,29 @@ class GramFit {
     }
   }
 
-  /// \return a factor that serves whatever lambda is.
-  InverseFactor choose_lambda(SystemReport& report) {
-    // Lifted by about as much as lambda may come to, the matrix has a good factor.
+  /// Chooses lambda, where the options leave it open, and makes the preconditioner.
+  void choose_lambda(SystemReport& report) {
+    // Lifted by about as much as lambda may come to, the matrix has a good factor, which serves
+    // whatever lambda is.
     most_lambda_ = largest(row_sums(gram_.matrix));
     set_lambda(options_.lambda.value_or(most_lambda_ / kMostCondition));
-    InverseFactor factor(gram_.matrix);
-    spectrum_ = estimate_spectrum(gram_.matrix, factor, kSpectrumSteps);
-    spectrum_.min -= lambda_;
-    spectrum_.max -= lambda_;
-    set_lambda(options_.lambda.value_or(
-        spectrum_.condition() <= kMostCondition
-            ? 0
-            : std::max(0.0, spectrum_.max / kMostCondition - spectrum_.min) + gram_.left_out));
+    factor_.emplace(gram_.matrix);
+    spectrum_ = estimate(kSpectrumSteps);
+    if (options_.lambda) {
+      set_lambda(*options_.lambda);
+    } else if (spectrum_.min < -spectrum_.max / kMostCondition) {
+      make_definite();
+    } else {
+      set_lambda(spectrum_.condition() <= kMostCondition
+                     ? 0
+                     : std::max(0.0, spectrum_.max / kMostCondition - spectrum_.min) +
+                           gram_.left_out);
+    }
     note_lambda(report);
-    return factor;
   }
 
   /// \param weights  c_k / w_ewa. \param w  in: w_ewa; out: the solution.
-  void solve(const Array<double>& weights, const InverseFactor& factor, int channels,
-             Array<Channels>& w, SystemReport& report) {
+  void solve(const Array<double>& weights, int channels, Array<Channels>& w, SystemReport& report) {
     const Array<Channels> w_ewa = std::exchange(w, {});
     for (int iterations = 0;; iterations = report.iterations) {
       Array<Channels> b(w_ewa.size());
@@ -151,12 +161,12 @@ class GramFit {
         w[i] = w_ewa[i] / scale_[i];
         b[i] = (scale_[i] * weights[i]) * w_ewa[i] + lambda_ * w[i];
       }
-      surfel::solve({gram_.matrix, b, factor, bounds_, channels}, options_, stage(options_, 0.5, 1),
-                    w, report);
+      surfel::solve({gram_.matrix, b, *factor_, bounds_, channels}, options_,
+                    stage(options_, 0.5, 1), w, report);
       report.iterations += iterations;
       if (report.converged || options_.lambda || lambda_ > most_lambda_) break;
       if (options_.solver != FitSolver::kConjugateGradients) break;
-      set_lambda(std::max(kRaise * lambda_, spectrum_.max / kMostCondition));
+      raise_lambda();
       note_lambda(report);
     }
     for (std::size_t i = 0; i < w.size(); ++i) w[i] *= scale_[i];
@@ -166,6 +176,35 @@ class GramFit {
   void set_lambda(double lambda) {
     add_to_diagonal(gram_.matrix, (lambda - lambda_) / (1 + lambda_));  // The mean is 1 + lambda_.
     lambda_ = lambda;
+  }
+
+  /// Without lambda.
+  Spectrum estimate(int steps) const {
+    Spectrum spectrum = estimate_spectrum(gram_.matrix, *factor_, steps);
+    spectrum.min -= lambda_;
+    spectrum.max -= lambda_;
+    return spectrum;
+  }
+
+  /// Of an indefinite matrix there is no good factor, and without one no good estimate of the least
+  /// eigenvalue: both are made of a shifted matrix.
+  void make_definite() {
+    is_shifted_ = true;
+    set_lambda(kShift);
+    factor_.emplace(gram_.matrix, kShiftedEntries);
+    const Spectrum shifted = estimate(kShiftedSteps);
+    spectrum_ = {std::min(spectrum_.min, shifted.min), std::max(spectrum_.max, shifted.max)};
+    set_lambda(spectrum_.max / kMostCondition - kIndefiniteLambda * spectrum_.min + gram_.left_out);
+    // A lambda far below the shift needs its own factor.
+    if (lambda_ < kShift / 4) factor_.emplace(gram_.matrix);
+  }
+
+  void raise_lambda() {
+    const double before = lambda_;
+    if (!is_shifted_) make_definite();
+    if (lambda_ > before) return;
+    set_lambda(std::max(kRaise * before, spectrum_.max / kMostCondition));
+    factor_.emplace(gram_.matrix, lambda_ < kShift / 4 ? 0 : kShiftedEntries);
   }
 
   void note_lambda(SystemReport& report) const {
@@ -179,8 +218,10 @@ class GramFit {
   std::optional<CoefficientBounds> bounds_;  ///< Of the scaled coefficients.
   Array<double> scale_;                      ///< The diagonal of S.
   double lambda_ = 0;
+  bool is_shifted_ = false;  ///< make_definite() has been called.
+  std::optional<InverseFactor> factor_;
   double most_lambda_ = 0;  ///< The largest row sum: beyond it the matrix is definite.
-  Spectrum spectrum_;  ///< Without lambda.
+  Spectrum spectrum_;       ///< Without lambda.
 };
 
 /// Takes out the points without colour.
@@ -313,12 +354,12 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>&
   timer.end("assembly");
   tell(options, 0.3);
 
-  const InverseFactor factor = fit.choose_lambda(system);
+  fit.choose_lambda(system);
   timer.end("condition");
   tell(options, 0.5);
 
   Array<Channels> w = coefficients_of(cloud, basis, report.alpha);
-  fit.solve(weights, factor, report.alpha ? 4 : 3, w, system);
+  fit.solve(weights, report.alpha ? 4 : 3, w, system);
   store(w, basis, report.alpha, cloud);
   timer.end("solve");
 }
