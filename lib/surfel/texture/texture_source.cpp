@@ -1,11 +1,10 @@
 #include <algorithm>
-#include <charconv>
 #include <map>
 
-#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
 #include <surfel/sample/procedural_image.h>
+#include <surfel/texture/named_frequency.h>
 #include <surfel/texture/texture_source.h>
 
 namespace surfel {
@@ -15,21 +14,6 @@ constexpr int kProceduralSize = 2048;      ///< Texels a side.
 constexpr int kProceduralSamples = 2;      ///< Per texel and axis.
 constexpr double kLeastFrequency = 0.01;   ///< The image shows a hundredth of a period.
 constexpr double kLargestFrequency = 512;  ///< Leaves four texels a period.
-
-Image procedural_image(const std::string& name, const std::string& frequency) {
-  ProceduralTextureOptions options;
-  if (!frequency.empty()) {
-    const char* end = frequency.data() + frequency.size();
-    const auto [stop, error] = std::from_chars(frequency.data(), end, options.frequency);
-    if (error != std::errc{} || stop != end || !(options.frequency >= kLeastFrequency) ||
-        !(options.frequency <= kLargestFrequency)) {
-      throw_usage(fmt::format("`image` is {}:{}; the frequency must be a number from {} to {}",
-                              name, frequency, kLeastFrequency, kLargestFrequency));
-    }
-  }
-  return rasterize(procedural_texture(name, options), kProceduralSize, kProceduralSize,
-                   kProceduralSamples);
-}
 
 bool is_procedural(const std::string& name) {
   const std::vector<std::string>& known = procedural_texture_names();
@@ -61,13 +45,12 @@ void add_material_maps(TextureSet& textures, const TriangleMesh& mesh,
 
 Image load_texture_image(const std::string& name) {
   if (!is_procedural(name)) return read_image(name);
-  const std::size_t colon = name.find(':');
-  const std::string stem = name.substr(0, colon);
-  if (colon == std::string::npos) return procedural_image(stem, "");
-  if (colon + 1 == name.size()) {
-    throw_usage(fmt::format("`image` is {}; a frequency must follow the colon", name));
-  }
-  return procedural_image(stem, name.substr(colon + 1));
+  const NamedFrequency named =
+      parse_named_frequency("image", name, kLeastFrequency, kLargestFrequency);
+  ProceduralTextureOptions options;
+  options.frequency = named.frequency.value_or(options.frequency);
+  return rasterize(procedural_texture(named.name, options), kProceduralSize, kProceduralSize,
+                   kProceduralSamples);
 }
 
 TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh* mesh,
