@@ -27,6 +27,8 @@ struct Settings {
   std::string output;
   std::string mesh;
   surfel::TextureSourceOptions source;
+  std::string solid_name;
+  surfel::SolidTextureOptions solid;  ///< But for pattern and frequency, which the name has.
   surfel::TextureFitOptions fit;
   bool no_charts = false;
   From from = From::kTexture;
@@ -92,9 +94,33 @@ void declare_systems(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Options");
 }
 
+/// Options of solid textures.
+void declare_solid(CLI::App& app, Settings& s) {
+  using namespace surfel;
+  app.option_defaults()->group("Solid textures (--solid)");
+  app.add_option(
+      "--solid", s.solid_name,
+      "Texture that fills space and needs no uv: checker, noise, marble, wood, each also "
+      "as NAME:FREQUENCY, features (cubes, blots, veins, rings) along the diagonal of "
+      "the surfels' bounds; default: checker 16, noise 12, marble 6, wood 32");
+  app.add_option("--feature-size", s.solid.feature_size,
+                 "Size of a feature in scene units, instead of a frequency, > 0");
+  tool::add_vector(app, "--center", s.solid.center,
+                   "Where the centre of the pattern's block lies, world coordinates; default: "
+                   "centre of the surfels' bounds");
+  app.add_option("--octaves", s.solid.octaves,
+                 "Of noise, marble and wood: octaves of the noise, 1..16");
+  app.add_option("--seed", s.solid.seed, "Of noise, marble and wood: chooses the noise");
+  tool::add_vector(app, "--dark", s.solid.dark,
+                   "Dark colour, linear R,G,B; default: the pattern's own");
+  tool::add_vector(app, "--light", s.solid.light,
+                   "Light colour, linear R,G,B; default: the pattern's own");
+  app.option_defaults()->group("Options");
+}
+
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
-  app.add_option("surfels", s.input, "Surfels with uv (PLY, PCD; - = standard input)")->required();
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD; - = standard input)")->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
   app.add_option("--image", s.source.image,
                  "Image file, or checker, siemens, noise, each also as NAME:FREQUENCY; default: "
@@ -124,11 +150,40 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_flag("--exact", s.fit.exact,
                "Sum over the image's own texels whatever it takes, instead of a pyramid's");
 
+  declare_solid(app, s);
   declare_systems(app, s);
 }
 
-void check(const CLI::App& app, const Settings& s) {
+/// Completes the options of the solid texture, if there is one, and adds what is wrong with them.
+void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& problems) {
+  using surfel::tool::append;
+  using surfel::tool::without_effect;
+  if (s.solid_name.empty()) {
+    append(problems,
+           without_effect(
+               app, {"--feature-size", "--center", "--octaves", "--seed", "--dark", "--light"},
+               "without --solid"));
+    return;
+  }
+  const surfel::SolidTextureOptions named = surfel::solid_texture_options(s.solid_name);
+  s.solid.pattern = named.pattern;
+  s.solid.frequency = named.frequency;
+  append(problems, s.solid.problems());
+  append(problems, without_effect(app,
+                                  {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
+                                   "--max-aspect", "--exact"},
+                                  "with --solid"));
+  if (named.pattern == surfel::SolidPattern::kChecker) {
+    append(problems, without_effect(app, {"--octaves", "--seed"}, "with --solid checker"));
+  }
+  if (s.from == From::kColors) {
+    problems.emplace_back("--solid and --from colors do not go together; leave one out");
+  }
+}
+
+void check(const CLI::App& app, Settings& s) {
   std::vector<std::string> problems = s.fit.problems();
+  check_solid(app, s, problems);
   const auto refuse = [&](const std::vector<std::string>& options, const std::string& where) {
     surfel::tool::append(problems, surfel::tool::without_effect(app, options, where));
   };
@@ -146,8 +201,8 @@ void check(const CLI::App& app, const Settings& s) {
       problems.emplace_back(
           "--from colors is for --fit gram and render: ewa leaves them as they are");
     }
-  } else if (s.source.image.empty() && s.mesh.empty()) {
-    problems.emplace_back("there is neither --image nor --mesh; give one");
+  } else if (s.source.image.empty() && s.mesh.empty() && s.solid_name.empty()) {
+    problems.emplace_back("there is neither --image nor --mesh nor --solid; give one");
   }
   surfel::tool::require_valid(problems);
 }
@@ -253,9 +308,14 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
 }
 
 surfel::TextureFitReport make_fit(surfel::SurfelCloud& cloud, const surfel::TriangleMesh* mesh,
-                                  Settings& s, const surfel::tool::Tool& tool) {
+                                  Settings& s, surfel::tool::Tool& tool) {
   s.fit.progress = [&tool](double share) { tool.progress("fitting", share); };
   if (s.from == From::kColors) return surfel::fit_colors(cloud, s.fit, s.input);
+  if (!s.solid_name.empty()) {
+    const surfel::SolidTexture texture(s.solid, cloud.bounds());
+    tool.report()["feature_size"] = texture.feature_size();
+    return surfel::fit_solid(cloud, texture, s.fit, s.input);
+  }
   s.source.charts = !s.no_charts;
   s.source.whole = false;
   surfel::TextureSet textures = surfel::load_textures(s.source, mesh, s.mesh);

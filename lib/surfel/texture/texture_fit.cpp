@@ -8,6 +8,7 @@
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
 #include <surfel/texture/robust_fit.h>
+#include <surfel/texture/solid_fit.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {
@@ -81,6 +82,21 @@ void leave_out_without_uv(const SurfelCloud& cloud, SurfelBasis& basis) {
   basis.surfel.resize(kept);
 }
 
+/// Points a surfel of the render fit of a texture.
+int points(const TextureFitOptions& options) {
+  return options.points.value_or(options.refine_variance ? 12 : 6);
+}
+
+/// Options of the render fit of a texture.
+RenderSystemOptions render_options(const TextureFitOptions& options) {
+  RenderSystemOptions render;
+  render.cutoff = options.cutoff;
+  render.regularization = options.lambda.value_or(render.regularization);
+  // w_0 carries the outliers; refine_variance() says why it has no such term.
+  if (options.robust || options.refine_variance) render.minified = 0;
+  return render;
+}
+
 }  // namespace
 
 std::vector<std::string> TextureFitOptions::problems() const {
@@ -144,16 +160,10 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                options, report);
     } else {
       StageTimer timer(report.times);
-      const int points = options.points.value_or(options.refine_variance ? 12 : 6);
-      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points)};
+      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points(options))};
       timer.end("points");
       fit_ewa(cloud, textures, options, report, &colors);
-      RenderSystemOptions render;
-      render.cutoff = options.cutoff;
-      render.regularization = options.lambda.value_or(render.regularization);
-      // w_0 carries the outliers; refine_variance() says why it has no such term.
-      if (options.robust || options.refine_variance) render.minified = 0;
-      fit_render(cloud, std::move(colors), render, options, report);
+      fit_render(cloud, std::move(colors), render_options(options), options, report);
     }
   }
   measure(cloud, report);
@@ -209,6 +219,27 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
           .regularization = options.lambda.value_or(kColorRegularization)};
       fit_render(cloud, std::move(colors), render, options, report);
     }
+  }
+  measure(cloud, report);
+  return report;
+}
+
+TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
+                           const TextureFitOptions& options, const std::string& name) {
+  require_usable(options);
+  check_kernels_present(cloud, name);
+  TextureFitReport report;
+  report.surfels = cloud.size();
+  const SurfelBasis basis = make_basis(cloud);
+  if (options.kind == TextureFitKind::kRender) {
+    StageTimer timer(report.times);
+    PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points(options))};
+    timer.end("points");
+    fit_solid_ewa(cloud, texture, basis, report, &colors);
+    fit_render(cloud, std::move(colors), render_options(options), options, report);
+  } else {
+    fit_solid_ewa(cloud, texture, basis, report);
+    if (options.kind == TextureFitKind::kGram) fit_gram(cloud, basis, options, report);
   }
   measure(cloud, report);
   return report;

@@ -12,6 +12,7 @@
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/solve/solve_report.h>
 #include <surfel/texture/fit_report.h>
+#include <surfel/texture/solid_texture.h>
 #include <surfel/texture/texture_map.h>
 #include <surfel/texture/uv_charts.h>
 
@@ -163,5 +164,14 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 /// does not tell its variance; and for the right side kPublished, which needs a texture.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
+
+/// Fits the coefficients to a solid texture, which needs no uv: of the columns, position, normal
+/// and variance are used. kEwa is the texture's mean over each surfel's Gaussian (solid_texture.h);
+/// of the options, reconstruction, max_aspect and exact have no meaning here. Surfels without a
+/// normal or of unusable variance get the colour at their place, or the texture's mean where they
+/// have none; they are counted as without_kernel. Throws as fit_texture().
+SURFEL_API TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
+                                      const TextureFitOptions& options,
+                                      const std::string& name = "surfels");
 
 }  // namespace surfel
