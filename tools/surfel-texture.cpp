@@ -295,7 +295,8 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
     }
   };
   count(fit.without_uv, "have no finite u, v: given the image's mean colour");
-  count(fit.without_kernel, "have no usable derivatives or variance: given the colour at a point");
+  count(fit.without_kernel,
+        "have no usable derivatives, normal or variance: given the colour at a point");
   count(fit.outside_charts, "lie on no chart of the mesh: filtered without one");
   if (!fit.system) return;
   count(fit.surfels - fit.system->functions, "are unusable: they keep the coefficients of ewa");

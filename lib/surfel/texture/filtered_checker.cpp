@@ -15,7 +15,7 @@ using std::numbers::pi;
 constexpr double kLargestCube = 0x1p52;   ///< Doubles beyond have no fractions left.
 constexpr double kSeriesDeviation = 0.4;  ///< Narrowest kernel, in cubes, of the Fourier series.
 constexpr double kLongestDeviation = 8;   ///< Of kernels that are cut into lines, in cubes.
-constexpr double kReach = 4;              ///< Standard deviations; 6e-5 lies beyond.
+constexpr double kLineReach = 4;          ///< Standard deviations; 6e-5 lies beyond.
 constexpr int kLargestHarmonic = 63;      ///< Terms fall with the product of three harmonics.
 constexpr double kLeastDamping = 12;      ///< exp(-12) = 6e-6.
 
@@ -33,7 +33,7 @@ KernelAxes principal_axes(const KernelAxes& axes) {
   return turned;
 }
 
-double series(const Vec3d& point, const KernelAxes& axes) {
+double checker_series(const Vec3d& point, const KernelAxes& axes) {
   // The axis along which the kernel's plane is steepest goes last: few of its harmonics survive.
   int last = 0;
   axes.rowwise().squaredNorm().maxCoeff(&last);
@@ -86,13 +86,13 @@ Vec2d crossing_direction(const KernelAxes& axes) {
 }
 
 /// Average along t of the checker at start + t step under the standard normal distribution.
-double along_line(const Vec3d& start, const Vec3d& step, std::vector<double>& borders) {
+double checker_along_line(const Vec3d& start, const Vec3d& step, std::vector<double>& borders) {
   borders.clear();
   double cubes = 0;
   for (int k = 0; k < 3; ++k) {
-    const double from = start[k] - kReach * step[k];
+    const double from = start[k] - kLineReach * step[k];
     cubes += std::floor(from);
-    const double to = start[k] + kReach * step[k];
+    const double to = start[k] + kLineReach * step[k];
     if (step[k] == 0) continue;
     const double low = std::min(from, to);
     const double high = std::max(from, to);
@@ -124,22 +124,22 @@ int families_met(const Vec3d& point, const Vec3d& reach, int& last) {
   return met;
 }
 
-double by_lines(const Vec3d& point, const KernelAxes& axes) {
+double checker_by_lines(const Vec3d& point, const KernelAxes& axes) {
   const Vec2d along = crossing_direction(axes);
   const Vec2d across(-along.y(), along.x());
   const Vec3d step = axes * along;
   const Vec3d next = axes * across;
   // A sixth of a standard deviation, and a quarter of a cube.
   const int half =
-      std::max(24, static_cast<int>(std::ceil(4 * kReach * next.cwiseAbs().maxCoeff())));
-  const double spacing = kReach / half;
+      std::max(24, static_cast<int>(std::ceil(4 * kLineReach * next.cwiseAbs().maxCoeff())));
+  const double spacing = kLineReach / half;
   std::vector<double> borders;
   double sum = 0;
   double weights = 0;
   for (int j = -half; j < half; ++j) {
     const double x = (j + 0.5) * spacing;
     const double weight = std::exp(-0.5 * x * x);
-    sum += weight * along_line(point + x * next, step, borders);
+    sum += weight * checker_along_line(point + x * next, step, borders);
     weights += weight;
   }
   return sum / weights;
@@ -150,16 +150,16 @@ double by_lines(const Vec3d& point, const KernelAxes& axes) {
 double filtered_checker(const Vec3d& point, const KernelAxes& axes) {
   if (!(point.cwiseAbs().maxCoeff() < kLargestCube) || !axes.allFinite()) return 0;
   KernelAxes principal = principal_axes(axes);
-  if (principal.col(1).norm() >= kSeriesDeviation) return series(point, principal);
+  if (principal.col(1).norm() >= kSeriesDeviation) return checker_series(point, principal);
   const double longest = principal.col(0).norm();
   if (longest > kLongestDeviation) principal.col(0) *= kLongestDeviation / longest;
   const Vec3d deviation = principal.rowwise().norm();
   int family = 0;
-  const int met = families_met(point, kReach * deviation, family);
-  if (met > 1) return by_lines(point, principal);
+  const int met = families_met(point, kLineReach * deviation, family);
+  if (met > 1) return checker_by_lines(point, principal);
   // One family of parallel borders, or none: what lies along them does not matter.
   std::vector<double> borders;
-  return along_line(point, met * deviation[family] * Vec3d::Unit(family), borders);
+  return checker_along_line(point, met * deviation[family] * Vec3d::Unit(family), borders);
 }
 
 }  // namespace surfel

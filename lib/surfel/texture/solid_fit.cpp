@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t kSolidGrain = 1 << 8;
 
-KernelAxes axes_of(const SurfelBasis::Function& f, double variance_u, double variance_v) {
+KernelAxes kernel_axes(const SurfelBasis::Function& f, double variance_u, double variance_v) {
   KernelAxes axes;
   axes << std::sqrt(variance_u) * f.tangent, std::sqrt(variance_v) * f.bitangent;
   return axes;
@@ -23,7 +23,7 @@ void color_points(const Vec3d& origin, const SolidTexture& texture, PointColors&
   parallel_each(points.basis.size(), kSolidGrain, [&](std::size_t i) {
     const SurfelBasis::Function& f = points.basis.function[i];
     const auto variance = static_cast<double>(quadrature.variance[i]);
-    const KernelAxes axes = axes_of(f, variance, variance);
+    const KernelAxes axes = kernel_axes(f, variance, variance);
     for (std::size_t q = quadrature.begin[i]; q < quadrature.begin[i + 1]; ++q) {
       const Vec2d offset = quadrature.offset[q].cast<double>();
       const Vec3d place = origin + f.position + offset.x() * f.tangent + offset.y() * f.bitangent;
@@ -46,7 +46,7 @@ void fit_solid_ewa(SurfelCloud& cloud, const SolidTexture& texture, const Surfel
   parallel_each(basis.size(), kSolidGrain, [&](std::size_t i) {
     const SurfelBasis::Function& f = basis.function[i];
     cloud.coefficient[basis.surfel[i]] =
-        texture.filtered(cloud.origin + f.position, axes_of(f, f.variance_u, f.variance_v));
+        texture.filtered(cloud.origin + f.position, kernel_axes(f, f.variance_u, f.variance_v));
   });
   if (points) color_points(cloud.origin, texture, *points);
   cloud.basis_cutoff.reset();

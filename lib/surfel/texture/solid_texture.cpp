@@ -44,11 +44,11 @@ const PatternDefaults& defaults_of(SolidPattern pattern) {
   return pattern_defaults()[static_cast<std::size_t>(pattern)];
 }
 
-constexpr double kLeastFrequency = 0.01;
-constexpr double kLargestFrequency = 1e6;
+constexpr double kLeastSolidFrequency = 0.01;
+constexpr double kLargestSolidFrequency = 1e6;
 
 /// A function of position with a normal distribution over a Gaussian.
-struct Phase {
+struct SolidPhase {
   double mean = 0;
   Vec3d gradient{0, 0, 0};
   double variance = 0;  ///< Beside the variance that the gradient explains.
@@ -107,8 +107,8 @@ double filtered_rings(double mean, double variance) {
 
 /// Points and weights of the Gauss-Hermite rule of three points for the standard normal
 /// distribution.
-constexpr std::array<double, 3> kNode{-std::numbers::sqrt3, 0, std::numbers::sqrt3};
-constexpr std::array<double, 3> kWeight{1.0 / 6, 2.0 / 3, 1.0 / 6};
+constexpr std::array<double, 3> kPartNode{-std::numbers::sqrt3, 0, std::numbers::sqrt3};
+constexpr std::array<double, 3> kPartWeight{1.0 / 6, 2.0 / 3, 1.0 / 6};
 
 /// Variance of a part by the variance of the whole Gaussian along each axis.
 constexpr double kPartVariance = 0.4;
@@ -150,10 +150,10 @@ class NoisyPattern : public SolidTexture::Pattern {
     const KernelAxes step = std::sqrt(1 - kPartVariance) * axes;
     const Noises noises = filter(small);
     double sum = 0;
-    for (std::size_t i = 0; i < kNode.size(); ++i) {
-      for (std::size_t j = 0; j < kNode.size(); ++j) {
-        const Vec3d at = point + kNode[i] * step.col(0) + kNode[j] * step.col(1);
-        sum += kWeight[i] * kWeight[j] * part(noises, small, at);
+    for (std::size_t i = 0; i < kPartNode.size(); ++i) {
+      for (std::size_t j = 0; j < kPartNode.size(); ++j) {
+        const Vec3d at = point + kPartNode[i] * step.col(0) + kPartNode[j] * step.col(1);
+        sum += kPartWeight[i] * kPartWeight[j] * part(noises, small, at);
       }
     }
     return sum;
@@ -185,7 +185,7 @@ class NoisePattern : public NoisyPattern {
 
  private:
   double part(const Noises& noises, const KernelAxes& axes, const Vec3d& point) const override {
-    Phase phase;
+    SolidPhase phase;
     phase.add(1, noises[0].at(point));
     return soft_step(phase.mean, phase.total_variance(axes));
   }
@@ -211,9 +211,9 @@ class MarblePattern : public NoisyPattern {
 
   double part(const Noises& noises, const KernelAxes& axes, const Vec3d& point) const override {
     const NoiseMoments bend = noises[0].at(point);
-    const Phase vein = lines({0.80, 0.52, 0.30}, 0.45, bend, point);
-    const Phase thread = lines({-0.62, 1.05, 0.88}, 0.5, noises[1].at(point), point);
-    Phase strength;
+    const SolidPhase vein = lines({0.80, 0.52, 0.30}, 0.45, bend, point);
+    const SolidPhase thread = lines({-0.62, 1.05, 0.88}, 0.5, noises[1].at(point), point);
+    SolidPhase strength;
     strength.add(1, noises[2].at(point));
     const double dark = soft_step(strength.mean, strength.total_variance(axes));
     const double variance = vein.total_variance(axes);
@@ -223,9 +223,9 @@ class MarblePattern : public NoisyPattern {
                filtered_lines(thread.mean, thread.total_variance(axes), kThreadWidth);
   }
   /// Planes, `normal` to the feature, that noise bends by so many features.
-  static Phase lines(const Vec3d& normal, double bend, const NoiseMoments& noise,
-                     const Vec3d& point) {
-    Phase phase{normal.dot(point), normal, 0};
+  static SolidPhase lines(const Vec3d& normal, double bend, const NoiseMoments& noise,
+                          const Vec3d& point) {
+    SolidPhase phase{normal.dot(point), normal, 0};
     phase.add(bend, noise);
     return phase;
   }
@@ -247,9 +247,9 @@ class WoodPattern : public NoisyPattern {
     const Vec2d across(point.x() - 0.15 * point.y() + 4.3, point.z() + 0.1 * point.y() + 2.7);
     const double radius = across.norm();
     const Vec2d outward = radius > 0 ? Vec2d(across / radius) : Vec2d(0, 0);
-    Phase ring{radius, {outward.x(), -0.15 * outward.x() + 0.1 * outward.y(), outward.y()}, 0};
+    SolidPhase ring{radius, {outward.x(), -0.15 * outward.x() + 0.1 * outward.y(), outward.y()}, 0};
     ring.add(0.8, noises[0].at(point));
-    Phase fiber;
+    SolidPhase fiber;
     fiber.add(1, noises[1].at(point));
     return 1 - kRing * filtered_rings(ring.mean, ring.total_variance(axes)) -
            kFiber * soft_step(fiber.mean, fiber.total_variance(axes));
@@ -270,7 +270,7 @@ std::unique_ptr<const SolidTexture::Pattern> make_pattern(const SolidTextureOpti
   return std::make_unique<WoodPattern>(options);
 }
 
-bool usable_color(const std::optional<Vec3f>& color) {
+bool usable_solid_color(const std::optional<Vec3f>& color) {
   return !color || (color->allFinite() && color->minCoeff() >= 0);
 }
 
@@ -278,18 +278,19 @@ bool usable_color(const std::optional<Vec3f>& color) {
 
 std::vector<std::string> SolidTextureOptions::problems() const {
   std::vector<std::string> found;
-  check_option(found,
-               !frequency || (*frequency >= kLeastFrequency && *frequency <= kLargestFrequency),
-               "frequency", frequency.value_or(0),
-               fmt::format("{} to {}", kLeastFrequency, kLargestFrequency));
+  check_option(
+      found,
+      !frequency || (*frequency >= kLeastSolidFrequency && *frequency <= kLargestSolidFrequency),
+      "frequency", frequency.value_or(0),
+      fmt::format("{} to {}", kLeastSolidFrequency, kLargestSolidFrequency));
   if (feature_size) check_positive(found, "feature_size", *feature_size);
   check_rule(found, !frequency || !feature_size,
              "`frequency` and `feature_size` both say how large a feature is; give one");
   check_rule(found, !center || center->allFinite(), "`center` must be three finite numbers");
   check_option(found, octaves >= 1 && octaves <= kMostOctaves, "octaves", octaves,
                fmt::format("1 to {}", kMostOctaves));
-  check_rule(found, usable_color(dark), "`dark` must be three numbers >= 0");
-  check_rule(found, usable_color(light), "`light` must be three numbers >= 0");
+  check_rule(found, usable_solid_color(dark), "`dark` must be three numbers >= 0");
+  check_rule(found, usable_solid_color(light), "`light` must be three numbers >= 0");
   return found;
 }
 
@@ -304,7 +305,7 @@ const std::vector<std::string>& solid_texture_names() {
 
 SolidTextureOptions solid_texture_options(const std::string& name) {
   const NamedFrequency named =
-      parse_named_frequency("solid", name, kLeastFrequency, kLargestFrequency);
+      parse_named_frequency("solid", name, kLeastSolidFrequency, kLargestSolidFrequency);
   for (const PatternDefaults& defaults : pattern_defaults()) {
     if (named.name != defaults.name) continue;
     SolidTextureOptions options;

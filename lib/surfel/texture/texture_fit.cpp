@@ -83,7 +83,7 @@ void leave_out_without_uv(const SurfelCloud& cloud, SurfelBasis& basis) {
 }
 
 /// Points a surfel of the render fit of a texture.
-int points(const TextureFitOptions& options) {
+int fit_points(const TextureFitOptions& options) {
   return options.points.value_or(options.refine_variance ? 12 : 6);
 }
 
@@ -160,7 +160,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                options, report);
     } else {
       StageTimer timer(report.times);
-      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points(options))};
+      PointColors colors{.basis = basis, .quadrature = cover_surface(basis, fit_points(options))};
       timer.end("points");
       fit_ewa(cloud, textures, options, report, &colors);
       fit_render(cloud, std::move(colors), render_options(options), options, report);
@@ -233,7 +233,7 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
   const SurfelBasis basis = make_basis(cloud);
   if (options.kind == TextureFitKind::kRender) {
     StageTimer timer(report.times);
-    PointColors colors{.basis = basis, .quadrature = cover_surface(basis, points(options))};
+    PointColors colors{.basis = basis, .quadrature = cover_surface(basis, fit_points(options))};
     timer.end("points");
     fit_solid_ewa(cloud, texture, basis, report, &colors);
     fit_render(cloud, std::move(colors), render_options(options), options, report);
