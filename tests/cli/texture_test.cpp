@@ -1,5 +1,7 @@
 // surfel-texture as a user runs it.
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
@@ -211,6 +213,67 @@ TEST_F(SurfelTexture, SaysThatThePublishedRightSideNeedsAreas) {
   cloud.area.assign(2, 1e-4F);
   write_cloud(cloud, surfels_);
   EXPECT_FALSE(told({"--fit", "gram"}));
+}
+
+TEST_F(SurfelTexture, TakesSolidTexturesWithoutUv) {
+  SurfelCloud bare;
+  bare.position = {Vec3f(0, 0, 0), Vec3f(0.9F, 0, 0), Vec3f(2, 2, 2)};
+  bare.normal.assign(3, Vec3f(0, 0, 1));
+  bare.variance.assign(3, 1e-4F);
+  write_cloud(bare, surfels_);
+  const std::string stats = folder_ / "stats.json";
+  const auto colors = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{surfels_, "-o", output_, "--stats", stats};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_cloud(output_).coefficient;
+  };
+  const Array<Vec3f> checker = colors({"--solid", "checker", "--feature-size", "1", "--center",
+                                       "0,0,0", "--dark", "0.5,0,0", "--light", "0,1,0"});
+  ASSERT_EQ(checker.size(), 3U);
+  EXPECT_TRUE(checker[0].isApprox(Vec3f(0, 1, 0), 1e-5F)) << checker[0];
+  EXPECT_TRUE(checker[1].isApprox(Vec3f(0.5F, 0, 0), 1e-5F)) << checker[1];
+  EXPECT_EQ(nlohmann::json::parse(read_text(stats))["feature_size"], 1);
+  for (const std::string name : {"noise", "marble", "wood"}) {
+    const Array<Vec3f> some = colors({"--solid", name + ":5", "--seed", "3", "--octaves", "4"});
+    EXPECT_EQ(some,
+              colors({"--solid", name + ":5", "--seed", "3", "--octaves", "4", "--threads", "3"}));
+    EXPECT_NE(some, colors({"--solid", name + ":5", "--seed", "4", "--octaves", "4"}));
+    EXPECT_NEAR(nlohmann::json::parse(read_text(stats))["feature_size"], std::sqrt(12.0) / 5, 1e-6);
+  }
+  colors({"--solid", "wood", "--fit", "render", "--cutoff", "2"});
+  EXPECT_EQ(read_cloud(output_).basis_cutoff, 2);
+}
+
+TEST_F(SurfelTexture, RefusesWrongUsageOfSolidTextures) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
+      {{"--solid", "oak"}, "checker, noise, marble, wood"},
+      {{"--solid", "wood:"}, "--solid"},
+      {{"--solid", "wood:x"}, "--solid"},
+      {{"--solid", "wood:3", "--feature-size", "1"}, "--feature-size"},
+      {{"--solid", "wood", "--feature-size", "0"}, "--feature-size"},
+      {{"--solid", "wood", "--octaves", "17"}, "--octaves"},
+      {{"--solid", "wood", "--dark", "0,-1,0"}, "--dark"},
+      {{"--solid", "wood", "--dark", "0,1"}, "--dark"},
+      {{"--solid", "wood", "--center", "0,nan,0"}, "--center"},
+      {{"--solid", "checker", "--octaves", "3"}, "--octaves"},
+      {{"--solid", "checker", "--seed", "3"}, "--seed"},
+      {{"--solid", "wood", "--image", image_}, "--image"},
+      {{"--solid", "wood", "--mesh", mesh_}, "--mesh"},
+      {{"--solid", "wood", "--wrap", "clamp"}, "--wrap"},
+      {{"--solid", "wood", "--exact"}, "--exact"},
+      {{"--solid", "wood", "--from", "colors", "--fit", "gram"}, "--from"},
+      {{"--solid", "wood", "--cutoff", "2"}, "--cutoff"},
+      {{"--image", image_, "--feature-size", "1"}, "--feature-size"},
+      {{"--image", image_, "--seed", "1"}, "--seed"}};
+  for (auto [arguments, named] : cases) {
+    arguments.insert(arguments.end(), {surfels_, "-o", output_});
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 2) << named;
+    EXPECT_TRUE(contains(result.errors, named)) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
 }
 
 TEST_F(SurfelTexture, FailsWithoutATraceWhereInputIsMissingOrDamaged) {

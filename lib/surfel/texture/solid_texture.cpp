@@ -194,8 +194,8 @@ class NoisePattern : public NoisyPattern {
 class MarblePattern : public NoisyPattern {
  public:
   explicit MarblePattern(const SolidTextureOptions& options)
-      : NoisyPattern({make_noise(options, 0, 0.5, Vec3d::Constant(0.6)),
-                      make_noise(options, 1, 0.5, Vec3d::Constant(1.1)),
+      : NoisyPattern({make_noise(options, 0, 0.42, Vec3d::Constant(0.6)),
+                      make_noise(options, 1, 0.42, Vec3d::Constant(1.1)),
                       make_noise(options, 2, 0.5, Vec3d::Constant(0.5))}) {}
   double mean() const override {
     const double line = std::sqrt(2 * pi);
@@ -206,8 +206,8 @@ class MarblePattern : public NoisyPattern {
   // Heights of dark lines, whose sum is below 1, and their standard deviations, in features: clouds
   // about the veins, the veins, and threads in another direction. How dark veins and threads are
   // goes from 0 to 1 along them.
-  static constexpr double kCloud = 0.3, kVein = 0.45, kThread = 0.25;
-  static constexpr double kCloudWidth = 0.16, kVeinWidth = 0.03, kThreadWidth = 0.022;
+  static constexpr double kCloud = 0.25, kVein = 0.6, kThread = 0.15;
+  static constexpr double kCloudWidth = 0.16, kVeinWidth = 0.055, kThreadWidth = 0.035;
 
   double part(const Noises& noises, const KernelAxes& axes, const Vec3d& point) const override {
     const NoiseMoments bend = noises[0].at(point);
@@ -234,8 +234,8 @@ class MarblePattern : public NoisyPattern {
 class WoodPattern : public NoisyPattern {
  public:
   explicit WoodPattern(const SolidTextureOptions& options)
-      : NoisyPattern({make_noise(options, 0, 0.4, Vec3d(0.1, 0.03, 0.1)),
-                      make_noise(options, 1, 0.7, Vec3d(3, 0.12, 3))}) {}
+      : NoisyPattern({make_noise(options, 0, 0.3, Vec3d(0.1, 0.03, 0.1)),
+                      make_noise(options, 1, 0.7, Vec3d(4, 0.12, 4))}) {}
   double mean() const override { return 1 - kRing / 3 - kFiber / 2; }
 
  private:
