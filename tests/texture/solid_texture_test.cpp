@@ -7,7 +7,6 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/sample/noise.h>
 #include <surfel/texture/filtered_checker.h>
 #include <surfel/texture/filtered_noise.h>
 #include <surfel/texture/solid_texture.h>
@@ -125,7 +124,7 @@ TEST(FilteredNoise, ConstantsAreTheNoises) {
   constexpr int kPlaces = 200000;
   for (int k = 0; k < kPlaces; ++k) {
     const NoiseValue<3> noise =
-        gradient_noise<3>(random.place(1000), static_cast<std::uint64_t>(k % 7));
+        independent_noise(random.place(1000), static_cast<std::uint64_t>(k % 7));
     square += noise.value * noise.value / kPlaces;
     slope += noise.gradient.squaredNorm() / 3 / kPlaces;
   }
@@ -145,8 +144,8 @@ TEST(FilteredNoise, ResponseIsTheRegressionOfTheAverageOnTheNoise) {
       const double radius = std::sqrt(-2 * std::log(1 - random.uniform()));
       const double angle = 6.283185307179586 * random.uniform();
       const Vec3d beside = place + radius * (axes * Vec2d(std::cos(angle), std::sin(angle)));
-      const double noise = gradient_noise<3>(place, 1).value;
-      products += noise * gradient_noise<3>(beside, 1).value;
+      const double noise = independent_noise(place, 1).value;
+      products += noise * independent_noise(beside, 1).value;
       squares += noise * noise;
     }
     KernelAxes axes;

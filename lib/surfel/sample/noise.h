@@ -31,9 +31,12 @@ Eigen::Matrix<double, D, 1> lattice_gradient(const Eigen::Matrix<std::int64_t, D
 }
 
 /// Gradient noise with the quintic fade, twice continuously differentiable, with its analytic
-/// derivative (Perlin 2002, "Improving noise"). Zero at lattice points, about +-0.6 at most.
-template <int D>
-NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t seed) {
+/// derivative (Perlin 2002, "Improving noise"), of the gradients that `gradient_at`(cell) gives to
+/// lattice points. Zero at lattice points; about +-0.6 at most where components of gradients are
+/// within +-1.
+template <int D, class GradientAt>
+NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p,
+                                const GradientAt& gradient_at) {
   Eigen::Matrix<std::int64_t, D, 1> cell;
   double fade[D], fade_slope[D], offset[D];
   for (int k = 0; k < D; ++k) {
@@ -53,7 +56,7 @@ NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t
       lattice[k] += far;
       weight *= far ? fade[k] : 1 - fade[k];
     }
-    const Eigen::Matrix<double, D, 1> gradient = lattice_gradient<D>(lattice, seed);
+    const Eigen::Matrix<double, D, 1> gradient = gradient_at(lattice);
     double ramp = 0;
     for (int k = 0; k < D; ++k) ramp += gradient[k] * (offset[k] - (corner >> k & 1));
     noise.value += weight * ramp;
@@ -67,6 +70,14 @@ NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t
     }
   }
   return noise;
+}
+
+/// Gradient noise of lattice_gradient().
+template <int D>
+NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t seed) {
+  return gradient_noise_of<D>(p, [seed](const Eigen::Matrix<std::int64_t, D, 1>& cell) {
+    return lattice_gradient<D>(cell, seed);
+  });
 }
 
 /// Spectrum of fractal noise.

@@ -15,9 +15,10 @@ namespace surfel {
 /// Smaller kernels: exact along lines, which cut the kernel in a direction that is at least 30
 /// degrees from all borders, by the normal distribution at the borders; the midpoint rule across.
 /// The error is below 0.004 in both cases.
-/// \param point, axes  in cubes. Kernels narrower than 0.4 and longer than 8 cubes are shortened
-/// to
-///        8 cubes. Points beyond 2^52, where a double has no fractions, get 0.
+/// Kernels narrower than 0.4 and longer than 8 cubes are shortened to 8 cubes. Points beyond 2^52,
+/// where a double has no fractions, get 0.
+///
+/// \param point, axes  in cubes.
 double filtered_checker(const Vec3d& point, const KernelAxes& axes);
 
 }  // namespace surfel

@@ -4,7 +4,6 @@
 #include <numbers>
 
 #include <surfel/base/random.h>
-#include <surfel/sample/noise.h>
 #include <surfel/texture/filtered_noise.h>
 
 namespace surfel {
@@ -17,6 +16,18 @@ constexpr double kLeastResponse = 0.05;
 constexpr double kLargestCell = 0x1p52;
 
 }  // namespace
+
+NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed) {
+  return gradient_noise_of<3>(place, [seed](const Eigen::Matrix<std::int64_t, 3, 1>& cell) {
+    const auto of = [&](int k) { return static_cast<std::uint64_t>(cell[k]); };
+    const std::uint64_t bits = random_bits(random_bits(seed, of(0), of(1)), of(2));
+    Vec3d gradient;
+    for (int k = 0; k < 3; ++k) {
+      gradient[k] = static_cast<double>(bits >> (21 * k) & 0x1fffff) * 0x1p-20 - 1;
+    }
+    return gradient;
+  });
+}
 
 double noise_response(const KernelAxes& axes) {
   const Eigen::Matrix2d gram = axes.transpose() * axes;
@@ -64,7 +75,7 @@ NoiseMoments FilteredNoise::at(const Vec3d& point) const {
     const Octave& octave = octave_[k];
     const Vec3d cell = octave.frequency.cwiseProduct(point) + octave.shift;
     if (!(cell.cwiseAbs().maxCoeff() < kLargestCell)) continue;
-    const NoiseValue<3> noise = gradient_noise<3>(cell, octave.seed);
+    const NoiseValue<3> noise = independent_noise(cell, octave.seed);
     moments.mean += octave.amplitude * noise.value;
     moments.gradient += octave.amplitude * octave.frequency.cwiseProduct(noise.gradient);
   }

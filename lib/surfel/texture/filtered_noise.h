@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include <surfel/base/types.h>
+#include <surfel/sample/noise.h>
 #include <surfel/texture/kernel_axes.h>
 
 namespace surfel {
@@ -11,7 +12,14 @@ namespace surfel {
 /// The most octaves that SolidNoise has.
 inline constexpr int kMostOctaves = 16;
 
-/// Mean square of gradient_noise<3>() over all places and seeds: the integral of the squared
+/// Gradient noise whose lattice points have independent gradients, of components uniform in
+/// [-1, 1). The gradients of lattice_gradient(), which cost less, depend on their neighbours': the
+/// mean square of gradient_noise() is a tenth higher.
+///
+/// \param place  in lattice cells, each coordinate below 2^52.
+NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed);
+
+/// Mean square of independent_noise() over all places and seeds: the integral of the squared
 /// influence of a lattice point, (1/3) of 3 B A^2 with A and B the integrals over [-1, 1] of the
 /// squares of q(t) and t q(t), q = 1 - fade(|t|).
 inline constexpr double kNoiseVariance = 0.036459;
@@ -19,16 +27,18 @@ inline constexpr double kNoiseVariance = 0.036459;
 /// Mean square of a component of its gradient, divided by kNoiseVariance.
 inline constexpr double kNoiseBandwidth = 6.8048;
 
-/// Share of gradient noise that is left where a Gaussian averages it: the slope of the regression
-/// of the averaged noise on the noise, det(I + c / m D D^T)^(-m / 2) with c = kNoiseBandwidth, m
-/// = 1.5. Exact to second order in D. Against the expectation of the noise's autocorrelation under
-/// the Gaussian, within 0.012 where both axes are equal and within 0.06 where one is zero, whatever
-/// the plane. The average's mean square is the noise's times noise_response(sqrt(2) D). \param axes
-/// in lattice cells.
+/// Share of independent_noise() that is left where a Gaussian averages it: the slope of the
+/// regression of the averaged noise on the noise, det(I + c / m D D^T)^(-m / 2) with
+/// c = kNoiseBandwidth and m = 1.5. Exact to second order in D. Against the expectation of the
+/// noise's autocorrelation under the Gaussian, within 0.012 where both axes are equal and within
+/// 0.06 where one is zero, whatever the plane. The mean square of the averaged noise is the noise's
+/// times noise_response(sqrt(2) D).
+///
+/// \param axes  D, in lattice cells.
 double noise_response(const KernelAxes& axes);
 
-/// Octaves of gradient noise (sample/noise.h), each on a lattice moved by a shift of its own, with
-/// a mean square of 1 in all.
+/// Octaves of independent_noise(), each on a lattice moved by a shift of its own, with a mean
+/// square of 1 in all.
 struct SolidNoise {
   int octaves = 8;           ///< 1..kMostOctaves.
   double gain = 0.5;         ///< Amplitude of an octave by the amplitude of the octave before, > 0.

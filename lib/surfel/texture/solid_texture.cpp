@@ -47,6 +47,9 @@ const PatternDefaults& defaults_of(SolidPattern pattern) {
 constexpr double kLeastSolidFrequency = 0.01;
 constexpr double kLargestSolidFrequency = 1e6;
 
+constexpr double kFurthest = 0x1p52;    ///< Features; doubles beyond have no fractions left.
+constexpr double kLargestKernel = 1e9;  ///< Features; what is larger has the mean of all space.
+
 /// A function of position with a normal distribution over a Gaussian.
 struct SolidPhase {
   double mean = 0;
@@ -340,8 +343,10 @@ Vec3f SolidTexture::evaluate(const Vec3d& point) const {
 Vec3f SolidTexture::filtered(const Vec3d& point, const KernelAxes& axes) const {
   const Vec3d place = (point - center_) / feature_size_;
   const KernelAxes kernel = axes / feature_size_;
-  const bool finite = place.allFinite() && kernel.allFinite();
-  return color(finite ? pattern_->filtered(place, kernel) : pattern_->mean());
+  const bool usable = place.cwiseAbs().maxCoeff() < kFurthest &&
+                      kernel.cwiseAbs().maxCoeff() < kLargestKernel && place.allFinite() &&
+                      kernel.allFinite();
+  return color(usable ? pattern_->filtered(place, kernel) : pattern_->mean());
 }
 
 Vec3f SolidTexture::mean() const { return color(pattern_->mean()); }
