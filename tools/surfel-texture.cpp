@@ -102,7 +102,7 @@ void declare_solid(CLI::App& app, Settings& s) {
       "--solid", s.solid_name,
       "Texture that fills space and needs no uv: checker, noise, marble, wood, each also "
       "as NAME:FREQUENCY, features (cubes, blots, veins, rings) along the diagonal of "
-      "the surfels' bounds; default: checker 16, noise 12, marble 6, wood 32");
+      "the surfels' bounds; default: checker 16, noise 12, marble 9, wood 32");
   app.add_option("--feature-size", s.solid.feature_size,
                  "Size of a feature in scene units, instead of a frequency, > 0");
   tool::add_vector(app, "--center", s.solid.center,

@@ -34,7 +34,7 @@ const std::array<PatternDefaults, 4>& pattern_defaults() {
   static const std::array<PatternDefaults, 4> defaults{{
       {"checker", SolidPattern::kChecker, 16, {0, 0, 0}, {1, 1, 1}},
       {"noise", SolidPattern::kNoise, 12, {0, 0, 0}, {1, 1, 1}},
-      {"marble", SolidPattern::kMarble, 6, {0.06F, 0.07F, 0.09F}, {0.82F, 0.80F, 0.76F}},
+      {"marble", SolidPattern::kMarble, 9, {0.06F, 0.07F, 0.09F}, {0.82F, 0.80F, 0.76F}},
       {"wood", SolidPattern::kWood, 32, {0.13F, 0.045F, 0.015F}, {0.55F, 0.30F, 0.125F}},
   }};
   return defaults;
@@ -197,8 +197,8 @@ class NoisePattern : public NoisyPattern {
 class MarblePattern : public NoisyPattern {
  public:
   explicit MarblePattern(const SolidTextureOptions& options)
-      : NoisyPattern({make_noise(options, 0, 0.42, Vec3d::Constant(0.6)),
-                      make_noise(options, 1, 0.42, Vec3d::Constant(1.1)),
+      : NoisyPattern({make_noise(options, 0, 0.5, Vec3d::Constant(0.6)),
+                      make_noise(options, 1, 0.5, Vec3d::Constant(1.1)),
                       make_noise(options, 2, 0.5, Vec3d::Constant(0.5))}) {}
   double mean() const override {
     const double line = std::sqrt(2 * pi);
@@ -209,7 +209,7 @@ class MarblePattern : public NoisyPattern {
   // Heights of dark lines, whose sum is below 1, and their standard deviations, in features: clouds
   // about the veins, the veins, and threads in another direction. How dark veins and threads are
   // goes from 0 to 1 along them.
-  static constexpr double kCloud = 0.25, kVein = 0.6, kThread = 0.15;
+  static constexpr double kCloud = 0.2, kVein = 0.6, kThread = 0.2;
   static constexpr double kCloudWidth = 0.16, kVeinWidth = 0.055, kThreadWidth = 0.035;
 
   double part(const Noises& noises, const KernelAxes& axes, const Vec3d& point) const override {

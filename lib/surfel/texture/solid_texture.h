@@ -25,7 +25,7 @@ struct SURFEL_API SolidTextureOptions {
   SolidPattern pattern = SolidPattern::kMarble;
   /// Features along the diagonal of the bounds, 0.01 to 1e6: a feature is a cube of the checker, a
   /// cell of the noise's first octave, a vein of the marble, a ring of the wood. Unset: checker 16,
-  /// noise 12, marble 6, wood 32.
+  /// noise 12, marble 9, wood 32.
   std::optional<double> frequency{};
   std::optional<double> feature_size{};  ///< Of a feature, scene units, > 0; instead of frequency.
   std::optional<Vec3d> center{};  ///< World; where the pattern's block has its centre. Unset: the
