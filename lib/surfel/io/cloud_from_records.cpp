@@ -79,6 +79,7 @@ void Reader::add_vector(SurfelAttribute attribute, Array<Eigen::Matrix<float, kS
 void Reader::add_columns() {
   add_vector<3>(kPosition, cloud_.position);
   add_vector<3>(kNormal, cloud_.normal);
+  add_vector<3>(kShadingNormal, cloud_.shading_normal);
   add_vector<3>(kTangent, cloud_.tangent);
   add_scalar(kVarianceU, cloud_.variance_u);
   add_scalar(kVarianceV, cloud_.variance_v);

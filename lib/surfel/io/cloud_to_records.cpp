@@ -160,6 +160,7 @@ CloudRecords::CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& o
   } else {
     add_vector<3>({"nx", "ny", "nz"}, cloud.normal);
   }
+  add_vector<3>({"shading_nx", "shading_ny", "shading_nz"}, cloud.shading_normal);
   add_variances();
   add_scalar("area", cloud.area);
   add_color(options.pcl_names);

@@ -124,7 +124,7 @@ Image decoded_image(const T* pixels, const StoredPixels& stored,
                     const std::vector<std::string>& names, ImageForm form) {
   const auto width = static_cast<int>(stored.size.width);
   const auto height = static_cast<int>(stored.size.height);
-  if (form != ImageForm::kRaw) {
+  if (form == ImageForm::kStraight || form == ImageForm::kPremultiplied) {
     Image image = rgba_image(width, height);
     convert_to_rgba(pixels, stored, form == ImageForm::kPremultiplied, image.data.data());
     return image;
@@ -134,7 +134,7 @@ Image decoded_image(const T* pixels, const StoredPixels& stored,
   const int alpha = stored.channel.alpha;
   const auto decode = [&](const T* in, float* out) {
     for (int k = 0; k < static_cast<int>(stored.stride); ++k) {
-      out[k] = k == alpha ? fraction(in[k]) : linear(in[k]);
+      out[k] = form == ImageForm::kData || k == alpha ? fraction(in[k]) : linear(in[k]);
     }
   };
   for_each_pixel(stored.size, pixels, stored.stride, image.data.data(), stored.stride, decode);

@@ -29,6 +29,8 @@ Image read_image(const std::string& path, bool raw) {
   return read_image(path, raw ? ImageForm::kRaw : ImageForm::kStraight);
 }
 
+Image read_data_image(const std::string& path) { return read_image(path, ImageForm::kData); }
+
 Image read_premultiplied_image(const std::string& path) {
   return read_image(path, ImageForm::kPremultiplied);
 }

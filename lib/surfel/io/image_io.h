@@ -20,6 +20,11 @@ namespace surfel {
 /// Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
 
+/// Reads an image whose values are no colours, such as a normal map: channels come as stored,
+/// integers as fractions of full scale and not decoded, under the names that read_image() gives
+/// them with `raw`; grey is one channel. Throws as read_image() does.
+SURFEL_API Image read_data_image(const std::string& path);
+
 /// Reads an image as linear R G B A with premultiplied alpha, as write_image() takes it. The values
 /// of a premultiplied float file (EXR) are not changed, even light where alpha is 0.
 SURFEL_API Image read_premultiplied_image(const std::string& path);

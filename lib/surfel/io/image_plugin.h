@@ -12,7 +12,7 @@ namespace surfel {
 
 /// Form of the pixels that are read: R G B A with straight or with premultiplied alpha, or the
 /// channels that the file stores.
-enum class ImageForm { kStraight, kPremultiplied, kRaw };
+enum class ImageForm { kStraight, kPremultiplied, kRaw, kData };
 
 /// How two pictures differ in some of their channels, as OpenImageIO's compare() measures it.
 struct ChannelDifference {

@@ -8,9 +8,20 @@
 namespace surfel {
 namespace {
 
-/// The file's name without the options in front of it ("-s 1 1 1 -clamp on wood 1.png"). -o, -s and
-/// -t take up to three numbers, -mm two values, the others one.
-std::string_view without_options(std::string_view text) {
+float finite_or_one(const std::optional<double>& value) {
+  return value && std::isfinite(static_cast<float>(*value)) ? static_cast<float>(*value) : 1.0F;
+}
+
+/// An image that a material names.
+struct NamedImage {
+  std::string_view name;  ///< Without the options in front of it.
+  float multiplier = 1;   ///< Value of the option -bm.
+};
+
+/// Takes the name of a file from "-s 1 1 1 -clamp on wood 1.png". The options -o, -s and -t take up
+/// to three numbers, -mm two values, the others one.
+NamedImage named_image(std::string_view text) {
+  NamedImage image;
   TextScanner words({}, text);
   std::size_t name = 0;
   while (words.peek() == '-') {
@@ -18,7 +29,9 @@ std::string_view without_options(std::string_view text) {
     if (option == "-o" || option == "-s" || option == "-t") {
       for (int i = 0; i < 3 && parse_number(words.peek_word()); ++i) words.word();
     } else {
-      for (int i = 0; i < (option == "-mm" ? 2 : 1); ++i) words.word();
+      const std::string_view value = words.word();
+      if (option == "-bm") image.multiplier = finite_or_one(parse_number(value));
+      if (option == "-mm") words.word();
     }
     if (words.at_line_end()) break;  // A name that starts with a dash.
     name = words.position();
@@ -27,7 +40,13 @@ std::string_view without_options(std::string_view text) {
   if (text.size() > 1 && text.front() == '"' && text.back() == '"') {
     text = text.substr(1, text.size() - 2);
   }
-  return text;
+  image.name = text;
+  return image;
+}
+
+/// Is the statement "bump"? Programs also write it like the names of maps, with either letter.
+bool names_bump(std::string_view keyword) {
+  return keyword == "bump" || keyword == "map_bump" || keyword == "map_Bump";
 }
 
 /// Three numbers, or one for all; colours given as spectra or CIE XYZ are left out.
@@ -82,9 +101,15 @@ std::vector<MeshMaterial> read_mtl(const InputFile& file) {
       continue;
     } else if (keyword == "Kd") {
       read_diffuse(in, materials.back().diffuse);
-    } else if (keyword == "map_Kd") {
-      const std::string_view name = without_options(in.rest_of_line());
-      if (!name.empty()) materials.back().texture = resolve_texture(folder, name);
+    } else if (keyword == "map_Kd" || keyword == "norm" || names_bump(keyword)) {
+      const NamedImage image = named_image(in.rest_of_line());
+      if (image.name.empty()) continue;
+      MeshMaterial& material = materials.back();
+      std::string& path = keyword == "map_Kd" ? material.texture
+                          : keyword == "norm" ? material.normal_map
+                                              : material.bump_map;
+      path = resolve_texture(folder, image.name);
+      if (names_bump(keyword)) material.bump_scale = image.multiplier;
     }
   }
   return materials;

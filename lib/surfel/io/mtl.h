@@ -13,7 +13,8 @@ namespace surfel {
 
 // All functions are internal to the io module.
 
-/// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd. The textures' names are resolved
+/// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd, norm, and bump
+/// (also map_bump) with its option -bm. The images' names are resolved
 /// against the file's folder.
 std::vector<MeshMaterial> read_mtl(const InputFile& file);
 

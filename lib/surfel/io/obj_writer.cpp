@@ -39,10 +39,16 @@ void write_materials(const TriangleMesh& mesh, const std::vector<std::string>& n
     out.end_line();
     out.add_vector("Kd", mesh.material[i].diffuse);
     out.end_line();
-    if (mesh.material[i].texture.empty()) continue;
-    out.add_text("map_Kd ");
-    out.add_text(texture_name_from(folder, mesh.material[i].texture));
-    out.end_line();
+    const MeshMaterial& material = mesh.material[i];
+    const auto add_image = [&](const std::string& statement, const std::string& image) {
+      if (image.empty()) return;
+      out.add_text(statement);
+      out.add_text(texture_name_from(folder, image));
+      out.end_line();
+    };
+    add_image("map_Kd ", material.texture);
+    add_image("norm ", material.normal_map);
+    add_image(fmt::format("bump -bm {} ", material.bump_scale), material.bump_map);
   }
   out.flush();
 }

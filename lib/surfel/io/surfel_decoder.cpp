@@ -85,6 +85,7 @@ SurfelDecoder::SurfelDecoder(const RecordTable& table, const std::string& file)
   }
   find(kPosition, {"x", "y", "z"});
   find_vector(kNormal, {{"nx", "ny", "nz"}, {"normal_x", "normal_y", "normal_z"}});
+  find(kShadingNormal, {"shading_nx", "shading_ny", "shading_nz"});
   find_variances();
   find(kArea, {"area"});
   find_colors();

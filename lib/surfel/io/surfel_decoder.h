@@ -18,6 +18,7 @@ namespace surfel {
 enum class SurfelAttribute : std::uint8_t {
   kPosition,
   kNormal,
+  kShadingNormal,
   kTangent,
   kVarianceU,
   kVarianceV,
@@ -35,7 +36,7 @@ enum class SurfelAttribute : std::uint8_t {
   kSource,
   kLevel
 };
-inline constexpr std::size_t kSurfelAttributes = 18;
+inline constexpr std::size_t kSurfelAttributes = 19;
 
 /// Where decoded values are written: component k of the i-th surfel goes to at[k][i * stride].
 template <class T>

@@ -56,6 +56,8 @@ MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
   MergeSurfel s{};
   s.position = cloud.position[i];
   s.normal = cloud.normal.empty() ? Vec3f(0, 0, 0) : cloud.normal[i];
+  const bool mapped = !cloud.shading_normal.empty() && !cloud.shading_normal[i].isZero();
+  s.shading_normal = mapped ? cloud.shading_normal[i] : s.normal;
   const Vec3d n = s.normal.cast<double>();
   Covariance c{};
   if (cloud.anisotropic()) {
@@ -102,6 +104,7 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
   const Vec3d base = surfels[members[0]].position.cast<double>();
   Vec3d mean(0, 0, 0);
   Vec3d normal(0, 0, 0);
+  Vec3d shading(0, 0, 0);
   Vec3d color(0, 0, 0);
   Vec3d coefficient(0, 0, 0);
   double opacity = 0;
@@ -112,6 +115,7 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
     const double w = weight_of(s);
     mean += w * (s.position.cast<double>() - base);
     normal += w * s.normal.cast<double>();
+    shading += w * s.shading_normal.cast<double>();
     color += w * s.alpha * s.color.cast<double>();
     coefficient += w * s.alpha * s.coefficient.cast<double>();
     opacity += w * s.alpha;
@@ -139,6 +143,7 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
   const double length = normal.norm();
   constexpr double kCancelled = 1e-3;  // Shorter sums of unit normals have no direction to rely on.
   if (length > kCancelled * weights) out.normal = (normal / length).cast<float>();
+  out.shading_normal = (shading / weights).cast<float>();
   out.area = static_cast<float>(oriented && total > 0 ? std::max(length, total / 2) : total);
   out.alpha = static_cast<float>(opacity / weights);
   if (opacity > 0) {
@@ -155,6 +160,7 @@ void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merg
     if (!column.empty()) column[i] = value;
   };
   write(cloud.normal, merged.normal);
+  write(cloud.shading_normal, merged.shading_normal);
   write(cloud.area, merged.area);
   write(cloud.color, merged.color);
   write(cloud.coefficient, merged.coefficient);

@@ -15,6 +15,7 @@ namespace surfel {
 struct MergeSurfel {
   Vec3f position;
   Vec3f normal;                     ///< Unit, or zero = unknown.
+  Vec3f shading_normal;             ///< SurfelCloud::shading_normal, or `normal` without one.
   float area;                       ///< Scene unit^2, >= 0.
   std::array<float, 6> covariance;  ///< xx xy xz yy yz zz, scene unit^2.
   /// Square of the length that the surfel's piece of surface has on its longer side, scene unit^2.
@@ -34,6 +35,8 @@ SURFEL_API MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i);
 /// areas as weights (all weights alike where all areas are zero):
 /// - position: the mean; covariance: of the sum of the Gaussians, within and between them;
 /// - normal: the mean, unit; where normals cancel each other, the largest member's normal;
+/// - shading normal: the mean, whose length heeds how much the members' normals vary, or zero
+///   where it has no direction;
 /// - area: |sum of area times normal|, the area that the pieces have together as seen along the
 ///   mean normal. Pieces of a plane keep the sum of their areas; a rough surface covers as much of
 ///   a picture as before, where the plain sum would cover more. At least half the sum.
@@ -43,7 +46,7 @@ SURFEL_API MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i);
 SURFEL_API MergeSurfel merged(std::span<const MergeSurfel> surfels,
                               std::span<const std::uint32_t> members);
 
-/// Gives surfel i of a cloud the position, normal, area, colours, alpha and material of a merged
+/// Gives surfel i of a cloud the position, normals, area, colours, alpha and material of a merged
 /// surfel, as far as the cloud has these columns.
 SURFEL_API void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merged);
 

@@ -18,12 +18,14 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 /// The lit colour of fragments: Lambert's law and Blinn's highlights of all lights, and the ambient
-/// light.
-/// \tparam Ops  What Vector does not have as an operator: set(const float*), dot(), normalized(),
-///     positive_part(cosine), and highlight(cosine, half_cosine, shininess), which is 0 where the
-///     cosine is.
+/// light. Of mapped normals Lambert's law takes the mean, as the cosine is linear in the normal,
+/// and the highlights widen by its length: Toksvig, "Mipmapping normal maps", 2005.
+/// \tparam Ops  What Vector does not have as an operator: set(const float*), dot(), length(),
+///     normalized(), positive_part(cosine), highlight(cosine, half_cosine, shininess), which is 0
+///     where the cosine is, and mean_highlight(cosine, half_cosine, length, shininess), the same of
+///     a mean normal that long.
 /// \param color  unpremultiplied.
-/// \param normal  unit, on the eye's side, as to_eye.
+/// \param normal  unit, on the eye's side, as to_eye; of mapped normals as long as their mean.
 /// \param place  gives the fragments' places relative to the eye, for point lights.
 template <class Ops, class Vector, class Place>
 HWY_INLINE Vector lit_color(const Lighting& lighting, const Lighting::Reflection& material,
@@ -43,7 +45,10 @@ HWY_INLINE Vector lit_color(const Lighting& lighting, const Lighting::Reflection
     diffuse = diffuse + cosine * (Ops::set(material.diffuse) * light_color);
     if (!shiny) continue;
     const auto half_cosine = Ops::dot(normal, Ops::normalized(to_light + to_eye));
-    const auto highlight = Ops::highlight(cosine, half_cosine, material.shininess);
+    const auto highlight =
+        lighting.mapped
+            ? Ops::mean_highlight(cosine, half_cosine, Ops::length(normal), material.shininess)
+            : Ops::highlight(cosine, half_cosine, material.shininess);
     specular = specular + highlight * (Ops::set(shine) * light_color);
   }
   return color * diffuse + specular;

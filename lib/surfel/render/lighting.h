@@ -25,6 +25,8 @@ struct Lighting {
   float world_from_camera[3][3];
   float inv_focal_x, inv_focal_y, center_x, center_y;
   bool orthographic;
+  /// Normals are means of a normal map: see Shader.
+  bool mapped = false;
 };
 
 }  // namespace surfel

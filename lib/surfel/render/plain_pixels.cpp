@@ -156,20 +156,31 @@ alignas(64) constexpr std::array<float, kTilePixels> kNearBorder = [] {
 struct LaneOps {
   static HWY_INLINE V3 set(const float* v) { return HWY_NAMESPACE::set(v); }
   static HWY_INLINE V dot(const V3& a, const V3& b) { return HWY_NAMESPACE::dot(a, b); }
+  static HWY_INLINE V length(const V3& a) { return hn::Sqrt(dot(a, a)); }
   static HWY_INLINE V3 normalized(const V3& a) { return HWY_NAMESPACE::normalized(a); }
   static HWY_INLINE V positive_part(V x) { return hn::Max(x, hn::Zero(D())); }
   static HWY_INLINE V highlight(V cosine, V half_cosine, float shininess) {
-    return hn::IfThenElseZero(hn::Gt(cosine, hn::Zero(D())), pow(half_cosine, shininess));
+    if (shininess == 0) return hn::IfThenElseZero(lit(cosine), hn::Set(D(), 1));
+    return hn::IfThenElseZero(lit(cosine), pow(half_cosine, hn::Set(D(), shininess)));
+  }
+  static HWY_INLINE V mean_highlight(V cosine, V half_cosine, V length, float shininess) {
+    const D d;
+    const V one = hn::Set(d, 1);
+    const V s = hn::Set(d, shininess);
+    const V exponent = hn::Div(hn::Mul(s, length), hn::MulAdd(s, hn::Sub(one, length), length));
+    const V scale = hn::Div(hn::Add(one, exponent), hn::Add(one, s));
+    const V lobe = shininess == 0 ? one : pow(hn::Div(half_cosine, length), exponent);
+    return hn::IfThenElseZero(lit(cosine), hn::Mul(scale, lobe));
   }
 
  private:
-  /// x to an exponent >= 0, of x from 0 to 1; less counts as 0.
-  static V pow(V x, float exponent) {
+  static M lit(V cosine) { return hn::Gt(cosine, hn::Zero(D())); }
+  /// x to an exponent > 0, of x from 0 to 1; less counts as 0.
+  static V pow(V x, V exponent) {
     const D d;
-    if (exponent == 0) return hn::Set(d, 1);
     const M above = hn::Gt(x, hn::Zero(d));
     const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
-    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(hn::Set(d, exponent), log)));
+    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(exponent, log)));
   }
 };
 
@@ -204,7 +215,14 @@ class Lamps {
     const V3 to_eye = hn::Set(d, -1) * normalized(ray);
     const M has_normal = hn::Gt(dot(at.normal, at.normal), zero);
     V3 normal = select(has_normal, normalized(at.normal), to_eye);
-    normal = select(hn::Lt(dot(normal, to_eye), zero), hn::Set(d, -1) * normal, normal);
+    const M back = hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFrontTag), hn::Zero(Tags())));
+    const M away = lighting_.mapped ? hn::And(has_normal, back) : hn::Lt(dot(normal, to_eye), zero);
+    normal = select(away, hn::Set(d, -1) * normal, normal);
+    if (lighting_.mapped) {
+      const V length = hn::Div(hn::Sqrt(dot(at.normal, at.normal)), at.weight);
+      const V mean = hn::Min(hn::Set(d, 1), length);
+      normal = hn::IfThenElse(has_normal, mean, hn::Set(d, 1)) * normal;
+    }
 
     const auto place = [&]() HWY_ATTR {
       return lighting_.orthographic ? across + hn::Neg(at.depth) * forward_

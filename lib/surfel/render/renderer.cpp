@@ -395,7 +395,8 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   Impl& r = *impl_;
   FrameStatistics stats;
   const Timer whole;
-  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, r.options.filter_deviation());
+  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, r.options.filter_deviation(),
+                      r.store.cloud().has_shading());
   r.begin(camera);
   Image image = blank_image(camera, r.options.aovs);
   for (int y0 = 0; y0 < camera.height;) {

@@ -29,10 +29,15 @@ struct ArrayOps {
   static float dot(const Eigen::Array3f& a, const Eigen::Array3f& b) {
     return a.matrix().dot(b.matrix());
   }
+  static float length(const Eigen::Array3f& a) { return a.matrix().norm(); }
   static Eigen::Array3f normalized(const Eigen::Array3f& a) { return a.matrix().normalized(); }
   static float positive_part(float x) { return std::max(0.0F, x); }
   static float highlight(float cosine, float half_cosine, float shininess) {
     return cosine > 0 ? std::pow(std::max(0.0F, half_cosine), shininess) : 0;
+  }
+  static float mean_highlight(float cosine, float half_cosine, float length, float shininess) {
+    const float exponent = shininess * length / (length + shininess * (1 - length));
+    return (1 + exponent) / (1 + shininess) * highlight(cosine, half_cosine / length, exponent);
   }
 };
 
@@ -40,8 +45,9 @@ struct ArrayOps {
 template <class Place>
 Vec3f lit_by(const Lighting& lighting, const Lighting::Reflection& reflection, const Vec3f& color,
              const SeenSurface& surface, const Place& place) {
+  const float length = lighting.mapped ? surface.mean_length : 1.0F;
   return HWY_NAMESPACE::lit_color<ArrayOps>(
-      lighting, reflection, Eigen::Array3f(color), Eigen::Array3f(surface.normal),
+      lighting, reflection, Eigen::Array3f(color), Eigen::Array3f(length * surface.normal),
       Eigen::Array3f(surface.to_eye), [&] { return Eigen::Array3f(place()); });
 }
 
@@ -75,7 +81,7 @@ Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> 
 
 RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers) {
   const float eta = std::pow(1 / ior, layers);
-  const float cosine = std::min(1.0F, normal.dot(to_eye));
+  const float cosine = std::clamp(normal.dot(to_eye), 0.0F, 1.0F);
   const Vec3f across = cosine * normal - to_eye;  // Its length is sin(theta_I).
   const float transmitted2 = 1 - eta * eta * across.squaredNorm();
   if (transmitted2 <= 0) return {(2 * cosine * normal - to_eye).normalized(), 2, 1};
@@ -106,7 +112,7 @@ void SeenThrough::add(const Fragment& surface, float surfaces, float coverage, f
   }
 }
 
-Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
+Shader::Shader(const Scene* scene, const Camera& camera, double lowpass, bool mapped)
     : scene_(scene),
       world_from_camera_(camera.camera_from_world.transpose().cast<float>()),
       map_from_world_(Eigen::Matrix3f::Identity()),
@@ -116,6 +122,7 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass)
   lighting_.center_x = static_cast<float>(camera.center_x);
   lighting_.center_y = static_cast<float>(camera.center_y);
   lighting_.orthographic = camera.orthographic;
+  lighting_.mapped = mapped;
   if (!scene) return;
   if (scene->environment) {
     environment_ = &*scene->environment;
@@ -176,7 +183,8 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
 
   if (reflected.material != &at.material || reflected.normal != at.normal ||
       reflected.normal_variance != at.normal_variance) {
-    const float cosine = at.normal.dot(at.to_eye);
+    // Mapped normals of faces that are seen from the side may look away from the eye.
+    const float cosine = std::max(0.0F, at.normal.dot(at.to_eye));
     const Vec3f mirrored = 2 * cosine * at.normal - at.to_eye;
     reflected = {&at.material, at.normal, at.normal_variance,
                  fresnel_reflectance(at.material.reflectivity, at.material.ior, cosine),
@@ -202,15 +210,17 @@ SeenSurface Shader::surface(const Fragment& fragment, float x, float y) const {
   const float* c = fragment.channel;
   const std::size_t material = std::min<std::size_t>(
       std::bit_cast<std::uint32_t>(c[kTag]) >> kMaterialShift, scene_->materials.size() - 1);
-  SeenSurface at{scene_->materials[material], -ray(x, y).normalized(), {}, 0};
+  SeenSurface at{scene_->materials[material], -ray(x, y).normalized(), {}, 1, 0};
   at.normal = Vec3f(c[kNormalX], c[kNormalY], c[kNormalZ]);
   const float length = at.normal.norm();
   at.normal = length > 0 ? Vec3f(at.normal / length) : at.to_eye;
-  if (at.normal.dot(at.to_eye) < 0) at.normal = -at.normal;
+  const bool away =
+      lighting_.mapped ? length > 0 && !shows_front(c[kTag]) : at.normal.dot(at.to_eye) < 0;
+  if (away) at.normal = -at.normal;
+  const float weight = c[kWeight] > 0 ? c[kWeight] : 1;  // Merged: mean normals.
+  if (length > 0) at.mean_length = std::min(1.0F, length / weight);
   if (environment_) {
-    at.normal_variance = microfacet_variance(at.material);
-    const float weight = c[kWeight] > 0 ? c[kWeight] : 1;  // Merged: mean normals.
-    if (length > 0) at.normal_variance -= std::log(std::min(1.0F, length / weight));
+    at.normal_variance = microfacet_variance(at.material) - std::log(at.mean_length);
   }
   return at;
 }

@@ -71,8 +71,9 @@ class SURFEL_API SeenThrough {
 /// A place of a surface and the ray by which it is seen.
 struct SeenSurface {
   const Material& material;
-  Vec3f to_eye;  ///< Unit; towards where the ray comes from.
-  Vec3f normal;  ///< Unit, on the side of `to_eye`.
+  Vec3f to_eye;       ///< Unit; towards where the ray comes from.
+  Vec3f normal;       ///< Unit, on the side of `to_eye`.
+  float mean_length;  ///< Length of the mean of the surface's unit normals there, 1 at most.
   /// Variance of the normals along an axis, microfacets included, radians^2.
   float normal_variance;
 };
@@ -97,6 +98,11 @@ SURFEL_API float microfacet_variance(const Material& material);
 /// RefractedRay::by_normal. Microfacets of width alpha are such a variance as well, alpha^2 / 2
 /// (Wang et al., "All-frequency rendering of dynamic, spatially-varying reflectance", 2009), and
 /// the pixel filter one of the ray's direction. The lookup has the sum of all.
+///
+/// Normal maps. Where normals are means of a map's, their lengths matter to lights as well:
+/// highlights widen as the mean gets shorter, by Toksvig's exponent, and Lambert's law has the mean
+/// as it is. A fragment's side, not its normal, tells then whether the normal is to be turned to
+/// the eye: mapped normals of faces that are seen from the side may look away.
 class SURFEL_API Shader {
  public:
   /// The reflection of the last fragment that was shaded at a place.
@@ -109,8 +115,9 @@ class SURFEL_API Shader {
   /// `scene` null: unlit. Refers to the scene.
   /// \param lowpass  Standard deviation of the pixel filter, pixels, where the fragments are
   ///                 filtered with it; 0 where several rays a pixel are going to be.
+  /// \param mapped   The fragments' normals come from a normal map.
   /// Throws Error(kUsage) if the scene's environment has not been loaded.
-  Shader(const Scene* scene, const Camera& camera, double lowpass = 0);
+  Shader(const Scene* scene, const Camera& camera, double lowpass = 0, bool mapped = false);
   Shader(const Shader&) = delete;
   Shader& operator=(const Shader&) = delete;
 

@@ -333,9 +333,10 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   }
   if (layout_.normals) {
     SplatNormal* const normals = worker.normals.data() + begin;
-    const float* const x = cloud_.normal_x.data();
-    const float* const y = cloud_.normal_y.data();
-    const float* const z = cloud_.normal_z.data();
+    const bool mapped = cloud_.has_shading();
+    const float* const x = (mapped ? cloud_.shading_x : cloud_.normal_x).data();
+    const float* const y = (mapped ? cloud_.shading_y : cloud_.normal_y).data();
+    const float* const z = (mapped ? cloud_.shading_z : cloud_.normal_z).data();
     for (std::size_t i = 0; i < count; ++i) {
       normals[i] = {x[surfels[i]], y[surfels[i]], z[surfels[i]]};
     }

@@ -78,7 +78,9 @@ class Joiner {
   SurfelCloud join() {
     join_file();
     join_positions();
-    fill("normal", &SurfelCloud::normal, [](const auto&, std::size_t) { return Vec3f(0, 0, 0); });
+    const auto unknown = [](const auto&, std::size_t) { return Vec3f(0, 0, 0); };
+    fill("normal", &SurfelCloud::normal, unknown);
+    fill("shading_normal", &SurfelCloud::shading_normal, unknown);
     join_variances();
     join_colors();
     keep("uv", &SurfelCloud::uv);

@@ -57,6 +57,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   };
   gather(position, out.position);
   gather(normal, out.normal);
+  gather(shading_normal, out.shading_normal);
   gather(variance, out.variance);
   gather(tangent, out.tangent);
   gather(variance_u, out.variance_u);

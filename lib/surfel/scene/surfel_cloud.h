@@ -39,8 +39,11 @@ struct SURFEL_API SurfelCloud {
                           ///< their precision in float.
   bool double_positions = false;  ///< Write x y z as double whatever the origin.
 
-  Array<Vec3f> position;    ///< Scene units, relative to `origin`.
-  Array<Vec3f> normal;      ///< Unit length; all zero = unknown.
+  Array<Vec3f> position;  ///< Scene units, relative to `origin`.
+  Array<Vec3f> normal;    ///< Unit length; all zero = unknown. The disc lies across it.
+  /// Mean of a normal map's normals under the surfel's Gaussian, for shading: its length, 1 at
+  /// most, tells how much they vary. All zero = as `normal`.
+  Array<Vec3f> shading_normal;
   Array<float> variance;    ///< Isotropic: V = variance * I in the tangent plane, unit^2.
   Array<Vec3f> tangent;     ///< Anisotropic: unit tangent t, V = diag(variance_u, variance_v) in
   Array<float> variance_u;  ///< the frame (t, n x t). These three come together and win over
@@ -97,6 +100,7 @@ template <class Cloud, class Visit>
 void SurfelCloud::visit_columns(Cloud& cloud, Visit&& visit) {
   visit(cloud.position);
   visit(cloud.normal);
+  visit(cloud.shading_normal);
   visit(cloud.variance);
   visit(cloud.tangent);
   visit(cloud.variance_u);

@@ -69,6 +69,7 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   };
   const double square = similarity.scale * similarity.scale;
   change(cloud.normal, turned);
+  change(cloud.shading_normal, turned);
   change(cloud.tangent, turned);
   change(cloud.dpdu, stretched);
   change(cloud.dpdv, stretched);

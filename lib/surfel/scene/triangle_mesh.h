@@ -11,11 +11,15 @@
 
 namespace surfel {
 
-/// Colour and texture of a mesh's material (OBJ's mtl, PLY's TextureFile).
+/// Colour, texture and relief of a mesh's material (OBJ's mtl; PLY's TextureFile).
 struct MeshMaterial {
   std::string name;
   Vec3f diffuse{1, 1, 1};  ///< Kd, linear.
   std::string texture;     ///< map_Kd, resolved against the mesh's folder; empty = none.
+  /// MTL's norm, an image of normals in tangent space, resolved as `texture`; empty = none.
+  std::string normal_map{};
+  std::string bump_map{};  ///< MTL's bump, an image of heights, resolved as `texture`.
+  float bump_scale = 1;    ///< Height of white above black, scene units: bump's -bm.
 };
 
 /// Indexed triangles. Polygons were triangulated (concave ones rightly) on reading; faces keep the

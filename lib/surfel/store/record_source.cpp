@@ -21,6 +21,7 @@ RecordSource::RecordSource(const RecordTable& table, const std::string& file,
 SurfelAttributes RecordSource::attributes() const {
   return {.anisotropic = decoder_.anisotropic(),
           .normal = decoder_.has(kNormal),
+          .shading_normal = decoder_.has(kShadingNormal),
           .area = decoder_.has(kArea),
           .color = decoder_.has(kCoefficient) || decoder_.has(kColor),
           .alpha = decoder_.has(kAlpha),
@@ -92,6 +93,7 @@ void RecordSource::decode(const std::byte* records, std::size_t count, RenderClo
   };
   vector(kPosition, to.x, to.y, to.z);
   vector(kNormal, to.normal_x, to.normal_y, to.normal_z);
+  vector(kShadingNormal, to.shading_x, to.shading_y, to.shading_z);
   vector(kTangent, to.tangent_x, to.tangent_y, to.tangent_z);
   scalar(decoder_.anisotropic() ? kVarianceU : kVariance, to.deviation_u);
   scalar(kVarianceV, to.deviation_v);

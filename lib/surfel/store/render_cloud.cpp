@@ -111,8 +111,9 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
   for (Array<float>* column : float_columns(*this)) {
     const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
                           column == &tangent_z;
-    if ((of_frame && !attributes.anisotropic) || (column == &alpha && !attributes.alpha) ||
-        (column == &group_radius && !has_radius)) {
+    const bool of_shading = column == &shading_x || column == &shading_y || column == &shading_z;
+    if ((of_frame && !attributes.anisotropic) || (of_shading && !attributes.shading_normal) ||
+        (column == &alpha && !attributes.alpha) || (column == &group_radius && !has_radius)) {
       continue;
     }
     column->resize(rows + kPadding);

@@ -82,6 +82,13 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Number of the copies of splats that were left out.
   std::size_t copies() const { return copies_; }
   bool anisotropic() const { return !tangent_x.empty(); }
+  /// Are there normals for shading that are not the discs' own?
+  bool has_shading() const { return !shading_x.empty(); }
+  /// The normal that a surfel is shaded with.
+  Vec3f shading(std::size_t surfel) const {
+    return has_shading() ? Vec3f(shading_x[surfel], shading_y[surfel], shading_z[surfel])
+                         : Vec3f(normal_x[surfel], normal_y[surfel], normal_z[surfel]);
+  }
   /// Is the alpha of some surfel below 1?
   bool transparent() const { return !alpha.empty(); }
   /// World bounds of the finest level's discs at standard deviation 1; its support function takes
@@ -102,6 +109,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   // Columns, in Morton order; optional columns are empty if the picture does not need them.
   Array<float> x, y, z;
   Array<float> normal_x, normal_y, normal_z;
+  /// SurfelCloud::shading_normal, nowhere zero where a normal is known; only if has_shading().
+  Array<float> shading_x, shading_y, shading_z;
   Array<float> deviation_u;  ///< Square root of the variance, along the tangent.
   Array<float> deviation_v;  ///< Only if anisotropic().
   Array<float> tangent_x, tangent_y, tangent_z;  ///< Only if anisotropic().
@@ -120,10 +129,10 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Pointers to all columns of floats of a RenderCloud, const or not.
   template <class Cloud>
   static auto float_columns(Cloud& c) {
-    return std::array{&c.x,           &c.y,           &c.z,         &c.normal_x,  &c.normal_y,
-                      &c.normal_z,    &c.tangent_x,   &c.tangent_y, &c.tangent_z, &c.deviation_u,
-                      &c.deviation_v, &c.area,        &c.red,       &c.green,     &c.blue,
-                      &c.alpha,       &c.group_radius};
+    return std::array{&c.x,         &c.y,         &c.z,           &c.normal_x,    &c.normal_y,
+                      &c.normal_z,  &c.shading_x, &c.shading_y,   &c.shading_z,   &c.tangent_x,
+                      &c.tangent_y, &c.tangent_z, &c.deviation_u, &c.deviation_v, &c.area,
+                      &c.red,       &c.green,     &c.blue,        &c.alpha,       &c.group_radius};
   }
   bool usable(std::size_t row, UnusableSurfels& dropped) const;
   ClusterColumns columns(std::size_t begin, std::size_t end) const;

@@ -46,6 +46,21 @@ void make_unit_normals(float* __restrict x, float* __restrict y, float* __restri
   }
 }
 
+/// Shortens shading normals to 1 at most. Where there is none the normal takes its place.
+void bound_shading_normals(float* const (&normal)[3], float* const (&shading)[3],
+                           std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    Vec3f mean(shading[0][i], shading[1][i], shading[2][i]);
+    const float length = mean.norm();
+    if (!std::isfinite(length) || length == 0) {
+      mean = Vec3f(normal[0][i], normal[1][i], normal[2][i]);
+    } else if (length > 1) {
+      mean /= length;
+    }
+    for (int k = 0; k < 3; ++k) shading[k][i] = mean[k];
+  }
+}
+
 /// Copies surfels [begin, end) of a column.
 template <class T>
 void copy(const Array<T>& column, std::size_t begin, std::size_t end, T* to) {
@@ -74,6 +89,11 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
     make_unit_normals(n[0], n[1], n[2], count);
   } else {
     for (float* column : n) std::fill_n(column, count, 0.0F);
+  }
+  if (known.shading_normal) {
+    float* const shading[] = {cloud.shading_x.data() + row, cloud.shading_y.data() + row,
+                              cloud.shading_z.data() + row};
+    bound_shading_normals(n, shading, count);
   }
   // A surfel without an area gets sqrt |V|, the amplitude of SS01, as root_of_determinant() has it
   // but from deviations: a product of roots and a root of a product may differ in the last bit.
@@ -117,6 +137,7 @@ CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name) : cl
 SurfelAttributes CloudSource::attributes() const {
   return {.anisotropic = cloud_.anisotropic(),
           .normal = !cloud_.normal.empty(),
+          .shading_normal = !cloud_.shading_normal.empty(),
           .area = !cloud_.area.empty(),
           .color = cloud_.render_color() != nullptr,
           .alpha = !cloud_.alpha.empty(),
@@ -136,6 +157,9 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& to, std:
     };
     vector(cloud_.position, to.x, to.y, to.z);
     if (known.normal) vector(cloud_.normal, to.normal_x, to.normal_y, to.normal_z);
+    if (known.shading_normal) {
+      vector(cloud_.shading_normal, to.shading_x, to.shading_y, to.shading_z);
+    }
     if (known.anisotropic) {
       vector(cloud_.tangent, to.tangent_x, to.tangent_y, to.tangent_z);
       copy(cloud_.variance_u, begin, stop, to.deviation_u.data() + row);

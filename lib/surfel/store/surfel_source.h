@@ -16,6 +16,7 @@ class RenderCloud;
 struct SurfelAttributes {
   bool anisotropic = false;
   bool normal = false;
+  bool shading_normal = false;
   bool area = false;
   bool color = false;
   bool alpha = false;

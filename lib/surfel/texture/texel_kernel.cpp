@@ -28,15 +28,20 @@ struct TexelFrame {
 };
 
 /// nullopt where the derivatives span no area.
-std::optional<TexelFrame> texel_frame(const SurfelCloud& cloud, std::size_t surfel, int width,
-                                      int height) {
+std::optional<TexelFrame> texel_frame(const Vec3d& dpdu, const Vec3d& dpdv, int width, int height) {
   // Image rows run downwards, v upwards.
-  const Vec3d dpdx = cloud.dpdu[surfel].cast<double>() / width;
-  const Vec3d dpdy = -cloud.dpdv[surfel].cast<double>() / height;
+  const Vec3d dpdx = dpdu / width;
+  const Vec3d dpdy = -dpdv / height;
   const Vec3d cross = dpdx.cross(dpdy);
   const double longest2 = std::max(dpdx.squaredNorm(), dpdy.squaredNorm());
   if (!(cross.norm() > kSingular * longest2)) return std::nullopt;
   return TexelFrame{dpdx, dpdy, cross};
+}
+
+std::optional<TexelFrame> texel_frame(const SurfelCloud& cloud, std::size_t surfel, int width,
+                                      int height) {
+  return texel_frame(cloud.dpdu[surfel].cast<double>(), cloud.dpdv[surfel].cast<double>(), width,
+                     height);
 }
 
 }  // namespace
@@ -78,7 +83,13 @@ std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_
 std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
                                                            std::size_t surfel, int width,
                                                            int height) {
-  const auto frame = texel_frame(cloud, surfel, width, height);
+  return texels_per_unit(cloud.dpdu[surfel].cast<double>(), cloud.dpdv[surfel].cast<double>(),
+                         width, height);
+}
+
+std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const Vec3d& dpdu, const Vec3d& dpdv,
+                                                           int width, int height) {
+  const auto frame = texel_frame(dpdu, dpdv, width, height);
   if (!frame) return std::nullopt;
   const auto& [dpdx, dpdy, cross] = *frame;
   const double area2 = cross.squaredNorm();

@@ -47,6 +47,10 @@ SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud,
 SURFEL_API std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const SurfelCloud& cloud,
                                                                       std::size_t surfel, int width,
                                                                       int height);
+/// The same of a surface with these derivatives by the image's sides.
+SURFEL_API std::optional<Eigen::Matrix<double, 2, 3>> texels_per_unit(const Vec3d& dpdu,
+                                                                      const Vec3d& dpdv, int width,
+                                                                      int height);
 
 /// Longest axis of a kernel over its shortest up to which kernels commonly stay as they are: a
 /// kernel's cost grows with this ratio.

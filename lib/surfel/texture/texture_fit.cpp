@@ -138,11 +138,15 @@ std::vector<std::string> TextureFitOptions::problems() const {
   return found;
 }
 
+void check_textured(const SurfelCloud& cloud, const TextureSet& textures, const std::string& name) {
+  check_columns_present(cloud, name);
+  check_materials(cloud, textures, name);
+}
+
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                              const TextureFitOptions& options, const std::string& name) {
   require_usable(options);
-  check_columns_present(cloud, name);
-  check_materials(cloud, textures, name);
+  check_textured(cloud, textures, name);
 
   TextureFitReport report;
   report.surfels = cloud.size();

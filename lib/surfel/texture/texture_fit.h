@@ -148,6 +148,11 @@ struct TextureFitReport {
   StageTimes times;
 };
 
+/// Throws Error(kInput) with a message that starts with `name` where a cloud lacks columns that the
+/// kernels of textures need, or has a material without a map.
+SURFEL_API void check_textured(const SurfelCloud& cloud, const TextureSet& textures,
+                               const std::string& name);
+
 /// Writes the coefficients (and, if an image has any, alpha) of the surfels; all other columns stay
 /// as they are. Throws Error(kUsage) where the options are not usable, Error(kInput) with a message
 /// that starts with `name`, the cloud's, where it lacks columns or has a material without a map.

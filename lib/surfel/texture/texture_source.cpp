@@ -15,11 +15,6 @@ constexpr int kProceduralSamples = 2;      ///< Per texel and axis.
 constexpr double kLeastFrequency = 0.01;   ///< The image shows a hundredth of a period.
 constexpr double kLargestFrequency = 512;  ///< Leaves four texels a period.
 
-bool is_procedural(const std::string& name) {
-  const std::vector<std::string>& known = procedural_texture_names();
-  return std::find(known.begin(), known.end(), name.substr(0, name.find(':'))) != known.end();
-}
-
 TextureMap file_map(const std::string& path, const TextureSourceOptions& options) {
   if (options.whole) return {read_image(path), options.wrap};
   return {open_image(path), options.wrap};
@@ -43,8 +38,13 @@ void add_material_maps(TextureSet& textures, const TriangleMesh& mesh,
 
 }  // namespace
 
+bool is_procedural_image(const std::string& name) {
+  const std::vector<std::string>& known = procedural_texture_names();
+  return std::find(known.begin(), known.end(), name.substr(0, name.find(':'))) != known.end();
+}
+
 Image load_texture_image(const std::string& name) {
-  if (!is_procedural(name)) return read_image(name);
+  if (!is_procedural_image(name)) return read_image(name);
   const NamedFrequency named =
       parse_named_frequency("image", name, kLeastFrequency, kLargestFrequency);
   ProceduralTextureOptions options;
@@ -63,7 +63,7 @@ TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh
     throw_input(mesh_name, "the mesh has no texture coordinates, so no image can be put on it");
   }
   if (!options.image.empty()) {
-    textures.maps.push_back(is_procedural(options.image)
+    textures.maps.push_back(is_procedural_image(options.image)
                                 ? TextureMap(load_texture_image(options.image), options.wrap)
                                 : file_map(options.image, options));
   } else if (!mesh) {

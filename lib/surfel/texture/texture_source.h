@@ -14,6 +14,9 @@ namespace surfel {
 /// texels. A file of such a name is reached as "./NAME". Throws Error (kUsage, kIo, kInput).
 SURFEL_API Image load_texture_image(const std::string& name);
 
+/// Does load_texture_image() make the image of this name instead of reading a file?
+SURFEL_API bool is_procedural_image(const std::string& name);
+
 struct TextureSourceOptions {
   /// Image for all surfels; empty = the images that the mesh's materials name.
   std::string image{};

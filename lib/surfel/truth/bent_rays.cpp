@@ -85,7 +85,7 @@ class PathTracer {
         rays_.scene.materials[std::min(met.material, rays_.scene.materials.size() - 1)];
     const Vec3f to_eye = -path.direction;
     const Vec3f normal = met.normal.dot(to_eye) < 0 ? Vec3f(-met.normal) : met.normal;
-    return {{material, to_eye, normal, microfacet_variance(material)},
+    return {{material, to_eye, normal, 1, microfacet_variance(material)},
             path.origin + met.t * path.direction,
             material.opacity * met.color,
             met.front};

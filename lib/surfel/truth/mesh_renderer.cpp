@@ -11,6 +11,7 @@
 #include <surfel/base/plugin.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/shading.h>
+#include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/smooth_normals.h>
 #include <surfel/scene/framing.h>
@@ -130,48 +131,52 @@ struct MeshRenderer::Impl {
   std::uint16_t material(std::uint32_t face) const {
     return mesh.face_material.empty() ? std::uint16_t{0} : mesh.face_material[face];
   }
-  const TextureMap& map(std::uint32_t face) const {
-    return textures
-        ->maps[textures->map_of_material.empty() ? 0 : textures->map_of_material[material(face)]];
+  std::size_t map_index(const TextureSet& set, std::uint32_t face) const {
+    return set.map_of_material.empty() ? 0 : set.map_of_material[material(face)];
   }
-  void check_textures() const;
+  void check_textures(const TextureSet& set) const;
+  Eigen::Array4f texel(const TextureMap& image, std::uint32_t face, const Barycentric& b) const;
   Eigen::Array4f color(std::uint32_t face, const Barycentric& b) const;
   Vec3f normal(std::uint32_t face, const Barycentric& b) const;
+  Vec3f mapped_normal(std::uint32_t face, const Barycentric& b, const Vec3f& smooth) const;
   Fragment surface(const View& view, const MeshHit& hit, double z) const;
   float gap() const { return static_cast<float>(2 * bounds.radius * kGap); }
   Rgba trace(const View& view, double x, double y) const;
   Rgba trace_bent(const View& view, double x, double y) const;
 };
 
-void MeshRenderer::Impl::check_textures() const {
+void MeshRenderer::Impl::check_textures(const TextureSet& set) const {
   if (mesh.wedge_uv.empty()) {
     throw_input("", "the mesh has no texture coordinates, so no image can be put on it");
   }
-  if (textures->maps.empty()) throw_input("", "there are no textures in the set");
-  const auto& map_of = textures->map_of_material;
+  if (set.maps.empty()) throw_input("", "there are no textures in the set");
+  const auto& map_of = set.map_of_material;
   if (map_of.empty()) return;
   for (std::uint32_t f = 0; f < mesh.face.size(); ++f) {
     if (material(f) >= map_of.size()) {
       throw_input("", fmt::format("face {} of the mesh uses material {}; there are textures for {}",
                                   f, material(f), map_of.size()));
     }
-    if (map_of[material(f)] >= textures->maps.size()) {
+    if (map_of[material(f)] >= set.maps.size()) {
       throw_input("", fmt::format("`map_of_material` of material {} is {}; there are {} textures",
-                                  material(f), map_of[material(f)], textures->maps.size()));
+                                  material(f), map_of[material(f)], set.maps.size()));
     }
   }
 }
 
+/// An image's value at a place of a face, premultiplied.
+Eigen::Array4f MeshRenderer::Impl::texel(const TextureMap& image, std::uint32_t face,
+                                         const Barycentric& b) const {
+  Vec2d texel(0, 0);
+  for (int k = 0; k < 3; ++k) {
+    texel += static_cast<double>(b[k]) * image.texel(mesh.wedge_uv[face][k]);
+  }
+  return bilinear(image, texel);
+}
+
 /// Premultiplied.
 Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& b) const {
-  if (textures) {
-    const TextureMap& image = map(face);
-    Vec2d texel(0, 0);
-    for (int k = 0; k < 3; ++k) {
-      texel += static_cast<double>(b[k]) * image.texel(mesh.wedge_uv[face][k]);
-    }
-    return bilinear(image, texel);
-  }
+  if (textures) return texel(textures->maps[map_index(*textures, face)], face, b);
   Vec3f opaque = SurfelCloud::colorless();
   if (!mesh.color.empty()) {
     const auto& v = mesh.face[face];
@@ -196,14 +201,41 @@ Vec3f MeshRenderer::Impl::normal(std::uint32_t face, const Barycentric& b) const
   return across.normalized().cast<float>();
 }
 
+/// The relief's normal at a place of a face whose own normal is `smooth`.
+Vec3f MeshRenderer::Impl::mapped_normal(std::uint32_t face, const Barycentric& b,
+                                        const Vec3f& smooth) const {
+  const NormalMaps& maps = *options.normal_maps;
+  const std::size_t map = map_index(maps.first, face);
+  if (maps.kind[map] == ReliefKind::kNone) return smooth;
+  const TextureMap& image = maps.first.maps[map];
+  const Vec3d value = texel(image, face, b).head<3>().matrix().cast<double>();
+  const UvFrame frame = uv_frame(face_corners(mesh, face), mesh.wedge_uv[face]);
+  const ReliefBase base{smooth.cast<double>(), frame.dpdu, frame.dpdv};
+  const std::optional<Vec3d> mapped =
+      maps.kind[map] == ReliefKind::kNormals
+          ? normal_in_scene(base, value)
+          : raised_normal(base, {.mean = value.head<2>()}, image.width(), image.height());
+  return mapped && !mapped->isZero() ? Vec3f(mapped->normalized().cast<float>()) : smooth;
+}
+
 Fragment MeshRenderer::Impl::surface(const View& view, const MeshHit& hit, double z) const {
   const Barycentric b(1 - hit.u - hit.v, hit.u, hit.v);
   const std::uint32_t number = material(hit.face);
   const float opacity =
       scene.materials[std::min<std::size_t>(number, scene.materials.size() - 1)].opacity;
-  return fragment(opacity * color(hit.face, b),
-                  view.shader.lit() ? normal(hit.face, b) : Vec3f(0, 0, 0),
-                  view.shader.depth(static_cast<float>(z)), number, hit.front);
+  Vec3f n(0, 0, 0);
+  bool front = hit.front;
+  if (view.shader.lit()) {
+    n = normal(hit.face, b);
+    if (options.normal_maps) {
+      // The side that the normal is on, which a file may give against the order of the corners.
+      const Vec3d across = area_vector(face_corners(mesh, hit.face));
+      if (across.dot(n.cast<double>()) < 0) front = !front;
+      n = mapped_normal(hit.face, b, n);
+    }
+  }
+  return fragment(opacity * color(hit.face, b), n, view.shader.depth(static_cast<float>(z)), number,
+                  front);
 }
 
 /// Premultiplied colour at picture coordinates.
@@ -271,7 +303,8 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
   mesh.check_columns("");
   // A mesh without materials may number the materials of its textures, or of a scene.
   if (!mesh.material.empty() || (!textures && mesh.color.empty())) mesh.check_materials("");
-  if (textures) impl_->check_textures();
+  if (textures) impl_->check_textures(*textures);
+  if (options.normal_maps) impl_->check_textures(options.normal_maps->first);
   if (mesh.face.empty()) return;
   if (options.lit && mesh.wedge_normal.empty()) {
     impl_->computed_normal = smooth_normals(mesh, MeshSampleOptions{}.crease_angle);
@@ -291,7 +324,8 @@ Image MeshRenderer::render(const Camera& camera,
                            const std::function<void(double)>& progress) const {
   require_usable(camera);
   const MeshRenderOptions& options = impl_->options;
-  const Shader shader(options.lit ? &impl_->scene : nullptr, camera);
+  const Shader shader(options.lit ? &impl_->scene : nullptr, camera, 0,
+                      options.normal_maps != nullptr);
   const View view{camera, shader, camera.eye - impl_->mesh.origin};
   Image image = supersample(
       camera, {options.samples, options.lowpass},

@@ -12,6 +12,7 @@
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
 #include <surfel/scene/triangle_mesh.h>
+#include <surfel/texture/normal_maps.h>
 #include <surfel/texture/texture_fit.h>
 
 namespace surfel {
@@ -28,6 +29,9 @@ struct MeshRenderOptions {
   /// role.
   int bounces = 0;
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
+  /// Relief of the faces, which bends their normals, texels bilinearly interpolated; null: none. It
+  /// must outlive the renderer.
+  const NormalMaps* normal_maps = nullptr;
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
@@ -60,8 +64,8 @@ class SURFEL_API MeshRenderer {
   /// Throws Error: kUsage for options or scenes that are not usable, and for bounces where nothing
   /// is lit or the scene has no environment; kInput where a column of the
   /// mesh has another length than it must have or a face names vertices or materials that the mesh
-  /// lacks, and where there are textures but the mesh has no texture coordinates, or has a material
-  /// without a map; kNumeric if the mesh does not fit into memory a second time.
+  /// lacks, and where there are textures or normal maps but the mesh has no texture coordinates, or
+  /// has a material without a map; kNumeric if the mesh does not fit into memory a second time.
   MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                const MeshRenderOptions& options);
   MeshRenderer(TriangleMesh&& mesh, const TextureSet* textures, const Scene& scene,

@@ -57,8 +57,7 @@ void RaySurfaces::separate(const std::vector<RayHit>& hits) {
     surface->z += hit.weight * hit.z;
     surface->color += weighted_alpha * Vec3d(cloud_.red[i], cloud_.green[i], cloud_.blue[i]);
     surface->alpha += weighted_alpha;
-    surface->normal +=
-        hit.weight * Vec3d(cloud_.normal_x[i], cloud_.normal_y[i], cloud_.normal_z[i]);
+    surface->normal += hit.weight * cloud_.shading(i).cast<double>();
   }
   // Later hits may have moved one surface's mean behind another's.
   std::sort(surfaces_.begin(), surfaces_.end(),

@@ -109,7 +109,7 @@ ReferenceRenderer::ReferenceRenderer(const RenderCloud& cloud, const Scene& scen
 Image ReferenceRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
   require_usable(camera);
-  const Shader shader(options_.lit ? &scene_ : nullptr, camera);
+  const Shader shader(options_.lit ? &scene_ : nullptr, camera, 0, cloud_.has_shading());
   PerWorker<RayCaster> workers([&] {
     return std::make_unique<RayCaster>(cloud_, scene_, options_, hierarchy_, shader, camera);
   });

@@ -129,7 +129,8 @@ SourceEwaRenderer::SourceEwaRenderer(const RenderCloud& cloud, const Scene& scen
 Image SourceEwaRenderer::render(const Camera& camera,
                                 const std::function<void(double)>& progress) const {
   require_usable(camera);
-  const Shader shader(options_.lit ? &scene_ : nullptr, camera, options_.lowpass);
+  const Shader shader(options_.lit ? &scene_ : nullptr, camera, options_.lowpass,
+                      cloud_.has_shading());
   const SourceKernels kernels(options_, camera);
   const double full_weight =
       options_.coverage_threshold.value_or(coverage_threshold(options_.cutoff));
