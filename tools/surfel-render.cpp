@@ -25,11 +25,13 @@
 #include <surfel/scene/scene.h>
 #include <surfel/sp06/methods.h>
 #include <surfel/store/cloud_loader.h>
+#include <surfel/texture/normal_maps.h>
 #include <surfel/texture/texture_source.h>
 #include <surfel/truth/mesh_renderer.h>
 #include <surfel/truth/reference.h>
 #include <surfel/truth/source_ewa.h>
 
+#include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -67,6 +69,7 @@ struct Settings {
   std::optional<std::uint64_t> memory;
   std::string mesh;
   surfel::TextureSourceOptions texture;
+  surfel::tool::NormalMapSettings normals;
   int bounces = 0;
 };
 
@@ -176,6 +179,7 @@ void declare_truth(CLI::App& app, Settings& s) {
               {"clamp", surfel::WrapMode::kClamp}},
              "Of --mesh: what lies beyond the image's borders")
       ->needs(mesh);
+  for (CLI::Option* option : add_normal_maps(app, s.normals, "Of --mesh: ")) option->needs(mesh);
   app.add_option("--samples", s.rays.samples,
                  "Of --reference and --mesh: rays along each side of a pixel, 1..64");
 }
@@ -264,6 +268,8 @@ void finish(Settings& s) {
   s.render.method = surfel::compositing_method(s.method, s.method_options);
   s.render.lit = s.shading == Shading::kPhong;
   s.texture.charts = false;
+  s.normals.maps.charts = false;
+  s.normals.maps.wrap = s.texture.wrap;
   s.render.cull_back = s.cull == Cull::kBack;
   s.render.aovs = std::filesystem::path(s.output).extension() == ".exr" && !blends_layers(s);
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
@@ -300,7 +306,10 @@ void require_effect(const CLI::App& app, const Settings& s) {
   }
   if (s.input.empty()) refuse("--mesh without surfels", {"--memory"});
   if (s.scene_file.empty()) refuse("the default scene", {"--refraction", "--bounces"});
-  if (!s.render.lit) refuse("--shading none", {"--refraction", "--bounces"});
+  if (!s.render.lit) {
+    refuse("--shading none", {"--refraction", "--bounces"});
+    refuse("--shading none", surfel::tool::normal_map_options());
+  }
   if (s.mesh.empty()) refuse("surfels", {"--bounces"});
   if (s.bounces > 0) refuse("--bounces", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
@@ -310,6 +319,7 @@ void check(const Settings& s) {
   std::vector<std::string> problems = s.camera.problems();
   surfel::tool::append(problems, s.render.problems());
   surfel::tool::append(problems, s.rays.problems());
+  surfel::tool::append(problems, s.normals.maps.problems());
   if (s.progressive < 1 || s.progressive > 10) {
     problems.push_back(fmt::format("--progressive is {}; it must be in 1..10", s.progressive));
   }
@@ -384,15 +394,20 @@ std::vector<Paint> surfel_steps(const Settings& s, const surfel::LoadedCloud& su
 struct MeshPainter {
   surfel::TriangleMesh mesh;
   std::optional<surfel::TextureSet> textures;
-  std::shared_ptr<surfel::MeshRenderer> renderer;  ///< Refers to both.
+  std::optional<surfel::NormalMaps> normals;
+  std::shared_ptr<surfel::MeshRenderer> renderer;  ///< Refers to all three.
 
   MeshPainter(const MeshPainter&) = delete;
   MeshPainter& operator=(const MeshPainter&) = delete;
-  MeshPainter(const Settings& s, const surfel::Scene& scene) : mesh(surfel::read_mesh(s.mesh)) {
+  MeshPainter(const CLI::App& app, const Settings& s, const surfel::Scene& scene)
+      : mesh(surfel::read_mesh(s.mesh)) {
     const bool named = std::any_of(mesh.material.begin(), mesh.material.end(),
                                    [](const auto& m) { return !m.texture.empty(); });
     if (!s.texture.image.empty() || named) {
       textures = surfel::load_textures(s.texture, &mesh, s.mesh);
+    }
+    if (s.render.lit) {
+      normals = surfel::tool::load_normal_maps(app, s.normals, &mesh, s.mesh);
     }
     renderer = std::make_shared<surfel::MeshRenderer>(
         mesh, textures ? &*textures : nullptr, scene,
@@ -401,7 +416,8 @@ struct MeshPainter {
                                   .cull_back = s.render.cull_back,
                                   .lit = s.render.lit,
                                   .bounces = s.bounces,
-                                  .background = s.render.background});
+                                  .background = s.render.background,
+                                  .normal_maps = normals ? &*normals : nullptr});
   }
 };
 
@@ -549,6 +565,7 @@ int main(int argc, char** argv) {
                           "Renders surfels by screen space EWA splatting (Zwicker et al. 2001).");
   Settings s;
   declare_options(tool.app(), s);
+  tool.name_fields({{"y_down", "--normal-y"}});
   return tool.run(argc, argv, [&] {
     finish(s);
     require_effect(tool.app(), s);
@@ -562,7 +579,7 @@ int main(int argc, char** argv) {
     if (!s.input.empty()) loaded = load_surfels(tool, s);
     const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
     std::optional<MeshPainter> mesh;
-    if (!s.mesh.empty()) mesh.emplace(s, scene);
+    if (!s.mesh.empty()) mesh.emplace(tool.app(), s, scene);
     const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
     const std::vector<Paint> steps =
         mesh ? std::vector{paint_slowly(mesh->renderer)} : surfel_steps(s, *loaded, scene);

@@ -1,5 +1,7 @@
 // surfel-texture: the coefficients of a texture for surfels.
 
+#include <cmath>
+#include <numbers>
 #include <optional>
 
 #include <fmt/format.h>
@@ -10,10 +12,13 @@
 #include <surfel/render/renderer.h>
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/surface/coverage_threshold.h>
+#include <surfel/texture/normal_fit.h>
+#include <surfel/texture/normal_maps.h>
 #include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
+#include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -30,6 +35,7 @@ struct Settings {
   std::string solid_name;
   surfel::SolidTextureOptions solid;  ///< But for pattern and frequency, which the name has.
   surfel::TextureFitOptions fit;
+  surfel::tool::NormalMapSettings normals;
   bool no_charts = false;
   From from = From::kTexture;
   std::optional<Eigen::Vector2d> bounds;
@@ -151,6 +157,8 @@ void declare_options(CLI::App& app, Settings& s) {
                "Sum over the image's own texels whatever it takes, instead of a pyramid's");
 
   declare_solid(app, s);
+  app.option_defaults()->group("Normals");
+  tool::add_normal_maps(app, s.normals, "");
   declare_systems(app, s);
 }
 
@@ -170,15 +178,25 @@ void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& pro
   s.solid.frequency = named.frequency;
   append(problems, s.solid.problems());
   append(problems, without_effect(app,
-                                  {"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction",
+                                  {"--image", "--no-charts", "--wrap", "--reconstruction",
                                    "--max-aspect", "--exact"},
                                   "with --solid"));
+  if (s.normals.maps.empty()) append(problems, without_effect(app, {"--mesh"}, "with --solid"));
   if (named.pattern == surfel::SolidPattern::kChecker) {
     append(problems, without_effect(app, {"--octaves", "--seed"}, "with --solid checker"));
   }
   if (s.from == From::kColors) {
     problems.emplace_back("--solid and --from colors do not go together; leave one out");
   }
+}
+
+/// Refuses options of fits where there are no colours to be fitted.
+void refuse_fits(const CLI::App& app) {
+  surfel::tool::require_valid(surfel::tool::without_effect(
+      app,
+      {"--fit", "--solver", "--tolerance", "--lambda", "--bounds", "--cutoff", "--points",
+       "--robust", "--refine-variance", "--right-side"},
+      "with normals alone"));
 }
 
 void check(const CLI::App& app, Settings& s) {
@@ -197,13 +215,21 @@ void check(const CLI::App& app, Settings& s) {
     refuse({"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction", "--max-aspect",
             "--exact", "--points", "--refine-variance"},
            "with --from colors");
+    refuse(surfel::tool::normal_map_options(), "with --from colors");
     if (s.fit.kind == surfel::TextureFitKind::kEwa) {
       problems.emplace_back(
           "--from colors is for --fit gram and render: ewa leaves them as they are");
     }
   } else if (s.source.image.empty() && s.mesh.empty() && s.solid_name.empty()) {
-    problems.emplace_back("there is neither --image nor --mesh nor --solid; give one");
+    if (s.normals.maps.empty()) {
+      problems.emplace_back(
+          "there is neither --image nor --mesh nor --solid, nor a --normal-map or --bump alone; "
+          "give "
+          "one");
+    }
+    refuse_fits(app);
   }
+  surfel::tool::append(problems, s.normals.maps.problems());
   surfel::tool::require_valid(problems);
 }
 
@@ -323,6 +349,48 @@ surfel::TextureFitReport make_fit(surfel::SurfelCloud& cloud, const surfel::Tria
   return surfel::fit_texture(cloud, textures, s.fit, s.input);
 }
 
+/// None where colours come from the surfels.
+std::optional<surfel::NormalMaps> load_normals(const CLI::App& app, Settings& s,
+                                               const surfel::TriangleMesh* mesh) {
+  if (s.from == From::kColors) return std::nullopt;
+  s.normals.maps.wrap = s.source.wrap;
+  s.normals.maps.charts = !s.no_charts;
+  return surfel::tool::load_normal_maps(app, s.normals, mesh, s.mesh);
+}
+
+/// A mesh without materials has no colours; its surfels may be given normals alone.
+bool fits_colors(const Settings& s, const surfel::TriangleMesh* mesh) {
+  if (s.from == From::kColors || !s.source.image.empty() || !s.solid_name.empty()) return true;
+  if (s.normals.maps.empty()) return true;
+  return mesh && !mesh->material.empty();
+}
+
+double degrees(double radians) { return radians * 180 / std::numbers::pi; }
+
+void fit_normals(surfel::SurfelCloud& cloud, surfel::NormalMaps& maps, const Settings& s,
+                 const surfel::tool::Tool& tool, nlohmann::json& json) {
+  const surfel::NormalFitReport fit = surfel::fit_normals(cloud, maps, s.fit, s.input);
+  const double spread = degrees(std::sqrt(fit.mean_variance));
+  json["normals"] = {{"mapped", fit.mapped},
+                     {"unmapped", fit.unmapped},
+                     {"without_frame", fit.without_frame},
+                     {"mean_tilt", degrees(fit.mean_tilt)},
+                     {"spread", spread}};
+  surfel::tool::add_stages(json["normals"], fit.times);
+  std::string source = s.normals.maps.normal_map + s.normals.maps.bump;
+  if (source.empty()) source = "the materials of " + s.mesh;
+  tool.note(fmt::format(
+      "{}: normals from {} for {} of {} surfels, tilted by {:.1f} degrees on average, {:.1f} "
+      "degrees of spread below the surfels' size",
+      s.input, source, fit.mapped, cloud.size(), degrees(fit.mean_tilt), spread));
+  if (fit.without_frame > 0) {
+    tool.note(
+        fmt::format("{}: {} of {} surfels have no finite u, v, no normal or no derivatives: "
+                    "they keep their normals",
+                    s.input, fit.without_frame, cloud.size()));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -330,7 +398,7 @@ int main(int argc, char** argv) {
                           "Gives surfels the coefficients w_k of a texture, filtered for each.");
   Settings settings;
   declare_options(tool.app(), settings);
-  tool.name_fields({{"robust_scale", "--robust"}});
+  tool.name_fields({{"robust_scale", "--robust"}, {"y_down", "--normal-y"}});
   return tool.run(argc, argv, [&] {
     if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
     check(tool.app(), settings);
@@ -342,16 +410,23 @@ int main(int argc, char** argv) {
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());
     tool.report()["load_ms"] = timer.milliseconds();
 
-    const surfel::TextureFitReport fit = make_fit(cloud, mesh ? &*mesh : nullptr, settings, tool);
-    report(tool.report(), fit);
-    warn(tool, settings.input, fit);
-    if (needs_area(settings) && cloud.area.empty() && !cloud.empty()) {
-      tool.note(
-          fmt::format("{}: the surfels have no area, so that their kernels do not sum to "
-                      "about 1, and surfel-render, which divides by the sum, shows other "
-                      "colours than the texture's; --right-side normalised needs none",
-                      settings.input));
+    const surfel::TriangleMesh* const surface = mesh ? &*mesh : nullptr;
+    std::optional<surfel::NormalMaps> normals = load_normals(tool.app(), settings, surface);
+    if (fits_colors(settings, surface)) {
+      const surfel::TextureFitReport fit = make_fit(cloud, surface, settings, tool);
+      report(tool.report(), fit);
+      warn(tool, settings.input, fit);
+      if (needs_area(settings) && cloud.area.empty() && !cloud.empty()) {
+        tool.note(
+            fmt::format("{}: the surfels have no area, so that their kernels do not sum to "
+                        "about 1, and surfel-render, which divides by the sum, shows other "
+                        "colours than the texture's; --right-side normalised needs none",
+                        settings.input));
+      }
+    } else {
+      refuse_fits(tool.app());
     }
+    if (normals) fit_normals(cloud, *normals, settings, tool, tool.report());
 
     surfel::tool::write_result(tool, cloud, settings.output);
     tool.note(fmt::format("{}: {} surfels", settings.output, cloud.size()));

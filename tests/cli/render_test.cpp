@@ -76,6 +76,9 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--samples", "4"},
         Words{s.surfels, "--image", "checker"},
         Words{s.surfels, "--mesh", s.mesh, "--reference"},
+        Words{s.surfels, "--bump", "noise"},
+        Words{"--mesh", s.mesh, "--bump-scale", "2"},
+        Words{"--mesh", s.mesh, "--bump", "noise", "--shading", "none"},
         Words{"--mesh", s.mesh, "--cutoff", "2"},
         Words{s.surfels, "--refraction", "single"},
         Words{s.surfels, "--scene", glass, "--bounces", "2"},
@@ -92,6 +95,41 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
     EXPECT_EQ(result.exit_code, 2) << result.errors;
     EXPECT_FALSE(std::filesystem::exists(s.folder / "refused.png"));
   }
+}
+
+TEST(Render, ReliefsOfSurfelsAndMeshLookAlike) {
+  const Square& s = Square::get();
+  const Words relief{"--bump", "noise:3", "--bump-scale", "0.3"};
+  const std::string bent = s.folder / "bent.ply";
+  Words command{tool("surfel-texture"), s.surfels, "-o", bent, "--quiet"};
+  command.insert(command.end(), relief.begin(), relief.end());
+  ASSERT_EQ(run(command).exit_code, 0);
+  const auto picture = [&](const Words& options) {
+    const std::string file = s.folder / "lit.exr";
+    Words render{tool("surfel-render"),
+                 "-o",
+                 file,
+                 "--eye",
+                 "0.3,-0.6,3",
+                 "--target",
+                 "0,0,0",
+                 "--size",
+                 "64x64"};
+    render.insert(render.end(), options.begin(), options.end());
+    const RunResult result = run(render);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_image(file, true);
+  };
+  Words of_mesh{"--mesh", s.mesh, "--image", "checker:2", "--samples", "8"};
+  const Image flat = picture(of_mesh);
+  of_mesh.insert(of_mesh.end(), relief.begin(), relief.end());
+  const Image truth = picture(of_mesh);
+  const auto psnr = [&](const Image& image) {
+    return image_error(image, truth, {.inside_only = true}).psnr;
+  };
+  const double with_relief = psnr(picture({bent, "--cutoff", "2"}));
+  EXPECT_GT(with_relief, psnr(picture({s.surfels, "--cutoff", "2"})) + 3);
+  EXPECT_LT(psnr(flat), with_relief);
 }
 
 TEST(Render, ExplainsItsChoicesOnce) {

@@ -9,6 +9,7 @@
 #include <surfel/scene/image.h>
 
 #include "support/run_tool.h"
+#include "texture/relief_support.h"
 #include "texture/texture_support.h"
 
 namespace surfel::test {
@@ -78,6 +79,80 @@ TEST_F(SurfelTexture, TakesTheImagesOfTheMeshsMaterials) {
   const RunResult result = texture({surfels_, "--mesh", mesh_, "-o", output_});
   ASSERT_EQ(result.exit_code, 0) << result.errors;
   expect_red_and_white();
+}
+
+TEST_F(SurfelTexture, BendsNormalsAlone) {
+  const Vec3d tilt(0.6, 0, 0.8);
+  const std::string map = folder_ / "n.ppm";
+  write_relief(map, 4, 4, false, [&](int, int) { return normal_code(tilt); });
+  const std::string stats = folder_ / "stats.json";
+  const RunResult result =
+      texture({surfels_, "--normal-map", map, "-o", output_, "--stats", stats});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "normals from " + map + " for 2 of 2 surfels"));
+  const SurfelCloud cloud = read_cloud(output_);
+  EXPECT_TRUE(cloud.coefficient.empty());
+  EXPECT_EQ(cloud.normal[0], Vec3f(0, 0, 1));
+  ASSERT_EQ(cloud.shading_normal.size(), 2U);
+  EXPECT_LT((cloud.shading_normal[0] - tilt.cast<float>()).norm(), 1e-4F);
+  const auto report = nlohmann::json::parse(read_text(stats));
+  EXPECT_EQ(report["normals"]["mapped"], 2);
+  EXPECT_NEAR(report["normals"]["mean_tilt"].get<double>(), 36.87, 0.01);
+
+  ASSERT_EQ(texture({surfels_, "--bump", "noise:4", "--bump-scale", "0.1", "--image", image_, "-o",
+                     output_})
+                .exit_code,
+            0);
+  expect_red_and_white();
+  EXPECT_EQ(read_cloud(output_).shading_normal.size(), 2U);
+}
+
+TEST_F(SurfelTexture, TakesTheReliefOfTheMeshsMaterials) {
+  write_relief(folder_ / "n.ppm", 4, 4, false, [&](int, int) {
+    return normal_code({0, 0.6, 0.8});
+  });
+  write_text(folder_ / "m.mtl", "newmtl m\nmap_Kd image.png\nnorm n.ppm\n");
+  const RunResult result = texture({surfels_, "--mesh", mesh_, "-o", output_});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "normals from the materials of " + mesh_)) << result.errors;
+  expect_red_and_white();
+  const SurfelCloud up = read_cloud(output_);
+  ASSERT_EQ(up.shading_normal.size(), 2U);
+  EXPECT_LT((up.shading_normal[0] - Vec3f(0, 0.6F, 0.8F)).norm(), 1e-4F);
+  ASSERT_EQ(texture({surfels_, "--mesh", mesh_, "--normal-y", "down", "-o", output_}).exit_code, 0);
+  EXPECT_LT((read_cloud(output_).shading_normal[0] - Vec3f(0, -0.6F, 0.8F)).norm(), 1e-4F);
+  ASSERT_EQ(texture({surfels_, "--mesh", mesh_, "--no-normal-maps", "-o", output_}).exit_code, 0);
+  EXPECT_TRUE(read_cloud(output_).shading_normal.empty());
+  expect_red_and_white();
+
+  write_text(folder_ / "m.mtl", "newmtl m\nmap_Kd image.png\nbump gone.png\n");
+  const RunResult missing = texture({surfels_, "--mesh", mesh_, "-o", folder_ / "none.ply"});
+  EXPECT_EQ(missing.exit_code, 1);
+  EXPECT_TRUE(contains(missing.errors, folder_ / "gone.png")) << missing.errors;
+}
+
+TEST_F(SurfelTexture, RefusesReliefOptionsWithoutEffect) {
+  const std::string map = folder_ / "n.ppm";
+  write_relief(map, 4, 4, false, [&](int, int) { return normal_code({0, 0, 1}); });
+  for (std::vector<std::string> arguments : std::vector<std::vector<std::string>>{
+           {"--normal-map", map, "--bump", image_},
+           {"--normal-map", map, "--bump-scale", "2"},
+           {"--normal-map", map, "--no-normal-maps"},
+           {"--normal-map", map, "--normal-y", "left"},
+           {"--normal-map", map, "--fit", "render"},
+           {"--bump", image_, "--normal-y", "down"},
+           {"--bump", image_, "--bump-scale", "nan"},
+           {"--bump", image_, "--from", "colors", "--fit", "gram"},
+           {"--image", image_, "--bump-scale", "2"},
+           {"--image", image_, "--normal-y", "down"},
+           {"--image", image_, "--no-normal-maps"},
+           {"--mesh", mesh_, "--bump-scale", "2"}}) {
+    arguments.insert(arguments.begin(), {surfels_, "-o", output_});
+    const RunResult result = texture(arguments);
+    EXPECT_EQ(result.exit_code, 2) << arguments[3] << " " << result.errors;
+    EXPECT_FALSE(result.errors.empty());
+    EXPECT_FALSE(std::filesystem::exists(output_));
+  }
 }
 
 TEST_F(SurfelTexture, RefusesWrongUsage) {

@@ -377,6 +377,21 @@ TEST(Image, FullDiskIsReportedForEveryFormat) {
   }
 }
 
+TEST(Image, DataComesAsStored) {
+  const TemporaryFolder folder;
+  Image image = rgba_image(2, 1);
+  image.data = {srgb8_to_linear(51), srgb8_to_linear(102), 0, 1, 1, srgb8_to_linear(1), 0, 1};
+  write_image(image, folder / "codes.png");
+  const Image codes = read_data_image(folder / "codes.png");
+  EXPECT_EQ(codes.channels, (std::vector<std::string>{"R", "G", "B"}));
+  const Array<float> fractions{0.2F, 0.4F, 0, 1, 1.0F / 255, 0};
+  EXPECT_EQ(codes.data, fractions);
+  std::ofstream(folder / "grey.pgm", std::ios::binary) << "P5\n1 1\n65535\n" << '\x80' << '\x01';
+  const Image grey = read_data_image(folder / "grey.pgm");
+  ASSERT_EQ(grey.channels.size(), 1U);
+  EXPECT_EQ(grey.data[0], 0x8001 / 65535.0F);
+}
+
 TEST(Image, WhatIsNoImageIsRefused) {
   const TemporaryFolder folder;
   std::ofstream(folder / "text.txt") << "v 0 0 0\nf 1 2 3\n";

@@ -197,6 +197,32 @@ TEST(ReadObj, MaterialsAndTheirTexturesAreFound) {
   EXPECT_EQ(mesh.material[4].texture, "");
 }
 
+TEST(ReadObj, MaterialsHaveNormalAndBumpMaps) {
+  const TemporaryFolder folder;
+  write_file(folder / "n.png", "");
+  write_file(folder / "b.png", "");
+  write_file(folder / "m.mtl",
+             "norm n.png\nnewmtl a\nnorm -bm 3 n.png\nnewmtl b\nbump -bm 0.25 -imfchan r b.png\n"
+             "newmtl c\nmap_bump b.png -bm\nnewmtl d\nmap_Bump -bm x b.png\n"
+             "newmtl e\nbump -bm -2 b.png\nnewmtl f\nbump\n");
+  std::string text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  for (const char name : std::string("abcdef"))
+    text += std::string("usemtl ") + name + "\nf 1 2 3\n";
+  const TriangleMesh mesh = read_mesh(write_file(folder / "m.obj", text));
+  ASSERT_EQ(mesh.material.size(), 6U);
+  EXPECT_EQ(mesh.material[0].normal_map, folder / "n.png");
+  EXPECT_EQ(mesh.material[0].bump_map, "");
+  EXPECT_EQ(mesh.material[1].bump_map, folder / "b.png");
+  EXPECT_EQ(mesh.material[1].bump_scale, 0.25F);
+  EXPECT_EQ(mesh.material[1].normal_map, "");
+  EXPECT_EQ(mesh.material[1].texture, "");
+  EXPECT_EQ(mesh.material[2].bump_map, folder / "b.png -bm");  // Options come first.
+  EXPECT_EQ(mesh.material[3].bump_map, folder / "b.png");
+  EXPECT_EQ(mesh.material[3].bump_scale, 1);
+  EXPECT_EQ(mesh.material[4].bump_scale, -2);
+  EXPECT_EQ(mesh.material[5].bump_map, "");
+}
+
 TEST(ReadObj, SeveralMaterialFilesOnOneLine) {
   const TemporaryFolder folder;
   write_file(folder / "a.mtl", "newmtl a\nKd 1 0 0\n");
@@ -565,6 +591,9 @@ TriangleMesh make_mesh(const TemporaryFolder& folder, const Vec3d& origin) {
   mesh.material = {{"wood", {1, 0.5F, 0.1F}, folder / "wood 1.png"},
                    {"paint", {0.25F, 1, 0}, ""},
                    {"wood", {1, 1, 1}, folder / "maps/b.png"}};
+  mesh.material[0].normal_map = folder / "maps/b.png";
+  mesh.material[1].bump_map = folder / "wood 1.png";
+  mesh.material[1].bump_scale = 0.125F;
   std::filesystem::create_directory(folder / "maps");
   write_file(folder / "wood 1.png", "");
   write_file(folder / "maps/b.png", "");
@@ -599,6 +628,9 @@ TEST(WriteMesh, ObjReadsBackAsItWas) {
     for (std::size_t i = 0; i < 3; ++i) {
       EXPECT_EQ(found.material[i].diffuse, mesh.material[i].diffuse);
       EXPECT_EQ(found.material[i].texture, mesh.material[i].texture);
+      EXPECT_EQ(found.material[i].normal_map, mesh.material[i].normal_map);
+      EXPECT_EQ(found.material[i].bump_map, mesh.material[i].bump_map);
+      EXPECT_EQ(found.material[i].bump_scale, mesh.material[i].bump_scale);
     }
     EXPECT_EQ(found.material[0].name, "wood");
     EXPECT_NE(found.material[2].name, "wood");

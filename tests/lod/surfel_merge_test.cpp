@@ -94,6 +94,18 @@ TEST(SurfelMerge, HasTheMomentsOfTheMixture) {
   EXPECT_NEAR(t.dot(m.normal.cast<double>()), 0, 1e-6);
 }
 
+TEST(SurfelMerge, ShadingNormalsKeepTheirMeanAndLoseLength) {
+  SurfelCloud cloud = random_plane(3, {0, 0, 1}, {0, 0, 0});
+  cloud.area = {1, 2, 1};
+  // The last surfel has none: its normal counts.
+  cloud.shading_normal = {Vec3f(0.6F, 0, 0.8F), Vec3f(-0.3F, 0, 0.4F), Vec3f(0, 0, 0)};
+  const MergeSurfel m = merged_all(merge_surfels(cloud));
+  EXPECT_LT((m.shading_normal - Vec3f(0, 0, 0.65F)).norm(), 1e-6F);
+  SurfelCloud out = cloud;
+  write_attributes(out, 1, m);
+  EXPECT_EQ(out.shading_normal[1], m.shading_normal);
+}
+
 TEST(SurfelMerge, InStepsIsTheSameAsAtOnce) {
   const std::vector<MergeSurfel> all = merge_surfels(random_plane(12, {3, -1, 2}, {9, 9, 9}));
   std::vector<MergeSurfel> parts;

@@ -1,5 +1,7 @@
 // With AOVs every pixel is resolved by resolve_pixel(), without them most are not.
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "render/scenes.h"
@@ -85,6 +87,15 @@ TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   // What has no direction looks at the eye.
   for (std::size_t i = 0; i < cloud.size(); i += 5) {
     if (cloud.position[i].y() > 0.3F) cloud.normal[i].setZero();
+  }
+  for (const Camera& camera : {camera_at(2.6, kOddSize), square_camera(kOddSize)}) {
+    expect_same_colors(cloud, scene, camera, {});
+  }
+  // Means of a normal map.
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const auto wave = static_cast<float>(std::sin(0.1 * static_cast<double>(i)));
+    cloud.shading_normal.emplace_back((0.8F + 0.15F * wave) *
+                                      (cloud.normal[i] + Vec3f(0, wave, 0.3F)).normalized());
   }
   for (const Camera& camera : {camera_at(2.6, kOddSize), square_camera(kOddSize)}) {
     expect_same_colors(cloud, scene, camera, {});

@@ -1,6 +1,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <random>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -282,6 +283,68 @@ TEST(Shader, RoughnessAndBentNormalsBlur) {
   // Normals of variance alpha^2 / 2 are what microfacets of width alpha = roughness^2 are.
   const float alpha = 0.5F * 0.5F;
   EXPECT_NEAR(seen(0, std::exp(-alpha * alpha / 2)), seen(0.5F, 1), 1e-5F);
+}
+
+/// A surface lit by one light from the viewer's side, 30 degrees off, seen from +z.
+Scene scene_with_highlight(float shininess) {
+  Scene scene;
+  scene.ambient = {0, 0, 0};
+  scene.lights = {{Light::Type::kDirectional, -tilted(30).cast<double>(), {1, 1, 1}}};
+  scene.materials[0].specular = {1, 1, 1};
+  scene.materials[0].shininess = shininess;
+  return scene;
+}
+
+TEST(Shader, MappedNormalsOfUnitLengthAreLitAsOthers) {
+  const Scene scene = scene_with_highlight(20);
+  for (const double angle : {0.0, 20.0, 60.0}) {
+    const auto seen = [&](bool mapped) {
+      return Shader(&scene, square_camera(64), 0, mapped)
+          .shade(fragment(tilted(angle)), 32, 32, 1)
+          .red;
+    };
+    EXPECT_NEAR(seen(true), seen(false), 1e-6F) << angle;
+  }
+}
+
+/// Normals that vary as a Gaussian make of the light's highlight about what Toksvig says, and of
+/// Lambert's law exactly what the mean normal does.
+TEST(Shader, ShortMeanNormalsWidenHighlights) {
+  const float shininess = 60;
+  const Scene scene = scene_with_highlight(shininess);
+  constexpr double kDeviation = 0.12;  // Radians along each axis.
+  std::mt19937 generator(7);
+  std::normal_distribution<double> tilt(0, kDeviation);
+  const Shader plain(&scene, square_camera(64));
+  const Shader mapped(&scene, square_camera(64), 0, true);
+  for (const double angle : {0.0, 15.0, 30.0}) {
+    const Vec3d n = tilted(angle).cast<double>();
+    const Vec3d across = n.cross(Vec3d::UnitY()).normalized();
+    Vec3d mean(0, 0, 0);
+    double truth = 0;
+    constexpr int kCount = 20000;
+    for (int i = 0; i < kCount; ++i) {
+      const Vec3d bent =
+          (n + tilt(generator) * across + tilt(generator) * Vec3d::UnitY()).normalized();
+      mean += bent / kCount;
+      truth += plain.shade(fragment(bent.cast<float>()), 32, 32, 1).red / kCount;
+    }
+    const double found = mapped.shade(fragment(mean.cast<float>()), 32, 32, 1).red;
+    EXPECT_NEAR(found, truth, 0.04) << angle;
+    const double unit = plain.shade(fragment(n.cast<float>()), 32, 32, 1).red;
+    EXPECT_GT(std::abs(unit - truth), 3 * std::abs(found - truth)) << angle;
+  }
+}
+
+/// A side that faces the eye keeps a mapped normal that does not.
+TEST(Shader, MappedNormalsAreTurnedByTheSideAlone) {
+  const Scene scene = scene_with_highlight(0.5F);
+  const Shader shader(&scene, square_camera(64), 0, true);
+  Fragment away = fragment(tilted(120));
+  const float front = shader.shade(away, 32, 32, 1).red;
+  EXPECT_NEAR(front, 0, 1e-6F);  // It looks away from the light, too.
+  away.channel[kTag] = 0;
+  EXPECT_GT(shader.shade(away, 32, 32, 1).red, 0.1F);
 }
 
 TEST(Shader, InvisibleEnvironmentsShowByReflectionAndRefractionOnly) {

@@ -11,6 +11,7 @@ SurfelCloud surfel() {
   SurfelCloud cloud;
   cloud.position = {Vec3f(1, 2, 3)};
   cloud.normal = {Vec3f(1, 0, 0)};
+  cloud.shading_normal = {Vec3f(0.5F, 0, 0)};
   cloud.tangent = {Vec3f(0, 1, 0)};
   cloud.variance_u = {4};
   cloud.variance_v = {9};
@@ -33,6 +34,7 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   transform_cloud(cloud, similarity);
   EXPECT_LT((cloud.world(0) - Vec3d(6, 2, 5)).norm(), 1e-6);
   EXPECT_LT((cloud.normal[0] - Vec3f(0, 1, 0)).norm(), 1e-6F);
+  EXPECT_LT((cloud.shading_normal[0] - Vec3f(0, 0.5F, 0)).norm(), 1e-6F);
   EXPECT_LT((cloud.tangent[0] - Vec3f(-1, 0, 0)).norm(), 1e-6F);
   EXPECT_LT((cloud.dpdu[0] - Vec3f(0, 0, 2)).norm(), 1e-6F);
   EXPECT_LT((cloud.dpdv[0] - Vec3f(-4, 0, 0)).norm(), 1e-6F);

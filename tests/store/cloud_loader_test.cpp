@@ -41,9 +41,10 @@ SurfelCloud ordered(const std::string& kind, std::size_t count) {
 }
 
 std::vector<const Array<float>*> columns(const RenderCloud& c) {
-  return {&c.x,         &c.y,         &c.z,         &c.normal_x,    &c.normal_y,    &c.normal_z,
-          &c.tangent_x, &c.tangent_y, &c.tangent_z, &c.deviation_u, &c.deviation_v, &c.area,
-          &c.red,       &c.green,     &c.blue,      &c.alpha,       &c.group_radius};
+  return {&c.x,         &c.y,         &c.z,         &c.normal_x,    &c.normal_y,     &c.normal_z,
+          &c.tangent_x, &c.tangent_y, &c.tangent_z, &c.deviation_u, &c.deviation_v,  &c.area,
+          &c.red,       &c.green,     &c.blue,      &c.alpha,       &c.group_radius, &c.shading_x,
+          &c.shading_y, &c.shading_z};
 }
 
 /// Bit for bit.
@@ -103,6 +104,8 @@ SurfelCloud with_every_column() {
     cloud.alpha[i] = static_cast<float>(i % 7) / 6;
     cloud.material[i] = static_cast<std::uint16_t>(i % 3);
     cloud.group[i] = static_cast<std::uint16_t>(5 * (i % 4));
+    // Lengths of means, lengths that no mean has, and none.
+    cloud.shading_normal.push_back(cloud.normal[i] * (0.4F * static_cast<float>(i % 4)));
     cloud.normal[i] *= static_cast<float>(1 + i % 2);
   }
   return cloud;

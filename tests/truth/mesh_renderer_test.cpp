@@ -519,6 +519,91 @@ TEST(MeshRenderer, NormalsAreSmoothWhereTheFileHasNone) {
   }
 }
 
+/// Lit by one light that is not the eye's.
+Scene lit_from_the_side() {
+  Scene scene;
+  scene.ambient = {0, 0, 0};
+  scene.lights = {{Light::Type::kDirectional, {-1, 0.5, -1}, {1, 1, 1}}};
+  scene.materials[0].specular = {0.5F, 0.5F, 0.5F};
+  return scene;
+}
+
+TEST(MeshRenderer, NormalMapsBendNormals) {
+  const Scene scene = lit_from_the_side();
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  const Vec3f tilt = Vec3f(0.3F, 0.4F, 0.8F).normalized();
+  for (const bool mirrored : {false, true}) {
+    TriangleMesh mesh = square();
+    if (mirrored) {
+      for (auto& wedges : mesh.wedge_uv) {
+        for (Vec2f& uv : wedges) uv.x() = 1 - uv.x();
+      }
+    }
+    NormalMaps maps;
+    maps.kind = {ReliefKind::kNormals};
+    maps.first = uniform_textures({{tilt.x(), tilt.y(), tilt.z(), 1}});
+    options.normal_maps = &maps;
+    const Image seen = render(mesh, nullptr, square_camera(8), options, scene);
+    options.normal_maps = nullptr;
+    mesh.wedge_normal.assign(2, {});
+    for (auto& corner : mesh.wedge_normal) {
+      corner.fill({mirrored ? -tilt.x() : tilt.x(), tilt.y(), tilt.z()});
+    }
+    const Image expected = render(mesh, nullptr, square_camera(8), options, scene);
+    for (std::size_t i = 0; i < seen.data.size(); ++i) {
+      EXPECT_NEAR(seen.data[i], expected.data[i], 1e-5F);
+    }
+  }
+}
+
+/// Heights whose slopes change along x only, between the texels as bilinear interpolation has it.
+TEST(MeshRenderer, BumpMapsBendNormalsByTheirSlopes) {
+  const Scene scene = lit_from_the_side();
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  constexpr int kTexels = 16;  // 8 texels a scene unit: the square is two units wide.
+  Image first;
+  first.width = kTexels;
+  first.height = 1;
+  first.channels = {"R", "G", "B"};
+  for (int x = 0; x < kTexels; ++x) {
+    const auto h_x = static_cast<float>(0.01 * x);
+    first.data.insert(first.data.end(), {h_x, 0, h_x * h_x});
+  }
+  NormalMaps maps;
+  maps.kind = {ReliefKind::kHeights};
+  maps.first = textured(std::move(first), WrapMode::kClamp);
+  options.normal_maps = &maps;
+  const TriangleMesh mesh = square();
+  const Image seen = render(mesh, nullptr, square_camera(32), options, scene);
+  options.normal_maps = nullptr;
+  for (const int x : {3, 10, 25}) {
+    // The pixel's centre in texels, less the half texel that the first centre lies in.
+    const double h_x = 0.01 * ((x + 0.5) * kTexels / 32 - 0.5);
+    TriangleMesh bent = mesh;
+    bent.wedge_normal.assign(2, {});
+    const Vec3f normal = Vec3d(-h_x * 8, 0, 1).normalized().cast<float>();
+    for (auto& corner : bent.wedge_normal) corner.fill(normal);
+    const Image expected = render(bent, nullptr, square_camera(32), options, scene);
+    for (int c = 0; c < 4; ++c) {
+      EXPECT_NEAR(seen.pixel(x, 16)[c], expected.pixel(x, 16)[c], 1e-5F) << x;
+    }
+  }
+}
+
+TEST(MeshRenderer, NormalMapsNeedTextureCoordinates) {
+  TriangleMesh mesh = square();
+  mesh.wedge_uv.clear();
+  NormalMaps maps;
+  maps.kind = {ReliefKind::kNormals};
+  maps.first = uniform_textures({{0, 0, 1, 1}});
+  const Scene scene;
+  MeshRenderOptions options;
+  options.normal_maps = &maps;
+  EXPECT_THROW(MeshRenderer(mesh, nullptr, scene, options), Error);
+}
+
 TEST(MeshRenderer, ExtentHoldsTheFacesAlone) {
   TriangleMesh mesh = generate_mesh(procedural_scene("sphere", 1), 400);
   mesh.origin = Vec3d(1e6, 2, 3);
