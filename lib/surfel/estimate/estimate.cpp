@@ -149,6 +149,7 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
   const std::size_t count = out.size();
   const bool ellipses = estimates.sizes.ellipses;
   out.normal.resize(count);
+  out.shading_normal = {};  // A map bent normals that are estimated anew.
   out.area.resize(count);
   out.variance.resize(ellipses ? 0 : count);
   out.tangent.resize(ellipses ? count : 0);
