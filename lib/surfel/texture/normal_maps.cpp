@@ -156,7 +156,9 @@ constexpr std::array<double, 5> kNodeWeight{0.533333333333333, 0.222075922005613
 Mat2d lower_root(const Mat2d& variance) {
   Mat2d root = Mat2d::Zero();
   root(0, 0) = std::sqrt(std::max(0.0, variance(0, 0)));
-  if (root(0, 0) > 0) root(1, 0) = variance(0, 1) / root(0, 0);
+  const double most = std::sqrt(std::max(0.0, variance(1, 1)));
+  // Rounding may leave a covariance beside a variance of nothing.
+  if (root(0, 0) > 0) root(1, 0) = std::clamp(variance(0, 1) / root(0, 0), -most, most);
   root(1, 1) = std::sqrt(std::max(0.0, variance(1, 1) - root(1, 0) * root(1, 0)));
   return root;
 }
