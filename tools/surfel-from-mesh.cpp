@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -127,6 +128,9 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   json["degenerate_faces"] = report.degenerate_faces;
   json["flat_uv_faces"] = report.flat_uv_faces;
   json["components"] = report.components;
+  json["border_edges"] = report.edges.border;
+  json["non_manifold_edges"] = report.edges.non_manifold;
+  json["inconsistent_edges"] = report.edges.inconsistent;
   json["area"] = report.area;
   json["spacing"] = report.spacing;
   // A single sample has no distance to others; JSON has no infinity.
@@ -135,11 +139,27 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   tool::add_stages(json, report.times);
 }
 
+/// One line about the edges that a closed surface would not have; nothing where there are none.
+std::string unsound_edges(const std::string& mesh, const EdgeCounts& edges) {
+  std::string found;
+  const auto add = [&](std::size_t count, const char* kind) {
+    if (count > 0) found += fmt::format("{}{} {}", found.empty() ? "" : ", ", count, kind);
+  };
+  add(edges.border, "of one face (surfels end there)");
+  add(edges.non_manifold, "of three faces or more (sheets touch there)");
+  add(edges.inconsistent, "of two faces that face opposite ways (so do their surfels)");
+  if (found.empty()) return found;
+  return fmt::format("{}: has edges {}; `surfel-info {}` tells more, a mesh editor closes them",
+                     mesh, found, shell_file(mesh));
+}
+
 void tell(const tool::Tool& tool, const Request& r, const SurfelCloud& cloud,
           const MeshSampleReport& report) {
   if (report.degenerate_faces > 0) {
     tool.note(fmt::format("{}: {} faces without area skipped", r.mesh, report.degenerate_faces));
   }
+  const std::string unsound = unsound_edges(r.mesh, report.edges);
+  if (!unsound.empty()) tool.note(unsound);
   if (report.flat_uv_faces > 0) {
     tool.note(fmt::format("{}: {} faces have uv without area; dpdu and dpdv are zero there", r.mesh,
                           report.flat_uv_faces));

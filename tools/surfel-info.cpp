@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/plugin.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_io.h>
@@ -11,6 +12,7 @@
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
+#include <surfel/measure/mesh_topology.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -75,27 +77,55 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   return out;
 }
 
-Json describe_mesh(const std::string& file) {
+/// Adds what the half-edges of a mesh tell.
+void describe_topology(const surfel::TriangleMesh& mesh, Json& out) {
+  const surfel::MeshTopology t = surfel::mesh_topology(mesh);
+  Json places = Json::array();
+  for (const surfel::Vec3d& place : t.non_manifold_places) places.push_back(describe(place));
+  out["border_loops"] = t.border_loops;
+  out["longest_border"] = t.longest_border;
+  out["non_manifold_vertices"] = t.non_manifold_vertices;
+  out["non_manifold_at"] = places;
+  out["non_orientable"] = t.non_orientable_components;
+  out["crease_edges"] = t.crease_edges;
+  out["crease_length"] = t.crease_length;
+  out["euler_characteristic"] = t.euler_characteristic;
+  out["genus"] = t.genus ? Json(*t.genus) : Json(nullptr);
+  out["repair"] = {{"components", t.components},
+                   {"faces_turned", t.turned_faces},
+                   {"vertices_split", t.split_vertices},
+                   {"faces_left_out", t.left_out_faces}};
+}
+
+Json describe_mesh(const std::string& file, const Tool& tool) {
   const surfel::TriangleMesh mesh = surfel::read_mesh(file);
   const surfel::MeshStatistics s = surfel::mesh_statistics(mesh);
   Json materials = Json::array();
   for (const surfel::MeshMaterial& material : mesh.material) {
     materials.push_back({{"name", material.name}, {"texture", material.texture}});
   }
-  return {{"file", file},
-          {"kind", "mesh"},
-          {"vertices", s.vertices},
-          {"faces", s.faces},
-          {"components", s.components},
-          {"border_edges", s.border_edges},
-          {"non_manifold_edges", s.non_manifold_edges},
-          {"degenerate_faces", mesh.degenerate_faces},
-          {"area", s.area},
-          {"bounds", describe(s.bounds)},
-          {"uv", !mesh.wedge_uv.empty()},
-          {"normals", !mesh.wedge_normal.empty()},
-          {"colors", !mesh.color.empty()},
-          {"materials", materials}};
+  Json out = {{"file", file},
+              {"kind", "mesh"},
+              {"vertices", s.vertices},
+              {"faces", s.faces},
+              {"components", s.components},
+              {"border_edges", s.edges.border},
+              {"border_length", s.edges.border_length},
+              {"non_manifold_edges", s.edges.non_manifold},
+              {"inconsistent_edges", s.edges.inconsistent},
+              {"degenerate_faces", mesh.degenerate_faces},
+              {"area", s.area},
+              {"bounds", describe(s.bounds)},
+              {"uv", !mesh.wedge_uv.empty()},
+              {"normals", !mesh.wedge_normal.empty()},
+              {"colors", !mesh.color.empty()},
+              {"materials", materials}};
+  if (surfel::has_plugin("openmesh")) {
+    describe_topology(mesh, out);
+  } else {
+    tool.note(file + ": its half-edges are not described; Surfelkit was built without OpenMesh");
+  }
+  return out;
 }
 
 Json describe_image(const std::string& file) {
@@ -110,10 +140,11 @@ Json describe_image(const std::string& file) {
           {"nonfinite_values", nonfinite}};
 }
 
-Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions& options) {
+Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions& options,
+                   const Tool& tool) {
   switch (surfel::file_kind(file)) {
     case surfel::FileKind::kMesh:
-      return describe_mesh(file);
+      return describe_mesh(file, tool);
     case surfel::FileKind::kImage:
       return describe_image(file);
     case surfel::FileKind::kCloud:
@@ -133,7 +164,7 @@ std::string text(const Json& value) {
     if (value.is_object()) {
       out += fmt::format("{}{} {}", out.empty() ? "" : ", ", key, text(item));
     } else {
-      out += (out.empty() ? "" : item.is_object() ? "; " : " ") + text(item);
+      out += (out.empty() ? "" : item.is_structured() ? "; " : " ") + text(item);
     }
   }
   return out.empty() ? "-" : out;
@@ -194,7 +225,7 @@ int main(int argc, char** argv) {
   tool.app().add_option("--seed", options.seed, "Choice of these surfels");
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(options.problems());
-    const Json description = describe_file(file, options);
+    const Json description = describe_file(file, options, tool);
     const auto replace = Json::error_handler_t::replace;
     surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
                              : for_people(description));

@@ -17,8 +17,8 @@ TEST(MeshStatistics, OfATetrahedron) {
   EXPECT_EQ(s.vertices, 4U);
   EXPECT_EQ(s.faces, 4U);
   EXPECT_EQ(s.components, 1U);
-  EXPECT_EQ(s.border_edges, 0U);
-  EXPECT_EQ(s.non_manifold_edges, 0U);
+  EXPECT_EQ(s.edges.border, 0U);
+  EXPECT_EQ(s.edges.non_manifold, 0U);
   EXPECT_NEAR(s.area, 1.5 + std::sqrt(3.0) / 2, 1e-12);
   EXPECT_EQ(s.bounds.min, Vec3d(100, 0, 0));
   EXPECT_EQ(s.bounds.max, Vec3d(101, 1, 1));
@@ -32,8 +32,8 @@ TEST(MeshStatistics, CountsComponentsBordersAndNonManifoldEdges) {
   mesh.face.push_back({5, 6, 7});
   const MeshStatistics s = mesh_statistics(mesh);
   EXPECT_EQ(s.components, 2U);
-  EXPECT_EQ(s.border_edges, 2U + 3U);
-  EXPECT_EQ(s.non_manifold_edges, 1U);
+  EXPECT_EQ(s.edges.border, 2U + 3U);
+  EXPECT_EQ(s.edges.non_manifold, 1U);
 }
 
 }  // namespace

@@ -19,6 +19,8 @@ std::string library_folder() {
   return slash == std::string::npos ? "." : path.substr(0, slash);
 }
 
+std::string plugin_file(const std::string& name) { return "libsurfel_" + name + ".so"; }
+
 /// First of the places where the plug-in's file is; the place of an installed one if it is nowhere.
 std::string plugin_path(const std::string& file) {
   const std::string folder = library_folder();
@@ -45,12 +47,16 @@ void* open_plugin(const std::string& path) {
   return handle;
 }
 
+bool has_plugin(const std::string& name) {
+  return access(plugin_path(plugin_file(name)).c_str(), F_OK) == 0;
+}
+
 void* plugin_symbol(const std::string& name, const char* symbol) {
   static std::mutex mutex;
   static std::map<std::string, void*> loaded;
   const std::lock_guard lock(mutex);
   void*& handle = loaded[name];
-  const std::string file = "libsurfel_" + name + ".so";
+  const std::string file = plugin_file(name);
   if (!handle) handle = open_plugin(plugin_path(file));
   void* address = dlsym(handle, symbol);
   if (!address) throw_io(file, std::string("has no function ") + symbol + "; reinstall Surfelkit");

@@ -18,6 +18,9 @@ inline constexpr char kPluginAbiSymbol[] = "surfel_plugin_abi";
 /// out in another way.
 SURFEL_API void* open_plugin(const std::string& path);
 
+/// Whether the plug-in library `libsurfel_<name>.so` is where plugin_symbol() looks for it.
+SURFEL_API bool has_plugin(const std::string& name);
+
 /// Loads the plug-in library `libsurfel_<name>.so` that stands beside this library (or in its
 /// folder `surfel/` where installed), once, and returns the address of its symbol. Libraries that
 /// take long to load (OpenImageIO: 150 ms, PCL's files) live in plug-ins, so that a run that does

@@ -27,10 +27,10 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
     for (end = begin + 1; end < order.size() && keys[end] == keys[begin]; ++end) {
     }
-    // All points of a run are at one place, unless hashes collide.
+    // All points of a run are at one place, unless hashes collide or they are not finite.
     for (std::size_t i = begin; i < end; ++i) {
       std::size_t first = begin;
-      while (position[order[first]] != position[order[i]]) ++first;
+      while (first < i && position[order[first]] != position[order[i]]) ++first;
       welded[order[i]] = order[first];
     }
   }
@@ -39,12 +39,20 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
 
 Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
   const Array<std::uint32_t> welded = welded_vertices(mesh.position);
-  const std::size_t edges = 3 * mesh.face.size();
+  Array<std::array<std::uint32_t, 3>> face(mesh.face.size());
+  parallel_each(face.size(), kEdgeGrain, [&](std::size_t f) {
+    for (int k = 0; k < 3; ++k) face[f][k] = welded[mesh.face[f][k]];
+  });
+  return edge_rings(face);
+}
+
+Array<std::uint32_t> edge_rings(const Array<std::array<std::uint32_t, 3>>& face) {
+  const std::size_t edges = 3 * face.size();
   Array<std::uint64_t> keys(edges);
-  parallel_each(mesh.face.size(), kEdgeGrain, [&](std::size_t f) {
+  parallel_each(face.size(), kEdgeGrain, [&](std::size_t f) {
     for (int k = 0; k < 3; ++k) {
-      const std::uint64_t a = welded[mesh.face[f][k]];
-      const std::uint64_t b = welded[mesh.face[f][(k + 1) % 3]];
+      const std::uint64_t a = face[f][k];
+      const std::uint64_t b = face[f][(k + 1) % 3];
       keys[3 * f + k] = std::min(a, b) << 32 | std::max(a, b);
     }
   });
@@ -60,6 +68,26 @@ Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
     for (std::size_t i = begin; collapsed && i < end; ++i) rings[order[i]] = kBorderEdge;
   }
   return rings;
+}
+
+EdgeCounts count_edges(const TriangleMesh& mesh, const Array<std::uint32_t>& rings) {
+  EdgeCounts counts;
+  for (std::size_t e = 0; e < rings.size(); ++e) {
+    const std::array<std::uint32_t, 3>& face = mesh.face[e / 3];
+    const Vec3f& from = mesh.position[face[e % 3]];
+    const Vec3f& to = mesh.position[face[(e % 3 + 1) % 3]];
+    if (from == to) continue;
+    const std::size_t next = rings[e];
+    if (next == kBorderEdge) {
+      ++counts.border;
+      counts.border_length += (to - from).cast<double>().norm();
+    } else if (next < e) {  // Once for each ring, at its last member.
+      const bool pair = rings[next] == e;
+      counts.non_manifold += pair ? 0 : 1;
+      counts.inconsistent += pair && mesh.position[mesh.face[next / 3][next % 3]] == from ? 1 : 0;
+    }
+  }
+  return counts;
 }
 
 Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings) {

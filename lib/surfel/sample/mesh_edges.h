@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -20,6 +21,22 @@ SURFEL_API Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position);
 /// 3 * face + edge of the next face around edge k of face f (from corner k to corner k + 1), or
 /// kBorderEdge. Two faces at an edge point at each other; more form a ring in ascending order.
 SURFEL_API Array<std::uint32_t> edge_rings(const TriangleMesh& mesh);
+/// The same of faces whose vertices are welded: vertices of different numbers lie at different
+/// positions.
+SURFEL_API Array<std::uint32_t> edge_rings(const Array<std::array<std::uint32_t, 3>>& face);
+
+/// Edges of a mesh by the faces that meet there. Edges between vertices at one position are left
+/// out.
+struct EdgeCounts {
+  std::size_t border = 0;        ///< Edges of a single face.
+  std::size_t non_manifold = 0;  ///< Edges of three faces or more.
+  std::size_t inconsistent = 0;  ///< Edges of two faces, of which one is seen from outside, the
+                                 ///< other from inside.
+  double border_length = 0;      ///< Scene units.
+};
+
+/// \param rings  edge_rings() of the mesh.
+SURFEL_API EdgeCounts count_edges(const TriangleMesh& mesh, const Array<std::uint32_t>& rings);
 
 /// Parts of the mesh that edges connect: for every face the lowest face of its part.
 SURFEL_API Array<std::uint32_t> face_components(const Array<std::uint32_t>& rings);

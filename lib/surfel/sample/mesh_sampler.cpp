@@ -297,6 +297,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   }
   const Array<std::uint32_t> rings = edge_rings(mesh);
   const Array<std::uint32_t> component = face_components(rings);
+  out.edges = count_edges(mesh, rings);
   stage.end("topology");
 
   const SizingField uniform(1);

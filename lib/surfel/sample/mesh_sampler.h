@@ -9,6 +9,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
+#include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/sizing_field.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/triangle_mesh.h>
@@ -43,6 +44,7 @@ struct MeshSampleReport {
   std::size_t degenerate_faces = 0;  ///< Faces without area: dropped on reading, or skipped.
   std::size_t flat_uv_faces = 0;     ///< Faces whose uv span no area: dpdu = dpdv = 0 there.
   std::size_t components = 0;        ///< Parts that no edge connects.
+  EdgeCounts edges;
   double area = 0;                   ///< Area of the mesh.
   double spacing = 0;                ///< Spacing asked for, or found for the count.
   double least_distance = 0;  ///< Least distance between samples of one sheet; infinity if no
