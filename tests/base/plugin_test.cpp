@@ -37,6 +37,8 @@ TEST(Plugin, ThatIsMissingOrLacksAFunctionIsAnErrorThatNamesIt) {
               plugin_symbol("nowhere", "f");
             }).find("libsurfel_nowhere.so: is missing; build or install Surfelkit with"),
             std::string::npos);
+  EXPECT_FALSE(has_plugin("nowhere"));
+  EXPECT_TRUE(has_plugin("image"));
   EXPECT_NE(test::message_of([] { plugin_symbol("image", "nothing"); }).find("libsurfel_image.so"),
             std::string::npos);
 }

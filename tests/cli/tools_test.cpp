@@ -404,6 +404,32 @@ TEST(SurfelEstimate, SearchesFindTheSameOrTellHowMuch) {
             2);
 }
 
+TEST(SurfelFromMesh, TellsOfEdgesThatNoClosedSurfaceHas) {
+  TemporaryFolder folder;
+  const auto notes = [&](const std::string& mesh) {
+    const RunResult result = run({tool("surfel-from-mesh"), mesh, "--count", "50", "-o",
+                                  folder / "out.ply", "--stats", folder / "out.json"});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return result.errors;
+  };
+  EXPECT_TRUE(contains(notes(Inputs::get().mesh), "has edges 4 of one face (surfels end there);"));
+  const std::string tetrahedron =
+      "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 -1 -1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+  write_text(folder / "closed.obj", tetrahedron + "f 2 3 4\n");
+  EXPECT_FALSE(contains(notes(folder / "closed.obj"), "edges"));
+  write_text(folder / "fin.obj", tetrahedron + "f 2 4 3\nf 1 2 5\n");
+  EXPECT_TRUE(contains(notes(folder / "fin.obj"),
+                       "has edges 2 of one face (surfels end there), 1 of three faces or more "
+                       "(sheets touch there), 3 of two faces that face opposite ways"));
+  const auto report = nlohmann::json::parse(read_text(folder / "out.json"));
+  EXPECT_EQ(report["border_edges"], 2);
+  EXPECT_EQ(report["non_manifold_edges"], 1);
+  EXPECT_EQ(report["inconsistent_edges"], 3);
+  const RunResult info = run({tool("surfel-info"), folder / "fin.obj"});
+  EXPECT_TRUE(contains(info.output, "\nnon_manifold_at      0.5 0 0\n")) << info.output;
+  EXPECT_TRUE(contains(info.output, "faces_turned 1, vertices_split 2,")) << info.output;
+}
+
 TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
   const auto describe = [](const std::string& file) {
     const RunResult result = run({tool("surfel-info"), file, "--json"});
@@ -424,6 +450,10 @@ TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
   EXPECT_EQ(mesh["kind"], "mesh");
   EXPECT_EQ(mesh["faces"], 2);
   EXPECT_EQ(mesh["border_edges"], 4);
+  EXPECT_EQ(mesh["border_loops"], 1);
+  EXPECT_EQ(mesh["crease_edges"], 0);
+  EXPECT_EQ(mesh["genus"], nullptr);
+  EXPECT_EQ(mesh["repair"]["vertices_split"], 0);
   EXPECT_EQ(mesh["uv"], true);
   const auto image = describe(Inputs::get().image);
   EXPECT_EQ(image["kind"], "image");

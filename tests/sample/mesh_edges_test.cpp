@@ -31,5 +31,19 @@ TEST(EdgeRings, LinkFacesOfWeldedVertices) {
   EXPECT_EQ(parts[2], 0u);
 }
 
+TEST(EdgeCounts, OfAnOpenBoxWithAFinAndATurnedFace) {
+  TriangleMesh mesh = box(Vec3f(1, 1, 2));
+  const EdgeCounts closed = count_edges(mesh, edge_rings(mesh));
+  EXPECT_EQ(closed.border + closed.non_manifold + closed.inconsistent, 0U);
+  mesh.face.erase(mesh.face.begin(), mesh.face.begin() + 2);  // The face z = 0.
+  std::swap(mesh.face[0][1], mesh.face[0][2]);                // Half of the face z = 2.
+  add_triangle(mesh, Vec3f(0, 0, 0), Vec3f(0, 0, 2), Vec3f(-3, 0, 2));
+  const EdgeCounts counts = count_edges(mesh, edge_rings(mesh));
+  EXPECT_EQ(counts.border, 4U + 2U);
+  EXPECT_NEAR(counts.border_length, 4 + 3 + std::sqrt(13.0), 1e-6);
+  EXPECT_EQ(counts.non_manifold, 1U);
+  EXPECT_EQ(counts.inconsistent, 3U);
+}
+
 }  // namespace
 }  // namespace surfel
