@@ -149,7 +149,7 @@ std::string unsound_edges(const std::string& mesh, const EdgeCounts& edges) {
   add(edges.non_manifold, "of three faces or more (sheets touch there)");
   add(edges.inconsistent, "of two faces that face opposite ways (so do their surfels)");
   if (found.empty()) return found;
-  return fmt::format("{}: has edges {}; `surfel-info {}` tells more, a mesh editor closes them",
+  return fmt::format("{}: has edges {}; `surfel-info {}` tells more; a mesh editor can mend them",
                      mesh, found, shell_file(mesh));
 }
 
