@@ -72,8 +72,10 @@ void declare_options(CLI::App& app, Settings& s) {
                    "none = measure it; enlarge = one factor for a group's radii; enlarge-each = a "
                    "radius for every splat, the least overlap; duplicate = add splats of other "
                    "groups; default: leave out");
-  app.add_option("--cover-target", s.coverage.target,
-                 "Of --cover enlarge: share of the surface that a group shall cover, up to 1");
+  app.add_option(
+      "--cover-target", s.coverage.target,
+      "Of --cover enlarge: share of the surface's area that a group shall cover, up to 1; "
+      "what no radius covers is reported");
   app.add_option("--most-growth", s.coverage.most_growth,
                  "Of --cover enlarge-each: most that a radius grows by, times the median of its "
                  "group, >= 1; discs at creases would stick out of the surface");
@@ -156,6 +158,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["area_from_column"] = r.area_from_column;
   json["covered_area"] = r.covered_area;
   json["uncovered_area"] = r.uncovered_area;
+  json["unreachable_area"] = r.unreachable_area;
   json["overlap_area"] = r.overlap_area;
   json["growth_mean"] = r.growth_mean;
   json["growth_max"] = r.growth_max;
@@ -201,6 +204,12 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   if (grew && r.capped > 0) {
     tool.note(
         fmt::format("{}: {} splats grow no further than the surface's border", s.input, r.capped));
+  }
+  if (s.cover == surfel::CoverMethod::kEnlarge && percent(r.unreachable_area) >= 0.01) {
+    tool.note(
+        fmt::format("{}: {:.2g} % of the surface lies where no one factor for the radii of a group "
+                    "reaches: add surfels, or use fewer groups or --cover enlarge-each",
+                    s.input, percent(r.unreachable_area)));
   }
   if (r.limited > 0) {
     tool.note(

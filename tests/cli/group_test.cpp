@@ -103,7 +103,7 @@ TEST_F(SurfelGroup, CoversTheSurfaceAndReportsIt) {
   EXPECT_LT(less["coverage"]["points_added"], duplicated["points_added"]);
   const auto half = stats({"--cover", "enlarge", "--cover-target", "0.95", "--fixed-point", "9"});
   EXPECT_NEAR(half["coverage"]["groups"][0]["covered_area"].get<double>(),
-              0.95 * half["coverage"]["groups"][0]["cell_area"].get<double>(), 0.01);
+              0.95 * half["coverage"]["area"].get<double>(), 0.01);
   EXPECT_TRUE(half["coverage"]["groups"][0].contains("fixed_point"));
   EXPECT_FALSE(stats({}).contains("coverage"));
 }

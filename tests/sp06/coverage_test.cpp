@@ -235,7 +235,8 @@ TEST(Coverage, EnlargeReachesItsTargetWithOneFactor) {
   for (const GroupCoverage& group : report.groups) {
     ASSERT_TRUE(group.enlargement);
     EXPECT_TRUE(group.enlargement->converged);
-    EXPECT_NEAR(group.covered_area, 0.999 * group.cell_area, 1e-5 * group.cell_area);
+    EXPECT_NEAR(group.covered_area, report.area, 1e-5 * report.area);
+    EXPECT_NEAR(group.unreachable_area, 0, 1e-5 * report.area);
   }
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const double own = std::sqrt(2 * static_cast<double>(before.variance[i]));
@@ -243,6 +244,18 @@ TEST(Coverage, EnlargeReachesItsTargetWithOneFactor) {
     EXPECT_NEAR(cloud.group_radius[i], factor * own, 1e-6 * own * factor);
   }
   EXPECT_LT(uncovered_share(cloud, 0, "sphere", 5000, on_sphere), 0.003);
+}
+
+TEST(Coverage, AreaBeyondTheCellsIsReportedAndInflatesNothing) {
+  // Twice the area that there is: the cells hold half of it, and their last corners are left open.
+  SurfelCloud cloud = grid(20, 0.6F);
+  cloud.area.assign(cloud.size(), 2);
+  const CoverageReport report = cover_groups(cloud, {.method = CoverMethod::kEnlarge});
+  const GroupCoverage& group = report.groups[0];
+  EXPECT_FALSE(group.enlargement->converged);
+  EXPECT_NEAR(group.covered_area, 0.999 * group.cell_area, 1e-5 * group.cell_area);
+  EXPECT_NEAR(group.unreachable_area, 2.0 * 400 - group.covered_area, 1e-6 * 800);
+  EXPECT_EQ(report.unreachable_area, group.unreachable_area);
 }
 
 TEST(Coverage, GrowthIsLimitedAndTheRestReported) {

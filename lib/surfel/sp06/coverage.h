@@ -25,9 +25,8 @@ enum class CoverMethod : std::uint8_t {
 struct CoverageOptions {
   CoverMethod method = CoverMethod::kEnlargeEach;
   double cutoff = 1;  ///< c of beta < c: a disc's radius is sqrt(2 c max variance), > 0.
-  /// Share of the surface that a group shall cover with kEnlarge, in (0, 1]. With 1 the widest gap
-  /// alone sets the factor for all.
-  double target = 0.999;
+  /// Share of the surface's area A that a group shall cover with kEnlarge, in (0, 1]; SP06 (8): 1.
+  double target = 1;
   /// kEnlargeEach: a splat's radius grows by no more than this many times the median of its group,
   /// >= 1. At creases and edges cells have spikes, which would make discs that stick out of the
   /// surface: on the Stanford dragon with four groups 15 to 21 times their own radius, where half
@@ -60,7 +59,8 @@ struct GroupCoverage {
   /// cells, over one another or over the border.
   double overlap_area = 0;
   /// A - cell_area where that is positive: surface that is in no cell of the group, as it is on
-  /// sheets where the group has no splat, or is curved within a cell. No radius covers it.
+  /// sheets where the group has no splat, or is curved within a cell. No radius covers it. With
+  /// kEnlarge: the part of the area asked for that the factor does not cover.
   double unreachable_area = 0;
   double growth_mean = 1;  ///< Mean ratio of new to old radius.
   double growth_max = 1;
@@ -81,8 +81,9 @@ struct CoverageReport {
   /// Splats without a finite position, a normal or a variance above zero: they have no disc.
   std::size_t without_disc = 0;
   std::size_t border_splats = 0;  ///< Splats at which the whole cloud's surface ends.
-  double covered_area = 0;        ///< Mean over the groups, as in the next two members.
+  double covered_area = 0;        ///< Mean over the groups, as in the next three members.
   double uncovered_area = 0;
+  double unreachable_area = 0;
   double overlap_area = 0;
   double growth_mean = 1;  ///< Mean ratio of new to old radius over the splats of all groups.
   double growth_max = 1;
@@ -101,9 +102,9 @@ struct CoverageReport {
 /// The surface is the union of the cloud's discs (DiscSurface). Where a border is in a splat's
 /// cell, the cell ends there and so does the splat's growth; most_growth limits it on top of that,
 /// and the area that it leaves open is in uncovered_area. Coverage that no radius of the group can
-/// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of the area of
-/// the group's cells: A itself, which is not measured in the same tangent planes, may be more than
-/// they hold, and (8) then has no solution.
+/// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of A. The
+/// cells, which lie in tangent planes, may hold less than that, and (8) then has no solution: the
+/// factor is the one that covers 0.999 of the cells, whose last spikes would inflate all radii.
 ///
 /// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
 /// Memory some 100 bytes a splat, and 150 a splat of the largest group.
