@@ -133,7 +133,7 @@ TEST(SolidFit, MeansAreNearerToTheTruthThanPointsAndDependLessOnThePlaces) {
     options.dark = Vec3f(0, 0, 0);
     options.light = Vec3f(1, 1, 1);
     const SolidTexture texture(options, Bounds{});
-    SurfelCloud fine = test::jittered_plane(8 * kSide, 1, 0.5, 9);
+    SurfelCloud fine = test::jittered_plane(6 * kSide, 1, 0.5, 9);
     color_by_points(fine, texture);
     const Image truth = picture(fine, kSide);
     std::vector<Image> means;

@@ -47,8 +47,8 @@ SURFEL_API const std::vector<std::string>& solid_texture_names();
 SURFEL_API SolidTextureOptions solid_texture_options(const std::string& name);
 
 /// A colour at every point of space, and its mean over Gaussians, of which there is next to no
-/// aliasing: octaves of noise that a Gaussian averages away are left out (filtered_noise.h), and
-/// what they were enters the ramp of colours as a variance. Callable from any thread.
+/// aliasing: octaves of noise that a Gaussian averages away are left out, and the ramp of colours
+/// is averaged over the variance that they had. Callable from any thread.
 class SURFEL_API SolidTexture {
  public:
   /// \param bounds  that options.frequency and options.center refer to; an empty box or a point
@@ -60,12 +60,14 @@ class SURFEL_API SolidTexture {
   SolidTexture& operator=(SolidTexture&&) noexcept;
 
   double feature_size() const { return feature_size_; }  ///< Scene units.
-  /// The colour at a point, linear; between dark and light. Not finite points have the mean.
+  /// The colour at a point, linear; between dark and light. The mean where the point
+  /// is not finite, or so many features away that doubles have no fractions left.
   Vec3f evaluate(const Vec3d& point) const;
-  /// The mean colour over a Gaussian about a point. Checker: filtered_checker.h has the error. The
-  /// others: the mean of nine parts of the Gaussian, on each of which the noise is taken as linear
-  /// with a normal distribution about it.
-  /// \param axes  scene units.
+  /// The mean colour over a Gaussian about a point. Checker: within 0.003 of the range of colours.
+  /// The others: the mean of nine parts of the Gaussian, on each of which the noise is taken as
+  /// linear with a normal distribution about it; root mean square errors by the Gaussian's size are
+  /// in docs/texture.md.
+  /// \param axes  scene units; longer than 1e9 features: the mean of all space.
   Vec3f filtered(const Vec3d& point, const KernelAxes& axes) const;
   Vec3f mean() const;  ///< Of all space.
 
