@@ -143,6 +143,22 @@ void check_textured(const SurfelCloud& cloud, const TextureSet& textures, const 
   check_materials(cloud, textures, name);
 }
 
+namespace {
+
+bool published_side(const TextureFitOptions& options) {
+  return options.right_side.value_or(GramRightSide::kPublished) == GramRightSide::kPublished;
+}
+
+/// The integral of every r_k over its tangent plane, unit^2: c_k / w_ewa of textures that fill
+/// space, whose mean under r_k w_ewa is.
+Array<double> kernel_integrals(const SurfelBasis& basis) {
+  Array<double> integrals(basis.size());
+  for (std::size_t i = 0; i < basis.size(); ++i) integrals[i] = basis.function[i].area;
+  return integrals;
+}
+
+}  // namespace
+
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                              const TextureFitOptions& options, const std::string& name) {
   require_usable(options);
@@ -157,10 +173,9 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
     if (options.kind == TextureFitKind::kGram) {
       leave_out_without_uv(cloud, basis);
       fit_ewa(cloud, textures, options, report);
-      const bool published =
-          options.right_side.value_or(GramRightSide::kPublished) == GramRightSide::kPublished;
       fit_gram(cloud, basis,
-               published ? texture_integrals(cloud, basis, textures, options) : Array<double>(),
+               published_side(options) ? texture_integrals(cloud, basis, textures, options)
+                                       : Array<double>(),
                options, report);
     } else {
       StageTimer timer(report.times);
@@ -243,7 +258,10 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
     fit_render(cloud, std::move(colors), render_options(options), options, report);
   } else {
     fit_solid_ewa(cloud, texture, basis, report);
-    if (options.kind == TextureFitKind::kGram) fit_gram(cloud, basis, options, report);
+    if (options.kind == TextureFitKind::kGram) {
+      fit_gram(cloud, basis, published_side(options) ? kernel_integrals(basis) : Array<double>(),
+               options, report);
+    }
   }
   measure(cloud, report);
   return report;
