@@ -118,11 +118,13 @@ void declare_visibility(CLI::App& app, Settings& s) {
        {"deferred", Method::kDeferred},
        {"transparent", Method::kTransparent},
        {"transparent-high", Method::kTransparentHigh},
+       {"two-pass", Method::kTwoPass},
        {"depth-peel", Method::kDepthPeel}},
       "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
       "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
-      "with all layers blended alike or the nearest interpolated; or one layer after "
-      "another, slowly, as a reference");
+      "with all layers blended alike or the nearest interpolated; opaque surfaces by a pass for "
+      "depth and one for colour, to compare deferred with; or one layer after another, slowly, as "
+      "a reference");
   using surfel::Voronoi;
   add_choice(app, "--voronoi", s.method_options.voronoi,
              {{"off", Voronoi::kOff},
@@ -133,7 +135,7 @@ void declare_visibility(CLI::App& app, Settings& s) {
              "or by --depth-epsilon");
   app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
   app.add_option("--layers", s.render.layers,
-                 "Fragments per pixel of --method abuffer and deferred, 1..64");
+                 "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
   app.add_option("--depth-epsilon", s.render.depth_epsilon,
                  "Surfaces within this many footprints (to beta = 1) in depth are one, > 0");
   app.add_option("--coverage-threshold", s.render.coverage_threshold,
@@ -296,6 +298,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
       {surfel::Method::kTransparent,
        {"transparent", {"--peel", "--layers", "--lowpass", "--coverage-threshold"}}},
       {surfel::Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
+      {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--peel"}}},
       {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers"}}}};
   const auto& [method, unheeded] = kMethods.at(s.method);
   refuse(std::string("--method ") + method, unheeded);
@@ -467,6 +470,8 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
                          {"clusters", frame.clusters},
                          {"splats", frame.splats},
                          {"exact_splats", frame.exact_splats},
+                         {"geometry_passes", frame.geometry_passes},
+                         {"fragments", frame.fragments},
                          {"merged_fragments", frame.merged},
                          {"late_weight_share", frame.late_weight_share},
                          {"groups", frame.groups},

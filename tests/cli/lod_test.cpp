@@ -101,8 +101,9 @@ TEST_F(SurfelLod, RenderUsesTheLevelsUnlessToldNotTo) {
   EXPECT_LT(splats({"--filter", "none", "--lod", "on"}), unfiltered);
   EXPECT_LT(splats({"--lowpass", "3"}), automatic);
   // The reference takes the finest level, as do the others that do not know levels.
-  for (const Words& options : {Words{"--reference", "--samples", "1"},
-                               Words{"--filter", "ewa-source"}, Words{"--method", "depth-peel"}}) {
+  for (const Words& options :
+       {Words{"--reference", "--samples", "1"}, Words{"--filter", "ewa-source"},
+        Words{"--method", "depth-peel"}, Words{"--method", "two-pass"}}) {
     EXPECT_EQ(render(Sphere::get().levels, options).exit_code, 0);
     EXPECT_GT(image_error(read_image(picture_, true), finest).psnr, 25) << options.back();
   }

@@ -69,6 +69,9 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--method", "depth-peel", "--voronoi", "off"},
         Words{s.surfels, "--method", "depth-peel", "--layers", "2"},
         Words{s.surfels, "--method", "deferred", "--peel", "2"},
+        Words{s.surfels, "--method", "two-pass", "--peel", "2"},
+        Words{s.surfels, "--method", "two-pass", "--voronoi", "off"},
+        Words{s.surfels, "--method", "two-pass", "--scene", glass},
         Words{s.surfels, "--method", "transparent", "--lowpass", "2"},
         Words{s.surfels, "--method", "transparent-high", "--layers", "2"},
         Words{s.surfels, "--filter", "ewa-source", "--method", "deferred"},
@@ -158,7 +161,7 @@ TEST(Render, EveryMethodSeesTheSamePicture) {
   const std::string groups = s.folder / "groups.ply";
   ASSERT_EQ(run({tool("surfel-group"), s.surfels, "-o", groups, "--quiet"}).exit_code, 0);
   const Image expected = s.picture({groups});
-  for (const std::string method : {"deferred", "depth-peel"}) {
+  for (const std::string method : {"deferred", "two-pass", "depth-peel"}) {
     EXPECT_GT(image_error(s.picture({groups, "--method", method}), expected).psnr, 30) << method;
   }
   const RunResult result =
@@ -186,7 +189,8 @@ TEST(Render, StreamsWhatDoesNotFitIntoMemory) {
   // Smaller batches: fragments merge at other times.
   EXPECT_GT(image_error(read_image(folder / "whole.exr"), read_image(folder / "streamed.exr")).psnr,
             40);
-  for (const Words& options : {Words{"--memory", "1M"}, Words{"--memory", "12M", "--reference"}}) {
+  for (const Words& options : {Words{"--memory", "1M"}, Words{"--memory", "12M", "--reference"},
+                               Words{"--memory", "12M", "--method", "two-pass"}}) {
     const RunResult result = render("none.png", options);
     EXPECT_EQ(result.exit_code, 1);
     EXPECT_NE(result.errors.find("--memory"), std::string::npos) << result.errors;
@@ -219,7 +223,8 @@ TEST(Render, CopiesForGroupsAreDrawnOnceWhereGroupsDoNotMatter) {
                 .exit_code,
             0);
   const Image expected = s.picture({s.surfels});
-  for (const Words& options : {Words{copies}, Words{copies, "--method", "depth-peel"}}) {
+  for (const Words& options : {Words{copies}, Words{copies, "--method", "depth-peel"},
+                               Words{copies, "--method", "two-pass"}}) {
     EXPECT_GT(image_error(s.picture(options), expected).psnr, 60);
   }
   EXPECT_GT(image_error(s.picture({copies, "--reference", "--samples", "2"}),

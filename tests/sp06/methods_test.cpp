@@ -18,13 +18,18 @@ namespace surfel::test {
 namespace {
 
 constexpr double kOneInByte = 1 / 255.0;
-constexpr Method kMethods[] = {Method::kABuffer, Method::kDeferred, Method::kTransparent,
-                               Method::kTransparentHigh, Method::kDepthPeel};
+constexpr Method kMethods[] = {Method::kABuffer,         Method::kDeferred,  Method::kTransparent,
+                               Method::kTransparentHigh, Method::kDepthPeel, Method::kTwoPass};
 constexpr Method kGroupMethods[] = {Method::kDeferred, Method::kTransparent,
                                     Method::kTransparentHigh};
 
 bool has_aovs(Method method) {
   return method != Method::kTransparent && method != Method::kTransparentHigh;
+}
+
+/// The method draws opaque surfaces alone.
+bool is_for_opaque(Method method) {
+  return method == Method::kDeferred || method == Method::kTwoPass;
 }
 
 /// The unlit picture, with AOVs where the method makes them.
@@ -127,7 +132,7 @@ TEST(Methods, SingleSplatEqualsTheABuffer) {
       options.kernel = kernel;
       const Camera camera = camera_at(2, 72);
       const Image expected = render_by(Method::kABuffer, cloud, camera, options);
-      for (const Method method : {Method::kDeferred, Method::kDepthPeel}) {
+      for (const Method method : {Method::kDeferred, Method::kDepthPeel, Method::kTwoPass}) {
         EXPECT_LT(largest_difference(render_by(method, cloud, camera, options), expected), 1e-6);
       }
     }
@@ -158,6 +163,45 @@ TEST(Methods, DeferredOfValidGroupsEqualsTheABuffer) {
             38);
 }
 
+TEST(Methods, TwoPassFollowsTheABuffer) {
+  const SurfelCloud sphere = colored_sphere(2500, 0.8);
+  const Camera camera = camera_at(2.2, 160);
+  EXPECT_GT(psnr(render_by(Method::kTwoPass, sphere, camera),
+                 render_by(Method::kABuffer, sphere, camera)),
+            38);
+}
+
+TEST(Methods, PassesAndFragmentsAreCounted) {
+  SurfelCloud cloud;
+  add_surfel(cloud, {0.1F, -0.05F, 0}, {0, 0, 1}, 0.02F, 0.02F, {0.8F, 0.3F, 0.1F});
+  cloud.group.push_back(0);
+  cloud.group_radius.push_back(0.2F);
+  const Camera camera = camera_at(2, 64);
+  RenderOptions options;
+  options.kernel = Kernel::kAffine;
+  const EwaKernel kernel = *make_ewa_kernel(in_camera(cloud, 0, camera), camera, 1);
+  std::uint64_t pixels = 0;
+  for (int y = 0; y < camera.height; ++y) {
+    for (int x = 0; x < camera.width; ++x) pixels += kernel.beta({x + 0.5, y + 0.5}) < 1 ? 1 : 0;
+  }
+  // Depth peeling finds a layer in three passes, and in the fourth that there is none behind it.
+  for (const auto& [method, passes] :
+       {std::pair(Method::kABuffer, 1), std::pair(Method::kDeferred, 1),
+        std::pair(Method::kTwoPass, 2), std::pair(Method::kDepthPeel, 4)}) {
+    FrameStatistics statistics;
+    render_by(method, cloud, camera, options, &statistics);
+    EXPECT_EQ(statistics.geometry_passes, passes) << static_cast<int>(method);
+    EXPECT_EQ(statistics.fragments, passes * pixels) << static_cast<int>(method);
+  }
+  for (const auto& [method, passes] :
+       {std::pair(Method::kTransparent, 1), std::pair(Method::kTransparentHigh, 2)}) {
+    FrameStatistics statistics;
+    render_by(method, cloud, camera, options, &statistics);
+    EXPECT_EQ(statistics.geometry_passes, passes) << static_cast<int>(method);
+    EXPECT_GT(statistics.fragments, 0) << static_cast<int>(method);
+  }
+}
+
 TEST(Methods, FewerGroupsComeAtACost) {
   const Camera camera = camera_at(2.2, 160);
   double before = std::numeric_limits<double>::infinity();
@@ -171,14 +215,16 @@ TEST(Methods, FewerGroupsComeAtACost) {
   }
 }
 
-TEST(Methods, DeferredShowsWhatIsBehindAnEdge) {
+TEST(Methods, OpaqueMethodsShowWhatIsBehindAnEdge) {
   // A sphere before a plane, both opaque: the sphere's rim is blended with the plane, not with the
   // background.
   SurfelCloud cloud = fibonacci_sphere(1500, 0.5, {0.9F, 0.9F, 0.9F});
   cloud = grouped(joined(cloud, jittered_plane(60, 1.5, 0.2, 1, -0.8)));
-  const Image image = render_by(Method::kDeferred, cloud, camera_at(3, 128));
-  for (int y = 24; y < 104; ++y) {
-    for (int x = 24; x < 104; ++x) EXPECT_GT(image.pixel(x, y)[3], 0.97) << x << ", " << y;
+  for (const Method method : {Method::kDeferred, Method::kTwoPass}) {
+    const Image image = render_by(method, cloud, camera_at(3, 128));
+    for (int y = 24; y < 104; ++y) {
+      for (int x = 24; x < 104; ++x) EXPECT_GT(image.pixel(x, y)[3], 0.97) << x << ", " << y;
+    }
   }
 }
 
@@ -324,7 +370,7 @@ TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
   opaque.alpha.clear();
   const Camera camera = camera_at(2.2, 70);
   for (const Method method : kMethods) {
-    const SurfelCloud& cloud = method == Method::kDeferred ? opaque : sphere;
+    const SurfelCloud& cloud = is_for_opaque(method) ? opaque : sphere;
     const Image expected = render_by(method, cloud, camera);
     for (const int threads : {1, 2, 5}) {
       set_thread_count(threads);
@@ -452,7 +498,7 @@ TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
     const bool blended = method == Method::kTransparent || method == Method::kTransparentHigh;
     EXPECT_EQ(surfels.copies(), blended ? 0 : copies.size() - plain.size());
     EXPECT_EQ(surfels.size() + surfels.copies(), copies.size());
-    if (blended || method == Method::kDeferred) continue;
+    if (blended || is_for_opaque(method)) continue;
     const Image expected = render_by(method, plain, camera);
     EXPECT_EQ(largest_difference(render_by(method, copies, camera), expected), 0);
     EXPECT_EQ(largest_difference(render_by(method, shuffled(copies), camera), expected), 0);
@@ -461,8 +507,9 @@ TEST(Methods, CopiesCountOnceWhereGroupsDoNotMatter) {
   opaque.alpha.clear();
   SurfelCloud once = plain;
   once.alpha.clear();
-  EXPECT_EQ(render_by(Method::kDeferred, opaque, camera).data,
-            render_by(Method::kDeferred, once, camera).data);
+  for (const Method method : {Method::kDeferred, Method::kTwoPass}) {
+    EXPECT_EQ(render_by(method, opaque, camera).data, render_by(method, once, camera).data);
+  }
   // What shares its source alone, as scans do whose files mean something else by it, stays.
   copies.source.assign(copies.size(), 5);
   EXPECT_EQ(RenderCloud(copies).copies(), copies.size() - plain.size());
@@ -564,8 +611,9 @@ TEST(Methods, WhatCannotBeDrawnIsAnError) {
               const Renderer renderer(surfels, scene, options);
             }),
             ErrorKind::kInput);
-  EXPECT_EQ(kind([&] { render_by(Method::kDeferred, with_alpha(plane, 0.5F), camera); }),
-            ErrorKind::kUsage);
+  for (const Method method : {Method::kDeferred, Method::kTwoPass}) {
+    EXPECT_EQ(kind([&] { render_by(method, with_alpha(plane, 0.5F), camera); }), ErrorKind::kUsage);
+  }
   std::iota(plane.group.begin(), plane.group.end(), std::uint16_t{0});
   for (const Method method : kGroupMethods) {
     EXPECT_EQ(kind([&] { render_by(method, plane, camera); }), ErrorKind::kInput);

@@ -196,7 +196,7 @@ Sweep method(const SweepContext& c) {
   const std::string covered = "surfel-group --groups 4 --cover enlarge-each; surfel-render ";
   Sweep sweep{.name = "method",
               .title = "What becomes of the splats of a pixel",
-              .about = "The A-buffer, SP06's methods with groups, and depth peeling.",
+              .about = "The A-buffer, SP06's methods with groups, and its baselines.",
               .standard = "A-buffer",
               .points = {{"transparent", covered + "--method transparent", kQuick},
                          {"transparent-high", covered + "--method transparent-high", kQuick},
@@ -207,6 +207,7 @@ Sweep method(const SweepContext& c) {
     sweep.points.push_back({"depth-peel, 16", "surfel-render --method depth-peel --peel 16"});
   } else {
     sweep.points.push_back({"deferred", "surfel-group; surfel-render --method deferred", kQuick});
+    sweep.points.push_back({"two-pass", "surfel-render --method two-pass"});
   }
   return sweep;
 }

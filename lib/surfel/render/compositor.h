@@ -32,7 +32,13 @@ struct FrameStatistics {
   std::size_t clusters = 0;      ///< Clusters drawn.
   std::size_t splats = 0;        ///< Splats set up and inside the picture.
   std::size_t exact_splats = 0;  ///< Splats among them that have perspective-exact kernels.
-  std::uint64_t merged = 0;      ///< Pairs of fragments merged because all layers were taken.
+  /// Most passes over its splats that a tile took: the number of times that a GPU would draw the
+  /// geometry.
+  int geometry_passes = 0;
+  /// Pixels of all splats, in all passes, where beta < c. Splats that are skipped in a patch of
+  /// pixels, as something in front of them hides them there, have none in it.
+  std::uint64_t fragments = 0;
+  std::uint64_t merged = 0;  ///< Pairs of fragments merged because all layers were taken.
   /// Share of the sum of rho that came too late for its merged surface: a bound of the error that
   /// merging made.
   double late_weight_share = 0;

@@ -187,6 +187,21 @@ inline constexpr int kSplatShift = 4;
 inline constexpr int kPatchShift = 2;
 static_assert(sizeof(Splat) == sizeof(float) << kSplatShift && kStripWidth == 1 << kPatchShift);
 
+/// Number of the fragments of a few hundred splats in a vector of pixels: it stays in a register.
+class FragmentCounter {
+ public:
+  HWY_INLINE FragmentCounter() : count_(hn::Zero(D())) {}
+  HWY_INLINE void add(M inside) {
+    count_ = hn::Add(count_, hn::IfThenElseZero(inside, hn::Set(D(), 1.0F)));
+  }
+  HWY_INLINE std::uint64_t total() const {
+    return static_cast<std::uint64_t>(hn::GetLane(hn::SumOfLanes(D(), count_)));
+  }
+
+ private:
+  V count_;
+};
+
 /// Finds the pixels of one tile that its splats meet.
 class KernelRaster {
  public:
@@ -235,10 +250,20 @@ class KernelRaster {
       const SplatSampler sampler = sampler_;
       const V x = list.x;
       const V y = list.y;
+      const V cutoff = hn::Set(D(), job_.rules->cutoff);
+      FragmentCounter fragments;
       for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
-        visit(*index, list.pixel, sampler.at(*index, x, y));
+        const Sample s = sampler.at(*index, x, y);
+        fragments.add(hn::Lt(s.beta, cutoff));
+        visit(*index, list.pixel, s);
       }
+      count(fragments);
     });
+  }
+
+  /// Adds to FrameStatistics::fragments.
+  HWY_INLINE void count(const FragmentCounter& fragments) const {
+    *job_.fragments += fragments.total();
   }
 
  private:
@@ -395,6 +420,63 @@ struct FragmentSums {
     }
   }
 };
+
+/// Fragments through which nothing is seen. Merged fragments have a negative weight and never
+/// pass.
+template <bool kOpaqueSplats>
+HWY_INLINE M covers(V weight, V alpha, V full_weight) {
+  const M full = hn::Ge(weight, full_weight);
+  if constexpr (kOpaqueSplats) return full;
+  return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
+}
+
+/// A layer's fragments in a vector of pixels: the unmerged fragments' sums, and the tags.
+template <bool kNormals, bool kOpaqueSplats>
+class FragmentLayer {
+ public:
+  FragmentLayer(float* fragment, V full)
+      : fragment_(fragment),
+        sums_(fragment),
+        tag_(hn::BitCast(Tags(), hn::Load(D(), fragment + kTag * kPatchPixels))),
+        full_(full) {}
+
+  /// Accumulate or separate, SS01 section 6: adds a contribution where it belongs to the layer's
+  /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
+  /// added or the layer hides it.
+  HWY_INLINE V take(V rho, V depth, V epsilon, const Splat& splat, const SplatNormal* normal) {
+    const D d;
+    const auto splat_tag = hn::Set(Tags(), splat.tag);
+    // depth - fragment's depth, times the fragment's weight, to save the division. Merged
+    // fragments have a negative weight, and no contribution is near them, nor hidden by them.
+    const V behind = hn::MulSub(depth, sums_.weight, sums_.depth);
+    const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums_.weight));
+    const M same_side = hn::RebindMask(
+        d, hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));
+    const M free = hn::Eq(sums_.weight, hn::Zero(d));
+    const M joins = hn::Or(free, hn::And(near, same_side));
+    const V alpha = kOpaqueSplats ? sums_.weight : sums_.alpha;
+    const M hidden =
+        hn::And(covers<kOpaqueSplats>(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
+    tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
+    sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
+    return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
+  }
+
+  HWY_INLINE void store() {
+    sums_.store(fragment_);
+    hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
+  }
+
+ private:
+  using Tags = hn::RebindToUnsigned<D>;
+
+  float* fragment_;
+  FragmentSums<kNormals, kOpaqueSplats> sums_;
+  hn::Vec<Tags> tag_;
+  V full_;
+};
+
+HWY_INLINE bool is_zero(V v) { return hn::AllTrue(D(), hn::Eq(v, hn::Zero(D()))); }
 
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -29,6 +30,7 @@ struct Worker {
   Array<float> a_buffer;
   std::vector<TileJob> jobs;
   MergeStatistics merges;
+  std::uint64_t fragments = 0;  ///< See FrameStatistics.
   OpenPixels open;
 };
 
@@ -147,7 +149,10 @@ int Renderer::Impl::band_rows(const Camera& camera, int y0) const {
 void Renderer::Impl::draw_tile(TileABuffer& tile, int x, int y, int w) {
   Worker& worker = workers[w];
   worker.jobs.clear();
-  for (SplatLists& list : lists) worker.jobs.push_back(list.job(x, y, w));
+  for (SplatLists& list : lists) {
+    worker.jobs.push_back(list.job(x, y, w));
+    worker.jobs.back().fragments = &worker.fragments;
+  }
   worker.compositor->draw(worker.jobs, tile);
 }
 
@@ -376,8 +381,10 @@ void Renderer::Impl::begin(const Camera& camera) {
 /// Sums up what the workers counted.
 void Renderer::Impl::finish(FrameStatistics& statistics) {
   MergeStatistics merges;
+  statistics.geometry_passes = static_cast<int>(lists.size());
   workers.for_each([&](Worker& worker) {
     merges.add(worker.merges);
+    statistics.fragments += std::exchange(worker.fragments, 0);
     worker.compositor->take_statistics(statistics);
   });
   for (SplatLists& list : lists) {

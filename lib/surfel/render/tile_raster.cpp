@@ -93,20 +93,12 @@ class Rasterizer {
         const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
         const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
         const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
-        hidden = hn::IfThenElse(covers(weight, alpha, full_),
+        hidden = hn::IfThenElse(covers<kOpaqueSplats>(weight, alpha, full_),
                                 hn::Max(hidden, hn::Div(depth, weight)), hidden);
         hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
       }
       hn::Store(hidden, d, hidden_ + pixel);
     }
-  }
-
-  /// Fragments through which nothing is seen. Merged fragments have a negative weight and never
-  /// pass.
-  static HWY_INLINE M covers(V weight, V alpha, V full_weight) {
-    const M full = hn::Ge(weight, full_weight);
-    if constexpr (kOpaqueSplats) return full;
-    return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
   }
 
   /// Merged fragments through which nothing is seen.
@@ -123,52 +115,7 @@ class Rasterizer {
     std::uint32_t splat;
   };
 
-  /// A layer's fragments in a vector of pixels: the unmerged fragments' sums, and the tags.
-  class Layer {
-   public:
-    Layer(float* fragment, V full)
-        : fragment_(fragment),
-          sums_(fragment),
-          tag_(hn::BitCast(Tags(), hn::Load(D(), fragment + kTag * kPatchPixels))),
-          full_(full) {}
-
-    /// Accumulate or separate, SS01 section 6: adds a contribution where it belongs to the layer's
-    /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
-    /// added or the layer hides it.
-    HWY_INLINE V take(V rho, V depth, V epsilon, const Splat& splat, const SplatNormal* normal) {
-      const D d;
-      const auto splat_tag = hn::Set(Tags(), splat.tag);
-      // depth - fragment's depth, times the fragment's weight, to save the division. Merged
-      // fragments have a negative weight, and no contribution is near them, nor hidden by them.
-      const V behind = hn::MulSub(depth, sums_.weight, sums_.depth);
-      const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums_.weight));
-      const M same_side = hn::RebindMask(
-          d,
-          hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));
-      const M free = hn::Eq(sums_.weight, hn::Zero(d));
-      const M joins = hn::Or(free, hn::And(near, same_side));
-      const V alpha = kOpaqueSplats ? sums_.weight : sums_.alpha;
-      const M hidden = hn::And(covers(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
-      tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
-      sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
-      return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
-    }
-
-    HWY_INLINE void store() {
-      sums_.store(fragment_);
-      hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
-    }
-
-   private:
-    using Tags = hn::RebindToUnsigned<D>;
-
-    float* fragment_;
-    FragmentSums<kNormals, kOpaqueSplats> sums_;
-    hn::Vec<Tags> tag_;
-    V full_;
-  };
-
-  static HWY_INLINE bool is_zero(V v) { return hn::AllTrue(D(), hn::Eq(v, hn::Zero(D()))); }
+  using Layer = FragmentLayer<kNormals, kOpaqueSplats>;
 
   const SplatNormal* normal_of(std::uint32_t splat) const {
     return kNormals ? job_.normals + splat : nullptr;
@@ -207,7 +154,7 @@ class Rasterizer {
       // Not a number where the layer is free and the reach infinite.
       const M beyond = hn::Lt(hn::Mul(hn::Set(d, reach), weight), depth);
       const M takes = hn::AndNot(beyond, hn::Ge(weight, zero));
-      if (hn::AllFalse(d, hn::Or(takes, covers(weight, alpha, full_)))) continue;
+      if (hn::AllFalse(d, hn::Or(takes, covers<kOpaqueSplats>(weight, alpha, full_)))) continue;
       open |= Layers{1} << layer;
     }
     return open;
@@ -240,12 +187,15 @@ class Rasterizer {
     const V cutoff = hn::Set(d, job_.rules->cutoff);
     const V hidden = hn::Load(d, hidden_ + list.pixel);
     Layer layer(tile_.fragment(which, list.pixel), full_);
+    FragmentCounter fragments;
     std::size_t left = 0;
     for (; begin < end; ++begin) {
       const Sample s = sampler.at(*begin, x, y);
+      const M inside = hn::Lt(s.beta, cutoff);
+      fragments.add(inside);
       // A contribution within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
-      const M open = hn::And(seen, hn::Lt(s.beta, cutoff));
+      const M open = hn::And(seen, inside);
       const V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
       Contribution& to = out[left];
       to.depth = s.depth;
@@ -255,6 +205,7 @@ class Rasterizer {
       left += is_zero(to.rho) ? 0 : 1;
     }
     layer.store();
+    raster_.count(fragments);
     return left;
   }
 

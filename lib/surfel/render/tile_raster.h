@@ -28,6 +28,8 @@ struct TileJob {
   const std::uint32_t* order = nullptr;
   std::size_t count = 0;
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
+  /// FrameStatistics::fragments of the thread that draws the tile.
+  std::uint64_t* fragments = nullptr;
 };
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and

@@ -51,6 +51,7 @@ class Peeler {
       }
       add_layer(statistics.layers++);
     }
+    statistics.passes = passes_;
     return statistics;
   }
 
@@ -63,8 +64,9 @@ class Peeler {
   /// Calls body(splat's index, side, first pixel, mask, Sample) for all fragments that no layer
   /// has.
   template <class Body>
-  HWY_INLINE void for_each_fragment(const Body& body) const {
+  HWY_INLINE void for_each_fragment(const Body& body) {
     const D d;
+    ++passes_;
     const V cutoff = hn::Set(d, job_.rules->cutoff);
     raster_.draw(0, job_.count, nullptr,
                  [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
@@ -169,6 +171,7 @@ class Peeler {
   TileABuffer& tile_;
   KernelRaster raster_;
   float* planes_;
+  int passes_ = 0;
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <surfel/sp06/group_raster.h>
 #include <surfel/sp06/layer_blend.h>
 #include <surfel/sp06/methods.h>
+#include <surfel/sp06/two_pass.h>
 
 namespace surfel {
 namespace {
@@ -171,6 +172,7 @@ class PeelCompositor final : public Compositor {
     void take_statistics(FrameStatistics& statistics) override {
       statistics.peeled_layers = std::max(statistics.peeled_layers, peeled.layers);
       statistics.unpeeled_pixels += peeled.unpeeled_pixels;
+      statistics.geometry_passes = std::max(statistics.geometry_passes, peeled.passes);
       peeled = {};
     }
     PeelScratch scratch;
@@ -178,6 +180,29 @@ class PeelCompositor final : public Compositor {
   };
   const RenderOptions& options_;
   int peel_;
+};
+
+/// SP06's baseline of 2+1 passes.
+class TwoPassCompositor final : public Compositor {
+ public:
+  explicit TwoPassCompositor(const RenderOptions& options) : options_(options) {}
+  std::vector<SplatListOptions> lists() const override {
+    // Splats are sorted for the layers behind the first alone.
+    return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
+  }
+  int layers() const override { return options_.layers; }
+  std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
+
+ private:
+  struct TileWorker final : Worker {
+    void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
+      draw_two_pass(jobs.front(), tile);
+    }
+    void take_statistics(FrameStatistics& statistics) override {
+      statistics.geometry_passes = kTwoPassGeometryPasses;
+    }
+  };
+  const RenderOptions& options_;
 };
 
 class DeferredMethod final : public CompositingMethod {
@@ -235,6 +260,19 @@ class PeelMethod final : public CompositingMethod {
   int peel_;
 };
 
+class TwoPassMethod final : public CompositingMethod {
+ public:
+  std::unique_ptr<Compositor> make(const RenderCloud& /*cloud*/, const RenderOptions& options,
+                                   bool opaque) const override {
+    if (!opaque) {
+      throw_usage(
+          "the two-pass method draws the nearest surface alone, and the surfels or their materials "
+          "are transparent; use the A-buffer");
+    }
+    return std::make_unique<TwoPassCompositor>(options);
+  }
+};
+
 }  // namespace
 
 std::shared_ptr<const CompositingMethod> compositing_method(Method method,
@@ -250,6 +288,8 @@ std::shared_ptr<const CompositingMethod> compositing_method(Method method,
       return std::make_shared<LayerMethod>(options.voronoi, true);
     case Method::kDepthPeel:
       return std::make_shared<PeelMethod>(options.peel);
+    case Method::kTwoPass:
+      return std::make_shared<TwoPassMethod>();
   }
   return nullptr;
 }

@@ -19,6 +19,7 @@ enum class Method : std::uint8_t {
   kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
   kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
   kDepthPeel,        ///< One surface after another: the slow reference that SP06 compares with.
+  kTwoPass,          ///< Visibility first, attributes then: SP06's baseline for opaque surfaces.
 };
 
 struct MethodOptions {
