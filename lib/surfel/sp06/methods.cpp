@@ -21,6 +21,12 @@ namespace {
 /// reach with which every disc meets a pixel's centre.
 constexpr double kLayerReach = 0.5;
 
+/// Layers of the A-buffer of methods for opaque surfaces. At rims a pixel has more surfaces than a
+/// group, or than it has elsewhere: the far fragments of a steep surface count as another.
+int layers_of_rims(const RenderOptions& options) {
+  return options.layers == 1 ? 1 : std::min(kMostLayers, 2 * options.layers);
+}
+
 /// The common part of SP06's three algorithms.
 class GroupCompositor : public Compositor {
  public:
@@ -70,10 +76,7 @@ class DeferredCompositor final : public GroupCompositor {
  public:
   using GroupCompositor::GroupCompositor;
   std::vector<SplatListOptions> lists() const override { return {surfaces()}; }
-  int layers() const override {
-    // The layers of different groups can be more surfaces than each has, at rims above all.
-    return options().layers == 1 ? 1 : std::min(kMostLayers, 2 * options().layers);
-  }
+  int layers() const override { return layers_of_rims(options()); }
   std::unique_ptr<Worker> make_worker() const override {
     return std::make_unique<TileWorker>(*this);
   }
@@ -190,7 +193,7 @@ class TwoPassCompositor final : public Compositor {
     // Splats are sorted for the layers behind the first alone.
     return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
   }
-  int layers() const override { return options_.layers; }
+  int layers() const override { return layers_of_rims(options_); }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
 
  private:
