@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes docs/estimation.md: normals, sides and splat sizes of surfel-estimate beside PCL's normals, on surfaces of
-# known truth. Needs a build with -DSURFEL_BUILD_BENCH=ON in build/release. Takes minutes.
+# Makes docs/estimation.md: normals, sides and splat sizes of surfel-estimate beside PCL's normals, and smoothing, on
+# surfaces of known truth; poses of scans found again. Needs a build with -DSURFEL_BUILD_BENCH=ON in build/release. Takes minutes.
 # Usage: tests/estimation.sh [folder of the tools] [output]
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -9,6 +9,7 @@ out=${2:-$root/docs/estimation.md}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 "$tools/normals_table" > "$work/table.md"
+"$tools/align_table" > "$work/align.md"
 {
   cat <<'TEXT'
 # Estimation
@@ -32,4 +33,5 @@ TEXT
   cat "$work/table.md"
   echo
   cat "$root/tests/estimation_notes.md"
+  cat "$work/align.md"
 } > "$out"

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/align/align_scans.h>
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
@@ -24,6 +25,8 @@ struct Settings {
   std::string output;
   bool ascii = false;
   std::string material;
+  bool align = false;
+  surfel::AlignOptions alignment;
   surfel::JoinOptions join;
   double scale = 1;
   std::optional<Eigen::Vector4d> rotation;
@@ -39,6 +42,16 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD; - = standard output)")
       ->required();
   app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
+
+  app.option_defaults()->group("Scans of one surface, before they are joined");
+  app.add_flag(
+      "--align", s.align,
+      "Move every file but the first so that overlapping surfaces lie on one another (ICP, "
+      "then a bundle of all poses); the files must be near to their places already");
+  app.add_option(
+      "--align-reach", s.alignment.reach,
+      "How far points may be from their places at first, scene units; 0 = a twentieth of "
+      "the largest file's diameter");
 
   app.option_defaults()->group("Materials");
   app.add_option("--material", s.material,
@@ -87,10 +100,18 @@ surfel::Similarity similarity(const Settings& s) {
   return out;
 }
 
-void check(Settings& s) {
+void check(const CLI::App& app, Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
   surfel::tool::append(problems, similarity(s).problems());
+  surfel::tool::append(problems, s.alignment.problems());
+  if (s.align && s.inputs.size() < 2) {
+    problems.emplace_back("--align needs two files or more, of overlapping scans");
+  }
+  if (!s.align) {
+    surfel::tool::append(problems,
+                         surfel::tool::without_effect(app, {"--align-reach"}, "without --align"));
+  }
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only");
   }
@@ -104,6 +125,45 @@ void check(Settings& s) {
     problems.emplace_back("--ascii has no effect on PCD; leave it out");
   }
   surfel::tool::require_valid(problems);
+}
+
+nlohmann::json fit_json(const std::string& file, const surfel::ScanFit& fit) {
+  const surfel::Quaternion& q = fit.pose.rotation;
+  const surfel::Vec3d& t = fit.pose.translation;
+  return {{"file", file},
+          {"rotation", {q.w(), q.x(), q.y(), q.z()}},
+          {"translation", {t.x(), t.y(), t.z()}},
+          {"points", fit.points},
+          {"matched", fit.matched},
+          {"rms", fit.rms},
+          {"moved", fit.moved}};
+}
+
+/// Moves all scans but the first onto one another.
+void align(surfel::tool::Tool& tool, const Settings& s, std::vector<surfel::SurfelCloud>& clouds) {
+  const surfel::AlignReport r = surfel::align_scans(clouds, s.alignment, s.inputs);
+  nlohmann::json& json = tool.report()["align"];
+  json = {{"reach", r.reach},
+          {"rms", r.rms},
+          {"matches", r.matches},
+          {"rounds", r.rounds},
+          {"converged", r.converged}};
+  for (std::size_t k = 0; k < clouds.size(); ++k) {
+    const surfel::ScanFit& fit = r.scans[k];
+    json["scans"].push_back(fit_json(s.inputs[k], fit));
+    const double degrees = Eigen::AngleAxisd(fit.pose.rotation).angle() * 180 / std::numbers::pi;
+    tool.note(fmt::format(
+        "{}: {}; {} of {} points lie on other scans, {:.3g} from them (RMS)", s.inputs[k],
+        k == 0
+            ? "stays"
+            : fmt::format("turned by {:.3g} degrees, moved by {:.3g} at most", degrees, fit.moved),
+        fit.matched, fit.points, fit.rms));
+    surfel::transform_cloud(clouds[k], fit.pose);
+  }
+  if (!r.converged) {
+    tool.note(fmt::format("--align: poses still changed after {} rounds", r.rounds));
+  }
+  surfel::tool::add_stages(json, r.times);
 }
 
 /// Tells what joining made up or left out.
@@ -144,8 +204,9 @@ int main(int argc, char** argv) {
                           "Converts files of surfels, moves them, and joins several into one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.name_fields({{"reach", "--align-reach"}});
   return tool.run(argc, argv, [&] {
-    check(s);
+    check(tool.app(), s);
     nlohmann::json& report = tool.report();
     const surfel::Timer timer;
     std::vector<surfel::SurfelCloud> clouds;
@@ -157,6 +218,7 @@ int main(int argc, char** argv) {
     }
     report["load_ms"] = timer.milliseconds();
 
+    if (s.align) align(tool, s, clouds);
     surfel::JoinReport joined;
     surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
     tell(tool, s, joined);

@@ -21,6 +21,9 @@ struct Settings {
   std::optional<surfel::Vec3d> viewpoint;
   bool remove_outliers = false;
   surfel::OutlierOptions outliers;
+  std::string voxel;
+  bool smooth = false;
+  surfel::SmoothingOptions smoothing;
   surfel::EstimateOptions estimate;
 };
 
@@ -50,6 +53,21 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--outlier-k", s.outliers.neighbors, "Neighbours whose mean distance counts");
   app.add_option("--outlier-deviations", s.outliers.deviations,
                  "Standard deviations above the mean of all from which on a point is one");
+
+  app.option_defaults()->group("Points, before the normals, in this order");
+  tool::add_text(
+      app, "--voxel", "SIZE", "",
+      "Average the points in each cubic cell of this edge, scene units; auto = twice the "
+      "points' spacing",
+      [&s](const std::string& text) { s.voxel = text; });
+  add_choice(app, "--smooth", s.smooth, {{"none", false}, {"mls", true}},
+             "mls: move points onto polynomials fitted to their neighbours (moving least squares); "
+             "takes noise away, and rounds edges");
+  app.add_option("--smooth-radius", s.smoothing.spacings,
+                 "Reach of the fit in spacings, 1..20: more takes away more noise and more detail");
+  app.add_option("--smooth-order", s.smoothing.order, "Order of the polynomials, 1..5; 1 = planes");
+  add_choice(app, "--smooth-normals", s.smoothing.normals, {{"fit", true}, {"points", false}},
+             "Normals of the polynomials, or of the moved points' neighbours as -k says");
 
   app.option_defaults()->group("Orientation");
   add_choice(app, "--orient", s.estimate.orientation.method,
@@ -91,18 +109,37 @@ void finish(Settings& s, const surfel::SurfelCloud& cloud) {
   }
 }
 
-void check(Settings& s) {
+/// Text as a number, all of it.
+template <class T>
+bool parse(const std::string& text, T& value) {
+  const char* end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && rest == end;
+}
+
+void check_filters(const CLI::App& app, Settings& s) {
+  if (s.remove_outliers) s.estimate.outliers = s.outliers;
+  if (s.smooth) {
+    s.estimate.smoothing = s.smoothing;
+  } else {
+    surfel::tool::require_valid(surfel::tool::without_effect(
+        app, {"--smooth-radius", "--smooth-order", "--smooth-normals"}, "without --smooth mls"));
+  }
+  if (s.voxel.empty()) return;
+  double& edge = s.estimate.voxels.emplace().edge;
+  if (s.voxel != "auto" && !(parse(s.voxel, edge) && edge > 0)) {
+    surfel::throw_usage(
+        fmt::format("--voxel is '{}'; it must be a length above 0, or auto", s.voxel));
+  }
+}
+
+void check(const CLI::App& app, Settings& s) {
   if (s.k == "auto") {
     s.estimate.normals.adaptive = true;
-  } else {
-    int& k = s.estimate.normals.k;
-    const char* end = s.k.data() + s.k.size();
-    const auto [rest, error] = std::from_chars(s.k.data(), end, k);
-    if (error != std::errc() || rest != end) {
-      surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
-    }
+  } else if (!parse(s.k, s.estimate.normals.k)) {
+    surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
   }
-  if (s.remove_outliers) s.estimate.outliers = s.outliers;
+  check_filters(app, s);
   surfel::tool::require_valid(s.estimate.problems());
 }
 
@@ -110,6 +147,11 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
   json["points"] = r.points;
   json["nonfinite"] = r.nonfinite;
   json["outliers"] = r.outliers;
+  if (r.voxel_edge > 0) json["voxels"] = {{"edge", r.voxel_edge}, {"fewer_points", r.averaged}};
+  if (r.smoothed) {
+    json["smoothing"] = {
+        {"mean_shift", r.mean_shift}, {"largest_shift", r.largest_shift}, {"stayed", r.stayed}};
+  }
   json["flags"] = {{"good", r.flagged[0]},
                    {"thin", r.flagged[1]},
                    {"too_few", r.flagged[2]},
@@ -134,6 +176,16 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
   };
   count(r.nonfinite, "are not finite: removed");
   count(r.outliers, "are outliers: removed");
+  if (r.voxel_edge > 0) {
+    tool.note(fmt::format("{}: {} points averaged to {}, in cells of {:.4g}", input,
+                          r.points - r.nonfinite - r.outliers,
+                          r.points - r.nonfinite - r.outliers - r.averaged, r.voxel_edge));
+  }
+  if (r.smoothed) {
+    tool.note(fmt::format("{}: smoothed, points moved by {:.3g} on average, {:.3g} at most", input,
+                          r.mean_shift, r.largest_shift));
+  }
+  count(r.stayed, "have no smooth surface around them: they stay where they are");
   count(r.flagged[2] + r.flagged[3] + r.flagged[4],
         "have no plane through their neighbours: they look at the eye");
   if (r.search_recall) {
@@ -150,9 +202,13 @@ int main(int argc, char** argv) {
                           "Makes surfels of raw points: normals, their side, splat sizes.");
   Settings settings;
   declare_options(tool.app(), settings);
-  tool.name_fields({{"neighbors", "--outlier-k"}, {"deviations", "--outlier-deviations"}});
+  tool.name_fields({{"neighbors", "--outlier-k"},
+                    {"deviations", "--outlier-deviations"},
+                    {"edge", "--voxel"},
+                    {"spacings", "--smooth-radius"},
+                    {"order", "--smooth-order"}});
   return tool.run(argc, argv, [&] {
-    check(settings);
+    check(tool.app(), settings);
     const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     finish(settings, cloud);
 

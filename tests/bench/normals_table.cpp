@@ -55,7 +55,8 @@ Array<Vec3f> pcl_normals(const SurfelCloud& cloud, int k) {
 
 struct Cloud {
   SurfelCloud points;
-  Array<Vec3f> truth;
+  Array<Vec3f> truth;  ///< Normals.
+  Array<Vec3f> clean;  ///< Positions without noise.
   double area = 0;
 };
 
@@ -66,6 +67,7 @@ Cloud noisy(const std::string& kind, std::size_t count, double noise) {
   Cloud out;
   out.points = generate_surfels(procedural_scene(kind, 1), options);
   out.truth = out.points.normal;
+  out.clean = out.points.position;
   for (const float a : out.points.area) out.area += a;
   const double spacing = std::sqrt(out.area / static_cast<double>(count));
   for (std::size_t i = 0; i < count; ++i) {
@@ -170,6 +172,64 @@ void accuracy() {
   row("sphere, density 100 : 1", "0", density_jump(), true);
 }
 
+/// RMS distance from the surface, in spacings.
+double distance(const Array<Vec3f>& points, const Cloud& truth) {
+  double sum = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double off =
+        (points[i] - truth.clean[i]).cast<double>().dot(truth.truth[i].cast<double>());
+    sum += off * off;
+  }
+  const auto count = static_cast<double>(points.size());
+  return std::sqrt(sum / count / (truth.area / count));
+}
+
+/// Positions and normals before and after smoothing.
+void smoothing() {
+  struct Column {
+    const char* name;
+    bool smooth;
+    SmoothingOptions smoothing;
+    bool adaptive;
+  };
+  const Column columns[] = {
+      {"none", false, {}, false},          {"3, 2", true, {3, 2, true}, false},
+      {"4, 2", true, {4, 2, true}, false}, {"5, 2", true, {5, 2, true}, false},
+      {"4, 1", true, {4, 1, true}, false}, {"4, 2, points", true, {4, 2, false}, false},
+      {"none, -k auto", false, {}, true},  {"4, 2, points, -k auto", true, {4, 2, false}, true}};
+  fmt::print(
+      "\n## Smoothing\n\nThe same surfaces: RMS distance from the surface in mean spacings / mean "
+      "angle of the normals in degrees. Columns by\n--smooth-radius, --smooth-order; `points`: "
+      "--smooth-normals points. Normals without smoothing, and of points: -k 16 or auto.\n\n"
+      "| surface, points | noise |");
+  for (const Column& column : columns) fmt::print(" {} |", column.name);
+  fmt::print("\n|---|---|---|---|---|---|---|---|---|---|\n");
+  struct Surface {
+    const char* kind;
+    std::size_t count;
+  };
+  for (const Surface& s : {Surface{"plane", 40000}, Surface{"sphere", 40000},
+                           Surface{"torus", 40000}, Surface{"head", 200000}}) {
+    for (const double noise : {0.0, 0.1, 0.3}) {
+      const Cloud cloud = noisy(s.kind, s.count, noise);
+      fmt::print("| {}, {} | {} |", s.kind, s.count, noise);
+      for (const Column& column : columns) {
+        EstimateOptions options;
+        if (column.smooth) options.smoothing = column.smoothing;
+        options.normals.adaptive = column.adaptive;
+        const SurfelCloud out = estimate_surfels(cloud.points, options);
+        fmt::print(" {:.3f} / {:.2f} |", distance(out.position, cloud),
+                   angles(out.normal, cloud.truth).mean);
+      }
+      fmt::print("\n");
+      std::fflush(stdout);
+    }
+  }
+}
+
 }  // namespace
 
-int main() { accuracy(); }
+int main() {
+  accuracy();
+  smoothing();
+}

@@ -124,5 +124,41 @@ TEST_F(SurfelConvert, RefusesWhatMakesNoSense) {
   EXPECT_EQ(entries(folder_ / ""), (Words{"layers.ply", "points.xyz", "sphere.ply"}));
 }
 
+TEST_F(SurfelConvert, AlignsOverlappingScansAndTellsTheirPoses) {
+  const std::string first = folder_ / "first.ply";
+  const std::string moved = folder_ / "moved.ply";
+  ASSERT_EQ(run({tool("surfel-generate"), "terrain", "--count", "5000", "-o", first, "--quiet"})
+                .exit_code,
+            0);
+  ASSERT_EQ(convert({first, "--rotate", "1,2,3,2", "--translate", "0.02,0.01,-0.02"}, "moved.ply")
+                .exit_code,
+            0);
+  const std::string stats = folder_ / "stats.json";
+  const RunResult result = convert({first, moved, "--align", "--stats", stats});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "first.ply: stays;")) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "moved.ply: turned by 2 degrees,")) << result.errors;
+  const auto align = nlohmann::json::parse(read_text(stats))["align"];
+  EXPECT_EQ(align["converged"], true);
+  EXPECT_EQ(align["scans"][0]["rotation"], nlohmann::json({1.0, 0.0, 0.0, 0.0}));
+  // Both files hold the same points: they are back in their places.
+  const SurfelCloud joined = read_cloud(folder_ / "out.ply");
+  ASSERT_EQ(joined.size(), 10000U);
+  for (std::size_t i = 0; i < 5000; ++i) {
+    EXPECT_LT((joined.position[i] - joined.position[5000 + i]).norm(), 1e-4F);
+  }
+
+  const auto refused = [&](const Words& words, int exit_code, const std::string& message) {
+    const RunResult run = convert(words, "no.ply");
+    EXPECT_EQ(run.exit_code, exit_code) << run.errors;
+    EXPECT_TRUE(contains(run.errors, message)) << run.errors;
+  };
+  refused({first, "--align"}, 2, "--align needs two files or more");
+  refused({first, moved, "--align-reach", "1"}, 2, "--align-reach has no effect without --align");
+  refused({first, moved, "--align", "--align-reach", "-1"}, 2, "--align-reach is -1;");
+  ASSERT_EQ(convert({first, "--translate", "9,0,0"}, "moved.ply").exit_code, 0);
+  refused({first, moved, "--align"}, 1, "moved.ply: does not overlap");
+}
+
 }  // namespace
 }  // namespace surfel::test

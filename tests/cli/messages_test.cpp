@@ -88,6 +88,14 @@ TEST(ToolMessages, NameTheOptionsThatSetTheFields) {
   refused({"surfel-estimate", points, "-k", "1"}, " -k is 1;");
   refused({"surfel-estimate", points, "--remove-outliers", "--outlier-k", "0"},
           " --outlier-k is 0;");
+  refused({"surfel-estimate", points, "--voxel", "small"}, "--voxel is 'small';");
+  refused({"surfel-estimate", points, "--voxel", "1e12"}, " --voxel is 1000000000000;");
+  refused({"surfel-estimate", points, "--smooth", "mls", "--smooth-order", "9"},
+          " --smooth-order is 9;");
+  refused({"surfel-estimate", points, "--smooth", "mls", "--smooth-radius", "1"},
+          " --smooth-radius of 1 takes in 3 points, too few for polynomials of --smooth-order 2;");
+  refused({"surfel-estimate", points, "--smooth-radius", "4"},
+          "--smooth-radius has no effect without --smooth mls");
   refused({"surfel-group", points, "--cover", "enlarge", "--cover-target", "2"},
           " --cover-target is 2;");
   refused({"surfel-simplify", points}, "either --max-error or --count must");

@@ -61,11 +61,12 @@ T* add_extra(SurfelCloud& cloud, const std::string& name, ScalarType type) {
 struct OrderedPoints {
   Array<std::uint32_t> order;  ///< Points of the cloud.
   Array<Vec3f> position;
+  Array<Vec3f> fitted;  ///< Normals known from smoothing (zero = unknown); or empty.
 };
 
 /// The points of the cloud that are finite, one at least.
 OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
-  OrderedPoints out{morton_order(cloud.position), {}};
+  OrderedPoints out{morton_order(cloud.position), {}, {}};
   // Points that are not finite come last.
   const auto end = std::partition_point(out.order.begin(), out.order.end(), [&](std::uint32_t i) {
     return cloud.position[i].allFinite();
@@ -92,6 +93,29 @@ std::size_t remove_outliers(const OutlierOptions& options, const std::string& na
   return inlier.size() - kept;
 }
 
+/// The points of the cloud averaged in the cells of a grid, a cloud of its own.
+SurfelCloud thinned(const SurfelCloud& cloud, const VoxelOptions& options, const std::string& name,
+                    OrderedPoints& points, EstimateReport& r) {
+  Array<std::uint32_t> order = points.order;
+  std::sort(order.begin(), order.end());
+  SurfelCloud out = average_voxels(cloud.gathered(order), options, name, r.voxel_edge);
+  r.averaged = order.size() - out.size();
+  points = finite_points(out, name);
+  return out;
+}
+
+/// Moves the points onto a smooth surface.
+void smooth(const EstimateOptions& options, OrderedPoints& points, EstimateReport& r) {
+  const auto tree = make_neighbor_search(points.position, options.search);
+  SmoothedPoints smoothed = smooth_points(points.position, *tree, *options.smoothing);
+  points.position = std::move(smoothed.position);
+  if (options.smoothing->normals) points.fitted = std::move(smoothed.normal);
+  r.smoothed = true;
+  r.stayed = smoothed.stayed;
+  r.mean_shift = smoothed.mean_shift;
+  r.largest_shift = smoothed.largest_shift;
+}
+
 /// How many neighbours are kept for all stages, which go over the same neighbourhoods; large or
 /// adaptive neighbourhoods of the normals are searched for on their own.
 std::size_t shared_neighbors(const NormalOptions& normals) {
@@ -114,6 +138,9 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   stage.end("search tree");
   Estimates out;
   out.normals = estimate_normals(position, search, options.normals);
+  parallel_each(points.fitted.size(), kCloudGrain, [&](std::size_t i) {
+    if (!points.fitted[i].isZero(0)) out.normals.normal[i] = points.fitted[i];
+  });
   r.flagged = out.normals.flagged;
   r.extended = out.normals.extended;
   r.mean_neighbors =
@@ -141,11 +168,13 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   return out;
 }
 
-/// The cloud's points `order`, which are along the curve, as surfels in the order of the file.
-SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
+/// The cloud's points, which are along the curve, as surfels in the order of the file; they stay
+/// where they are in the cloud if `points` have no positions.
+SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
                           const Estimates& estimates) {
-  const Array<std::uint32_t> place = file_order(cloud.size(), order);
-  SurfelCloud out = cloud.gathered(order);
+  const Array<std::uint32_t> place = file_order(cloud.size(), points.order);
+  SurfelCloud out = cloud.gathered(points.order);
+  points.order = {};
   const std::size_t count = out.size();
   const bool ellipses = estimates.sizes.ellipses;
   out.normal.resize(count);
@@ -163,6 +192,7 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, Array<std::uint32_t> order,
     const std::uint32_t from = place[i];
     const SplatSize& size = estimates.sizes.of[from];
     const NormalQuality& quality = estimates.normals.quality[from];
+    if (!points.position.empty()) out.position[i] = points.position[from];
     out.normal[i] = estimates.normals.normal[from];
     out.area[i] = size.area;
     if (ellipses) {
@@ -189,6 +219,8 @@ std::vector<std::string> EstimateOptions::problems() const {
   add(orientation.problems());
   add(size.problems());
   if (outliers) add(outliers->problems());
+  if (voxels) add(voxels->problems());
+  if (smoothing) add(smoothing->problems());
   return found;
 }
 
@@ -205,9 +237,19 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     r.outliers = remove_outliers(*options.outliers, name, points);
     stage.end("outliers");
   }
-  const Estimates estimates = estimate_points(cloud, points, options, stage, r);
-  points.position = {};  // The surfels need the memory.
-  SurfelCloud out = in_file_order(cloud, std::move(points.order), estimates);
+  SurfelCloud fewer;
+  if (options.voxels) {
+    fewer = thinned(cloud, *options.voxels, name, points, r);
+    stage.end("voxels");
+  }
+  if (options.smoothing) {
+    smooth(options, points, r);
+    stage.end("smoothing");
+  }
+  const SurfelCloud& source = options.voxels ? fewer : cloud;
+  const Estimates estimates = estimate_points(source, points, options, stage, r);
+  if (!options.smoothing) points.position = {};  // The surfels need the memory.
+  SurfelCloud out = in_file_order(source, std::move(points), estimates);
   stage.end("gather");
   if (report) *report = std::move(r);
   return out;

@@ -11,7 +11,9 @@
 #include <surfel/estimate/normals.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/outliers.h>
+#include <surfel/estimate/smoothing.h>
 #include <surfel/estimate/splat_size.h>
+#include <surfel/estimate/voxel_grid.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -21,14 +23,23 @@ struct EstimateOptions {
   NormalOptions normals;
   OrientationOptions orientation;
   SplatSizeOptions size;
-  std::optional<OutlierOptions> outliers;                ///< Set: outliers are removed first.
+  std::optional<OutlierOptions> outliers;  ///< Set: outliers are removed first.
+  std::optional<VoxelOptions> voxels;      ///< Set: points are averaged in the cells of a grid.
+  std::optional<SmoothingOptions>
+      smoothing;  ///< Set: points are moved onto a smooth surface, last.
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 struct EstimateReport {
-  std::size_t points = 0;                          ///< Points of the cloud as it came.
-  std::size_t nonfinite = 0;                       ///< Points removed: NaN or infinite coordinates.
-  std::size_t outliers = 0;                        ///< Points removed as outliers.
+  std::size_t points = 0;     ///< Points of the cloud as it came.
+  std::size_t nonfinite = 0;  ///< Points removed: NaN or infinite coordinates.
+  std::size_t outliers = 0;   ///< Points removed as outliers.
+  double voxel_edge = 0;      ///< Cells that were averaged, scene units.
+  std::size_t averaged = 0;   ///< Points fewer by averaging.
+  bool smoothed = false;      ///< Points were moved.
+  std::size_t stayed = 0;     ///< Points that could not be smoothed.
+  double mean_shift = 0;      ///< Of smoothed points, scene units.
+  double largest_shift = 0;
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by PointFlag.
   std::size_t extended = 0;                        ///< Thin neighbourhoods that were enlarged.
   double mean_neighbors = 0;                       ///< Mean number of points to a normal.
@@ -43,7 +54,8 @@ struct EstimateReport {
 /// Makes surfels of a cloud of points: `normal`, `variance` (or `tangent`, `variance_u`,
 /// `variance_v`) and `area` are set, whatever stood there before, and the properties curvature,
 /// confidence and flag (a PointFlag) are added; all other columns stay with their points, in the
-/// order in which the points came. Points that are not finite are removed. A normal that cannot be
+/// order in which the points came. Points that are not finite are removed. Smoothing moves points
+/// and averaging makes fewer of them; neither is done unless asked for. A normal that cannot be
 /// told is zero, its splat a disc that looks at the eye.
 ///
 /// The work takes about 250 bytes a point besides the cloud; its result does not depend on the

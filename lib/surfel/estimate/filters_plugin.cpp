@@ -1,27 +1,115 @@
 // Plug-in libsurfel_filters.so, the only source that includes PCL's filters: the library itself
-// neither links nor loads PCL before outliers are asked for.
+// neither links nor loads PCL before one of them is asked for.
 
+#include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <exception>
+#include <limits>
+#include <utility>
+#include <vector>
 
+#include <pcl/PCLPointCloud2.h>
 #include <pcl/console/print.h>
 #include <pcl/filters/statistical_outlier_removal.h>
+#include <pcl/filters/voxel_grid.h>
 #include <pcl/point_types.h>
+// With the bodies of MLSResult, which are inline: libpcl_surface would load VTK.
+#include <pcl/surface/impl/mls.hpp>
 #include <surfel/base/export.h>
-#include <surfel/estimate/outliers_plugin.h>
+#include <surfel/estimate/filters_plugin.h>
 
-extern "C" SURFEL_API bool surfel_remove_outliers(surfel::OutlierWork& work);
+extern "C" SURFEL_API surfel::RemoveOutliers surfel_remove_outliers;
+extern "C" SURFEL_API surfel::AverageVoxels surfel_average_voxels;
+extern "C" SURFEL_API surfel::SmoothPoints surfel_smooth_points;
+
+namespace surfel {
+namespace {
+
+pcl::PointCloud<pcl::PointXYZ>::Ptr to_cloud(const float* points, std::size_t count) {
+  pcl::PointCloud<pcl::PointXYZ>::Ptr cloud(new pcl::PointCloud<pcl::PointXYZ>);
+  cloud->resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const float* p = points + 3 * i;
+    (*cloud)[i] = pcl::PointXYZ(p[0], p[1], p[2]);
+  }
+  return cloud;
+}
+
+/// The values as a cloud of PCL's with x, y, z and other fields, all of which are averaged.
+pcl::PCLPointCloud2::Ptr to_table(const VoxelWork& work) {
+  const char* const axes[] = {"x", "y", "z"};
+  pcl::PCLPointCloud2::Ptr table(new pcl::PCLPointCloud2);
+  for (std::size_t c = 0; c < work.columns; ++c) {
+    pcl::PCLPointField field;
+    field.name = c < 3 ? axes[c] : "column" + std::to_string(c);
+    field.offset = static_cast<pcl::uindex_t>(c * sizeof(float));
+    field.datatype = pcl::PCLPointField::FLOAT32;
+    field.count = 1;
+    table->fields.push_back(field);
+  }
+  table->height = 1;
+  table->width = static_cast<pcl::uindex_t>(work.count);
+  table->point_step = static_cast<pcl::uindex_t>(work.columns * sizeof(float));
+  table->row_step = table->point_step * table->width;
+  table->is_dense = 1;
+  table->data.resize(work.count * work.columns * sizeof(float));
+  std::memcpy(table->data.data(), work.values, table->data.size());
+  return table;
+}
+
+/// The row of each point's cell: PCL's filter writes cells by ascending index.
+void find_rows(const pcl::VoxelGrid<pcl::PCLPointCloud2>& filter, const VoxelWork& work) {
+  const Eigen::Vector3i low = filter.getMinBoxCoordinates();
+  const Eigen::Vector3i stride = filter.getDivisionMultiplier();
+  std::vector<std::pair<int, std::uint32_t>> points(work.count);
+  for (std::size_t i = 0; i < work.count; ++i) {
+    const float* p = work.values + i * work.columns;
+    const Eigen::Vector3i cell = filter.getGridCoordinates(p[0], p[1], p[2]) - low;
+    points[i] = {cell.dot(stride), static_cast<std::uint32_t>(i)};
+  }
+  std::sort(points.begin(), points.end());
+  std::uint32_t row = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i > 0 && points[i].first != points[i - 1].first) ++row;
+    work.cell_of[points[i].second] = row;
+  }
+}
+
+struct SmoothingContext {
+  const SmoothingWork& work;
+  const pcl::PointCloud<pcl::PointXYZ>& cloud;
+};
+
+void write_vector(const Eigen::Vector3d& v, float* out) {
+  for (int c = 0; c < 3; ++c) out[c] = static_cast<float>(v[c]);
+}
+
+void smooth_point(const void* context, std::size_t point, const std::uint32_t* neighbor,
+                  std::size_t count, double radius) {
+  const auto& [work, cloud] = *static_cast<const SmoothingContext*>(context);
+  const pcl::Indices indices(neighbor, neighbor + count);
+  pcl::MLSResult fit;
+  fit.computeMLSSurface(cloud, static_cast<pcl::index_t>(point), indices, radius, work.order);
+  if (!fit.valid) {
+    std::fill_n(work.position + 3 * point, 3, std::numeric_limits<float>::quiet_NaN());
+    std::fill_n(work.normal + 3 * point, 3, 0.0F);
+    return;
+  }
+  const pcl::MLSResult::MLSProjectionResults projected =
+      fit.projectQueryPoint(pcl::MLSResult::SIMPLE, (work.order + 1) * (work.order + 2) / 2);
+  write_vector(projected.point, work.position + 3 * point);
+  write_vector(projected.normal.normalized(), work.normal + 3 * point);
+}
+
+}  // namespace
+}  // namespace surfel
 
 extern "C" bool surfel_remove_outliers(surfel::OutlierWork& work) {
   pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
   try {
-    const pcl::PointCloud<pcl::PointXYZ>::Ptr cloud(new pcl::PointCloud<pcl::PointXYZ>);
-    cloud->resize(work.count);
-    for (std::size_t i = 0; i < work.count; ++i) {
-      const float* p = work.points + 3 * i;
-      (*cloud)[i] = pcl::PointXYZ(p[0], p[1], p[2]);
-    }
     pcl::StatisticalOutlierRemoval<pcl::PointXYZ> filter;
-    filter.setInputCloud(cloud);
+    filter.setInputCloud(surfel::to_cloud(work.points, work.count));
     filter.setMeanK(work.neighbors);
     filter.setStddevMulThresh(work.deviations);
     pcl::Indices kept;
@@ -31,4 +119,29 @@ extern "C" bool surfel_remove_outliers(surfel::OutlierWork& work) {
   } catch (const std::exception&) {
     return false;
   }
+}
+
+extern "C" bool surfel_average_voxels(surfel::VoxelWork& work) {
+  pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
+  try {
+    pcl::VoxelGrid<pcl::PCLPointCloud2> filter;
+    filter.setInputCloud(surfel::to_table(work));
+    filter.setLeafSize(work.edge, work.edge, work.edge);
+    filter.setDownsampleAllData(true);
+    pcl::PCLPointCloud2 means;
+    filter.filter(means);
+    work.cells = static_cast<std::size_t>(means.width) * means.height;
+    if (means.data.size() != work.cells * work.columns * sizeof(float)) return false;
+    std::memcpy(work.means, means.data.data(), means.data.size());
+    surfel::find_rows(filter, work);
+    return true;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+extern "C" void surfel_smooth_points(surfel::SmoothingWork& work) {
+  const auto cloud = surfel::to_cloud(work.points, work.count);
+  const surfel::SmoothingContext context{work, *cloud};
+  work.for_each(work.self, surfel::smooth_point, &context);
 }

@@ -3,8 +3,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/plugin.h>
+#include <surfel/estimate/filters_plugin.h>
 #include <surfel/estimate/outliers.h>
-#include <surfel/estimate/outliers_plugin.h>
 
 namespace surfel {
 
@@ -29,8 +29,8 @@ Array<std::uint8_t> inliers(const Array<Vec3f>& points, const OutlierOptions& op
   work.neighbors = options.neighbors;
   work.deviations = options.deviations;
   work.inlier = inlier.data();
-  const auto remove =
-      reinterpret_cast<RemoveOutliers>(plugin_symbol("filters", "surfel_remove_outliers"));
+  static const auto remove =
+      reinterpret_cast<RemoveOutliers*>(plugin_symbol("filters", kRemoveOutliersSymbol));
   if (!remove(work)) throw Error(ErrorKind::kNumeric, "PCL failed to look for outliers");
   return inlier;
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <ceres/ceres.h>
+#include <ceres/rotation.h>
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/export.h>
@@ -139,6 +140,63 @@ class SmoothFunction final : public ceres::FirstOrderFunction {
   const CeresMinimization& p_;
 };
 
+/// Distance of a moved point from a moved plane.
+struct PlaneDistance {
+  const PlaneMatch& match;
+
+  template <class T>
+  bool operator()(const T* moving, const T* fixed, T* residual) const {
+    T point[3];
+    T on_plane[3];
+    T normal[3];
+    move(moving, match.point, point);
+    move(fixed, match.on_plane, on_plane);
+    const T still[3] = {T(match.normal[0]), T(match.normal[1]), T(match.normal[2])};
+    ceres::AngleAxisRotatePoint(fixed, still, normal);
+    residual[0] = T(0);
+    for (int c = 0; c < 3; ++c) residual[0] += normal[c] * (point[c] - on_plane[c]);
+    return true;
+  }
+
+ private:
+  template <class T>
+  static void move(const T* motion, const double* from, T* to) {
+    const T still[3] = {T(from[0]), T(from[1]), T(from[2])};
+    ceres::AngleAxisRotatePoint(motion, still, to);
+    for (int c = 0; c < 3; ++c) to[c] += motion[3 + c];
+  }
+};
+
+void move_bodies(const CeresBodies& p, CeresReport& report) {
+  ceres::CauchyLoss loss(p.scale);
+  ceres::Problem::Options ownership;
+  ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(ownership);
+  const auto unknown = [&](std::size_t k) { return p.motion[k].value; };
+  for (std::size_t k = 0; k < p.bodies; ++k) problem.AddParameterBlock(unknown(k), 6);
+  problem.SetParameterBlockConstant(unknown(0));
+  for (std::size_t m = 0; m < p.matches; ++m) {
+    const PlaneMatch& match = p.match[m];
+    problem.AddResidualBlock(
+        new ceres::AutoDiffCostFunction<PlaneDistance, 1, 6, 6>(new PlaneDistance{match}), &loss,
+        unknown(match.moving), unknown(match.fixed));
+  }
+  ceres::Solver::Options options;
+  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;  // As in solve().
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.max_num_iterations = p.max_iterations;
+  options.num_threads = 1;  // As in solve().
+  options.logging_type = ceres::SILENT;
+  StopWhenAsked stop;
+  options.callbacks.push_back(&stop);
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  require_usable(summary.IsSolutionUsable(), summary.message);
+  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  report.cost = 2 * summary.final_cost;
+  report.converged = summary.termination_type == ceres::CONVERGENCE;
+}
+
 }  // namespace
 }  // namespace surfel
 
@@ -146,6 +204,7 @@ extern "C" SURFEL_API void surfel_ceres_least_squares(const surfel::CeresLeastSq
                                                       surfel::CeresReport& report);
 extern "C" SURFEL_API void surfel_ceres_minimize(const surfel::CeresMinimization& problem,
                                                  surfel::CeresReport& report);
+extern "C" SURFEL_API surfel::CeresMoveBodies surfel_ceres_move_bodies;
 
 extern "C" void surfel_ceres_least_squares(const surfel::CeresLeastSquares& problem,
                                            surfel::CeresReport& report) {
@@ -181,4 +240,9 @@ extern "C" void surfel_ceres_minimize(const surfel::CeresMinimization& problem,
   report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   report.cost = summary.final_cost;
   report.converged = summary.termination_type == ceres::CONVERGENCE;
+}
+
+extern "C" void surfel_ceres_move_bodies(const surfel::CeresBodies& problem,
+                                         surfel::CeresReport& report) {
+  surfel::move_bodies(problem, report);
 }

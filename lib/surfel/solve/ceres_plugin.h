@@ -43,16 +43,43 @@ struct CeresMinimization {
   int max_iterations = 50;
 };
 
+/// A point of one rigid body that lies near a plane of another; the residual is its distance.
+struct PlaneMatch {
+  std::uint32_t moving = 0;  ///< Body of the point.
+  std::uint32_t fixed = 0;   ///< Body of the plane, another one.
+  double point[3] = {};
+  double on_plane[3] = {};
+  double normal[3] = {};  ///< Unit.
+};
+
+/// How a rigid body moves: x goes to exp(r) x + t.
+struct BodyMotion {
+  double value[6] = {};  ///< The rotation r, axis times angle, then the translation t.
+};
+
+/// Minimise sum rho(distance^2) over the motions of all bodies but the first, which rests; rho is
+/// Cauchy's function.
+struct CeresBodies {
+  const PlaneMatch* match = nullptr;
+  std::size_t matches = 0;
+  BodyMotion* motion = nullptr;  ///< In: where to start, out: the minimum.
+  std::size_t bodies = 0;
+  double scale = 1;  ///< Distance from which on matches count less, > 0.
+  int max_iterations = 10;
+};
+
 struct CeresReport {
   int iterations = 0;
   double cost = 0;
   bool converged = true;
 };
 
-/// Both throw Error: kNumeric where Ceres fails, kInterrupted if asked to stop.
+/// All throw Error: kNumeric where Ceres fails, kInterrupted if asked to stop.
 using CeresSolveLeastSquares = void(const CeresLeastSquares& problem, CeresReport& report);
 inline constexpr char kCeresSolveLeastSquaresSymbol[] = "surfel_ceres_least_squares";
 using CeresMinimize = void(const CeresMinimization& problem, CeresReport& report);
 inline constexpr char kCeresMinimizeSymbol[] = "surfel_ceres_minimize";
+using CeresMoveBodies = void(const CeresBodies& problem, CeresReport& report);
+inline constexpr char kCeresMoveBodiesSymbol[] = "surfel_ceres_move_bodies";
 
 }  // namespace surfel

@@ -70,4 +70,20 @@ CeresReport ceres_minimize(
   return report;
 }
 
+CeresReport ceres_move_bodies(std::span<const PlaneMatch> matches, double scale,
+                              std::span<BodyMotion> motion) {
+  CeresReport report;
+  if (matches.empty() || motion.size() < 2) return report;
+  static const auto move =
+      reinterpret_cast<CeresMoveBodies*>(plugin_symbol("ceres", kCeresMoveBodiesSymbol));
+  CeresBodies raw;
+  raw.match = matches.data();
+  raw.matches = matches.size();
+  raw.motion = motion.data();
+  raw.bodies = motion.size();
+  raw.scale = scale;
+  move(raw, report);
+  return report;
+}
+
 }  // namespace surfel

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <initializer_list>
+#include <span>
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
@@ -39,5 +40,11 @@ SURFEL_API CeresReport ceres_solve(const SymmetricMatrix& matrix, const Array<Ch
 SURFEL_API CeresReport ceres_minimize(
     Array<double>& x, FunctionRef<bool(const double* x, double* cost, double* gradient)> evaluate,
     double tolerance, int max_iterations);
+
+/// Moves rigid bodies so that points of each lie on planes of others: minimises the sum of Cauchy's
+/// function of all distances by Ceres' Levenberg-Marquardt steps, on one thread. The first body
+/// rests. \param scale  distance from which on matches count less, > 0.
+SURFEL_API CeresReport ceres_move_bodies(std::span<const PlaneMatch> matches, double scale,
+                                         std::span<BodyMotion> motion);
 
 }  // namespace surfel
