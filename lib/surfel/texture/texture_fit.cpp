@@ -97,6 +97,19 @@ RenderSystemOptions render_options(const TextureFitOptions& options) {
   return render;
 }
 
+/// The right side of a texture's gram fit is that of SS01 (11).
+bool published_side(const TextureFitOptions& options) {
+  return options.right_side.value_or(GramRightSide::kPublished) == GramRightSide::kPublished;
+}
+
+/// The integral of every r_k over its tangent plane, unit^2: c_k / w_ewa of textures that fill
+/// space, whose mean under r_k w_ewa is.
+Array<double> kernel_integrals(const SurfelBasis& basis) {
+  Array<double> integrals(basis.size());
+  for (std::size_t i = 0; i < basis.size(); ++i) integrals[i] = basis.function[i].area;
+  return integrals;
+}
+
 }  // namespace
 
 std::vector<std::string> TextureFitOptions::problems() const {
@@ -142,22 +155,6 @@ void check_textured(const SurfelCloud& cloud, const TextureSet& textures, const 
   check_columns_present(cloud, name);
   check_materials(cloud, textures, name);
 }
-
-namespace {
-
-bool published_side(const TextureFitOptions& options) {
-  return options.right_side.value_or(GramRightSide::kPublished) == GramRightSide::kPublished;
-}
-
-/// The integral of every r_k over its tangent plane, unit^2: c_k / w_ewa of textures that fill
-/// space, whose mean under r_k w_ewa is.
-Array<double> kernel_integrals(const SurfelBasis& basis) {
-  Array<double> integrals(basis.size());
-  for (std::size_t i = 0; i < basis.size(); ++i) integrals[i] = basis.function[i].area;
-  return integrals;
-}
-
-}  // namespace
 
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                              const TextureFitOptions& options, const std::string& name) {
