@@ -84,7 +84,7 @@ void describe_topology(const surfel::TriangleMesh& mesh, Json& out) {
   for (const surfel::Vec3d& place : t.non_manifold_places) places.push_back(describe(place));
   out["border_loops"] = t.border_loops;
   out["longest_border"] = t.longest_border;
-  out["non_manifold_vertices"] = t.non_manifold_vertices;
+  out["pinched_vertices"] = t.non_manifold_vertices;
   out["non_manifold_at"] = places;
   out["non_orientable"] = t.non_orientable_components;
   out["crease_edges"] = t.crease_edges;
