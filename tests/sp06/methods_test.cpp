@@ -364,6 +364,37 @@ TEST(Methods, TransparentHighIsNearerToDepthPeeling) {
   EXPECT_GT(psnr(render_by(Method::kABuffer, sphere, camera), truth), 30);
 }
 
+/// The mean of n x n pixels, R G B A.
+Image reduced(const Image& image, int n) {
+  Image out = rgba_image(image.width / n, image.height / n);
+  std::fill(out.data.begin(), out.data.end(), 0.0F);
+  for (int y = 0; y < out.height * n; ++y) {
+    for (int x = 0; x < out.width * n; ++x) {
+      for (int c = 0; c < 4; ++c) {
+        out.pixel(x / n, y / n)[c] += image.pixel(x, y)[c] / static_cast<float>(n * n);
+      }
+    }
+  }
+  return out;
+}
+
+// A ball behind a transparent plane. Pictures of eight times the size, reduced, have edges that owe
+// nothing to the coverage of pixels.
+TEST(Methods, LayersBehindTheFirstHaveEdges) {
+  const SurfelCloud ball = fibonacci_sphere(3000, 0.6);
+  SurfelCloud cloud =
+      joined(with_alpha(ball, 0.8F), with_alpha(jittered_plane(60, 1.5, 0.2, 1, 0.8), 0.2F));
+  cloud.coefficient.assign(cloud.size(), Vec3f(1, 1, 1));
+  cloud = covered(cloud, 4);
+  constexpr int kTimes = 8;
+  for (const Method method : {Method::kTransparent, Method::kTransparentHigh}) {
+    const Image image = render_by(method, cloud, camera_at(3, 64));
+    const Image truth = reduced(render_by(method, cloud, camera_at(3, 64 * kTimes)), kTimes);
+    // Without coverage: 32 and 31 dB.
+    EXPECT_GT(psnr(image, truth), 40) << static_cast<int>(method);
+  }
+}
+
 TEST(Methods, PicturesDependNeitherOnThreadsNorOnOrderNorOnBands) {
   const SurfelCloud sphere = covered(with_alpha(colored_sphere(1200, 0.8), 0.5F), 5);
   SurfelCloud opaque = sphere;

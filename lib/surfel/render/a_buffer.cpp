@@ -38,9 +38,7 @@ class FrontToBack {
   void add(const Fragment& fragment, float edge) {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
-      color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
-      see_through(fragment, -c[kWeight], 1, c[kAlpha]);
-      front_coverage_ = 0;
+      add_merged(fragment, 1);
       return;
     }
     Rgba color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(edge));
@@ -63,6 +61,12 @@ class FrontToBack {
     front_coverage_ = front ? coverage : 0;
     front_opacity_ = opacity;
     front_edge_ = edge;
+  }
+  void add_merged(const Fragment& fragment, float coverage) {
+    const float* c = fragment.channel;
+    color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
+    see_through(fragment, -c[kWeight], coverage, c[kAlpha]);
+    front_coverage_ = 0;
   }
   /// Composites what has been added over the environment.
   void add_environment() { tile_.shader->add_environment(color_, surfaces_, x_, y_); }
@@ -161,7 +165,7 @@ class Resolver {
   }
 
   PixelResult finish(const Fragment& rest) {
-    if (is_merged(rest)) composite_.add(rest, 0);
+    if (is_merged(rest)) composite_.add_merged(rest, rest.channel[kCovered]);
     if (tile_.shader->has_environment()) composite_.add_environment();
     result_.color = composite_.color();
     return result_;

@@ -55,6 +55,8 @@ struct SplatListOptions {
   /// Discs have the enlarged radius of their group (SP06 section 4.2.2), where the cloud has it.
   bool enlarged = false;
   double lowpass = 1;  ///< Standard deviation of the pixel filter, pixels.
+  /// Splats are listed, and have boxes, so many pixels beyond their kernels.
+  double margin = 0;
 };
 
 /// Turns the splats of tiles into fragments of A-buffers.
@@ -67,8 +69,9 @@ class SURFEL_API Compositor {
     /// Draws a tile: fills its A-buffer, which is empty unless the method takes splats in parts.
     /// \param jobs  the tile's splats, parallel to Compositor::lists().
     virtual void draw(std::span<const TileJob> jobs, TileABuffer& tile) = 0;
-    /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last. Only
-    /// called if Compositor::has_background().
+    /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last: its
+    /// kCovered counts where there is an environment, and its depths do not. Only called if
+    /// Compositor::has_background().
     virtual Fragment behind(int pixel) const;
     /// Whether a pixel of the tile drawn last depends on other tiles, and is left to complete().
     /// Only called if Compositor::has_background().

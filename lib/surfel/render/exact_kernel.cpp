@@ -97,10 +97,11 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
 
   ExactKernel kernel{};
   const double filter = std::sqrt(two_c) * view.lowpass;
-  const double x0 = bounds.x0 - filter;
-  const double x1 = bounds.x1 + filter;
-  const double y0 = bounds.y0 - filter;
-  const double y1 = bounds.y1 + filter;
+  const double reach = filter + view.margin;
+  const double x0 = bounds.x0 - reach;
+  const double x1 = bounds.x1 + reach;
+  const double y0 = bounds.y0 - reach;
+  const double y1 = bounds.y1 + reach;
   Splat& splat = kernel.splat;
   if (!pixels_of(x0 - view.x0, x1 - view.x0, view.x1 - view.x0, splat.box.x0, splat.box.x1) ||
       !pixels_of(y0 - view.y0, y1 - view.y0, view.y1 - view.y0, splat.box.y0, splat.box.y1)) {

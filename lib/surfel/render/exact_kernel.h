@@ -15,6 +15,7 @@ namespace surfel {
 struct ExactKernelView {
   double cutoff = 1;   ///< c of beta < c.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels.
+  double margin = 0;   ///< The kernel's box reaches so many pixels further.
   double x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< At most kMostBlockSize pixels a side.
   /// The rectangle begins at the first column or row of the picture's part that is drawn.
   bool first_column = true, first_row = true;

@@ -48,7 +48,7 @@ struct alignas(64) Splat {
   float depth;               ///< At the centre ...
   float depth_dx, depth_dy;  ///< ... and per pixel, on the tangent plane.
   float depth_range;         ///< The plane's depth is clamped to depth +- depth_range.
-  PixelBox box;              ///< Bounds beta < c.
+  PixelBox box;              ///< Bounds beta < c, and SplatView::margin around it.
   float red, green, blue;    ///< Times alpha.
   float alpha;
   std::uint32_t tag;  ///< kFrontTag and the like; from kMaterialShift on: material.
@@ -95,6 +95,7 @@ struct SplatView {
   float tolerance;
   float cutoff;    ///< c of beta < c.
   float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
+  float margin;    ///< Kernels' boxes reach so many pixels further.
   /// Splats outside of this rectangle of at most kMostBlockSize pixels a side are dropped.
   float clip_x0, clip_y0, clip_x1, clip_y1;
   bool first_column, first_row;  ///< The rectangle begins at the first column or row of the

@@ -73,6 +73,7 @@ SplatView SplatLists::view(const Camera& camera, const Band& band) const {
   view.cull_back = options_.cull_back;
   view.cutoff = rules_.cutoff;
   view.lowpass2 = rules_.lowpass2;
+  view.margin = static_cast<float>(lists_.margin);
   view.circular = options_.filter == Filter::kCircular;
   view.tolerance = std::numeric_limits<float>::infinity();
   if (!camera.orthographic && !view.circular && options_.kernel != Kernel::kAffine) {
@@ -92,7 +93,7 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   const Eigen::Matrix3f rotation = camera.camera_from_world.cast<float>();
   const auto width = static_cast<float>(camera.width);
   const float reach = std::sqrt(2 * view_.cutoff);
-  const float filter = reach * static_cast<float>(lists_.lowpass);
+  const float filter = reach * static_cast<float>(lists_.lowpass) + view_.margin;
   // Side planes of the view through the band's edges, moved out by the filter's reach: a sphere at
   // camera-space centre p is outside where a . (p.x or p.y, p.z) > radius * |a|.
   struct Edge {
@@ -199,7 +200,7 @@ SplatLists::TileRange SplatLists::tiles_of(const Cluster& cluster) const {
   const Eigen::Array2f focal(view_.focal_x, view_.focal_y);
   const Eigen::Array2f middle(view_.center_x, view_.center_y - view_.clip_y0);
   constexpr float kRounding = 0.01F;  // Pixels: coordinates round by 2^-8 of one at most.
-  const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + kRounding;
+  const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + view_.margin + kRounding;
   const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
   const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);
   const Eigen::Array2f last = (focal * (hi + reach) + middle + filter).max(0.0F).min(size - 1);
@@ -423,6 +424,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   view.clip_y1 = std::min(view_.clip_y1, view.clip_y0 + static_cast<float>(frame_->grid.size()));
   const ExactKernelView exact_view{.cutoff = options_.cutoff,
                                    .lowpass = lists_.lowpass,
+                                   .margin = lists_.margin,
                                    .x0 = view.clip_x0,
                                    .y0 = view.clip_y0,
                                    .x1 = view.clip_x1,

@@ -237,7 +237,8 @@ class SplatSetup {
         focal_y_(hn::Set(D(), view.focal_y)),
         h2_(hn::Set(D(), view.lowpass2)),
         two_c_(hn::Set(D(), 2.0F * view.cutoff)),
-        filter_reach_(hn::Sqrt(hn::Mul(two_c_, h2_))) {}
+        margin_(hn::Set(D(), view.margin)),
+        filter_reach_(hn::Add(hn::Sqrt(hn::Mul(two_c_, h2_)), margin_)) {}
 
   void run(int count, const SurfelColumns* next, Splat* splats, SetUpSplats& out) const {
     const D d;
@@ -407,8 +408,9 @@ class SplatSetup {
   HWY_INLINE Pixels pixels(V center, V half, float clip0, float clip1) const {
     const D d;
     const V offset = hn::Set(d, clip0 + 0.5F);
-    const V first = hn::Ceil(hn::Sub(hn::Sub(center, half), offset));
-    const V last = hn::Floor(hn::Sub(hn::Add(center, half), offset));
+    const V reach = hn::Add(half, margin_);
+    const V first = hn::Ceil(hn::Sub(hn::Sub(center, reach), offset));
+    const V last = hn::Floor(hn::Sub(hn::Add(center, reach), offset));
     return {first, hn::Max(first, hn::Zero(d)), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
   }
 
@@ -472,7 +474,8 @@ class SplatSetup {
   const SplatView& view_;
   const SurfelColumns& in_;
   V focal_x_, focal_y_, h2_, two_c_;
-  V filter_reach_;  ///< Radius of the pixel filter, pixels.
+  V margin_;
+  V filter_reach_;  ///< Radius of the pixel filter, and the margin, pixels.
 };
 
 template <bool kPerspective, bool kAnisotropic>

@@ -11,6 +11,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <surfel/render/kernel_raster-inl.h>
+#include <surfel/sp06/layer_rule-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -82,13 +83,6 @@ void find_hidden(GroupImages& images, const TileABuffer& weights, const float* o
                       hn::Load(d, outside + pixel)),
               d, hidden + pixel);
   }
-}
-
-/// Number of the step of SP06 (6) that a depth is in, counted from the nearest.
-HWY_INLINE V depth_step(const LayerRule& rule, V depth) {
-  const D d;
-  const V z = rule.orthographic ? hn::Neg(depth) : hn::Div(hn::Set(d, 1.0F), depth);
-  return hn::Floor(hn::Mul(hn::Sub(z, hn::Set(d, rule.nearest)), hn::Set(d, rule.steps_per_unit)));
 }
 
 /// Fragments of a group's image, a vector of them: see GroupImages::Channel.

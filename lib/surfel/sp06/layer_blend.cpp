@@ -4,8 +4,8 @@
 #include <bit>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <numeric>
-#include <utility>
 
 #include <surfel/render/shading.h>
 #include <surfel/sp06/layer_blend.h>
@@ -14,21 +14,33 @@
 #define HWY_TARGET_INCLUDE "surfel/sp06/layer_blend.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-#include <surfel/base/function_ref.h>
-#include <surfel/render/kernel_raster-inl.h>
 
-#ifndef SURFEL_RENDER_LAYER_BLEND_ONCE
-#define SURFEL_RENDER_LAYER_BLEND_ONCE
+// After the above, which decides on the target.
+#include <surfel/render/kernel_raster-inl.h>
+#include <surfel/sp06/layer_rule-inl.h>
+
+#ifndef SURFEL_SP06_LAYER_BLEND_ONCE
+#define SURFEL_SP06_LAYER_BLEND_ONCE
 namespace surfel {
 namespace {
 
-/// A fragment of a group's image.
-struct LayerFragment {
-  int pixel;
-  float depth;
-  float epsilon;
-  float key;  ///< sqrt(beta / cutoff).
-};
+/// The fragment of a lit splat that covers its pixel.
+Fragment layer_fragment(const TileJob& job, std::uint32_t index, float depth) {
+  const Splat& splat = job.splats[index];
+  Fragment out{};
+  float* c = out.channel;
+  c[kWeight] = 1;
+  c[kDepth] = depth;
+  c[kRed] = splat.red;
+  c[kGreen] = splat.green;
+  c[kBlue] = splat.blue;
+  c[kAlpha] = splat.alpha;
+  c[kTag] = std::bit_cast<float>(splat.tag);
+  c[kNormalX] = job.normals[index].x;
+  c[kNormalY] = job.normals[index].y;
+  c[kNormalZ] = job.normals[index].z;
+  return out;
+}
 
 }  // namespace
 }  // namespace surfel
@@ -37,32 +49,345 @@ struct LayerFragment {
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
+namespace {
 
-/// Calls take(splat's index, the splat's fragment) for all fragments of a tile; the fragments of a
-/// pixel come in the job's order of splats.
-void for_each_fragment_simd(
-    const TileJob& job, int x0, int y0,
-    FunctionRef<void(std::uint32_t index, const LayerFragment& fragment)> take) {
-  const D d;
-  const KernelRaster raster(job, x0, y0);
-  const V cutoff = hn::Set(d, job.rules->cutoff);
-  const V inv_cutoff = hn::Set(d, 1 / job.rules->cutoff);
-  HWY_ALIGN float depths[kTileSize];
-  HWY_ALIGN float epsilons[kTileSize];
-  HWY_ALIGN float keys[kTileSize];
-  const auto store = [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
-    const M inside = hn::Lt(s.beta, cutoff);
-    if (hn::AllFalse(d, inside)) return;
-    hn::Store(s.depth, d, depths);
-    hn::Store(s.epsilon, d, epsilons);
-    hn::Store(hn::IfThenElse(inside, hn::Sqrt(hn::Mul(s.beta, inv_cutoff)), hn::Set(d, -1.0F)), d,
-              keys);
-    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      if (keys[lane] < 0) continue;
-      take(index, {static_cast<int>(pixel + lane), depths[lane], epsilons[lane], keys[lane]});
+using Tags = hn::RebindToUnsigned<D>;
+using Bits = hn::Vec<Tags>;
+
+/// Places of the samples from a pixel's centre, pixels: one in each row and each column of a grid.
+/// Groups of odd numbers have them mirrored.
+constexpr float kSampleX[LayerImages::kSamples] = {-0.125F, 0.375F, -0.375F, 0.125F};
+constexpr float kSampleY[LayerImages::kSamples] = {-0.375F, -0.125F, 0.125F, 0.375F};
+
+/// Premultiplied colours of a vector of pixels.
+struct LayerColors {
+  V channel[4];  ///< R G B A.
+};
+
+HWY_INLINE V layer_channel(const float* image, int channel) {
+  return hn::Load(D(), image + channel * kPatchPixels);
+}
+HWY_INLINE Bits layer_bits(const float* image, int channel) {
+  return hn::BitCast(Tags(), layer_channel(image, channel));
+}
+HWY_INLINE void put_layer_channel(float* image, int channel, V value, M where) {
+  hn::BlendedStore(value, where, D(), image + channel * kPatchPixels);
+}
+HWY_INLINE void put_layer_bits(float* image, int channel, Bits bits, M where) {
+  put_layer_channel(image, channel, hn::BitCast(D(), bits), where);
+}
+HWY_INLINE M any_bit(Bits bits) { return hn::RebindMask(D(), hn::Ne(bits, hn::Zero(Tags()))); }
+HWY_INLINE Bits bits_where(M where, Bits bits) {
+  return hn::IfThenElseZero(hn::RebindMask(Tags(), where), bits);
+}
+
+/// The share of a pixel that some of its samples are.
+HWY_INLINE V share_of(Bits samples) {
+  const hn::RebindToSigned<D> di;
+  return hn::Mul(hn::ConvertTo(D(), hn::BitCast(di, hn::PopulationCount(samples))),
+                 hn::Set(D(), 1.0F / LayerImages::kSamples));
+}
+
+/// Draws the splats of a tile, farthest first, into the images of their groups.
+class LayerRaster {
+ public:
+  LayerRaster(const TileJob& job, const LayerRule& rule, const TileABuffer& tile,
+              LayerScratch& scratch)
+      : job_(job),
+        rule_(rule),
+        shader_(*tile.shader),
+        tile_(tile),
+        scratch_(scratch),
+        images_(scratch.images),
+        hidden_(scratch.hidden.data()),
+        raster_(job, tile.x0, tile.y0) {}
+
+  /// Returns how many fragments were culled.
+  std::uint64_t run() {
+    raster_.for_each_vector(0, job_.count, nullptr, [&](const PixelSplats& list) HWY_ATTR {
+      const SplatSampler sampler = raster_.sampler();
+      for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
+        const Bits samples = samples_of(sampler, *index, list.x, list.y);
+        if (hn::AllFalse(D(), any_bit(samples))) continue;
+        take(*index, list.pixel, sampler.at(*index, list.x, list.y), samples);
+      }
+    });
+    return culled_;
+  }
+
+  /// Blends the layers that are pending, all or all but every group's nearest.
+  void finish(bool all) {
+    for (int group = 0; group < images_.groups(); ++group) {
+      for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(D())) {
+        if (images_.used(group, pixel)) finish(images_.at(group, pixel), pixel, all);
+      }
     }
-  };
-  raster.draw(0, job.count, nullptr, store);
+  }
+
+ private:
+  /// The samples of pixels that a splat's disc covers.
+  HWY_INLINE Bits samples_of(const SplatSampler& sampler, std::uint32_t index, V x, V y) const {
+    const D d;
+    const V cutoff = hn::Set(d, job_.rules->cutoff);
+    const float mirrored = (job_.groups[index] & 1) != 0 ? -1.0F : 1.0F;
+    Bits samples = hn::Zero(Tags());
+    for (int i = 0; i < LayerImages::kSamples; ++i) {
+      const V beta = sampler
+                         .at(index, hn::Add(x, hn::Set(d, mirrored * kSampleX[i])),
+                             hn::Add(y, hn::Set(d, kSampleY[i])))
+                         .beta;
+      samples = hn::Or(samples, bits_where(hn::Lt(beta, cutoff), hn::Set(Tags(), 1U << i)));
+    }
+    return samples;
+  }
+
+  HWY_INLINE M same_layer(V depth, V other, V epsilon) const {
+    const D d;
+    switch (rule_.voronoi) {
+      case Voronoi::kOff:
+        return hn::FirstN(d, 0);
+      case Voronoi::kQuantised:
+        return hn::Eq(depth_step(rule_, depth), depth_step(rule_, other));
+      case Voronoi::kWindowed:
+        break;
+    }
+    return hn::Lt(hn::Abs(hn::Sub(depth, other)), epsilon);
+  }
+
+  /// The samples of fragments that are not hidden.
+  HWY_INLINE Bits seen(std::size_t pixel, const Sample& s, std::uint32_t side, Bits samples) const {
+    const D d;
+    const V depth = hn::Load(d, hidden_ + pixel);
+    const M same_side =
+        hn::Eq(hn::Load(d, hidden_ + kTilePixels + pixel), hn::Set(d, static_cast<float>(side)));
+    const M reaches = hn::And(same_side, hn::Ge(hn::Add(s.depth, s.epsilon), depth));
+    return bits_where(hn::Not(hn::Or(hn::Ge(s.depth, depth), reaches)), samples);
+  }
+
+  HWY_INLINE void take(std::uint32_t index, std::size_t pixel, const Sample& s, Bits covered) {
+    using Images = LayerImages;
+    const D d;
+    const int side = static_cast<int>(job_.splats[index].tag & kFrontTag);
+    const Bits samples = seen(pixel, s, job_.splats[index].tag & kFrontTag, covered);
+    const M open = any_bit(samples);
+    if (hn::AllFalse(d, open)) return;
+    float* const image = images_.use(job_.groups[index], pixel);
+    const V depth = layer_channel(image, Images::kDepth + side);
+    const M pending = hn::And(open, any_bit(layer_bits(image, Images::kEntry + side)));
+    const M same = hn::And(pending, same_layer(s.depth, depth, s.epsilon));
+    culled_ += hn::CountTrue(d, same);
+    const M other = hn::AndNot(same, pending);
+    M puts = hn::AndNot(pending, open);
+    if (!hn::AllFalse(d, other)) {
+      const M behind = hn::And(other, hn::Lt(s.depth, depth));
+      if (!hn::AllFalse(d, behind))
+        take_behind(image, pixel, index, s, bits_where(behind, samples));
+      const M over = hn::AndNot(behind, other);
+      end_layer(image, pixel, side, over);
+      puts = hn::Or(puts, over);
+    }
+    const V key = hn::Sqrt(hn::Mul(s.beta, hn::Set(d, 1 / job_.rules->cutoff)));
+    const M nearer = hn::Lt(key, layer_channel(image, Images::kKey + side));
+    const M wins = hn::Or(puts, hn::And(same, nearer));
+    put_layer_channel(image, Images::kDepth + side, s.depth, wins);
+    put_layer_channel(image, Images::kKey + side, key, wins);
+    put_layer_bits(image, Images::kEntry + side, hn::Set(Tags(), index + 1), wins);
+    const Bits before = bits_where(same, layer_bits(image, Images::kPendingSamples + side));
+    put_layer_bits(image, Images::kPendingSamples + side, hn::Or(before, samples),
+                   hn::Or(puts, same));
+  }
+
+  /// Blends a side's pending layers, which are over, and the other side's layers behind them.
+  HWY_INLINE void end_layer(float* image, std::size_t pixel, int side, M over) {
+    if (hn::AllFalse(D(), over)) return;
+    const M first =
+        hn::And(hn::And(over, any_bit(layer_bits(image, LayerImages::kEntry + 1 - side))),
+                hn::Lt(layer_channel(image, LayerImages::kDepth + 1 - side),
+                       layer_channel(image, LayerImages::kDepth + side)));
+    flush(image, pixel, 1 - side, first);
+    flush(image, pixel, side, over);
+  }
+
+  /// Takes fragments whose splat's centre lies in front of the pending layer, but which do not.
+  HWY_NOINLINE void take_behind(float* image, std::size_t pixel, std::uint32_t index,
+                                const Sample& s, Bits samples) {
+    using Images = LayerImages;
+    const D d;
+    const int side = static_cast<int>(job_.splats[index].tag & kFrontTag);
+    const M behind = any_bit(samples);
+    const Bits before = layer_bits(image, Images::kBlendedSamples + side);
+    const V depth = layer_channel(image, Images::kBlended + side);
+    const M same = hn::And(hn::And(behind, any_bit(before)), same_layer(s.depth, depth, s.epsilon));
+    culled_ += hn::CountTrue(d, same);
+    // Of the layer that has been blended only the samples that it left open are added.
+    const Bits added = hn::AndNot(bits_where(same, before), samples);
+    const M front = hn::And(behind, hn::Or(hn::Not(any_bit(before)), hn::Ge(s.depth, depth)));
+    const M adds = any_bit(added);
+    if (!hn::AllFalse(d, adds)) {
+      const LayerColors color = shade(pixel, hn::Set(Tags(), index), s.depth, adds);
+      blend<false>(image, color, added, front);
+      count(image, added);
+    }
+    const M next = hn::AndNot(same, front);
+    put_layer_channel(image, Images::kBlended + side, s.depth, next);
+    put_layer_bits(image, Images::kBlendedSamples + side, hn::Or(bits_where(same, before), samples),
+                   hn::Or(next, same));
+  }
+
+  /// Blends pending layers of one side.
+  HWY_NOINLINE void flush(float* image, std::size_t pixel, int side, M lanes) {
+    using Images = LayerImages;
+    if (hn::AllFalse(D(), lanes)) return;
+    const Bits entry = bits_where(lanes, layer_bits(image, Images::kEntry + side));
+    const auto one = hn::Set(Tags(), 1);
+    const Bits splat = hn::Sub(hn::Max(entry, one), one);
+    const V depth = layer_channel(image, Images::kDepth + side);
+    const Bits samples = bits_where(lanes, layer_bits(image, Images::kPendingSamples + side));
+    blend<true>(image, shade(pixel, splat, depth, lanes), samples, lanes);
+    count(image, samples);
+    put_layer_channel(image, Images::kBlended + side, depth, lanes);
+    put_layer_bits(image, Images::kBlendedSamples + side, samples, lanes);
+    put_layer_bits(image, Images::kEntry + side, hn::Zero(Tags()), lanes);
+  }
+
+  /// Counts layers by the samples that they cover.
+  HWY_INLINE static void count(float* image, Bits samples) {
+    const M all = hn::FirstN(D(), hn::Lanes(D()));
+    const V layers = layer_channel(image, LayerImages::kLayers);
+    put_layer_channel(image, LayerImages::kLayers, hn::Add(layers, share_of(samples)), all);
+    put_layer_bits(image, LayerImages::kTouched,
+                   hn::Or(layer_bits(image, LayerImages::kTouched), samples), all);
+  }
+
+  /// Composites colours with some samples of an image, over them, or beneath where not in `over`.
+  template <bool kOver>
+  HWY_INLINE static void blend(float* image, const LayerColors& color, Bits samples, M over) {
+    const D d;
+    const V one = hn::Set(d, 1);
+    for (int i = 0; i < LayerImages::kSamples; ++i) {
+      const M covered = any_bit(hn::And(samples, hn::Set(Tags(), 1U << i)));
+      float* const sample = image + (LayerImages::kColors + 4 * i) * kPatchPixels;
+      const V left = hn::Sub(one, color.channel[3]);
+      const V open = hn::Sub(one, layer_channel(sample, 3));
+      for (int c = 0; c < 4; ++c) {
+        const V old = layer_channel(sample, c);
+        V sum = hn::MulAdd(left, old, color.channel[c]);
+        if constexpr (!kOver) {
+          sum = hn::IfThenElse(over, sum, hn::MulAdd(open, color.channel[c], old));
+        }
+        hn::Store(hn::IfThenElse(covered, sum, old), d, sample + c * kPatchPixels);
+      }
+    }
+  }
+
+  /// Colours of fragments, each of another splat.
+  HWY_INLINE LayerColors shade(std::size_t pixel, Bits splats, V depth, M lanes) const {
+    const D d;
+    const hn::RebindToSigned<D> di;
+    const auto splat = hn::BitCast(di, splats);
+    if (!shader_.lit()) {
+      return gather(reinterpret_cast<const float*>(job_.splats) + offsetof(Splat, red) / 4,
+                    hn::ShiftLeft<kSplatShift>(splat));
+    }
+    HWY_ALIGN std::uint32_t indices[kTileSize];
+    HWY_ALIGN float taken[kTileSize];
+    HWY_ALIGN float depths[kTileSize];
+    hn::Store(splats, Tags(), indices);
+    hn::Store(hn::IfThenElseZero(lanes, hn::Set(d, 1)), d, taken);
+    hn::Store(depth, d, depths);
+    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      if (taken[lane] == 0) continue;
+      shade_splat(indices[lane], static_cast<int>(pixel + lane), depths[lane]);
+    }
+    return gather(&scratch_.shaded.front().red, hn::ShiftLeft<2>(splat));
+  }
+
+  /// Four floats from each of some places.
+  static HWY_INLINE LayerColors gather(const float* from, hn::Vec<hn::RebindToSigned<D>> place) {
+    const D d;
+    return {{hn::GatherIndex(d, from, place), hn::GatherIndex(d, from + 1, place),
+             hn::GatherIndex(d, from + 2, place), hn::GatherIndex(d, from + 3, place)}};
+  }
+
+  /// Shades a splat at its centre, once a tile, as it is flat and its pixels' colours hardly
+  /// differ. Splats with an exact kernel, which are large and whose centre is not known, are shaded
+  /// anew for every pixel.
+  void shade_splat(std::uint32_t index, int pixel, float depth) const {
+    const Splat& splat = job_.splats[index];
+    const bool exact = splat.k < 0;
+    if (!exact && scratch_.shaded_in[index] == scratch_.tile) return;
+    scratch_.shaded_in[index] = scratch_.tile;
+    const float x = static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F;
+    const float y = static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F;
+    const Fragment fragment = layer_fragment(job_, index, exact ? depth : splat.depth);
+    scratch_.shaded[index] = shader_.shade(fragment, exact ? x : splat.x, exact ? y : splat.y, 1);
+  }
+
+  void finish(float* image, std::size_t pixel, bool all) {
+    const M back = any_bit(layer_bits(image, LayerImages::kEntry));
+    const M front = any_bit(layer_bits(image, LayerImages::kEntry + 1));
+    const M both = hn::And(back, front);
+    const M front_first = hn::Lt(layer_channel(image, LayerImages::kDepth + 1),
+                                 layer_channel(image, LayerImages::kDepth));
+    flush(image, pixel, 1, hn::And(both, front_first));
+    flush(image, pixel, 0, hn::AndNot(front_first, both));
+    if (!all) return;
+    flush(image, pixel, 0, any_bit(layer_bits(image, LayerImages::kEntry)));
+    flush(image, pixel, 1, any_bit(layer_bits(image, LayerImages::kEntry + 1)));
+  }
+
+  const TileJob& job_;
+  const LayerRule& rule_;
+  const Shader& shader_;
+  const TileABuffer& tile_;
+  LayerScratch& scratch_;
+  LayerImages& images_;
+  const float* hidden_;
+  const KernelRaster raster_;
+  std::uint64_t culled_ = 0;
+};
+
+/// Averages the groups' images, whose layers are all blended, to merged fragments.
+void average(LayerImages& images, std::size_t pixel, Fragment* out) {
+  const D d;
+  V color[4] = {hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  Bits touched = hn::Zero(Tags());
+  for (int group = 0; group < images.groups(); ++group) {
+    if (!images.used(group, pixel)) continue;
+    const float* const image = images.at(group, pixel);
+    touched = hn::Or(touched, layer_bits(image, LayerImages::kTouched));
+    for (int i = 0; i < 4 * LayerImages::kSamples; ++i) {
+      color[i % 4] = hn::Add(color[i % 4], layer_channel(image, LayerImages::kColors + i));
+    }
+  }
+  const auto samples = static_cast<float>(images.groups() * LayerImages::kSamples);
+  HWY_ALIGN float values[4][kTileSize];
+  for (int c = 0; c < 4; ++c) hn::Store(hn::Div(color[c], hn::Set(d, samples)), d, values[c]);
+  HWY_ALIGN float weights[kTileSize];
+  hn::Store(hn::IfThenElseZero(any_bit(touched), hn::Set(d, -1)), d, weights);
+  for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+    float* const channel = out[pixel + lane].channel;
+    channel[kWeight] = weights[lane];
+    for (int c = 0; c < 4; ++c) channel[kRed + c] = values[c][lane];
+  }
+}
+
+}  // namespace
+
+/// Draws a tile's layers. Where there is an environment, the nearest layer of every group is left
+/// pending; else `merged` gets the mean of the groups.
+std::uint64_t draw_layers_simd(const TileJob& job, const LayerRule& rule, const TileABuffer& tile,
+                               LayerScratch& scratch) {
+  LayerRaster raster(job, rule, tile, scratch);
+  const std::uint64_t culled = raster.run();
+  const bool all = !tile.shader->has_environment();
+  raster.finish(all);
+  if (all) {
+    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(D())) {
+      average(scratch.images, pixel, scratch.merged.data());
+    }
+  }
+  return culled;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -73,10 +398,9 @@ HWY_AFTER_NAMESPACE();
 namespace surfel {
 namespace {
 
-HWY_EXPORT(for_each_fragment_simd);
+HWY_EXPORT(draw_layers_simd);
 
-using Pending = LayerScratch::Pending;
-using State = LayerScratch::State;
+using Images = LayerImages;
 
 /// Weight of a nearest fragment at its splat's rim, where a fragment at the centre has 1. It is not
 /// 0, so that a pixel without other fragments has a normal.
@@ -92,176 +416,70 @@ void for_each_pixel(const TileABuffer& tile, const Visit& visit) {
   }
 }
 
-class Blender {
- public:
-  Blender(const TileJob& job, const LayerRule& rule, const NearestLayer* masked,
-          const TileABuffer& tile, LayerScratch& scratch)
-      : job_(job), rule_(rule), masked_(masked), tile_(tile), scratch_(scratch) {}
+std::uint32_t bits_at(const float* image, int channel) {
+  return std::bit_cast<std::uint32_t>(image[channel * kPatchPixels]);
+}
 
-  std::uint64_t run(PictureLayers& picture) {
-    groups_ = picture.groups();
-    scratch_.states.assign(static_cast<std::size_t>(groups_) * kTilePixels, State{});
-    scratch_.merged.assign(kTilePixels, Fragment{});
-    scratch_.order.assign(std::make_reverse_iterator(job_.order + job_.count),
-                          std::make_reverse_iterator(job_.order));
-    scratch_.order.resize(job_.count + kTileSize);
-    TileJob back_to_front = job_;
-    back_to_front.order = scratch_.order.data();
-    HWY_DYNAMIC_DISPATCH(for_each_fragment_simd)
-    (back_to_front, tile_.x0, tile_.y0,
-     [&](std::uint32_t index, const LayerFragment& fragment) { take(index, fragment); });
-    const bool environment = tile_.shader->has_environment();
-    if (environment) {
-      for_each_pixel(tile_, [&](int pixel, int x, int y) {
-        sum_nearest(pixel, picture.nearest(x, y), picture.layers(x, y));
-      });
-    }
+float share_of_samples(std::uint32_t samples) {
+  return static_cast<float>(std::popcount(samples)) / Images::kSamples;
+}
+
+/// Merges the images of a tile's groups where there is an environment.
+class Merger {
+ public:
+  Merger(const TileJob& job, const TileABuffer& tile, LayerScratch& scratch)
+      : job_(job), tile_(tile), scratch_(scratch), images_(scratch.images) {}
+
+  void run(PictureLayers& picture) {
+    for_each_pixel(tile_, [&](int pixel, int x, int y) {
+      sum_nearest(pixel, picture.nearest(x, y), picture.layers(x, y));
+    });
     for_each_pixel(tile_, [&](int pixel, int x, int y) {
       collect_groups(pixel);
-      if (environment && picture.at_border(x, y)) {
+      if (picture.at_border(x, y)) {
         picture.keep(x, y, scratch_.groups);
       } else {
         scratch_.merged[pixel] = picture.merged(*tile_.shader, x, y, scratch_.groups);
       }
     });
-    return culled_;
   }
 
  private:
-  State& state(int group, int pixel) {
-    return scratch_.states[static_cast<std::size_t>(group) * kTilePixels + pixel];
-  }
-
-  bool in_nearest_layer(const LayerFragment& f, bool front) const {
-    if (!masked_) return false;
-    const NearestLayer& nearest = masked_[f.pixel];
-    return f.depth >= nearest.depth ||
-           (front == nearest.front && f.depth + f.epsilon >= nearest.depth);
-  }
-
-  float step(float depth) const {
-    const float z = rule_.orthographic ? -depth : 1.0F / depth;
-    return std::floor((z - rule_.nearest) * rule_.steps_per_unit);  // (6)
-  }
-
-  bool same_layer(float depth, float other, float epsilon) const {
-    switch (rule_.voronoi) {
-      case Voronoi::kOff:
-        return false;
-      case Voronoi::kQuantised:
-        return step(depth) == step(other);
-      case Voronoi::kWindowed:
-        break;
+  /// A group's nearest layer in a pixel.
+  struct Nearest {
+    const float* image;  ///< The pixel's channels; null: there is no layer.
+    int side;
+    std::uint32_t splat() const { return bits_at(image, Images::kEntry + side) - 1; }
+    std::uint32_t samples() const { return bits_at(image, Images::kPendingSamples + side); }
+    float depth() const { return image[(Images::kDepth + side) * kPatchPixels]; }
+    float key() const { return image[(Images::kKey + side) * kPatchPixels]; }
+  };
+  Nearest nearest(int group, int pixel) {
+    const auto at = static_cast<std::size_t>(pixel);
+    if (!images_.used(group, at)) return {nullptr, 0};
+    const float* const image = images_.at(group, at);
+    for (const int side : {0, 1}) {
+      if (bits_at(image, Images::kEntry + side) != 0) return {image, side};
     }
-    return std::abs(depth - other) < epsilon;
-  }
-
-  void take(std::uint32_t index, const LayerFragment& f) {
-    if (tile_pixel_x(f.pixel) >= tile_.width || tile_pixel_y(f.pixel) >= tile_.height) return;
-    const std::uint32_t side = job_.splats[index].tag & kFrontTag;
-    if (in_nearest_layer(f, side != 0)) return;
-    State& s = state(job_.groups[index], f.pixel);
-    Pending& pending = s.side[side];
-    if (pending.splat >= 0) {
-      if (same_layer(f.depth, pending.depth, f.epsilon)) {
-        ++culled_;
-        if (f.key < pending.key) put(pending, index, f);
-        return;
-      }
-      if (f.depth < pending.depth) {
-        // The splat's centre lies in front of the layer behind, but this fragment does not.
-        if (pending.any_blended && same_layer(f.depth, pending.blended, f.epsilon)) {
-          ++culled_;
-          return;
-        }
-        const Rgba color = shaded(index, f.pixel, f.depth);
-        if (f.depth >= pending.blended) {
-          over(s, color);
-          pending.blended = f.depth;
-          pending.any_blended = true;
-        } else {
-          s.color.composite(color);
-        }
-        ++s.layers;
-        return;
-      }
-      // The layer is over, and so are the other side's layers behind it.
-      Pending& other = s.side[1 - side];
-      if (other.splat >= 0 && other.depth < pending.depth) flush(s, other, f.pixel);
-      flush(s, pending, f.pixel);
-    }
-    put(pending, index, f);
-  }
-
-  static void put(Pending& pending, std::uint32_t index, const LayerFragment& f) {
-    pending.depth = f.depth;
-    pending.key = f.key;
-    pending.splat = index;
-  }
-
-  static void over(State& s, Rgba front) {
-    front.composite(s.color);
-    s.color = front;
-  }
-
-  void flush(State& s, Pending& pending, int pixel) {
-    over(s, shaded(static_cast<std::uint32_t>(pending.splat), pixel, pending.depth));
-    ++s.layers;
-    pending.blended = pending.depth;
-    pending.any_blended = true;
-    pending.splat = -1;
-  }
-
-  Fragment fragment(std::uint32_t index, float depth) const {
-    const Splat& splat = job_.splats[index];
-    Fragment out{};
-    float* c = out.channel;
-    c[kWeight] = 1;
-    c[kDepth] = depth;
-    c[kRed] = splat.red;
-    c[kGreen] = splat.green;
-    c[kBlue] = splat.blue;
-    c[kAlpha] = splat.alpha;
-    c[kTag] = std::bit_cast<float>(splat.tag);
-    if (job_.normals) {
-      c[kNormalX] = job_.normals[index].x;
-      c[kNormalY] = job_.normals[index].y;
-      c[kNormalZ] = job_.normals[index].z;
-    }
-    return out;
-  }
-
-  Rgba shaded(std::uint32_t index, int pixel, float depth) const {
-    return tile_.shader->shade(fragment(index, depth),
-                               static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F,
-                               static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F, 1);
-  }
-
-  /// Blends all pending layers except the nearest one, which is returned; null if none is pending.
-  const Pending* nearest(State& s, int pixel) {
-    Pending& back = s.side[0];
-    Pending& front = s.side[1];
-    if (back.splat >= 0 && front.splat >= 0)
-      flush(s, back.depth > front.depth ? front : back, pixel);
-    if (back.splat >= 0) return &back;
-    return front.splat >= 0 ? &front : nullptr;
+    return {nullptr, 0};
   }
 
   /// The groups' nearest layers together, and the number of the pixel's layers.
   void sum_nearest(int pixel, PictureLayers::Surface& surface, float& layers) {
     surface = {0, Vec3f(0, 0, 0)};
-    std::vector<int>& counts = scratch_.counts;
+    std::vector<float>& counts = scratch_.counts;
     counts.clear();
-    for (int group = 0; group < groups_; ++group) {
-      State& s = state(group, pixel);
-      const Pending* near = nearest(s, pixel);
-      counts.push_back(s.layers + (near ? 1 : 0));
-      if (!near) continue;
+    for (int group = 0; group < images_.groups(); ++group) {
+      const Nearest near = nearest(group, pixel);
+      counts.push_back(0);
+      if (!near.image) continue;
+      const float share = share_of_samples(near.samples());
+      counts.back() = near.image[Images::kLayers * kPatchPixels] + share;
       // Fragments count most near their splat's centre and nothing at its rim: the groups' splats
       // are flat, and the mean normal and the refracted light are to have no steps there.
-      const float inside = 1 - near->key * near->key;
-      const float weight = std::max(kLeastWeight, inside * inside);
-      const SplatNormal& normal = job_.normals[near->splat];
+      const float inside = std::max(0.0F, 1 - near.key() * near.key());
+      const float weight = std::max(kLeastWeight, share * inside * inside);
+      const SplatNormal& normal = job_.normals[near.splat()];
       surface.weight += weight;
       surface.normal += weight * Vec3f(normal.x, normal.y, normal.z);
     }
@@ -272,13 +490,13 @@ class Blender {
   /// and the quarter that has the most: a single large disc that sticks out of a bent surface is a
   /// layer more, and refraction by one layer more goes elsewhere. Where this mean is 0, all groups
   /// are taken.
-  static float mean_count(std::vector<int>& counts) {
+  static float mean_count(std::vector<float>& counts) {
     const auto groups = static_cast<std::ptrdiff_t>(counts.size());
     const std::ptrdiff_t cut = groups / 4;
     if (cut > 0) std::sort(counts.begin(), counts.end());
     const auto mean = [&](std::ptrdiff_t left_out) {
-      const int sum = std::accumulate(counts.begin() + left_out, counts.end() - left_out, 0);
-      return static_cast<float>(sum) / static_cast<float>(groups - 2 * left_out);
+      const float sum = std::accumulate(counts.begin() + left_out, counts.end() - left_out, 0.0F);
+      return sum / static_cast<float>(groups - 2 * left_out);
     };
     const float inner = mean(cut);
     return inner > 0 ? inner : mean(0);
@@ -286,25 +504,61 @@ class Blender {
 
   void collect_groups(int pixel) {
     scratch_.groups.clear();
-    for (int group = 0; group < groups_; ++group) {
-      State& s = state(group, pixel);
-      const Pending* near = nearest(s, pixel);
-      if (!near) continue;
-      scratch_.groups.push_back(
-          {fragment(static_cast<std::uint32_t>(near->splat), near->depth), s.color});
+    for (int group = 0; group < images_.groups(); ++group) {
+      const Nearest near = nearest(group, pixel);
+      if (!near.image) continue;
+      PictureLayers::GroupPixel out{layer_fragment(job_, near.splat(), near.depth()), {}, {}, 0, 0};
+      const std::uint32_t samples = near.samples();
+      out.coverage = share_of_samples(samples);
+      out.touched = share_of_samples(samples | bits_at(near.image, Images::kTouched));
+      for (int i = 0; i < Images::kSamples; ++i) {
+        Rgba& to = (samples >> i & 1U) != 0 ? out.beneath : out.beside;
+        const float* const c = near.image + (Images::kColors + 4 * i) * kPatchPixels;
+        constexpr float kShare = 1.0F / Images::kSamples;
+        to.red += kShare * c[0];
+        to.green += kShare * c[kPatchPixels];
+        to.blue += kShare * c[2 * kPatchPixels];
+        to.alpha += kShare * c[3 * kPatchPixels];
+      }
+      scratch_.groups.push_back(out);
     }
   }
 
   const TileJob& job_;
-  const LayerRule& rule_;
-  const NearestLayer* masked_;
   const TileABuffer& tile_;
   LayerScratch& scratch_;
-  int groups_ = 0;
-  std::uint64_t culled_ = 0;
+  LayerImages& images_;
 };
 
+/// Fills the planes of LayerScratch::hidden.
+void hide_layers(const TileABuffer& tile, const NearestLayer* masked, Array<float>& hidden) {
+  constexpr float kNoSide = 2;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  hidden.resize(std::size_t{2} * kTilePixels);
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    const bool inside = tile_pixel_x(pixel) < tile.width && tile_pixel_y(pixel) < tile.height;
+    const bool by_mask = inside && masked;
+    hidden[pixel] = by_mask ? masked[pixel].depth : (inside ? kInfinity : -kInfinity);
+    hidden[kTilePixels + pixel] = by_mask ? static_cast<float>(masked[pixel].front) : kNoSide;
+  }
+}
+
 }  // namespace
+
+void LayerImages::reset(int groups) {
+  groups_ = groups;
+  used_.assign(static_cast<std::size_t>(groups) * (kTilePixels / kPatchPixels), 0);
+  data_.resize(used_.size() * kChannels * kPatchPixels);
+}
+
+float* LayerImages::use(int group, std::size_t pixel) {
+  std::uint8_t& used = used_[place(group, pixel)];
+  if (used == 0) {
+    used = 1;
+    std::fill_n(at(group, pixel) - pixel % kPatchPixels, kChannels * kPatchPixels, 0.0F);
+  }
+  return at(group, pixel);
+}
 
 void filter_surfaces(TileABuffer& tile, PictureLayers& picture) {
   const auto normal_at = [&](int pixel) {
@@ -325,7 +579,25 @@ void filter_surfaces(TileABuffer& tile, PictureLayers& picture) {
 std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLayers& picture,
                            const NearestLayer* masked, const TileABuffer& tile,
                            LayerScratch& scratch) {
-  return Blender(job, rule, masked, tile, scratch).run(picture);
+  scratch.images.reset(picture.groups());
+  scratch.merged.assign(kTilePixels, Fragment{});
+  scratch.order.assign(std::make_reverse_iterator(job.order + job.count),
+                       std::make_reverse_iterator(job.order));
+  scratch.order.resize(job.count + kTileSize);
+  hide_layers(tile, masked, scratch.hidden);
+  TileJob back_to_front = job;
+  back_to_front.order = scratch.order.data();
+  if (tile.shader->lit()) {
+    const std::uint32_t* const last = std::max_element(job.order, job.order + job.count);
+    if (job.count > 0)
+      scratch.shaded.resize(std::max<std::size_t>(scratch.shaded.size(), *last + 1));
+    scratch.shaded_in.resize(scratch.shaded.size(), 0);
+    ++scratch.tile;
+  }
+  const std::uint64_t culled =
+      HWY_DYNAMIC_DISPATCH(draw_layers_simd)(back_to_front, rule, tile, scratch);
+  if (tile.shader->has_environment()) Merger(job, tile, scratch).run(picture);
+  return culled;
 }
 
 }  // namespace surfel

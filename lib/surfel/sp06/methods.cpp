@@ -51,8 +51,10 @@ class GroupCompositor : public Compositor {
   }
   /// Splats of layers that are blended.
   SplatListOptions layers_behind() const {
-    return {
-        .groups = true, .enlarged = true, .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff)};
+    return {.groups = true,
+            .enlarged = true,
+            .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff),
+            .margin = kLayerMargin};
   }
   int groups() const { return cloud_.groups(); }
   const RenderOptions& options() const { return options_; }

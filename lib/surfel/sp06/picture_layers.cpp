@@ -127,23 +127,27 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
   }
   const float share = 1.0F / static_cast<float>(groups_);
   Shader::Reflected reflected;
-  for (const auto& [nearest, behind] : groups) {
+  for (const GroupPixel& group : groups) {
     // The length of the mean normal says how much the surface bends: a flat splat would mirror a
     // single direction, and where that is a lamp's the whole splat would be a speck of light.
-    Fragment bent = nearest;
+    Fragment bent = group.nearest;
     float* const normal = bent.channel + kNormalX;
     if (shader.has_environment() && alike(Vec3f(normal), mean)) {
       std::copy_n(mean.data(), 3, normal);
     }
-    Rgba color = shader.shade(bent, static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F, 1,
-                              reflected);
-    color.composite(behind);
-    out.channel[kRed] += color.red * share;
-    out.channel[kGreen] += color.green * share;
-    out.channel[kBlue] += color.blue * share;
-    out.channel[kAlpha] += color.alpha * share;
+    const Rgba color = shader.shade(bent, static_cast<float>(x) + 0.5F,
+                                    static_cast<float>(y) + 0.5F, 1, reflected);
+    const float left = 1 - color.alpha;
+    const auto sum = [&](float Rgba::*c) {
+      return share * (group.coverage * color.*c + left * group.beneath.*c + group.beside.*c);
+    };
+    out.channel[kRed] += sum(&Rgba::red);
+    out.channel[kGreen] += sum(&Rgba::green);
+    out.channel[kBlue] += sum(&Rgba::blue);
+    out.channel[kAlpha] += sum(&Rgba::alpha);
+    out.channel[kCovered] += share * group.touched;
   }
-  out.channel[kWeight] = -layers;
+  out.channel[kWeight] = -layers / out.channel[kCovered];
   out.channel[kTag] = groups.front().nearest.channel[kTag];
   std::copy_n(mean.data(), 3, out.channel + kNormalX);
   return out;

@@ -34,7 +34,10 @@ class PictureLayers {
   /// A group's pixel: the nearest layer, which is not shaded yet, over the colour of the others.
   struct GroupPixel {
     Fragment nearest;
-    Rgba behind;
+    Rgba beneath;    ///< The others' colour in the share of the pixel that the nearest covers ...
+    Rgba beside;     ///< ... and in the rest of the pixel, each times its share.
+    float coverage;  ///< Share of the pixel that the nearest layer covers.
+    float touched;   ///< Share of the pixel that any layer covers.
   };
 
   /// Begins a picture of `groups` groups.
@@ -60,8 +63,8 @@ class PictureLayers {
   /// groups have a splat in a pixel, their mean is not smooth enough to mirror an environment.
   /// Pixels without a surface, or with another one, count nothing.
   Vec3f filtered_normal(int x, int y) const;
-  /// A pixel's layers as a merged fragment; of weight 0 if `groups`, which have a layer there, are
-  /// none.
+  /// A pixel's layers as a merged fragment, as Compositor::Worker::behind() returns it; of weight 0
+  /// if `groups`, which have a layer there, are none.
   Fragment merged(const Shader& shader, int x, int y, std::span<const GroupPixel> groups) const;
 
  private:
