@@ -325,8 +325,8 @@ make_sp06_8() {
   about "Smooth blending by deferred compositing of groups in which splats may overlap up to a factor c of the sum of their radii, c = 1.0 to
     0.4, beside standard blending: hardly any visible artifacts even at 0.4." \
     "A dragon of $(of 300000) points; the A-buffer is our standard blending. K is the number of groups; PSNR of the whole picture against the A-buffer; last,
-    what differs at 0.4, ten times amplified. The specks along rims: a group keeps one fragment of a pixel, so that what lies behind a rim is
-    lost with few groups."
+    what differs at 0.4, ten times amplified. The specks along rims: a group keeps one fragment of each surface in a pixel, of three surfaces
+    at most (<code>--layers</code>), so that with few groups a rim's colour is the mean of few fragments. More layers change little."
   surfels dragon_vrip_res2.ply 300000 dragon.ply
   local view="$splats $body_view --size 360x260" overlap
   run "surfel-render dragon.ply $view -o 8.png"

@@ -123,8 +123,8 @@ void declare_visibility(CLI::App& app, Settings& s) {
       "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
       "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
       "with all layers blended alike or the nearest interpolated; opaque surfaces by a pass for "
-      "depth and one for colour, to compare deferred with; or one layer after another, slowly, as "
-      "a reference");
+      "depth and one for colour, to compare deferred with; or one layer after another, as a "
+      "reference for the transparent ones");
   using surfel::Voronoi;
   add_choice(app, "--voronoi", s.method_options.voronoi,
              {{"off", Voronoi::kOff},

@@ -38,7 +38,9 @@ class FrontToBack {
   void add(const Fragment& fragment, float edge) {
     const float* c = fragment.channel;
     if (is_merged(fragment)) {
-      add_merged(fragment, 1);
+      Fragment seen = fragment;
+      seen.channel[kOther] = 0;
+      add_merged(seen, 1);
       return;
     }
     Rgba color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(edge));

@@ -24,10 +24,13 @@ enum FragmentChannel : int {
   kAlpha,  ///< Sum of rho * alpha (not kept where all splats are opaque); merged: opacity.
   kTag,    ///< Splat::tag of the first contribution, as bits; merged: the nearest fragment's.
   kBack,   ///< Merged only: the farthest fragment's depth.
-  kCovered = kBack,  ///< Of Compositor::Worker::behind(): the share of the pixel that it covers.
   kNormalX,  ///< Sum of rho * normal, only in shaded pictures; merged: the nearest one's mean.
   kNormalY,
   kNormalZ,
+  /// But for fragments merged in the A-buffer: the number of a second material plus its share, at
+  /// most 1/2, of the contributions' weight; 0: all are of the tag's material.
+  kOther = kBack,
+  kCovered = kDepth,  ///< Of Compositor::Worker::behind(): the share of the pixel that it covers.
 };
 
 /// Most fragments that a pixel may keep.
@@ -69,6 +72,47 @@ inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) &
 inline bool is_filtered(float tag) {
   return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
 }
+
+/// A fragment's kOther.
+struct OtherMaterial {
+  std::uint32_t material;
+  float share;  ///< 0: there is none.
+
+  explicit OtherMaterial(float channel)
+      : material(static_cast<std::uint32_t>(channel)),
+        share(channel - static_cast<float>(material)) {}
+};
+/// The fragment as if all its contributions were of one material.
+inline Fragment of_material(Fragment fragment, std::uint32_t material) {
+  const auto tag = std::bit_cast<std::uint32_t>(fragment.channel[kTag]);
+  const std::uint32_t flags = tag & ((1U << kMaterialShift) - 1);
+  fragment.channel[kTag] = std::bit_cast<float>(flags | material << kMaterialShift);
+  fragment.channel[kOther] = 0;
+  return fragment;
+}
+
+/// Sums up the materials of contributions. Of more than two materials the ones but the first count
+/// as the latest.
+class MaterialShares {
+ public:
+  void add(float tag, float weight) {
+    const std::uint32_t material = std::bit_cast<std::uint32_t>(tag) >> kMaterialShift;
+    if (!(first_weight_ > 0)) first_ = material;
+    if (material != first_) other_ = material;
+    (material == first_ ? first_weight_ : other_weight_) += weight;
+  }
+  /// Sets the material of the fragment's tag, and its kOther.
+  void store(Fragment& fragment) const {
+    const bool more = first_weight_ >= other_weight_;
+    fragment = of_material(fragment, more ? first_ : other_);
+    const float share = std::min(first_weight_, other_weight_) / (first_weight_ + other_weight_);
+    if (share > 0) fragment.channel[kOther] = static_cast<float>(more ? other_ : first_) + share;
+  }
+
+ private:
+  std::uint32_t first_ = 0, other_ = 0;
+  float first_weight_ = 0, other_weight_ = 0;
+};
 
 /// Colour with premultiplied opacity.
 struct Rgba {

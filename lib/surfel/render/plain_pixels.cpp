@@ -95,6 +95,18 @@ FragmentCount count_fragments(const TileABuffer& tile, std::size_t pixel) {
   return out;
 }
 
+/// The pixels none of whose fragments has a second material.
+M with_one_material(const TileABuffer& tile, std::size_t pixel, int layers) {
+  const D d;
+  const V zero = hn::Zero(d);
+  M one = hn::Eq(zero, zero);
+  for (int layer = 0; layer < layers; ++layer) {
+    const M unmerged = hn::Gt(channel(tile, layer, pixel, kWeight), zero);
+    one = hn::AndNot(hn::And(unmerged, hn::Gt(channel(tile, layer, pixel, kOther), zero)), one);
+  }
+  return one;
+}
+
 /// The nearest fragments behind some depths.
 Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers, V depths) {
   const D d;
@@ -275,6 +287,9 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     const M lone =
         hn::And(hn::Eq(fragments.count, one), hn::Ne(hn::Load(d, &kNearBorder[pixel]), zero));
     M plain = whole;
+    if (lighting && lighting->material_count > 1) {
+      plain = with_one_material(tile, pixel, fragments.layers);
+    }
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};

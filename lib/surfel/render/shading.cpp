@@ -170,6 +170,9 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
     const float scale = inv_weight * coverage;
     return {c[kRed] * scale, c[kGreen] * scale, c[kBlue] * scale, alpha * coverage};
   }
+  if (const OtherMaterial other(c[kOther]); other.share > 0) {
+    return shade_mixed(fragment, other, x, y, full_weight);
+  }
   const SeenSurface at = surface(fragment, x, y);
   const bool reflects = environment_ && !at.material.reflectivity.isZero();
   if (!(c[kAlpha] > 0) && !reflects) return {};
@@ -195,6 +198,16 @@ Rgba Shader::shade(const Fragment& fragment, float x, float y, float full_weight
         coverage * reflectance.cwiseProduct(reflected.radiance);
   const float share = reflectance.mean();
   return {out.x(), out.y(), out.z(), coverage * share + (1 - share) * opacity};
+}
+
+Rgba Shader::shade_mixed(const Fragment& fragment, const OtherMaterial& other, float x, float y,
+                         float full_weight) const {
+  Fragment main = fragment;
+  main.channel[kOther] = 0;
+  const Rgba a = shade(main, x, y, full_weight);
+  const Rgba b = shade(of_material(fragment, other.material), x, y, full_weight);
+  const auto mean = [&](float Rgba::*c) { return a.*c + other.share * (b.*c - a.*c); };
+  return {mean(&Rgba::red), mean(&Rgba::green), mean(&Rgba::blue), mean(&Rgba::alpha)};
 }
 
 Vec3f Shader::from_eye(float x, float y, float z) const {
@@ -232,6 +245,12 @@ Vec3f Shader::radiance(const Vec3f& direction, float variance) const {
 
 Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) const {
   if (!environment_) return {0, 0, 0};
+  if (const OtherMaterial other(nearest.channel[kOther]); other.share > 0) {
+    Fragment main = nearest;
+    main.channel[kOther] = 0;
+    return (1 - other.share) * behind(main, x, y, layers) +
+           other.share * behind(of_material(nearest, other.material), x, y, layers);
+  }
   const SeenSurface at = surface(nearest, x, y);
   const Material& material = at.material;
   const float count = scene_->refraction == Refraction::kSingle ? 1.0F : layers;

@@ -174,6 +174,9 @@ class SURFEL_API Shader {
 
  private:
   SeenSurface surface(const Fragment& fragment, float x, float y) const;
+  /// Shades a fragment of two materials: by each of them, and blends the colours by their shares.
+  Rgba shade_mixed(const Fragment& fragment, const OtherMaterial& other, float x, float y,
+                   float full_weight) const;
   /// Direction from the eye through picture coordinates (x, y), world axes; perspective cameras
   /// give it z = 1 along the view.
   Vec3f ray(float x, float y) const;

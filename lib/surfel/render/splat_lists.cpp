@@ -432,6 +432,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
                                    .first_column = view.first_column,
                                    .first_row = view.first_row};
   w.count = 0;
+  ++w.loads;
   w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
   for (TileList& list : w.tiles) list.count = 0;
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
@@ -490,7 +491,8 @@ TileJob SplatLists::job(int x, int y, int worker) {
           .order = w.order.data(),
           .count = list.count,
           .box_x = x * kTileSize,
-          .box_y = y * kTileSize};
+          .box_y = y * kTileSize,
+          .load = w.loads};
 }
 
 std::size_t SplatLists::take_splat_count() {

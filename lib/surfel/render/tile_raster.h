@@ -30,6 +30,8 @@ struct TileJob {
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
   /// FrameStatistics::fragments of the thread that draws the tile.
   std::uint64_t* fragments = nullptr;
+  /// Number of the worker's splats: with the same number an index stands for the same splat.
+  std::uint64_t load = 0;
 };
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and

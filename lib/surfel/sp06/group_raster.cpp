@@ -210,6 +210,8 @@ class ImageCompositor {
   struct Surface {
     V sum[kNormalZ + 1];  ///< By FragmentChannel; weighted by the rho of the winning fragments.
     V weight;             ///< Sum of all kernels.
+    V other_weight;       ///< Sum of rho of the materials other than the nearest fragment's ...
+    hn::Vec<Tags> other;  ///< ... and the last one's number.
   };
 
   static HWY_INLINE hn::Vec<Ints> splat_of(hn::Vec<Tags> entry) {
@@ -251,7 +253,10 @@ class ImageCompositor {
     const D d;
     const Ints di;
     const V anchor_depth = anchor(count, pixel, nearest);
+    const auto material = material_of(hn::RebindMask(di, open), splat_of(nearest.entry));
     Surface out;
+    out.other_weight = hn::Zero(d);
+    out.other = hn::Zero(Tags());
     for (V& s : out.sum) s = hn::Zero(d);
     out.weight = hn::Zero(d);
     for (int k = 0; k < count; ++k) {
@@ -281,6 +286,13 @@ class ImageCompositor {
           add(kNormalX + c, hn::GatherIndex(d, normals_ + c, normal));
         }
       }
+      if constexpr (kNormals && !kOpaqueSplats) {
+        const auto own = material_of(hn::RebindMask(di, joins), splat);
+        const auto differs = hn::And(hn::RebindMask(Tags(), joins), hn::Ne(own, material));
+        out.other = hn::IfThenElse(differs, own, out.other);
+        out.other_weight =
+            hn::Add(out.other_weight, hn::IfThenElseZero(hn::RebindMask(d, differs), w));
+      }
     }
     return out;
   }
@@ -299,10 +311,35 @@ class ImageCompositor {
     for (int c = 0; c <= last; ++c) {
       if (c != kTag && c != kBack) put(c, hn::Mul(scale, surface.sum[c]));
     }
-    const auto place =
-        hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, open), splat_of(nearest.entry)),
-                hn::Set(di, kSplatFloats));
-    put(kTag, hn::GatherIndex(d, splats_ + kTagFloat, place));
+    const auto tag = tag_of(hn::RebindMask(di, open), splat_of(nearest.entry));
+    put(kTag, hn::BitCast(d, tag));
+    if constexpr (kNormals && !kOpaqueSplats) {
+      // Of two materials the tag has the one that has more weight.
+      const V share = hn::Div(surface.other_weight, surface.sum[kWeight]);
+      const M mixed = hn::And(open, hn::Gt(share, hn::Zero(d)));
+      if (hn::AllFalse(d, mixed)) return;
+      const M more = hn::Gt(share, hn::Set(d, 0.5F));
+      const auto swapped = hn::RebindMask(Tags(), more);
+      const auto own = hn::ShiftRight<kMaterialShift>(tag);
+      const auto flags = hn::And(tag, hn::Set(Tags(), (1U << kMaterialShift) - 1));
+      const auto most = hn::IfThenElse(swapped, surface.other, own);
+      const auto least = hn::IfThenElse(swapped, own, surface.other);
+      put(kTag, hn::BitCast(d, hn::Or(flags, hn::ShiftLeft<kMaterialShift>(most))));
+      const V number = hn::ConvertTo(d, hn::BitCast(di, least));
+      const V least_share = hn::IfThenElse(more, hn::Sub(hn::Set(d, 1), share), share);
+      put(kOther, hn::IfThenElseZero(mixed, hn::Add(number, least_share)));
+    }
+  }
+
+  template <class Mask>
+  HWY_INLINE hn::Vec<Tags> tag_of(Mask where, hn::Vec<Ints> splat) const {
+    const auto place = hn::Mul(hn::IfThenElseZero(where, splat), hn::Set(Ints(), kSplatFloats));
+    return hn::BitCast(Tags(), hn::GatherIndex(D(), splats_ + kTagFloat, place));
+  }
+  /// Numbers of splats' materials.
+  template <class Mask>
+  HWY_INLINE hn::Vec<Tags> material_of(Mask where, hn::Vec<Ints> splat) const {
+    return hn::ShiftRight<kMaterialShift>(tag_of(where, splat));
   }
 
   const float* splats_;

@@ -58,6 +58,7 @@ using Bits = hn::Vec<Tags>;
 /// Groups of odd numbers have them mirrored.
 constexpr float kSampleX[LayerImages::kSamples] = {-0.125F, 0.375F, -0.375F, 0.125F};
 constexpr float kSampleY[LayerImages::kSamples] = {-0.375F, -0.125F, 0.125F, 0.375F};
+constexpr float kSampleReach = 0.396F;  ///< No sample is further from the centre.
 
 /// Premultiplied colours of a vector of pixels.
 struct LayerColors {
@@ -107,9 +108,9 @@ class LayerRaster {
     raster_.for_each_vector(0, job_.count, nullptr, [&](const PixelSplats& list) HWY_ATTR {
       const SplatSampler sampler = raster_.sampler();
       for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
-        const Bits samples = samples_of(sampler, *index, list.x, list.y);
-        if (hn::AllFalse(D(), any_bit(samples))) continue;
-        take(*index, list.pixel, sampler.at(*index, list.x, list.y), samples);
+        const Sample s = sampler.at(*index, list.x, list.y);
+        const Bits samples = samples_of(sampler, *index, list.x, list.y, s.beta);
+        if (!hn::AllFalse(D(), any_bit(samples))) take(*index, list.pixel, s, samples);
       }
     });
     return culled_;
@@ -126,17 +127,31 @@ class LayerRaster {
 
  private:
   /// The samples of pixels that a splat's disc covers.
-  HWY_INLINE Bits samples_of(const SplatSampler& sampler, std::uint32_t index, V x, V y) const {
+  /// \param beta  the pixels' own.
+  HWY_INLINE Bits samples_of(const SplatSampler& sampler, std::uint32_t index, V x, V y,
+                             V beta) const {
     const D d;
     const V cutoff = hn::Set(d, job_.rules->cutoff);
+    // Most vectors lie inside of the disc, or outside. The root of beta is a norm, which grows by
+    // no more than this between a pixel's centre and its samples.
+    const Splat& splat = job_.splats[index];
+    const V root = hn::Sqrt(beta);
+    const float largest = splat.k * (1 + splat.m * splat.m) + splat.q;  // Bounds the eigenvalues.
+    const float step = kSampleReach * std::sqrt(largest);
+    const float rim = std::sqrt(job_.rules->cutoff);
+    const M inside = hn::Lt(root, hn::Set(d, rim - step));
+    const M outside = hn::Gt(root, hn::Set(d, rim + step));
+    if (splat.k >= 0 && hn::AllTrue(d, hn::Or(inside, outside))) {
+      return bits_where(inside, hn::Set(Tags(), (1U << LayerImages::kSamples) - 1));
+    }
     const float mirrored = (job_.groups[index] & 1) != 0 ? -1.0F : 1.0F;
     Bits samples = hn::Zero(Tags());
     for (int i = 0; i < LayerImages::kSamples; ++i) {
-      const V beta = sampler
-                         .at(index, hn::Add(x, hn::Set(d, mirrored * kSampleX[i])),
-                             hn::Add(y, hn::Set(d, kSampleY[i])))
-                         .beta;
-      samples = hn::Or(samples, bits_where(hn::Lt(beta, cutoff), hn::Set(Tags(), 1U << i)));
+      const V at_sample = sampler
+                              .at(index, hn::Add(x, hn::Set(d, mirrored * kSampleX[i])),
+                                  hn::Add(y, hn::Set(d, kSampleY[i])))
+                              .beta;
+      samples = hn::Or(samples, bits_where(hn::Lt(at_sample, cutoff), hn::Set(Tags(), 1U << i)));
     }
     return samples;
   }
@@ -309,14 +324,14 @@ class LayerRaster {
              hn::GatherIndex(d, from + 2, place), hn::GatherIndex(d, from + 3, place)}};
   }
 
-  /// Shades a splat at its centre, once a tile, as it is flat and its pixels' colours hardly
+  /// Shades a splat at its centre, once a load, as it is flat and its pixels' colours hardly
   /// differ. Splats with an exact kernel, which are large and whose centre is not known, are shaded
   /// anew for every pixel.
   void shade_splat(std::uint32_t index, int pixel, float depth) const {
     const Splat& splat = job_.splats[index];
     const bool exact = splat.k < 0;
-    if (!exact && scratch_.shaded_in[index] == scratch_.tile) return;
-    scratch_.shaded_in[index] = scratch_.tile;
+    if (!exact && scratch_.shaded_in[index] == job_.load) return;
+    scratch_.shaded_in[index] = job_.load;
     const float x = static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F;
     const float y = static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F;
     const Fragment fragment = layer_fragment(job_, index, exact ? depth : splat.depth);
@@ -587,12 +602,12 @@ std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLay
   hide_layers(tile, masked, scratch.hidden);
   TileJob back_to_front = job;
   back_to_front.order = scratch.order.data();
-  if (tile.shader->lit()) {
-    const std::uint32_t* const last = std::max_element(job.order, job.order + job.count);
-    if (job.count > 0)
-      scratch.shaded.resize(std::max<std::size_t>(scratch.shaded.size(), *last + 1));
-    scratch.shaded_in.resize(scratch.shaded.size(), 0);
-    ++scratch.tile;
+  if (tile.shader->lit() && job.count > 0) {
+    const std::size_t splats = *std::max_element(job.order, job.order + job.count) + std::size_t{1};
+    if (scratch.shaded.size() < splats) {
+      scratch.shaded.resize(2 * splats);
+      scratch.shaded_in.resize(2 * splats, 0);
+    }
   }
   const std::uint64_t culled =
       HWY_DYNAMIC_DISPATCH(draw_layers_simd)(back_to_front, rule, tile, scratch);

@@ -71,8 +71,7 @@ struct LayerScratch {
   /// shows.
   Array<float> hidden;
   std::vector<Rgba> shaded;              ///< Colours of lit splats, by their indices ...
-  std::vector<std::uint32_t> shaded_in;  ///< ... and the tile that each was shaded for.
-  std::uint32_t tile = 0;                ///< Number of the tile at hand.
+  std::vector<std::uint64_t> shaded_in;  ///< ... and the TileJob::load of each.
   std::vector<Fragment> merged;  ///< By pixel: its layers; of pixels at_border() still to come.
   std::vector<PictureLayers::GroupPixel> groups;  ///< Groups with a layer in the pixel at hand.
   std::vector<float> counts;                      ///< Layers of a pixel by groups.

@@ -18,7 +18,7 @@ enum class Method : std::uint8_t {
   kDeferred,     ///< SP06's Algorithm 1, for opaque surfaces: an image for each group, composited.
   kTransparent,  ///< SP06's Algorithm 2: layers blended in each group's image, images averaged.
   kTransparentHigh,  ///< SP06's Algorithm 3: the nearest layer by Algorithm 1, the others by 2.
-  kDepthPeel,        ///< One surface after another: the slow reference that SP06 compares with.
+  kDepthPeel,        ///< One surface after another: the reference that SP06 compares with.
   kTwoPass,          ///< Visibility first, attributes then: SP06's baseline for opaque surfaces.
 };
 

@@ -149,6 +149,11 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
   }
   out.channel[kWeight] = -layers / out.channel[kCovered];
   out.channel[kTag] = groups.front().nearest.channel[kTag];
+  MaterialShares materials;
+  for (const GroupPixel& group : groups) {
+    materials.add(group.nearest.channel[kTag], group.coverage);
+  }
+  materials.store(out);
   std::copy_n(mean.data(), 3, out.channel + kNormalX);
   return out;
 }
