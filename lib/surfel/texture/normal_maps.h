@@ -41,7 +41,7 @@ struct SURFEL_API NormalMapOptions {
 
 /// The reliefs of surfels, ready to be averaged: linear in what is averaged. Both sets have a map
 /// for each image, at the same place, and share `map_of_material`.
-struct NormalMaps {
+struct SURFEL_API NormalMaps {
   std::vector<ReliefKind> kind;  ///< By map.
   /// Of normals: unit x, y, z. Of heights: h_x, h_y, h_x^2, with h_x the height's derivative along
   /// the image's rows, from left to right, and h_y along its columns, downwards; scene units by
