@@ -10,6 +10,7 @@
 #include <surfel/render/tile_raster.h>
 #include <surfel/sp06/depth_peel.h>
 #include <surfel/sp06/group_raster.h>
+#include <surfel/sp06/joint_blend.h>
 #include <surfel/sp06/layer_blend.h>
 #include <surfel/sp06/methods.h>
 #include <surfel/sp06/two_pass.h>
@@ -56,6 +57,9 @@ class GroupCompositor : public Compositor {
             .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff),
             .margin = kLayerMargin};
   }
+  /// Whether the layers of the groups are told together.
+  bool joint() const { return voronoi_ == Voronoi::kWindowed; }
+  bool has_enlarged() const { return !cloud_.group_radius.empty(); }
   int groups() const { return cloud_.groups(); }
   const RenderOptions& options() const { return options_; }
   const LayerRule& rule() const { return rule_; }
@@ -101,8 +105,10 @@ class LayerCompositor final : public GroupCompositor {
                   bool nearest)
       : GroupCompositor(cloud, options, voronoi), nearest_(nearest) {}
   std::vector<SplatListOptions> lists() const override {
-    if (nearest_) return {surfaces(), layers_behind()};
-    return {layers_behind()};
+    std::vector<SplatListOptions> lists;
+    if (nearest_ || joint()) lists.push_back(surfaces());
+    if (!joint() || has_enlarged()) lists.push_back(layers_behind());
+    return lists;
   }
   int layers() const override { return 1; }
   bool has_background() const override { return true; }
@@ -135,10 +141,17 @@ class LayerCompositor final : public GroupCompositor {
           nearest[pixel] = nearest_layer(tile, pixel);
         }
       }
-      culled += blend_layers(jobs.back(), compositor.rule(), picture,
-                             compositor.nearest_ ? nearest.data() : nullptr, tile, scratch);
+      const NearestLayer* masked = compositor.nearest_ ? nearest.data() : nullptr;
+      if (compositor.joint()) {
+        const JointJobs discs{&jobs.front(), jobs.size() > 1 ? &jobs.back() : nullptr};
+        culled += blend_joint_layers(discs, picture, masked, tile, joint);
+      } else {
+        culled += blend_layers(jobs.back(), compositor.rule(), picture, masked, tile, scratch);
+      }
     }
-    Fragment behind(int pixel) const override { return scratch.merged[pixel]; }
+    Fragment behind(int pixel) const override {
+      return compositor.joint() ? joint.merged[pixel] : scratch.merged[pixel];
+    }
     bool waits(const TileABuffer& tile, int pixel) const override {
       const int x = tile.x0 + tile_pixel_x(pixel);
       const int y = tile.y0 + tile_pixel_y(pixel);
@@ -152,6 +165,7 @@ class LayerCompositor final : public GroupCompositor {
     const LayerCompositor& compositor;
     GroupImages images;
     LayerScratch scratch;
+    JointScratch joint;
     std::vector<NearestLayer> nearest;  ///< Nearest layer of each pixel, drawn by Algorithm 1.
     std::uint64_t culled = 0;
   };
