@@ -62,7 +62,7 @@ TEST(JointLayers, FarthestLayerFirstAndSidesApart) {
 
 TEST(JointLayers, GroupsThatEachSeeAPartOfASteepSurfaceShowOneLayer) {
   // The fragments of group 1 alone are further apart than epsilon.
-  const auto members = told({disc(1, 1.08F, 0.4F), disc(0, 1.0F, 0.1F), disc(1, 0.93F, 0.5F)}, 2);
+  const auto members = told({disc(1, 1.08F, 0.4F), disc(0, 1.0F, 0.1F), disc(1, 0.94F, 0.5F)}, 2);
   ASSERT_EQ(members.size(), 2U);
   EXPECT_EQ(members[1].key, 0.4F);
 }
