@@ -296,12 +296,17 @@ void require_effect(const CLI::App& app, const Settings& s) {
       {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--peel"}}},
       {surfel::Method::kDeferred, {"deferred", {"--peel"}}},
       {surfel::Method::kTransparent,
-       {"transparent", {"--peel", "--layers", "--lowpass", "--coverage-threshold"}}},
+       {"transparent", {"--peel", "--layers"}}},
       {surfel::Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
       {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--peel"}}},
       {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers"}}}};
   const auto& [method, unheeded] = kMethods.at(s.method);
   refuse(std::string("--method ") + method, unheeded);
+  if (s.method == surfel::Method::kTransparent &&
+      s.method_options.voronoi != surfel::Voronoi::kWindowed) {
+    // Layers that each group tells by itself are discs, without kernels.
+    refuse("--method transparent and that --voronoi", {"--lowpass", "--coverage-threshold"});
+  }
   if (!s.mesh.empty()) {
     refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
   } else if (s.input.empty()) {

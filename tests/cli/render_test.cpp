@@ -72,7 +72,7 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{s.surfels, "--method", "two-pass", "--peel", "2"},
         Words{s.surfels, "--method", "two-pass", "--voronoi", "off"},
         Words{s.surfels, "--method", "two-pass", "--scene", glass},
-        Words{s.surfels, "--method", "transparent", "--lowpass", "2"},
+        Words{s.surfels, "--method", "transparent", "--voronoi", "off", "--lowpass", "2"},
         Words{s.surfels, "--method", "transparent-high", "--layers", "2"},
         Words{s.surfels, "--filter", "ewa-source", "--method", "deferred"},
         Words{"--mesh", s.mesh, "--method", "depth-peel"},
