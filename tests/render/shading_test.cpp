@@ -340,7 +340,7 @@ TEST(Shader, ShortMeanNormalsWidenHighlights) {
 TEST(Shader, MappedNormalsAreTurnedByTheSideAlone) {
   const Scene scene = scene_with_highlight(0.5F);
   const Shader shader(&scene, square_camera(64), 0, true);
-  Fragment away = fragment(tilted(120));
+  Fragment away = fragment(tilted(150));
   const float front = shader.shade(away, 32, 32, 1).red;
   EXPECT_NEAR(front, 0, 1e-6F);  // It looks away from the light, too.
   away.channel[kTag] = 0;
