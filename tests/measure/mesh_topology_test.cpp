@@ -83,7 +83,7 @@ TEST(MeshTopology, MoebiusStripHasOneBorderAndNoOrientation) {
 TEST(MeshTopology, CubesThatShareAnEdgeBecomeTwo) {
   TriangleMesh mesh = cube();
   mesh.origin = Vec3d(10, 0, 0);
-  append(mesh, cube(), 1, Vec3f(1, 1, 0));
+  test::append(mesh, cube(), 1, Vec3f(1, 1, 0));
   const MeshStatistics s = mesh_statistics(mesh);
   EXPECT_EQ(s.edges.non_manifold, 1U);
   EXPECT_EQ(s.edges.border, 0U);
@@ -121,7 +121,7 @@ TEST(MeshTopology, BowTieHasOneVertexTooFew) {
   EXPECT_EQ(t.border_loops, 2U);
   // Closed sheets that touch.
   TriangleMesh cubes = cube();
-  append(cubes, cube(), 1, Vec3f(1, 1, 1));
+  test::append(cubes, cube(), 1, Vec3f(1, 1, 1));
   EXPECT_EQ(mesh_topology(cubes).non_manifold_vertices, 1U);
   EXPECT_EQ(mesh_topology(cubes).euler_characteristic, 4);
 }
@@ -172,7 +172,7 @@ TEST(MeshTopology, CountsHandles) {
     }
   }
   EXPECT_EQ(mesh_topology(mesh).genus, 1);
-  append(mesh, TriangleMesh(mesh), 1, Vec3f(10, 0, 0));
+  test::append(mesh, TriangleMesh(mesh), 1, Vec3f(10, 0, 0));
   EXPECT_EQ(mesh_topology(mesh).genus, 2);
   EXPECT_EQ(mesh_topology(mesh).components, 2U);
 }

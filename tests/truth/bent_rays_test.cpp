@@ -1,5 +1,5 @@
 #include <cmath>
-#include <limits>
+#include <numbers>
 
 #include <gtest/gtest.h>
 #include <surfel/truth/bent_rays.h>

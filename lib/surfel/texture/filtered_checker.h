@@ -1,5 +1,6 @@
 #pragma once
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/texture/kernel_axes.h>
 
@@ -19,6 +20,6 @@ namespace surfel {
 /// where a double has no fractions, get 0.
 ///
 /// \param point, axes  in cubes.
-double filtered_checker(const Vec3d& point, const KernelAxes& axes);
+SURFEL_API double filtered_checker(const Vec3d& point, const KernelAxes& axes);
 
 }  // namespace surfel

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/sample/noise.h>
 #include <surfel/texture/kernel_axes.h>
@@ -17,7 +18,7 @@ inline constexpr int kMostOctaves = 16;
 /// mean square of gradient_noise() is a tenth higher.
 ///
 /// \param place  in lattice cells, each coordinate below 2^52.
-NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed);
+SURFEL_API NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed);
 
 /// Mean square of independent_noise() over all places and seeds: the integral of the squared
 /// influence of a lattice point, (1/3) of 3 B A^2 with A and B the integrals over [-1, 1] of the
@@ -35,7 +36,7 @@ inline constexpr double kNoiseBandwidth = 6.8048;
 /// times noise_response(sqrt(2) D).
 ///
 /// \param axes  D, in lattice cells.
-double noise_response(const KernelAxes& axes);
+SURFEL_API double noise_response(const KernelAxes& axes);
 
 /// Octaves of independent_noise(), each on a lattice moved by a shift of its own, with a mean
 /// square of 1 in all.
@@ -58,7 +59,7 @@ struct NoiseMoments {
 /// "Clamping: a method of antialiasing textured surfaces by bandwidth limiting in object space"):
 /// every octave is damped by noise_response(); octaves of which next to nothing would be left are
 /// replaced by their mean, which is 0, and are not evaluated.
-class FilteredNoise {
+class SURFEL_API FilteredNoise {
  public:
   FilteredNoise() = default;
   /// \param axes  of the Gaussians; all zero: values at points.
