@@ -35,7 +35,10 @@ Scene glass(float ior, Environment environment) {
 /// Radiance from `origin` on along `direction`.
 Rgba trace(const Scene& scene, int bounces, const Vec3f& origin, const Vec3f& direction) {
   const Shader shader(&scene, test::camera_at(3, 16));
-  return BentRays{scene, shader, Vec3f(0, 0, 3), 1e-4F, bounces}.trace(ball, origin,
+  const auto nearest = [](const Vec3f& from, const Vec3f& along, float least) {
+    return ball(from, along, least);
+  };
+  return BentRays{scene, shader, Vec3f(0, 0, 3), 1e-4F, bounces}.trace(nearest, origin,
                                                                        direction.normalized(), 0);
 }
 
