@@ -143,7 +143,7 @@ name = "shiny"
 specular = [0.6, 0.6, 0.6]
 shininess = 60
 TOML
-  "$tools/surfel-generate" sphere --count 1000 -o "$work/plane.ply" --mesh "$work/sphere.obj" --resolution 128 --quiet
+  "$tools/surfel-generate" sphere --count 1000 -o "$work/sphere.ply" --mesh "$work/sphere.obj" --resolution 128 --quiet
   cat <<'TEXT'
 ## Normal and bump maps
 
@@ -162,7 +162,6 @@ TEXT
   relief_row "sphere, shiny, \`--bump noise:8\`" "$work/sphere.obj" "$work/shiny.toml" --bump noise:8 --bump-scale 0.1
   relief_row "sphere, shiny, \`--bump noise:64\`" "$work/sphere.obj" "$work/shiny.toml" --bump noise:64 --bump-scale 0.02
   relief_row "sphere, chrome, \`--bump noise:8\`" "$work/sphere.obj" "$root/configs/scene-chrome.toml" --bump noise:8 --bump-scale 0.02
-  relief_row "sphere, chrome, \`--bump noise:64\`" "$work/sphere.obj" "$root/configs/scene-chrome.toml" --bump noise:64 --bump-scale 0.01
   relief_row "head, shiny, its colours as heights" "$head" "$work/shiny.toml" --bump "${head%.obj}_color.png" --bump-scale 0.2
 }
 
