@@ -546,7 +546,7 @@ TEST(MeshRenderer, NormalMapsBendNormals) {
     options.normal_maps = &maps;
     const Image seen = render(mesh, nullptr, square_camera(8), options, scene);
     options.normal_maps = nullptr;
-    mesh.wedge_normal.assign(2, {});
+    mesh.wedge_normal.resize(2);
     for (auto& corner : mesh.wedge_normal) {
       corner.fill({mirrored ? -tilt.x() : tilt.x(), tilt.y(), tilt.z()});
     }
