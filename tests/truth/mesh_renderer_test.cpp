@@ -546,10 +546,8 @@ TEST(MeshRenderer, NormalMapsBendNormals) {
     options.normal_maps = &maps;
     const Image seen = render(mesh, nullptr, square_camera(8), options, scene);
     options.normal_maps = nullptr;
-    mesh.wedge_normal.resize(2);
-    for (auto& corner : mesh.wedge_normal) {
-      corner.fill({mirrored ? -tilt.x() : tilt.x(), tilt.y(), tilt.z()});
-    }
+    const Vec3f turned(mirrored ? -tilt.x() : tilt.x(), tilt.y(), tilt.z());
+    mesh.wedge_normal.assign(2, {turned, turned, turned});
     const Image expected = render(mesh, nullptr, square_camera(8), options, scene);
     for (std::size_t i = 0; i < seen.data.size(); ++i) {
       EXPECT_NEAR(seen.data[i], expected.data[i], 1e-5F);
