@@ -580,9 +580,8 @@ TEST(MeshRenderer, BumpMapsBendNormalsByTheirSlopes) {
     // The pixel's centre in texels, less the half texel that the first centre lies in.
     const double h_x = 0.01 * ((x + 0.5) * kTexels / 32 - 0.5);
     TriangleMesh bent = mesh;
-    bent.wedge_normal.assign(2, {});
     const Vec3f normal = Vec3d(-h_x * 8, 0, 1).normalized().cast<float>();
-    for (auto& corner : bent.wedge_normal) corner.fill(normal);
+    bent.wedge_normal.assign(2, {normal, normal, normal});
     const Image expected = render(bent, nullptr, square_camera(32), options, scene);
     for (int c = 0; c < 4; ++c) {
       EXPECT_NEAR(seen.pixel(x, 16)[c], expected.pixel(x, 16)[c], 1e-5F) << x;
