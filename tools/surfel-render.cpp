@@ -133,6 +133,11 @@ void declare_visibility(CLI::App& app, Settings& s) {
              "Of methods with groups: how fragments of one layer are told, of which the nearest to "
              "its splat's centre stays: not at all, by steps of depth (with seams between them), "
              "or by --depth-epsilon");
+  app.add_flag(
+      "--joint-layers", s.method_options.joint_layers,
+      "Of methods transparent and transparent-high: tell layers by the discs of all groups "
+      "together, so that enlarged and added splats close holes and make no layers; nearer "
+      "to depth peeling, two to three times as slow");
   app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
   app.add_option("--layers", s.render.layers,
                  "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
@@ -285,7 +290,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   };
   const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
     for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
-                               "--voronoi", "--peel", "--explain"}) {
+                               "--voronoi", "--joint-layers", "--peel", "--explain"}) {
       options.emplace_back(option);
     }
     refuse(renderer, options);
@@ -293,19 +298,17 @@ void require_effect(const CLI::App& app, const Settings& s) {
   if (s.reference) refuse_fast("--reference", {"--filter"});
   if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {});
   static const std::map<surfel::Method, std::pair<const char*, std::vector<std::string>>> kMethods{
-      {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--peel"}}},
-      {surfel::Method::kDeferred, {"deferred", {"--peel"}}},
-      {surfel::Method::kTransparent,
-       {"transparent", {"--peel", "--layers"}}},
+      {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--joint-layers", "--peel"}}},
+      {surfel::Method::kDeferred, {"deferred", {"--joint-layers", "--peel"}}},
+      {surfel::Method::kTransparent, {"transparent", {"--peel", "--layers"}}},
       {surfel::Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
-      {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--peel"}}},
-      {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers"}}}};
+      {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--joint-layers", "--peel"}}},
+      {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--joint-layers", "--layers"}}}};
   const auto& [method, unheeded] = kMethods.at(s.method);
   refuse(std::string("--method ") + method, unheeded);
-  if (s.method == surfel::Method::kTransparent &&
-      s.method_options.voronoi != surfel::Voronoi::kWindowed) {
+  if (s.method == surfel::Method::kTransparent && !s.method_options.joint_layers) {
     // Layers that each group tells by itself are discs, without kernels.
-    refuse("--method transparent and that --voronoi", {"--lowpass", "--coverage-threshold"});
+    refuse("--method transparent", {"--lowpass", "--coverage-threshold"});
   }
   if (!s.mesh.empty()) {
     refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});

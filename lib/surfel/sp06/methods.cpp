@@ -57,8 +57,6 @@ class GroupCompositor : public Compositor {
             .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff),
             .margin = kLayerMargin};
   }
-  /// Whether the layers of the groups are told together.
-  bool joint() const { return voronoi_ == Voronoi::kWindowed; }
   bool has_enlarged() const { return !cloud_.group_radius.empty(); }
   int groups() const { return cloud_.groups(); }
   const RenderOptions& options() const { return options_; }
@@ -101,13 +99,15 @@ class DeferredCompositor final : public GroupCompositor {
 /// SP06's Algorithm 2, and Algorithm 3, which draws the nearest layer by Algorithm 1.
 class LayerCompositor final : public GroupCompositor {
  public:
-  LayerCompositor(const RenderCloud& cloud, const RenderOptions& options, Voronoi voronoi,
-                  bool nearest)
-      : GroupCompositor(cloud, options, voronoi), nearest_(nearest) {}
+  LayerCompositor(const RenderCloud& cloud, const RenderOptions& options,
+                  const MethodOptions& method, bool nearest)
+      : GroupCompositor(cloud, options, method.voronoi),
+        nearest_(nearest),
+        joint_(method.joint_layers) {}
   std::vector<SplatListOptions> lists() const override {
     std::vector<SplatListOptions> lists;
-    if (nearest_ || joint()) lists.push_back(surfaces());
-    if (!joint() || has_enlarged()) lists.push_back(layers_behind());
+    if (nearest_ || joint_) lists.push_back(surfaces());
+    if (!joint_ || has_enlarged()) lists.push_back(layers_behind());
     return lists;
   }
   int layers() const override { return 1; }
@@ -142,7 +142,7 @@ class LayerCompositor final : public GroupCompositor {
         }
       }
       const NearestLayer* masked = compositor.nearest_ ? nearest.data() : nullptr;
-      if (compositor.joint()) {
+      if (compositor.joint_) {
         const JointJobs discs{&jobs.front(), jobs.size() > 1 ? &jobs.back() : nullptr};
         culled += blend_joint_layers(discs, picture, masked, tile, joint);
       } else {
@@ -150,7 +150,7 @@ class LayerCompositor final : public GroupCompositor {
       }
     }
     Fragment behind(int pixel) const override {
-      return compositor.joint() ? joint.merged[pixel] : scratch.merged[pixel];
+      return compositor.joint_ ? joint.merged[pixel] : scratch.merged[pixel];
     }
     bool waits(const TileABuffer& tile, int pixel) const override {
       const int x = tile.x0 + tile_pixel_x(pixel);
@@ -170,6 +170,7 @@ class LayerCompositor final : public GroupCompositor {
     std::uint64_t culled = 0;
   };
   bool nearest_;
+  bool joint_;  ///< MethodOptions::joint_layers.
   /// Workers write the pixels of their tiles.
   std::unique_ptr<PictureLayers> picture_ = std::make_unique<PictureLayers>();
 };
@@ -245,21 +246,25 @@ class DeferredMethod final : public CompositingMethod {
 
 class LayerMethod final : public CompositingMethod {
  public:
-  LayerMethod(Voronoi voronoi, bool nearest) : voronoi_(voronoi), nearest_(nearest) {}
+  LayerMethod(const MethodOptions& method, bool nearest) : method_(method), nearest_(nearest) {}
   std::vector<std::string> problems(const RenderOptions& options) const override {
-    if (!options.aovs) return {};
-    return {"depth and normals are not made by the transparent methods; leave them out"};
+    std::vector<std::string> found;
+    check_rule(found, !options.aovs,
+               "depth and normals are not made by the transparent methods; leave them out");
+    check_rule(found, !method_.joint_layers || method_.voronoi == Voronoi::kWindowed,
+               "`joint_layers` go with the `voronoi` rule windowed alone");
+    return found;
   }
   RenderColumns columns() const override {
     return {.groups = true, .group_radius = true, .copies = true};
   }
   std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
                                    bool /*opaque*/) const override {
-    return std::make_unique<LayerCompositor>(cloud, options, voronoi_, nearest_);
+    return std::make_unique<LayerCompositor>(cloud, options, method_, nearest_);
   }
 
  private:
-  Voronoi voronoi_;
+  MethodOptions method_;
   bool nearest_;  ///< The nearest layer is interpolated: Algorithm 3.
 };
 
@@ -302,9 +307,9 @@ std::shared_ptr<const CompositingMethod> compositing_method(Method method,
     case Method::kDeferred:
       return std::make_shared<DeferredMethod>(options.voronoi);
     case Method::kTransparent:
-      return std::make_shared<LayerMethod>(options.voronoi, false);
+      return std::make_shared<LayerMethod>(options, false);
     case Method::kTransparentHigh:
-      return std::make_shared<LayerMethod>(options.voronoi, true);
+      return std::make_shared<LayerMethod>(options, true);
     case Method::kDepthPeel:
       return std::make_shared<PeelMethod>(options.peel);
     case Method::kTwoPass:

@@ -24,7 +24,12 @@ enum class Method : std::uint8_t {
 
 struct MethodOptions {
   Voronoi voronoi = Voronoi::kWindowed;  ///< Rule of the methods with groups.
-  int peel = 8;                          ///< Most layers that kDepthPeel peels, 1..64.
+  /// Of kTransparent and kTransparentHigh, with Voronoi::kWindowed: the layers of a pixel are told
+  /// by the discs of all groups together (joint_layers.h). Enlarged and added splats then close
+  /// holes and make no layers of their own, and rims are those of the A-buffer: nearer to depth
+  /// peeling by 2 to 5 dB, in two to three times the time.
+  bool joint_layers = false;
+  int peel = 8;  ///< Most layers that kDepthPeel peels, 1..64.
 };
 
 /// The method for RenderOptions::method. Its problems() include those of `options`.

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
@@ -26,7 +27,7 @@ using NearestSurface =
     FunctionRef<std::optional<MetSurface>(const Vec3f& origin, const Vec3f& direction, float from)>;
 
 /// Rays that surfaces bend and mirror, as geometrical optics says: see MeshRenderer.
-struct BentRays {
+struct SURFEL_API BentRays {
   const Scene& scene;    ///< With an environment.
   const Shader& shader;  ///< Of the scene.
   Vec3f eye;             ///< Where the camera is, in the axes of the rays' origins.
