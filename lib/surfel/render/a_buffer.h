@@ -21,9 +21,9 @@ enum FragmentChannel : int {
   kRed,     ///< Sum of rho * alpha * colour; merged: composite, premultiplied.
   kGreen,
   kBlue,
-  kAlpha,  ///< Sum of rho * alpha (not kept where all splats are opaque); merged: opacity.
-  kTag,    ///< Splat::tag of the first contribution, as bits; merged: the nearest fragment's.
-  kBack,   ///< Merged only: the farthest fragment's depth.
+  kAlpha,    ///< Sum of rho * alpha (not kept where all splats are opaque); merged: opacity.
+  kTag,      ///< Splat::tag of the first contribution, as bits; merged: the nearest fragment's.
+  kBack,     ///< Merged only: the farthest fragment's depth.
   kNormalX,  ///< Sum of rho * normal, only in shaded pictures; merged: the nearest one's mean.
   kNormalY,
   kNormalZ,

@@ -45,8 +45,8 @@ struct MeshSampleReport {
   std::size_t flat_uv_faces = 0;     ///< Faces whose uv span no area: dpdu = dpdv = 0 there.
   std::size_t components = 0;        ///< Parts that no edge connects.
   EdgeCounts edges;
-  double area = 0;                   ///< Area of the mesh.
-  double spacing = 0;                ///< Spacing asked for, or found for the count.
+  double area = 0;            ///< Area of the mesh.
+  double spacing = 0;         ///< Spacing asked for, or found for the count.
   double least_distance = 0;  ///< Least distance between samples of one sheet; infinity if no
                               ///< two samples are near each other.
   double mean_distance = 0;   ///< Mean distance to the nearest sample of the sheet, over the

@@ -107,11 +107,15 @@ class LayerRaster {
   std::uint64_t run() {
     raster_.for_each_vector(0, job_.count, nullptr, [&](const PixelSplats& list) HWY_ATTR {
       const SplatSampler sampler = raster_.sampler();
+      FragmentCounter fragments;
       for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
         const Sample s = sampler.at(*index, list.x, list.y);
         const Bits samples = samples_of(sampler, *index, list.x, list.y, s.beta);
-        if (!hn::AllFalse(D(), any_bit(samples))) take(*index, list.pixel, s, samples);
+        const M covered = any_bit(samples);
+        fragments.add(covered);
+        if (!hn::AllFalse(D(), covered)) take(*index, list.pixel, s, samples);
       }
+      raster_.count(fragments);
     });
     return culled_;
   }
