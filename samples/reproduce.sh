@@ -368,21 +368,24 @@ make_sp06_10() {
   about "A head, a ball joint and a female, opaque, by deferred blending of groups with c = 0.4 and Voronoi rasterisation: smooth pictures." \
     "A head of our own, a bunny and an armadillo, with as many points as in table 1, in the same way. Below, how far the refraction of section 5.2.3
     is from optics, for which the paper has no picture: a ball of glass of $(of 20000) points, whose layers each refract (12) but stay where they are,
-    beside its mesh, ray-traced by Snell's law and Fresnel's equations at up to eight surfaces, without caustics. The ball of the optics turns the
-    environment upside down; the paper's equation, which knows the nearest normal alone, cannot."
-  local ours mesh count
+    beside its mesh, ray-traced by Snell's law and Fresnel's equations at up to eight surfaces, without caustics. Where every surface
+    refracts, the equation shows the environment upside down, nearly where optics shows it; one surface alone does not turn it over. What
+    the ball mirrors inside, such as the orange arc below, is in the optics alone; splats, whose normals are few, blur what is seen through."
+  local ours mesh count view
   tiles
   while read -r _ ours mesh count; do
     [[ $ours != dragon ]] || continue
     surfels "$mesh" "$count" "table-$ours.ply"
     run "surfel-group table-$ours.ply $splats --overlap 0.4 -o table-$ours-0.4.ply"
-    run "surfel-render table-$ours-0.4.ply --method deferred $splats $body_view --size 330x330 -o 10-$ours.png"
+    # The head of the data stands on its crown.
+    [[ $ours == head ]] && view="--from=-1,-0.2,-0.6 --up 0,-1,0 --fov 30 --frame-all $white" || view=$body_view
+    run "surfel-render table-$ours-0.4.ply --method deferred $splats $view --size 330x330 -o 10-$ours.png"
     tile "10-$ours.png" "$ours, c = 0.4, $(of "$count") points"
   done < <(models)
   end_tiles
   run "surfel-generate sphere --count $(of 20000) --mesh ball.obj --resolution 200 -o ball.ply"
   run "surfel-group ball.ply --groups 4 -o ball-g.ply"
-  local view="--scene configs/scene-glass.toml $body_view --size 250x250"
+  view="--scene configs/scene-glass.toml $body_view --size 250x250"
   run "surfel-render ball-g.ply --method transparent-high --refraction single $view -o 10-single.png"
   run "surfel-render ball-g.ply --method transparent-high --refraction multi $view -o 10-multi.png"
   run "surfel-render --mesh ball.obj --samples 8 $view -o 10-straight.png"
