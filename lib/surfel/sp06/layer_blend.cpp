@@ -191,7 +191,7 @@ class LayerRaster {
     const M open = any_bit(samples);
     if (hn::AllFalse(d, open)) return;
     float* const image = images_.use(job_.groups[index], pixel);
-    const V depth = layer_channel(image, Images::kDepth + side);
+    const V depth = layer_channel(image, Images::kPendingDepth + side);
     const M pending = hn::And(open, any_bit(layer_bits(image, Images::kEntry + side)));
     const M same = hn::And(pending, same_layer(s.depth, depth, s.epsilon));
     culled_ += hn::CountTrue(d, same);
@@ -208,7 +208,7 @@ class LayerRaster {
     const V key = hn::Sqrt(hn::Mul(s.beta, hn::Set(d, 1 / job_.rules->cutoff)));
     const M nearer = hn::Lt(key, layer_channel(image, Images::kKey + side));
     const M wins = hn::Or(puts, hn::And(same, nearer));
-    put_layer_channel(image, Images::kDepth + side, s.depth, wins);
+    put_layer_channel(image, Images::kPendingDepth + side, s.depth, wins);
     put_layer_channel(image, Images::kKey + side, key, wins);
     put_layer_bits(image, Images::kEntry + side, hn::Set(Tags(), index + 1), wins);
     const Bits before = bits_where(same, layer_bits(image, Images::kPendingSamples + side));
@@ -221,8 +221,8 @@ class LayerRaster {
     if (hn::AllFalse(D(), over)) return;
     const M first =
         hn::And(hn::And(over, any_bit(layer_bits(image, LayerImages::kEntry + 1 - side))),
-                hn::Lt(layer_channel(image, LayerImages::kDepth + 1 - side),
-                       layer_channel(image, LayerImages::kDepth + side)));
+                hn::Lt(layer_channel(image, LayerImages::kPendingDepth + 1 - side),
+                       layer_channel(image, LayerImages::kPendingDepth + side)));
     flush(image, pixel, 1 - side, first);
     flush(image, pixel, side, over);
   }
@@ -260,7 +260,7 @@ class LayerRaster {
     const Bits entry = bits_where(lanes, layer_bits(image, Images::kEntry + side));
     const auto one = hn::Set(Tags(), 1);
     const Bits splat = hn::Sub(hn::Max(entry, one), one);
-    const V depth = layer_channel(image, Images::kDepth + side);
+    const V depth = layer_channel(image, Images::kPendingDepth + side);
     const Bits samples = bits_where(lanes, layer_bits(image, Images::kPendingSamples + side));
     blend<true>(image, shade(pixel, splat, depth, lanes), samples, lanes);
     count(image, samples);
@@ -346,8 +346,8 @@ class LayerRaster {
     const M back = any_bit(layer_bits(image, LayerImages::kEntry));
     const M front = any_bit(layer_bits(image, LayerImages::kEntry + 1));
     const M both = hn::And(back, front);
-    const M front_first = hn::Lt(layer_channel(image, LayerImages::kDepth + 1),
-                                 layer_channel(image, LayerImages::kDepth));
+    const M front_first = hn::Lt(layer_channel(image, LayerImages::kPendingDepth + 1),
+                                 layer_channel(image, LayerImages::kPendingDepth));
     flush(image, pixel, 1, hn::And(both, front_first));
     flush(image, pixel, 0, hn::AndNot(front_first, both));
     if (!all) return;
@@ -470,7 +470,7 @@ class Merger {
     int side;
     std::uint32_t splat() const { return bits_at(image, Images::kEntry + side) - 1; }
     std::uint32_t samples() const { return bits_at(image, Images::kPendingSamples + side); }
-    float depth() const { return image[(Images::kDepth + side) * kPatchPixels]; }
+    float depth() const { return image[(Images::kPendingDepth + side) * kPatchPixels]; }
     float key() const { return image[(Images::kKey + side) * kPatchPixels]; }
   };
   Nearest nearest(int group, int pixel) {

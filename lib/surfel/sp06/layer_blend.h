@@ -29,7 +29,7 @@ class LayerImages {
   /// A side's pending layer is its most recent one: it is blended when the next layer begins, and
   /// until then a fragment nearer to its splat's centre may take its place.
   enum Channel : int {
-    kDepth = 0,            ///< Depth of the pending layer.
+    kPendingDepth = 0,     ///< Depth of the pending layer.
     kKey = 2,              ///< Its sqrt(beta / cutoff).
     kEntry = 4,            ///< Its splat's index plus 1, as bits; 0: no layer is pending.
     kPendingSamples = 6,   ///< The samples that it covers, as bits.
