@@ -16,6 +16,7 @@ using test::brute_force;
 using test::make_image;
 using test::noise_image;
 using test::one_map;
+using test::two_charts;
 
 /// Surfels at random places of a flat square of side 1 that carries the whole image, or, where
 /// `reach` is not 1, so many of it.
@@ -33,23 +34,6 @@ SurfelCloud flat_surfels(std::size_t count, float sigma, float reach = 1) {
   cloud.dpdv.assign(count, Vec3f(0, 1 / reach, 0));
   cloud.variance.assign(count, sigma * sigma);
   return cloud;
-}
-
-/// Two squares side by side, left and right half of the image, as charts of their own: they share
-/// no vertex.
-TriangleMesh two_charts() {
-  TriangleMesh mesh;
-  for (const float x : {0.0F, 0.5F}) {
-    const auto v = static_cast<std::uint32_t>(mesh.position.size());
-    const std::array<Vec2f, 4> corner{Vec2f(x, 0), Vec2f(x + 0.5F, 0), Vec2f(x + 0.5F, 1),
-                                      Vec2f(x, 1)};
-    for (const Vec2f& p : corner) mesh.position.emplace_back(p.x(), p.y(), 0.0F);
-    mesh.face.push_back({v, v + 1, v + 2});
-    mesh.face.push_back({v, v + 2, v + 3});
-    mesh.wedge_uv.push_back({corner[0], corner[1], corner[2]});
-    mesh.wedge_uv.push_back({corner[0], corner[2], corner[3]});
-  }
-  return mesh;
 }
 
 Image half_red_half_green(int size, bool alpha = false) {

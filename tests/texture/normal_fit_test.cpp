@@ -10,6 +10,7 @@
 #include "relief_support.h"
 #include "support/message_of.h"
 #include "support/test_data.h"
+#include "texture_support.h"
 
 namespace surfel::test {
 namespace {
@@ -95,18 +96,7 @@ TEST(FitNormals, KernelsStayOnTheirChart) {
   const Vec3d left(-0.6, 0, 0.8);
   const Vec3d right(0, 0.6, 0.8);
   write_relief(path, 64, 64, false, [&](int x, int) { return normal_code(x < 32 ? left : right); });
-  // The halves of the image on two squares that share no vertex.
-  TriangleMesh mesh;
-  for (const float x : {0.0F, 0.5F}) {
-    const auto v = static_cast<std::uint32_t>(mesh.position.size());
-    const std::array<Vec2f, 4> corner{Vec2f(x, 0), Vec2f(x + 0.5F, 0), Vec2f(x + 0.5F, 1),
-                                      Vec2f(x, 1)};
-    for (const Vec2f& p : corner) mesh.position.emplace_back(p.x(), p.y(), 0.0F);
-    mesh.face.push_back({v, v + 1, v + 2});
-    mesh.face.push_back({v, v + 2, v + 3});
-    mesh.wedge_uv.push_back({corner[0], corner[1], corner[2]});
-    mesh.wedge_uv.push_back({corner[0], corner[2], corner[3]});
-  }
+  const TriangleMesh mesh = test::two_charts();
   const auto worst = [&](const TriangleMesh* charts) {
     NormalMaps maps = load_normal_maps({.normal_map = path}, charts, "");
     SurfelCloud cloud = relief_plane(16, 0.05F);

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <random>
 #include <utility>
 
 #include <surfel/scene/image.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_map.h>
 
@@ -28,6 +31,23 @@ inline TextureSet one_map(Image image, WrapMode wrap = WrapMode::kRepeat) {
   TextureSet textures;
   textures.maps.emplace_back(std::move(image), wrap);
   return textures;
+}
+
+/// Two squares side by side, left and right half of the image, as charts of their own: they share
+/// no vertex.
+inline TriangleMesh two_charts() {
+  TriangleMesh mesh;
+  for (const float x : {0.0F, 0.5F}) {
+    const auto v = static_cast<std::uint32_t>(mesh.position.size());
+    const std::array<Vec2f, 4> corner{Vec2f(x, 0), Vec2f(x + 0.5F, 0), Vec2f(x + 0.5F, 1),
+                                      Vec2f(x, 1)};
+    for (const Vec2f& p : corner) mesh.position.emplace_back(p.x(), p.y(), 0.0F);
+    mesh.face.push_back({v, v + 1, v + 2});
+    mesh.face.push_back({v, v + 2, v + 3});
+    mesh.wedge_uv.push_back({corner[0], corner[1], corner[2]});
+    mesh.wedge_uv.push_back({corner[0], corner[2], corner[3]});
+  }
+  return mesh;
 }
 
 /// Independent values in [0, 1] per texel and channel: as hard to filter as an image can be.

@@ -27,7 +27,7 @@ struct Scan {
   Vec3d center{0, 0, 0};       ///< Mean of the points, world coordinates.
   double radius = 0;           ///< Of the ball around the centre that holds the points.
   double spacing = 0;          ///< point_spacing().
-  bool oriented = false;       ///< Normals tell front from back, as those of the file do.
+  bool oriented = false;       ///< Normals tell front from back, as a file's own normals do.
   Array<Vec3f> position;       ///< Relative to the centre, along a space-filling curve.
   Array<Vec3f> normal;         ///< Unit; zero: unknown.
   Array<std::uint8_t> border;  ///< 1 where the surface ends beside a point.

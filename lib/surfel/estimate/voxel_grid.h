@@ -17,9 +17,9 @@ struct VoxelOptions {
 /// One point for every cell of a cubic grid that has points: position, normal, colour, opacity and
 /// coefficients are the mean of the cell's points (colours in linear light, normals of unit length
 /// again, or zero where they cancel), by PCL's VoxelGrid (in libsurfel_filters.so, loaded when
-/// first needed). All other columns are those of the point nearest to the mean, whose index orders
-/// the result as well, so that the points stay in the order of the file. The grid begins at the
-/// lower corner of the cloud's box.
+/// first needed). All other columns are copied from the point nearest to the mean, whose index
+/// orders the result as well, so that the points stay in the order of the file. The grid begins at
+/// the lower corner of the cloud's box.
 ///
 /// \param cloud  Its positions are finite.
 /// \param edge   Set to the edge that was taken.

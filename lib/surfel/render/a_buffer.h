@@ -27,8 +27,9 @@ enum FragmentChannel : int {
   kNormalX,  ///< Sum of rho * normal, only in shaded pictures; merged: the nearest one's mean.
   kNormalY,
   kNormalZ,
-  /// But for fragments merged in the A-buffer: the number of a second material plus its share, at
-  /// most 1/2, of the contributions' weight; 0: all are of the tag's material.
+  /// The number of a second material plus its share, at most 1/2, of the contributions' weight; 0:
+  /// all contributions are of the tag's material. Fragments merged in the A-buffer have kBack here
+  /// instead.
   kOther = kBack,
   kCovered = kDepth,  ///< Of Compositor::Worker::behind(): the share of the pixel that it covers.
 };
@@ -91,8 +92,8 @@ inline Fragment of_material(Fragment fragment, std::uint32_t material) {
   return fragment;
 }
 
-/// Sums up the materials of contributions. Of more than two materials the ones but the first count
-/// as the latest.
+/// Sums up the materials of contributions. Two materials are told apart, the first one and the
+/// latest other one, which stands for all others.
 class MaterialShares {
  public:
   void add(float tag, float weight) {

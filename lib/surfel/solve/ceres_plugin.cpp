@@ -8,6 +8,7 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <ceres/ceres.h>
@@ -70,6 +71,23 @@ void require_usable(bool usable, const std::string& message) {
   if (!usable) throw Error(ErrorKind::kNumeric, "Ceres failed: " + message);
 }
 
+/// Solves, and throws where that fails or is interrupted.
+ceres::Solver::Summary solve_on_one_thread(ceres::Solver::Options options,
+                                           ceres::Problem& problem) {
+  // Debian's build has SuiteSparse, parts of which are under the GPL: only Eigen's factorisation
+  // may be called.
+  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
+  // Threads would add up the gradient in the order in which they come.
+  options.num_threads = 1;
+  options.logging_type = ceres::SILENT;
+  StopWhenAsked stop;
+  options.callbacks.push_back(&stop);
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  require_usable(summary.IsSolutionUsable(), summary.message);
+  return summary;
+}
+
 /// `channels` of the unknowns together, from channel `first` on.
 void solve(const CeresLeastSquares& p, int first, int channels, CeresReport& report) {
   ceres::Problem::Options ownership;
@@ -99,9 +117,6 @@ void solve(const CeresLeastSquares& p, int first, int channels, CeresReport& rep
   }
 
   ceres::Solver::Options options;
-  // Debian's build has SuiteSparse, parts of which are under the GPL: only Eigen's factorisation
-  // may be called.
-  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   options.linear_solver_type =
       p.columns <= kMostFactorised ? ceres::SPARSE_NORMAL_CHOLESKY : ceres::CGNR;
   options.preconditioner_type = ceres::JACOBI;
@@ -114,14 +129,7 @@ void solve(const CeresLeastSquares& p, int first, int channels, CeresReport& rep
   options.parameter_tolerance = p.tolerance;
   options.function_tolerance = 0.01 * p.tolerance * p.tolerance;
   options.gradient_tolerance = 0;
-  // Threads would add up the gradient in the order in which they come.
-  options.num_threads = 1;
-  options.logging_type = ceres::SILENT;
-  StopWhenAsked stop;
-  options.callbacks.push_back(&stop);
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  require_usable(summary.IsSolutionUsable(), summary.message);
+  const ceres::Solver::Summary summary = solve_on_one_thread(std::move(options), problem);
   report.iterations = std::max(report.iterations, static_cast<int>(summary.iterations.size()) - 1);
   report.cost += 2 * summary.final_cost;
   report.converged = report.converged && summary.termination_type == ceres::CONVERGENCE;
@@ -182,16 +190,9 @@ void move_bodies(const CeresBodies& p, CeresReport& report) {
         unknown(match.moving), unknown(match.fixed));
   }
   ceres::Solver::Options options;
-  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;  // As in solve().
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   options.max_num_iterations = p.max_iterations;
-  options.num_threads = 1;  // As in solve().
-  options.logging_type = ceres::SILENT;
-  StopWhenAsked stop;
-  options.callbacks.push_back(&stop);
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  require_usable(summary.IsSolutionUsable(), summary.message);
+  const ceres::Solver::Summary summary = solve_on_one_thread(std::move(options), problem);
   report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   report.cost = 2 * summary.final_cost;
   report.converged = summary.termination_type == ceres::CONVERGENCE;

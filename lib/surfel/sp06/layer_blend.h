@@ -91,7 +91,7 @@ void filter_surfaces(TileABuffer& tile, PictureLayers& picture);
 /// layer is over. Layers are told apart by `rule`: kQuantised by the steps of (6), kWindowed by
 /// epsilon, and kOff blends every fragment.
 ///
-/// Edges: SP06's discs have none. Here a layer covers those of a pixel's samples that some disc of
+/// Edges: SP06's discs have none. Here a layer covers each of a pixel's samples that some disc of
 /// the layer covers (Carpenter, "The A-buffer, an Antialiased Hidden Surface Method", 1984), and is
 /// shaded once: discs that meet leave no seam, and what a surface hides of another is right where
 /// both end. Splats need boxes with kLayerMargin around them.

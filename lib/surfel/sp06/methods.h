@@ -26,8 +26,8 @@ struct MethodOptions {
   Voronoi voronoi = Voronoi::kWindowed;  ///< Rule of the methods with groups.
   /// Of kTransparent and kTransparentHigh, with Voronoi::kWindowed: the layers of a pixel are told
   /// by the discs of all groups together (joint_layers.h). Enlarged and added splats then close
-  /// holes and make no layers of their own, and rims are those of the A-buffer: nearer to depth
-  /// peeling by 2 to 5 dB, in two to three times the time.
+  /// holes and make no layers of their own, and rims are antialiased as the A-buffer's are. The
+  /// picture is nearer to depth peeling by 2 to 5 dB and takes two to three times as long.
   bool joint_layers = false;
   int peel = 8;  ///< Most layers that kDepthPeel peels, 1..64.
 };

@@ -10,10 +10,10 @@ namespace surfel {
 
 /// <r_k, sum_i n_i o t^-1> of every function, unit^2: a_k times the sum over the texels of
 /// G_{T^-1 V_k T^-T + n^2 I}. Times w_ewa it is c_k of SS01 (11), at any density of texels: exact
-/// as far as t is affine over the kernel, w_ewa is (GaussianPyramid: 5e-5 of the image's range,
-/// 1.2e-4 where n is 0.25 texels, and
-/// 1e-3 of the amplitude of the worst frequency from level 1 on), and no kernel was widened. At the
-/// border of a chart the surface goes on, and its texture is taken to be as on this side.
+/// as far as t is affine over the kernel, w_ewa is exact (GaussianPyramid: within 5e-5 of the
+/// image's range, 1.2e-4 where n is 0.25 texels, and 1e-3 of the amplitude of the worst frequency
+/// from level 1 on), and no kernel was widened. At the border of a chart the surface goes on, and
+/// its texture is taken to be as on this side.
 Array<double> texture_integrals(const SurfelCloud& cloud, const SurfelBasis& basis,
                                 const TextureSet& textures, const TextureFitOptions& options);
 
