@@ -97,6 +97,9 @@ void require_countable(const Box& box, double edge, const std::string& name) {
 
 double edge_for(const SurfelCloud& cloud, const VoxelOptions& options, const std::string& name) {
   if (options.edge > 0) return options.edge;
+  if (cloud.size() < 2) {
+    throw_input(name, "one point has no spacing; give the `edge` of the cells");
+  }
   const auto search = make_neighbor_search(cloud.position);
   const double edge = kAutoSpacings * point_spacing(cloud.position, *search);
   if (edge > 0) return edge;
