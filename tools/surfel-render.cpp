@@ -133,11 +133,12 @@ void declare_visibility(CLI::App& app, Settings& s) {
              "Of methods with groups: how fragments of one layer are told, of which the nearest to "
              "its splat's centre stays: not at all, by steps of depth (with seams between them), "
              "or by --depth-epsilon");
-  app.add_flag(
-      "--joint-layers", s.method_options.joint_layers,
-      "Of methods transparent and transparent-high: tell layers by the discs of all groups "
-      "together, so that enlarged and added splats close holes and make no layers; nearer "
-      "to depth peeling, two to three times as slow");
+  using surfel::LayersBy;
+  add_choice(app, "--layers-by", s.method_options.layers_by,
+             {{"surface", LayersBy::kSurface}, {"group", LayersBy::kGroup}},
+             "Of methods transparent and transparent-high: what tells the layers of a pixel, the "
+             "discs of all groups together, so that enlarged and added splats close holes and make "
+             "no layers, or each group's splats alone, as published");
   app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
   app.add_option("--layers", s.render.layers,
                  "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
@@ -290,7 +291,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   };
   const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
     for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
-                               "--voronoi", "--joint-layers", "--peel", "--explain"}) {
+                               "--voronoi", "--layers-by", "--peel", "--explain"}) {
       options.emplace_back(option);
     }
     refuse(renderer, options);
@@ -298,15 +299,16 @@ void require_effect(const CLI::App& app, const Settings& s) {
   if (s.reference) refuse_fast("--reference", {"--filter"});
   if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {});
   static const std::map<surfel::Method, std::pair<const char*, std::vector<std::string>>> kMethods{
-      {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--joint-layers", "--peel"}}},
-      {surfel::Method::kDeferred, {"deferred", {"--joint-layers", "--peel"}}},
+      {surfel::Method::kABuffer, {"abuffer", {"--voronoi", "--layers-by", "--peel"}}},
+      {surfel::Method::kDeferred, {"deferred", {"--layers-by", "--peel"}}},
       {surfel::Method::kTransparent, {"transparent", {"--peel", "--layers"}}},
       {surfel::Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
-      {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--joint-layers", "--peel"}}},
-      {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--joint-layers", "--layers"}}}};
+      {surfel::Method::kTwoPass, {"two-pass", {"--voronoi", "--layers-by", "--peel"}}},
+      {surfel::Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers-by", "--layers"}}}};
   const auto& [method, unheeded] = kMethods.at(s.method);
   refuse(std::string("--method ") + method, unheeded);
-  if (s.method == surfel::Method::kTransparent && !s.method_options.joint_layers) {
+  if (s.method == surfel::Method::kTransparent &&
+      s.method_options.layers_by == surfel::LayersBy::kGroup) {
     // Layers that each group tells by itself are discs, without kernels.
     refuse("--method transparent", {"--lowpass", "--coverage-threshold"});
   }

@@ -194,13 +194,18 @@ TEST(Methods, PassesAndFragmentsAreCounted) {
     EXPECT_EQ(statistics.geometry_passes, passes) << static_cast<int>(method);
     EXPECT_EQ(statistics.fragments, passes * pixels) << static_cast<int>(method);
   }
-  for (const auto& [method, passes] :
-       {std::pair(Method::kTransparent, 1), std::pair(Method::kTransparentHigh, 2)}) {
+  const auto expect_passes = [&](Method method, LayersBy layers_by, int passes) {
     FrameStatistics statistics;
-    render_by(method, cloud, camera, options, &statistics);
+    render_by(method, cloud, camera, options, &statistics, {.layers_by = layers_by});
     EXPECT_EQ(statistics.geometry_passes, passes) << static_cast<int>(method);
     EXPECT_GT(statistics.fragments, 0) << static_cast<int>(method);
-  }
+  };
+  expect_passes(Method::kTransparent, LayersBy::kGroup, 1);
+  expect_passes(Method::kTransparentHigh, LayersBy::kGroup, 2);
+  // Enlarged discs are drawn apart.
+  expect_passes(Method::kTransparent, LayersBy::kSurface, 2);
+  cloud.group_radius.clear();
+  expect_passes(Method::kTransparent, LayersBy::kSurface, 1);
 }
 
 TEST(Methods, FewerGroupsComeAtACost) {
@@ -231,7 +236,7 @@ TEST(Methods, OpaqueMethodsShowWhatIsBehindAnEdge) {
 
 /// Of a plane whose splats all are of one group: share of the pixels that do not show the splat
 /// which is nearest by sqrt(beta / cutoff), as Voronoi rasterisation (10) should.
-double share_not_voronoi(Voronoi voronoi, Method method) {
+double share_not_voronoi(Voronoi voronoi, Method method, LayersBy layers_by = LayersBy::kSurface) {
   SurfelCloud plane = jittered_plane(12, 1, 0.2);
   for (std::size_t i = 0; i < plane.size(); ++i) {
     const Vec3f p = plane.position[i];
@@ -245,11 +250,12 @@ double share_not_voronoi(Voronoi voronoi, Method method) {
   options.kernel = Kernel::kAffine;
   options.cutoff = 2;
   const Camera camera = camera_at(2.2, 96);
-  const Image image = render_by(method, plane, camera, options, nullptr, {.voronoi = voronoi});
+  const Image image = render_by(method, plane, camera, options, nullptr,
+                                {.voronoi = voronoi, .layers_by = layers_by});
   std::vector<EwaKernel> kernels;
   for (std::size_t i = 0; i < plane.size(); ++i) {
-    // As in methods.cpp: layers that are not interpolated are hardly filtered.
-    const double lowpass = method == Method::kDeferred ? 1 : 0.5 / std::sqrt(2 * options.cutoff);
+    // As in methods.cpp: layers that each group tells by itself are hardly filtered.
+    const double lowpass = layers_by == LayersBy::kGroup ? 0.5 / std::sqrt(2 * options.cutoff) : 1;
     kernels.push_back(*make_ewa_kernel(in_camera(plane, i, camera), camera, lowpass));
   }
   std::size_t wrong = 0;
@@ -283,7 +289,9 @@ double share_not_voronoi(Voronoi voronoi, Method method) {
 TEST(Methods, VoronoiRasterisationCutsSplatsWhereTheyMeet) {
   EXPECT_LT(share_not_voronoi(Voronoi::kWindowed, Method::kDeferred), 1e-4);
   EXPECT_GT(share_not_voronoi(Voronoi::kOff, Method::kDeferred), 0.1);
-  EXPECT_LT(share_not_voronoi(Voronoi::kWindowed, Method::kTransparent), 1e-4);
+  for (const LayersBy layers_by : {LayersBy::kSurface, LayersBy::kGroup}) {
+    EXPECT_LT(share_not_voronoi(Voronoi::kWindowed, Method::kTransparent, layers_by), 1e-4);
+  }
 }
 
 TEST(Methods, QuantisedDepthHasSeams) {
@@ -318,7 +326,7 @@ TEST(Methods, WithoutFragmentCullingLayersAreTooDark) {
   Stack stack = stacked_planes(2);
   stack.cloud = covered(stack.cloud, 4);
   const Image image = render_by(Method::kTransparent, stack.cloud, camera_at(2.5, 96), {}, nullptr,
-                                {.voronoi = Voronoi::kOff});
+                                {.voronoi = Voronoi::kOff, .layers_by = LayersBy::kGroup});
   EXPECT_GT(image.pixel(48, 48)[3], stack.expected.alpha + 0.02F);
 }
 
@@ -358,10 +366,13 @@ TEST(Methods, TransparentHighIsNearerToDepthPeeling) {
   const SurfelCloud sphere = covered(with_alpha(colored_sphere(2500, 0.8), 0.5F), 4);
   const Camera camera = camera_at(2.2, 160);
   const Image truth = render_by(Method::kDepthPeel, sphere, camera);
-  const double simple = psnr(render_by(Method::kTransparent, sphere, camera), truth);
-  const double high = psnr(render_by(Method::kTransparentHigh, sphere, camera), truth);
-  EXPECT_GT(high, simple + 1);
+  const auto quality = [&](Method method, LayersBy layers_by) {
+    return psnr(render_by(method, sphere, camera, {}, nullptr, {.layers_by = layers_by}), truth);
+  };
+  const double simple = quality(Method::kTransparent, LayersBy::kGroup);
+  EXPECT_GT(quality(Method::kTransparentHigh, LayersBy::kGroup), simple + 1);
   EXPECT_GT(simple, 20);
+  EXPECT_GT(quality(Method::kTransparent, LayersBy::kSurface), simple + 5);
   EXPECT_GT(psnr(render_by(Method::kABuffer, sphere, camera), truth), 30);
 }
 
@@ -389,8 +400,12 @@ TEST(Methods, LayersBehindTheFirstHaveEdges) {
   cloud = covered(cloud, 4);
   constexpr int kTimes = 8;
   for (const Method method : {Method::kTransparent, Method::kTransparentHigh}) {
-    const Image image = render_by(method, cloud, camera_at(3, 64));
-    const Image truth = reduced(render_by(method, cloud, camera_at(3, 64 * kTimes)), kTimes);
+    const MethodOptions by_group{.layers_by = LayersBy::kGroup};
+    const auto render = [&](int size) {
+      return render_by(method, cloud, camera_at(3, size), {}, nullptr, by_group);
+    };
+    const Image image = render(64);
+    const Image truth = reduced(render(64 * kTimes), kTimes);
     // Without edges: 25.1 dB. Discs that are seen edge-on are still a pixel wide.
     EXPECT_GT(psnr(image, truth), 27.5) << static_cast<int>(method);
   }
@@ -439,12 +454,11 @@ TEST(Methods, CoverageHelpsOnBentSurfaces) {
   const Image truth = render_by(Method::kDepthPeel, body, camera);
   for (const Method method : {Method::kTransparent, Method::kTransparentHigh}) {
     const auto quality = [&](CoverMethod cover) {
-      return psnr(
-          render_by(method, covered_by(body, cover), camera, {}, nullptr, {.joint_layers = true}),
-          truth);
+      return psnr(render_by(method, covered_by(body, cover), camera), truth);
     };
     const double none = quality(CoverMethod::kNone);
-    for (const CoverMethod cover : {CoverMethod::kEnlarge, CoverMethod::kEnlargeEach}) {
+    for (const CoverMethod cover :
+         {CoverMethod::kEnlarge, CoverMethod::kEnlargeEach, CoverMethod::kDuplicate}) {
       EXPECT_GT(quality(cover), none + 1) << static_cast<int>(method) << static_cast<int>(cover);
     }
   }
@@ -638,9 +652,12 @@ TEST(Methods, CoincidentSplatsOfOneGroupAreOneSplat) {
   one.alpha.push_back(0.5F);
   one.group.push_back(0);
   Array<std::uint32_t> copies(50, 0U);
+  const auto by_group = [](const SurfelCloud& cloud) {
+    return render_by(Method::kTransparent, cloud, camera_at(2, 48), {}, nullptr,
+                     {.layers_by = LayersBy::kGroup});
+  };
+  EXPECT_EQ(by_group(one).data, by_group(one.gathered(copies)).data);
   // Interpolated, their weights add up: that covers more of the rim, and is no other colour.
-  EXPECT_EQ(render_by(Method::kTransparent, one, camera_at(2, 48)).data,
-            render_by(Method::kTransparent, one.gathered(copies), camera_at(2, 48)).data);
   const Image many = render_by(Method::kTransparentHigh, one.gathered(copies), camera_at(2, 48));
   const float* p = many.pixel(24, 24);
   EXPECT_NEAR(p[3], 0.5, 1e-5);

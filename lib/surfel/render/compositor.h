@@ -48,8 +48,16 @@ struct FrameStatistics {
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than were peeled.
 };
 
+/// The surfels of a cloud in groups that a list has.
+enum class ListedSurfels : std::uint8_t {
+  kAll,
+  kOriginals,  ///< All but copies (RenderColumns::copies), so that each disc is there once.
+  kAdditions,  ///< Copies, and surfels whose groups enlarge them.
+};
+
 /// The rules by which surfels become the splats of a list.
 struct SplatListOptions {
+  ListedSurfels surfels = ListedSurfels::kAll;
   bool groups = false;                   ///< Splats carry their groups.
   DepthOrder order = DepthOrder::kFine;  ///< Order of a tile's splats.
   /// Discs have the enlarged radius of their group (SP06 section 4.2.2), where the cloud has it.

@@ -11,43 +11,13 @@
 #include <hwy/highway.h>
 
 // After the above, which decides on the target.
-#include <hwy/contrib/math/math-inl.h>
 #include <surfel/render/kernel_raster-inl.h>
-#include <surfel/render/lighting-inl.h>
+#include <surfel/render/lamps-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
-
-using Tags = hn::RebindToUnsigned<D>;
-
-struct V3 {
-  V x, y, z;
-};
-HWY_INLINE V3 set(const float* v) {
-  return {hn::Set(D(), v[0]), hn::Set(D(), v[1]), hn::Set(D(), v[2])};
-}
-HWY_INLINE V3 operator+(const V3& a, const V3& b) {
-  return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
-}
-HWY_INLINE V3 operator-(const V3& a, const V3& b) {
-  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
-}
-HWY_INLINE V3 operator*(V s, const V3& a) {
-  return {hn::Mul(s, a.x), hn::Mul(s, a.y), hn::Mul(s, a.z)};
-}
-HWY_INLINE V3 operator*(const V3& a, const V3& b) {
-  return {hn::Mul(a.x, b.x), hn::Mul(a.y, b.y), hn::Mul(a.z, b.z)};
-}
-HWY_INLINE V dot(const V3& a, const V3& b) {
-  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
-}
-HWY_INLINE V3 normalized(const V3& a) { return hn::Div(hn::Set(D(), 1), hn::Sqrt(dot(a, a))) * a; }
-HWY_INLINE V3 select(M mask, const V3& yes, const V3& no) {
-  return {hn::IfThenElse(mask, yes.x, no.x), hn::IfThenElse(mask, yes.y, no.y),
-          hn::IfThenElse(mask, yes.z, no.z)};
-}
 
 /// A channel of a layer's fragments in a vector of pixels.
 HWY_INLINE V channel(const TileABuffer& tile, int layer, std::size_t pixel, FragmentChannel c) {
@@ -60,19 +30,6 @@ HWY_INLINE V3 channels(const TileABuffer& tile, int layer, std::size_t pixel,
   return {hn::Load(d, from), hn::Load(d, from + kPatchPixels),
           hn::Load(d, from + 2 * kPatchPixels)};
 }
-
-HWY_INLINE hn::Vec<Tags> tag_bits(V tag, std::uint32_t bits) {
-  return hn::And(hn::BitCast(Tags(), tag), hn::Set(Tags(), bits));
-}
-
-/// Fragments of a vector of pixels, one of each.
-struct Fragments {
-  V weight;  ///< 0: the pixel has none; negative: merged.
-  V depth;
-  V3 color;
-  V alpha, tag;
-  V3 normal;  ///< Only in shaded pictures.
-};
 
 /// Fragments of a vector of pixels.
 struct FragmentCount {
@@ -164,98 +121,6 @@ alignas(64) constexpr std::array<float, kTilePixels> kNearBorder = [] {
   return near;
 }();
 
-/// See lit_color().
-struct LaneOps {
-  static HWY_INLINE V3 set(const float* v) { return HWY_NAMESPACE::set(v); }
-  static HWY_INLINE V dot(const V3& a, const V3& b) { return HWY_NAMESPACE::dot(a, b); }
-  static HWY_INLINE V length(const V3& a) { return hn::Sqrt(dot(a, a)); }
-  static HWY_INLINE V3 normalized(const V3& a) { return HWY_NAMESPACE::normalized(a); }
-  static HWY_INLINE V positive_part(V x) { return hn::Max(x, hn::Zero(D())); }
-  static HWY_INLINE V highlight(V cosine, V half_cosine, float shininess) {
-    if (shininess == 0) return hn::IfThenElseZero(lit(cosine), hn::Set(D(), 1));
-    return hn::IfThenElseZero(lit(cosine), pow(half_cosine, hn::Set(D(), shininess)));
-  }
-  static HWY_INLINE V mean_highlight(V cosine, V half_cosine, V length, float shininess) {
-    const D d;
-    const V one = hn::Set(d, 1);
-    const V s = hn::Set(d, shininess);
-    const V exponent = hn::Div(hn::Mul(s, length), hn::MulAdd(s, hn::Sub(one, length), length));
-    const V scale = hn::Div(hn::Add(one, exponent), hn::Add(one, s));
-    const V lobe = shininess == 0 ? one : pow(hn::Div(half_cosine, length), exponent);
-    return hn::IfThenElseZero(lit(cosine), hn::Mul(scale, lobe));
-  }
-
- private:
-  static M lit(V cosine) { return hn::Gt(cosine, hn::Zero(D())); }
-  /// x to an exponent > 0, of x from 0 to 1; less counts as 0.
-  static V pow(V x, V exponent) {
-    const D d;
-    const M above = hn::Gt(x, hn::Zero(d));
-    const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
-    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(exponent, log)));
-  }
-};
-
-/// Lights fragments of a vector of pixels as Shader::shade() does.
-class Lamps {
- public:
-  Lamps(const Lighting& lighting, const TileABuffer& tile)
-      : lighting_(lighting),
-        right_(column(0)),
-        down_(column(1)),
-        forward_(column(2)),
-        x_(static_cast<float>(tile.x0) + 0.5F - lighting.center_x),
-        y_(static_cast<float>(tile.y0) + 0.5F - lighting.center_y) {}
-
-  const Lighting::Reflection& material(std::uint32_t tag) const {
-    return lighting_
-        .materials[std::min<std::size_t>(tag >> kMaterialShift, lighting_.material_count - 1)];
-  }
-
-  /// The fragments' colours, unpremultiplied.
-  V3 light(const Fragments& at, std::size_t pixel, const Lighting::Reflection& material) const {
-    const D d;
-    const V zero = hn::Zero(d);
-    const auto first = static_cast<int>(pixel);
-    const V x = hn::Add(hn::Load(d, kColumnOfLane),
-                        hn::Set(d, x_ + static_cast<float>(tile_pixel_x(first))));
-    const V y =
-        hn::Add(hn::Load(d, kRowOfLane), hn::Set(d, y_ + static_cast<float>(tile_pixel_y(first))));
-    const V3 across = hn::Mul(x, hn::Set(d, lighting_.inv_focal_x)) * right_ +
-                      hn::Mul(y, hn::Set(d, lighting_.inv_focal_y)) * down_;
-    const V3 ray = lighting_.orthographic ? forward_ : across + forward_;
-    const V3 to_eye = hn::Set(d, -1) * normalized(ray);
-    const M has_normal = hn::Gt(dot(at.normal, at.normal), zero);
-    V3 normal = select(has_normal, normalized(at.normal), to_eye);
-    const M back = hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFrontTag), hn::Zero(Tags())));
-    const M away = lighting_.mapped ? hn::And(has_normal, back) : hn::Lt(dot(normal, to_eye), zero);
-    normal = select(away, hn::Set(d, -1) * normal, normal);
-    if (lighting_.mapped) {
-      const V length = hn::Div(hn::Sqrt(dot(at.normal, at.normal)), at.weight);
-      const V mean = hn::Min(hn::Set(d, 1), length);
-      normal = hn::IfThenElse(has_normal, mean, hn::Set(d, 1)) * normal;
-    }
-
-    const auto place = [&]() HWY_ATTR {
-      return lighting_.orthographic ? across + hn::Neg(at.depth) * forward_
-                                    : hn::Div(hn::Set(d, 1), at.depth) * ray;
-    };
-    return lit_color<LaneOps>(lighting_, material, hn::Div(hn::Set(d, 1), at.alpha) * at.color,
-                              normal, to_eye, place);
-  }
-
- private:
-  V3 column(int c) const {
-    const auto& m = lighting_.world_from_camera;
-    const float v[] = {m[0][c], m[1][c], m[2][c]};
-    return set(v);
-  }
-
-  const Lighting& lighting_;
-  const V3 right_, down_, forward_;
-  const float x_, y_;  ///< Centre of the tile's first pixel, from the principal point.
-};
-
 /// Stores premultiplied colours over the background.
 void store_over(const V3& color, V opacity, const Rgba& background, Rgba& first) {
   const D d;
@@ -321,10 +186,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
         // Fragments of one material are shaded; pixels with other materials are left.
         const std::uint32_t tag =
             hn::ExtractLane(hn::BitCast(Tags(), at.tag), static_cast<std::size_t>(first));
-        const std::uint32_t material = ~std::uint32_t{0} << kMaterialShift;
-        const M same =
-            hn::RebindMask(d, hn::Eq(tag_bits(at.tag, material), hn::Set(Tags(), tag & material)));
-        open = hn::And(open, hn::Or(merged, same));
+        open = hn::And(open, hn::Or(merged, of_material(at.tag, tag)));
         const Lamps lamps(*lighting, tile);
         // A fragment without a colour of its own is not seen.
         const M colored = hn::And(unmerged, hn::Gt(at.alpha, zero));

@@ -24,6 +24,9 @@ constexpr std::size_t kLeastBlocks = 64;
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
 /// Splats of a block for which there is room at once, if it may have as many.
 constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
+/// Discs that their groups enlarge by less than this factor are as they were but for rounding.
+constexpr float kLeastEnlargement = 1 + 1e-3F;
+constexpr float kNoSplat = std::numeric_limits<float>::quiet_NaN();
 
 }  // namespace
 
@@ -110,6 +113,7 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
                         edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y0), -1),
                         edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y1), 1)};
   const auto visible = [&](const Cluster& cluster, const Vec3f& p) {
+    if (!listed(cluster)) return false;
     const float radius = cluster.radius + disc_radius(cluster);
     if (p.z() + radius <= view_.near) return false;
     for (const Edge& e : edges) {
@@ -226,6 +230,19 @@ std::vector<std::uint32_t> SplatLists::level_of_detail(
   });
 }
 
+/// Whether surfels of the cluster can be in the list.
+bool SplatLists::listed(const Cluster& cluster) const {
+  switch (lists_.surfels) {
+    case ListedSurfels::kAll:
+      break;
+    case ListedSurfels::kOriginals:
+      return !cluster.copies;
+    case ListedSurfels::kAdditions:
+      return cluster.copies || lists_.enlarged;
+  }
+  return true;
+}
+
 float SplatLists::disc_radius(const Cluster& cluster) const {
   return lists_.enlarged ? cluster.max_group_radius
                          : std::sqrt(2 * view_.cutoff) * cluster.max_deviation;
@@ -233,11 +250,9 @@ float SplatLists::disc_radius(const Cluster& cluster) const {
 
 /// The factor on a surfel's standard deviations that gives its disc the radius that its group asks
 /// for.
-double SplatLists::enlargement(std::size_t surfel) const {
-  const float deviation = cloud_.anisotropic()
-                              ? std::max(cloud_.deviation_u[surfel], cloud_.deviation_v[surfel])
-                              : cloud_.deviation_u[surfel];
-  return cloud_.group_radius[surfel] / (std::sqrt(2 * options_.cutoff) * deviation);
+float SplatLists::enlargement(std::size_t surfel) const {
+  return cloud_.group_radius[surfel] /
+         (std::sqrt(2 * view_.cutoff) * cloud_.larger_deviation(surfel));
 }
 
 SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
@@ -259,15 +274,34 @@ SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) con
   if (!lists_.enlarged && !widened) return surfels;
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
     out.assign(RenderCloud::kClusterSize + RenderCloud::kPadding, 0.0F);
-    for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-      out[i - cluster.begin] = widened ? std::max(deviation[i], covering_deviation(cluster, i))
-                                       : static_cast<float>(deviation[i] * enlargement(i));
+    if (widened) {
+      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
+        out[i - cluster.begin] = std::max(deviation[i], covering_deviation(cluster, i));
+      }
+    } else {
+      enlarge(cluster, deviation, out.data());
     }
     return out.data();
   };
   surfels.deviation_u = change(cloud_.deviation_u, worker.deviation_u);
   if (cloud_.anisotropic()) surfels.deviation_v = change(cloud_.deviation_v, worker.deviation_v);
   return surfels;
+}
+
+/// Standard deviations with which a cluster's discs have the radii that their groups ask for.
+void SplatLists::enlarge(const Cluster& cluster, const Array<float>& deviation, float* out) const {
+  // Splats are not set up of surfels whose deviation is no number.
+  const bool added_alone = lists_.surfels == ListedSurfels::kAdditions && !cluster.copies;
+  const float least = added_alone ? kLeastEnlargement : 0;
+  const float inv_reach = 1 / std::sqrt(2 * view_.cutoff);
+  const float* const radius = cloud_.group_radius.data();
+  const float* const u = cloud_.deviation_u.data();
+  const float* const v = (cloud_.anisotropic() ? cloud_.deviation_v : cloud_.deviation_u).data();
+  const float* const from = deviation.data();
+  for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
+    const float factor = radius[i] * inv_reach / std::max(u[i], v[i]);
+    out[i - cluster.begin] = factor > least ? from[i] * factor : kNoSplat;
+  }
 }
 
 float SplatLists::covering_deviation(const Cluster& cluster, std::size_t surfel) const {

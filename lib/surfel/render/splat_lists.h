@@ -86,10 +86,12 @@ class SplatLists {
   SplatView view(const Camera& camera, const Band& band) const;
   std::vector<std::uint32_t> level_of_detail(const Camera& camera,
                                              FunctionRef<bool(std::uint32_t)> seen) const;
+  bool listed(const Cluster& cluster) const;
   float disc_radius(const Cluster& cluster) const;
   Vec3f center_in_camera(const Cluster& cluster) const;
   TileRange tiles_of(const Cluster& cluster) const;
-  double enlargement(std::size_t surfel) const;
+  float enlargement(std::size_t surfel) const;
+  void enlarge(const Cluster& cluster, const Array<float>& deviation, float* out) const;
   /// Least standard deviation that a cluster's surfel is drawn with; 0 for surfels of the finest
   /// level.
   float covering_deviation(const Cluster& cluster, std::size_t surfel) const;

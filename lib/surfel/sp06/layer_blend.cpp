@@ -17,70 +17,19 @@
 
 // After the above, which decides on the target.
 #include <surfel/render/kernel_raster-inl.h>
+#include <surfel/sp06/layer_parts-inl.h>
 #include <surfel/sp06/layer_rule-inl.h>
-
-#ifndef SURFEL_SP06_LAYER_BLEND_ONCE
-#define SURFEL_SP06_LAYER_BLEND_ONCE
-namespace surfel {
-namespace {
-
-/// The fragment of a lit splat that covers its pixel.
-Fragment layer_fragment(const TileJob& job, std::uint32_t index, float depth) {
-  const Splat& splat = job.splats[index];
-  Fragment out{};
-  float* c = out.channel;
-  c[kWeight] = 1;
-  c[kDepth] = depth;
-  c[kRed] = splat.red;
-  c[kGreen] = splat.green;
-  c[kBlue] = splat.blue;
-  c[kAlpha] = splat.alpha;
-  c[kTag] = std::bit_cast<float>(splat.tag);
-  c[kNormalX] = job.normals[index].x;
-  c[kNormalY] = job.normals[index].y;
-  c[kNormalZ] = job.normals[index].z;
-  return out;
-}
-
-}  // namespace
-}  // namespace surfel
-#endif
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
-using Tags = hn::RebindToUnsigned<D>;
-using Bits = hn::Vec<Tags>;
-
 /// Places of the samples from a pixel's centre, pixels: one in each row and each column of a grid.
 /// Groups of odd numbers have them mirrored.
 constexpr float kSampleX[LayerImages::kSamples] = {-0.125F, 0.375F, -0.375F, 0.125F};
 constexpr float kSampleY[LayerImages::kSamples] = {-0.375F, -0.125F, 0.125F, 0.375F};
 constexpr float kSampleReach = 0.396F;  ///< No sample is further from the centre.
-
-/// Premultiplied colours of a vector of pixels.
-struct LayerColors {
-  V channel[4];  ///< R G B A.
-};
-
-HWY_INLINE V layer_channel(const float* image, int channel) {
-  return hn::Load(D(), image + channel * kPatchPixels);
-}
-HWY_INLINE Bits layer_bits(const float* image, int channel) {
-  return hn::BitCast(Tags(), layer_channel(image, channel));
-}
-HWY_INLINE void put_layer_channel(float* image, int channel, V value, M where) {
-  hn::BlendedStore(value, where, D(), image + channel * kPatchPixels);
-}
-HWY_INLINE void put_layer_bits(float* image, int channel, Bits bits, M where) {
-  put_layer_channel(image, channel, hn::BitCast(D(), bits), where);
-}
-HWY_INLINE M any_bit(Bits bits) { return hn::RebindMask(D(), hn::Ne(bits, hn::Zero(Tags()))); }
-HWY_INLINE Bits bits_where(M where, Bits bits) {
-  return hn::IfThenElseZero(hn::RebindMask(Tags(), where), bits);
-}
 
 /// The share of a pixel that some of its samples are.
 HWY_INLINE V share_of(Bits samples) {
@@ -96,11 +45,9 @@ class LayerRaster {
               LayerScratch& scratch)
       : job_(job),
         rule_(rule),
-        shader_(*tile.shader),
-        tile_(tile),
-        scratch_(scratch),
+        shading_(job, tile, scratch.shaded),
         images_(scratch.images),
-        hidden_(scratch.hidden.data()),
+        hidden_(scratch.hidden.planes.data()),
         raster_(job, tile.x0, tile.y0) {}
 
   /// Returns how many fragments were culled.
@@ -173,21 +120,12 @@ class LayerRaster {
     return hn::Lt(hn::Abs(hn::Sub(depth, other)), epsilon);
   }
 
-  /// The samples of fragments that are not hidden.
-  HWY_INLINE Bits seen(std::size_t pixel, const Sample& s, std::uint32_t side, Bits samples) const {
-    const D d;
-    const V depth = hn::Load(d, hidden_ + pixel);
-    const M same_side =
-        hn::Eq(hn::Load(d, hidden_ + kTilePixels + pixel), hn::Set(d, static_cast<float>(side)));
-    const M reaches = hn::And(same_side, hn::Ge(hn::Add(s.depth, s.epsilon), depth));
-    return bits_where(hn::Not(hn::Or(hn::Ge(s.depth, depth), reaches)), samples);
-  }
-
   HWY_INLINE void take(std::uint32_t index, std::size_t pixel, const Sample& s, Bits covered) {
     using Images = LayerImages;
     const D d;
-    const int side = static_cast<int>(job_.splats[index].tag & kFrontTag);
-    const Bits samples = seen(pixel, s, job_.splats[index].tag & kFrontTag, covered);
+    const std::uint32_t front = job_.splats[index].tag & kFrontTag;
+    const int side = static_cast<int>(front);
+    const Bits samples = bits_where(seen_layers(hidden_ + pixel, s, front), covered);
     const M open = any_bit(samples);
     if (hn::AllFalse(d, open)) return;
     float* const image = images_.use(job_.groups[index], pixel);
@@ -243,7 +181,7 @@ class LayerRaster {
     const M front = hn::And(behind, hn::Or(hn::Not(any_bit(before)), hn::Ge(s.depth, depth)));
     const M adds = any_bit(added);
     if (!hn::AllFalse(d, adds)) {
-      const LayerColors color = shade(pixel, hn::Set(Tags(), index), s.depth, adds);
+      const LayerColors color = shading_.colors(pixel, hn::Set(Tags(), index), s.depth, adds);
       blend<false>(image, color, added, front);
       count(image, added);
     }
@@ -262,7 +200,7 @@ class LayerRaster {
     const Bits splat = hn::Sub(hn::Max(entry, one), one);
     const V depth = layer_channel(image, Images::kPendingDepth + side);
     const Bits samples = bits_where(lanes, layer_bits(image, Images::kPendingSamples + side));
-    blend<true>(image, shade(pixel, splat, depth, lanes), samples, lanes);
+    blend<true>(image, shading_.colors(pixel, splat, depth, lanes), samples, lanes);
     count(image, samples);
     put_layer_channel(image, Images::kBlended + side, depth, lanes);
     put_layer_bits(image, Images::kBlendedSamples + side, samples, lanes);
@@ -299,49 +237,6 @@ class LayerRaster {
     }
   }
 
-  /// Colours of fragments, each of another splat.
-  HWY_INLINE LayerColors shade(std::size_t pixel, Bits splats, V depth, M lanes) const {
-    const D d;
-    const hn::RebindToSigned<D> di;
-    const auto splat = hn::BitCast(di, splats);
-    if (!shader_.lit()) {
-      return gather(reinterpret_cast<const float*>(job_.splats) + offsetof(Splat, red) / 4,
-                    hn::ShiftLeft<kSplatShift>(splat));
-    }
-    HWY_ALIGN std::uint32_t indices[kTileSize];
-    HWY_ALIGN float taken[kTileSize];
-    HWY_ALIGN float depths[kTileSize];
-    hn::Store(splats, Tags(), indices);
-    hn::Store(hn::IfThenElseZero(lanes, hn::Set(d, 1)), d, taken);
-    hn::Store(depth, d, depths);
-    for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      if (taken[lane] == 0) continue;
-      shade_splat(indices[lane], static_cast<int>(pixel + lane), depths[lane]);
-    }
-    return gather(&scratch_.shaded.front().red, hn::ShiftLeft<2>(splat));
-  }
-
-  /// Four floats from each of some places.
-  static HWY_INLINE LayerColors gather(const float* from, hn::Vec<hn::RebindToSigned<D>> place) {
-    const D d;
-    return {{hn::GatherIndex(d, from, place), hn::GatherIndex(d, from + 1, place),
-             hn::GatherIndex(d, from + 2, place), hn::GatherIndex(d, from + 3, place)}};
-  }
-
-  /// Shades a splat at its centre, once a load, as it is flat and its pixels' colours hardly
-  /// differ. Splats with an exact kernel, which are large and whose centre is not known, are shaded
-  /// anew for every pixel.
-  void shade_splat(std::uint32_t index, int pixel, float depth) const {
-    const Splat& splat = job_.splats[index];
-    const bool exact = splat.k < 0;
-    if (!exact && scratch_.shaded_in[index] == job_.load) return;
-    scratch_.shaded_in[index] = job_.load;
-    const float x = static_cast<float>(tile_.x0 + tile_pixel_x(pixel)) + 0.5F;
-    const float y = static_cast<float>(tile_.y0 + tile_pixel_y(pixel)) + 0.5F;
-    const Fragment fragment = layer_fragment(job_, index, exact ? depth : splat.depth);
-    scratch_.shaded[index] = shader_.shade(fragment, exact ? x : splat.x, exact ? y : splat.y, 1);
-  }
-
   void finish(float* image, std::size_t pixel, bool all) {
     const M back = any_bit(layer_bits(image, LayerImages::kEntry));
     const M front = any_bit(layer_bits(image, LayerImages::kEntry + 1));
@@ -357,9 +252,7 @@ class LayerRaster {
 
   const TileJob& job_;
   const LayerRule& rule_;
-  const Shader& shader_;
-  const TileABuffer& tile_;
-  LayerScratch& scratch_;
+  const LayerShading shading_;
   LayerImages& images_;
   const float* hidden_;
   const KernelRaster raster_;
@@ -369,26 +262,19 @@ class LayerRaster {
 /// Averages the groups' images, whose layers are all blended, to merged fragments.
 void average(LayerImages& images, std::size_t pixel, Fragment* out) {
   const D d;
-  V color[4] = {hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  LayerColors sum{{hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)}};
   Bits touched = hn::Zero(Tags());
   for (int group = 0; group < images.groups(); ++group) {
     if (!images.used(group, pixel)) continue;
     const float* const image = images.at(group, pixel);
     touched = hn::Or(touched, layer_bits(image, LayerImages::kTouched));
     for (int i = 0; i < 4 * LayerImages::kSamples; ++i) {
-      color[i % 4] = hn::Add(color[i % 4], layer_channel(image, LayerImages::kColors + i));
+      V& color = sum.channel[i % 4];
+      color = hn::Add(color, layer_channel(image, LayerImages::kColors + i));
     }
   }
-  const auto samples = static_cast<float>(images.groups() * LayerImages::kSamples);
-  HWY_ALIGN float values[4][kTileSize];
-  for (int c = 0; c < 4; ++c) hn::Store(hn::Div(color[c], hn::Set(d, samples)), d, values[c]);
-  HWY_ALIGN float weights[kTileSize];
-  hn::Store(hn::IfThenElseZero(any_bit(touched), hn::Set(d, -1)), d, weights);
-  for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-    float* const channel = out[pixel + lane].channel;
-    channel[kWeight] = weights[lane];
-    for (int c = 0; c < 4; ++c) channel[kRed + c] = values[c][lane];
-  }
+  store_mean(sum, static_cast<float>(images.groups() * LayerImages::kSamples), any_bit(touched),
+             out);
 }
 
 }  // namespace
@@ -403,7 +289,7 @@ std::uint64_t draw_layers_simd(const TileJob& job, const LayerRule& rule, const 
   raster.finish(all);
   if (all) {
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(D())) {
-      average(scratch.images, pixel, scratch.merged.data());
+      average(scratch.images, pixel, scratch.merged.data() + pixel);
     }
   }
   return culled;
@@ -420,10 +306,6 @@ namespace {
 HWY_EXPORT(draw_layers_simd);
 
 using Images = LayerImages;
-
-/// Weight of a nearest fragment at its splat's rim, where a fragment at the centre has 1. It is not
-/// 0, so that a pixel without other fragments has a normal.
-constexpr float kLeastWeight = 1e-3F;
 
 /// Calls visit(pixel of the tile, x, y) for the tile's pixels in the picture.
 template <class Visit>
@@ -443,24 +325,24 @@ float share_of_samples(std::uint32_t samples) {
   return static_cast<float>(std::popcount(samples)) / Images::kSamples;
 }
 
-/// Merges the images of a tile's groups where there is an environment.
-class Merger {
+/// Collects the images of a tile's groups where there is an environment.
+class Collector {
  public:
-  Merger(const TileJob& job, const TileABuffer& tile, LayerScratch& scratch)
-      : job_(job), tile_(tile), scratch_(scratch), images_(scratch.images) {}
+  Collector(const TileJob& job, LayerScratch& scratch)
+      : job_(job), scratch_(scratch), images_(scratch.images) {}
 
-  void run(PictureLayers& picture) {
-    for_each_pixel(tile_, [&](int pixel, int x, int y) {
-      sum_nearest(pixel, picture.nearest(x, y), picture.layers(x, y));
-    });
-    for_each_pixel(tile_, [&](int pixel, int x, int y) {
-      collect_groups(pixel);
-      if (picture.at_border(x, y)) {
-        picture.keep(x, y, scratch_.groups);
-      } else {
-        scratch_.merged[pixel] = picture.merged(*tile_.shader, x, y, scratch_.groups);
+  void run(const TileABuffer& tile, PictureLayers& picture) {
+    scratch_.groups.clear();
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      const int x = tile_pixel_x(pixel);
+      const int y = tile_pixel_y(pixel);
+      if (x < tile.width && y < tile.height) {
+        sum_nearest(pixel, picture.nearest(tile.x0 + x, tile.y0 + y),
+                    picture.layers(tile.x0 + x, tile.y0 + y));
+        collect(pixel);
       }
-    });
+      scratch_.groups.end_pixel(static_cast<std::size_t>(pixel));
+    }
   }
 
  private:
@@ -494,10 +376,7 @@ class Merger {
       if (!near.image) continue;
       const float share = share_of_samples(near.samples());
       counts.back() = near.image[Images::kLayers * kPatchPixels] + share;
-      // Fragments count most near their splat's centre and nothing at its rim: the groups' splats
-      // are flat, and the mean normal and the refracted light are to have no steps there.
-      const float inside = std::max(0.0F, 1 - near.key() * near.key());
-      const float weight = std::max(kLeastWeight, share * inside * inside);
+      const float weight = share * nearest_weight(near.key());
       const SplatNormal& normal = job_.normals[near.splat()];
       surface.weight += weight;
       surface.normal += weight * Vec3f(normal.x, normal.y, normal.z);
@@ -521,8 +400,8 @@ class Merger {
     return inner > 0 ? inner : mean(0);
   }
 
-  void collect_groups(int pixel) {
-    scratch_.groups.clear();
+  /// Adds the groups that have a layer in a pixel.
+  void collect(int pixel) {
     for (int group = 0; group < images_.groups(); ++group) {
       const Nearest near = nearest(group, pixel);
       if (!near.image) continue;
@@ -539,28 +418,14 @@ class Merger {
         to.blue += kShare * c[2 * kPatchPixels];
         to.alpha += kShare * c[3 * kPatchPixels];
       }
-      scratch_.groups.push_back(out);
+      scratch_.groups.groups.push_back(out);
     }
   }
 
   const TileJob& job_;
-  const TileABuffer& tile_;
   LayerScratch& scratch_;
   LayerImages& images_;
 };
-
-/// Fills the planes of LayerScratch::hidden.
-void hide_layers(const TileABuffer& tile, const NearestLayer* masked, Array<float>& hidden) {
-  constexpr float kNoSide = 2;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  hidden.resize(std::size_t{2} * kTilePixels);
-  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-    const bool inside = tile_pixel_x(pixel) < tile.width && tile_pixel_y(pixel) < tile.height;
-    const bool by_mask = inside && masked;
-    hidden[pixel] = by_mask ? masked[pixel].depth : (inside ? kInfinity : -kInfinity);
-    hidden[kTilePixels + pixel] = by_mask ? static_cast<float>(masked[pixel].front) : kNoSide;
-  }
-}
 
 }  // namespace
 
@@ -603,19 +468,16 @@ std::uint64_t blend_layers(const TileJob& job, const LayerRule& rule, PictureLay
   scratch.order.assign(std::make_reverse_iterator(job.order + job.count),
                        std::make_reverse_iterator(job.order));
   scratch.order.resize(job.count + kTileSize);
-  hide_layers(tile, masked, scratch.hidden);
+  scratch.hidden.set(tile, masked);
   TileJob back_to_front = job;
   back_to_front.order = scratch.order.data();
-  if (tile.shader->lit() && job.count > 0) {
-    const std::size_t splats = *std::max_element(job.order, job.order + job.count) + std::size_t{1};
-    if (scratch.shaded.size() < splats) {
-      scratch.shaded.resize(2 * splats);
-      scratch.shaded_in.resize(2 * splats, 0);
-    }
-  }
+  if (tile.shader->has_environment()) scratch.shaded.reserve(job);
   const std::uint64_t culled =
       HWY_DYNAMIC_DISPATCH(draw_layers_simd)(back_to_front, rule, tile, scratch);
-  if (tile.shader->has_environment()) Merger(job, tile, scratch).run(picture);
+  if (tile.shader->has_environment()) {
+    Collector(job, scratch).run(tile, picture);
+    merge_groups(scratch.groups, tile, picture, scratch.merged);
+  }
   return culled;
 }
 

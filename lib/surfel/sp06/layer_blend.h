@@ -9,6 +9,7 @@
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
+#include <surfel/sp06/layer_parts.h>
 #include <surfel/sp06/layer_rule.h>
 #include <surfel/sp06/picture_layers.h>
 
@@ -67,15 +68,12 @@ class LayerImages {
 /// Memory of one worker, kept from tile to tile.
 struct LayerScratch {
   LayerImages images;
-  /// What hides layers, planes of kTilePixels: the depth, and the side that the depth's surface
-  /// shows.
-  Array<float> hidden;
-  std::vector<Rgba> shaded;              ///< Colours of lit splats, by their indices ...
-  std::vector<std::uint64_t> shaded_in;  ///< ... and the TileJob::load of each.
-  std::vector<Fragment> merged;  ///< By pixel: its layers; of pixels at_border() still to come.
-  std::vector<PictureLayers::GroupPixel> groups;  ///< Groups with a layer in the pixel at hand.
-  std::vector<float> counts;                      ///< Layers of a pixel by groups.
-  std::vector<std::uint32_t> order;               ///< Splats of the tile, farthest first.
+  HiddenLayers hidden;
+  ShadedSplats shaded;
+  TileGroups groups;
+  std::vector<Fragment> merged;      ///< By pixel: its layers; of pixels at_border() still to come.
+  std::vector<float> counts;         ///< Layers of a pixel by groups.
+  std::vector<std::uint32_t> order;  ///< Splats of the tile, farthest first.
 };
 
 /// Hands the normals of a tile's interpolated surfaces to the picture, and filters them as far as

@@ -47,17 +47,18 @@ class GroupCompositor : public Compositor {
 
  protected:
   /// Splats that are interpolated.
-  SplatListOptions surfaces() const {
-    return {.groups = true, .lowpass = options_.filter_deviation()};
+  SplatListOptions surfaces(ListedSurfels surfels = ListedSurfels::kAll) const {
+    return {.surfels = surfels, .groups = true, .lowpass = options_.filter_deviation()};
   }
   /// Splats of layers that are blended.
-  SplatListOptions layers_behind() const {
-    return {.groups = true,
+  SplatListOptions layers_behind(ListedSurfels surfels = ListedSurfels::kAll) const {
+    return {.surfels = surfels,
+            .groups = true,
             .enlarged = true,
             .lowpass = kLayerReach / std::sqrt(2 * options_.cutoff),
             .margin = kLayerMargin};
   }
-  bool has_enlarged() const { return !cloud_.group_radius.empty(); }
+  bool has_additions() const { return !cloud_.group_radius.empty() || cloud_.has_copies(); }
   int groups() const { return cloud_.groups(); }
   const RenderOptions& options() const { return options_; }
   const LayerRule& rule() const { return rule_; }
@@ -103,11 +104,14 @@ class LayerCompositor final : public GroupCompositor {
                   const MethodOptions& method, bool nearest)
       : GroupCompositor(cloud, options, method.voronoi),
         nearest_(nearest),
-        joint_(method.joint_layers) {}
+        joint_(method.layers_by == LayersBy::kSurface) {}
   std::vector<SplatListOptions> lists() const override {
-    std::vector<SplatListOptions> lists;
-    if (nearest_ || joint_) lists.push_back(surfaces());
-    if (!joint_ || has_enlarged()) lists.push_back(layers_behind());
+    if (!joint_) {
+      return nearest_ ? std::vector{surfaces(), layers_behind()} : std::vector{layers_behind()};
+    }
+    // Copies would count twice in sums of kernels.
+    std::vector lists{surfaces(ListedSurfels::kOriginals)};
+    if (has_additions()) lists.push_back(layers_behind(ListedSurfels::kAdditions));
     return lists;
   }
   int layers() const override { return 1; }
@@ -170,7 +174,7 @@ class LayerCompositor final : public GroupCompositor {
     std::uint64_t culled = 0;
   };
   bool nearest_;
-  bool joint_;  ///< MethodOptions::joint_layers.
+  bool joint_;  ///< LayersBy::kSurface.
   /// Workers write the pixels of their tiles.
   std::unique_ptr<PictureLayers> picture_ = std::make_unique<PictureLayers>();
 };
@@ -251,8 +255,9 @@ class LayerMethod final : public CompositingMethod {
     std::vector<std::string> found;
     check_rule(found, !options.aovs,
                "depth and normals are not made by the transparent methods; leave them out");
-    check_rule(found, !method_.joint_layers || method_.voronoi == Voronoi::kWindowed,
-               "`joint_layers` go with the `voronoi` rule windowed alone");
+    check_rule(found,
+               method_.layers_by == LayersBy::kGroup || method_.voronoi == Voronoi::kWindowed,
+               "other `voronoi` rules than windowed go with `layers_by` group alone");
     return found;
   }
   RenderColumns columns() const override {

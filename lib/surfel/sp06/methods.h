@@ -22,13 +22,20 @@ enum class Method : std::uint8_t {
   kTwoPass,          ///< Visibility first, attributes then: SP06's baseline for opaque surfaces.
 };
 
+/// How the methods kTransparent and kTransparentHigh tell the layers of a pixel.
+enum class LayersBy : std::uint8_t {
+  /// By the discs of all groups together (joint_blend.h): enlarged and added splats close holes and
+  /// make no layers of their own, and rims are antialiased as the A-buffer's are. Goes with
+  /// Voronoi::kWindowed.
+  kSurface,
+  /// As published: by each group's splats alone (layer_blend.h). Nearer by 2 to 5 dB to depth
+  /// peeling is kSurface.
+  kGroup,
+};
+
 struct MethodOptions {
   Voronoi voronoi = Voronoi::kWindowed;  ///< Rule of the methods with groups.
-  /// Of kTransparent and kTransparentHigh, with Voronoi::kWindowed: the layers of a pixel are told
-  /// by the discs of all groups together (joint_layers.h). Enlarged and added splats then close
-  /// holes and make no layers of their own, and rims are antialiased as the A-buffer's are. The
-  /// picture is nearer to depth peeling by 2 to 5 dB and takes two to three times as long.
-  bool joint_layers = false;
+  LayersBy layers_by = LayersBy::kSurface;
   int peel = 8;  ///< Most layers that kDepthPeel peels, 1..64.
 };
 

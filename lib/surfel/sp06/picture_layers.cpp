@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <cstdlib>
 
 #include <surfel/render/shading.h>
@@ -21,6 +22,39 @@ std::size_t border_place(int x, int y) {
 bool alike(const Vec3f& a, const Vec3f& b) {
   constexpr float kCosine = 0.5F;  // 60 degrees.
   return a.dot(b) > kCosine * a.norm() * b.norm();
+}
+
+/// Whether the nearest fragments of two groups are shaded alike but for their colours, both with
+/// the mean normal. Shading is linear in the colour.
+bool one_shading(const PictureLayers::GroupPixel& a, const PictureLayers::GroupPixel& b,
+                 const Vec3f& mean) {
+  const float* const c = a.nearest.channel;
+  const float* const e = b.nearest.channel;
+  return std::bit_cast<std::uint32_t>(c[kTag]) == std::bit_cast<std::uint32_t>(e[kTag]) &&
+         c[kAlpha] == e[kAlpha] && c[kOther] == e[kOther] && alike(Vec3f(c + kNormalX), mean) &&
+         alike(Vec3f(e + kNormalX), mean);
+}
+
+/// Groups that one_shading() serves, as one: coverages and colours are sums.
+PictureLayers::GroupPixel sum_of(std::span<const PictureLayers::GroupPixel> groups) {
+  PictureLayers::GroupPixel out = groups.front();
+  if (groups.size() == 1) return out;
+  constexpr FragmentChannel kMeans[] = {kDepth, kRed, kGreen, kBlue};
+  for (const FragmentChannel c : kMeans) out.nearest.channel[c] *= out.coverage;
+  for (const PictureLayers::GroupPixel& group : groups.subspan(1)) {
+    for (const FragmentChannel c : kMeans) {
+      out.nearest.channel[c] += group.coverage * group.nearest.channel[c];
+    }
+    const auto add = [](Rgba& to, const Rgba& c) {
+      to = {to.red + c.red, to.green + c.green, to.blue + c.blue, to.alpha + c.alpha};
+    };
+    add(out.beneath, group.beneath);
+    add(out.beside, group.beside);
+    out.coverage += group.coverage;
+    out.touched += group.touched;
+  }
+  for (const FragmentChannel c : kMeans) out.nearest.channel[c] /= out.coverage;
+  return out;
 }
 
 }  // namespace
@@ -127,7 +161,11 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
   }
   const float share = 1.0F / static_cast<float>(groups_);
   Shader::Reflected reflected;
-  for (const GroupPixel& group : groups) {
+  for (std::size_t begin = 0; begin < groups.size();) {
+    std::size_t end = begin + 1;
+    while (end < groups.size() && one_shading(groups[begin], groups[end], mean)) ++end;
+    const GroupPixel group = sum_of(groups.subspan(begin, end - begin));
+    begin = end;
     // The length of the mean normal says how much the surface bends: a flat splat would mirror a
     // single direction, and where that is a lamp's the whole splat would be a speck of light.
     Fragment bent = group.nearest;

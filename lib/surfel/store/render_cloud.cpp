@@ -44,23 +44,16 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   if (source.recenter(box)) fill();
   origin_ = source.origin();
   // Files written by this library are in order already, and hold no surfels that cannot be drawn.
-  const bool copies = source.attributes().source && !needed.copies;
+  const bool copies = source.attributes().source;
   const bool usable =
       std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
   if (copies || !usable ||
       !MortonGrid(box.min.cast<float>(), box.max.cast<float>())
            .in_order({x.data(), y.data(), z.data(), size_})) {
-    gather(drawing_order(source, copies));
-    clusters_.resize((size_ + kClusterSize - 1) / kClusterSize);
-    totals.resize(clusters_.size());
-    parallel_for(
-        clusters_.size(), kBlock / kClusterSize, [&](std::size_t first, std::size_t last, int) {
-          for (std::size_t c = first; c < last; ++c) {
-            totals[c] =
-                make_cluster(c * kClusterSize, std::min<std::size_t>(size_, (c + 1) * kClusterSize),
-                             clusters_[c]);
-          }
-        });
+    Array<std::uint32_t> order = drawing_order();
+    if (copies) move_copies(source, needed.copies, order);
+    gather(order);
+    totals = make_clusters();
   }
   if (!group.empty()) number_groups(name);
   const SurfelTotals all = added_up(totals);
@@ -137,30 +130,61 @@ bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   return found == Usability::kUsable;
 }
 
-/// The surfels that can be drawn, in the order of the Morton curve. With `copies`, all but the
-/// first of several copies (RenderColumns::copies) are left out.
-Array<std::uint32_t> RenderCloud::drawing_order(const SurfelSource& source, bool copies) {
+/// The surfels that can be drawn, in the order of the Morton curve.
+Array<std::uint32_t> RenderCloud::drawing_order() {
   Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
   std::size_t kept = 0;
   for (const std::uint32_t i : order) {
     if (usable(i, dropped_)) order[kept++] = i;
   }
   order.resize(kept);
-  if (!copies) return order;
+  return order;
+}
+
+/// Moves copies to the end of an order, or leaves them out of it.
+void RenderCloud::move_copies(const SurfelSource& source, bool keep, Array<std::uint32_t>& order) {
   Array<std::uint32_t> origin(size_);
   source.fill_sources(0, size_, origin.data());
   // By the place as well, since other programs' files may mean something else by `source`.
   const auto key = [&](std::uint32_t i) { return std::tuple(origin[i], x[i], y[i], z[i]); };
   Array<std::uint32_t> sorted = order;
-  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
-  });
+  // By group before their order, so that the order of the surfels does not matter.
+  const auto place = [&](std::uint32_t i) {
+    return std::tuple_cat(key(i), std::tuple(group.empty() ? 0 : group[i], i));
+  };
+  std::sort(sorted.begin(), sorted.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return place(a) < place(b); });
   std::vector<bool> is_copy(size_);
   for (std::size_t i = 1; i < sorted.size(); ++i) {
     is_copy[sorted[i]] = key(sorted[i]) == key(sorted[i - 1]);
   }
-  copies_ = std::erase_if(order, [&](std::uint32_t i) { return is_copy[i]; });
-  return order;
+  const auto copies = std::stable_partition(order.begin(), order.end(),
+                                            [&](std::uint32_t i) { return !is_copy[i]; });
+  first_copy_ = static_cast<std::size_t>(copies - order.begin());
+  if (keep) return;
+  copies_ = order.size() - first_copy_;
+  order.resize(first_copy_);
+}
+
+/// Makes the clusters anew, copies apart from the others. Returns their totals.
+std::vector<SurfelTotals> RenderCloud::make_clusters() {
+  std::vector<std::pair<std::size_t, std::size_t>> ranges;
+  const auto cut = [&](std::size_t begin, std::size_t end) {
+    for (; begin < end; begin += kClusterSize) {
+      ranges.emplace_back(begin, std::min<std::size_t>(end, begin + kClusterSize));
+    }
+  };
+  const std::size_t first_copy = std::min(size_, first_copy_);
+  cut(0, first_copy);
+  cut(first_copy, size_);
+  clusters_.resize(ranges.size());
+  std::vector<SurfelTotals> totals(ranges.size());
+  parallel_for(ranges.size(), kBlock / kClusterSize, [&](std::size_t first, std::size_t last, int) {
+    for (std::size_t c = first; c < last; ++c) {
+      totals[c] = make_cluster(ranges[c].first, ranges[c].second, clusters_[c]);
+    }
+  });
+  return totals;
 }
 
 /// Puts the columns in an order, one column after the other.
@@ -237,6 +261,7 @@ SurfelTotals RenderCloud::make_cluster(std::size_t begin, std::size_t end, Clust
   cluster = {cluster_bounds(columns(begin, end))};
   cluster.begin = static_cast<std::uint32_t>(begin);
   cluster.end = static_cast<std::uint32_t>(end);
+  cluster.copies = begin >= first_copy_;
   const SurfelTotals sums = totals(begin, end);
   measure(cluster, sums);
   return sums;

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,7 @@ struct Cluster : ClusterBounds {
   Vec3f half_extent{0, 0, 0};
   float max_group_radius = 0;  ///< Largest enlarged radius, scene units; 0 without the column.
   bool merged = false;         ///< The surfels replace surfels of a finer level of detail.
+  bool copies = false;         ///< The surfels are copies, see RenderColumns::copies.
 };
 
 /// Parts of a cloud that only some pictures need.
@@ -33,8 +35,9 @@ struct RenderColumns {
   bool groups = false;        ///< The column `group`.
   bool group_radius = false;  ///< The column `group_radius`, if the cloud has it.
   /// Copies of splats that surfel-group made so that every group covers the surface (SP06 section
-  /// 4.2.2). If false, the first of all surfels with equal `source` and position is kept, because
-  /// copies would count twice in a picture without groups.
+  /// 4.2.2): of all surfels with equal `source` and position all but one. They follow all
+  /// others, in clusters of their own. If false, they are left out, because they would count twice
+  /// in a picture without groups.
   bool copies = false;
   bool levels = false;  ///< All levels of detail of the cloud; if false, the finest alone.
 };
@@ -81,6 +84,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   const UnusableSurfels& dropped() const { return dropped_; }
   /// Number of the copies of splats that were left out.
   std::size_t copies() const { return copies_; }
+  /// Does the cloud hold copies?
+  bool has_copies() const { return first_copy_ < size_; }
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Are there normals for shading that are not the discs' own?
   bool has_shading() const { return !shading_x.empty(); }
@@ -139,7 +144,9 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   SurfelTotals totals(std::size_t begin, std::size_t end) const;
   SurfelTotals make_cluster(std::size_t begin, std::size_t end, Cluster& cluster) const;
   void measure(Cluster& cluster, const SurfelTotals& totals) const;
-  Array<std::uint32_t> drawing_order(const SurfelSource& source, bool copies);
+  Array<std::uint32_t> drawing_order();
+  void move_copies(const SurfelSource& source, bool keep, Array<std::uint32_t>& order);
+  std::vector<SurfelTotals> make_clusters();
   void gather(const Array<std::uint32_t>& order);
   void number_groups(const std::string& name);
   void take_clusters(const ClusterTree& tree, bool levels);
@@ -158,6 +165,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   ClusterTree tree_;
   UnusableSurfels dropped_;
   std::size_t copies_ = 0;
+  std::size_t first_copy_ = std::numeric_limits<std::size_t>::max();
   SceneExtent extent_;  ///< Has a support function only if the surfels stay in their file.
 };
 
