@@ -403,8 +403,9 @@ make_sp06_10() {
 make_sp06_11() {
   about "The splats of one group: (a) with K = 8 groups they overlap less and leave more of the surface open, (b) with K = 4 they overlap more and
     cover it better. Duplicating points so that four groups cover the dragon adds 45 % to its points." \
-    "The first group of a bunny of $(of 20000) points: splats are transparent, so that they are brighter where they overlap. Below, in shares of the
-    surface's area and as means over the groups, what they cover of their Voronoi cells and leave open, and what they have beyond them."
+    "The first group of a bunny of $(of 20000) points: splats are transparent, so that they are brighter where they overlap. Below, as means over
+    the groups: the shares of samples of the surface that a group's discs reach and do not reach, and in shares of the surface's area what discs have beyond
+    their Voronoi cells."
   surfels stanford_bunny.obj 20000 few.ply
   local groups view="--from 0.1,0.25,1 --frame-all --zoom 2.5 --size 400x400 --cull back --background 0,0,0,1"
   tiles
@@ -431,12 +432,12 @@ make_sp06_11() {
 # coverage_row NAME STATS: the totals, which come after those of the groups.
 coverage_row() {
   local key totals=()
-  for key in area covered_area uncovered_area overlap_area points_added points_before; do
+  for key in area missed_share overlap_area points_added points_before; do
     totals+=("$(sed -n "/\"coverage\"/,/^  }/s/^    \"$key\": \([0-9.e+-]*\).*/\1/p" "$2")")
   done
   # shellcheck disable=SC2046 # A word a cell.
   row "$1" $(awk -v v="${totals[*]}" 'BEGIN { split(v, t)
-    printf "%.1f&nbsp;%% %.1f&nbsp;%% %.0f&nbsp;%% %.0f&nbsp;%%", 100 * t[2] / t[1], 100 * t[3] / t[1], 100 * t[4] / t[1], 100 * t[5] / t[6] }')
+    printf "%.1f&nbsp;%% %.1f&nbsp;%% %.0f&nbsp;%% %.0f&nbsp;%%", 100 - 100 * t[2], 100 * t[2], 100 * t[3] / t[1], 100 * t[4] / t[5] }')
 }
 
 make_sp06_12() {
@@ -444,13 +445,13 @@ make_sp06_12() {
     (c) Algorithm 2, with artifacts that are hardly visible. The text gives the frame rates below, without naming the model." \
     "A dragon of $(of 300000) points in four groups; PSNR of the whole picture against depth peeling. First groups that cover the surface, by
     <code>--cover enlarge-each</code>; then by <code>--cover duplicate</code>, the paper's choice for four groups; then the groups as they are.
-    The mottles are enlarged and added discs that stick out of the bent surface and count as one more layer. With
-    <code>--joint-layers</code>, on the right, the discs of all groups tell the layers, and there are none."
+    On the left the discs of all groups tell the layers; on the right, with <code>--layers-by group</code>, each group tells its own, as published: the
+    mottles there are enlarged and added discs that stick out of the bent surface and count as one more layer."
   surfels dragon_vrip_res2.ply 300000 dragon.ply
   run "surfel-group dragon.ply --groups 4 --cover enlarge-each -o dragon-covered.ply"
   run "surfel-group dragon.ply --groups 4 --cover duplicate -o dragon-duplicated.ply"
   run "surfel-group dragon.ply --groups 4 -o dragon-plain.ply"
-  local scene="--scene configs/scene-balls.toml" groups joint
+  local scene="--scene configs/scene-balls.toml" groups by
   local -A name=([covered]="enlarged" [duplicated]="duplicated" [plain]="groups as they are")
   local view="$scene $body_view --size 360x260"
   run "surfel-render dragon.ply --method depth-peel --peel 16 $view -o 12a.png"
@@ -459,13 +460,13 @@ make_sp06_12() {
   end_tiles
   for groups in covered duplicated plain; do
     tiles
-    for joint in "" " --joint-layers"; do
-      run "surfel-render dragon-$groups.ply --method transparent-high$joint $view -o 12b-$groups${joint// /}.png"
-      run "surfel-render dragon-$groups.ply --method transparent$joint $view -o 12c-$groups${joint// /}.png"
-      compare "12b-$groups${joint// /}.png" 12a.png
-      tile "12b-$groups${joint// /}.png" "b) Algorithm 3, ${name[$groups]}${joint:+, joint}, $psnr"
-      compare "12c-$groups${joint// /}.png" 12a.png
-      tile "12c-$groups${joint// /}.png" "c) Algorithm 2, ${name[$groups]}${joint:+, joint}, $psnr"
+    for by in surface group; do
+      run "surfel-render dragon-$groups.ply --method transparent-high --layers-by $by $view -o 12b-$groups-$by.png"
+      run "surfel-render dragon-$groups.ply --method transparent --layers-by $by $view -o 12c-$groups-$by.png"
+      compare "12b-$groups-$by.png" 12a.png
+      tile "12b-$groups-$by.png" "b) Algorithm 3, ${name[$groups]}, by $by, $psnr"
+      compare "12c-$groups-$by.png" 12a.png
+      tile "12c-$groups-$by.png" "c) Algorithm 2, ${name[$groups]}, by $by, $psnr"
     done
     end_tiles
   done
@@ -474,10 +475,10 @@ make_sp06_12() {
   row "Algorithm 2" "9" "$fps"
   rate dragon-covered.ply "--method transparent-high $scene --size 512x512"
   row "Algorithm 3" "5" "$fps"
-  rate dragon-covered.ply "--method transparent --joint-layers $scene --size 512x512"
-  row "Algorithm 2, joint layers" "&ndash;" "$fps"
-  rate dragon-covered.ply "--method transparent-high --joint-layers $scene --size 512x512"
-  row "Algorithm 3, joint layers" "&ndash;" "$fps"
+  rate dragon-covered.ply "--method transparent --layers-by group $scene --size 512x512"
+  row "Algorithm 2, layers by group" "&ndash;" "$fps"
+  rate dragon-covered.ply "--method transparent-high --layers-by group $scene --size 512x512"
+  row "Algorithm 3, layers by group" "&ndash;" "$fps"
   rate dragon.ply "--method depth-peel --peel 8 $scene --size 512x512"
   row "depth peeling, up to 8 layers" "less than 2" "$fps"
   rate dragon.ply "--size 512x512"

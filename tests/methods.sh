@@ -122,16 +122,19 @@ transparent_table() {
   render t-abuffer t --layers 16
   render t-transparent-high tg --method transparent-high
   render t-transparent tg --method transparent
+  render t-transparent-high-group tg --method transparent-high --layers-by group
+  render t-transparent-group tg --method transparent --layers-by group
   echo "| method | against depth peeling | against --reference | frame |"
   echo "|---|---|---|---|"
   local row
   for row in "abuffer t --layers 16" "depth-peel t --method depth-peel --peel 16" \
-    "transparent-high tg --method transparent-high" "transparent tg --method transparent"; do
+    "transparent-high tg --method transparent-high" "transparent tg --method transparent" \
+    "transparent-high-group tg --method transparent-high --layers-by group" "transparent-group tg --method transparent --layers-by group"; do
     # shellcheck disable=SC2086  # words
     set -- $row
     local name=$1 surfels=$2
     shift 2
-    echo "| $name | $( [ "$name" = depth-peel ] || echo "$(psnr "t-$name" t-depth-peel) dB") | $(psnr "t-$name" t-reference) dB | $(milliseconds "$surfels" "$@") |"
+    echo "| ${name/%-group/, \`--layers-by group\`} | $( [ "$name" = depth-peel ] || echo "$(psnr "t-$name" t-depth-peel) dB") | $(psnr "t-$name" t-reference) dB | $(milliseconds "$surfels" "$@") |"
   done
 }
 
@@ -191,6 +194,8 @@ body_tables() {
     lit_row "$1, scene-$2, depth-peel" "$1" "$1, scene-$2, depth-peel" --method depth-peel --peel 16 "${with[@]}"
     lit_row "$1, scene-$2, transparent-high" "$1-g" "$1, scene-$2, depth-peel" --method transparent-high "${with[@]}"
     lit_row "$1, scene-$2, transparent" "$1-g" "$1, scene-$2, depth-peel" --method transparent "${with[@]}"
+    lit_row "$1, scene-$2, transparent-high, by group" "$1-g" "$1, scene-$2, depth-peel" --method transparent-high --layers-by group "${with[@]}"
+    lit_row "$1, scene-$2, transparent, by group" "$1-g" "$1, scene-$2, depth-peel" --method transparent --layers-by group "${with[@]}"
     lit_row "$1, scene-$2, abuffer" "$1" "$1, scene-$2, depth-peel" --layers 16 "${with[@]}"
   done
 }

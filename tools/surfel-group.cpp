@@ -160,6 +160,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["uncovered_area"] = r.uncovered_area;
   json["unreachable_area"] = r.unreachable_area;
   json["overlap_area"] = r.overlap_area;
+  json["missed_share"] = r.missed_share;
   json["growth_mean"] = r.growth_mean;
   json["growth_max"] = r.growth_max;
   json["points_before"] = r.points_before;
@@ -180,6 +181,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
                             {"uncovered_area", g.uncovered_area},
                             {"overlap_area", g.overlap_area},
                             {"unreachable_area", g.unreachable_area},
+                            {"missed_share", g.missed_share},
                             {"growth_mean", g.growth_mean},
                             {"growth_max", g.growth_max}};
     if (g.enlargement) group["enlargement"] = to_json(*g.enlargement);
@@ -195,10 +197,10 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   report(json, r);
   const auto percent = [&](double area) { return 100 * area / r.area; };
   tool.note(
-      fmt::format("{}: a group covers {:.1f} % of the surface and leaves {:.2g} %, overlap "
-                  "{:.1f} %; radii grew by {:.2f}, at most {:.2f}; {} splats added",
-                  s.input, percent(r.covered_area), percent(r.uncovered_area),
-                  percent(r.overlap_area), r.growth_mean, r.growth_max, r.points_added));
+      fmt::format("{}: a group covers {:.2f} % of the surface, overlap {:.1f} %; radii grew by "
+                  "{:.2f}, at most {:.2f}; {} splats added",
+                  s.input, 100 * (1 - r.missed_share), percent(r.overlap_area), r.growth_mean,
+                  r.growth_max, r.points_added));
   const bool grew =
       s.cover == surfel::CoverMethod::kEnlarge || s.cover == surfel::CoverMethod::kEnlargeEach;
   if (grew && r.capped > 0) {

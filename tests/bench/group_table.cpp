@@ -13,6 +13,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/sp06/coloring.h>
 #include <surfel/sp06/disc_tree.h>
+#include <surfel/sp06/missed_samples.h>
 #include <surfel/sp06/overlap_graph.h>
 
 namespace {
@@ -20,9 +21,7 @@ namespace {
 using namespace surfel;
 
 /// Share of the samples of a surface that no disc of a group covers, mean of the groups. The discs
-/// have the radius `group_radius` where there is one, else that of beta < 1. A disc covers what is
-/// no further from its centre than its radius and faces the same way. Shares nothing with the
-/// cells of lib/surfel/group.
+/// have the radius `group_radius` where there is one, else that of beta < 1.
 double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
   const Discs all = make_discs(groups, 1);
   std::vector<std::vector<std::uint32_t>> members;
@@ -31,7 +30,11 @@ double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
     if (members.size() <= group) members.resize(group + 1);
     members[group].push_back(i);
   }
-  std::size_t open = 0;
+  std::vector<Vec3f> places;
+  for (const Vec3f& p : samples.position) {
+    places.emplace_back(p + (samples.origin - groups.origin).cast<float>());
+  }
+  double missed = 0;
   for (const std::vector<std::uint32_t>& group : members) {
     Discs discs = all.gathered(group);
     if (!groups.group_radius.empty()) {
@@ -39,29 +42,9 @@ double uncovered(const SurfelCloud& samples, const SurfelCloud& groups) {
         discs.radius[i] = groups.group_radius[discs.surfel[i]];
       }
     }
-    const DiscTree tree(discs);
-    PerWorker<std::size_t> missed;
-    parallel_for(samples.size(), 1024, [&](std::size_t begin, std::size_t end, int worker) {
-      for (std::size_t s = begin; s < end; ++s) {
-        const Vec3f place = samples.position[s] + (samples.origin - groups.origin).cast<float>();
-        bool found = false;
-        tree.search(
-            place,
-            [&](const DiscTree::Node& node, std::size_t, float distance2) {
-              return !found && distance2 <= node.radius() * node.radius();
-            },
-            [&](std::size_t i) {
-              const Vec3f offset = place - discs.center[i];
-              const float distance2 = offset.squaredNorm();
-              found = found || (distance2 <= discs.radius[i] * discs.radius[i] &&
-                                samples.normal[s].dot(discs.normal[i]) > 0);
-            });
-        missed[worker] += found ? 0 : 1;
-      }
-    });
-    missed.for_each([&](std::size_t m) { open += m; });
+    missed += missed_share(discs, places, samples.normal);
   }
-  return static_cast<double>(open) / static_cast<double>(members.size() * samples.size());
+  return missed / static_cast<double>(members.size());
 }
 
 /// The colouring beside Boost.Graph's in the same order; least times of `runs`.

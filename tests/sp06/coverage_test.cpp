@@ -172,6 +172,8 @@ TEST(Coverage, OfASphereAgreesWithRandomPoints) {
     EXPECT_NEAR(group.covered_area / report.area, 1 - holes, 0.01 + (random ? 0.01 : 0.005));
     EXPECT_NEAR(group.cell_area / report.area, 1, 0.01);
     EXPECT_NEAR(group.covered_area + group.uncovered_area, group.cell_area, 1e-9);
+    // Two standard errors of 3000 samples.
+    EXPECT_NEAR(group.missed_share, holes, 0.015);
   }
 }
 
@@ -224,6 +226,7 @@ TEST(Coverage, EnlargeEachLeavesNoHoles) {
       const double holes = kind == "plane" ? uncovered_share(cloud, 2, kind, 5000, on_plane)
                                            : uncovered_share(cloud, 2, kind, 5000, on_sphere);
       EXPECT_LT(holes, 0.001) << kind << ' ' << groups;
+      EXPECT_LT(report.missed_share, 0.001) << kind << ' ' << groups;
     }
   }
 }

@@ -11,9 +11,11 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/sp06/coverage.h>
 #include <surfel/sp06/duplication.h>
+#include <surfel/sp06/missed_samples.h>
 
 namespace surfel {
 namespace {
@@ -25,6 +27,9 @@ constexpr std::size_t kLargeGroup = 1 << 15;
 /// Most that kEnlarge covers of the area of a group's cells: on the Stanford dragon the last
 /// thousandth are spikes at creases, which take ten times the radius.
 constexpr double kReachable = 0.999;
+/// Samples of GroupCoverage::missed_share.
+constexpr std::size_t kMostSamples = 1 << 16;
+constexpr std::uint64_t kSampleSeed = 5;
 
 /// Indices of the discs of every group, ascending.
 class GroupLists {
@@ -81,6 +86,7 @@ class GroupCoverer {
     surface_.emplace(discs_, !report_.area_from_column);
     report_.border_splats = surface_->border_count();
     report_.area = report_.area_from_column ? area : surface_->area();
+    take_samples();
     stages.end("surface");
 
     report_.groups.resize(lists_->count());
@@ -161,6 +167,9 @@ class GroupCoverer {
     out.unreachable_area =
         std::max(0.0, out.enlargement ? options_.target * report_.area - out.covered_area
                                       : report_.area - out.cell_area);
+    Discs grown = discs;
+    grown.radius = radius;
+    out.missed_share = missed_share(grown, sample_places_, sample_normals_);
     auto growth = static_cast<double>(out.hidden);  // They do not grow.
     double hidden_area = 0;
     for (const std::uint32_t i : members) {
@@ -176,6 +185,26 @@ class GroupCoverer {
     if (!members.empty()) out.growth_mean = growth / static_cast<double>(members.size());
     out.overlap_area =
         std::max(0.0, discs_area(radius) + std::max(0.0, hidden_area) - out.covered_area);
+  }
+
+  /// Takes samples of the surface: places about splats, each anywhere in the area that its splat
+  /// stands for.
+  void take_samples() {
+    const double mean_area =
+        report_.area / static_cast<double>(std::max<std::size_t>(1, discs_.size()));
+    const std::size_t step = discs_.size() / kMostSamples + 1;
+    for (std::size_t i = 0; i < discs_.size(); i += step) {
+      const double own = cloud_.area.empty() ? mean_area : cloud_.area[discs_.surfel[i]];
+      const double area = own > 0 && std::isfinite(own) ? own : mean_area;
+      const double radius = std::sqrt(area / std::numbers::pi * random_uniform(kSampleSeed, i, 0));
+      const double angle = 2 * std::numbers::pi * random_uniform(kSampleSeed, i, 1);
+      const Vec3f a = discs_.normal[i].unitOrthogonal();
+      const Vec3f b = discs_.normal[i].cross(a);
+      sample_places_.emplace_back(discs_.center[i] +
+                                  static_cast<float>(radius * std::cos(angle)) * a +
+                                  static_cast<float>(radius * std::sin(angle)) * b);
+      sample_normals_.push_back(discs_.normal[i]);
+    }
   }
 
   Array<float> grown_radii(const GroupCells& cells, const Discs& discs, GroupCoverage& out) const {
@@ -257,6 +286,7 @@ class GroupCoverer {
       report_.uncovered_area += group.uncovered_area / count;
       report_.unreachable_area += group.unreachable_area / count;
       report_.overlap_area += group.overlap_area / count;
+      report_.missed_share += group.missed_share / count;
       growth += group.growth_mean * static_cast<double>(group.splats);
       splats += group.splats;
       report_.growth_max = std::max(report_.growth_max, group.growth_max);
@@ -271,6 +301,7 @@ class GroupCoverer {
   Discs discs_;
   std::optional<GroupLists> lists_;
   std::optional<DiscSurface> surface_;
+  std::vector<Vec3f> sample_places_, sample_normals_;
   std::vector<Array<std::uint32_t>> added_;  ///< Added discs of every group: indices into discs_.
 };
 

@@ -62,6 +62,9 @@ struct GroupCoverage {
   /// sheets where the group has no splat, or is curved within a cell. No radius covers it. With
   /// kEnlarge: the part of the area asked for that the factor does not cover.
   double unreachable_area = 0;
+  /// Share of the surface that none of the group's discs on its side reaches, counted at 65,536
+  /// places at most, about the cloud's splats (missed_samples.h).
+  double missed_share = 0;
   double growth_mean = 1;  ///< Mean ratio of new to old radius.
   double growth_max = 1;
   std::optional<Enlargement> enlargement;  ///< kEnlarge: how (8) was solved.
@@ -81,10 +84,11 @@ struct CoverageReport {
   /// Splats without a finite position, a normal or a variance above zero: they have no disc.
   std::size_t without_disc = 0;
   std::size_t border_splats = 0;  ///< Splats at which the whole cloud's surface ends.
-  double covered_area = 0;        ///< Mean over the groups, as in the next three members.
+  double covered_area = 0;        ///< Mean over the groups, as in the next four members.
   double uncovered_area = 0;
   double unreachable_area = 0;
   double overlap_area = 0;
+  double missed_share = 0;
   double growth_mean = 1;  ///< Mean ratio of new to old radius over the splats of all groups.
   double growth_max = 1;
   StageTimes times;
