@@ -414,7 +414,7 @@ make_sp06_11() {
     run "surfel-convert few-$groups.ply --ascii -o few-$groups-a.ply"
     # In the text, \`group\` is the last column of what follows the header.
     run "awk 'FNR == 1 {body = 0} NR == FNR {n += body && \$NF == 0} /^element vertex/ {\$3 = n} NR > FNR && (!body || \$NF == 0); /^end_header/ {body = 1}' few-$groups-a.ply few-$groups-a.ply > first-of-$groups.ply"
-    run "surfel-render first-of-$groups.ply --method transparent --voronoi off --scene configs/scene-balls.toml --shading none $view -o 11-$groups.png"
+    run "surfel-render first-of-$groups.ply --method transparent --layers-by group --voronoi off --scene configs/scene-balls.toml --shading none $view -o 11-$groups.png"
     tile "11-$groups.png" "K = $groups"
   done
   end_tiles

@@ -265,12 +265,13 @@ surfel-estimate lion_takanawa_third.ply --orient align -o lion.ply
 surfel-texture lion.ply --from colors --fit render -o lion_f.ply    # a scan's own colours, sharper than as they are
 surfel-estimate scan.ply -o bare.ply
 surfel-texture bare.ply --mesh model.obj -o bare_t.ply              # surfels without uv take it from the mesh they lie on
+surfel-texture bare.ply --solid marble -o marble.ply                # a texture that fills space needs no uv
 ```
 
 `--stats` tells condition, residual and error of a fit. In the tables c is the cutoff, where kernels end (beta = c), sigma the standard
 deviation of a surfel's kernel, h the spacing of the surfels and h_s the standard deviation of the pixel filter.
 
-Made by `tests/fits.sh`, section by section.
+Made by `tests/fits.sh`, section by section, but for [Solid textures](#solid-textures).
 TEXT
   for section in "${all[@]}"; do
     echo
@@ -279,6 +280,6 @@ TEXT
     echo "<!-- end of $section -->"
   done
   echo
-  cat "$root/tests/fits_notes.md"
+  cat "$root/tests/fits_solid.md" "$root/tests/fits_notes.md"
 } > "$work/page.md"
 mv "$work/page.md" "$page"

@@ -187,8 +187,10 @@ Sweep groups(const SweepContext& c) {
                   {"smallest-last", "surfel-group --groups 0 --order smallest-last"},
                   {"dsatur", "surfel-group --groups 0 --order dsatur"},
                   {"overlap 0.6", "surfel-group --groups 0 --overlap 0.6"},
-                  {"Voronoi off", "surfel-render --voronoi off"},
-                  {"Voronoi quantised", "surfel-render --voronoi quantised"}};
+                  {"layers by group", "surfel-render --layers-by group"},
+                  {"layers by group, Voronoi off", "surfel-render --layers-by group --voronoi off"},
+                  {"layers by group, Voronoi quantised",
+                   "surfel-render --layers-by group --voronoi quantised"}};
   return sweep;
 }
 

@@ -295,7 +295,7 @@ Vec3f EnvironmentMap::sample(const Level& level, const Vec2f& place) {
     const float x = place.x() * static_cast<float>(ring.count) - 0.5F;
     const float floor = std::floor(x);
     const float part_x = x - floor;
-    const int left = (static_cast<int>(floor) + ring.count) % ring.count;
+    const int left = floor < 0 ? ring.count - 1 : static_cast<int>(floor);
     const int right = left + 1 == ring.count ? 0 : left + 1;
     return (1 - part_x) * texels[left] + part_x * texels[right];
   };

@@ -33,8 +33,9 @@ class SURFEL_API EnvironmentMap {
   /// number of threads.
   EnvironmentMap(const Image& image, const std::string& name);
 
-  /// Radiance from a direction of any length but zero, filtered with `variance` >= 0, interpolated
-  /// between the two levels next to it, so that the variance of the whole is right.
+  /// Radiance from a direction, of a length as lat_long_place() takes it, filtered with `variance`
+  /// >= 0, interpolated between the two levels next to it, so that the variance of the whole is
+  /// right.
   Vec3f radiance(const Vec3f& direction, float variance) const;
 
   int levels() const { return static_cast<int>(levels_.size()); }

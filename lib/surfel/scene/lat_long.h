@@ -20,11 +20,13 @@ inline Vec3d lat_long_direction(double u, double v) {
   return {horizontal * std::sin(longitude), std::cos(colatitude), horizontal * std::cos(longitude)};
 }
 
-/// (u, v) of a direction of any length but zero, each in [0, 1].
+/// (u, v) of a direction, each in [0, 1]. The direction's length is neither so small nor so large
+/// that its square is no number above zero.
 inline Vec2f lat_long_place(const Vec3f& direction) {
   constexpr float kPi = std::numbers::pi_v<float>;
   const float longitude = std::atan2(direction.x(), direction.z());
-  const float colatitude = std::atan2(std::hypot(direction.x(), direction.z()), direction.y());
+  const float colatitude = std::atan2(
+      std::sqrt(direction.x() * direction.x() + direction.z() * direction.z()), direction.y());
   return {std::clamp(0.5F - longitude / (2 * kPi), 0.0F, 1.0F),
           std::clamp(colatitude / kPi, 0.0F, 1.0F)};
 }

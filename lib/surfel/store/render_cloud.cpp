@@ -148,12 +148,9 @@ void RenderCloud::move_copies(const SurfelSource& source, bool keep, Array<std::
   // By the place as well, since other programs' files may mean something else by `source`.
   const auto key = [&](std::uint32_t i) { return std::tuple(origin[i], x[i], y[i], z[i]); };
   Array<std::uint32_t> sorted = order;
-  // By group before their order, so that the order of the surfels does not matter.
-  const auto place = [&](std::uint32_t i) {
-    return std::tuple_cat(key(i), std::tuple(group.empty() ? 0 : group[i], i));
-  };
-  std::sort(sorted.begin(), sorted.end(),
-            [&](std::uint32_t a, std::uint32_t b) { return place(a) < place(b); });
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
+  });
   std::vector<bool> is_copy(size_);
   for (std::size_t i = 1; i < sorted.size(); ++i) {
     is_copy[sorted[i]] = key(sorted[i]) == key(sorted[i - 1]);

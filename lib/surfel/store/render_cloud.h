@@ -35,7 +35,7 @@ struct RenderColumns {
   bool groups = false;        ///< The column `group`.
   bool group_radius = false;  ///< The column `group_radius`, if the cloud has it.
   /// Copies of splats that surfel-group made so that every group covers the surface (SP06 section
-  /// 4.2.2): of all surfels with equal `source` and position all but one. They follow all
+  /// 4.2.2): of all surfels with equal `source` and position all but the first. They follow all
   /// others, in clusters of their own. If false, they are left out, because they would count twice
   /// in a picture without groups.
   bool copies = false;
@@ -45,8 +45,8 @@ struct RenderColumns {
 /// A cloud made ready for rendering: unusable surfels are dropped, the rest is sorted along a
 /// Morton curve, cut into clusters, and laid out in the columns that splat set-up streams through.
 /// It is built once and rendered from any number of cameras. The order of the surfels in the cloud
-/// only decides which of several copies is kept. A cloud with levels of detail keeps its order and
-/// its clusters.
+/// only decides which of several copies is kept, or is taken for the original. A cloud with levels
+/// of detail keeps its order and its clusters.
 class SURFEL_API RenderCloud final : public ClusterStore {
  public:
   static constexpr std::uint32_t kClusterSize = kClusterSurfels;
