@@ -118,6 +118,13 @@ class WorkFolder {
     if (temporary_ && !mkdtemp(pattern.data())) surfel::throw_io(pattern, "cannot be made");
     if (temporary_) path_ = pattern;
     resumed_ = fs::exists(path_, error);
+    // It is removed in the end, with all that is in it.
+    if (!temporary_ && resumed_ && !fs::exists(fs::path(path_) / "journal.jsonl", error) &&
+        !fs::is_empty(path_, error)) {
+      surfel::throw_usage(path_ +
+                          ": is there already and is no interrupted run's; give --output another "
+                          "folder");
+    }
     made_outer_ = !temporary_ && !fs::exists(output, error);
     if (!temporary_) fs::create_directories(path_, error);
     if (error) surfel::throw_io(output, "cannot be made a folder: " + error.message());
@@ -159,6 +166,7 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
   surfel::require_gnuplot();
   for (const char* file : {"report.html", "report.csv", "report.json"}) {
     const fs::path path = fs::path(s.output) / file;
+    tool.files().write_also("--output", path.string());
     if (tool.common().no_clobber && fs::exists(path)) {
       surfel::throw_io(path.string(), "exists already and --no-clobber is set");
     }
@@ -202,6 +210,8 @@ int main(int argc, char** argv) {
             "one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.files().reads({"input", "--image", "--mesh", "--scene", "--truth"});
+  tool.files().writes("--output", surfel::tool::Writes::kAny);
   tool.name_fields({{"sweeps", "--sweep"}, {"min_psnr", "--max-error"}});
   return tool.run(argc, argv, [&] {
     check(s);

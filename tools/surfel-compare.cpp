@@ -160,6 +160,8 @@ int main(int argc, char** argv) {
       "not met; without limits it is 0 whatever the difference.");
   Settings s;
   declare(tool.app(), s);
+  tool.files().reads({"tested", "truth"});
+  tool.files().writes("--output", surfel::tool::Writes::kPicture);
   return tool.run(argc, argv, [&] {
     check(s);
     const Image tested = surfel::read_premultiplied_image(s.tested);

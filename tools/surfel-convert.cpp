@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <filesystem>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -115,13 +114,7 @@ void check(const CLI::App& app, Settings& s) {
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only");
   }
-  const std::string extension =
-      CLI::detail::to_lower(std::filesystem::path(s.output).extension().string());
-  if (!extension.empty() && extension != ".ply" && extension != ".pcd") {
-    problems.push_back(
-        fmt::format("{}: format not supported; surfels are written as PLY and PCD", s.output));
-  }
-  if (s.ascii && extension == ".pcd") {
+  if (s.ascii && surfel::tool::lower_extension(s.output) == ".pcd") {
     problems.emplace_back("--ascii has no effect on PCD; leave it out");
   }
   surfel::tool::require_valid(problems);
@@ -204,6 +197,8 @@ int main(int argc, char** argv) {
                           "Converts files of surfels, moves them, and joins several into one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.files().reads({"surfels"});
+  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"reach", "--align-reach"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), s);

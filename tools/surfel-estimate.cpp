@@ -202,6 +202,8 @@ int main(int argc, char** argv) {
                           "Makes surfels of raw points: normals, their side, splat sizes.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.files().reads({"cloud"});
+  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"neighbors", "--outlier-k"},
                     {"deviations", "--outlier-deviations"},
                     {"edge", "--voxel"},

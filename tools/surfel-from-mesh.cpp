@@ -180,6 +180,8 @@ int main(int argc, char** argv) {
                   "Covers a mesh with evenly spread surfels: blue noise, sheet by sheet.");
   Request request;
   declare(tool, request);
+  tool.files().reads({"mesh", "--image"});
+  tool.files().writes("--output", tool::Writes::kSurfels);
   return tool.run(argc, argv, [&] {
     request.options.crease_angle = request.crease_angle_deg * std::numbers::pi / 180;
     request.adapt.count = request.options.count;

@@ -1,7 +1,6 @@
 // surfel-generate: surfels, meshes and images from formulas.
 
 #include <algorithm>
-#include <filesystem>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -104,31 +103,32 @@ void refuse(tool::Tool& tool, const std::string& kind, const std::vector<std::st
 const std::vector<std::string> kSurfaceOptions{
     "--count", "--jitter", "--variance-scale", "--no-uv", "--mesh", "--texture", "--resolution"};
 
-const std::string& picture_path(const Request& r) {
+const std::string& picture_path(const Request& r, tool::Writes what) {
   const std::string& path = r.image.empty() ? r.output : r.image;
   if (path.empty()) throw_usage("nothing to write; name the picture with --image");
+  if (!r.image.empty() && !r.output.empty()) {
+    throw_usage("--output and --image both name the picture; give one of them");
+  }
+  tool::require_format(path, what);
   return path;
 }
 
 void generate_sky(tool::Tool& tool, const Request& r) {
   refuse(tool, r.kind, kSurfaceOptions);
   refuse(tool, r.kind, {"--seed", "--frequency"});
-  const std::string& path = picture_path(r);
-  const std::string extension = std::filesystem::path(path).extension();
-  if (extension != ".exr" && extension != ".hdr") {
-    throw_usage(path + ": only EXR and HDR hold a sky's range; name the picture .exr or .hdr");
-  }
+  const std::string& path = picture_path(r, tool::Writes::kSky);
   tool::write_picture(
       tool, r.size_given ? procedural_sky(r.width, r.height) : procedural_sky(1024, 512), path);
 }
 
 void generate_picture(tool::Tool& tool, const Request& r) {
   refuse(tool, r.kind, kSurfaceOptions);
+  const std::string& path = picture_path(r, tool::Writes::kPicture);
   ProceduralTextureOptions options;
   options.frequency = r.frequency;
   options.seed = r.surfels.seed;
   tool::write_picture(tool, rasterize(procedural_texture(r.kind, options), r.width, r.height),
-                      picture_path(r));
+                      path);
 }
 
 /// Surfels are written in space-filling order: readers then need not sort them, and files of any
@@ -160,6 +160,7 @@ void generate_surface(tool::Tool& tool, const Request& r) {
   if (r.output.empty() && r.image.empty() && r.mesh.empty()) {
     throw_usage("nothing to write; name a file with --output, --mesh or --image");
   }
+  tool::require_format(r.output, tool::Writes::kSurfels);
   const ProceduralScene scene = procedural_scene(r.kind, r.surfels.seed, r.texture, r.frequency);
   if (!r.output.empty()) {
     write_surfels(tool, scene, r);
@@ -186,6 +187,7 @@ void generate_hard_case(tool::Tool& tool, const Request& r) {
   if (r.output.empty() && r.image.empty() && r.mesh.empty()) {
     throw_usage("nothing to write; name a file with --output");
   }
+  tool::require_format(r.output, tool::Writes::kSurfels);
   const bool no_clobber = tool.common().no_clobber;
   if (!r.output.empty()) {
     SurfelCloud cloud = scene.cloud;
@@ -213,6 +215,9 @@ int main(int argc, char** argv) {
                   "Makes surfels, meshes and images whose truth is known, from formulas.");
   Request request;
   declare(tool, request);
+  tool.files().writes("--output", tool::Writes::kAny);
+  tool.files().writes("--mesh", tool::Writes::kMesh);
+  tool.files().writes("--image", tool::Writes::kPicture);
   return tool.run(argc, argv, [&] {
     tool::require_valid(request.surfels.problems());
     request.size_given = tool.app().get_option("--size")->count() > 0;

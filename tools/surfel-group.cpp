@@ -253,6 +253,8 @@ int main(int argc, char** argv) {
                           "Divides surfels into groups in which no two overlap (SP06).");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.files().reads({"surfels"});
+  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"target", "--cover-target"}, {"fixed_point_iterations", "--fixed-point"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);

@@ -217,6 +217,7 @@ int main(int argc, char** argv) {
   tool.app()
       .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
       ->required();
+  tool.files().reads({"file"});
   tool.app().add_flag("--json", json, "Print JSON");
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");

@@ -48,6 +48,8 @@ int main(int argc, char** argv) {
                           "Adds levels of detail: fewer, larger surfels for distant views.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.files().reads({"surfels"});
+  tool.files().writes("--output", surfel::tool::Writes::kLevels);
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.hierarchy.problems());
     const std::string name = surfel::tool::shown_name(s.input);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
@@ -279,7 +278,7 @@ void finish(Settings& s) {
   s.normals.maps.charts = false;
   s.normals.maps.wrap = s.texture.wrap;
   s.render.cull_back = s.cull == Cull::kBack;
-  s.render.aovs = std::filesystem::path(s.output).extension() == ".exr" && !blends_layers(s);
+  s.render.aovs = surfel::tool::lower_extension(s.output) == ".exr" && !blends_layers(s);
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
@@ -346,11 +345,14 @@ void check(const Settings& s) {
 }
 
 /// The scene with its environment, which pictures without shading do without.
-surfel::Scene load_scene(const Settings& s) {
+surfel::Scene load_scene(surfel::tool::Tool& tool, const Settings& s) {
   if (s.scene_file.empty()) return {};
   surfel::Scene scene = surfel::read_scene(s.scene_file);
   if (s.refraction == Refractions::kSingle) scene.refraction = surfel::Refraction::kSingle;
   if (s.refraction == Refractions::kMulti) scene.refraction = surfel::Refraction::kMulti;
+  if (scene.environment) {
+    tool.files().read_also("the environment map", scene.environment->image);
+  }
   if (s.render.lit) surfel::load_environment(scene);
   return scene;
 }
@@ -580,13 +582,16 @@ int main(int argc, char** argv) {
                           "Renders surfels by screen space EWA splatting (Zwicker et al. 2001).");
   Settings s;
   declare_options(tool.app(), s);
+  tool.files().reads(
+      {"surfels", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
+  tool.files().writes("--output", surfel::tool::Writes::kPicture);
   tool.name_fields({{"y_down", "--normal-y"}});
   return tool.run(argc, argv, [&] {
     finish(s);
     require_effect(tool.app(), s);
     check_levels(tool.app(), s);
     check(s);
-    const surfel::Scene scene = load_scene(s);
+    const surfel::Scene scene = load_scene(tool, s);
 
     nlohmann::json& report = tool.report();
     const surfel::Timer load;
@@ -594,7 +599,14 @@ int main(int argc, char** argv) {
     if (!s.input.empty()) loaded = load_surfels(tool, s);
     const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
     std::optional<MeshPainter> mesh;
-    if (!s.mesh.empty()) mesh.emplace(tool.app(), s, scene);
+    if (!s.mesh.empty()) {
+      mesh.emplace(tool.app(), s, scene);
+      for (const surfel::MeshMaterial& material : mesh->mesh.material) {
+        for (const std::string& map : {material.texture, material.normal_map, material.bump_map}) {
+          tool.files().read_also("the mesh's image", map);
+        }
+      }
+    }
     const surfel::SceneExtent extent = surfels ? surfels->extent() : mesh->renderer->extent();
     const std::vector<Paint> steps =
         mesh ? std::vector{paint_slowly(mesh->renderer)} : surfel_steps(s, *loaded, scene);
@@ -606,6 +618,11 @@ int main(int argc, char** argv) {
     report["streamed"] = loaded && !loaded->store().resident();
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     const std::vector<surfel::Camera> views = cameras(s, extent);
+    if (is_pattern(s.output)) {
+      for (std::size_t i = 0; i < views.size(); ++i) {
+        tool.files().write_also("--output", picture_name(s.output, i));
+      }
+    }
     const std::size_t pictures = views.size() * steps.size();
     // Kept apart from the report until all are written: the writer adds to them.
     std::vector<nlohmann::json> frames(pictures);

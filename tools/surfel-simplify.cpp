@@ -20,7 +20,7 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   app.add_option("surfels", s.input, "Surfels with normals (PLY, PCD; - = standard input)")
       ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (PLY; - = standard output)")
+  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD; - = standard output)")
       ->required();
 
   app.option_defaults()->group("How few");
@@ -107,6 +107,8 @@ int main(int argc, char** argv) {
                           "Merges surfels where the surface is flat and its colours are smooth.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.files().reads({"surfels"});
+  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.simplify.problems());
     const std::string name = surfel::tool::shown_name(s.input);

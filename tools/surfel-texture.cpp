@@ -398,6 +398,8 @@ int main(int argc, char** argv) {
                           "Gives surfels the coefficients w_k of a texture, filtered for each.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.files().reads({"surfels", "--image", "--mesh", "--normal-map", "--bump"});
+  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"robust_scale", "--robust"}, {"y_down", "--normal-y"}});
   return tool.run(argc, argv, [&] {
     if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};

@@ -77,8 +77,9 @@ TEST_F(SurfelConvert, JoinsFilesWithMaterialsOfTheirOwn) {
 }
 
 TEST_F(SurfelConvert, SaysWhatItMadeUpAndLeftOut) {
-  ASSERT_EQ(run({tool("surfel-group"), sphere_, "-o", sphere_, "--quiet"}).exit_code, 0);
-  const RunResult result = convert({sphere_, layers_});
+  const std::string grouped = folder_ / "grouped_sphere.ply";
+  ASSERT_EQ(run({tool("surfel-group"), sphere_, "-o", grouped, "--quiet"}).exit_code, 0);
+  const RunResult result = convert({grouped, layers_});
   EXPECT_EQ(result.exit_code, 0);
   EXPECT_TRUE(contains(result.errors, "sphere.ply: has no alpha")) << result.errors;
   EXPECT_TRUE(contains(result.errors, "not all files have them: group")) << result.errors;

@@ -77,7 +77,7 @@ TEST_F(SurfelLod, RefusesWhatItCannotWrite) {
   const RunResult result =
       run({tool("surfel-lod"), Sphere::get().plain, "-o", folder_ / "out.pcd"});
   EXPECT_EQ(result.exit_code, 2);
-  EXPECT_TRUE(contains(result.errors, "PLY")) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "use .ply")) << result.errors;
   EXPECT_EQ(
       run({tool("surfel-lod"), Sphere::get().plain, "-o", folder_ / "out.ply", "--reduction", "1"})
           .exit_code,

@@ -74,10 +74,10 @@ TEST(ToolMessages, NameTheOptionsThatSetTheFields) {
   const TemporaryFolder folder;
   const std::string points = folder / "points.xyz";
   write_text(points, "0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 0 0\n2 1 0\n");
-  const std::string out = folder / "out.ply";
   const auto refused = [&](std::vector<std::string> words, const std::string& message) {
     words.front() = tool(words.front());
-    words.insert(words.end(), {"-o", out});
+    words.insert(words.end(),
+                 {"-o", folder / (words.front().ends_with("render") ? "out.png" : "out.ply")});
     const RunResult result = run(words);
     EXPECT_EQ(result.exit_code, 2) << result.errors;
     EXPECT_NE(result.errors.find(message), std::string::npos) << result.errors;

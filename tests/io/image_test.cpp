@@ -342,6 +342,7 @@ TEST(Image, WrongUsageIsRefused) {
   const Image image = all_8bit_values();
   for (const std::string name : {"a.xyz", "noextension", "a.obj", "a."}) {
     EXPECT_EQ(error_kind(name, [&] { write_image(image, folder / name); }), ErrorKind::kUsage);
+    EXPECT_EQ(error_kind(name, [&] { image_format_has_alpha(name); }), ErrorKind::kUsage);
   }
   Image empty = make_image(0, 5, {"R", "G", "B"});
   EXPECT_EQ(error_kind("e.png", [&] { write_image(empty, folder / "e.png"); }), ErrorKind::kUsage);
@@ -350,6 +351,19 @@ TEST(Image, WrongUsageIsRefused) {
   EXPECT_EQ(error_kind("s.png", [&] { write_image(short_of_data, folder / "s.png"); }),
             ErrorKind::kUsage);
   EXPECT_EQ(files_in(folder / ""), 0u);
+}
+
+TEST(Image, FormatsTellWhetherTheyHoldAlpha) {
+  const TemporaryFolder folder;
+  Image clear = make_image(2, 2, {"R", "G", "B", "A"});
+  for (const std::string extension :
+       {"png", "PNG", "exr", "tif", "tga", "webp", "jpg", "JPEG", "hdr", "ppm"}) {
+    const std::string file = folder / ("a." + extension);
+    write_image(clear, file);
+    const bool kept = read_image(file).data[3] < 0.5f;
+    EXPECT_EQ(image_format_has_alpha(file), kept) << extension;
+  }
+  EXPECT_TRUE(image_format_has_alpha("-"));
 }
 
 TEST(Image, TargetsThatCannotBeWrittenAreErrors) {

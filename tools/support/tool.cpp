@@ -83,6 +83,7 @@ struct Tool::Impl {
   std::string name;
   CLI::App app;
   FieldNames field_names;
+  RunFiles files{app};
   CommonOptions common;
   bool print_config = false;
   nlohmann::json report = nlohmann::json::object();
@@ -131,6 +132,8 @@ void Tool::Impl::add_common_options() {
                  "JSON report to write: options, counts, times in ms, peak memory in bytes")
       ->type_name("FILE")
       ->group(group);
+  files.reads({"--config"});
+  files.writes("--stats", Writes::kReport);
 }
 
 /// False if the run ends here: help, version or settings were printed.
@@ -230,6 +233,7 @@ Tool::~Tool() = default;
 
 CLI::App& Tool::app() { return impl_->app; }
 void Tool::name_fields(FieldNames names) { impl_->field_names = std::move(names); }
+RunFiles& Tool::files() { return impl_->files; }
 const CommonOptions& Tool::common() const { return impl_->common; }
 nlohmann::json& Tool::report() { return impl_->report; }
 
@@ -293,6 +297,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   std::optional<OutputFile> stats;
   if (proceed) {
     outcome = impl_->attempt([&] {
+      impl_->files.check();
       set_thread_count(impl_->common.threads);
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {

@@ -9,6 +9,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <surfel/base/timing.h>
 
+#include "tools/support/files.h"
 #include "tools/support/options.h"
 
 namespace surfel::tool {
@@ -39,6 +40,8 @@ struct CommonOptions {
 ///           ->required();
 ///       tool.app().add_option("-o,--output", output, "Surfels to write")->required();
 ///       tool.app().add_option("--step", options.step, "Keep one surfel in this many, >= 1");
+///       tool.files().reads({"surfels"});
+///       tool.files().writes("--output", surfel::tool::Writes::kSurfels);
 ///       return tool.run(argc, argv, [&] {
 ///         surfel::tool::require_valid(options.problems());
 ///         const surfel::SurfelCloud cloud = surfel::read_cloud(input);
@@ -63,6 +66,9 @@ class Tool {
   /// field's: messages of the library are told with the options' names (with_option_names()).
   void name_fields(FieldNames names);
   const CommonOptions& common() const;
+  /// The files that the options name. A tool declares which options are files beside its options;
+  /// run() checks them before the body begins.
+  RunFiles& files();
 
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <filesystem>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -10,9 +9,13 @@
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_reader.h>
 #include <surfel/io/png_writer.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
+
+/// Of a file that is written as PNG, without a plug-in.
+bool is_png_name(const std::string& path) { return path == "-" || lower_extension(path) == ".png"; }
 
 Image read_image(const std::string& path, ImageForm form) {
   InputFile file(path);
@@ -51,7 +54,7 @@ void write_image(const Image& image, const std::string& path, const ImageWriteOp
   if (values == 0 || values != image.data.size()) {
     throw_usage(path + ": an image without pixels cannot be written");
   }
-  if (path == "-" || std::filesystem::path(path).extension() == ".png") {
+  if (is_png_name(path)) {
     // Opened before the work, so that a target that cannot be written is found at once.
     OutputFile file(path, options.no_clobber);
     const std::vector<unsigned char> bytes = encode_png(image, options);
@@ -62,6 +65,14 @@ void write_image(const Image& image, const std::string& path, const ImageWriteOp
   const auto write =
       reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
   write(image, path, options);
+}
+
+bool image_format_has_alpha(const std::string& path) {
+  if (is_png_name(path)) return true;
+  const auto ask = reinterpret_cast<ImageAlphaFunction*>(plugin_symbol("image", kImageAlphaSymbol));
+  bool alpha = false;
+  ask(path, alpha);
+  return alpha;
 }
 
 }  // namespace surfel

@@ -79,4 +79,8 @@ struct ImageWriteOptions {
 SURFEL_API void write_image(const Image& image, const std::string& path,
                             const ImageWriteOptions& options = {});
 
+/// Whether files of this name hold alpha as write_image() writes them: PNG and EXR do, JPEG and HDR
+/// do not. Throws Error(kUsage) naming the extensions that are written, where this one is not.
+SURFEL_API bool image_format_has_alpha(const std::string& path);
+
 }  // namespace surfel

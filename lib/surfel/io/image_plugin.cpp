@@ -456,6 +456,12 @@ SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std:
   file.commit();
 }
 
+SURFEL_API void surfel_image_plugin_alpha(const std::string& path, bool& alpha) {
+  using namespace surfel;
+  const Encoding encoding = encoding_of(*make_output(path));
+  alpha = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kStraight8;
+}
+
 SURFEL_API void surfel_image_plugin_compare(const surfel::Image& a, const surfel::Image& b,
                                             int first, int last, float threshold,
                                             surfel::ChannelDifference& difference) {

@@ -24,22 +24,24 @@ struct ChannelDifference {
 };
 
 /// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
-/// tools that see no image but PNG. The first three have the contracts of read_image(),
-/// open_image() and write_image(); they take over the file at `path`. The last compares the
-/// channels [first, last) of two pictures of equal size and channels, all of whose values are
-/// finite.
+/// tools that see no image but PNG. The first four have the contracts of read_image(),
+/// open_image(), write_image() and image_format_has_alpha(); reading takes over the file at `path`.
+/// The last compares the channels [first, last) of two pictures of equal size and channels, all of
+/// whose values are finite.
 using ReadImageFunction = void(InputFile& file, const std::string& path, ImageForm form,
                                Image& image);
 using OpenImageFunction = void(InputFile& file, const std::string& path,
                                std::shared_ptr<ImageReader>& reader);
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
+using ImageAlphaFunction = void(const std::string& path, bool& alpha);
 using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
                                    float threshold, ChannelDifference& difference);
 
 inline constexpr char kReadImageSymbol[] = "surfel_image_plugin_read";
 inline constexpr char kOpenImageSymbol[] = "surfel_image_plugin_open";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";
+inline constexpr char kImageAlphaSymbol[] = "surfel_image_plugin_alpha";
 inline constexpr char kCompareImagesSymbol[] = "surfel_image_plugin_compare";
 
 }  // namespace surfel

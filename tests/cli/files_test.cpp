@@ -1,0 +1,170 @@
+// No tool writes over what it reads, twice to one file, or to a name of another format.
+
+#include <gtest/gtest.h>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A folder with one input of every kind.
+class Files : public testing::Test {
+ protected:
+  Files() {
+    write_text(at("cloud.ply"),
+               "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+               "property float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
+               "property float variance\nend_header\n0 0 0 0 0 1 .2\n1 0 0 0 0 1 .2\n"
+               "0 1 0 0 0 1 .2\n1 1 0 0 0 1 .2\n");
+    for (const char* more : {"second.ply", "cloud.csv", "cloud.json"}) {
+      fs::copy_file(at("cloud.ply"), at(more));
+    }
+    write_text(at("mesh.obj"),
+               "mtllib mesh.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\n"
+               "vt 0 1\nusemtl m\nf 1/1 2/2 3/3\n");
+    write_text(at("mesh.mtl"), "newmtl m\nmap_Kd skin.png\n");
+    write_text(at("view.toml"), "eye = [0, 0, 3]\n");
+    write_text(at("scene.toml"), "[environment]\nimage = \"sky.png\"\n");
+    write_text(at("config.json"), "cutoff = 1\n");
+    const std::string picture = at("sky.png");
+    run({tool("surfel-generate"), "checker", "--size", "8x8", "--image", picture});
+    for (const char* more : {"skin.png", "map.png", "other.png", "view_0001.png"}) {
+      fs::copy_file(picture, at(more));
+    }
+  }
+  std::string at(const std::string& name) const { return folder_ / name; }
+
+  /// Runs a tool in the folder, which must stay as it is: file names need no path.
+  RunResult run_here(const std::string& command) const {
+    const auto before = contents();
+    const RunResult result =
+        run({"sh", "-c",
+             "cd '" + (folder_ / "") + "' && " + std::string(SURFEL_TOOL_DIR) + "/" + command});
+    EXPECT_EQ(contents(), before) << command;
+    return result;
+  }
+  /// Wrong usage, with a message that says so.
+  void expect_refused(const std::string& command, const std::string& message) const {
+    const RunResult result = run_here(command);
+    EXPECT_EQ(result.exit_code, 2) << command << "\n" << result.errors;
+    EXPECT_TRUE(contains(result.errors, message)) << command << "\n" << result.errors;
+  }
+
+ private:
+  std::vector<std::pair<std::string, std::string>> contents() const {
+    std::vector<std::pair<std::string, std::string>> all;
+    for (const std::string& name : entries(folder_ / "")) {
+      if (fs::is_regular_file(at(name))) all.emplace_back(name, read_text(at(name)));
+    }
+    return all;
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(Files, NoOutputIsAnInput) {
+  const auto lost = [&](const std::string& command, const std::string& files) {
+    expect_refused(command, files + " are one file, which would be lost; give --");
+  };
+  lost("surfel-estimate cloud.ply -o cloud.ply", "cloud cloud.ply and --output cloud.ply");
+  for (const char* tool :
+       {"texture --image checker", "group", "convert", "lod", "simplify --count 2"}) {
+    lost(std::string("surfel-") + tool + " cloud.ply -o cloud.ply",
+         "surfels cloud.ply and --output cloud.ply");
+  }
+  lost("surfel-convert second.ply cloud.ply -o cloud.ply",
+       "surfels cloud.ply and --output cloud.ply");
+  fs::copy_file(at("mesh.obj"), at("mesh.ply"));
+  lost("surfel-from-mesh mesh.ply --count 3 -o mesh.ply", "mesh mesh.ply and --output mesh.ply");
+  lost("surfel-texture cloud.ply --mesh mesh.ply -o mesh.ply",
+       "--mesh mesh.ply and --output mesh.ply");
+  lost("surfel-compare other.png map.png -o other.png", "tested other.png and --output other.png");
+  lost("surfel-compare other.png map.png -o map.png", "truth map.png and --output map.png");
+  lost("surfel-info cloud.json --stats cloud.json", "file cloud.json and --stats cloud.json");
+  lost("surfel-info cloud.ply --config config.json --stats config.json",
+       "--config config.json and --stats config.json");
+  fs::create_directory(at("report"));
+  fs::rename(at("cloud.csv"), at("report/report.csv"));
+  lost("surfel-chart report/report.csv -o report",
+       "input report/report.csv and --output report/report.csv");
+}
+
+TEST_F(Files, NoPictureIsAnInput) {
+  const auto lost = [&](const std::string& options, const std::string& files) {
+    expect_refused("surfel-render " + options, files + " are one file, which would be lost");
+  };
+  lost("--mesh mesh.obj --image map.png -o map.png", "--image map.png and --output map.png");
+  lost("--mesh mesh.obj --normal-map map.png -o map.png",
+       "--normal-map map.png and --output map.png");
+  lost("--mesh mesh.obj --bump map.png -o map.png", "--bump map.png and --output map.png");
+  lost("--mesh mesh.obj -o skin.png", "--output skin.png and the mesh's image skin.png");
+  lost("cloud.ply --scene scene.toml -o sky.png",
+       "--output sky.png and the environment map sky.png");
+  lost("--mesh mesh.obj --image view_0001.png --turntable 2 -o view_%04d.png",
+       "--image view_0001.png and --output view_0001.png");
+  fs::copy_file(at("view.toml"), at("toml.png"));
+  lost("cloud.ply --camera toml.png -o toml.png", "--camera toml.png and --output toml.png");
+  lost("cloud.ply --scene toml.png -o toml.png", "--scene toml.png and --output toml.png");
+}
+
+TEST_F(Files, LinksAndOtherPathsAreFollowedAndTheOrderIsTheUsers) {
+  fs::create_symlink("cloud.ply", at("link.ply"));
+  fs::create_hard_link(at("cloud.ply"), at("hard.ply"));
+  const std::string tool = "surfel-group ";
+  expect_refused(tool + "cloud.ply -o ./cloud.ply", "surfels cloud.ply and --output ./cloud.ply");
+  expect_refused(tool + "link.ply -o cloud.ply", "surfels link.ply and --output cloud.ply");
+  expect_refused(tool + "cloud.ply -o link.ply", "surfels cloud.ply and --output link.ply");
+  expect_refused(tool + "cloud.ply -o hard.ply", "surfels cloud.ply and --output hard.ply");
+  expect_refused(tool + "-o hard.ply cloud.ply", "--output hard.ply and surfels cloud.ply");
+}
+
+TEST_F(Files, NoTwoOutputsAreOneFile) {
+  const auto twice = [&](const std::string& command, const std::string& files) {
+    expect_refused(command, files + " are one file, which would be lost; give each a name");
+  };
+  twice("surfel-group cloud.ply -o new --stats ./new", "--output new and --stats ./new");
+  twice("surfel-group --stats new cloud.ply -o new", "--stats new and --output new");
+  twice("surfel-generate ball -o a.ply --mesh a.ply", "--output a.ply and --mesh a.ply");
+  // Standard output and devices can take both.
+  EXPECT_EQ(run_here("surfel-group cloud.ply -o /dev/null --stats /dev/null").exit_code, 0);
+  EXPECT_EQ(run_here("surfel-convert - -o - < cloud.ply").exit_code, 0);
+  expect_refused("surfel-generate checker -o a.png --image b.png",
+                 "--output and --image both name the picture");
+}
+
+TEST_F(Files, NamesOfOtherFormatsAreRefused) {
+  const auto other = [&](const std::string& command, const std::string& message) {
+    expect_refused(command, message);
+  };
+  const std::string surfels = "q.obj: surfels are not written as '.obj'; use .ply or .pcd";
+  other("surfel-convert cloud.ply -o q.obj", surfels);
+  other("surfel-estimate cloud.ply -o q.obj", surfels);
+  other("surfel-texture cloud.ply --image checker -o q.obj", surfels);
+  other("surfel-group cloud.ply -o q.obj", surfels);
+  other("surfel-simplify cloud.ply --count 2 -o q.obj", surfels);
+  other("surfel-from-mesh mesh.obj --count 3 -o q.obj", surfels);
+  other("surfel-generate ball -o q.obj", surfels);
+  other("surfel-generate --case layers -o q.obj", surfels);
+  other("surfel-lod cloud.ply -o q.pcd", "not written as '.pcd'; use .ply");
+  other("surfel-generate ball --mesh q.stl", "meshes are not written as '.stl'; use .obj or .ply");
+  other("surfel-generate ball --mesh q", "not written to a name without extension; use .obj");
+  const std::string picture = "q.ply: images are not written as '.ply'; use .png, .exr";
+  other("surfel-generate checker -o q.ply", picture);
+  other("surfel-generate checker --image q.ply", picture);
+  other("surfel-generate sky -o q.png", "not written as '.png'; use .exr or .hdr");
+  other("surfel-render cloud.ply -o q.ply", picture);
+  other("surfel-render cloud.ply -o q", "q: images are not written as ''; use .png, .exr");
+  other("surfel-compare map.png other.png -o q.ply", picture);
+  other("surfel-info cloud.ply --stats q.ply", "reports are not written as '.ply'; use .json");
+}
+
+TEST_F(Files, AChartKeepsAFolderNamedWork) {
+  fs::create_directories(at("charts/work"));
+  write_text(at("charts/work/thesis.txt"), "mine");
+  expect_refused("surfel-chart cloud.ply --quick -o charts", "charts/work: is there already");
+  EXPECT_EQ(read_text(at("charts/work/thesis.txt")), "mine");
+}
+
+}  // namespace
+}  // namespace surfel::test

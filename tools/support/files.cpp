@@ -1,0 +1,152 @@
+#include "tools/support/files.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <surfel/base/error.h>
+#include <surfel/io/image_io.h>
+#include <sys/stat.h>
+
+namespace surfel::tool {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The extensions that files with such contents have, and what the contents are called; an empty
+/// extension stands for names without one.
+struct Formats {
+  const char* contents;
+  std::vector<std::string> extensions;
+};
+
+Formats formats_of(Writes what) {
+  switch (what) {
+    case Writes::kSurfels:
+      return {"surfels", {".ply", ".pcd", ""}};
+    case Writes::kLevels:
+      return {"surfels with levels of detail", {".ply", ""}};
+    case Writes::kMesh:
+      return {"meshes", {".obj", ".ply"}};
+    case Writes::kSky:
+      return {"skies, which are brighter than white,", {".exr", ".hdr"}};
+    case Writes::kReport:
+      return {"reports", {".json", ""}};
+    case Writes::kPicture:
+    case Writes::kAny:
+      break;
+  }
+  return {};
+}
+
+/// Both are there and are one file that can be lost, as pipes and devices cannot.
+bool same_file(const std::string& a, const std::string& b) {
+  struct stat first {};
+  struct stat second {};
+  return stat(a.c_str(), &first) == 0 && stat(b.c_str(), &second) == 0 && S_ISREG(first.st_mode) &&
+         first.st_dev == second.st_dev && first.st_ino == second.st_ino;
+}
+
+/// Neither need be there.
+bool same_target(const std::string& a, const std::string& b) {
+  if (same_file(a, b)) return true;
+  std::error_code error;
+  if (fs::exists(a, error) || fs::exists(b, error)) return false;
+  const auto place = [&](const std::string& path) {
+    return fs::weakly_canonical(fs::absolute(path, error), error);
+  };
+  const fs::path place_a = place(a);
+  return !place_a.empty() && place_a == place(b);
+}
+
+}  // namespace
+
+std::string lower_extension(const std::string& path) {
+  return CLI::detail::to_lower(fs::path(path).extension().string());
+}
+
+void require_format(const std::string& path, Writes what) {
+  if (what == Writes::kAny || (path == "-" && what != Writes::kSky)) return;
+  if (what == Writes::kPicture) {
+    image_format_has_alpha(path);
+    return;
+  }
+  const auto [contents, extensions] = formats_of(what);
+  const std::string extension = lower_extension(path);
+  if (std::count(extensions.begin(), extensions.end(), extension) > 0) return;
+  std::vector<std::string> choices = extensions;
+  std::erase(choices, "");
+  throw_usage(fmt::format(
+      "{}: {} are not written {}; use {}", path, contents,
+      extension.empty() ? "to a name without extension" : fmt::format("as '{}'", extension),
+      fmt::join(choices, " or ")));
+}
+
+void RunFiles::reads(const std::vector<std::string>& options) {
+  input_options_.insert(input_options_.end(), options.begin(), options.end());
+}
+
+void RunFiles::writes(const std::string& option, Writes what) {
+  output_options_.push_back({option, what});
+}
+
+std::vector<RunFiles::File> RunFiles::values(const std::string& option) const {
+  const CLI::Option* found = app_.get_option(option);
+  if (found->count() == 0) return {};
+  const std::vector<CLI::Option*>& order = app_.parse_order();
+  const auto place = std::find(order.begin(), order.end(), found) - order.begin();
+  std::vector<File> files;
+  for (const std::string& path : found->results()) {
+    if (path.empty()) continue;
+    files.push_back({option, path, static_cast<std::size_t>(place)});
+  }
+  return files;
+}
+
+void RunFiles::check() {
+  for (const std::string& option : input_options_) {
+    for (const File& file : values(option)) add_input(file);
+  }
+  for (const auto& [option, what] : output_options_) {
+    for (const File& file : values(option)) {
+      add_output(file);
+      require_format(file.path, what);
+    }
+  }
+}
+
+void RunFiles::read_also(const std::string& what, const std::string& path) {
+  add_input({what, path, app_.parse_order().size()});
+}
+
+void RunFiles::write_also(const std::string& option, const std::string& path) {
+  add_output({option, path, app_.parse_order().size()});
+}
+
+void RunFiles::add_input(const File& file) {
+  for (const File& output : outputs_) {
+    if (same_file(file.path, output.path)) refuse(file, output, output.name + " another name");
+  }
+  inputs_.push_back(file);
+}
+
+void RunFiles::add_output(const File& file) {
+  for (const File& input : inputs_) {
+    if (same_file(input.path, file.path)) refuse(input, file, file.name + " another name");
+  }
+  for (const File& output : outputs_) {
+    if (same_target(output.path, file.path)) refuse(output, file, "each a name of its own");
+  }
+  outputs_.push_back(file);
+}
+
+void RunFiles::refuse(const File& a, const File& b, const std::string& advice) {
+  const bool in_order = a.place <= b.place;
+  const File& first = in_order ? a : b;
+  const File& second = in_order ? b : a;
+  throw_usage(fmt::format("{} {} and {} {} are one file, which would be lost; give {}", first.name,
+                          first.path, second.name, second.path, advice));
+}
+
+}  // namespace surfel::tool
