@@ -10,6 +10,7 @@
 #include <surfel/scene/image.h>
 #include <surfel/truth/image_error.h>
 
+#include "tools/support/color.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -49,8 +50,9 @@ void declare(CLI::App& app, Settings& s) {
   tool::add_choice(app, "--encoding", s.options.encoding,
                    {{"srgb", ImageEncoding::kSrgb}, {"linear", ImageEncoding::kLinear}},
                    "Compare what a viewer sees, clamped and encoded, or linear light as it is");
-  tool::add_vector(app, "--background", s.options.background,
-                   "What both pictures are laid over: linear R,G,B and straight alpha");
+  tool::add_color(app, "--background", s.options.background,
+                  "What both pictures are laid over: a name, #rrggbb, #rrggbbaa, or linear R,G,B "
+                  "and straight alpha");
   app.add_flag("--inside", s.options.inside_only,
                "Compare colours only where both alphas are at least 0.99");
   app.add_option("--threshold", s.options.threshold,

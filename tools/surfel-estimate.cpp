@@ -136,7 +136,7 @@ void check_filters(const CLI::App& app, Settings& s) {
 void check(const CLI::App& app, Settings& s) {
   if (s.k == "auto") {
     s.estimate.normals.adaptive = true;
-  } else if (!parse(s.k, s.estimate.normals.k)) {
+  } else if (!parse(surfel::tool::whole_number(s.k).value_or(s.k), s.estimate.normals.k)) {
     surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
   }
   check_filters(app, s);

@@ -1,6 +1,7 @@
 // surfel-render: pictures of surfels by EWA splatting, and the truths to measure them against.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -13,6 +14,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/camera_file.h>
+#include <surfel/io/image_io.h>
 #include <surfel/io/image_queue.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
@@ -30,6 +32,7 @@
 #include <surfel/truth/reference.h>
 #include <surfel/truth/source_ewa.h>
 
+#include "tools/support/color.h"
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
@@ -58,6 +61,7 @@ struct Settings {
   surfel::MethodOptions method_options;
   int turntable = 0;
   bool explain = false;
+  std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
   Shading shading = Shading::kPhong;
   Cull cull = Cull::kNone;
   Filter filter = Filter::kEwa;
@@ -207,8 +211,13 @@ void declare_shading(CLI::App& app, Settings& s) {
                  "Of --mesh and --scene: surfaces at which a ray is bent and mirrored one after "
                  "another, 0..32; 0 = rays go straight on, and surfaces show the environment as "
                  "surfels do");
-  add_vector(app, "--background", s.render.background,
-             "Linear R,G,B and straight alpha, each 0..1");
+  add_text(app, "--background", "COLOR", "auto",
+           "A name such as white or navy, '#rrggbb', '#rrggbbaa', or linear R,G,B and straight "
+           "alpha, each 0..1; auto = transparent, white where the picture's format has no alpha",
+           [&s](const std::string& text) {
+             s.background.reset();
+             if (text != "auto") s.background = parse_color("--background", text);
+           });
 }
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -279,6 +288,12 @@ void finish(Settings& s) {
   s.normals.maps.wrap = s.texture.wrap;
   s.render.cull_back = s.cull == Cull::kBack;
   s.render.aovs = surfel::tool::lower_extension(s.output) == ".exr" && !blends_layers(s);
+  constexpr std::array<float, 4> kWhite{1, 1, 1, 1};
+  if (s.background) {
+    s.render.background = *s.background;
+  } else if (!surfel::image_format_has_alpha(s.output)) {
+    s.render.background = kWhite;
+  }
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }

@@ -32,7 +32,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--count", s.simplify.count,
                  "Exactly this many surfels, with the least error; more where that many sheets or "
                  "materials have to be told apart")
-      ->check(CLI::Range(1.0, 4294967295.0));
+      ->check(CLI::Range(1.0, 4294967295.0).description(""));
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "

@@ -18,6 +18,7 @@
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
+#include "tools/support/color.h"
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
@@ -117,10 +118,10 @@ void declare_solid(CLI::App& app, Settings& s) {
   app.add_option("--octaves", s.solid.octaves,
                  "Of noise, marble and wood: octaves of the noise, 1..16");
   app.add_option("--seed", s.solid.seed, "Of noise, marble and wood: chooses the noise");
-  tool::add_vector(app, "--dark", s.solid.dark,
-                   "Dark colour, linear R,G,B; default: the pattern's own");
-  tool::add_vector(app, "--light", s.solid.light,
-                   "Light colour, linear R,G,B; default: the pattern's own");
+  tool::add_color(app, "--dark", s.solid.dark,
+                  "Dark colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
+  tool::add_color(app, "--light", s.solid.light,
+                  "Light colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
   app.option_defaults()->group("Options");
 }
 

@@ -166,6 +166,35 @@ TEST_F(Probe, ConfigFileSetsOptionsAndTheCommandLineWins) {
   EXPECT_EQ(stats["options"]["config"], config);
 }
 
+TEST_F(Probe, WholeNumbersAndSizesAreReadHoweverTheyAreWritten) {
+  const std::string config = folder_ / "config.toml";
+  write_text(config, "seed = 2e6\nsize = 512\nthreads = \"2\"\n");
+  ASSERT_EQ(work({"--config", config, "--count", "1.5k"}).exit_code, 0);
+  const json stats = report();
+  EXPECT_EQ(stats["options"]["count"], 1500);
+  EXPECT_EQ(stats["options"]["seed"], 2000000);
+  EXPECT_EQ(stats["options"]["threads"], 2);
+  EXPECT_EQ(stats["size"], json({512, 512}));
+  EXPECT_TRUE(contains(read_text(output_), "--count 1500")) << read_text(output_);
+  // Nothing is cut off.
+  for (const auto& [option, value, message] :
+       std::vector<std::tuple<std::string, std::string, std::string>>{
+           {"--count", "1.5", "--count: '1.5' is not a whole number"},
+           {"--count", "3G", "--count: 3G is above 2147483647"},
+           {"--count", "-3G", "--count: -3G is below -2147483648"},
+           {"--seed", "-1", "--seed: -1 is below 0"},
+           {"--seed", "1e20", "--seed: 1e20 is above 18446744073709551615"},
+           {"--spacing", "wide", "--spacing: 'wide' is not a number"}}) {
+    const RunResult result = work({option, value});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, message)) << result.errors;
+  }
+  for (const char* number : {"1.5", "\"1.5\"", "3e9"}) {
+    write_text(config, std::string("count = ") + number + "\n");
+    EXPECT_EQ(work({"--config", config}).exit_code, 2) << number;
+  }
+}
+
 TEST_F(Probe, RequiredOptionsMayStandInTheConfigFile) {
   write_text(folder_ / "config.toml", "output = \"" + output_ + "\"\nflat = false\n");
   EXPECT_EQ(probe({"in", "--config", folder_ / "config.toml"}).exit_code, 0);

@@ -55,6 +55,35 @@ TEST(Render, EveryRendererSeesTheSamePicture) {
   EXPECT_LT(inside(s.picture({"--mesh", s.mesh, "--image", "checker:3", "--samples", "8"})), 15);
 }
 
+TEST(Render, BackgroundIsWhiteWhereThePictureHasNoAlpha) {
+  const Square& s = Square::get();
+  const TemporaryFolder folder;
+  // The upper left corner, far from the square: R G B A.
+  const auto corner = [&](const std::string& name, const Words& options) {
+    Words command{
+        tool("surfel-render"), s.surfels, "-o", folder / name, "--size", "32", "--zoom", "0.3"};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    const Image image = read_image(folder / name);
+    EXPECT_EQ(image.width, 32);
+    EXPECT_EQ(image.height, 32);
+    return std::vector<float>(image.data.begin(), image.data.begin() + 4);
+  };
+  using Pixel = std::vector<float>;
+  EXPECT_EQ(corner("a.png", {}), (Pixel{0, 0, 0, 0}));
+  EXPECT_EQ(corner("a.exr", {}), (Pixel{0, 0, 0, 0}));
+  EXPECT_EQ(corner("a.jpg", {}), (Pixel{1, 1, 1, 1}));
+  EXPECT_EQ(corner("a.hdr", {}), (Pixel{1, 1, 1, 1}));
+  EXPECT_EQ(corner("a.jpg", {"--background", "black"}), (Pixel{0, 0, 0, 1}));
+  EXPECT_EQ(corner("b.png", {"--background", "1,1,1"}), (Pixel{1, 1, 1, 1}));
+  EXPECT_EQ(corner("c.png", {"--background=#ff0000"}), (Pixel{1, 0, 0, 1}));
+  write_text(folder / "config.toml", "background = \"lime\"\n");
+  EXPECT_EQ(corner("d.png", {"--config", folder / "config.toml"}), (Pixel{0, 1, 0, 1}));
+  write_text(folder / "config.toml", "background = [0, 0, 1]\n");
+  EXPECT_EQ(corner("e.png", {"--config", folder / "config.toml"}), (Pixel{0, 0, 1, 1}));
+}
+
 TEST(Render, OptionsWithoutEffectAreRefused) {
   const Square& s = Square::get();
   const std::string glass = std::string(SURFEL_SOURCE_DIR) + "/configs/scene-glass.toml";

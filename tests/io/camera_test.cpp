@@ -205,7 +205,10 @@ TEST(CameraFile, ErrorsNameFileLineAndKey) {
   EXPECT_NE(error("eye = [1, 2]\n").find("eye must be an array of 3 numbers"), std::string::npos);
   EXPECT_NE(error("eye = [1, 2\n").find("file.toml: line"), std::string::npos);
   EXPECT_NE(error("fov = 200\n").find("fov is 200"), std::string::npos);
-  EXPECT_NE(error("size = [1e30, 2]\n").find("whole numbers"), std::string::npos);
+  EXPECT_EQ(read_cameras(written(folder, "size = 48\n"), {}).front().width, 48);
+  EXPECT_EQ(read_cameras(written(folder, "size = 48\n"), {}).front().height, 48);
+  EXPECT_NE(error("size = 1.5\n").find("whole number"), std::string::npos);
+  EXPECT_NE(error("size = [1e30, 2]\n").find("a whole number, or two"), std::string::npos);
   EXPECT_NE(message_of([&] { read_cameras(folder / "none.toml", {}); }).find("cannot be opened"),
             std::string::npos);
   EXPECT_NE(message_of([&] { read_cameras(folder / "", {}); }).find("is a directory"),

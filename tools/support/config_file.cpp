@@ -8,6 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <toml++/toml.h>
 
+#include "tools/support/options.h"
+
 namespace surfel::tool {
 namespace {
 
@@ -47,8 +49,10 @@ nlohmann::json typed(const CLI::Option& option, const std::string& text) {
   const std::string type = option.get_type_name();
   const char* end = text.data() + text.size();
   if (type.starts_with("INT") || type.starts_with("UINT")) {
+    const std::string digits = whole_number(text).value_or(text);
+    end = digits.data() + digits.size();
     std::int64_t value = 0;
-    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    const auto [stop, error] = std::from_chars(digits.data(), end, value);
     if (error == std::errc{} && stop == end) return value;
   } else if (type.starts_with("FLOAT")) {
     double value = 0;

@@ -4,6 +4,9 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <regex>
 
 #include <surfel/scene/framing.h>
 
@@ -84,18 +87,36 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
   return numbers;
 }
 
+std::optional<std::string> whole_number(const std::string& text) {
+  static const std::regex kForm(R"(([-+]?)(\d*)\.?(\d*)(?:[eE]([-+]?\d{1,2})|([kKMG]))?)");
+  constexpr std::size_t kLongest = 64;
+  std::smatch parts;
+  if (text.size() > kLongest || !std::regex_match(text, parts, kForm)) return std::nullopt;
+  std::string digits = parts[2].str() + parts[3].str();
+  if (digits.empty()) return std::nullopt;
+  int power = -static_cast<int>(parts[3].length());
+  if (parts[4].matched) power += std::stoi(parts[4]);
+  if (parts[5].matched) power += parts[5] == "M" ? 6 : parts[5] == "G" ? 9 : 3;
+  for (; power > 0; --power) digits += '0';
+  for (; power < 0; ++power) {
+    if (digits.back() != '0') return std::nullopt;
+    if (digits.size() > 1) digits.pop_back();
+  }
+  digits.erase(0, std::min(digits.find_first_not_of('0'), digits.size() - 1));
+  return digits == "0" || parts[1] != "-" ? digits : "-" + digits;
+}
+
 std::pair<int, int> parse_size(const std::string& option, const std::string& text) {
   constexpr int kLargest = 65536;  // A picture of this width and height takes 64 GB.
-  const std::size_t x = text.find('x');
-  if (x != std::string::npos) {
-    const auto width = parse_number<int>(text.data(), text.data() + x);
-    const auto height = parse_number<int>(text.data() + x + 1, text.data() + text.size());
-    if (width && height && std::min(*width, *height) >= 1 &&
-        std::max(*width, *height) <= kLargest) {
-      return {*width, *height};
-    }
+  const std::size_t x = std::min(text.find('x'), text.size());
+  const char* const end = text.data() + text.size();
+  const auto width = parse_number<int>(text.data(), text.data() + x);
+  const auto height = x == text.size() ? width : parse_number<int>(text.data() + x + 1, end);
+  if (width && height && std::min(*width, *height) >= 1 && std::max(*width, *height) <= kLargest) {
+    return {*width, *height};
   }
-  throw_conversion(option, text, fmt::format("a size WxH in pixels, 1x1 to {0}x{0}", kLargest));
+  throw_conversion(option, text,
+                   fmt::format("a size in pixels, WxH or N for NxN, 1x1 to {0}x{0}", kLargest));
 }
 
 std::uint64_t parse_bytes(const std::string& option, const std::string& text) {
@@ -136,6 +157,42 @@ CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
                   [assign, count, name = long_name(names)](const std::string& text) {
                     assign(parse_numbers(name, text, count));
                   });
+}
+
+void check_numbers(CLI::App& app) {
+  const auto whole = [](const auto least, const auto most) {
+    return [least, most](std::string& text) -> std::string {
+      const auto digits = whole_number(text);
+      if (!digits) {
+        return fmt::format("'{}' is not a whole number, such as 1500, 1.5k, 2M or 1e6", text);
+      }
+      const bool negative = digits->starts_with('-');
+      const auto number = parse_number<std::decay_t<decltype(most)>>(
+          digits->data(), digits->data() + digits->size());
+      if (!number) {
+        return fmt::format("{} is {} {}", text, negative ? "below" : "above",
+                           negative ? fmt::to_string(least) : fmt::to_string(most));
+      }
+      text = *digits;
+      return {};
+    };
+  };
+  const auto number = [](std::string& text) -> std::string {
+    char* end = nullptr;
+    std::strtod(text.c_str(), &end);
+    const bool all = !text.empty() && end == text.c_str() + text.size();
+    return all ? std::string() : fmt::format("'{}' is not a number", text);
+  };
+  using Int = std::numeric_limits<int>;
+  using Unsigned = std::numeric_limits<std::uint64_t>;
+  for (CLI::Option* option : app.get_options()) {
+    const std::string type = option->get_type_name();
+    if (type.starts_with("INT"))
+      option->transform(CLI::Validator(whole(Int::min(), Int::max()), ""));
+    if (type.starts_with("UINT"))
+      option->transform(CLI::Validator(whole(Unsigned::min(), Unsigned::max()), ""));
+    if (type.starts_with("FLOAT")) option->transform(CLI::Validator(number, ""));
+  }
 }
 
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,

@@ -20,7 +20,11 @@ namespace surfel::tool {
 /// the text and what was expected.
 std::vector<double> parse_numbers(const std::string& option, const std::string& text, int count);
 
-/// "WxH", both 1..65536. Throws CLI::ConversionError.
+/// The digits of a whole number, however it is written: "100000", "1e5", "1.5e3", "100k", "2M",
+/// "1G" (powers of 1000). Nullopt for all else, such as 1.5.
+std::optional<std::string> whole_number(const std::string& text);
+
+/// "WxH", or "N" for NxN, both 1..65536. Throws CLI::ConversionError.
 std::pair<int, int> parse_size(const std::string& option, const std::string& text);
 
 /// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
@@ -77,13 +81,17 @@ CLI::Option* add_vector(CLI::App& app, const std::string& names, std::optional<V
                      });
 }
 
-/// Option for a picture's size, "WxH".
+/// Option for a picture's size, "WxH" or "N".
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
                       const std::string& description);
 
 /// The options that place a camera: --eye, --from, --target, --up, --fov, --ortho, --size, --zoom,
 /// --frame-all. What `camera` holds are the defaults.
 void add_view(CLI::App& app, CameraOptions& camera);
+
+/// Lets the values of all options of whole numbers and of numbers be written as whole_number() and
+/// C do, and names the option, the text and what was expected where they are something else.
+void check_numbers(CLI::App& app);
 
 /// Option for one of a set of named values; the error quotes the text and the set.
 template <class T>

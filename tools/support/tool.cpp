@@ -144,17 +144,7 @@ bool Tool::Impl::parse(int argc, char** argv) {
   if (only_settings) {
     for (CLI::Option* option : app.get_options()) option->required(false);
   }
-  // CLI11 takes "-5" for a huge number.
-  const CLI::Validator unsigned_number(
-      [](const std::string& text) {
-        const std::size_t first = text.find_first_not_of(" \t");
-        const bool negative = first != std::string::npos && text[first] == '-';
-        return negative ? text + " is below 0" : std::string();
-      },
-      "");
-  for (CLI::Option* option : app.get_options()) {
-    if (option->get_type_name().starts_with("UINT")) option->check(unsigned_number);
-  }
+  check_numbers(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

@@ -114,10 +114,11 @@ void TomlTable::fail(const char* key, const std::string& message) const {
 void TomlTable::read(const char* key, int& first, int& second) const {
   const toml::node* node = node_->find(key);
   if (!node) return;
-  const std::vector<double> v = node_->numbers(key, *node, 2);
+  const auto both = node->is_number() ? node->value<double>() : std::nullopt;
+  const std::vector<double> v = both ? std::vector{*both, *both} : node_->numbers(key, *node, 2);
   for (const double number : v) {
     if (!(std::abs(number) < 1e9) || number != std::floor(number)) {
-      node_->fail(*node, fmt::format("{} must be two whole numbers", key));
+      node_->fail(*node, fmt::format("{} must be a whole number, or two", key));
     }
   }
   first = static_cast<int>(v[0]);

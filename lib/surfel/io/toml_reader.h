@@ -22,7 +22,7 @@ class TomlTable {
   void read(const char* key, Vec3d& value) const;
   void read(const char* key, std::optional<Vec3d>& value) const;
   void read(const char* key, Vec3f& value) const;
-  /// An array of two integers.
+  /// An array of two integers, or one for both.
   void read(const char* key, int& first, int& second) const;
   /// A number in [least, most]; else Error(kInput) as well.
   void read(const char* key, float& value, double least, double most) const;
