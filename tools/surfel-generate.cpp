@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
@@ -48,6 +49,16 @@ struct Request {
 bool is_texture(const std::string& kind) {
   const auto& names = procedural_texture_names();
   return std::find(names.begin(), names.end(), kind) != names.end();
+}
+
+/// Throws Error(kUsage) for a kind that is none.
+void require_kind(const std::string& kind) {
+  std::vector<std::string> kinds = procedural_scene_names();
+  tool::append(kinds, procedural_texture_names());
+  kinds.emplace_back(kSkyName);
+  if (std::find(kinds.begin(), kinds.end(), kind) != kinds.end()) return;
+  throw_usage(fmt::format("kind: '{}' is not one of {}{}", kind, fmt::join(kinds, ", "),
+                          did_you_mean(kind, kinds)));
 }
 
 void declare(tool::Tool& tool, Request& r) {
@@ -221,11 +232,10 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     tool::require_valid(request.surfels.problems());
     request.size_given = tool.app().get_option("--size")->count() > 0;
-    if (!request.hard_case.empty()) {
-      generate_hard_case(tool, request);
-    } else if (request.kind.empty()) {
-      throw_usage("nothing to make; name a surface, an image, or a --case");
-    } else if (request.kind == kSkyName) {
+    if (!request.hard_case.empty()) return generate_hard_case(tool, request);
+    if (request.kind.empty()) throw_usage("nothing to make; name a surface, an image, or a --case");
+    require_kind(request.kind);
+    if (request.kind == kSkyName) {
       generate_sky(tool, request);
     } else if (is_texture(request.kind)) {
       generate_picture(tool, request);

@@ -125,7 +125,7 @@ TEST_F(Files, NoTwoOutputsAreOneFile) {
   };
   twice("surfel-group cloud.ply -o new --stats ./new", "--output new and --stats ./new");
   twice("surfel-group --stats new cloud.ply -o new", "--stats new and --output new");
-  twice("surfel-generate ball -o a.ply --mesh a.ply", "--output a.ply and --mesh a.ply");
+  twice("surfel-generate sphere -o a.ply --mesh a.ply", "--output a.ply and --mesh a.ply");
   // Standard output and devices can take both.
   EXPECT_EQ(run_here("surfel-group cloud.ply -o /dev/null --stats /dev/null").exit_code, 0);
   EXPECT_EQ(run_here("surfel-convert - -o - < cloud.ply").exit_code, 0);
@@ -144,11 +144,12 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
   other("surfel-group cloud.ply -o q.obj", surfels);
   other("surfel-simplify cloud.ply --count 2 -o q.obj", surfels);
   other("surfel-from-mesh mesh.obj --count 3 -o q.obj", surfels);
-  other("surfel-generate ball -o q.obj", surfels);
+  other("surfel-generate sphere -o q.obj", surfels);
   other("surfel-generate --case layers -o q.obj", surfels);
   other("surfel-lod cloud.ply -o q.pcd", "not written as '.pcd'; use .ply");
-  other("surfel-generate ball --mesh q.stl", "meshes are not written as '.stl'; use .obj or .ply");
-  other("surfel-generate ball --mesh q", "not written to a name without extension; use .obj");
+  other("surfel-generate sphere --mesh q.stl",
+        "meshes are not written as '.stl'; use .obj or .ply");
+  other("surfel-generate sphere --mesh q", "not written to a name without extension; use .obj");
   const std::string picture = "q.ply: images are not written as '.ply'; use .png, .exr";
   other("surfel-generate checker -o q.ply", picture);
   other("surfel-generate checker --image q.ply", picture);

@@ -44,6 +44,30 @@ TEST_F(Probe, HelpNamesOptionsWithDefaults) {
   EXPECT_EQ(result.errors, "");
 }
 
+TEST_F(Probe, MisspeltOptionsAreToldWithTheNearest) {
+  const auto told = [&](const std::vector<std::string>& arguments, const std::string& message) {
+    const RunResult result = probe(arguments);
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, "error: " + message)) << result.errors;
+  };
+  told({"in", "-o", "x", "--siez", "4"}, "--siez is not an option; did you mean --size?");
+  told({"in", "-o", "x", "--siez=4"}, "--siez is not an option; did you mean --size?");
+  told({"in", "-o", "x", "--shininess", "4"}, "--shininess is not an option; see");
+  // Also where the required option is the one that is misspelt, and in the order of the user.
+  told({"in", "--ouput", "x"}, "--ouput is not an option; did you mean --output?");
+  told(
+      {"--siez", "4", "--eey", "1,2,3"},
+      "--siez is not an option; did you mean --size?; --eey is not an option; did you mean --eye?");
+  told({"in", "-output", "x"}, "-output has one dash too few; did you mean --output?");
+  told({"in", "-o", "x", "-size=4"}, "-size=4 has one dash too few; did you mean --size?");
+  told({"in", "more", "most", "-o", "x"}, "'more' 'most' are not expected;");
+  told({"in", "-o", "x", "--ending", "usge"}, "--ending: 'usge' is not one of done, usage,");
+  EXPECT_TRUE(contains(probe({"in", "-o", "x", "--ending", "usge"}).errors, "did you mean usage?"));
+  write_text(folder_ / "config.toml", "spaicng = 1\n");
+  told({"in", "--config", folder_ / "config.toml"},
+       (folder_ / "config.toml") + ": line 1: unknown option 'spaicng'; did you mean spacing?");
+}
+
 TEST_F(Probe, VersionIsOneLine) {
   const RunResult result = probe({"--version"});
   EXPECT_EQ(result.exit_code, 0);

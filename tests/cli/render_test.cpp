@@ -55,6 +55,24 @@ TEST(Render, EveryRendererSeesTheSamePicture) {
   EXPECT_LT(inside(s.picture({"--mesh", s.mesh, "--image", "checker:3", "--samples", "8"})), 15);
 }
 
+TEST(Render, MessagesNameOptionsInTheOrderOfTheUser) {
+  const auto told = [](const Words& options, const std::string& message) {
+    Words command{tool("surfel-render"), "-o", "refused.png"};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, message)) << result.errors;
+  };
+  told({"--mesh", "a.obj", "--reference"}, "--mesh and --reference do not go together");
+  told({"--reference", "--mesh", "a.obj"}, "--reference and --mesh do not go together");
+  told({"a.ply", "--peel", "2", "--voronoi", "off"},
+       "--peel has no effect with --method abuffer; "
+       "leave it out; --voronoi has no effect");
+  told({"a.ply", "--voronoi", "off", "--peel", "2"},
+       "--voronoi has no effect with --method "
+       "abuffer; leave it out; --peel has no effect");
+}
+
 TEST(Render, BackgroundIsWhiteWhereThePictureHasNoAlpha) {
   const Square& s = Square::get();
   const TemporaryFolder folder;

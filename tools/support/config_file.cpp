@@ -107,7 +107,13 @@ std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
     const std::string key(toml_key.str());
     CLI::Option* option = app_.get_option_no_throw("--" + key);
     if (!option || !option->get_configurable()) {
-      fail(toml_key.source(), fmt::format("unknown option '{}'", key));
+      std::vector<std::string> known;
+      for (const CLI::Option* other : app_.get_options()) {
+        if (other->get_configurable() && !other->get_lnames().empty()) {
+          known.push_back(plain_name(*other));
+        }
+      }
+      fail(toml_key.source(), fmt::format("unknown option '{}'{}", key, did_you_mean(key, known)));
     }
     const auto values = as_arguments(node, takes_many(*option));
     if (!values) fail(node.source(), fmt::format("'{}' is not a value or a list of values", key));

@@ -55,12 +55,31 @@ std::string with_option_names(const std::string& message, const CLI::App& app,
   return out;
 }
 
+std::vector<std::string> typed_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    for (const std::string& name : option->get_snames()) names.push_back("-" + name);
+  }
+  return names;
+}
+
 std::vector<std::string> without_effect(const CLI::App& app,
                                         const std::vector<std::string>& options,
                                         const std::string& where) {
-  std::vector<std::string> problems;
+  std::vector<std::string> given;
   for (const std::string& option : options) {
-    if (app.get_option(option)->count() == 0) continue;
+    if (app.get_option(option)->count() > 0) given.push_back(option);
+  }
+  // Those of configuration files come last.
+  const std::vector<CLI::Option*>& order = app.parse_order();
+  const auto place = [&](const std::string& option) {
+    return std::find(order.begin(), order.end(), app.get_option(option));
+  };
+  std::stable_sort(given.begin(), given.end(),
+                   [&](const std::string& a, const std::string& b) { return place(a) < place(b); });
+  std::vector<std::string> problems;
+  for (const std::string& option : given) {
     problems.push_back(fmt::format("{} has no effect {}; leave it out", option, where));
   }
   return problems;

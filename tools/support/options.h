@@ -11,6 +11,7 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
 
@@ -40,7 +41,11 @@ using FieldNames = std::map<std::string, std::string>;
 std::string with_option_names(const std::string& message, const CLI::App& app,
                               const FieldNames& names);
 
-/// "OPTION has no effect WHERE; leave it out" for each of the options that was given.
+/// Names of the options of the command line as they are typed: "--output", "-o".
+std::vector<std::string> typed_names(const CLI::App& app);
+
+/// "OPTION has no effect WHERE; leave it out" for each of the options that was given, in the order
+/// in which they were.
 std::vector<std::string> without_effect(const CLI::App& app,
                                         const std::vector<std::string>& options,
                                         const std::string& where);
@@ -111,8 +116,10 @@ CLI::Option* add_choice(CLI::App& app, const std::string& names, T& value,
                       value = choice;
                       return;
                     }
-                    throw CLI::ValidationError(option,
-                                               fmt::format("'{}' is not one of {}", text, set));
+                    std::vector<std::string> known;
+                    for (const auto& [name, choice] : choices) known.push_back(name);
+                    throw CLI::ValidationError(option, fmt::format("'{}' is not one of {}{}", text,
+                                                                   set, did_you_mean(text, known)));
                   });
 }
 

@@ -95,6 +95,9 @@ struct Tool::Impl {
 
   void add_common_options();
   bool parse(int argc, char** argv);
+  void refuse_words(int argc, char** argv) const;
+  void refuse_leftovers() const;
+  void refuse_pairs() const;
   Outcome attempt(const std::function<void()>& action) const;
   void message(const std::string& text);
   void error(const std::string& text);
@@ -145,6 +148,7 @@ bool Tool::Impl::parse(int argc, char** argv) {
     for (CLI::Option* option : app.get_options()) option->required(false);
   }
   check_numbers(app);
+  refuse_words(argc, argv);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {
@@ -155,9 +159,59 @@ bool Tool::Impl::parse(int argc, char** argv) {
     return false;
   } catch (const CLI::FileError&) {
     throw Error(ErrorKind::kUsage, app.get_config_ptr()->as<std::string>() + ": cannot be read");
+  } catch (const CLI::ParseError&) {
+    // What CLI11 says of missing and contradictory options is of no use where one was misspelt.
+    refuse_leftovers();
+    refuse_pairs();
+    throw;
   }
   if (print_config) print(app.config_to_str());
   return !print_config;
+}
+
+/// A long option with one dash would be taken for short ones: "-output x" for "-o utput x".
+void Tool::Impl::refuse_words(int argc, char** argv) const {
+  for (int i = 1; i < argc && std::strcmp(argv[i], "--") != 0; ++i) {
+    const std::string word = argv[i];
+    if (word.size() < 3 || word[0] != '-' || word[1] == '-') continue;
+    const std::string with_dashes = "-" + word.substr(0, word.find('='));
+    if (app.get_option_no_throw(with_dashes)) {
+      throw_usage(fmt::format("{} has one dash too few; did you mean {}?", word, with_dashes));
+    }
+  }
+}
+
+/// Throws Error(kUsage) for what CLI11 took for neither options nor their values.
+void Tool::Impl::refuse_leftovers() const {
+  std::vector<std::string> unknown;
+  std::vector<std::string> words;
+  for (const std::string& word : app.remaining()) {
+    if (word.size() < 2 || word[0] != '-') {
+      words.push_back("'" + word + "'");
+      continue;
+    }
+    const std::string option = word.substr(0, word.find('='));
+    unknown.push_back(
+        fmt::format("{} is not an option{}", option, did_you_mean(option, typed_names(app))));
+  }
+  require_valid(unknown);
+  if (words.empty()) return;
+  throw_usage(fmt::format("{} {} not expected; names with blanks need quotes",
+                          fmt::join(words, " "), words.size() > 1 ? "are" : "is"));
+}
+
+/// Throws Error(kUsage) for the first two options that exclude one another.
+void Tool::Impl::refuse_pairs() const {
+  const std::vector<CLI::Option*>& order = app.parse_order();
+  for (std::size_t second = 1; second < order.size(); ++second) {
+    for (std::size_t first = 0; first < second; ++first) {
+      CLI::Option* const a = order[first];
+      CLI::Option* const b = order[second];
+      if (a->get_excludes().count(b) + b->get_excludes().count(a) == 0) continue;
+      throw_usage(
+          fmt::format("{} and {} do not go together; leave one out", a->get_name(), b->get_name()));
+    }
+  }
 }
 
 Outcome Tool::Impl::attempt(const std::function<void()>& action) const {

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/chart/sweeps.h>
 #include <surfel/sample/mesh_sampler.h>
 
@@ -279,7 +280,8 @@ void require_known_sweeps(const std::vector<std::string>& names) {
   for (const Sweep& sweep : all_sweeps({})) known.push_back(sweep.name);
   for (const std::string& name : names) {
     if (std::find(known.begin(), known.end(), name) == known.end()) {
-      throw_usage(fmt::format("`sweeps`: '{}' is not one of {}", name, fmt::join(known, ", ")));
+      throw_usage(fmt::format("`sweeps`: '{}' is not one of {}{}", name, fmt::join(known, ", "),
+                              did_you_mean(name, known)));
     }
   }
 }

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/chart/tool_chain.h>
 
@@ -17,7 +18,8 @@ constexpr std::array<const char*, kStageCount> kTools = {"surfel-from-mesh", "su
 std::size_t find_tool(const std::string& name) {
   const auto found = std::find(kTools.begin(), kTools.end(), name);
   if (found == kTools.end()) {
-    throw_usage(fmt::format("'{}' is not one of {}", name, fmt::join(kTools, ", ")));
+    throw_usage(fmt::format("`with`: '{}' is not one of {}{}", name, fmt::join(kTools, ", "),
+                            did_you_mean(name, {kTools.begin(), kTools.end()})));
   }
   return static_cast<std::size_t>(found - kTools.begin());
 }

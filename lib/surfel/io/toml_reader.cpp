@@ -3,7 +3,9 @@
 #include <fstream>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/io/toml_reader.h>
 #include <toml++/toml.h>
 
@@ -128,7 +130,10 @@ void TomlTable::read(const char* key, int& first, int& second) const {
 void TomlTable::reject_unread() const {
   for (const auto& [key, node] : *node_->table) {
     if (!node_->read.contains(std::string(key.str()))) {
-      node_->fail(node, fmt::format("unknown key {}", key.str()));
+      node_->fail(node, fmt::format("unknown key {}; known are {}{}", key.str(),
+                                    fmt::join(node_->read, ", "),
+                                    did_you_mean(std::string(key.str()),
+                                                 {node_->read.begin(), node_->read.end()})));
     }
   }
 }
@@ -136,7 +141,7 @@ void TomlTable::reject_unread() const {
 TomlReader TomlReader::open(const std::string& path) {
   if (std::filesystem::is_directory(path)) throw_io(path, "is a directory; name a TOML file");
   std::ifstream stream(path);
-  if (!stream) throw_io(path, "cannot be opened");
+  if (!stream) throw_io(path, "cannot be opened; is the name right, and may it be read?");
   auto node = std::make_shared<TomlTable::Node>();
   node->path = path;
   try {

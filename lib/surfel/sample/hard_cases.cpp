@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/hard_cases.h>
@@ -519,7 +520,8 @@ HardScene make_hard_case(const std::string& text, std::uint64_t seed) {
   if (found == makers().end()) {
     std::vector<std::string> names;
     for (const HardCase& info : hard_cases()) names.push_back(info.name);
-    throw_usage(fmt::format("no case is called '{}'; there are {}", name, fmt::join(names, ", ")));
+    throw_usage(fmt::format("no case is called '{}'; there are {}{}", name, fmt::join(names, ", "),
+                            did_you_mean(name, names)));
   }
   const HardCase& info = found->info;
   double value = info.value;

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/noise.h>
@@ -61,8 +62,9 @@ ProceduralTexture procedural_texture(const std::string& name,
   if (name == "checker") return checker(options);
   if (name == "siemens") return siemens(options);
   if (name == "noise") return noise(options);
-  throw_usage(fmt::format("no procedural texture is called '{}'; there are {}", name,
-                          fmt::join(procedural_texture_names(), ", ")));
+  throw_usage(fmt::format("no procedural texture is called '{}'; there are {}{}", name,
+                          fmt::join(procedural_texture_names(), ", "),
+                          did_you_mean(name, procedural_texture_names())));
 }
 
 Image rasterize(const ProceduralTexture& texture, int width, int height, int samples) {

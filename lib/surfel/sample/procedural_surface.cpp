@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/sample/noise.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/sample/procedural_surface.h>
@@ -258,8 +259,9 @@ std::vector<SurfacePart> parts_of(const std::string& kind, std::uint64_t seed) {
   } else if (kind == "transparent") {
     parts = transparent_parts();
   } else {
-    throw_usage(fmt::format("no surface is called '{}'; there are {}", kind,
-                            fmt::join(procedural_scene_names(), ", ")));
+    throw_usage(fmt::format("no surface is called '{}'; there are {}{}", kind,
+                            fmt::join(procedural_scene_names(), ", "),
+                            did_you_mean(kind, procedural_scene_names())));
   }
   return parts;
 }

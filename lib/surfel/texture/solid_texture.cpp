@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/nearest_name.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/random.h>
 #include <surfel/texture/filtered_checker.h>
@@ -317,8 +318,9 @@ SolidTextureOptions solid_texture_options(const std::string& name) {
     options.frequency = named.frequency;
     return options;
   }
-  throw_usage(fmt::format("no solid texture is called '{}'; there are {}", named.name,
-                          fmt::join(solid_texture_names(), ", ")));
+  throw_usage(fmt::format("no solid texture is called '{}'; there are {}{}", named.name,
+                          fmt::join(solid_texture_names(), ", "),
+                          did_you_mean(named.name, solid_texture_names())));
 }
 
 SolidTexture::SolidTexture(const SolidTextureOptions& options, const Bounds& bounds) {
