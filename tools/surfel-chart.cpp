@@ -210,6 +210,11 @@ int main(int argc, char** argv) {
             "one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.everyday({"--output", "--quick", "--sweep", "--recommend", "--max-error", "--max-time",
+                 "--image", "--truth", "--count", "--size"},
+                {"surfel-chart lion.obj --quick -o report",
+                 "surfel-chart lion.ply --sweep cutoff,layers -o report",
+                 "surfel-chart lion.obj --quick --recommend --max-error 35"});
   tool.files().reads({"input", "--image", "--mesh", "--scene", "--truth"});
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   tool.name_fields({{"sweeps", "--sweep"}, {"min_psnr", "--max-error"}});

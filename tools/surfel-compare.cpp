@@ -162,6 +162,11 @@ int main(int argc, char** argv) {
       "not met; without limits it is 0 whatever the difference.");
   Settings s;
   declare(tool.app(), s);
+  tool.everyday({"--output", "--scale", "--json", "--inside", "--background", "--encoding",
+                 "--min-psnr", "--max-holes"},
+                {"surfel-compare lion.png truth.png",
+                 "surfel-compare lion.png truth.png -o difference.png --scale 4",
+                 "surfel-compare lion.exr truth.exr --min-psnr 35 --max-holes 0.001"});
   tool.files().reads({"tested", "truth"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);
   return tool.run(argc, argv, [&] {

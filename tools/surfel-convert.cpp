@@ -197,6 +197,11 @@ int main(int argc, char** argv) {
                           "Converts files of surfels, moves them, and joins several into one.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.everyday(
+      {"--output", "--ascii", "--align", "--material", "--scale", "--rotate", "--translate"},
+      {"surfel-convert scan.ply -o scan.pcd",
+       "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
+       "surfel-convert front.ply back.ply --align -o whole.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"reach", "--align-reach"}});

@@ -202,6 +202,12 @@ int main(int argc, char** argv) {
                           "Makes surfels of raw points: normals, their side, splat sizes.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.everyday({"--output", "-k", "--orient", "--viewpoint", "--remove-outliers", "--voxel",
+                 "--smooth", "--variance"},
+                {"surfel-estimate scan.xyz -o scan.ply",
+                 "surfel-estimate scan.pcd --orient viewpoint --viewpoint 0,0,2 -o scan.ply",
+                 "surfel-estimate scan.ply -k auto --remove-outliers --voxel auto --smooth mls -o "
+                 "smooth.ply"});
   tool.files().reads({"cloud"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"neighbors", "--outlier-k"},

@@ -180,6 +180,12 @@ int main(int argc, char** argv) {
                   "Covers a mesh with evenly spread surfels: blue noise, sheet by sheet.");
   Request request;
   declare(tool, request);
+  tool.everyday(
+      {"--output", "--count", "--spacing", "--adaptive", "--max-error", "--image", "--flat",
+       "--seed"},
+      {"surfel-from-mesh lion.obj --count 100k -o lion.ply",
+       "surfel-from-mesh lion.obj --spacing 0.01 --flat -o lion.ply",
+       "surfel-from-mesh lion.obj --adaptive --max-error 0.05 --image lion.png -o lion.ply"});
   tool.files().reads({"mesh", "--image"});
   tool.files().writes("--output", tool::Writes::kSurfels);
   return tool.run(argc, argv, [&] {

@@ -226,6 +226,11 @@ int main(int argc, char** argv) {
                   "Makes surfels, meshes and images whose truth is known, from formulas.");
   Request request;
   declare(tool, request);
+  tool.everyday({"--output", "--count", "--mesh", "--image", "--size", "--texture", "--frequency",
+                 "--seed", "--case"},
+                {"surfel-generate sphere --count 100k -o sphere.ply",
+                 "surfel-generate checker --size 1024 --frequency 16 -o checker.png",
+                 "surfel-generate head --mesh head.obj --image head.png"});
   tool.files().writes("--output", tool::Writes::kAny);
   tool.files().writes("--mesh", tool::Writes::kMesh);
   tool.files().writes("--image", tool::Writes::kPicture);

@@ -253,6 +253,11 @@ int main(int argc, char** argv) {
                           "Divides surfels into groups in which no two overlap (SP06).");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.everyday({"--output", "--groups", "--cover", "--cover-target", "--order", "--overlap",
+                 "--cutoff", "--print-table"},
+                {"surfel-group lion.ply -o grouped.ply",
+                 "surfel-group lion.ply --groups 4 --cover enlarge-each -o grouped.ply",
+                 "surfel-group lion.ply --print-table"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"target", "--cover-target"}, {"fixed_point_iterations", "--fixed-point"}});

@@ -217,13 +217,15 @@ int main(int argc, char** argv) {
   tool.app()
       .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
       ->required();
-  tool.files().reads({"file"});
   tool.app().add_flag("--json", json, "Print JSON");
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
   tool.app().add_option("--samples", options.samples,
                         "Surfels whose spacing and coverage are measured, >= 1");
   tool.app().add_option("--seed", options.seed, "Choice of these surfels");
+  tool.everyday({"--json", "--cutoff", "--samples"},
+                {"surfel-info lion.ply", "surfel-info lion.obj", "surfel-info lion.ply --json"});
+  tool.files().reads({"file"});
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(options.problems());
     const Json description = describe_file(file, options, tool);

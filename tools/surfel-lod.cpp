@@ -48,6 +48,10 @@ int main(int argc, char** argv) {
                           "Adds levels of detail: fewer, larger surfels for distant views.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.everyday(
+      {"--output", "--reduction", "--normal-angle"},
+      {"surfel-lod city.ply -o levels.ply", "surfel-lod city.ply --reduction 2 -o levels.ply",
+       "surfel-lod city.ply --normal-angle 30 --stats levels.json -o levels.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kLevels);
   return tool.run(argc, argv, [&] {

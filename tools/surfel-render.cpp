@@ -597,6 +597,12 @@ int main(int argc, char** argv) {
                           "Renders surfels by screen space EWA splatting (Zwicker et al. 2001).");
   Settings s;
   declare_options(tool.app(), s);
+  tool.everyday(
+      {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
+       "--background", "--scene", "--shading", "--explain"},
+      {"surfel-render lion.ply -o lion.png",
+       "surfel-render lion.ply -o lion.jpg --from 1,0.5,2 --size 800x600 --background navy",
+       "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.files().reads(
       {"surfels", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);

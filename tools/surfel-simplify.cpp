@@ -107,6 +107,10 @@ int main(int argc, char** argv) {
                           "Merges surfels where the surface is flat and its colours are smooth.");
   Settings s;
   declare_options(tool.app(), s);
+  tool.everyday({"--output", "--count", "--max-error", "--light", "--normal-angle", "--cutoff"},
+                {"surfel-simplify lion.ply --count 20k -o few.ply",
+                 "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
+                 "surfel-simplify lion.ply --max-error 0.02 --light 0 -o unlit.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   return tool.run(argc, argv, [&] {

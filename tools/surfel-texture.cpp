@@ -399,6 +399,12 @@ int main(int argc, char** argv) {
                           "Gives surfels the coefficients w_k of a texture, filtered for each.");
   Settings settings;
   declare_options(tool.app(), settings);
+  tool.everyday(
+      {"--output", "--image", "--mesh", "--fit", "--from", "--cutoff", "--solid", "--normal-map",
+       "--bump", "--bump-scale"},
+      {"surfel-texture lion.ply --image lion.png -o textured.ply",
+       "surfel-texture lion.ply --mesh lion.obj --fit render -o textured.ply",
+       "surfel-texture lion.ply --solid marble:9 --light white --dark gray -o marble.ply"});
   tool.files().reads({"surfels", "--image", "--mesh", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"robust_scale", "--robust"}, {"y_down", "--normal-y"}});

@@ -116,10 +116,42 @@ class EveryTool : public testing::TestWithParam<Usage> {
 TEST_P(EveryTool, TellsItsVersionAndHelp) {
   const std::string path = tool(GetParam().name);
   EXPECT_EQ(run({path, "--version"}).output, GetParam().name + " 0.1.0\n");
+  const RunResult all = run({path, "--help-all"});
+  EXPECT_EQ(all.exit_code, 0);
+  for (const char* option : {"--threads", "--config", "--stats", "--no-clobber", "--help-all"}) {
+    EXPECT_TRUE(contains(all.output, option)) << option;
+  }
+}
+
+/// The lines of a text that begin with `start`, without it.
+Words lines_with(const std::string& text, const std::string& start) {
+  Words found;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with(start)) found.push_back(line.substr(start.size()));
+  }
+  return found;
+}
+
+TEST_P(EveryTool, HelpHasTheEverydayOptionsAndThreeExamplesThatAreUnderstood) {
+  const std::string path = tool(GetParam().name);
   const RunResult help = run({path, "--help"});
   EXPECT_EQ(help.exit_code, 0);
-  for (const char* option : {"--threads", "--config", "--stats", "--no-clobber"}) {
-    EXPECT_TRUE(contains(help.output, option)) << option;
+  EXPECT_EQ(help.errors, "");
+  const std::size_t options =
+      lines_with(help.output, "  -").size() - lines_with(help.output, "  -h,").size();
+  EXPECT_GE(options, 4U) << help.output;
+  EXPECT_LE(options, 13U) << help.output;
+  const Words every = lines_with(run({path, "--help-all"}).output, "  -");
+  EXPECT_GT(every.size(), options);
+  EXPECT_TRUE(
+      contains(help.output, "--help-all prints all " + std::to_string(every.size()) + " options"))
+      << help.output;
+  const Words examples = lines_with(help.output, "  " + GetParam().name + " ");
+  EXPECT_EQ(examples.size(), 3U) << help.output;
+  for (const std::string& example : examples) {
+    const RunResult understood = run({"sh", "-c", path + " " + example + " --print-config"});
+    EXPECT_EQ(understood.exit_code, 0) << example << "\n" << understood.errors;
   }
 }
 

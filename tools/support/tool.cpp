@@ -83,6 +83,8 @@ struct Tool::Impl {
   std::string name;
   CLI::App app;
   FieldNames field_names;
+  std::vector<std::string> everyday;
+  std::vector<std::string> examples;
   RunFiles files{app};
   CommonOptions common;
   bool print_config = false;
@@ -95,6 +97,7 @@ struct Tool::Impl {
 
   void add_common_options();
   bool parse(int argc, char** argv);
+  std::string everyday_help();
   void refuse_words(int argc, char** argv) const;
   void refuse_leftovers() const;
   void refuse_pairs() const;
@@ -108,7 +111,9 @@ struct Tool::Impl {
 void Tool::Impl::add_common_options() {
   app.option_defaults()->always_capture_default();
   app.get_formatter()->column_width(34);
-  app.set_help_flag("-h,--help", "Print this help and exit")->configurable(false);
+  app.set_help_flag("-h,--help", "Print the everyday options and examples, and exit")
+      ->configurable(false);
+  app.set_help_all_flag("--help-all", "Print all options and exit");
   app.set_version_flag("--version", fmt::format("{} {}", name, version()),
                        "Print the version and exit")
       ->configurable(false);
@@ -152,6 +157,9 @@ bool Tool::Impl::parse(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {
+    print(everyday_help());
+    return false;
+  } catch (const CLI::CallForAllHelp&) {
     print(app.help());
     return false;
   } catch (const CLI::CallForVersion& call) {
@@ -167,6 +175,26 @@ bool Tool::Impl::parse(int argc, char** argv) {
   }
   if (print_config) print(app.config_to_str());
   return !print_config;
+}
+
+/// The help with everyday options and examples alone.
+std::string Tool::Impl::everyday_help() {
+  if (everyday.empty()) return app.help();
+  const auto shown = [&](const CLI::Option* option) {
+    if (option == app.get_help_ptr() || option == app.get_help_all_ptr()) return true;
+    return std::any_of(everyday.begin(), everyday.end(),
+                       [&](const std::string& other) { return app.get_option(other) == option; });
+  };
+  std::size_t options = 0;
+  for (CLI::Option* option : app.get_options()) {
+    if (!option->nonpositional()) continue;
+    ++options;
+    // The group without a name is not printed.
+    option->group(shown(option) ? "Everyday options" : "");
+  }
+  app.footer(fmt::format("Examples:\n  {}\n\n{} --help-all prints all {} options.",
+                         fmt::join(examples, "\n  "), name, options));
+  return app.help();
 }
 
 /// A long option with one dash would be taken for short ones: "-output x" for "-o utput x".
@@ -248,8 +276,8 @@ void Tool::Impl::error(const std::string& text) {
 void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   nlohmann::json options = nlohmann::json::object();
   for (const CLI::Option* option : app.get_options()) {
-    if (option == app.get_help_ptr() || plain_name(*option) == "version" ||
-        plain_name(*option) == "print-config") {
+    if (option == app.get_help_ptr() || option == app.get_help_all_ptr() ||
+        plain_name(*option) == "version" || plain_name(*option) == "print-config") {
       continue;
     }
     nlohmann::json value = value_in_force(*option);
@@ -278,6 +306,10 @@ Tool::~Tool() = default;
 CLI::App& Tool::app() { return impl_->app; }
 void Tool::name_fields(FieldNames names) { impl_->field_names = std::move(names); }
 RunFiles& Tool::files() { return impl_->files; }
+void Tool::everyday(std::vector<std::string> options, std::vector<std::string> examples) {
+  impl_->everyday = std::move(options);
+  impl_->examples = std::move(examples);
+}
 const CommonOptions& Tool::common() const { return impl_->common; }
 nlohmann::json& Tool::report() { return impl_->report; }
 

@@ -27,9 +27,9 @@ struct CommonOptions {
 };
 
 /// One executable: the common options (--threads, --config, --print-config, --quiet, --verbose,
-/// --no-clobber, --stats, --help, --version), the configuration file, errors to exit codes,
-/// signals, the JSON report. A tool's main() declares its options on app() bound to the members of
-/// its options structs (whose initialisers are the defaults), then returns run():
+/// --no-clobber, --stats, --help, --help-all, --version), the configuration file, errors to exit
+/// codes, signals, the JSON report. A tool's main() declares its options on app() bound to the
+/// members of its options structs (whose initialisers are the defaults), then returns run():
 ///
 ///     int main(int argc, char** argv) {
 ///       surfel::tool::Tool tool("surfel-thin", "Keeps every n-th surfel.");
@@ -65,6 +65,9 @@ class Tool {
   /// Names the options that set fields of the library's structs under another name than the
   /// field's: messages of the library are told with the options' names (with_option_names()).
   void name_fields(FieldNames names);
+  /// The options that --help shows; --help-all shows all, in their groups. Each example is a
+  /// command of this tool as it is typed, to stand below them.
+  void everyday(std::vector<std::string> options, std::vector<std::string> examples);
   const CommonOptions& common() const;
   /// The files that the options name. A tool declares which options are files beside its options;
   /// run() checks them before the body begins.
