@@ -19,6 +19,9 @@ namespace {
 namespace fs = std::filesystem;
 using surfel::tool::Tool;
 
+/// File of the work folder by which a run is taken up.
+constexpr const char* kJournal = "journal.jsonl";
+
 struct Settings {
   std::string output;
   std::string sweeps;
@@ -119,7 +122,7 @@ class WorkFolder {
     if (temporary_) path_ = pattern;
     resumed_ = fs::exists(path_, error);
     // It is removed in the end, with all that is in it.
-    if (!temporary_ && resumed_ && !fs::exists(fs::path(path_) / "journal.jsonl", error) &&
+    if (!temporary_ && resumed_ && !fs::exists(fs::path(path_) / kJournal, error) &&
         !fs::is_empty(path_, error)) {
       surfel::throw_usage(path_ +
                           ": is there already and is no interrupted run's; give --output another "
@@ -132,16 +135,18 @@ class WorkFolder {
   ~WorkFolder() {
     if (temporary_) remove();
   }
-  /// Runs a function that works in the folder. Where wrong usage ends it, a folder that this object
-  /// made is removed.
+  /// Runs a function that works in the folder. Where wrong usage ends it, or an error before there
+  /// is anything that a later run could take up, a folder that this object made is removed.
   template <class Function>
   auto run(const Function& function) const {
     try {
       return function();
     } catch (const surfel::Error& error) {
-      if (error.kind() == surfel::ErrorKind::kUsage && !resumed_) {
+      std::error_code ignored;
+      const bool useless = error.kind() == surfel::ErrorKind::kUsage ||
+                           !fs::exists(fs::path(path_) / kJournal, ignored);
+      if (useless && !resumed_) {
         remove();
-        std::error_code ignored;
         if (made_outer_) fs::remove(fs::path(path_).parent_path(), ignored);
       }
       throw;
@@ -168,7 +173,8 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
     const fs::path path = fs::path(s.output) / file;
     tool.files().write_also("--output", path.string());
     if (tool.common().no_clobber && fs::exists(path)) {
-      surfel::throw_io(path.string(), "exists already and --no-clobber is set");
+      surfel::throw_io(path.string(),
+                       "exists already and --no-clobber is set; name another folder");
     }
   }
   surfel::require_known_sweeps(s.chart.sweeps);

@@ -173,6 +173,12 @@ int main(int argc, char** argv) {
     check(s);
     const Image tested = surfel::read_premultiplied_image(s.tested);
     const Image truth = surfel::read_premultiplied_image(s.truth);
+    if (tested.width != truth.width || tested.height != truth.height) {
+      surfel::throw_input(
+          surfel::tool::shown_name(s.tested),
+          fmt::format("has {}x{} pixels and {} {}x{}; render both at the same size", tested.width,
+                      tested.height, surfel::tool::shown_name(s.truth), truth.width, truth.height));
+    }
     const ImageError error = surfel::image_error(tested, truth, s.options);
     if (!s.output.empty()) {
       surfel::tool::write_picture(tool, surfel::difference_image(tested, truth, s.options, s.scale),

@@ -112,7 +112,7 @@ void check(const CLI::App& app, Settings& s) {
                          surfel::tool::without_effect(app, {"--align-reach"}, "without --align"));
   }
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
-    problems.emplace_back("standard input can be read once only");
+    problems.emplace_back("standard input can be read once only; name files for the others");
   }
   if (s.ascii && surfel::tool::lower_extension(s.output) == ".pcd") {
     problems.emplace_back("--ascii has no effect on PCD; leave it out");
@@ -204,7 +204,7 @@ int main(int argc, char** argv) {
        "surfel-convert front.ply back.ply --align -o whole.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
-  tool.name_fields({{"reach", "--align-reach"}});
+  tool.name_fields({{"reach", "--align-reach"}, {"rotation", "--rotate"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), s);
     nlohmann::json& report = tool.report();

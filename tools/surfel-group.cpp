@@ -93,7 +93,8 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   using surfel::CoverMethod;
   const auto needs = [&](const char* option, bool in_force, const char* other) {
     if (in_force || app.get_option(option)->count() == 0) return;
-    problems.push_back(fmt::format("{} has no effect without {}", option, other));
+    problems.push_back(
+        fmt::format("{} has no effect without {}; give that, or leave it out", option, other));
   };
   needs("--coplanar-angle", s.grouping.overlap.relax_coplanar, "--relax-coplanar");
   needs("--coplanar-color", s.grouping.overlap.relax_coplanar, "--relax-coplanar");

@@ -213,7 +213,7 @@ void declare_shading(CLI::App& app, Settings& s) {
                  "surfels do");
   add_text(app, "--background", "COLOR", "auto",
            "A name such as white or navy, '#rrggbb', '#rrggbbaa', or linear R,G,B and straight "
-           "alpha, each 0..1; auto = transparent, white where the picture's format has no alpha",
+           "alpha; auto = transparent, white where the picture's format has no alpha",
            [&s](const std::string& text) {
              s.background.reset();
              if (text != "auto") s.background = parse_color("--background", text);

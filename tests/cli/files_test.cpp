@@ -155,7 +155,8 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
   other("surfel-generate checker --image q.ply", picture);
   other("surfel-generate sky -o q.png", "not written as '.png'; use .exr or .hdr");
   other("surfel-render cloud.ply -o q.ply", picture);
-  other("surfel-render cloud.ply -o q", "q: images are not written as ''; use .png, .exr");
+  other("surfel-render cloud.ply -o q",
+        "q: images are not written to a name without extension; use .png, .exr");
   other("surfel-compare map.png other.png -o q.ply", picture);
   other("surfel-info cloud.ply --stats q.ply", "reports are not written as '.ply'; use .json");
 }

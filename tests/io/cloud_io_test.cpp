@@ -398,13 +398,14 @@ TEST(CloudIo, HeaderCommentsApplyToTheCloud) {
 }
 
 TEST(CloudIo, UnusableInputSaysWhatIsMissing) {
-  EXPECT_EQ(error_of(ply("float x,float z", "0 0")), "the points have no column y");
+  EXPECT_EQ(error_of(ply("float x,float z", "0 0")),
+            "the points have no column y; x, y and z are needed");
   EXPECT_EQ(error_of(ply("float x,float y,list uchar int z", "0 0 0")),
-            "the points have no column z");
+            "the points have no column z; x, y and z are needed");
   EXPECT_EQ(error_of(ply("float x,float y,float z", "", 0)), "holds no points");
   EXPECT_EQ(error_of("ply\nformat ascii 1.0\nelement face 0\nend_header\n"),
             "holds no points: it has no element 'vertex'");
-  EXPECT_EQ(error_of(""), "is empty");
+  EXPECT_EQ(error_of(""), "is empty; make it anew");
   EXPECT_EQ(error_of("LASF and so on"),
             "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
 }
@@ -453,7 +454,7 @@ TEST(CloudIo, StandardStreams) {
     read_cloud("-");  // The pipe is at its end.
     ADD_FAILURE() << "no error";
   } catch (const Error& e) {
-    EXPECT_STREQ(e.what(), "standard input: is empty");
+    EXPECT_STREQ(e.what(), "standard input: is empty; make it anew");
   }
 }
 

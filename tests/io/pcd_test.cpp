@@ -193,7 +193,7 @@ TEST(Pcd, BrokenHeadersAreRefusedWithTheirLine) {
   EXPECT_EQ(error_of("VERSION 0.7\nFIELDS x y z\n"),
             "line 2: the header ends without 'DATA'; the file is truncated or is no PCD file");
   EXPECT_EQ(error_of("FIELDS x z\nSIZE 4 4\nTYPE F F\nPOINTS 1\nDATA ascii\n1 2\n"),
-            "the points have no column y");
+            "the points have no column y; x, y and z are needed");
 }
 
 TEST(Pcd, LyingCountsAreRefusedBeforeAnyAllocation) {

@@ -134,7 +134,7 @@ TEST(Ply, NumbersInText) {
 }
 
 TEST(Ply, BrokenHeadersAreRefusedWithTheirLine) {
-  EXPECT_EQ(error(""), "is empty");
+  EXPECT_EQ(error(""), "is empty; make it anew");
   EXPECT_EQ(error("plywood\n"), "is not a PLY file: it does not start with 'ply'");
   EXPECT_EQ(error("ply\nformat ascii 1.0\nelement vertex 1\n"),
             "line 3: the header ends without 'end_header'; the file is truncated");
@@ -243,7 +243,8 @@ TEST(Ply, WhatCannotBeOpenedSaysWhy) {
     return "no error";
   };
   EXPECT_EQ(message(folder / "no.ply"),
-            (folder / "no.ply") + ": cannot be opened: No such file or directory");
+            (folder / "no.ply") +
+                ": cannot be opened: No such file or directory; check its name and folder");
   EXPECT_EQ(message(folder / "."), (folder / ".") + ": is a directory; name a file");
 }
 

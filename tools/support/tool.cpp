@@ -367,7 +367,9 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   bool proceed = false;
   Outcome outcome = impl_->attempt([&] { proceed = impl_->parse(argc, argv); });
   if (outcome.code == kWrongUsage) {
-    impl_->error(fmt::format("{}; see {} --help", outcome.message, impl_->name));
+    // What asks what was meant needs no further advice.
+    const bool asks = outcome.message.ends_with('?');
+    impl_->error(outcome.message + (asks ? "" : "; see " + impl_->name + " --help"));
     return outcome.code;
   }
   std::optional<OutputFile> stats;

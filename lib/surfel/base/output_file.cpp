@@ -146,7 +146,8 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
     mode = 0600;  // The folder is everybody's, the data are not.
   } else {
     if (exists) {
-      if (no_clobber) throw_io(target_, "exists already and `no_clobber` is set");
+      if (no_clobber)
+        throw_io(target_, "exists already and `no_clobber` is set; name another file");
       if (access(target_.c_str(), W_OK) != 0) {
         throw_io(target_, "cannot be written: " + cause());
       }

@@ -138,7 +138,7 @@ struct ChartRunner::Impl {
   void describe(const std::string& key, const std::string& value) {
     summary.emplace_back(key, value);
   }
-  void look_at_input();
+  void look_at_input(FileKind kind);
   void choose_truth(bool with_mesh);
   void make_base();
   void open_journal();
@@ -168,23 +168,24 @@ struct ChartRunner::Impl {
 ChartRunner::Impl::Impl(ChartOptions given) : options(std::move(given)) {
   std::vector<std::string> problems = options.problems();
   if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+  // Before names are made absolute, so that messages have them as they were given.
+  const FileKind kind = file_kind(options.input);
+  if (kind == FileKind::kImage) {
+    throw_input(options.input, "is a picture; give surfels, points or a mesh");
+  }
   // The tools run in another folder. A name that is no file's may be a procedural texture's.
   for (std::string* file :
        {&options.input, &options.image, &options.mesh, &options.scene, &options.folder}) {
     if (fs::exists(*file)) *file = fs::absolute(*file).lexically_normal().string();
   }
-  look_at_input();
+  look_at_input(kind);
 }
 
 /// The kind of the input decides on the tools that lead to a picture.
-void ChartRunner::Impl::look_at_input() {
+void ChartRunner::Impl::look_at_input(FileKind kind) {
   for (const std::string& changes : options.with) user.apply(changes);
   if (user.value(Stage::kSample, "--spacing")) {
     throw_usage("surfel-from-mesh --spacing: give the number of samples as `count` instead");
-  }
-  const FileKind kind = file_kind(options.input);
-  if (kind == FileKind::kImage) {
-    throw_input(options.input, "is a picture; give surfels, points or a mesh");
   }
   context.mesh = kind == FileKind::kMesh;
   if (context.mesh && !options.mesh.empty()) {

@@ -72,7 +72,8 @@ OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
     return cloud.position[i].allFinite();
   });
   out.order.erase(end, out.order.end());
-  if (out.order.empty()) throw_input(name, "there is no point with finite coordinates");
+  if (out.order.empty())
+    throw_input(name, "there is no point with finite coordinates; export the points again");
   out.position = gathered(cloud.position, out.order);
   return out;
 }

@@ -10,6 +10,7 @@
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_to_records.h>
+#include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
@@ -202,7 +203,7 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
 
 SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
-  if (input.size() == 0) throw_input(name, "is empty");
+  if (input.size() == 0) throw_input(name, "is empty; make it anew");
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
     return read_cloud(ply, options);
@@ -212,6 +213,8 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
   if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_xyz_name(name)) return read_xyz(input);
+  if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
+  if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   throw_input(
       name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
 }

@@ -35,15 +35,18 @@ FileKind ply_kind(InputFile file) {
 
 }  // namespace
 
+bool is_mesh_name(const std::string& path) { return contains(kMeshes, lower_extension(path)); }
+bool is_image_name(const std::string& path) { return contains(kImages, lower_extension(path)); }
+
 FileKind file_kind(const std::string& path) {
   if (path == "-") return FileKind::kCloud;
   InputFile file(path);
-  if (file.size() == 0) throw_input(path, "is empty");
+  if (file.size() == 0) throw_input(path, "is empty; make it anew");
   if (PlyFile::matches(file.head(4))) return ply_kind(std::move(file));
   const std::string extension = lower_extension(path);
   if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
-  if (contains(kMeshes, extension)) return FileKind::kMesh;
-  if (contains(kImages, extension)) return FileKind::kImage;
+  if (is_mesh_name(path)) return FileKind::kMesh;
+  if (is_image_name(path)) return FileKind::kImage;
   throw_input(path,
               "format not supported; known are PLY, PCD and text such as XYZ (surfels), PLY, "
               "OBJ, OFF and STL (meshes) and images");

@@ -158,7 +158,7 @@ std::unique_ptr<OIIO::ImageInput> open_file(const std::string& path, const OIIO:
   if (!input) {
     const std::string message = OIIO::geterror();
     const bool unknown = message.find("find a format reader") != std::string::npos;
-    throw_input(path, unknown ? "is no image of a known format"
+    throw_input(path, unknown ? "is no image of a known format; use PNG, EXR, TIFF, JPEG or HDR"
                               : "cannot be read as an image: " + cause(message));
   }
   return input;
@@ -355,8 +355,10 @@ std::unique_ptr<OIIO::ImageOutput> make_output(const std::string& path) {
   auto output = extension.size() > 1 ? OIIO::ImageOutput::create(extension.substr(1)) : nullptr;
   if (!output || !output->supports("ioproxy")) {
     OIIO::geterror();
-    throw_usage(path + ": images are not written as '" + extension +
-                "'; use .png, .exr, .tif, .jpg, .hdr, .bmp, .tga, .webp or .ppm");
+    const std::string as =
+        extension.empty() ? "to a name without extension" : "as '" + extension + "'";
+    throw_usage(path + ": images are not written " + as +
+                "; use .png, .exr, .tif, .jpg, .hdr, .bmp, .tga, .webp or .ppm");
   }
   return output;
 }

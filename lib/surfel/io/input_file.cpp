@@ -43,7 +43,9 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
   Descriptor file(path);
   struct stat status {};
   if (file.value < 0 || fstat(file.value, &status) != 0) {
-    throw_io(name_, "cannot be opened: " + cause());
+    const bool missing = errno == ENOENT || errno == ENOTDIR;
+    throw_io(name_,
+             "cannot be opened: " + cause() + (missing ? "; check its name and folder" : ""));
   }
   if (S_ISDIR(status.st_mode)) throw_io(name_, "is a directory; name a file");
   const bool whole = S_ISREG(status.st_mode) && lseek(file.value, 0, SEEK_CUR) == 0;

@@ -36,14 +36,14 @@ void check(const TriangleMesh& mesh, const std::string& path) {
 
 TriangleMesh read_mesh(const std::string& path) {
   InputFile file(path);
-  if (file.size() == 0) throw_input(file.name(), "the file is empty");
+  if (file.size() == 0) throw_input(file.name(), "is empty; make it anew");
   const std::string extension = path == "-" ? extension_of_content(file) : lower_extension(path);
   if (extension == ".obj") return read_obj(file);
   if (extension == ".ply") return read_ply_mesh(std::move(file));
   if (extension == ".stl") return read_stl(file);
   if (extension == ".off") return read_off(file);
-  throw_input(path, fmt::format("'{}' is not a mesh format that is supported: .obj, .ply, .stl, "
-                                ".off",
+  throw_input(path, fmt::format("'{}' is not a mesh format that is supported; use .obj, .ply, .stl "
+                                "or .off",
                                 extension));
 }
 

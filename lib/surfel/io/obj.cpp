@@ -175,8 +175,9 @@ class ObjReader {
 
   void check_reach(const Reach& reach, std::size_t count, const char* what, const char* plural) {
     if (reach.position == 0 || reach.index < count) return;
-    in_.fail_at(reach.position, fmt::format("a face names {} {}, but there are {} {}", what,
-                                            reach.index + std::size_t{1}, count, plural));
+    in_.fail_at(reach.position,
+                fmt::format("a face names {} {}, but there are {} {}; export the mesh again", what,
+                            reach.index + std::size_t{1}, count, plural));
   }
 
   TextScanner in_;

@@ -47,7 +47,7 @@ class PcdHeaderParser {
       : pcd_(pcd), in_(pcd.file_.name(), pcd.file_.header("DATA"), kHeaderText) {}
 
   void parse() {
-    if (in_.at_end()) throw_input(pcd_.file_.name(), "is empty");
+    if (in_.at_end()) throw_input(pcd_.file_.name(), "is empty; make it anew");
     for (; !ended_; in_.next_line()) {
       if (!in_.skip_to_content()) {
         in_.fail("the header ends without 'DATA'; the file is truncated or is no PCD file");

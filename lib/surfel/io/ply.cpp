@@ -45,7 +45,7 @@ class HeaderParser {
       : file_(file), in_(file, text, header_format(text)) {}
 
   PlyHeader parse() {
-    if (in_.remaining() == 0) throw_input(file_, "is empty");
+    if (in_.remaining() == 0) throw_input(file_, "is empty; make it anew");
     if (in_.rest_of_line() != "ply") {
       throw_input(file_, "is not a PLY file: it does not start with 'ply'");
     }

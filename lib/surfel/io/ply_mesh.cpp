@@ -161,8 +161,10 @@ class PlyMeshReader {
 
   MeshBuilder::Corner corner(std::uint32_t vertex, const char* element, std::size_t i) const {
     if (vertex >= vertex_->count) {
-      throw_input(ply_.name(), fmt::format("{} {} names vertex {}, but there are {} vertices",
-                                           element, i, vertex, vertex_->count));
+      throw_input(
+          ply_.name(),
+          fmt::format("{} {} names vertex {}, but there are {} vertices; export the mesh again",
+                      element, i, vertex, vertex_->count));
     }
     return {.vertex = vertex,
             .uv = uv_per_vertex_ ? vertex : MeshBuilder::kNone,

@@ -81,7 +81,9 @@ void check_chunks(std::span<const std::byte> bytes, const std::string& name) {
     if (length > bytes.size() - at - kFrame) {
       throw_input(
           name,
-          fmt::format("damaged image: a chunk claims {} bytes, more than the file has", length));
+          fmt::format(
+              "damaged image: a chunk claims {} bytes, more than the file has; export it again",
+              length));
     }
     at += kFrame + length;
   }

@@ -80,7 +80,7 @@ SurfelDecoder::SurfelDecoder(const RecordTable& table, const std::string& file)
   for (const char* name : {"x", "y", "z"}) {
     if (std::none_of(table.columns.begin(), table.columns.end(),
                      [&](const RecordColumn& c) { return same_name(c.name, name); })) {
-      throw_input(file, fmt::format("the points have no column {}", name));
+      throw_input(file, fmt::format("the points have no column {}; x, y and z are needed", name));
     }
   }
   find(kPosition, {"x", "y", "z"});

@@ -119,7 +119,9 @@ class XyzReader {
     }
     for (const std::string_view word : words_) {
       const std::optional<double> value = parse_number(word);
-      if (!value) in_.fail(fmt::format("{} is not a number", quoted_excerpt(word)));
+      if (!value)
+        in_.fail(fmt::format("{} is not a number; below the first line a line holds numbers alone",
+                             quoted_excerpt(word)));
       values_.push_back(*value);
     }
   }

@@ -29,7 +29,7 @@ std::vector<std::string> Similarity::problems() const {
   check_option(found, scale >= 1 / kMostScale && scale <= kMostScale, "scale", scale,
                "in 1e-9..1e9");
   if (!(std::abs(rotation.norm() - 1) < 1e-9)) {
-    found.emplace_back("the rotation's axis has no direction");
+    found.emplace_back("`rotation` has an axis without direction; give one that is not 0,0,0");
   }
   if (!translation.allFinite()) found.emplace_back("the translation is not finite");
   return found;
