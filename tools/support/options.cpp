@@ -216,7 +216,8 @@ void check_numbers(CLI::App& app) {
 
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
                       const std::string& description) {
-  return add_text(app, names, "WxH", fmt::format("{}x{}", width, height), description,
+  return add_text(app, names, "WxH", fmt::format("{}x{}", width, height),
+                  description + "; one number: a square",
                   [&width, &height, name = long_name(names)](const std::string& text) {
                     std::tie(width, height) = parse_size(name, text);
                   });
