@@ -23,7 +23,7 @@ scan() {
 
 scan colour_clouds/fragment_normals_rgb.pcd align 0,-1,-0.6 0,-1,0
 scan colour_clouds/lion_takanawa_third.ply align -1,1,0.3 0,0,1
-scan colour_clouds/milk_color.pcd viewpoint 0,0,-1 0,-1,0
+scan colour_clouds/milk_color.pcd "viewpoint --viewpoint 0,0,0" 0,0,-1 0,-1,0
 scan colour_clouds/table_scene_mug_stereo.pcd viewpoint 0,-0.3,-1 0,-1,0
 scan raw_scans/bun0.pcd outward 0,0.2,1 0,1,0
 scan raw_scans/bun000_range_grid.ply "viewpoint --viewpoint 0,0.1,1" 0,0,1 0,1,0

@@ -393,8 +393,85 @@ TEST(CloudIo, HeaderCommentsApplyToTheCloud) {
   ASSERT_TRUE(cloud.viewpoint);
   EXPECT_EQ(cloud.viewpoint->position, Vec3d(1, 2, 3));
   EXPECT_EQ(cloud.viewpoint->orientation, Vec4d(0, 1, 0, 0));
+  EXPECT_FALSE(cloud.up);
   bytes.replace(bytes.find("2.5"), 3, "two");
   EXPECT_EQ(error_of(bytes), "the header comment 'surfel_basis two' has no cutoff > 0");
+}
+
+TEST(CloudIo, UpGoesThroughEveryFormat) {
+  std::string bytes = ply("float x,float y,float z", "0 0 0");
+  bytes.insert(bytes.find("element"), "comment surfel_up 0 0 -2\n");
+  const SurfelCloud cloud = cloud_of(bytes);
+  EXPECT_EQ(cloud.up, Vec3d(0, 0, -1));
+  test::TemporaryFolder folder;
+  for (const char* name : {"a.ply", "a.pcd"}) {
+    write_cloud(cloud, folder / name);
+    EXPECT_EQ(read_cloud(folder / name).up, cloud.up) << name;
+  }
+  for (const std::string wrong : {"0 0 0", "0 0", "0 0 nan", "z"}) {
+    std::string broken = bytes;
+    broken.replace(broken.find("0 0 -2"), 6, wrong);
+    EXPECT_EQ(error_of(broken), "the header comment 'surfel_up " + wrong + "' has no direction");
+  }
+}
+
+/// A range grid of `side` x `side` cells, whose points are `point(column, row)`; every seventh cell
+/// is empty.
+template <class Point>
+std::string range_grid(int side, const Point& point) {
+  std::string points;
+  std::string cells;
+  int count = 0;
+  for (int row = 0; row < side; ++row) {
+    for (int column = 0; column < side; ++column) {
+      if ((row * side + column) % 7 == 3) {
+        cells += "0\n";
+        continue;
+      }
+      const Vec3d p = point(column, row);
+      points +=
+          std::to_string(p.x()) + " " + std::to_string(p.y()) + " " + std::to_string(p.z()) + "\n";
+      cells += "1 " + std::to_string(count++) + "\n";
+    }
+  }
+  const std::string sides = std::to_string(side);
+  return "ply\nformat ascii 1.0\nobj_info num_cols " + sides + "\nobj_info num_rows " + sides +
+         "\nelement vertex " + std::to_string(count) +
+         "\nproperty float x\nproperty float y\nproperty float z\nelement range_grid " +
+         std::to_string(side * side) + "\nproperty list uchar int vertex_indices\nend_header\n" +
+         points + cells;
+}
+
+TEST(CloudIo, RangeGridTellsWhereTheScannerStood) {
+  // Lines of sight along z, and a bump on a slope: its mean slope must not turn the direction.
+  const auto bump = [](int column, int row) {
+    return Vec3d(0.1 * column, 0.1 * row,
+                 0.03 * column + std::exp(-0.1 * ((column - 5) * (column - 5) + row)));
+  };
+  const SurfelCloud cloud = cloud_of(range_grid(12, bump));
+  ASSERT_TRUE(cloud.viewpoint);
+  const Vec3d to_sensor = (cloud.viewpoint->position - cloud.bounds().center()).normalized();
+  EXPECT_GT(to_sensor.z(), 0.9999);
+  const Vec4d& q = cloud.viewpoint->orientation;
+  const Eigen::Matrix3d axes = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  EXPECT_LT((axes.col(2) - Vec3d(0, 0, -1)).norm(), 0.02);  // Forward.
+  EXPECT_LT((axes.col(1) - Vec3d(0, -1, 0)).norm(), 0.02);  // Down.
+
+  // Of a plane the front is told, of a line nothing.
+  const auto plane = [](int column, int row) { return Vec3d(0, 0.1 * column, 0.1 * row); };
+  const SurfelCloud flat = cloud_of(range_grid(12, plane));
+  ASSERT_TRUE(flat.viewpoint);
+  EXPECT_GT(flat.viewpoint->position.x(), 10);
+  const auto line = [](int column, int row) { return Vec3d(column + row, 0, 0); };
+  EXPECT_FALSE(cloud_of(range_grid(12, line)).viewpoint);
+
+  // Grids that do not fit, and vertices that are not there.
+  std::string bytes = range_grid(12, bump);
+  bytes.replace(bytes.find("num_rows 12"), 11, "num_rows 13");
+  EXPECT_FALSE(cloud_of(bytes).viewpoint);
+  bytes = range_grid(12, bump);
+  bytes.replace(bytes.rfind("\n1 5\n"), 5, "\n1 -9\n");
+  EXPECT_TRUE(cloud_of(bytes).viewpoint);
 }
 
 TEST(CloudIo, UnusableInputSaysWhatIsMissing) {

@@ -164,6 +164,26 @@ TEST(Pcd, ViewpointGoesThroughEveryFormat) {
   }
 }
 
+TEST(Pcd, DefaultViewpointIsUnknownUnlessPointsAreInRows) {
+  const auto read = [](const std::string& size, const std::string& viewpoint) {
+    return cloud_of("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n" + size + "\nVIEWPOINT " + viewpoint +
+                    "\nDATA ascii\n0 0 1\n1 0 1\n0 1 1\n1 1 1\n");
+  };
+  EXPECT_FALSE(read("WIDTH 4\nHEIGHT 1", "0 0 0 1 0 0 0").viewpoint);
+  EXPECT_TRUE(read("WIDTH 4\nHEIGHT 1", "0 0 1 1 0 0 0").viewpoint);
+  EXPECT_TRUE(read("WIDTH 4\nHEIGHT 1", "0 0 0 0 1 0 0").viewpoint);
+  const SurfelCloud organised = read("WIDTH 2\nHEIGHT 2", "0 0 0 1 0 0 0");
+  ASSERT_TRUE(organised.viewpoint);
+  // Written without rows, it is still known.
+  test::TemporaryFolder folder;
+  for (const char* name : {"a.ply", "a.pcd"}) {
+    write_cloud(organised, folder / name);
+    const SurfelCloud again = read_cloud(folder / name);
+    ASSERT_TRUE(again.viewpoint) << name;
+    EXPECT_TRUE(is_default(*again.viewpoint));
+  }
+}
+
 TEST(Pcd, BrokenHeadersAreRefusedWithTheirLine) {
   const auto changed = [](const std::string& from, const std::string& to) {
     std::string bytes = header("binary");

@@ -209,6 +209,7 @@ TEST(JoinClouds, HeadersAreJoined) {
   a.coefficient.assign(2, Vec3f(0, 0, 0));
   a.basis_cutoff = 2;
   a.viewpoint = Viewpoint{};
+  a.up = Vec3d(0, 0, 1);
   SurfelCloud b = surfels();
   b.provenance = {"made", "moved"};
   b.comments = {"one", "two"};
@@ -224,6 +225,12 @@ TEST(JoinClouds, HeadersAreJoined) {
   EXPECT_EQ(joined.basis_cutoff, 2);
   EXPECT_FALSE(report.basis_differs);
   EXPECT_FALSE(joined.viewpoint.has_value());
+  EXPECT_FALSE(joined.up.has_value());
+  b.up = a.up;
+  b.viewpoint = a.viewpoint;
+  joined = join({a, b}, {}, &report);
+  EXPECT_TRUE(joined.viewpoint.has_value());
+  EXPECT_EQ(joined.up, a.up);
   b.coefficient = a.coefficient;
   joined = join({a, b}, {}, &report);
   EXPECT_FALSE(joined.basis_cutoff.has_value());

@@ -22,6 +22,7 @@ SurfelCloud surfel() {
   cloud.group_radius = {5};
   cloud.uv = {Vec2f(0.5F, 0.25F)};
   cloud.viewpoint = Viewpoint{Vec3d(1, 0, 0), Eigen::Vector4d(1, 0, 0, 0)};
+  cloud.up = Vec3d(1, 0, 0);
   return cloud;
 }
 
@@ -47,6 +48,7 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   EXPECT_LT((cloud.viewpoint->position - Vec3d(10, 2, -1)).norm(), 1e-12);
   EXPECT_LT((cloud.viewpoint->orientation - Vec4d(std::sqrt(0.5), 0, 0, std::sqrt(0.5))).norm(),
             1e-12);
+  EXPECT_LT((*cloud.up - Vec3d(0, 1, 0)).norm(), 1e-12);
 }
 
 TEST(TransformCloud, FarAwayNothingIsLost) {

@@ -14,6 +14,7 @@
 #include <surfel/io/input_file.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/range_grid.h>
 #include <surfel/io/record_writer.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
@@ -26,6 +27,7 @@ constexpr std::string_view kVersionComment = "surfel ";
 constexpr std::string_view kBasisComment = "surfel_basis ";
 constexpr std::string_view kProvenanceComment = "surfel_provenance ";
 constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
+constexpr std::string_view kUpComment = "surfel_up ";
 
 /// Blank-separated numbers, exactly as many as `values` has; false if they are not there.
 bool parse_numbers(std::string_view text, std::span<double> values) {
@@ -44,8 +46,10 @@ std::string one_line(std::string text) {
   return text;
 }
 
-/// The reverse of read_comments(). PCD has a header line of its own for the viewpoint.
-std::vector<std::string> write_comments(const SurfelCloud& cloud, bool with_viewpoint) {
+/// The reverse of read_comments(). PCD has a header line of its own for the viewpoint, which means
+/// unknown where it is the default; a sensor that stood there needs the comment.
+std::vector<std::string> write_comments(const SurfelCloud& cloud, bool pcd) {
+  const bool with_viewpoint = !pcd || (cloud.viewpoint && is_default(*cloud.viewpoint));
   std::vector<std::string> lines{std::string(kVersionComment) + version()};
   if (cloud.basis_cutoff) lines.push_back(fmt::format("{}{}", kBasisComment, *cloud.basis_cutoff));
   if (with_viewpoint && cloud.viewpoint) {
@@ -53,6 +57,9 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool with_view
     const Vec4d& q = cloud.viewpoint->orientation;
     lines.push_back(fmt::format("{}{} {} {} {} {} {} {}", kViewpointComment, t[0], t[1], t[2], q[0],
                                 q[1], q[2], q[3]));
+  }
+  if (cloud.up) {
+    lines.push_back(fmt::format("{}{}", kUpComment, fmt::join(*cloud.up, " ")));
   }
   for (const std::string& line : cloud.provenance) {
     lines.push_back(std::string(kProvenanceComment) + one_line(line));
@@ -170,6 +177,13 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
         throw_input(file, "the header comment " + quoted_excerpt(text) + " has not seven numbers");
       }
       cloud.viewpoint = Viewpoint{Vec3d(view), Eigen::Vector4d(view + 3)};
+    } else if (text.starts_with(kUpComment)) {
+      double up[3];
+      const bool numbers = parse_numbers(text.substr(kUpComment.size()), up);
+      if (!numbers || !Vec3d(up).allFinite() || !(Vec3d(up).norm() > 0)) {
+        throw_input(file, "the header comment " + quoted_excerpt(text) + " has no direction");
+      }
+      cloud.up = Vec3d(up).normalized();
     } else if (!text.starts_with(kVersionComment)) {
       cloud.comments.push_back(comment);
     }
@@ -198,6 +212,7 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
     cloud.coarser_skipped = coarser;
   }
   read_comments(ply.header().comments, ply.name(), cloud);
+  if (!cloud.viewpoint) cloud.viewpoint = range_grid_viewpoint(ply, cloud);
   return cloud;
 }
 
@@ -259,7 +274,7 @@ void CloudWriter::append(const SurfelCloud& piece) {
   const CloudRecords records(piece, {.pcl_names = w.pcd, .for_text = ascii});
   if (w.columns.empty()) {
     w.columns = records.columns();
-    const std::vector<std::string> comments = write_comments(piece, !w.pcd);
+    const std::vector<std::string> comments = write_comments(piece, w.pcd);
     w.file.write(w.pcd ? pcd_header(w.columns, w.count, piece.viewpoint, comments)
                        : ply_header(w.columns, w.count, piece.tree, ascii, comments));
   }

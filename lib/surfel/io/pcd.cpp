@@ -173,6 +173,9 @@ class PcdHeaderParser {
     if (!points_ && !width_) in_.fail("the header has neither POINTS nor WIDTH");
     const std::size_t width = width_.value_or(points_.value_or(0));
     const std::size_t height = height_.value_or(1);
+    // Points in rows were seen by a sensor, which may well be in the origin; of others the default
+    // tells nothing.
+    if (height == 1 && pcd_.viewpoint_ && is_default(*pcd_.viewpoint_)) pcd_.viewpoint_.reset();
     std::size_t product = 0;
     if (__builtin_mul_overflow(width, height, &product) || product != points_.value_or(product)) {
       in_.fail(fmt::format("WIDTH {} times HEIGHT {} is not POINTS {}", width, height,

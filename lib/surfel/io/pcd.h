@@ -36,6 +36,7 @@ class PcdFile {
 
   const RecordTable& records() const { return table_; }
   bool double_positions() const { return double_positions_; }
+  /// The header's, unless it is the format's default and the points are not organised.
   const std::optional<Viewpoint>& viewpoint() const { return viewpoint_; }
   const std::vector<std::string>& comments() const { return comments_; }
 

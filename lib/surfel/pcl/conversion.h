@@ -115,7 +115,8 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
 /// A cloud of PCL as surfels: position, and normal, colour (8-bit sRGB becomes linear light),
 /// variance (radius^2, as toPCL() writes it) and the properties `confidence` and `curvature` where
 /// the point type has them; alpha only with `with_alpha`, as PCL's readers set it to 255 or 0 where
-/// files have none. The viewpoint is the sensor's pose. Points that are not finite stay.
+/// files have none. The viewpoint is the sensor's pose,
+/// unless that is the default and the cloud is not organised. Points that are not finite stay.
 template <class Point>
 SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false) {
   namespace detail = pcl_detail;
@@ -151,6 +152,8 @@ SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false
   const Eigen::Quaternionf& q = cloud.sensor_orientation_;
   out.viewpoint = Viewpoint{cloud.sensor_origin_.template head<3>().template cast<double>(),
                             Vec4d(q.w(), q.x(), q.y(), q.z())};
+  // PCL's default tells nothing of points that are not in rows.
+  if (cloud.height <= 1 && is_default(*out.viewpoint)) out.viewpoint.reset();
   return out;
 }
 

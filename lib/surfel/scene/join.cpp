@@ -139,10 +139,12 @@ class Joiner {
 
   void join_file() {
     out_.viewpoint = clouds_.front().viewpoint;
+    out_.up = clouds_.front().up;
     for (const SurfelCloud& cloud : clouds_) {
       append_new(out_.provenance, cloud.provenance);
       append_new(out_.comments, cloud.comments);
       out_.double_positions = out_.double_positions || cloud.double_positions;
+      if (cloud.up != out_.up) out_.up.reset();
       const auto& v = cloud.viewpoint;
       if (!v || !out_.viewpoint || v->position != out_.viewpoint->position ||
           v->orientation != out_.viewpoint->orientation) {

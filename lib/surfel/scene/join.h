@@ -47,8 +47,8 @@ struct JoinReport {
 ///    none. Groups stay as they are: where bodies overlap, splats of one group may;
 ///  - `source` is numbered anew, so that splats of different clouds never share it;
 ///  - properties whose types differ become double; colours the wider of their encodings;
-///  - provenance and comments follow one another, each line once; the viewpoint stays if all have
-///    the same, as does the basis' cutoff of those that have coefficients;
+///  - provenance and comments follow one another, each line once; the viewpoint and `up`
+///    stay if all have the same, as does the basis' cutoff of those that have coefficients;
 ///  - positions move to an origin for all.
 /// \param names  one for each cloud, for messages.
 /// Throws Error(kUsage) for unusable options, Error(kInput) where a cloud has no variance and

@@ -47,6 +47,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   out.provenance = provenance;
   out.comments = comments;
   out.viewpoint = viewpoint;
+  out.up = up;
 
   const auto gather = [&](const auto& from, auto& to) {
     if (from.empty()) return;

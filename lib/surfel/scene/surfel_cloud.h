@@ -31,6 +31,11 @@ struct Viewpoint {
   Vec4d orientation{1, 0, 0, 0};  ///< Unit quaternion w x y z.
 };
 
+/// Is this the viewpoint that PCD files have which know none?
+inline bool is_default(const Viewpoint& v) {
+  return v.position == Viewpoint{}.position && v.orientation == Viewpoint{}.orientation;
+}
+
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
 /// there, every other column either is empty (the attribute is absent) or has size() values.
 /// docs/format.md lists the columns as files have them; colours here are linear light.
@@ -70,7 +75,8 @@ struct SURFEL_API SurfelCloud {
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
   std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
   std::vector<std::string> comments;    ///< The file's other comments.
-  std::optional<Viewpoint> viewpoint;
+  std::optional<Viewpoint> viewpoint;   ///< Unset: unknown.
+  std::optional<Vec3d> up;              ///< Upward direction, where the file says it.
   /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
   std::size_t coarser_skipped = 0;
 

@@ -85,6 +85,7 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
     q = {turned_view.w(), turned_view.x(), turned_view.y(), turned_view.z()};
     cloud.viewpoint->position = moved(cloud.viewpoint->position);
   }
+  if (cloud.up) cloud.up = rotation * *cloud.up;
 }
 
 }  // namespace surfel

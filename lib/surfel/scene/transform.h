@@ -21,9 +21,9 @@ struct Similarity {
 };
 
 /// Moves a cloud: positions, in double, to an origin that suits them; normals, tangents and
-/// derivatives are turned, lengths, variances and areas scaled, the viewpoint moved. All other
-/// properties stay as they are. The identity changes nothing, not a bit. Throws Error(kUsage) for
-/// an unusable similarity.
+/// derivatives are turned, lengths, variances and areas scaled, the viewpoint moved, `up` turned.
+/// All other properties stay as they are. The identity changes nothing, not a bit. Throws
+/// Error(kUsage) for an unusable similarity.
 SURFEL_API void transform_cloud(SurfelCloud& cloud, const Similarity& similarity);
 
 }  // namespace surfel
