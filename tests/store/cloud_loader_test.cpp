@@ -341,6 +341,51 @@ TEST_F(StreamedCloud, DrawsBatchByBatch) {
   set_thread_count(0);
 }
 
+void expect_same_sample(const SurfaceSample& a, const SurfaceSample& b) {
+  EXPECT_EQ(a.origin, b.origin);
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t i = 0; i < a.points.size(); ++i) {
+    ASSERT_EQ(a.points[i].position, b.points[i].position) << i;
+    ASSERT_EQ(a.points[i].normal, b.points[i].normal) << i;
+    ASSERT_EQ(a.points[i].area, b.points[i].area) << i;
+  }
+}
+
+/// Views that are guessed must not depend on the memory that there is.
+TEST_F(StreamedCloud, IsSampledAsInMemory) {
+  SurfelCloud flawed = *cloud_;
+  for (std::size_t i = 0; i < kCount; i += 1000) flawed.variance[i] = kNan;
+  flawed.viewpoint = Viewpoint{Vec3d(1, 2, 3), Eigen::Vector4d(0, 1, 0, 0)};
+  flawed.up = Vec3d(0, 0, 1);
+  const TemporaryFolder folder;
+  const auto samples = [&](const SurfelCloud& cloud, bool levels) {
+    write_cloud(cloud, folder / "cloud.ply");
+    write_cloud(cloud, folder / "cloud.txt.ply", {.ascii = true});
+    const LoadedCloud whole(folder / "cloud.ply",
+                            {.columns = {.levels = levels}, .may_stream = false, .sample = true});
+    const LoadedCloud streamed(folder / "cloud.ply",
+                               {.columns = {.levels = levels}, .memory = kLittle, .sample = true});
+    const LoadedCloud text(folder / "cloud.txt.ply",
+                           {.columns = {.levels = levels}, .sample = true});
+    ASSERT_TRUE(whole.store().resident());
+    ASSERT_FALSE(streamed.store().resident());
+    EXPECT_GT(whole.sample().points.size(), SurfaceSampler::kPoints / 2);
+    EXPECT_LT(whole.sample().points.size(), 2 * SurfaceSampler::kPoints);
+    expect_same_sample(whole.sample(), streamed.sample());
+    expect_same_sample(whole.sample(), text.sample());
+    EXPECT_EQ(streamed.up(), cloud.up);
+    ASSERT_TRUE(text.viewpoint());
+    EXPECT_EQ(text.viewpoint()->position, Vec3d(1, 2, 3));
+  };
+  samples(flawed, false);
+  SurfelCloud sound = *cloud_;
+  sound.viewpoint = flawed.viewpoint;
+  const SurfelCloud levels = build_hierarchy(sound, {});
+  samples(levels, true);
+  samples(levels, false);
+  EXPECT_TRUE(LoadedCloud(folder / "cloud.ply", {}).sample().points.empty());
+}
+
 TEST_F(StreamedCloud, LeavesOutWhatCannotBeDrawn) {
   SurfelCloud flawed = *cloud_;
   flawed.origin = Vec3d(1e6, 0, 0);

@@ -309,12 +309,17 @@ void ChartRunner::Impl::aim(const SurfelCloud& cloud) {
       context.transparent = context.transparent || m.opacity < 1 || m.ior > 0;
     }
   }
+  if (options.view.needs_guess(options.camera)) {
+    const std::optional<Vec3d>& up = options.camera.up ? options.camera.up : cloud.up;
+    aim_camera(options.camera, options.view,
+               guess_view(sample_surface(cloud), {.up = up, .viewpoint = cloud.viewpoint}));
+  }
   const Camera view = make_camera(options.camera, surfels.extent());
   const Bounds& box = surfels.extent().box;
   const Vec3d target =
       options.camera.target.value_or(box.empty() ? Vec3d(0, 0, 0) : Vec3d((box.min + box.max) / 2));
   camera = {"--eye=" + numbers(view.eye), "--target=" + numbers(target),
-            "--up=" + numbers(options.camera.up), "--size",
+            "--up=" + numbers(options.camera.up_or_y()), "--size",
             fmt::format("{}x{}", view.width, view.height)};
   const auto add = [&](const char* option, double value) {
     camera = camera + Words{option, fmt::format("{:.12g}", value)};

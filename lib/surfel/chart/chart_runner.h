@@ -8,6 +8,7 @@
 #include <surfel/base/export.h>
 #include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_result.h>
+#include <surfel/measure/view_guess.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
 
@@ -25,6 +26,7 @@ struct ChartOptions {
   std::vector<std::string> with;
   std::string scene;  ///< Scene file; empty: the tools' default scene.
   CameraOptions camera;
+  ViewChoice view;             ///< What `camera` leaves open is guessed for the surfels.
   std::size_t count = 100000;  ///< Samples of a mesh, >= 1.
   int repeats = 5;             ///< Runs of which the median time counts, 1..1000.
   int frames = 8;              ///< Frames of the camera path for flicker, 0 = none, else 2..1000.

@@ -115,8 +115,8 @@ pcl::PointCloud<Point> toPCL(const SurfelCloud& cloud, bool keep_origin = false)
 /// A cloud of PCL as surfels: position, and normal, colour (8-bit sRGB becomes linear light),
 /// variance (radius^2, as toPCL() writes it) and the properties `confidence` and `curvature` where
 /// the point type has them; alpha only with `with_alpha`, as PCL's readers set it to 255 or 0 where
-/// files have none. The viewpoint is the sensor's pose,
-/// unless that is the default and the cloud is not organised. Points that are not finite stay.
+/// files have none. The viewpoint is the sensor's pose, unless that is the default and the cloud is
+/// not organised. Points that are not finite stay.
 template <class Point>
 SurfelCloud fromPCL(const pcl::PointCloud<Point>& cloud, bool with_alpha = false) {
   namespace detail = pcl_detail;

@@ -545,8 +545,8 @@ std::string view_options(const CameraOptions& view) {
   std::string text;
   if (view.eye) text += "--eye " + vector(*view.eye) + " ";
   if (view.target) text += "--target " + vector(*view.target) + " ";
-  return text + fmt::format("--up {} --fov {} --size {}x{}", vector(view.up), view.fov, view.width,
-                            view.height);
+  return text + fmt::format("--up {} --fov {} --size {}x{}", vector(view.up_or_y()), view.fov,
+                            view.width, view.height);
 }
 
 }  // namespace surfel

@@ -43,7 +43,8 @@ std::vector<std::string> CameraOptions::problems() const {
       found, width >= 1 && width <= Camera::kMostSide && height >= 1 && height <= Camera::kMostSide,
       fmt::format("size is {}x{}; each side must be in 1..{}", width, height, Camera::kMostSide));
   check_option(found, near >= 0 && std::isfinite(near), "near", near, ">= 0");
-  check_rule(found, up.allFinite() && up.norm() > 0, "`up` must be a finite direction, not zero");
+  check_rule(found, !up || (up->allFinite() && up->norm() > 0),
+             "`up` must be a finite direction, not zero");
   check_option(found, zoom > 0 && std::isfinite(zoom), "zoom", zoom, "> 0");
   check_rule(found, !eye || eye->allFinite(), "`eye` must be finite");
   check_rule(found, !from || (from->allFinite() && from->norm() > 0),
@@ -60,7 +61,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
     box.add(Vec3d::Constant(0.5));
   }
   const Vec3d target = options.target.value_or(box.center());
-  const bool z_up = std::abs(options.up.normalized().z()) > 0.9;
+  const bool z_up = std::abs(options.up_or_y().normalized().z()) > 0.9;
   const Vec3d side = options.from ? options.from->normalized()
                      : z_up       ? Vec3d(0, -1, 0.36).normalized()
                                   : Vec3d(0, 0.36, 1).normalized();
@@ -74,7 +75,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
   camera.center_x = options.width / 2.0;
   camera.center_y = options.height / 2.0;
   camera.orthographic = options.ortho.has_value();
-  camera.camera_from_world = look_along(-back.normalized(), options.up);
+  camera.camera_from_world = look_along(-back.normalized(), options.up_or_y());
 
   const bool frame = options.frame_all || !options.eye;
   const double half_y = std::tan(options.fov * std::numbers::pi / 360) * kFrameFill;
@@ -126,7 +127,7 @@ std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& s
       options.target.value_or(scene.box.empty() ? Vec3d(0, 0, 0) : scene.box.center());
   std::vector<Camera> cameras;
   for (int i = 0; i < count; ++i) {
-    const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up.normalized());
+    const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up_or_y().normalized());
     Camera camera = first;
     camera.eye = target + turn * (first.eye - target);
     camera.camera_from_world = first.camera_from_world * turn.inverse().toRotationMatrix();

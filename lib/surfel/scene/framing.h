@@ -19,7 +19,7 @@ struct CameraOptions {
                                 ///< is z) and 20 degrees above it, so far that all is seen.
   std::optional<Vec3d> from;    ///< Direction from the target to the eye, where `eye` is not set.
   std::optional<Vec3d> target;  ///< Default: the centre of the scene's bounding box.
-  Vec3d up{0, 1, 0};            ///< Need not be perpendicular to the view.
+  std::optional<Vec3d> up;      ///< Need not be perpendicular to the view; default: y.
   double fov = 40;              ///< Vertical field of view, degrees, in (0, 180).
   std::optional<double> ortho;  ///< Orthographic instead: visible height in scene units, > 0.
   int width = 512;              ///< Pixels, 1..65536.
@@ -29,6 +29,7 @@ struct CameraOptions {
   bool frame_all = false;  ///< Move the eye along its line of sight (orthographic: set the
                            ///< height) until the whole scene is just seen.
 
+  Vec3d up_or_y() const { return up.value_or(Vec3d(0, 1, 0)); }
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
 };

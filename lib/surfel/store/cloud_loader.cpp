@@ -38,6 +38,20 @@ const RecordTable* binary_records(PlyFile& ply) {
   return plain ? &ply.scalars("vertex") : nullptr;
 }
 
+/// Surfels [first, second) of the coarsest level of detail that has as many as a sample holds, or
+/// else of the finest.
+std::pair<std::size_t, std::size_t> sampled_level(const ClusterTree& tree) {
+  std::size_t begin = 0;
+  for (std::size_t c = 0; c < tree.size(); ++c) {
+    const bool level_ends = c + 1 == tree.size() || tree[c + 1].level != tree[c].level;
+    if (!level_ends) continue;
+    const std::size_t end = tree[c].end;
+    if (end - begin >= SurfaceSampler::kPoints || c + 1 == tree.size()) return {begin, end};
+    begin = end;
+  }
+  return {0, 0};
+}
+
 }  // namespace
 
 struct LoadedCloud::Impl {
@@ -49,6 +63,9 @@ struct LoadedCloud::Impl {
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
+  std::optional<Viewpoint> viewpoint;
+  std::optional<Vec3d> up;
+  SurfaceSample sample;
   bool has_levels = false;
 
   explicit Impl(const CloudLoadOptions& o) : options(o) {}
@@ -60,6 +77,8 @@ struct LoadedCloud::Impl {
   std::uint64_t index_bytes() const;
   const char* why_in_memory() const;
   void make_stream(std::uint64_t memory);
+  void take_header(const SurfelCloud& header);
+  void sample_resident();
 };
 
 /// Why the records must not be streamed; null if they may.
@@ -114,8 +133,12 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (!open_records()) return false;
   SurfelCloud header;
   read_comments(ply->header().comments, ply->name(), header);
-  basis_cutoff = header.basis_cutoff;
+  take_header(header);
   has_levels = !tree.empty();
+  if (options.sample && has_levels) {
+    const auto [begin, end] = sampled_level(tree);
+    sample = CloudStream::sample(*source, begin, end);
+  }
   const std::uint64_t available = available_memory_bytes();
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
   const char* why = why_in_memory();
@@ -123,7 +146,10 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   // Levels of detail stay in the file even if they fit, because a picture needs few of them.
   const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
   if (!why && (few || !fits)) make_stream(memory);
-  if (stream) return true;
+  if (stream) {
+    if (options.sample && !has_levels) sample = CloudStream::sample(*source, 0, source->size());
+    return true;
+  }
   if (!fits && (options.memory || wanted() > available / kSurfelBytes)) {
     throw_input(ply->name(),
                 fmt::format("{} surfels need more than the {} MB of `memory`, and {}", wanted(),
@@ -136,6 +162,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
     surfels.emplace(*source, tree, options.columns, ply->name());
   } else {
     surfels.emplace(*source, options.columns, ply->name());
+    sample_resident();
   }
   source.reset();
   return true;
@@ -162,6 +189,21 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   }
 }
 
+void LoadedCloud::Impl::take_header(const SurfelCloud& header) {
+  basis_cutoff = header.basis_cutoff;
+  viewpoint = header.viewpoint;
+  up = header.up;
+}
+
+/// Samples surfels in memory that have no levels of detail.
+void LoadedCloud::Impl::sample_resident() {
+  if (!options.sample) return;
+  const RenderCloud& cloud = *surfels;
+  const std::size_t total = cloud.size() + cloud.dropped().total() + cloud.copies();
+  sample = sample_surface(cloud.size(), total, cloud.origin(),
+                          [&](std::size_t i) { return cloud.sample_point(i); });
+}
+
 void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& name) {
   if (options.memory && cloud.size() > *options.memory / kSurfelBytes) {
     throw_input(name, fmt::format("{} surfels need more than the {} MB of `memory`, and only "
@@ -169,8 +211,13 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
                                   cloud.size(), *options.memory >> 20));
   }
   surfels.emplace(cloud, options.columns, name);
-  basis_cutoff = cloud.basis_cutoff;
+  take_header(cloud);
   has_levels = !cloud.tree.empty();
+  if (!has_levels) return sample_resident();
+  if (!options.sample) return;
+  const auto [begin, end] = sampled_level(cloud.tree);
+  const CloudSource all(cloud, name);
+  sample = CloudStream::sample(all, begin, end);
 }
 
 std::vector<std::string> CloudLoadOptions::problems() const {
@@ -210,6 +257,9 @@ ClusterStore& LoadedCloud::store() const {
   return *impl_->surfels;
 }
 std::optional<double> LoadedCloud::basis_cutoff() const { return impl_->basis_cutoff; }
+const std::optional<Viewpoint>& LoadedCloud::viewpoint() const { return impl_->viewpoint; }
+const std::optional<Vec3d>& LoadedCloud::up() const { return impl_->up; }
+const SurfaceSample& LoadedCloud::sample() const { return impl_->sample; }
 bool LoadedCloud::has_levels() const { return impl_->has_levels; }
 
 }  // namespace surfel

@@ -22,6 +22,7 @@ struct CloudLoadOptions {
   /// Most surfels fetched at once where a file without levels of detail is streamed, >= 256; fewer
   /// are fetched where `memory` has no room for as many.
   std::size_t batch = std::size_t{1} << 20;
+  bool sample = false;  ///< Take the sample that LoadedCloud::sample() gives.
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
@@ -55,6 +56,14 @@ class SURFEL_API LoadedCloud {
   bool has_levels() const;
   /// SurfelCloud::basis_cutoff of the file.
   std::optional<double> basis_cutoff() const;
+  /// SurfelCloud::viewpoint of the file.
+  const std::optional<Viewpoint>& viewpoint() const;
+  /// SurfelCloud::up of the file.
+  const std::optional<Vec3d>& up() const;
+  /// A sample of the surface, if the options ask for it: of the coarsest level of detail that has
+  /// as many surfels as a sample holds, so that little is read of a file with levels. The sample is
+  /// the same whether surfels are in memory or streamed.
+  const SurfaceSample& sample() const;
 
  private:
   struct Impl;

@@ -65,6 +65,24 @@ std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const Clust
   return stream;
 }
 
+SurfaceSample CloudStream::sample(const SurfelSource& source, std::size_t begin, std::size_t end) {
+  const std::size_t count = end - begin;
+  PerWorker<RenderCloud> workers;
+  PerWorker<SurfaceSampler> parts([count] { return std::make_unique<SurfaceSampler>(count); });
+  parallel_for(count, RenderCloud::kBlock, [&](std::size_t first, std::size_t last, int w) {
+    RenderCloud& rows = workers[w];
+    if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source.attributes(), {}, "");
+    source.fill(begin + first, begin + last, rows, 0);
+    UnusableSurfels ignored;
+    for (std::size_t i = 0; i < last - first; ++i) {
+      if (rows.usable(i, ignored)) parts[w].add(rows.sample_point(i));
+    }
+  });
+  SurfaceSampler all(count);
+  parts.for_each([&](const SurfaceSampler& part) { all.add(part); });
+  return all.sample(source.origin());
+}
+
 /// Allocates the columns of a batch.
 void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/scene/surface_sample.h>
 #include <surfel/store/render_cloud.h>
 #include <surfel/store/surfel_source.h>
 
@@ -43,6 +44,9 @@ class SURFEL_API CloudStream final : public ClusterStore {
   static std::unique_ptr<CloudStream> make(SurfelSource& source, const ClusterTree& tree,
                                            bool levels, const CloudStreamOptions& options,
                                            const std::string& name);
+
+  /// A sample of surfels [begin, end) of a source, which reads them once.
+  static SurfaceSample sample(const SurfelSource& source, std::size_t begin, std::size_t end);
 
   /// All clusters, and columns that hold the surfels of the clusters fetched last, at the rows
   /// Cluster::begin to Cluster::end, and of as many other clusters as there is room for.

@@ -11,6 +11,7 @@
 #include <surfel/base/types.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
+#include <surfel/scene/surface_sample.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
 #include <surfel/store/cluster_store.h>
@@ -108,6 +109,12 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   double mean_deviation() const { return mean_deviation_; }
   /// Bytes that columns, clusters and tree take.
   std::uint64_t memory_bytes() const;
+  /// A surfel as SurfaceSample has it.
+  SurfaceSample::Point sample_point(std::size_t surfel) const {
+    return {{x[surfel], y[surfel], z[surfel]},
+            {normal_x[surfel], normal_y[surfel], normal_z[surfel]},
+            area[surfel]};
+  }
   /// Standard deviation of a surfel along its longer axis, scene units.
   float larger_deviation(std::size_t surfel) const;
 
