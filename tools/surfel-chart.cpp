@@ -69,7 +69,7 @@ void declare_options(CLI::App& app, Settings& s) {
 
   app.option_defaults()->group("Camera");
   c.camera.width = c.camera.height = 400;
-  add_view(app, c.camera);
+  add_view(app, c.camera, c.view);
 
   app.option_defaults()->group("Recommendation");
   app.add_flag("--recommend", s.recommend,

@@ -81,7 +81,11 @@ void declare_options(CLI::App& app, Settings& s) {
              "towards the viewpoint or up, that of the normals in the file (align), any (none)");
   tool::add_vector(app, "--viewpoint", s.viewpoint,
                    "Where the scanner stood, world coordinates; default: what the file says");
-  tool::add_vector(app, "--up", s.estimate.orientation.up, "Direction for --orient up");
+  tool::add_text(
+      app, "--up", "DIRECTION", fmt::format("{}", fmt::join(s.estimate.orientation.up, ",")),
+      "Direction for --orient up: x, y, z, -x, -y, -z or X,Y,Z", [&s](const std::string& text) {
+        s.estimate.orientation.up = tool::parse_direction("--up", text);
+      });
 
   app.option_defaults()->group("Splats");
   add_choice(

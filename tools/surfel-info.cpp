@@ -13,6 +13,7 @@
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
+#include <surfel/measure/view_guess.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -66,6 +67,11 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
+  const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
+                                                    {.up = cloud.up, .viewpoint = cloud.viewpoint});
+  out["view"] = {
+      {"up", describe(view.up)}, {"front", describe(view.front)}, {"reason", view.reason}};
+  out["viewpoint"] = cloud.viewpoint ? describe(cloud.viewpoint->position) : Json(nullptr);
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
   out["comments"] = cloud.comments;

@@ -18,6 +18,7 @@
 #include <surfel/io/image_queue.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
+#include <surfel/measure/view_guess.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/camera.h>
@@ -56,6 +57,7 @@ struct Settings {
   std::string scene_file;
   Refractions refraction = Refractions::kScene;
   surfel::CameraOptions camera;
+  surfel::ViewChoice view;
   surfel::RenderOptions render;
   surfel::Method method = surfel::Method::kABuffer;
   surfel::MethodOptions method_options;
@@ -79,7 +81,7 @@ struct Settings {
 void declare_camera(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   app.option_defaults()->group("Camera");
-  add_view(app, s.camera);
+  add_view(app, s.camera, s.view);
   app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0");
   app.add_option(
       "--camera", s.camera_file,
@@ -470,10 +472,38 @@ bool is_pattern(const std::string& name) {
   return end != std::string::npos && end - percent <= 3 && name[end] == 'd';
 }
 
+/// The cameras as they are asked for.
+std::vector<surfel::CameraOptions> asked_views(const Settings& s) {
+  if (s.camera_file.empty()) return {s.camera};
+  return surfel::read_cameras(s.camera_file, s.camera);
+}
+
+/// Is a guess needed for one of them?
+bool needs_guess(const Settings& s, const std::vector<surfel::CameraOptions>& views) {
+  return std::any_of(views.begin(), views.end(),
+                     [&](const auto& view) { return s.view.needs_guess(view); });
+}
+
+/// Completes the views by guesses, and says the first.
+void aim(surfel::tool::Tool& tool, const Settings& s, const surfel::SurfaceSample& sample,
+         surfel::ViewHints hints, std::vector<surfel::CameraOptions>& views) {
+  bool said = false;
+  const std::optional<surfel::Vec3d> up_of_file = hints.up;
+  for (surfel::CameraOptions& view : views) {
+    if (!s.view.needs_guess(view)) continue;
+    hints.up = view.up ? view.up : up_of_file;
+    hints.up_reason = view.up ? "as given" : "as the file says";
+    const std::string done = surfel::aim_camera(view, s.view, surfel::guess_view(sample, hints));
+    if (!said) tool.note(done);
+    if (!said) tool.report()["view"] = done;
+    said = true;
+  }
+}
+
 /// The cameras to render from.
-std::vector<surfel::Camera> cameras(const Settings& s, const surfel::SceneExtent& scene) {
-  std::vector<surfel::CameraOptions> views{s.camera};
-  if (!s.camera_file.empty()) views = surfel::read_cameras(s.camera_file, s.camera);
+std::vector<surfel::Camera> cameras(const Settings& s,
+                                    const std::vector<surfel::CameraOptions>& views,
+                                    const surfel::SceneExtent& scene) {
   std::vector<surfel::Camera> all;
   for (const surfel::CameraOptions& view : views) {
     if (s.turntable > 0) {
@@ -510,14 +540,15 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
 }
 
 /// Reads and prepares surfels, and tells how many of them cannot be used.
-std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool,
-                                                  const Settings& s) {
+std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool, const Settings& s,
+                                                  bool sample) {
   const std::string name = surfel::tool::shown_name(s.input);
   surfel::CloudLoadOptions options{.columns = s.render.compositing().columns(),
                                    .memory = s.memory,
                                    .may_stream = s.method == surfel::Method::kABuffer &&
                                                  !s.reference && s.filter != Filter::kEwaSource,
-                                   .batch = s.render.batch};
+                                   .batch = s.render.batch,
+                                   .sample = sample};
   options.columns.levels = wants_levels(s);
   auto loaded = std::make_unique<surfel::LoadedCloud>(s.input, options);
   if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {
@@ -617,7 +648,8 @@ int main(int argc, char** argv) {
     nlohmann::json& report = tool.report();
     const surfel::Timer load;
     std::unique_ptr<surfel::LoadedCloud> loaded;
-    if (!s.input.empty()) loaded = load_surfels(tool, s);
+    std::vector<surfel::CameraOptions> asked = asked_views(s);
+    if (!s.input.empty()) loaded = load_surfels(tool, s, needs_guess(s, asked));
     const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) {
@@ -638,7 +670,12 @@ int main(int argc, char** argv) {
     report["copies_left_out"] = surfels ? surfels->copies() : 0;
     report["streamed"] = loaded && !loaded->store().resident();
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
-    const std::vector<surfel::Camera> views = cameras(s, extent);
+    if (loaded) {
+      aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
+    } else if (needs_guess(s, asked)) {
+      aim(tool, s, surfel::sample_surface(mesh->mesh), {}, asked);
+    }
+    const std::vector<surfel::Camera> views = cameras(s, asked, extent);
     if (is_pattern(s.output)) {
       for (std::size_t i = 0; i < views.size(); ++i) {
         tool.files().write_also("--output", picture_name(s.output, i));

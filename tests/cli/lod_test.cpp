@@ -31,8 +31,17 @@ struct Sphere {
 class SurfelLod : public testing::Test {
  protected:
   RunResult render(const std::string& file, const Words& options) const {
-    Words command{tool("surfel-render"),  file,     "-o", picture_, "--size", "24x24", "--stats",
-                  folder_ / "stats.json", "--quiet"};
+    Words command{tool("surfel-render"),
+                  file,
+                  "-o",
+                  picture_,
+                  "--size",
+                  "24x24",
+                  "--from",
+                  "0,0.36,1",
+                  "--stats",
+                  folder_ / "stats.json",
+                  "--quiet"};
     command.insert(command.end(), options.begin(), options.end());
     return run(command);
   }

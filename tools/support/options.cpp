@@ -223,11 +223,47 @@ CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& 
                   });
 }
 
-void add_view(CLI::App& app, CameraOptions& camera) {
+Vec3d parse_direction(const std::string& option, const std::string& text) {
+  const bool negative = text.starts_with('-');
+  const std::string axis = text.substr(negative ? 1 : 0);
+  if (axis.size() == 1 && axis[0] >= 'x' && axis[0] <= 'z') {
+    return (negative ? -1 : 1) * Vec3d::Unit(axis[0] - 'x');
+  }
+  const std::vector<double> numbers = parse_numbers(option, text, 3);
+  return {numbers[0], numbers[1], numbers[2]};
+}
+
+void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice) {
   add_vector(app, "--eye", camera.eye, "Eye, world coordinates; default: everything is seen");
   add_vector(app, "--from", camera.from, "Instead of --eye: direction from the target to the eye");
   add_vector(app, "--target", camera.target, "Point looked at; default: the scene's centre");
-  add_vector(app, "--up", camera.up, "Direction that is up in the picture");
+  add_text(app, "--up", "DIRECTION", "",
+           "Direction that is up in the picture: x, y, z, -x, -y, -z, X,Y,Z, or auto, a guess that "
+           "is said; default: auto, but y with --eye and --from",
+           [&camera, &choice](const std::string& text) {
+             camera.up.reset();
+             choice.guess_up = text == "auto";
+             if (text != "auto") camera.up = parse_direction("--up", text);
+           });
+  static const std::map<std::string, NamedView> kViews{
+      {"front", NamedView::kFront}, {"back", NamedView::kBack},     {"left", NamedView::kLeft},
+      {"right", NamedView::kRight}, {"top", NamedView::kTop},       {"bottom", NamedView::kBottom},
+      {"iso", NamedView::kIso},     {"sensor", NamedView::kSensor},
+  };
+  add_text(app, "--view", "NAME", "",
+           "Instead of --eye and --from: front, back, left, right, top, bottom or iso, by what up "
+           "and front are guessed to be, or sensor, from where a scan was taken; default: from the "
+           "front right, a little above, or as a scan was taken",
+           [&choice](const std::string& text) {
+             const auto known = kViews.find(text);
+             if (known == kViews.end()) {
+               throw CLI::ValidationError(
+                   "--view", fmt::format("'{}' is not one of front, back, left, right, top, "
+                                         "bottom, iso, sensor",
+                                         text));
+             }
+             choice.view = known->second;
+           });
   app.add_option("--fov", camera.fov, "Vertical field of view, degrees, in (0, 180)");
   app.add_option("--ortho", camera.ortho,
                  "Orthographic projection of this visible height, scene units, > 0");

@@ -12,6 +12,7 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <surfel/base/nearest_name.h>
+#include <surfel/measure/view_guess.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
 
@@ -90,9 +91,12 @@ CLI::Option* add_vector(CLI::App& app, const std::string& names, std::optional<V
 CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
                       const std::string& description);
 
-/// The options that place a camera: --eye, --from, --target, --up, --fov, --ortho, --size, --zoom,
-/// --frame-all. What `camera` holds are the defaults.
-void add_view(CLI::App& app, CameraOptions& camera);
+/// "x", "-z" or "1,0.5,-2". Throws CLI::ConversionError.
+Vec3d parse_direction(const std::string& option, const std::string& text);
+
+/// The options that place a camera: --eye, --from, --view, --target, --up, --fov, --ortho, --size,
+/// --zoom, --frame-all. What `camera` holds are the defaults.
+void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice);
 
 /// Lets the values of all options of whole numbers and of numbers be written as whole_number() and
 /// C do, and names the option, the text and what was expected where they are something else.

@@ -144,6 +144,23 @@ void Tool::Impl::add_common_options() {
   files.writes("--stats", Writes::kReport);
 }
 
+/// The command line as CLI11 wants it, last word first. The values -x, -y and -z of --up, which it
+/// would take for options, are joined to it.
+std::vector<std::string> words_of(int argc, char** argv) {
+  std::vector<std::string> words;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const bool axis = word == "-x" || word == "-y" || word == "-z";
+    if (axis && !words.empty() && words.back() == "--up") {
+      words.back() += "=" + word;
+    } else {
+      words.push_back(word);
+    }
+  }
+  std::reverse(words.begin(), words.end());
+  return words;
+}
+
 /// False if the run ends here: help, version or settings were printed.
 bool Tool::Impl::parse(int argc, char** argv) {
   const bool only_settings = std::any_of(argv + std::min(argc, 1), argv + argc, [](const char* a) {
@@ -155,7 +172,7 @@ bool Tool::Impl::parse(int argc, char** argv) {
   check_numbers(app);
   refuse_words(argc, argv);
   try {
-    app.parse(argc, argv);
+    app.parse(words_of(argc, argv));
   } catch (const CLI::CallForHelp&) {
     print(everyday_help());
     return false;
