@@ -45,6 +45,10 @@ Json describe(const std::optional<surfel::Coverage>& c) {
           {"cell_area_mean", c->cell_area_mean}};
 }
 
+Json describe(const surfel::ViewGuess& view) {
+  return {{"up", describe(view.up)}, {"front", describe(view.front)}, {"reason", view.reason}};
+}
+
 Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOptions& options) {
   const surfel::SurfelCloud cloud = surfel::read_cloud(file);
   const surfel::CloudStatistics s = surfel::cloud_statistics(cloud, options);
@@ -67,10 +71,8 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
-  const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
-                                                    {.up = cloud.up, .viewpoint = cloud.viewpoint});
-  out["view"] = {
-      {"up", describe(view.up)}, {"front", describe(view.front)}, {"reason", view.reason}};
+  out["view"] = describe(surfel::guess_view(surfel::sample_surface(cloud),
+                                            {.up = cloud.up, .viewpoint = cloud.viewpoint}));
   out["viewpoint"] = cloud.viewpoint ? describe(cloud.viewpoint->position) : Json(nullptr);
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
@@ -125,7 +127,8 @@ Json describe_mesh(const std::string& file, const Tool& tool) {
               {"uv", !mesh.wedge_uv.empty()},
               {"normals", !mesh.wedge_normal.empty()},
               {"colors", !mesh.color.empty()},
-              {"materials", materials}};
+              {"materials", materials},
+              {"view", describe(surfel::guess_view(surfel::sample_surface(mesh)))}};
   if (surfel::has_plugin("openmesh")) {
     describe_topology(mesh, out);
   } else {

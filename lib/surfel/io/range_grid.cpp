@@ -48,9 +48,10 @@ std::optional<Viewpoint> range_grid_viewpoint(PlyFile& ply, const SurfelCloud& c
     for (std::size_t cell = 0; cell < grid->count; ++cell) {
       const Vec3f* p = vertex(cell);
       if (!p || !p->allFinite()) continue;
+      const std::size_t row = cell / columns;
       // About the middle, so that the three functions are nearly independent.
       visit(Vec3d(static_cast<double>(cell % columns) - static_cast<double>(columns) / 2,
-                  static_cast<double>(cell / columns) - static_cast<double>(rows) / 2, 1),
+                  static_cast<double>(row) - static_cast<double>(rows) / 2, 1),
             Vec3d(p->cast<double>()));
     }
   };

@@ -778,6 +778,9 @@ ViewGuess ViewJudge::guess(const ViewHints& hints) const {
   } else {
     guess_front(guess, symmetry);
   }
+  // Zeros without a sign, as people write them.
+  guess.up += Vec3d::Zero();
+  guess.front += Vec3d::Zero();
   return guess;
 }
 
