@@ -161,8 +161,8 @@ make_ss01_1() {
   run "surfel-texture terrain.ply --image checker:60 -o terrain-t.ply"
   run "surfel-generate transparent --count $(of 500000) -o shells.ply"
   local size="--size 420x420 --cutoff 2"
-  run "surfel-render head-t.ply $size --background 1,1,1,1 -o 1-head.png"
-  run "surfel-render head-t.ply --zoom 4 --target 0.25,0.05,0.5 $size --background 1,1,1,1 -o 1-near.png"
+  run "surfel-render head-t.ply $size --from 0,0.36,1 --background 1,1,1,1 -o 1-head.png"
+  run "surfel-render head-t.ply --zoom 4 --target 0.25,0.05,0.5 $size --from 0,0.36,1 --background 1,1,1,1 -o 1-near.png"
   run "surfel-render terrain-t.ply --eye 0,0.35,1 --target 0,0.05,0 --fov 50 $size --background 0.3,0.5,0.8,1 -o 1-terrain.png"
   run "surfel-render shells.ply --layers 8 --from 0,0.15,1 $size --background 1,1,1,1 -o 1-shells.png"
   tiles

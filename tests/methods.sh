@@ -10,7 +10,7 @@ command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install o
 data=${SURFEL_TEST_DATA:-$root/../shared/data}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-view=(--size 400x400 --shading none --threads 2 --quiet)
+view=(--size 400x400 --from 0,0.36,1 --shading none --threads 2 --quiet)
 
 # render NAME SURFELS OPTION...: the picture NAME.exr.
 render() {
@@ -284,7 +284,7 @@ TEXT
 } > "$out"
 
 tiles=()
-square=(--size 256x256)
+square=(--size 256x256 --from 0,0.36,1)
 tile() {
   local name=$1 surfels=$2
   shift 2

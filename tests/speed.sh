@@ -133,7 +133,7 @@ section_lod() {
   local count before ms one z psnr lod about command
   make_levels
   for lod in on off; do
-    "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --shading none --lod $lod --quiet
+    "$bin/surfel-render" "$work/terrain-lod.ply" -o "$work/lod-$lod.exr" --size 512x512 --from 0,0.36,1 --shading none --lod $lod --quiet
   done
   psnr=$("$bin/surfel-compare" "$work/lod-on.exr" "$work/lod-off.exr" --json | sed -n 's/.*"psnr": \([0-9.]*\).*/\1/p')
   read -r ms z < <(frames 2 "$work/terrain.ply" "$work/terrain-lod.ply")
@@ -170,20 +170,20 @@ section_files() {
     for ((i = 0; i < runs; ++i)); do
       # A file that is replaced is written to the disk first, and that waits for others who use it.
       rm -f "$work/whole.png" "$work/whole.json"
-      run "$bin/surfel-render" "$work/$kind.ply" -o "$work/whole.png" --size 512x512 --stats "$work/whole.json" --quiet \
+      run "$bin/surfel-render" "$work/$kind.ply" -o "$work/whole.png" --size 512x512 --from 0,0.36,1 --stats "$work/whole.json" --quiet \
         >> "$work/whole"
       sed -n 's/^  "load_ms": \(.*\),/ms \1/p' "$work/whole.json" >> "$work/load"
     done
     if [[ $kind = terrain-lod ]]; then
       times_row "whole surfel-render, PLY to PNG, with uv and levels of detail" "$(best "$work/whole" ms)" "cat" "$cat" x \
-        "surfel-render $kind.ply -o whole.png --size 512x512"
+        "surfel-render $kind.ply -o whole.png --size 512x512 --from 0,0.36,1"
       continue
     fi
     about=$([[ $kind = terrain ]] && echo "with uv and derivatives" || echo "without uv")
     times_row "binary PLY of 4,782,011 read, ready to render, $about" "$(best "$work/load" ms)" "cat" "$cat" x \
-      "surfel-render $kind.ply -o whole.png --size 512x512 --stats whole.json"
+      "surfel-render $kind.ply -o whole.png --size 512x512 --from 0,0.36,1 --stats whole.json"
     times_row "whole surfel-render, PLY to PNG, $about" "$(best "$work/whole" ms)" "cat" "$cat" x \
-      "surfel-render $kind.ply -o whole.png --size 512x512"
+      "surfel-render $kind.ply -o whole.png --size 512x512 --from 0,0.36,1"
   done
 }
 
@@ -192,11 +192,11 @@ section_memory() {
   "$bin/surfel-generate" terrain --no-uv --count 200000000 -o "$work/big.ply" --quiet
   cat=$(cat_ms "$work/big.ply")
   for ((i = 0; i < runs; ++i)); do
-    run "$bin/surfel-render" "$work/big.ply" --memory 2G -o "$work/big.png" --size 512x512 --stats "$work/big.json" --quiet
+    run "$bin/surfel-render" "$work/big.ply" --memory 2G -o "$work/big.png" --size 512x512 --from 0,0.36,1 --stats "$work/big.json" --quiet
   done > "$work/big.times"
   peak=$(sed -n 's/^  "peak_memory_bytes": \([0-9]*\).*/\1/p' "$work/big.json")
   times_row "200,000,000 surfels at --memory 2G, peak $((peak / 1000000)) MB" "$(best "$work/big.times" ms)" cat "$cat" x \
-    "surfel-render big.ply --memory 2G --size 512x512"
+    "surfel-render big.ply --memory 2G --size 512x512 --from 0,0.36,1"
   rm "$work/big.ply"
 }
 
