@@ -3,6 +3,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <span>
 
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/edge_search.h>
@@ -27,6 +28,65 @@ float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
 }
 
+/// A fragment of a pixel.
+struct SeenFragment {
+  const Fragment* fragment;
+  /// Share of the pixel that it covers. Of merged transparent surfaces it is not known: they count
+  /// as covering all.
+  float coverage;
+  float edge;  ///< See edge_of().
+  /// Of a front-facing fragment, the degree to which back-facing fragments that follow are the
+  /// other side of its body.
+  float one_body;
+};
+
+SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float edge) {
+  const float of_merged = tile.layout.opaque ? fragment.channel[kAlpha] : 1.0F;
+  const float coverage = is_merged(fragment) ? of_merged : tile.coverage(fragment, edge);
+  return {&fragment, coverage, edge, edge};
+}
+
+/// The two sides of one body in a pixel: near its silhouette both cover a part of the pixel, the
+/// same one but for the unevenness of the samples.
+class TwoSides {
+ public:
+  /// A front-facing fragment is added.
+  /// \param transmitted  what the fragments before it let through.
+  /// \param one_body  the degree to which it is one body with what follows.
+  void add_front(float coverage, float transmitted, float one_body) {
+    const bool another = back_ > 0 || front_ >= 1;
+    if (another || front_ == 0) before_ = transmitted;
+    front_ = joint(another ? 0 : front_, coverage);
+    back_ = 0;
+    one_body_ = one_body;
+  }
+  /// A back-facing fragment is added. Returns its share of what (12) lets it add: that is for
+  /// surfaces which cover parts of the pixel that have nothing to do with each other.
+  float add_back(float coverage, float transmitted) {
+    const float independent = coverage * transmitted;
+    if (front_ == 0 || !(independent > 0)) return 1;
+    if (back_ == 0) after_front_ = transmitted;
+    // What looks out from behind the body so far, and what the front lets through of the rest.
+    const float back = joint(back_, coverage);
+    const float beyond = std::max(0.0F, back - std::max(front_, back_));
+    const float hidden = (coverage - beyond) * (1 - (1 - after_front_ / before_) / front_);
+    back_ = back;
+    if (back >= 1) end();
+    const float share = std::min(1.0F, (beyond + hidden) * before_ / independent);
+    return 1 + one_body_ * (share - 1);
+  }
+  /// What comes next is of other bodies.
+  void end() { front_ = back_ = 0; }
+
+ private:
+  /// Layers of one side are taken to cover independent parts.
+  static float joint(float a, float b) { return a + (1 - a) * b; }
+
+  float front_ = 0, back_ = 0;          ///< Coverage of the body's sides so far.
+  float before_ = 1, after_front_ = 1;  ///< What is let through before the body and by its front.
+  float one_body_ = 0;
+};
+
 /// Composites the fragments of a pixel front to back.
 class FrontToBack {
  public:
@@ -34,41 +94,36 @@ class FrontToBack {
   FrontToBack(const TileABuffer& tile, int x, int y)
       : tile_(tile), x_(static_cast<float>(x) + 0.5F), y_(static_cast<float>(y) + 0.5F) {}
 
-  /// \param edge  see edge_of().
-  void add(const Fragment& fragment, float edge) {
+  void add(const SeenFragment& seen) {
+    const Fragment& fragment = *seen.fragment;
     const float* c = fragment.channel;
-    if (is_merged(fragment)) {
-      Fragment seen = fragment;
-      seen.channel[kOther] = 0;
-      add_merged(seen, 1);
-      return;
-    }
-    Rgba color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(edge));
-    const bool front = shows_front(c[kTag]);
-    const float coverage = tile_.coverage(fragment, edge);
-    // With the reflected environment, where the surface reflects one.
-    const float opacity =
-        tile_.shader->has_environment() ? color.alpha / coverage : c[kAlpha] / c[kWeight];
-    if (!front && front_coverage_ > 0) {
-      // The share of the back's colour that the front lets through, where the back lies behind the
-      // front and where it looks out, over the share that (12) is going to let through.
-      const float left = std::min(coverage, front_coverage_) * (1 - front_opacity_) +
-                         std::max(0.0F, coverage - front_coverage_);
-      const float independent = coverage * (1 - front_coverage_ * front_opacity_);
-      const float scale = independent > 0 ? 1 + front_edge_ * (left / independent - 1) : 1.0F;
-      color = {color.red * scale, color.green * scale, color.blue * scale, color.alpha * scale};
+    const bool several = is_merged(fragment);
+    Rgba color{c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
+    if (!several) color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(seen.edge));
+    if (several && !tile_.layout.opaque) {
+      sides_.end();
+    } else if (shows_front(c[kTag])) {
+      sides_.add_front(seen.coverage, 1 - color_.alpha, seen.one_body);
+    } else {
+      const float share = sides_.add_back(seen.coverage, 1 - color_.alpha);
+      color = {color.red * share, color.green * share, color.blue * share, color.alpha * share};
     }
     color_.composite(color);
-    see_through(fragment, 1, coverage, color.alpha);
-    front_coverage_ = front ? coverage : 0;
-    front_opacity_ = opacity;
-    front_edge_ = edge;
+    if (!tile_.shader->has_environment()) return;
+    if (several) {
+      Fragment one = fragment;
+      one.channel[kOther] = 0;
+      surfaces_.add(one, -c[kWeight], 1, color.alpha);
+    } else {
+      surfaces_.add(fragment, 1, seen.coverage, color.alpha);
+    }
   }
-  void add_merged(const Fragment& fragment, float coverage) {
+  /// A merged fragment behind all others.
+  void add_rest(const Fragment& fragment) {
     const float* c = fragment.channel;
     color_.composite({c[kRed], c[kGreen], c[kBlue], c[kAlpha]});
-    see_through(fragment, -c[kWeight], coverage, c[kAlpha]);
-    front_coverage_ = 0;
+    if (!tile_.shader->has_environment()) return;
+    surfaces_.add(fragment, -c[kWeight], c[kCovered], c[kAlpha]);
   }
   /// Composites what has been added over the environment.
   void add_environment() { tile_.shader->add_environment(color_, surfaces_, x_, y_); }
@@ -77,19 +132,35 @@ class FrontToBack {
   float layers() const { return surfaces_.layers(); }
 
  private:
-  void see_through(const Fragment& fragment, float surfaces, float coverage, float opacity) {
-    if (tile_.shader->has_environment()) surfaces_.add(fragment, surfaces, coverage, opacity);
-  }
-
   const TileABuffer& tile_;
   float x_, y_;
   Rgba color_;
-  /// Coverage of the last fragment, if it is unmerged and front-facing.
-  float front_coverage_ = 0;
-  float front_opacity_ = 0;
-  float front_edge_ = 0;
+  TwoSides sides_;
   SeenThrough surfaces_;
 };
+
+/// Puts a pixel's fragments, nearest first, into the order in which they are seen. That is the
+/// order of their depths, but beyond a body's silhouette, where kernels still reach: there the
+/// tangent planes of its front and of its back have crossed, and the back is the nearer one. Where
+/// neither covers the whole pixel the front goes first.
+void order_by_sight(std::span<SeenFragment> fragments) {
+  std::size_t first_back = 0;  // From here on the fragments before show parts of backs.
+  for (std::size_t i = 0; i < fragments.size(); ++i) {
+    const bool part = fragments[i].coverage < 1;
+    const bool front = shows_front(fragments[i].fragment->channel[kTag]);
+    if (part && !front) continue;
+    if (part && first_back < i) {
+      fragments[i].one_body = 1;
+      const auto begin = fragments.begin();
+      std::rotate(begin + static_cast<std::ptrdiff_t>(first_back),
+                  begin + static_cast<std::ptrdiff_t>(i),
+                  begin + static_cast<std::ptrdiff_t>(i) + 1);
+      ++first_back;
+    } else {
+      first_back = i + 1;
+    }
+  }
+}
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
@@ -101,9 +172,13 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   const auto edge = [](const Fragment& f) {
     return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F;
   };
+  std::array<SeenFragment, 2> seen{seen_at(tile, front, edge(front)),
+                                   seen_at(tile, back, edge(back))};
+  order_by_sight(seen);
   FrontToBack pair(tile, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel));
-  pair.add(front, edge(front));
-  pair.add(back, edge(back));
+  pair.add(seen[0]);
+  const float first_alpha = pair.color().alpha;
+  pair.add(seen[1]);
   const Rgba& color = pair.color();
   Fragment out{};
   // Negative, as in SS01. The number matters where there is an environment to be seen behind.
@@ -113,10 +188,13 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   out.channel[kGreen] = color.green;
   out.channel[kBlue] = color.blue;
   out.channel[kAlpha] = color.alpha;
-  // The environment behind all surfaces is seen through the nearest one.
-  out.channel[kTag] = front.channel[kTag];
-  const float weight = is_merged(front) ? 1 : front.channel[kWeight];
-  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = front.channel[c] / weight;
+  // The environment behind all surfaces is seen through the first one. Opaque surfaces let none
+  // through: what they leave of the pixel is left to the side that shows more of itself.
+  const Fragment& shown =
+      *seen[tile.layout.opaque && color.alpha > 2 * first_alpha ? 1 : 0].fragment;
+  out.channel[kTag] = shown.channel[kTag];
+  const float weight = is_merged(shown) ? 1 : shown.channel[kWeight];
+  for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = shown.channel[c] / weight;
   out.channel[kBack] = back_depth(back);
   return out;
 }
@@ -147,9 +225,10 @@ class Resolver {
     result_.depth = result_.depth_first = kInfinity;
   }
 
-  /// The next fragment, front to back. \param edge  see edge_of().
-  void add(const Fragment& fragment, float edge) {
-    composite_.add(fragment, edge);
+  /// The next fragment, front to back.
+  void add(const SeenFragment& seen) {
+    composite_.add(seen);
+    const Fragment& fragment = *seen.fragment;
     const float z = tile_.shader->z(front_depth(fragment));
     if (result_.depth_first == kInfinity) {
       result_.depth_first = z;
@@ -167,7 +246,7 @@ class Resolver {
   }
 
   PixelResult finish(const Fragment& rest) {
-    if (is_merged(rest)) composite_.add_merged(rest, rest.channel[kCovered]);
+    if (is_merged(rest)) composite_.add_rest(rest);
     if (tile_.shader->has_environment()) composite_.add_environment();
     result_.color = composite_.color();
     return result_;
@@ -180,6 +259,15 @@ class Resolver {
   FrontToBack composite_;
   PixelResult result_;
 };
+
+/// \param seen  the fragments of a pixel in the picture, nearest first; gets reordered.
+PixelResult resolve(const TileABuffer& tile, int x, int y, std::span<SeenFragment> seen,
+                    const Fragment& rest) {
+  order_by_sight(seen);
+  Resolver resolver(tile, x, y);
+  for (const SeenFragment& fragment : seen) resolver.add(fragment);
+  return resolver.finish(rest);
+}
 
 /// Layers of a pixel in use, nearest first.
 struct Sorted {
@@ -293,28 +381,30 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
     if (has_rest) open.fragments.push_back(rest);
     return std::nullopt;
   }
-  Resolver resolver(tile, x, y);
+  std::array<SeenFragment, kMostLayers> seen;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
-    resolver.add(fragment, may_be_at_edge(tile, fragment)
-                               ? edge_of(tile, fragment, look_around(tile, fragment, pixel))
-                               : 0);
+    const float edge = may_be_at_edge(tile, fragment)
+                           ? edge_of(tile, fragment, look_around(tile, fragment, pixel))
+                           : 0;
+    seen[i] = seen_at(tile, fragment, edge);
   }
-  return resolver.finish(rest);
+  return resolve(tile, x, y, std::span(seen).first(sorted.count), rest);
 }
 
 PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
                                const OpenPixels::Pixel& pixel, const TileRims& rims) {
-  Resolver resolver(tile, pixel.x, pixel.y);
+  std::array<SeenFragment, kMostLayers> seen;
   const Fragment* const fragments = open.fragments.data() + pixel.first;
   for (int i = 0; i < pixel.count; ++i) {
     const Fragment& fragment = fragments[i];
-    resolver.add(fragment,
-                 may_be_at_edge(tile, fragment)
-                     ? edge_of(tile, fragment, rims.look_around(fragment, pixel.x, pixel.y))
-                     : 0);
+    const float edge = may_be_at_edge(tile, fragment)
+                           ? edge_of(tile, fragment, rims.look_around(fragment, pixel.x, pixel.y))
+                           : 0;
+    seen[i] = seen_at(tile, fragment, edge);
   }
-  return resolver.finish(pixel.rest ? fragments[pixel.count] : Fragment{});
+  return resolve(tile, pixel.x, pixel.y, std::span(seen).first(pixel.count),
+                 pixel.rest ? fragments[pixel.count] : Fragment{});
 }
 
 }  // namespace surfel

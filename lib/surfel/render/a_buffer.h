@@ -229,9 +229,13 @@ struct PixelResult {
 /// too large (0.4 to 0.7 pixels): there the weight is edge_weight, close to the mean sum. An edge
 /// is where the sums fall to nothing within two pixels on one side; that tells nothing where splats
 /// are larger than the pixel filter, so that it is looked for only where they are not
-/// (kFilteredTag). A front-facing fragment at an edge and the back-facing one behind it are two
-/// sides of one body: what they cover lies upon one another, while unrelated surfaces cover
-/// independent parts (12).
+/// (kFilteredTag).
+///
+/// The two sides of one body at its silhouette cover the same part of the pixel, while unrelated
+/// surfaces cover independent parts (12). They are a front-facing fragment at an edge and the
+/// back-facing one behind it; and a back-facing fragment nearer than a front-facing one, where
+/// neither covers the whole pixel: there kernels reach beyond the silhouette, where the tangent
+/// planes of the two sides have crossed, and the front is seen.
 /// Where an edge, or a fragment, depends on another tile, the pixel is added to `open` instead.
 /// \param rest   a merged fragment that lies behind all others; of weight 0: none.
 /// \param waits  the fragments depend on other tiles.

@@ -160,6 +160,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     V3 color{zero, zero, zero};
     V opacity = zero;
     M waits = hn::Ne(zero, zero);  // Other tiles decide whether these are at an edge.
+    M part_of_back = waits;        // The last fragment shows a back in a part of the pixel.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -178,6 +179,16 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
       const V coverage =
           hn::IfThenElse(unmerged, hn::Min(one, hn::Div(at.weight, full_weight)), one);
+      if (fragments.layers > 1) {
+        // Where a back lies in front of a front and neither covers the whole pixel, depth may not
+        // be the order in which they are seen.
+        const V share = tile.layout.opaque ? hn::IfThenElse(merged, at.alpha, coverage) : coverage;
+        const M part = hn::Lt(share, one);
+        const M shows_front =
+            hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kFrontTag), hn::Zero(Tags())));
+        open = hn::AndNot(hn::And(part_of_back, hn::And(part, shows_front)), open);
+        part_of_back = hn::AndNot(shows_front, part);
+      }
       const V alpha = hn::Mul(at.alpha, inv_weight);
       const V front = hn::Mul(alpha, coverage);
       V3 shade = hn::Mul(inv_weight, coverage) * at.color;
