@@ -501,11 +501,14 @@ void aim(surfel::tool::Tool& tool, const Settings& s, const surfel::SurfaceSampl
 }
 
 /// The cameras to render from.
-std::vector<surfel::Camera> cameras(const Settings& s,
+std::vector<surfel::Camera> cameras(const surfel::tool::Tool& tool, const Settings& s,
                                     const std::vector<surfel::CameraOptions>& views,
                                     const surfel::SceneExtent& scene) {
   std::vector<surfel::Camera> all;
+  bool strays_left_out = false;
   for (const surfel::CameraOptions& view : views) {
+    const bool framed = !view.eye || !view.target;
+    strays_left_out = strays_left_out || (framed && scene.stray > 0 && !view.frame_all);
     if (s.turntable > 0) {
       for (const surfel::Camera& c : surfel::turntable(view, scene, s.turntable)) all.push_back(c);
     } else {
@@ -517,6 +520,12 @@ std::vector<surfel::Camera> cameras(const Settings& s,
         fmt::format("--output is \"{}\" but there are {} views; give a pattern such "
                     "as view_%04d.png",
                     s.output, all.size()));
+  }
+  if (strays_left_out) {
+    tool.note(
+        fmt::format("{} stray points lie outside of the frame, far from all others; "
+                    "--frame-all takes them in",
+                    scene.stray));
   }
   return all;
 }
@@ -669,13 +678,14 @@ int main(int argc, char** argv) {
     report["dropped"] = surfels ? surfels->dropped().total() : 0;
     report["copies_left_out"] = surfels ? surfels->copies() : 0;
     report["streamed"] = loaded && !loaded->store().resident();
+    report["stray_points"] = extent.stray;
     report["faces"] = mesh ? mesh->mesh.face.size() : 0;
     if (loaded) {
       aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
     } else if (needs_guess(s, asked)) {
       aim(tool, s, surfel::sample_surface(mesh->mesh), {}, asked);
     }
-    const std::vector<surfel::Camera> views = cameras(s, asked, extent);
+    const std::vector<surfel::Camera> views = cameras(tool, s, asked, extent);
     if (is_pattern(s.output)) {
       for (std::size_t i = 0; i < views.size(); ++i) {
         tool.files().write_also("--output", picture_name(s.output, i));

@@ -249,6 +249,42 @@ TEST(Render, StreamsWhatDoesNotFitIntoMemory) {
   }
 }
 
+TEST(Render, StrayPointsAreLeftOutOfTheFrame) {
+  const TemporaryFolder folder;
+  const std::string ball = folder / "ball.ply";
+  const std::string strays = folder / "strays.ply";
+  const std::string both = folder / "both.ply";
+  run({tool("surfel-generate"), "sphere", "--count", "20000", "-o", ball, "--quiet"});
+  run({tool("surfel-generate"), "sphere", "--count", "7", "-o", strays, "--quiet"});
+  run({tool("surfel-convert"), strays, "--translate", "300,-70,10", "-o", strays, "--quiet"});
+  run({tool("surfel-convert"), strays, ball, "-o", both, "--quiet"});
+  const auto render = [&](const std::string& surfels, const std::string& picture,
+                          const Words& options) {
+    Words command{tool("surfel-render"), surfels, "--size", "64x64", "-o", folder / picture};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return result.errors;
+  };
+  const auto difference = [&](const std::string& a, const std::string& b) {
+    return image_error(read_image(folder / a), read_image(folder / b)).psnr;
+  };
+  const std::string stats = folder / "stats.json";
+  EXPECT_EQ(render(ball, "ball.exr", {}), "");
+  const std::string note = render(both, "both.exr", {"--stats", stats});
+  EXPECT_NE(note.find("7 stray points"), std::string::npos) << note;
+  EXPECT_NE(note.find("--frame-all"), std::string::npos) << note;
+  EXPECT_NE(read_text(stats).find("\"stray_points\": 7"), std::string::npos);
+  EXPECT_GT(difference("ball.exr", "both.exr"), 60);
+  EXPECT_EQ(render(both, "all.exr", {"--frame-all"}), "");
+  EXPECT_LT(difference("ball.exr", "all.exr"), 20);
+  // What says where to look from, and at what, leaves nothing to be framed.
+  EXPECT_EQ(render(both, "eye.exr", {"--eye", "0,0,4", "--target", "0,0,0"}), "");
+  EXPECT_EQ(render(both, "turn_%04d.exr", {"--turntable", "2", "--quiet"}), "");
+  render(ball, "alone_%04d.exr", {"--turntable", "2"});
+  EXPECT_GT(difference("turn_0001.exr", "alone_0001.exr"), 60);
+}
+
 /// Encoding beside rendering changes nothing.
 TEST(Render, TurntablePicturesAreThoseOfOneThread) {
   const Square& s = Square::get();

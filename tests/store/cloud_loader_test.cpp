@@ -542,6 +542,34 @@ TEST_F(StreamedLevels, HaveTheExtentOfTheirCloud) {
   expect_same_extent(streamed.surfels().extent(), plain.extent());
 }
 
+/// A few surfels far away change no frame, in whatever order they come, in memory and in files.
+TEST_F(StreamedLevels, AreFramedWithoutStraySurfels) {
+  const Camera expected = view(RenderCloud(cloud_), 1);
+  Array<std::uint32_t> order(cloud_.size() + 5, 0);
+  std::iota(order.begin(), order.begin() + cloud_.size(), 0U);
+  cloud_ = cloud_.gathered(order);
+  const std::size_t ends[] = {cloud_.size() - 1, cloud_.size() - 2, cloud_.size() - 3, 7, 30'000};
+  for (std::size_t i = 0; i < std::size(ends); ++i) {
+    std::swap(cloud_.position[cloud_.size() - 1 - i], cloud_.position[ends[i]]);
+    cloud_.position[ends[i]] = Vec3f(-20, 9, 4) * static_cast<float>(i * i + 1);
+  }
+  const auto expect_frame = [&](const RenderCloud& cloud) {
+    EXPECT_EQ(cloud.extent().stray, 5U);
+    const Camera camera = view(cloud, 1);
+    EXPECT_LT((camera.eye - expected.eye).norm(), 1e-5);
+    CameraOptions all;
+    all.frame_all = true;
+    EXPECT_GT(make_camera(all, cloud.extent()).eye.norm(), 10 * expected.eye.norm());
+  };
+  expect_frame(RenderCloud(cloud_));
+  const std::string path = write();
+  for (const bool may_stream : {false, true}) {
+    const LoadedCloud loaded(path, {.columns = {.levels = true}, .may_stream = may_stream});
+    ASSERT_EQ(loaded.store().resident(), !may_stream);
+    expect_frame(loaded.surfels());
+  }
+}
+
 /// Several batches, all levels or the finest.
 TEST_F(StreamedLevels, FitIntoLittleMemory) {
   cloud_ = ordered("head", 200'000);

@@ -234,7 +234,8 @@ Vec3d parse_direction(const std::string& option, const std::string& text) {
 }
 
 void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice) {
-  add_vector(app, "--eye", camera.eye, "Eye, world coordinates; default: everything is seen");
+  add_vector(app, "--eye", camera.eye,
+             "Eye, world coordinates; default: everything but stray points is seen");
   add_vector(app, "--from", camera.from, "Instead of --eye: direction from the target to the eye");
   add_vector(app, "--target", camera.target, "Point looked at; default: the scene's centre");
   add_text(app, "--up", "DIRECTION", "",
@@ -270,7 +271,8 @@ void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice) {
   add_size(app, "--size", camera.width, camera.height, "Size of the picture, pixels");
   app.add_option("--zoom", camera.zoom, "Enlarges the picture about its centre, once framed, > 0");
   app.add_flag("--frame-all", camera.frame_all,
-               "Move the eye along its line of sight until the whole scene is just seen");
+               "Move the eye along its line of sight until the whole scene is just seen, with "
+               "stray points");
 }
 
 }  // namespace surfel::tool

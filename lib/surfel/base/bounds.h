@@ -16,6 +16,9 @@ struct Bounds {
     min = min.cwiseMin(p);
     max = max.cwiseMax(p);
   }
+  bool contains(const Vec3d& p) const {
+    return (p.array() >= min.array()).all() && (p.array() <= max.array()).all();
+  }
   Vec3d center() const { return (min + max) / 2; }
   /// Length of the diagonal; 0 when empty.
   double diagonal() const { return empty() ? 0 : (max - min).norm(); }

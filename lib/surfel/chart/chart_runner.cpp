@@ -314,10 +314,9 @@ void ChartRunner::Impl::aim(const SurfelCloud& cloud) {
     aim_camera(options.camera, options.view,
                guess_view(sample_surface(cloud), {.up = up, .viewpoint = cloud.viewpoint}));
   }
-  const Camera view = make_camera(options.camera, surfels.extent());
-  const Bounds& box = surfels.extent().box;
-  const Vec3d target =
-      options.camera.target.value_or(box.empty() ? Vec3d(0, 0, 0) : Vec3d((box.min + box.max) / 2));
+  const SceneExtent extent = surfels.extent();
+  const Camera view = make_camera(options.camera, extent);
+  const Vec3d target = view_target(options.camera, extent);
   camera = {"--eye=" + numbers(view.eye), "--target=" + numbers(target),
             "--up=" + numbers(options.camera.up_or_y()), "--size",
             fmt::format("{}x{}", view.width, view.height)};

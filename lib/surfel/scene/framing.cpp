@@ -54,13 +54,23 @@ std::vector<std::string> CameraOptions::problems() const {
   return found;
 }
 
-Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
+const SceneExtent& framed_extent(const CameraOptions& options, const SceneExtent& scene) {
+  return scene.core && !options.frame_all ? *scene.core : scene;
+}
+
+Vec3d view_target(const CameraOptions& options, const SceneExtent& scene) {
+  const Bounds& box = framed_extent(options, scene).box;
+  return options.target.value_or(box.empty() ? Vec3d(0, 0, 0) : box.center());
+}
+
+Camera make_camera(const CameraOptions& options, const SceneExtent& whole) {
+  const SceneExtent& scene = framed_extent(options, whole);
   Bounds box = scene.box;
   if (box.empty()) {
     box.add(Vec3d::Constant(-0.5));
     box.add(Vec3d::Constant(0.5));
   }
-  const Vec3d target = options.target.value_or(box.center());
+  const Vec3d target = view_target(options, whole);
   const bool z_up = std::abs(options.up_or_y().normalized().z()) > 0.9;
   const Vec3d side = options.from ? options.from->normalized()
                      : z_up       ? Vec3d(0, -1, 0.36).normalized()
@@ -123,8 +133,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& scene) {
 
 std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& scene, int count) {
   const Camera first = make_camera(options, scene);
-  const Vec3d target =
-      options.target.value_or(scene.box.empty() ? Vec3d(0, 0, 0) : scene.box.center());
+  const Vec3d target = view_target(options, scene);
   std::vector<Camera> cameras;
   for (int i = 0; i < count; ++i) {
     const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up_or_y().normalized());

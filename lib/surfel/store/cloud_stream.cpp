@@ -88,22 +88,15 @@ void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);
   holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
   cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {}, "");
-  cloud_.extent_.support = [this](const Vec3d& along, double outward) {
-    return support(along, outward);
-  };
-}
-
-/// SceneExtent::support. Reads the clusters whose bounds reach farther than the surfels found.
-double CloudStream::support(const Vec3d& along, double outward) const {
-  RenderCloud rows;
-  return cloud_.support(along, outward, [&](std::uint32_t c, const Vec3d& a, double b) {
-    const std::uint64_t begin = surfel_[c];
-    std::size_t end = surfel_end(c) - begin;
-    read(begin, begin + end, rows);
+  cloud_.read_rows_ = [this](std::uint32_t cluster, RenderCloud& scratch,
+                             RenderCloud::RowVisitor visit) {
+    const std::uint64_t begin = surfel_[cluster];
+    std::size_t end = surfel_end(cluster) - begin;
+    read(begin, begin + end, scratch);
     UnusableSurfels ignored;
-    drop_unusable(rows, 0, end, ignored);
-    return rows.support(0, end, a, b);
-  });
+    drop_unusable(scratch, 0, end, ignored);
+    visit(scratch, 0, end);
+  };
 }
 
 std::size_t CloudStream::surfel_end(std::uint32_t cluster) const {

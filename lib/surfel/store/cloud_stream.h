@@ -76,7 +76,6 @@ class SURFEL_API CloudStream final : public ClusterStore {
   bool make_index();
   bool finest_transparent(std::size_t first) const;
   void allocate();
-  double support(const Vec3d& along, double outward) const;
   void drop_unusable(RenderCloud& rows, std::size_t begin, std::size_t& end,
                      UnusableSurfels& dropped) const;
   std::size_t surfel_end(std::uint32_t cluster) const;

@@ -298,20 +298,57 @@ float RenderCloud::larger_deviation(std::size_t i) const {
 }
 
 SceneExtent RenderCloud::extent() const& {
-  SceneExtent extent = extent_;
-  if (!extent.support && !clusters_.empty()) {
-    extent.support = [this](const Vec3d& along, double outward) {
-      return support(along, outward, [this](std::uint32_t c, const Vec3d& a, double b) {
-        return support(clusters_[c].begin, clusters_[c].end, a, b);
-      });
-    };
+  SceneExtent extent{.box = box_};
+  if (clusters_.empty()) return extent;
+  const auto support_within = [this](const std::optional<Bounds>& box) {
+    return [this, box](const Vec3d& along, double outward) { return support(along, outward, box); };
+  };
+  extent.support = support_within(std::nullopt);
+  if (const std::optional<CloudCore> found = core()) {
+    SceneExtent core;
+    core.support = support_within(found->box);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vec3d along = Vec3d::Unit(axis);
+      core.box.min[axis] = -core.support(-along, 1);
+      core.box.max[axis] = core.support(along, 1);
+    }
+    extent.core = std::make_shared<const SceneExtent>(std::move(core));
+    extent.stray = found->stray;
   }
   return extent;
 }
 
-/// SceneExtent::support of the finest level. Takes its clusters in the order of what their bounds
-/// allow, until none allows more than what has been found.
-double RenderCloud::support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const {
+/// Hands on the surfels of a cluster, from the columns or from their file.
+void RenderCloud::visit_rows(std::uint32_t cluster, RenderCloud& scratch, RowVisitor visit) const {
+  if (read_rows_) {
+    read_rows_(cluster, scratch, visit);
+  } else {
+    visit(*this, clusters_[cluster].begin, clusters_[cluster].end);
+  }
+}
+
+/// The core of the finest level, relative to the origin.
+std::optional<CloudCore> RenderCloud::core() const {
+  std::vector<PointGroup> groups;
+  std::vector<std::uint32_t> finest;
+  for (std::uint32_t c = 0; c < clusters_.size(); ++c) {
+    const Cluster& cluster = clusters_[c];
+    if (cluster.merged) continue;
+    groups.push_back({cluster.center.cast<double>(), cluster.radius, cluster.end - cluster.begin});
+    finest.push_back(c);
+  }
+  RenderCloud scratch;
+  return find_core(groups, [&](std::size_t g, FunctionRef<void(const Vec3d&)> add) {
+    visit_rows(finest[g], scratch, [&](const RenderCloud& r, std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) add(Vec3d(r.x[i], r.y[i], r.z[i]));
+    });
+  });
+}
+
+/// SceneExtent::support of the finest level, or of its surfels whose centres lie within a box
+/// relative to the origin. Takes its clusters in the order of what their bounds allow, until none
+/// allows more than what has been found.
+double RenderCloud::support(const Vec3d& a, double b, const std::optional<Bounds>& within) const {
   std::vector<std::pair<double, std::uint32_t>> bounds;
   for (std::uint32_t c = 0; c < clusters_.size(); ++c) {
     const Cluster& cluster = clusters_[c];
@@ -322,28 +359,31 @@ double RenderCloud::support(const Vec3d& a, double b, const ClusterSupport& of_c
   }
   std::make_heap(bounds.begin(), bounds.end());
   double greatest = -std::numeric_limits<double>::infinity();
+  const auto take = [&](const RenderCloud& rows, std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      if (within && !within->contains(Vec3d(rows.x[i], rows.y[i], rows.z[i]))) continue;
+      const double reach = rows.reach(i, a, b);
+      if (reach > greatest) greatest = reach;  // Not where NaN.
+    }
+  };
+  RenderCloud scratch;
   for (auto end = bounds.end(); end != bounds.begin() && bounds.front().first > greatest; --end) {
-    greatest = std::max(greatest, of_cluster(bounds.front().second, a, b));
+    visit_rows(bounds.front().second, scratch, take);
     std::pop_heap(bounds.begin(), end);
   }
   return greatest + a.dot(origin_);
 }
 
-/// SceneExtent::support of surfels [begin, end), relative to the origin.
-double RenderCloud::support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const {
-  double greatest = -std::numeric_limits<double>::infinity();
-  for (std::size_t i = begin; i < end; ++i) {
-    const double reach = a.dot(Vec3d(x[i], y[i], z[i])) + b * larger_deviation(i);
-    if (reach > greatest) greatest = reach;  // Not where NaN.
-  }
-  return greatest;
+/// SceneExtent::support of one surfel, relative to the origin.
+double RenderCloud::reach(std::size_t row, const Vec3d& a, double b) const {
+  return a.dot(Vec3d(x[row], y[row], z[row])) + b * larger_deviation(row);
 }
 
 /// Sets the box around the discs; a box around the clusters' spheres would be far too large.
 void RenderCloud::make_box(const Vec3f& reach_min, const Vec3f& reach_max) {
   if (clusters_.empty()) return;
-  extent_.box.add(origin_ + reach_min.cast<double>());
-  extent_.box.add(origin_ + reach_max.cast<double>());
+  box_.add(origin_ + reach_min.cast<double>());
+  box_.add(origin_ + reach_max.cast<double>());
 }
 
 std::uint64_t RenderCloud::memory_bytes() const {

@@ -2,7 +2,9 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +13,7 @@
 #include <surfel/base/types.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
+#include <surfel/scene/stray_points.h>
 #include <surfel/scene/surface_sample.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
@@ -98,8 +101,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Is the alpha of some surfel below 1?
   bool transparent() const { return !alpha.empty(); }
   /// World bounds of the finest level's discs at standard deviation 1; its support function takes
-  /// the sphere around each disc. The bounds do not depend on how surfels are clustered. The
-  /// support function refers to this object.
+  /// the sphere around each disc. The bounds do not depend on how surfels are clustered. Its core
+  /// leaves out what find_core() calls stray. The support functions refer to this object.
   SceneExtent extent() const&;
   SceneExtent extent() const&& = delete;
   /// Groups in use, SP06's K; 0 if groups were not asked for.
@@ -159,9 +162,11 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   void take_clusters(const ClusterTree& tree, bool levels);
   SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
   void make_box(const Vec3f& reach_min, const Vec3f& reach_max);
-  using ClusterSupport = FunctionRef<double(std::uint32_t cluster, const Vec3d& a, double b)>;
-  double support(const Vec3d& a, double b, const ClusterSupport& of_cluster) const;
-  double support(std::size_t begin, std::size_t end, const Vec3d& a, double b) const;
+  using RowVisitor = FunctionRef<void(const RenderCloud& rows, std::size_t begin, std::size_t end)>;
+  void visit_rows(std::uint32_t cluster, RenderCloud& scratch, RowVisitor visit) const;
+  double support(const Vec3d& a, double b, const std::optional<Bounds>& within) const;
+  double reach(std::size_t row, const Vec3d& a, double b) const;
+  std::optional<CloudCore> core() const;
 
   std::size_t size_ = 0;
   std::size_t first_finest_ = 0;
@@ -173,7 +178,9 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   UnusableSurfels dropped_;
   std::size_t copies_ = 0;
   std::size_t first_copy_ = std::numeric_limits<std::size_t>::max();
-  SceneExtent extent_;  ///< Has a support function only if the surfels stay in their file.
+  Bounds box_;  ///< See extent().
+  /// Reads the surfels of a cluster; only if they stay in their file.
+  std::function<void(std::uint32_t cluster, RenderCloud& scratch, RowVisitor visit)> read_rows_;
 };
 
 }  // namespace surfel
