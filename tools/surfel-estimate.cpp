@@ -42,6 +42,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--k-max", s.estimate.normals.k_max, "Most points with -k auto");
   app.add_option("--radius", s.estimate.normals.radius,
                  "Above 0: all points within that distance instead, scene units");
+  add_choice(
+      app, "--noise", s.estimate.normals.grow_in_noise, {{"auto", true}, {"ignore", false}},
+      "auto: where noise exceeds the points' spacing, as depth cameras' does, neighbourhoods "
+      "as large as it asks for, whatever -k says; ignore: as -k says");
   add_choice(app, "--search", s.estimate.search,
              {{"exact", SearchMethod::kExact},
               {"flann", SearchMethod::kFlann},
@@ -98,15 +102,19 @@ void declare_options(CLI::App& app, Settings& s) {
              "Ellipses instead of discs: auto = where samples lie in lines");
   app.add_option("--cutoff", s.estimate.size.cutoff,
                  "c that --variance cover closes the surface at, 0.1..16");
+  app.add_option(
+      "--max-radius", s.estimate.size.max_radius,
+      "Longest reach of a splat with --variance cover, in local spacings (mean distance of the "
+      "four nearest), at least 1: leaves and clutter get no petals; 0 = as far as gaps are");
   app.option_defaults()->group("Options");
 }
 
 /// Fills in the viewpoint, which the file may tell.
 void finish(Settings& s, const surfel::SurfelCloud& cloud) {
+  if (!s.viewpoint && cloud.viewpoint) s.viewpoint = cloud.viewpoint->position;
   if (s.viewpoint) {
     s.estimate.orientation.viewpoint = *s.viewpoint;
-  } else if (cloud.viewpoint) {
-    s.estimate.orientation.viewpoint = cloud.viewpoint->position;
+    s.estimate.normals.sensor = s.viewpoint;
   } else if (s.estimate.orientation.method == surfel::Orientation::kViewpoint) {
     surfel::throw_usage(
         fmt::format("{} does not say where the scanner stood; give --viewpoint X,Y,Z", s.input));
@@ -163,6 +171,7 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
                    {"collinear", r.flagged[4]}};
   json["extended"] = r.extended;
   json["mean_neighbors"] = r.mean_neighbors;
+  if (r.remade > 0) json["noise"] = {{"deviation", r.noise}, {"normals", r.remade}};
   if (r.search_recall) json["search_recall"] = *r.search_recall;
   json["components"] = r.orientation.components;
   json["flipped"] = r.orientation.flipped;
@@ -192,6 +201,12 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
   count(r.stayed, "have no smooth surface around them: they stay where they are");
   count(r.flagged[2] + r.flagged[3] + r.flagged[4],
         "have no plane through their neighbours: they look at the eye");
+  if (r.remade > 0) {
+    tool.note(fmt::format(
+        "{}: noise of about {:.3g} hides the surface from single neighbourhoods: normals are made "
+        "from {:.0f} points on average; --noise ignore makes them as -k says",
+        input, r.noise, r.mean_neighbors));
+  }
   if (r.search_recall) {
     tool.detail(fmt::format("{}: --search flann-approx found {:.2f} % of the nearest neighbours",
                             input, 100 * *r.search_recall));

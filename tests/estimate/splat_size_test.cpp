@@ -83,6 +83,10 @@ TEST(SplatSize, RefusesBadOptions) {
     EXPECT_EQ(SplatSizeOptions{.cutoff = cutoff}.problems().size(), 1U);
     EXPECT_THROW(sizes_of(grid(4, 0), {.cutoff = cutoff}), Error);
   }
+  EXPECT_TRUE(SplatSizeOptions{.max_radius = 0}.problems().empty());
+  for (const double radius : {-1.0, 0.5, std::nan("")}) {
+    EXPECT_EQ(SplatSizeOptions{.max_radius = radius}.problems().size(), 1U);
+  }
 }
 
 TEST(SplatSize, CoverHasNoHolesAndLittleOverlap) {
@@ -119,7 +123,7 @@ TEST(SplatSize, AreasSumToTheSurface) {
 }
 
 TEST(SplatSize, ScanLinesGetEllipses) {
-  for (const double aspect : {3.0, 8.0}) {
+  for (const double aspect : {3.0, 8.0, 10.0}) {
     const OrientedPoints points = grid(200, 0.1, aspect);
     const SplatSizes ellipses = sizes_of(points);
     ASSERT_TRUE(ellipses.ellipses) << aspect;
@@ -134,6 +138,53 @@ TEST(SplatSize, ScanLinesGetEllipses) {
     EXPECT_LT(with, 0.8 * without) << aspect;
   }
   EXPECT_FALSE(sizes_of(grid(60, 0.35)).ellipses);  // Not worth it on even samples.
+}
+
+/// Points that fill a ball, with any normals, as leaves have.
+OrientedPoints leaves() {
+  OrientedPoints out;
+  for (std::uint64_t k = 0; k < 20000; ++k) {
+    const auto vector = [&](std::uint64_t first) {
+      const auto at = [&](std::uint64_t d) { return 2 * random_uniform(4, k, first + d) - 1; };
+      return Vec3d(at(0), at(1), at(2));
+    };
+    const Vec3d p = vector(0);
+    if (p.squaredNorm() < 1) out.add(p.x(), p.y(), p.z(), vector(3).normalized().cast<float>());
+  }
+  return out;
+}
+
+TEST(SplatSize, LeavesGetNoPetals) {
+  const OrientedPoints points = leaves();
+  const auto longest = [&](double max_radius) {
+    SplatSizeOptions options;
+    options.max_radius = max_radius;
+    const SplatSizes sizes = sizes_of(points, options);
+    double most = 0;
+    for (const SplatSize& size : sizes.of) {
+      const double reach = std::sqrt(2 * options.cutoff * std::max(size.variance, size.variance_u));
+      most = std::max(most, reach / size.spacing);
+    }
+    return most;
+  };
+  EXPECT_GT(longest(0), 4);
+  EXPECT_LT(longest(3), 3.3);  // A few points look as if they were on a scan line.
+}
+
+TEST(SplatSize, NoiseIsReachedAcrossByHalfASpacingAtMost) {
+  const OrientedPoints points = grid(60, 0);
+  const auto search = make_neighbor_search(points.position);
+  const auto reach2 = [&](float noise) {
+    const std::vector<float> all(points.position.size(), noise);
+    const SplatSizes sizes =
+        estimate_splat_sizes(points.position, points.normal, true, *search, {}, all);
+    return 2 * static_cast<double>(sizes.of[30 * 60 + 30].variance);
+  };
+  const double h = 1 / 60.0;
+  const double clean = 2 * static_cast<double>(sizes_of(points).of[30 * 60 + 30].variance);
+  EXPECT_NEAR(reach2(0) / clean, 1, 1e-6);
+  EXPECT_NEAR((reach2(static_cast<float>(0.3 * h)) - clean) / (h * h), 0.09, 1e-3);
+  EXPECT_NEAR((reach2(static_cast<float>(2 * h)) - clean) / (h * h), 0.25, 1e-3);
 }
 
 TEST(SplatSize, BordersDoNotFray) {

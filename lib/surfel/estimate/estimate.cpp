@@ -2,6 +2,7 @@
 #include <limits>
 
 #include <surfel/base/error.h>
+#include <surfel/base/median.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -138,12 +139,19 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   const NeighborLists search(*tree, position, shared_neighbors(options.normals));
   stage.end("search tree");
   Estimates out;
-  out.normals = estimate_normals(position, search, options.normals);
+  NormalOptions normals = options.normals;
+  if (normals.sensor) *normals.sensor -= cloud.origin;
+  out.normals = estimate_normals(position, search, normals);
   parallel_each(points.fitted.size(), kCloudGrain, [&](std::size_t i) {
     if (!points.fitted[i].isZero(0)) out.normals.normal[i] = points.fitted[i];
   });
   r.flagged = out.normals.flagged;
   r.extended = out.normals.extended;
+  r.remade = out.normals.remade;
+  if (r.remade > 0) {
+    std::vector<float> noise(out.normals.noise.begin(), out.normals.noise.end());
+    r.noise = static_cast<double>(median(noise));
+  }
   r.mean_neighbors =
       static_cast<double>(out.normals.neighbors) / static_cast<double>(position.size());
   stage.end("neighbors and normals");
@@ -154,9 +162,9 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
                                  out.normals.normal);
   stage.end("orientation");
-  out.sizes =
-      estimate_splat_sizes(position, out.normals.normal,
-                           options.orientation.method != Orientation::kNone, search, options.size);
+  out.sizes = estimate_splat_sizes(position, out.normals.normal,
+                                   options.orientation.method != Orientation::kNone, search,
+                                   options.size, out.normals.noise);
   r.border = out.sizes.border;
   r.capped = out.sizes.capped;
   r.anisotropic = out.sizes.ellipses;

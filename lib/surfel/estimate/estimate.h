@@ -43,6 +43,8 @@ struct EstimateReport {
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by PointFlag.
   std::size_t extended = 0;                        ///< Thin neighbourhoods that were enlarged.
   double mean_neighbors = 0;                       ///< Mean number of points to a normal.
+  std::size_t remade = 0;                          ///< Normals made anew because of noise.
+  double noise = 0;                                ///< Median standard deviation of that noise.
   std::optional<double> search_recall;             ///< neighbor_recall() of an approximate search.
   OrientationReport orientation;
   std::size_t border = 0;    ///< Splats at a border or alone.

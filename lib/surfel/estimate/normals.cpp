@@ -8,8 +8,9 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/estimate/neighborhood_plane.h>
+#include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/normals.h>
-#include <surfel/estimate/plane_fit.h>
 
 namespace surfel {
 namespace {
@@ -17,71 +18,12 @@ namespace {
 constexpr int kMostNeighbors = std::numeric_limits<std::uint16_t>::max();
 /// Neighbourhoods that are too thin grow up to this many points.
 constexpr std::size_t kMostExtended = 128;
-/// lambda_1 / lambda_2 below which a neighbourhood is thin: a fifth as wide as long.
-constexpr double kThinShare = 0.04;
-/// lambda_1 / lambda_2 below which a neighbourhood is a line: a thousandth as wide as long.
-constexpr double kLineShare = 1e-6;
 /// Half width of the adaptive size's confidence intervals, in standard errors. Larger values take
 /// noise away better and round edges off more; between 1 and 2.4 this is the best compromise on
 /// plane, sphere, torus and cube.
 constexpr double kIntervalErrors = 1.8;
 /// Normals that differ by less, in radians, agree: they are floats.
 constexpr double kSameAngle = 1e-6;
-
-/// Sums from which the covariance follows.
-struct Moments {
-  double n = 0;
-  double x = 0, y = 0, z = 0;
-  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-
-  void add(const Vec3d& d) {
-    n += 1;
-    x += d.x(), y += d.y(), z += d.z();
-    xx += d.x() * d.x(), xy += d.x() * d.y(), xz += d.x() * d.z();
-    yy += d.y() * d.y(), yz += d.y() * d.z(), zz += d.z() * d.z();
-  }
-
-  /// Trace of the covariance.
-  double variance() const { return (xx + yy + zz - (x * x + y * y + z * z) / n) / n; }
-
-  /// The covariance.
-  void store(std::size_t i, PlaneBatch& batch) const {
-    batch.xx[i] = (xx - x * x / n) / n;
-    batch.xy[i] = (xy - x * y / n) / n;
-    batch.xz[i] = (xz - x * z / n) / n;
-    batch.yy[i] = (yy - y * y / n) / n;
-    batch.yz[i] = (yz - y * z / n) / n;
-    batch.zz[i] = (zz - z * z / n) / n;
-  }
-};
-
-/// The plane that fits a neighbourhood best.
-struct Plane {
-  Vec3d normal;  ///< Unit length.
-  Vec3d lambda;  ///< Variances of the points along the principal axes, ascending, >= 0.
-  double n;      ///< Points.
-
-  bool thin() const { return lambda[1] < kThinShare * lambda[2]; }
-  double variation() const { return lambda[0] / lambda.sum(); }
-  /// Variance of the points' distances from the plane; a plane has three parameters.
-  double noise() const {
-    return n > 3 ? lambda[0] * n / (n - 3) : std::numeric_limits<double>::infinity();
-  }
-  /// Standard error of the normal, in radians, where the distances have the variance `noise`;
-  /// infinite where any normal is as good.
-  double error(double noise) const {
-    const double gap_1 = lambda[1] - lambda[0];
-    const double gap_2 = lambda[2] - lambda[0];
-    if (!(gap_1 > 0)) return std::numeric_limits<double>::infinity();
-    return std::sqrt(noise / n * (lambda[1] / (gap_1 * gap_1) + lambda[2] / (gap_2 * gap_2)));
-  }
-};
-
-Plane plane_of(const PlaneBatch& batch, std::size_t i, double n) {
-  return {{batch.normal[0][i], batch.normal[1][i], batch.normal[2][i]},
-          {batch.lambda[0][i], batch.lambda[1][i], batch.lambda[2][i]},
-          n};
-}
 
 /// Normal of one neighbourhood, or why there is none.
 struct Result {
@@ -121,7 +63,7 @@ class Estimator {
   Result of_plane(std::size_t i, const Plane& plane) const {
     Result result{PointFlag::kGood, static_cast<std::size_t>(plane.n), plane};
     const Vec3d& lambda = plane.lambda;
-    if (!(lambda[1] > std::max(least_variance(i), kLineShare * lambda[2]))) {
+    if (!(lambda[1] > std::max(least_variance(i), Plane::kLineShare * lambda[2]))) {
       result.flag = PointFlag::kCollinear;
     } else if (plane.thin()) {
       result.flag = PointFlag::kThin;
@@ -199,23 +141,13 @@ class Estimator {
     if (const auto flag = planeless(i, moments)) {
       return {*flag, static_cast<std::size_t>(moments.n), {}};
     }
-    PlaneBatch batch;
-    moments.store(0, batch);
-    fit_planes(1, batch);
-    return of_plane(i, plane_of(batch, 0, moments.n));
+    return of_plane(i, plane_of(moments));
   }
 
   const Array<Vec3f>& points_;
   const NeighborSearch& search_;
   std::vector<std::size_t> sizes_;  ///< Ascending.
 };
-
-/// Turns a normal of arbitrary side to a side that is the same on every machine.
-Vec3f with_fixed_side(const Vec3d& normal) {
-  Eigen::Index largest = 0;
-  normal.cwiseAbs().maxCoeff(&largest);
-  return (normal[largest] < 0 ? Vec3d(-normal) : normal).cast<float>();
-}
 
 void store(const Result& result, std::size_t i, NormalEstimate& out) {
   out.normal[i] = Vec3f(0, 0, 0);
@@ -318,6 +250,9 @@ NormalEstimate estimate_normals(const Array<Vec3f>& points, const NeighborSearch
     out.neighbors += w.neighbors;
     out.extended += w.extended;
   });
+  if (options.grow_in_noise && !by_radius) {
+    remake_noisy_normals(points, search, options.sensor, out);
+  }
   return out;
 }
 

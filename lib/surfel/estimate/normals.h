@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,11 @@ struct NormalOptions {
   int k_max = 64;         ///< Up to 65535.
   double radius = 0;      ///< Above 0: all points within it (inclusive; of more than 65535 the
                           ///< nearest). Not together with `adaptive`. Scene units.
+  bool grow_in_noise = true;  ///< Where noise exceeds the spacing, neighbourhoods are as large as
+                              ///< it asks for, see noisy_normals.h; not with `radius`.
+  std::optional<Vec3d> sensor =
+      std::nullopt;  ///< Where the points may have been seen from: used in noise, and
+                     ///< only if they are a range image from there (range_normals.h).
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
@@ -54,6 +60,9 @@ struct NormalEstimate {
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by flag.
   std::size_t neighbors = 0;  ///< Sum of the points that each normal was made from.
   std::size_t extended = 0;   ///< Points whose neighbourhood was enlarged, being thin at first.
+  std::size_t remade = 0;     ///< Points whose normal was made anew, as noise exceeds the spacing.
+  Array<float> noise;  ///< Standard deviation of the points from the surface where normals were
+                       ///< made anew, scene units; else empty.
 
   std::size_t count(PointFlag f) const { return flagged[static_cast<std::size_t>(f)]; }
 };

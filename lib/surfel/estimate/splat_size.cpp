@@ -7,6 +7,7 @@
 
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/estimate/neighborhood_plane.h>
 #include <surfel/estimate/splat_size.h>
 #include <surfel/surface/closed_cell.h>
 #include <surfel/surface/sheet.h>
@@ -47,6 +48,12 @@ constexpr double kElongatedShare = 0.1;
 /// Discs and ellipses are larger than their cells by this factor, as neighbouring tangent planes
 /// differ where the surface bends.
 constexpr double kMargin = 1.05;
+/// A point is on a scan line if this many nearest points are less than a third as wide as long: few
+/// enough not to reach the next line.
+constexpr std::size_t kLineNeighbors = 8;
+constexpr double kLineWidth2 = 0.1;
+/// Gaps that noise leaves, in local spacings, are at most taken to be this.
+constexpr double kMostGap = 0.5;
 
 enum class CellKind : std::uint8_t { kClosed, kBorder, kAlone };
 
@@ -68,6 +75,15 @@ struct Neighborhood {
 
   /// Are there enough other points to tell the spacing, and to bound a cell?
   bool bounds_cell() const { return near.size() >= coincident + 2; }
+  /// The nearest points, as many as a cell is first made from.
+  std::span<const Neighbor> nearest() const {
+    return near.first(std::min(near.size(), coincident + kSplatNeighbors));
+  }
+  /// Side of the square that each of them would have to itself on a plane.
+  double plane_spacing() const {
+    const auto count = static_cast<double>(nearest().size() - coincident);
+    return std::sqrt(std::numbers::pi * static_cast<double>(nearest().back().distance2) / count);
+  }
   /// All points up to this distance are known.
   double reach() const { return std::sqrt(static_cast<double>(near.back().distance2)); }
 };
@@ -82,12 +98,13 @@ struct Shape {
 class Sizer {
  public:
   Sizer(const Array<Vec3f>& position, const Array<Vec3f>& normal, bool oriented,
-        const NeighborSearch& search, const SplatSizeOptions& options)
+        const NeighborSearch& search, const SplatSizeOptions& options, std::span<const float> noise)
       : position_(position),
         normal_(normal),
         oriented_(oriented),
         search_(search),
-        options_(options) {
+        options_(options),
+        noise_(noise) {
     const std::size_t count = position.size();
     kind_.resize(count);
     out_.of.resize(count);
@@ -196,10 +213,16 @@ class Sizer {
   }
 
   /// Notes the size of a point whose cell has this area and shape in this frame.
-  void store(std::size_t i, const Neighborhood& around, double area, const Shape& shape,
+  void store(std::size_t i, const Neighborhood& around, double area, Shape shape,
              const TangentFrame& frame) {
     const double two_c = 2 * options_.cutoff;
+    if (!noise_.empty()) {
+      const double gap = std::min(static_cast<double>(noise_[i]), kMostGap * around.spacing);
+      shape.radius2 += gap * gap;
+      shape.half_axes2 += Vec2d::Constant(gap * gap);
+    }
     const auto shared = static_cast<double>(std::max<std::size_t>(around.coincident, 1));
+    limit(i, around, shape);
     SplatSize& size = out_.of[i];
     size.area = static_cast<float>(area / shared);
     size.spacing = static_cast<float>(around.spacing);
@@ -222,6 +245,30 @@ class Sizer {
     size.tangent = tangent.cast<float>();
     size.variance_u = static_cast<float>(shape.half_axes2[0] / two_c);
     size.variance_v = static_cast<float>(shape.half_axes2[1] / two_c);
+  }
+
+  /// Cuts a shape to the longest reach that splats have.
+  void limit(std::size_t i, const Neighborhood& around, Shape& shape) const {
+    if (options_.max_radius == 0) return;
+    double most = options_.max_radius * around.spacing;
+    const double longest2 = std::max(shape.radius2, shape.half_axes2[0]);
+    if (longest2 <= most * most) return;
+    // On a scan line the nearest points tell nothing of the distance to the next line.
+    if (on_line(i, around)) most = options_.max_radius * around.plane_spacing();
+    shape.radius2 = std::min(shape.radius2, most * most);
+    shape.half_axes2 = shape.half_axes2.cwiseMin(most * most);
+  }
+
+  /// Do the nearest points lie along a line?
+  bool on_line(std::size_t i, const Neighborhood& around) const {
+    Moments moments;
+    const std::span<const Neighbor> near = around.nearest();
+    for (const Neighbor& n : near.first(std::min(near.size(), kLineNeighbors))) {
+      moments.add((position_[n.index] - position_[i]).cast<double>());
+    }
+    if (!(moments.variance() > 0)) return false;
+    const Plane plane = plane_of(moments);
+    return plane.lambda[1] < kLineWidth2 * plane.lambda[2];
   }
 
   /// Finds the k nearest of point i, half of which lie within `reach`. It is faster to look first
@@ -406,6 +453,7 @@ class Sizer {
   bool oriented_;
   const NeighborSearch& search_;
   const SplatSizeOptions& options_;
+  std::span<const float> noise_;
   PerWorker<Worker> workers_;
   Array<CellKind> kind_;
   SplatSizes out_;
@@ -416,14 +464,16 @@ class Sizer {
 std::vector<std::string> SplatSizeOptions::problems() const {
   std::vector<std::string> found;
   check_option(found, cutoff >= 0.1 && cutoff <= 16, "cutoff", cutoff, "in 0.1..16");
+  check_option(found, max_radius == 0 || (max_radius >= 1 && std::isfinite(max_radius)),
+               "max_radius", max_radius, "at least 1, or 0 for none");
   return found;
 }
 
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                 bool oriented, const NeighborSearch& search,
-                                const SplatSizeOptions& options) {
+                                const SplatSizeOptions& options, std::span<const float> noise) {
   require_usable(options);
-  return Sizer(position, normal, oriented, search, options).run();
+  return Sizer(position, normal, oriented, search, options, noise).run();
 }
 
 }  // namespace surfel

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -26,7 +27,10 @@ enum class Anisotropy : std::uint8_t {
 struct SplatSizeOptions {
   VarianceRule rule = VarianceRule::kCover;
   Anisotropy anisotropy = Anisotropy::kAuto;
-  double cutoff = 1;  ///< c of beta < c, 0.1..16: a disc that covers reaches sqrt(2 c V).
+  double cutoff = 1;      ///< c of beta < c, 0.1..16: a disc that covers reaches sqrt(2 c V).
+  double max_radius = 3;  ///< How far a splat that covers reaches at most, in local spacings (mean
+                          ///< distance to the four nearest others), at least 1; 0 = as far as its
+                          ///< cell.
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
@@ -65,11 +69,22 @@ struct SplatSizes {
 /// the cell is open: there it ends at 0.95 of the local spacing, so that silhouettes do not fray. A
 /// point alone takes no more than three times its neighbours' spacing.
 ///
+/// Where points fill space, as leaves do, few of them lie on the sheet of one, its cell is large,
+/// and its splat would be a petal that hides the others: no splat reaches further than `max_radius`
+/// local spacings. On a surface cells end before. On a scan line, where the 8 nearest points are
+/// less than a third as wide as long, the spacing that counts is the side of the square that each
+/// of the 16 nearest would have to itself, sqrt(pi r^2 / 16), r being the distance of the last:
+/// lines ten times as far apart as their points stay closed.
+///
+/// \param noise     standard deviation of each point from the surface, scene units, or empty. Seen
+///                  from the side, points so far apart leave gaps: discs and ellipses reach as much
+///                  further, but no more than half the local spacing.
 /// \param search    searches `position`; fastest in the order of a space-filling curve.
 /// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
 /// Sizes do not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                            bool oriented, const NeighborSearch& search,
-                                           const SplatSizeOptions& options = {});
+                                           const SplatSizeOptions& options = {},
+                                           std::span<const float> noise = {});
 
 }  // namespace surfel

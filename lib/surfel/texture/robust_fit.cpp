@@ -6,6 +6,7 @@
 #include <numeric>
 #include <utility>
 
+#include <surfel/base/median.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/ceres_solver.h>
@@ -59,13 +60,6 @@ SparseMatrix pull_matrix(const RenderSystem& system, std::size_t size) {
 
 bool covered(const RenderSystem& system, std::size_t q) {
   return system.near.A.row_begin[q] < system.near.A.row_begin[q + 1];
-}
-
-/// Median of at least one value; changes their order.
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 double scale_of(std::vector<double> found) {

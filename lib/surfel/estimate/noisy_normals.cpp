@@ -1,0 +1,231 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <surfel/base/median.h>
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/neighborhood_plane.h>
+#include <surfel/estimate/noisy_normals.h>
+#include <surfel/estimate/range_normals.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kSampleGrain = 4;
+constexpr std::size_t kRefitGrain = 64;
+/// Points that tell whether the cloud is noisy, and most points whose noise is noted.
+constexpr std::size_t kLook = 512;
+constexpr std::size_t kMostNoted = 4096;
+constexpr std::size_t kLeastNeighbors = 16;
+constexpr std::size_t kMostGrown = 1024;
+/// A plane is uncertain if its normal's standard error is larger, in radians.
+constexpr double kUncertain = 0.1;
+constexpr double kLeastUncertainShare = 0.15;
+constexpr double kLeastNoisyShare = 0.25;
+/// lambda_0 / lambda_1 that a peak exceeds and that a certain plane stays below, and the share of
+/// the peak that it falls below.
+constexpr double kFlat = 0.1;
+constexpr double kDrop = 0.25;
+/// Least noise, in spacings on the plane: less does not hide the surface.
+constexpr double kLeastNoise = 0.25;
+/// Noted points that a point takes its noise from, and the factor for their extent. The factor
+/// trades flakes for rounded edges; from 1 to 1.4 neither is strong.
+constexpr std::size_t kNotedAround = 8;
+constexpr double kExtentFactor = 1.2;
+/// Points that a plane is made from at most, about: more take time and make it no better.
+constexpr double kEnough = 128;
+/// Refits, what the scale of the weights shrinks by in each of them, and where it ends, in
+/// standard deviations of the noise.
+constexpr int kRefits = 3;
+constexpr double kShrink = 0.6;
+constexpr double kLeastScale = 3;
+/// Distances whose variance is larger than that of the noise by this factor are not noise alone.
+constexpr double kShaped = 1.5;
+
+/// Noise at a point, and the neighbourhood that is large enough for it.
+struct NotedNoise {
+  float extent = 0;  ///< Distance of the furthest neighbour.
+  float noise = 0;   ///< Standard deviation of the distances from the plane.
+  std::size_t neighbors = 0;
+};
+
+class Remaker {
+ public:
+  Remaker(const Array<Vec3f>& points, const NeighborSearch& search)
+      : points_(points), search_(search) {}
+
+  /// Is the plane of the nearest points uncertain?
+  bool uncertain(std::size_t i, std::vector<Neighbor>& near) const {
+    search_.nearest(points_[i], kLeastNeighbors, near);
+    Moments moments;
+    for (const Neighbor& n : near) moments.add(offset(points_, i, n));
+    if (!(moments.variance() > 0)) return false;  // Coincident points are not noise.
+    const Plane plane = plane_of(moments);
+    return plane.thin() || !(plane.error(plane.noise()) <= kUncertain);
+  }
+
+  /// The noise at a point, if there is any that the shape can be told from.
+  std::optional<NotedNoise> noise_at(std::size_t i, std::vector<Neighbor>& near) const {
+    search_.nearest(points_[i], kMostGrown, near);
+    Moments moments;
+    double peak = 0;
+    std::size_t added = 0;
+    for (std::size_t size = kLeastNeighbors; size <= near.size(); size *= 2) {
+      for (; added < size; ++added) moments.add(offset(points_, i, near[added]));
+      if (!(moments.variance() > 0)) continue;
+      const Plane plane = plane_of(moments);
+      const double flatness = plane.thin() ? 1 : plane.lambda[0] / plane.lambda[1];
+      peak = std::max(peak, flatness);
+      if (peak > kFlat && flatness < std::min(kFlat, kDrop * peak)) {
+        const float extent = std::sqrt(near[size - 1].distance2);
+        const auto noise = static_cast<float>(std::sqrt(plane.lambda[0]));
+        const double spacing = extent * std::sqrt(std::numbers::pi / static_cast<double>(size));
+        if (noise < kLeastNoise * spacing) return std::nullopt;  // Scan lines are thin, too.
+        return NotedNoise{extent, noise, size};
+      }
+    }
+    return std::nullopt;
+  }
+
+  /// Share of kLook points, spread evenly, for which holds(point, scratch) is true.
+  template <class Holds>
+  double share(const Holds& holds) {
+    const std::size_t count = std::min(kLook, points_.size());
+    std::vector<std::uint8_t> found(count);
+    parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
+      for (std::size_t s = begin; s < end; ++s) {
+        found[s] = holds(s * points_.size() / count, scratch_[worker]) ? 1 : 0;
+      }
+    });
+    const auto held = std::count(found.begin(), found.end(), 1);
+    return static_cast<double>(held) / static_cast<double>(count);
+  }
+
+  bool often_uncertain() {
+    const auto is_uncertain = [&](std::size_t i, auto& near) { return uncertain(i, near); };
+    return share(is_uncertain) >= kLeastUncertainShare;
+  }
+
+  bool noisy() {
+    const auto has_noise = [&](std::size_t i, auto& near) { return noise_at(i, near).has_value(); };
+    return share(has_noise) >= kLeastNoisyShare;
+  }
+
+  void run(NormalEstimate& out) {
+    note_noise();
+    const std::size_t count = points_.size();
+    std::vector<std::uint8_t> remade(count);
+    out.noise.resize(count);
+    parallel_for(count, kRefitGrain, [&](std::size_t begin, std::size_t end, int worker) {
+      for (std::size_t i = begin; i < end; ++i) {
+        remade[i] = remake(i, scratch_[worker], out) ? 1 : 0;
+      }
+    });
+    out.remade = static_cast<std::size_t>(std::count(remade.begin(), remade.end(), 1));
+  }
+
+ private:
+  static Vec3d offset(const Vec3f& from, const Vec3f& to) {
+    return to.cast<double>() - from.cast<double>();
+  }
+  static Vec3d offset(const Array<Vec3f>& points, std::size_t i, const Neighbor& neighbor) {
+    return offset(points[i], points[neighbor.index]);
+  }
+
+  /// Notes the noise at points spread evenly, and thins the cloud as far as the noise allows.
+  void note_noise() {
+    const std::size_t count = std::min(kMostNoted, points_.size());
+    std::vector<std::optional<NotedNoise>> found(count);
+    parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
+      for (std::size_t s = begin; s < end; ++s) {
+        found[s] = noise_at(s * points_.size() / count, scratch_[worker]);
+      }
+    });
+    double neighbors = 0;
+    for (std::size_t s = 0; s < count; ++s) {
+      if (!found[s]) continue;
+      noted_at_.push_back(points_[s * points_.size() / count]);
+      noted_.push_back(*found[s]);
+      neighbors += static_cast<double>(found[s]->neighbors);
+    }
+    noted_search_ = make_neighbor_search(noted_at_);
+    const double around =
+        kExtentFactor * kExtentFactor * neighbors / static_cast<double>(noted_.size());
+    const auto step = static_cast<std::size_t>(std::max(1.0, around / kEnough));
+    for (std::size_t i = 0; i < points_.size(); i += step) thinned_.push_back(points_[i]);
+    thinned_search_ = make_neighbor_search(thinned_);
+  }
+
+  /// Makes the normal of point i anew; false if there are too few points around it.
+  bool remake(std::size_t i, std::vector<Neighbor>& near, NormalEstimate& out) const {
+    noted_search_->nearest(points_[i], kNotedAround, near);
+    std::vector<float> extents, noises;
+    for (const Neighbor& n : near) {
+      extents.push_back(noted_[n.index].extent);
+      noises.push_back(noted_[n.index].noise);
+    }
+    const float extent = static_cast<float>(kExtentFactor) * median(extents);
+    const auto noise = static_cast<double>(median(noises));
+    out.noise[i] = static_cast<float>(noise);
+    thinned_search_->within(points_[i], extent, kMostGrown, near);
+    if (near.size() < kLeastNeighbors) return false;
+    Moments moments;
+    for (const Neighbor& n : near) moments.add(offset(points_[i], thinned_[n.index]));
+    if (!(moments.variance() > 0)) return false;
+    Plane plane = plane_of(moments);
+    if (plane.lambda[0] > kShaped * noise * noise) {
+      const double first = 2 * std::sqrt(plane.lambda[0]);
+      for (int k = 0; k < kRefits; ++k) {
+        const double scale = std::max(kLeastScale * noise, first * std::pow(kShrink, k));
+        const Vec3d mean = moments.mean();
+        moments = {};
+        for (const Neighbor& n : near) {
+          const Vec3d d = offset(points_[i], thinned_[n.index]);
+          const double off = plane.normal.dot(d - mean) / scale;
+          moments.add(d, std::exp(-off * off / 2));
+        }
+        plane = plane_of(moments);
+      }
+    }
+    if (!(plane.lambda[1] > Plane::kLineShare * plane.lambda[2])) return false;
+    out.normal[i] = with_fixed_side(plane.normal);
+    out.quality[i] = {static_cast<float>(plane.variation()),
+                      static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise()))),
+                      static_cast<std::uint16_t>(near.size()),
+                      plane.thin() ? PointFlag::kThin : PointFlag::kGood};
+    return true;
+  }
+
+  const Array<Vec3f>& points_;
+  const NeighborSearch& search_;
+  PerWorker<std::vector<Neighbor>> scratch_;
+  Array<Vec3f> noted_at_;
+  std::vector<NotedNoise> noted_;
+  std::unique_ptr<NeighborSearch> noted_search_;
+  Array<Vec3f> thinned_;
+  std::unique_ptr<NeighborSearch> thinned_search_;
+};
+
+}  // namespace
+
+void remake_noisy_normals(const Array<Vec3f>& points, const NeighborSearch& search,
+                          const std::optional<Vec3d>& sensor, NormalEstimate& out) {
+  if (points.size() < kLook) return;
+  Remaker remaker(points, search);
+  if (!remaker.often_uncertain()) return;
+  if (!sensor || !remake_range_normals(points, *sensor, out)) {
+    if (!remaker.noisy()) return;
+    remaker.run(out);
+  }
+  out.flagged.fill(0);
+  out.neighbors = 0;
+  for (const NormalQuality& quality : out.quality) {
+    ++out.flagged[static_cast<std::size_t>(quality.flag)];
+    out.neighbors += quality.neighbors;
+  }
+}
+
+}  // namespace surfel

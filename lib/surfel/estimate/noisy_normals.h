@@ -1,0 +1,38 @@
+#pragma once
+
+#include <optional>
+
+#include <surfel/base/export.h>
+#include <surfel/base/types.h>
+#include <surfel/estimate/normals.h>
+#include <surfel/surface/neighbor_search.h>
+
+namespace surfel {
+
+/// Makes normals anew in clouds whose noise or quantisation exceeds the spacing of their points, as
+/// depth cameras': there the nearest points are a lump, or lie on one step of the quantised depth,
+/// and their plane stands on its edge (a flake) or along the step. Other clouds are left as they
+/// are, after a look at 512 points: only where the plane of the 16 nearest is uncertain at 15 % of
+/// them (a standard error of more than 0.1, or thin) is there anything to do. Then, if the points
+/// are a range image of the `sensor`, their normals are those of range_normals.h, and otherwise:
+///
+/// Noise is told from shape by how the flatness lambda_0 / lambda_1 changes as a neighbourhood
+/// doubles, from 16 points up to 1024. Shape bends more and more; noise, once the neighbourhood is
+/// larger than it, does not grow any further, so that the flatness has a peak and falls to a
+/// quarter of it. The cloud is noisy if 25 % of the points looked at have such a peak: of scans
+/// without noise none has, of leaves 9 %.
+///
+/// Where the peak is over, a plane is certain: noise and extent of the neighbourhood there are
+/// noted at up to 4096 points. They change with the range, not from point to point, so that each
+/// point takes the median extent, enlarged by a fifth, and the median noise of the 8 noted ones
+/// around it. Its normal is that of all points within the extent (of every second, third, ... point
+/// where they are several times 128), refitted three times with weights exp(-d^2 / 2 s^2) of their
+/// distances d from the plane where these exceed the noise: s falls to three times the noise, so
+/// that faces beyond an edge lose their say.
+///
+/// Sets normals, quality and counts of `out`, which are estimates of `points`. The result does not
+/// depend on the number of threads.
+SURFEL_API void remake_noisy_normals(const Array<Vec3f>& points, const NeighborSearch& search,
+                                     const std::optional<Vec3d>& sensor, NormalEstimate& out);
+
+}  // namespace surfel
