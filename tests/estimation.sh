@@ -26,6 +26,7 @@ surfel-estimate lion_takanawa_third.ply --orient align -o lion.ply
 
 At the same k the normals are those of PCL. On noisy smooth surfaces `-k auto` has a quarter of the error. On scan lines, where
 fixed neighbourhoods are collinear, the error is 0.04 degrees. 2.3 discs lie over a point instead of 13, and no normal is on the wrong side.
+Of a depth camera's range image 20 % of the normals stood on their edge; 0.1 % are left.
 
 Made by `tests/estimation.sh`.
 
