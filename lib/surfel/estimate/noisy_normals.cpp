@@ -16,8 +16,10 @@ namespace {
 
 constexpr std::size_t kSampleGrain = 4;
 constexpr std::size_t kRefitGrain = 64;
-/// Points that tell whether the cloud is noisy, and most points whose noise is noted.
+/// Points that tell whether planes are uncertain; whether they are so because of noise, which takes
+/// longer to see; and most points whose noise is noted.
 constexpr std::size_t kLook = 512;
+constexpr std::size_t kNoiseLook = 128;
 constexpr std::size_t kMostNoted = 4096;
 constexpr std::size_t kLeastNeighbors = 16;
 constexpr std::size_t kMostGrown = 1024;
@@ -90,10 +92,10 @@ class Remaker {
     return std::nullopt;
   }
 
-  /// Share of kLook points, spread evenly, for which holds(point, scratch) is true.
+  /// Share of `look` points, spread evenly, for which holds(point, scratch) is true.
   template <class Holds>
-  double share(const Holds& holds) {
-    const std::size_t count = std::min(kLook, points_.size());
+  double share(std::size_t look, const Holds& holds) {
+    const std::size_t count = std::min(look, points_.size());
     std::vector<std::uint8_t> found(count);
     parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
       for (std::size_t s = begin; s < end; ++s) {
@@ -106,12 +108,12 @@ class Remaker {
 
   bool often_uncertain() {
     const auto is_uncertain = [&](std::size_t i, auto& near) { return uncertain(i, near); };
-    return share(is_uncertain) >= kLeastUncertainShare;
+    return share(kLook, is_uncertain) >= kLeastUncertainShare;
   }
 
   bool noisy() {
     const auto has_noise = [&](std::size_t i, auto& near) { return noise_at(i, near).has_value(); };
-    return share(has_noise) >= kLeastNoisyShare;
+    return share(kNoiseLook, has_noise) >= kLeastNoisyShare;
   }
 
   void run(NormalEstimate& out) {

@@ -19,7 +19,7 @@ namespace surfel {
 /// Noise is told from shape by how the flatness lambda_0 / lambda_1 changes as a neighbourhood
 /// doubles, from 16 points up to 1024. Shape bends more and more; noise, once the neighbourhood is
 /// larger than it, does not grow any further, so that the flatness has a peak and falls to a
-/// quarter of it. The cloud is noisy if 25 % of the points looked at have such a peak: of scans
+/// quarter of it. The cloud is noisy if 25 % of 128 points have such a peak: of scans
 /// without noise none has, of leaves 9 %.
 ///
 /// Where the peak is over, a plane is certain: noise and extent of the neighbourhood there are
