@@ -16,8 +16,8 @@ namespace {
 
 constexpr std::size_t kSampleGrain = 4;
 constexpr std::size_t kRefitGrain = 64;
-/// Points that tell whether planes are uncertain; whether they are so because of noise, which takes
-/// longer to see; and most points whose noise is noted.
+/// Points that tell what is wrong with planes; that a first look at noise takes, which is slow; and
+/// most points whose noise is noted.
 constexpr std::size_t kLook = 512;
 constexpr std::size_t kNoiseLook = 128;
 constexpr std::size_t kMostNoted = 4096;
@@ -26,7 +26,9 @@ constexpr std::size_t kMostGrown = 1024;
 /// A plane is uncertain if its normal's standard error is larger, in radians.
 constexpr double kUncertain = 0.1;
 constexpr double kLeastUncertainShare = 0.15;
-constexpr double kLeastNoisyShare = 0.25;
+constexpr double kLeastNoisyShare = 1.0 / 3;
+/// Larger neighbourhoods do not tell noise from trees and roofs above flat land.
+constexpr std::size_t kMostTelling = 512;
 /// lambda_0 / lambda_1 that a peak exceeds and that a certain plane stays below, and the share of
 /// the peak that it falls below.
 constexpr double kFlat = 0.1;
@@ -112,8 +114,12 @@ class Remaker {
   }
 
   bool noisy() {
-    const auto has_noise = [&](std::size_t i, auto& near) { return noise_at(i, near).has_value(); };
-    return share(kNoiseLook, has_noise) >= kLeastNoisyShare;
+    const auto has_noise = [&](std::size_t i, auto& near) {
+      const std::optional<NotedNoise> noise = noise_at(i, near);
+      return noise && noise->neighbors <= kMostTelling;
+    };
+    return share(kNoiseLook, has_noise) >= kLeastNoisyShare / 2 &&
+           share(kLook, has_noise) >= kLeastNoisyShare;
   }
 
   void run(NormalEstimate& out) {

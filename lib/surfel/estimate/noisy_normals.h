@@ -19,8 +19,8 @@ namespace surfel {
 /// Noise is told from shape by how the flatness lambda_0 / lambda_1 changes as a neighbourhood
 /// doubles, from 16 points up to 1024. Shape bends more and more; noise, once the neighbourhood is
 /// larger than it, does not grow any further, so that the flatness has a peak and falls to a
-/// quarter of it. The cloud is noisy if 25 % of 128 points have such a peak: of scans
-/// without noise none has, of leaves 9 %.
+/// quarter of it. The cloud is noisy if a third of the points have such a peak before 512 points:
+/// of scans without noise none has, of leaves 9 %, of a forest seen from the air a quarter.
 ///
 /// Where the peak is over, a plane is certain: noise and extent of the neighbourhood there are
 /// noted at up to 4096 points. They change with the range, not from point to point, so that each
