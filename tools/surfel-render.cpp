@@ -4,16 +4,21 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
+#include <surfel/intake/intake.h>
 #include <surfel/io/camera_file.h>
+#include <surfel/io/file_kind.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/image_queue.h>
 #include <surfel/io/mesh_io.h>
@@ -51,8 +56,10 @@ enum class Lod { kAuto, kOn, kOff };
 enum class Filter { kEwa, kEwaSource, kCircular, kNone };
 
 struct Settings {
-  std::string input;
+  std::vector<std::string> inputs;
   std::string output;
+  std::string keep;
+  bool print_commands = false;
   std::string camera_file;
   std::string scene_file;
   Refractions refraction = Refractions::kScene;
@@ -224,9 +231,11 @@ void declare_shading(CLI::App& app, Settings& s) {
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
-  app.add_option("surfels", s.input,
-                 "Surfels (PLY, PCD; - = standard input); with --mesh they only frame the picture, "
-                 "and may be left out");
+  app.add_option(
+      "files", s.inputs,
+      "Surfels (PLY, PCD; - = standard input), meshes, which are sampled at half a pixel "
+      "and textured, and raw points, which are estimated; several files are joined. With "
+      "--mesh surfels only frame the picture, and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
       ->required();
@@ -237,6 +246,9 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_truth(app, s);
   declare_shading(app, s);
   app.option_defaults()->group("Options");
+  app.add_option("--keep", s.keep, "Surfels to write, as they were made of the files");
+  app.add_flag("--print-commands", s.print_commands,
+               "Write the commands that do the same, one by one, to standard output");
   app.add_flag("--explain", s.explain,
                "Say what was chosen for the (first) picture where there was a choice, and why");
   add_text(app, "--memory", "BYTES", "auto",
@@ -330,10 +342,12 @@ void require_effect(const CLI::App& app, const Settings& s) {
   }
   if (!s.mesh.empty()) {
     refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
-  } else if (s.input.empty()) {
+  } else if (s.inputs.empty()) {
     surfel::throw_usage("there are neither surfels nor --mesh; give one");
   }
-  if (s.input.empty()) refuse("--mesh without surfels", {"--memory"});
+  if (s.inputs.empty()) {
+    refuse("--mesh without surfels", {"--memory", "--keep", "--print-commands"});
+  }
   if (s.scene_file.empty()) refuse("the default scene", {"--refraction", "--bounces"});
   if (!s.render.lit) {
     refuse("--shading none", {"--refraction", "--bounces"});
@@ -345,6 +359,12 @@ void require_effect(const CLI::App& app, const Settings& s) {
 }
 
 void check(const Settings& s) {
+  if (s.print_commands && s.output == "-") {
+    surfel::throw_usage("--print-commands and --output - both write to standard output");
+  }
+  if (s.inputs.size() > 1 && std::count(s.inputs.begin(), s.inputs.end(), "-") > 0) {
+    surfel::throw_usage("standard input (-) does not go together with other files");
+  }
   std::vector<std::string> problems = s.camera.problems();
   surfel::tool::append(problems, s.render.problems());
   surfel::tool::append(problems, s.rays.problems());
@@ -549,17 +569,63 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
 }
 
 /// Reads and prepares surfels, and tells how many of them cannot be used.
-std::unique_ptr<surfel::LoadedCloud> load_surfels(const surfel::tool::Tool& tool, const Settings& s,
-                                                  bool sample) {
-  const std::string name = surfel::tool::shown_name(s.input);
+/// Half a pixel of the pictures that are asked for, scene units in the middle of what is seen: the
+/// least of them.
+double half_a_pixel(const std::vector<surfel::CameraOptions>& views, const surfel::Bounds& box) {
+  // From within a scene its middle may be as near as can be.
+  constexpr double kLeastShare = 0.05;
+  if (box.empty()) return 1;
+  const double size = (box.max - box.min).norm();
+  double least = std::numeric_limits<double>::infinity();
+  for (surfel::CameraOptions view : views) {
+    view.width = std::max(view.width, 1);
+    const surfel::Camera camera = surfel::make_camera(view, {.box = box});
+    const double z = (camera.camera_from_world * (box.center() - camera.eye)).z();
+    const double distance = camera.orthographic ? 1 : std::max(z, kLeastShare * size);
+    least = std::min(least, distance / std::max(camera.focal_x, camera.focal_y) / 2);
+  }
+  return least > 0 ? least : 1;
+}
+
+/// The surfels of the files, made where they are no surfels yet.
+std::unique_ptr<surfel::LoadedCloud> load_files(surfel::tool::Tool& tool, const Settings& s,
+                                                const std::vector<surfel::CameraOptions>& views,
+                                                const surfel::CloudLoadOptions& options) {
+  const std::string& first = s.inputs.front();
+  std::vector<std::string> commands;
+  std::string file = first;
+  std::unique_ptr<surfel::LoadedCloud> loaded;
+  if (s.inputs.size() == 1 && s.keep.empty() && (first == "-" || surfel::holds_surfels(first))) {
+    loaded = std::make_unique<surfel::LoadedCloud>(first, options);
+  } else {
+    surfel::Intake intake(s.inputs);
+    surfel::Intake::Made made = intake.surfels(half_a_pixel(views, intake.bounds()));
+    for (const std::string& line : made.done) tool.note(line);
+    commands = std::move(made.commands);
+    file = made.file;
+    loaded =
+        std::make_unique<surfel::LoadedCloud>(made.cloud, surfel::tool::shown_name(file), options);
+    if (!s.keep.empty()) surfel::tool::write_result(tool, made.cloud, s.keep);
+  }
+  if (s.print_commands) {
+    commands.push_back("surfel-render " + surfel::shell_file(file) +
+                       tool.options_given({"keep", "print-commands"}));
+    surfel::tool::print(fmt::format("{}\n", fmt::join(commands, "\n")));
+  }
+  return loaded;
+}
+
+std::unique_ptr<surfel::LoadedCloud> load_surfels(surfel::tool::Tool& tool, const Settings& s,
+                                                  const std::vector<surfel::CameraOptions>& views) {
+  const std::string name = surfel::tool::shown_name(s.inputs.front());
   surfel::CloudLoadOptions options{.columns = s.render.compositing().columns(),
                                    .memory = s.memory,
                                    .may_stream = s.method == surfel::Method::kABuffer &&
                                                  !s.reference && s.filter != Filter::kEwaSource,
                                    .batch = s.render.batch,
-                                   .sample = sample};
+                                   .sample = needs_guess(s, views)};
   options.columns.levels = wants_levels(s);
-  auto loaded = std::make_unique<surfel::LoadedCloud>(s.input, options);
+  auto loaded = load_files(tool, s, views, options);
   if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {
     surfel::throw_input(name, "has no levels of detail; run surfel-lod on it");
   }
@@ -630,6 +696,26 @@ void explain(const surfel::tool::Tool& tool, const Settings& s, const surfel::Lo
                   o.layers, frame.merged, frame.late_weight_share));
 }
 
+/// The command line with "-o" before a picture that follows a file, where no output is named:
+/// "surfel-render a.ply a.png".
+std::vector<char*> with_output(int argc, char** argv) {
+  static std::string option = "-o";
+  std::vector<char*> words(argv, argv + argc);
+  const auto starts = [](const char* word, const char* with) {
+    return std::string_view(word).starts_with(with);
+  };
+  const bool named = std::any_of(words.begin(), words.end(), [&](const char* word) {
+    return starts(word, "-o") || starts(word, "--output") || starts(word, "--config");
+  });
+  for (std::size_t i = 2; i < words.size() && !named; ++i) {
+    // After an option the picture may be that option's value.
+    if (!surfel::is_image_name(words[i]) || starts(words[i - 1], "-")) continue;
+    words.insert(words.begin() + static_cast<std::ptrdiff_t>(i), option.data());
+    break;
+  }
+  return words;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -640,14 +726,16 @@ int main(int argc, char** argv) {
   tool.everyday(
       {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
        "--background", "--scene", "--shading", "--explain"},
-      {"surfel-render lion.ply -o lion.png",
+      {"surfel-render lion.obj -o lion.png",
        "surfel-render lion.ply -o lion.jpg --from 1,0.5,2 --size 800x600 --background navy",
        "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.files().reads(
-      {"surfels", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
+      {"files", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);
+  tool.files().writes("--keep", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"y_down", "--normal-y"}});
-  return tool.run(argc, argv, [&] {
+  std::vector<char*> words = with_output(argc, argv);
+  return tool.run(static_cast<int>(words.size()), words.data(), [&] {
     finish(s);
     require_effect(tool.app(), s);
     check_levels(tool.app(), s);
@@ -658,7 +746,7 @@ int main(int argc, char** argv) {
     const surfel::Timer load;
     std::unique_ptr<surfel::LoadedCloud> loaded;
     std::vector<surfel::CameraOptions> asked = asked_views(s);
-    if (!s.input.empty()) loaded = load_surfels(tool, s, needs_guess(s, asked));
+    if (!s.inputs.empty()) loaded = load_surfels(tool, s, asked);
     const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
     std::optional<MeshPainter> mesh;
     if (!s.mesh.empty()) {

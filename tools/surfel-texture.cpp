@@ -432,6 +432,7 @@ int main(int argc, char** argv) {
                         "colours than the texture's; --right-side normalised needs none",
                         settings.input));
       }
+      if (settings.from != From::kColors) surfel::show_coefficients(cloud);
     } else {
       refuse_fits(tool.app());
     }

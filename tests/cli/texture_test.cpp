@@ -49,6 +49,11 @@ class SurfelTexture : public testing::Test {
     ASSERT_EQ(cloud.coefficient.size(), 2U);
     EXPECT_TRUE(cloud.coefficient[0].isApprox(Vec3f(1, 0, 0), 1e-4F)) << cloud.coefficient[0];
     EXPECT_TRUE(cloud.coefficient[1].isApprox(Vec3f(1, 1, 1), 1e-4F)) << cloud.coefficient[1];
+    // For viewers that do not know coefficients.
+    EXPECT_EQ(cloud.color_encoding, ColorEncoding::kUint8Srgb);
+    ASSERT_EQ(cloud.color.size(), 2U);
+    EXPECT_EQ(cloud.color[0], Vec3f(1, 0, 0));
+    EXPECT_EQ(cloud.color[1], Vec3f(1, 1, 1));
   }
 
   TemporaryFolder folder_;

@@ -378,6 +378,22 @@ std::string Tool::provenance() const {
   return one_line(line);
 }
 
+std::string Tool::options_given(const std::vector<std::string>& without) const {
+  std::string text;
+  for (const CLI::Option* option : impl_->app.get_options()) {
+    const std::string name = plain_name(*option);
+    if (option->count() == 0 || option->get_lnames().empty() ||
+        std::count(without.begin(), without.end(), name) > 0) {
+      continue;
+    }
+    // With "=", as a value may begin with a minus.
+    text += " --" + name;
+    if (option->get_expected_max() == 0) continue;
+    for (const std::string& value : option->results()) text += "=" + shell_quoted(value);
+  }
+  return text;
+}
+
 int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   impl_->total.restart();
   install_signal_handlers();

@@ -91,6 +91,9 @@ class Tool {
   /// folders of input files are left out, so that equal work gives equal bytes.
   std::string provenance() const;
 
+  /// " --size 512 -o ..." for a shell: the options given, but for some, with their values.
+  std::string options_given(const std::vector<std::string>& without) const;
+
   /// Parses, runs the body, reports; returns the exit code.
   int run(int argc, char** argv, const std::function<void()>& body);
 

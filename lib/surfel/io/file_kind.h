@@ -18,6 +18,6 @@ SURFEL_API FileKind file_kind(const std::string& path);
 
 /// Whether a name has the extension of a format that holds meshes alone, or pictures alone.
 bool is_mesh_name(const std::string& path);
-bool is_image_name(const std::string& path);
+SURFEL_API bool is_image_name(const std::string& path);
 
 }  // namespace surfel

@@ -52,6 +52,16 @@ std::pair<std::size_t, std::size_t> sampled_level(const ClusterTree& tree) {
   return {0, 0};
 }
 
+/// Throws if a cloud has surfels, but none that can be drawn.
+void require_drawable(const RenderCloud& surfels, const std::string& name) {
+  const auto& dropped = surfels.dropped();
+  if (surfels.size() > 0 || dropped.total() == 0) return;
+  throw_input(name,
+              fmt::format("none of the {} surfels can be used: {} with positions, {} with "
+                          "variances, {} with colours that are not usable numbers",
+                          dropped.total(), dropped.position, dropped.variance, dropped.color));
+}
+
 }  // namespace
 
 struct LoadedCloud::Impl {
@@ -238,13 +248,15 @@ LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& option
         name);
     impl_->ply.reset();
   }
-  const auto& dropped = surfels().dropped();
-  if (surfels().size() == 0 && dropped.total() > 0) {
-    throw_input(name,
-                fmt::format("none of the {} surfels can be used: {} with positions, {} with "
-                            "variances, {} with colours that are not usable numbers",
-                            dropped.total(), dropped.position, dropped.variance, dropped.color));
-  }
+  require_drawable(surfels(), name);
+}
+
+LoadedCloud::LoadedCloud(const SurfelCloud& cloud, const std::string& name,
+                         const CloudLoadOptions& options)
+    : impl_(std::make_unique<Impl>(options)) {
+  require_usable(options);
+  impl_->load_cloud(cloud, name);
+  require_drawable(surfels(), name);
 }
 
 LoadedCloud::~LoadedCloud() = default;

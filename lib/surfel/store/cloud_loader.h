@@ -45,6 +45,9 @@ class SURFEL_API LoadedCloud {
   /// Error(kInput) if no surfel can be drawn, or if the surfels neither fit into the memory given
   /// nor can be streamed. Messages name the file.
   LoadedCloud(const std::string& path, const CloudLoadOptions& options);
+  /// Surfels that are in memory already; `name` starts messages. Throws as above. Keeps no
+  /// reference to the cloud.
+  LoadedCloud(const SurfelCloud& cloud, const std::string& name, const CloudLoadOptions& options);
   ~LoadedCloud();
   LoadedCloud(const LoadedCloud&) = delete;
   LoadedCloud& operator=(const LoadedCloud&) = delete;

@@ -264,4 +264,13 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
   return report;
 }
 
+void show_coefficients(SurfelCloud& cloud) {
+  cloud.color_encoding = ColorEncoding::kUint8Srgb;
+  cloud.color.resize(cloud.coefficient.size());
+  std::transform(cloud.coefficient.begin(), cloud.coefficient.end(), cloud.color.begin(),
+                 [](const Vec3f& w) {
+                   return Vec3f(w.unaryExpr([](float c) { return c > 0 ? std::min(c, 1.0F) : 0; }));
+                 });
+}
+
 }  // namespace surfel

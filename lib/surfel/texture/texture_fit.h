@@ -179,4 +179,8 @@ SURFEL_API TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& te
                                       const TextureFitOptions& options,
                                       const std::string& name = "surfels");
 
+/// Gives surfels the colours of their coefficients, within 0..1, for viewers that do not know
+/// coefficients. Coefficients that are no numbers give black.
+SURFEL_API void show_coefficients(SurfelCloud& cloud);
+
 }  // namespace surfel

@@ -1,0 +1,89 @@
+// surfel-render on files that are no surfels: one command, and the commands that do the same.
+
+#include <filesystem>
+
+#include <gtest/gtest.h>
+#include <surfel/io/cloud_io.h>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+/// A bent sheet as a mesh, and points of another.
+class FirstPicture : public testing::Test {
+ protected:
+  void SetUp() override {
+    run({tool("surfel-generate"), "head", "--mesh", mesh_, "--resolution", "16", "--image",
+         folder_ / "head.png", "--size", "64", "--quiet"});
+    std::string points;
+    for (int i = 0; i < 400; ++i) {
+      const int x = i % 20;
+      const int y = i / 20;
+      points +=
+          std::to_string(x) + ' ' + std::to_string(y) + ' ' + std::to_string(x * x * 0.01) + '\n';
+    }
+    write_text(points_, points);
+  }
+  RunResult render(std::vector<std::string> words) const {
+    words.insert(words.begin(), tool("surfel-render"));
+    return run(words);
+  }
+  TemporaryFolder folder_;
+  std::string mesh_ = folder_ / "head.obj";
+  std::string points_ = folder_ / "points.xyz";
+};
+
+TEST_F(FirstPicture, CommandsThatAreToldMakeTheSamePicture) {
+  const std::string bin = std::filesystem::path(tool("surfel-render")).parent_path();
+  for (const std::vector<std::string>& files :
+       {std::vector{mesh_}, std::vector{points_}, std::vector{mesh_, points_}}) {
+    const std::string one = folder_ / "one.png";
+    const std::string same = folder_ / "same.png";
+    std::vector<std::string> words = files;
+    words.insert(words.end(), {"--size", "64", "-o", one, "--print-commands"});
+    const RunResult told = render(words);
+    ASSERT_EQ(told.exit_code, 0) << told.errors;
+    std::string script = told.output;
+    const std::size_t output = script.rfind(one);
+    ASSERT_NE(output, std::string::npos) << script;
+    script.replace(output, one.size(), same);
+    const RunResult result = run(
+        {"/bin/sh", "-c", "set -e\nPATH=" + bin + ":$PATH\ncd " + (folder_ / ".") + "\n" + script});
+    ASSERT_EQ(result.exit_code, 0) << script << result.errors;
+    EXPECT_EQ(read_text(one), read_text(same)) << script;
+  }
+}
+
+TEST_F(FirstPicture, SaysWhatItDoesInALineAndNothingIfQuiet) {
+  const std::string picture = folder_ / "p.png";
+  const RunResult said = render({mesh_, "--size", "32", "--from", "0,0,1", "-o", picture});
+  EXPECT_EQ(said.exit_code, 0);
+  EXPECT_EQ(std::count(said.errors.begin(), said.errors.end(), '\n'), 1) << said.errors;
+  EXPECT_TRUE(contains(said.errors, "surfel-from-mesh")) << said.errors;
+  const RunResult quiet = render({mesh_, "--size", "32", "--quiet", "-o", picture});
+  EXPECT_EQ(quiet.exit_code, 0);
+  EXPECT_EQ(quiet.errors, "");
+}
+
+TEST_F(FirstPicture, APictureAmongTheFilesIsTheOutput) {
+  const std::string picture = folder_ / "p.png";
+  EXPECT_EQ(render({points_, picture, "--size", "32"}).exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(picture));
+  EXPECT_EQ(render({points_}).exit_code, 2) << "no output";
+}
+
+TEST_F(FirstPicture, KeepsTheSurfels) {
+  const std::string kept = folder_ / "kept.ply";
+  const RunResult result =
+      render({points_, "--size", "32", "-o", folder_ / "p.png", "--keep", kept});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_EQ(read_cloud(kept).size(), 400U);
+  EXPECT_EQ(render({points_, "-o", folder_ / "p.png", "--keep", points_}).exit_code, 2)
+      << "input as output";
+  EXPECT_EQ(render({"-", points_, "-o", folder_ / "p.png"}).exit_code, 2);
+  EXPECT_EQ(render({points_, "-o", "-", "--print-commands"}).exit_code, 2);
+}
+
+}  // namespace
+}  // namespace surfel::test

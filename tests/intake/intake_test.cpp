@@ -1,0 +1,113 @@
+#include <algorithm>
+#include <cmath>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/intake/intake.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/image.h>
+
+#include "support/message_of.h"
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+/// A unit square with a texture that is red below and white above, and points of a plane.
+class IntakeFiles : public testing::Test {
+ protected:
+  void SetUp() override {
+    write_text(mesh_,
+               "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 9 9 9\n"
+               "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+    write_text(folder_ / "m.mtl", "newmtl m\nmap_Kd image.png\n");
+    Image image = rgba_image(8, 8);
+    for (int y = 0; y < 8; ++y) {
+      for (int x = 0; x < 8; ++x) {
+        const float upper = y < 4 ? 1 : 0;
+        const float color[] = {1, upper, upper, 1};
+        std::copy_n(color, 4, image.pixel(x, y));
+      }
+    }
+    write_image(image, folder_ / "image.png");
+    std::string points;
+    for (int i = 0; i < 100; ++i) {
+      points += std::to_string(i % 10) + ' ' + std::to_string(i / 10) + " 5\n";
+    }
+    write_text(points_, points);
+  }
+  TemporaryFolder folder_;
+  std::string mesh_ = folder_ / "m.obj";
+  std::string points_ = folder_ / "points.xyz";
+};
+
+TEST_F(IntakeFiles, MeshesAreSampledAndTextured) {
+  Intake intake({mesh_});
+  // The fifth vertex is in no face.
+  EXPECT_EQ(intake.bounds().max, Vec3d(1, 1, 0));
+  const Intake::Made made = intake.surfels(0.0501234);
+  ASSERT_GT(made.cloud.size(), 300U);
+  ASSERT_EQ(made.cloud.coefficient.size(), made.cloud.size());
+  for (std::size_t i = 0; i < made.cloud.size(); ++i) {
+    const double y = made.cloud.world(i).y();
+    if (std::abs(y - 0.5) < 0.2) continue;  // The texture is blurred by a texel and a kernel.
+    EXPECT_NEAR(made.cloud.coefficient[i].y(), y > 0.5 ? 1 : 0, 0.1) << y;
+    EXPECT_NEAR(made.cloud.color[i].x(), 1, 1e-4);
+  }
+  ASSERT_EQ(made.commands.size(), 2U);
+  EXPECT_TRUE(contains(made.commands[0], "--spacing 0.0501 ")) << made.commands[0];
+  EXPECT_TRUE(contains(made.commands[1], "surfel-texture m-surfels.ply")) << made.commands[1];
+  EXPECT_EQ(made.file, "m-textured.ply");
+  ASSERT_EQ(made.done.size(), 1U);
+  EXPECT_TRUE(contains(made.done[0], mesh_)) << made.done[0];
+}
+
+TEST_F(IntakeFiles, PointsAreEstimated) {
+  Intake intake({points_});
+  const Intake::Made made = intake.surfels(1);
+  ASSERT_EQ(made.cloud.size(), 100U);
+  ASSERT_EQ(made.cloud.normal.size(), 100U);
+  EXPECT_NEAR(std::abs(made.cloud.normal[55].z()), 1, 1e-5);
+  EXPECT_EQ(made.file, "points-surfels.ply");
+}
+
+TEST_F(IntakeFiles, SurfelsStayAndSeveralFilesAreJoined) {
+  const std::string surfels = folder_ / "s.ply";
+  SurfelCloud cloud = Intake({points_}).surfels(1).cloud;
+  write_cloud(cloud, surfels);
+  Intake::Made alone = Intake({surfels}).surfels(1);
+  EXPECT_TRUE(alone.done.empty());
+  EXPECT_TRUE(alone.commands.empty());
+  EXPECT_EQ(alone.file, surfels);
+  EXPECT_EQ(alone.cloud.size(), cloud.size());
+  const Intake::Made all = Intake({surfels, mesh_, points_}).surfels(0.1);
+  EXPECT_EQ(all.file, "joined-surfels.ply");
+  EXPECT_EQ(all.done.size(), 3U);
+  EXPECT_GT(all.cloud.size(), 200U);
+  EXPECT_TRUE(contains(all.commands.back(), "m-textured.ply points-surfels.ply -o joined"))
+      << all.commands.back();
+}
+
+TEST_F(IntakeFiles, TellsSurfelsByTheirHeader) {
+  const std::string surfels = folder_ / "s.ply";
+  write_cloud(Intake({points_}).surfels(1).cloud, surfels);
+  EXPECT_TRUE(holds_surfels(surfels));
+  EXPECT_FALSE(holds_surfels(mesh_));
+  EXPECT_FALSE(holds_surfels(points_));
+  const std::string raw = folder_ / "raw.ply";
+  write_text(raw,
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+             "property float z\nend_header\n0 0 0\n");
+  EXPECT_FALSE(holds_surfels(raw));
+  EXPECT_THROW(holds_surfels(folder_ / "nowhere.ply"), Error);
+}
+
+TEST_F(IntakeFiles, PicturesAreRefused) {
+  const std::string message = message_of([&] { Intake({folder_ / "image.png"}); });
+  EXPECT_TRUE(contains(message, "image.png")) << message;
+  EXPECT_TRUE(contains(message, "picture")) << message;
+}
+
+}  // namespace
+}  // namespace surfel::test
