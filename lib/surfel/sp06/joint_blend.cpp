@@ -28,10 +28,10 @@ enum JointImageChannel : int {
   kImageColor = 0,    ///< R G B A of the layers that have been blended.
   kImageTouched = 4,  ///< Share of the pixel that these cover.
   // The nearest layer, which is not blended where there is an environment.
-  kImageEntry = 5,  ///< As JointLayers::kEntry; 0: there is none.
+  kImageEntry = 5,  ///< As JointLayers::kMemberEntry; 0: there is none.
   kImageCoverage,   ///< Share of the pixel that it covers.
   kImageDepth,
-  kImageKey,  ///< As JointLayers::kKey.
+  kImageKey,  ///< As JointLayers::kMemberKey.
   kImageChannels
 };
 
@@ -139,9 +139,9 @@ class JointRaster {
     const D d;
     const V none = hn::Set(d, JointLayers::kNoKey);
     const V least = hn::Set(d, kLeastRho);
-    V sum = layer_channel(layer, JointLayers::kSum);
-    V weighted_depth = layer_channel(layer, JointLayers::kDepth);
-    V side = layer_channel(layer, JointLayers::kSide);
+    V sum = layer_channel(layer, JointLayers::kLayerSum);
+    V weighted_depth = layer_channel(layer, JointLayers::kLayerDepth);
+    V side = layer_channel(layer, JointLayers::kLayerSide);
     FragmentCounter lost;
     std::size_t left = 0;
     for (std::size_t i = 0; i < count; ++i) {
@@ -164,7 +164,7 @@ class JointRaster {
       side = hn::IfThenElse(hn::And(joins, free), own_side, side);
       float* const group =
           layer + JointLayers::group_channel(job.groups[splat]) * std::size_t{kPatchPixels};
-      const V best = layer_channel(group, JointLayers::kKey);
+      const V best = layer_channel(group, JointLayers::kMemberKey);
       lost.add(hn::And(joins, hn::Lt(best, none)));
       put_member(group, key, hn::Set(Tags(), splat + 1), hn::And(joins, hn::Lt(key, best)));
       Contribution& to = batch[left];
@@ -176,16 +176,16 @@ class JointRaster {
       left += hn::AllFalse(d, hn::AndNot(joins, open)) ? 0 : 1;
     }
     const M all = hn::FirstN(d, hn::Lanes(d));
-    put_layer_channel(layer, JointLayers::kSum, sum, all);
-    put_layer_channel(layer, JointLayers::kDepth, weighted_depth, all);
-    put_layer_channel(layer, JointLayers::kSide, side, all);
+    put_layer_channel(layer, JointLayers::kLayerSum, sum, all);
+    put_layer_channel(layer, JointLayers::kLayerDepth, weighted_depth, all);
+    put_layer_channel(layer, JointLayers::kLayerSide, side, all);
     culled += lost.total();
     return left;
   }
 
   HWY_INLINE static void put_member(float* group, V key, Bits entry, M where) {
-    put_layer_channel(group, JointLayers::kKey, key, where);
-    put_layer_bits(group, JointLayers::kEntry, entry, where);
+    put_layer_channel(group, JointLayers::kMemberKey, key, where);
+    put_layer_bits(group, JointLayers::kMemberEntry, entry, where);
   }
 
   /// Turns the sums of depths to means.
@@ -194,9 +194,9 @@ class JointRaster {
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       for (int i = 0; i < layers_.count(pixel); ++i) {
         float* const layer = layers_.at(i, pixel);
-        const V sum = layer_channel(layer, JointLayers::kSum);
-        put_layer_channel(layer, JointLayers::kDepth,
-                          hn::Div(layer_channel(layer, JointLayers::kDepth), sum),
+        const V sum = layer_channel(layer, JointLayers::kLayerSum);
+        put_layer_channel(layer, JointLayers::kLayerDepth,
+                          hn::Div(layer_channel(layer, JointLayers::kLayerDepth), sum),
                           hn::Gt(sum, hn::Zero(d)));
       }
     }
@@ -210,9 +210,10 @@ class JointRaster {
     holes_.assign(static_cast<std::size_t>(layers_.groups()), 0);
     for (int i = 0; i < layers_.count(pixel); ++i) {
       const float* const layer = layers_.at(i, pixel);
-      const M used = hn::Gt(layer_channel(layer, JointLayers::kSide), hn::Zero(d));
+      const M used = hn::Gt(layer_channel(layer, JointLayers::kLayerSide), hn::Zero(d));
       for (int group = 0; group < layers_.groups(); ++group) {
-        const V key = layer_channel(layer, JointLayers::group_channel(group) + JointLayers::kKey);
+        const V key =
+            layer_channel(layer, JointLayers::group_channel(group) + JointLayers::kMemberKey);
         const M hole = hn::And(used, hn::Gt(key, hn::Set(d, JointLayers::kAddedKey)));
         if (hn::AllFalse(d, hole)) continue;
         holes_[static_cast<std::size_t>(group)] = 1;
@@ -232,9 +233,9 @@ class JointRaster {
     V nearest = hn::Set(d, -1);
     for (int i = 0; i < layers_.count(pixel); ++i) {
       const float* const layer = layers_.at(i, pixel);
-      const V distance = hn::Abs(hn::Sub(s.depth, layer_channel(layer, JointLayers::kDepth)));
+      const V distance = hn::Abs(hn::Sub(s.depth, layer_channel(layer, JointLayers::kLayerDepth)));
       const M nearer = hn::And(hn::Lt(distance, least),
-                               hn::Eq(layer_channel(layer, JointLayers::kSide), own_side));
+                               hn::Eq(layer_channel(layer, JointLayers::kLayerSide), own_side));
       least = hn::IfThenElse(nearer, distance, least);
       nearest = hn::IfThenElse(nearer, hn::Set(d, static_cast<float>(i)), nearest);
     }
@@ -245,7 +246,7 @@ class JointRaster {
       float* const group = layers_.at(i, pixel) + JointLayers::group_channel(added.groups[index]) *
                                                       std::size_t{kPatchPixels};
       const M here = hn::Eq(nearest, hn::Set(d, static_cast<float>(i)));
-      const M wins = hn::And(here, hn::Lt(key, layer_channel(group, JointLayers::kKey)));
+      const M wins = hn::And(here, hn::Lt(key, layer_channel(group, JointLayers::kMemberKey)));
       if (hn::AllFalse(d, wins)) continue;
       put_member(group, key, hn::Set(Tags(), (index + 1) | JointLayers::kAddedEntry), wins);
     }
@@ -289,7 +290,7 @@ class JointBlender {
       const auto place = hn::Add(
           hn::Mul(farthest.layer, hn::Set(Ints(), static_cast<std::int32_t>(layers_.stride()))),
           hn::Iota(Ints(), 0));
-      const V sum = hn::GatherIndex(d, base + JointLayers::kSum * kPatchPixels, place);
+      const V sum = hn::GatherIndex(d, base + JointLayers::kLayerSum * kPatchPixels, place);
       const V coverage =
           hn::IfThenElseZero(farthest.exists, hn::Min(hn::Div(sum, full_), hn::Set(d, 1)));
       layers = hn::Add(layers, coverage);
@@ -297,7 +298,7 @@ class JointBlender {
         const float* const member =
             base + JointLayers::group_channel(group) * std::size_t{kPatchPixels};
         const Bits entry = hn::BitCast(
-            Tags(), hn::GatherIndex(d, member + JointLayers::kEntry * kPatchPixels, place));
+            Tags(), hn::GatherIndex(d, member + JointLayers::kMemberEntry * kPatchPixels, place));
         const M has = hn::And(farthest.exists, any_bit(entry));
         if (hn::AllFalse(d, has)) continue;
         if (!pending_) {
@@ -313,9 +314,9 @@ class JointBlender {
         put_layer_bits(image, kImageEntry, entry, has);
         put_layer_channel(image, kImageCoverage, coverage, has);
         put_layer_channel(image, kImageDepth, farthest.depth, has);
-        put_layer_channel(image, kImageKey,
-                          hn::GatherIndex(d, member + JointLayers::kKey * kPatchPixels, place),
-                          has);
+        put_layer_channel(
+            image, kImageKey,
+            hn::GatherIndex(d, member + JointLayers::kMemberKey * kPatchPixels, place), has);
       }
     }
     return layers;
@@ -350,9 +351,9 @@ class JointBlender {
     left_.resize(static_cast<std::size_t>(count) * kPatchPixels);
     for (int i = 0; i < count; ++i) {
       const float* const layer = layers_.at(i, pixel);
-      const M free = hn::Eq(layer_channel(layer, JointLayers::kSide), hn::Zero(d));
+      const M free = hn::Eq(layer_channel(layer, JointLayers::kLayerSide), hn::Zero(d));
       hn::Store(hn::IfThenElse(free, hn::Set(d, std::numeric_limits<float>::infinity()),
-                               layer_channel(layer, JointLayers::kDepth)),
+                               layer_channel(layer, JointLayers::kLayerDepth)),
                 d, left_.data() + i * kPatchPixels);
     }
   }

@@ -24,7 +24,8 @@ void JointLayers::add(std::size_t pixel) {
   float* const channels = at(layer, pixel) - pixel % kPatchPixels;
   std::fill_n(channels, patch_stride(), 0.0F);
   for (int group = 0; group < groups_; ++group) {
-    std::fill_n(channels + (group_channel(group) + kKey) * kPatchPixels, kPatchPixels, kNoKey);
+    std::fill_n(channels + (group_channel(group) + kMemberKey) * kPatchPixels, kPatchPixels,
+                kNoKey);
   }
 }
 

@@ -16,21 +16,22 @@ namespace surfel {
 /// patch, its last ones are free.
 class JointLayers {
  public:
-  /// Planes of kPatchPixels floats: of a layer, and for each group two more from kGroups on.
+  /// Planes of kPatchPixels floats: of a layer, and for each group two more from kFirstGroup on.
   enum Channel : int {
-    kSum,    ///< Sum of rho of the layer's fragments.
-    kDepth,  ///< Sum of rho * depth; after end(): the mean depth.
-    kSide,   ///< 0: free; else kBackSide or kFrontSide.
-    kGroups,
-    kKey = 0,  ///< Of a group: sqrt(beta / cutoff) of its fragment, plus kAddedKey if the splat was
-               ///< added to close holes; kNoKey without a fragment.
-    kEntry = 1  ///< Of a group: index of the splat plus 1, and kAddedEntry, as bits; 0 without one.
+    kLayerSum,    ///< Sum of rho of the layer's fragments.
+    kLayerDepth,  ///< Sum of rho * depth; after end(): the mean depth.
+    kLayerSide,   ///< 0: free; else kBackSide or kFrontSide.
+    kFirstGroup,
+    kMemberKey = 0,  ///< Of a group: sqrt(beta / cutoff) of its fragment, plus kAddedKey if the
+                     ///< splat was added to close holes; kNoKey without a fragment.
+    kMemberEntry =
+        1  ///< Of a group: index of the splat plus 1, and kAddedEntry, as bits; 0 without one.
   };
   static constexpr float kBackSide = 1, kFrontSide = 2;
   static constexpr float kAddedKey = 1, kNoKey = 4;
   static constexpr std::uint32_t kAddedEntry = std::uint32_t{1} << 31;
 
-  static constexpr int group_channel(int group) { return kGroups + 2 * group; }
+  static constexpr int group_channel(int group) { return kFirstGroup + 2 * group; }
   static float side(std::uint32_t tag) { return (tag & kFrontTag) != 0 ? kFrontSide : kBackSide; }
 
   /// Begins a tile without layers. Keeps its memory.

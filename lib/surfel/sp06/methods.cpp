@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/edge_search.h>
 #include <surfel/render/shading.h>
