@@ -46,7 +46,7 @@ constexpr double kEnough = 128;
 constexpr int kRefits = 3;
 constexpr double kShrink = 0.6;
 constexpr double kLeastScale = 3;
-/// Distances whose variance is larger than that of the noise by this factor are not noise alone.
+/// Distances whose variance exceeds the noise's variance by this factor are not noise alone.
 constexpr double kShaped = 1.5;
 
 /// Noise at a point, and the neighbourhood that is large enough for it.

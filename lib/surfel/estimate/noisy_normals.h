@@ -14,7 +14,7 @@ namespace surfel {
 /// and their plane stands on its edge (a flake) or along the step. Other clouds are left as they
 /// are, after a look at 512 points: only where the plane of the 16 nearest is uncertain at 15 % of
 /// them (a standard error of more than 0.1, or thin) is there anything to do. Then, if the points
-/// are a range image of the `sensor`, their normals are those of range_normals.h, and otherwise:
+/// are a range image of the `sensor`, range_normals.h makes their normals, and otherwise:
 ///
 /// Noise is told from shape by how the flatness lambda_0 / lambda_1 changes as a neighbourhood
 /// doubles, from 16 points up to 1024. Shape bends more and more; noise, once the neighbourhood is
@@ -25,10 +25,10 @@ namespace surfel {
 /// Where the peak is over, a plane is certain: noise and extent of the neighbourhood there are
 /// noted at up to 4096 points. They change with the range, not from point to point, so that each
 /// point takes the median extent, enlarged by a fifth, and the median noise of the 8 noted ones
-/// around it. Its normal is that of all points within the extent (of every second, third, ... point
-/// where they are several times 128), refitted three times with weights exp(-d^2 / 2 s^2) of their
-/// distances d from the plane where these exceed the noise: s falls to three times the noise, so
-/// that faces beyond an edge lose their say.
+/// around it. Its normal is fitted to all points within the extent (of every second, third, ...
+/// point where they are several times 128), refitted three times with weights exp(-d^2 / 2 s^2) of
+/// their distances d from the plane where these exceed the noise: s falls to three times the noise,
+/// so that faces beyond an edge lose their say.
 ///
 /// Sets normals, quality and counts of `out`, which are estimates of `points`. The result does not
 /// depend on the number of threads.

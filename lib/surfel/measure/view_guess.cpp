@@ -605,7 +605,7 @@ class Silhouette {
     return (a.normal.normalized() - b.normal.normalized()).norm();
   }
 
-  /// Cells for each point, such that those of the scene have some points each.
+  /// Cells for each point, so few that most cells of the scene hold some points.
   static constexpr double kPerCell = 0.3;
 
   int side_;
