@@ -72,6 +72,25 @@ TEST_F(IntakeFiles, PointsAreEstimated) {
   EXPECT_EQ(made.file, "points-surfels.ply");
 }
 
+TEST_F(IntakeFiles, ViewpointAndNormalsOfTheFileTellTheSide) {
+  SurfelCloud raw = Intake({points_}).surfels(1).cloud;
+  raw.variance.clear();
+  for (const float side : {-1.0F, 1.0F}) {
+    raw.normal.assign(raw.size(), Vec3f(0, 0, side));
+    raw.viewpoint.reset();
+    const std::string file = folder_ / "sided.ply";
+    write_cloud(raw, file);
+    const Intake::Made aligned = Intake({file}).surfels(1);
+    EXPECT_NEAR(aligned.cloud.normal[55].z(), side, 1e-5);
+    EXPECT_TRUE(contains(aligned.commands[0], "--orient align")) << aligned.commands[0];
+    raw.viewpoint = Viewpoint{.position = Vec3d(5, 5, 5 - 20.0 * static_cast<double>(side))};
+    write_cloud(raw, file);
+    const Intake::Made seen = Intake({file}).surfels(1);
+    EXPECT_NEAR(seen.cloud.normal[55].z(), -side, 1e-5);
+    EXPECT_TRUE(contains(seen.commands[0], "--orient viewpoint")) << seen.commands[0];
+  }
+}
+
 TEST_F(IntakeFiles, SurfelsStayAndSeveralFilesAreJoined) {
   const std::string surfels = folder_ / "s.ply";
   SurfelCloud cloud = Intake({points_}).surfels(1).cloud;

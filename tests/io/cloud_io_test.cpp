@@ -14,11 +14,13 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/file_kind.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include "io/cloud_of_bytes.h"
 #include "support/memory_file.h"
+#include "support/message_of.h"
 #include "support/test_data.h"
 
 namespace surfel {
@@ -485,6 +487,20 @@ TEST(CloudIo, UnusableInputSaysWhatIsMissing) {
   EXPECT_EQ(error_of(""), "is empty; make it anew");
   EXPECT_EQ(error_of("LASF and so on"),
             "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
+}
+
+TEST(CloudIo, UnreadFormatsNameAConverter) {
+  const TemporaryFolder folder;
+  for (const auto& [name, program] :
+       {std::pair("a b.las", "`pdal translate "), std::pair("c.glb", "`assimp export "),
+        std::pair("d.splat", "`splat-transform "), std::pair("e.e57", "`CloudCompare ")}) {
+    const std::string path = folder / name;
+    std::ofstream(path) << "something";
+    for (const std::string& message : {test::message_of([&] { read_cloud(path); }),
+                                       test::message_of([&] { file_kind(path); })}) {
+      EXPECT_NE(message.find(program), std::string::npos) << message;
+    }
+  }
 }
 
 /// Replaces a standard stream by another descriptor for the object's life.

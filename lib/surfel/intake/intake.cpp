@@ -1,6 +1,6 @@
 #include <algorithm>
+#include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <optional>
 #include <utility>
 
@@ -95,7 +95,7 @@ void Intake::File::sample(double spacing, Made& made) {
   const std::string digits =
       three_digits(std::max(spacing, std::sqrt(area_of(*mesh) / kMostSamples)));
   MeshSampleOptions options;
-  options.spacing = std::strtod(digits.c_str(), nullptr);
+  std::from_chars(digits.data(), digits.data() + digits.size(), options.spacing.emplace());
   cloud = sample_mesh(*mesh, options, nullptr, path);
   made.file = named_after(path, "-surfels.ply");
   std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
@@ -119,14 +119,20 @@ void Intake::File::sample(double spacing, Made& made) {
 /// Makes surfels of raw points.
 void Intake::File::estimate(Made& made) {
   EstimateOptions options;
+  std::string side;
   if (cloud.viewpoint) {
-    options.orientation.viewpoint = cloud.viewpoint->position;
+    options.orientation = {.method = Orientation::kViewpoint,
+                           .viewpoint = cloud.viewpoint->position};
     options.normals.sensor = cloud.viewpoint->position;
+    side = " --orient viewpoint";
+  } else if (!cloud.normal.empty()) {
+    options.orientation.method = Orientation::kAlign;
+    side = " --orient align";
   }
   cloud = estimate_surfels(cloud, options, nullptr, path);
   made.file = named_after(path, "-surfels.ply");
   made.commands.push_back(
-      fmt::format("surfel-estimate {} -o {}", shell_file(path), shell_file(made.file)));
+      fmt::format("surfel-estimate {}{} -o {}", shell_file(path), side, shell_file(made.file)));
   made.done.push_back(fmt::format("{}: raw points, normals and sizes estimated: {} surfels ({})",
                                   path, cloud.size(), made.commands.back()));
 }

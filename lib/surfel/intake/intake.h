@@ -39,7 +39,8 @@ class SURFEL_API Intake {
   /// Bounds of the vertices of faces and of the points, world coordinates.
   Bounds bounds() const;
   /// Meshes are sampled and, where they have uv, textured by their materials; points without sizes
-  /// are estimated; several clouds are joined. Leaves nothing to be made again.
+  /// are estimated, on the side of the file's viewpoint or else of its normals; several clouds are
+  /// joined. Leaves nothing to be made again.
   /// \param spacing  of a mesh's samples, scene units, > 0; rounded to three digits, as commands
   ///     say it, and larger where a mesh would have more than 2^23 samples.
   /// Throws what these steps throw.

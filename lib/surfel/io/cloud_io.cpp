@@ -230,8 +230,10 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   if (is_xyz_name(name)) return read_xyz(input);
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
-  throw_input(
-      name, "format not supported; surfels and points are read from PLY, PCD and text (XYZ, PTS)");
+  throw_input(name,
+              "format not supported; surfels and points are read from PLY, PCD and text "
+              "(XYZ, PTS)" +
+                  converter_advice(name));
 }
 
 SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {

@@ -2,7 +2,9 @@
 #include <array>
 #include <string_view>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
@@ -15,6 +17,20 @@ namespace {
 constexpr std::array<std::string_view, 3> kMeshes = {".obj", ".off", ".stl"};
 constexpr std::array<std::string_view, 11> kImages = {
     ".bmp", ".exr", ".hdr", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tga", ".tif", ".tiff"};
+
+/// A program that turns files of some formats into files that are read.
+struct Converter {
+  std::string_view extensions;  ///< Each between blanks.
+  std::string_view command;     ///< The file's name goes between the two parts.
+  std::string_view result;
+  std::string_view program;
+};
+constexpr std::array<Converter, 4> kConverters = {{
+    {" .las .laz ", "pdal translate ", " points.ply", "PDAL"},
+    {" .e57 .ptx ", "CloudCompare -SILENT -O ", " -C_EXPORT_FMT PLY -SAVE_CLOUDS", "CloudCompare"},
+    {" .3ds .dae .fbx .glb .gltf .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
+    {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
+}};
 
 template <class Set>
 bool contains(const Set& set, const std::string& value) {
@@ -35,6 +51,17 @@ FileKind ply_kind(InputFile file) {
 
 }  // namespace
 
+std::string converter_advice(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  if (extension.empty()) return "";
+  for (const Converter& c : kConverters) {
+    if (c.extensions.find(" " + extension + " ") == std::string_view::npos) continue;
+    return fmt::format("; `{}{}{}` converts it ({})", c.command, shell_file(path), c.result,
+                       c.program);
+  }
+  return "";
+}
+
 bool is_mesh_name(const std::string& path) { return contains(kMeshes, lower_extension(path)); }
 bool is_image_name(const std::string& path) { return contains(kImages, lower_extension(path)); }
 
@@ -47,9 +74,11 @@ FileKind file_kind(const std::string& path) {
   if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
-  throw_input(path,
-              "format not supported; known are PLY, PCD and text such as XYZ (surfels), PLY, "
-              "OBJ, OFF and STL (meshes) and images");
+  throw_input(
+      path,
+      std::string("format not supported; known are PLY, PCD and text such as XYZ (surfels), PLY, "
+                  "OBJ, OFF and STL (meshes) and images") +
+          converter_advice(path));
 }
 
 }  // namespace surfel

@@ -16,6 +16,10 @@ enum class FileKind { kCloud, kMesh, kImage };
 /// that is not supported.
 SURFEL_API FileKind file_kind(const std::string& path);
 
+/// "; `COMMAND` converts it (PROGRAM)" for the end of a message about a file of a format that is
+/// not read; empty where no converter is known.
+std::string converter_advice(const std::string& path);
+
 /// Whether a name has the extension of a format that holds meshes alone, or pictures alone.
 bool is_mesh_name(const std::string& path);
 SURFEL_API bool is_image_name(const std::string& path);
