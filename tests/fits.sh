@@ -255,7 +255,7 @@ texture. There are three fits:
 - `--fit render` solves a least squares problem in the very basis that the renderer evaluates, from near and from afar.
 
 `render` is 1.3 to 8 dB nearer to the ray-traced mesh on real textures where `ewa` has less than 38 dB, and 4 to 14 dB on magnified
-checkers. A million surfels under 2048 x 2048 texels take 1.6 s with `ewa`, 16 s with `gram` and 17.5 s with `render`, on 2 threads.
+checkers. A million surfels under 2048 x 2048 texels take 0.9 s with `ewa`, 12 s with `gram` and 11.5 s with `render`, on 2 threads.
 
 ```
 surfel-from-mesh spot.obj --count 400000 -o spot.ply
