@@ -17,10 +17,10 @@ show() { echo "+ $*"; "$@"; }
 show surfel-from-mesh "$samples/head.obj" --spacing 0.01 -o head.ply
 show surfel-texture head.ply --image "$samples/head.png" --mesh "$samples/head.obj" -o head_t.ply
 show surfel-info head_t.ply
-show surfel-render head_t.ply -o head.png --size 512x512 --cutoff 2
-show surfel-render head_t.ply -o head_texture.png --size 512x512 --shading none
-show surfel-render head_t.ply -o head_far.png --size 64x64
-show surfel-render head_t.ply -o 'head_turn_%04d.png' --size 256x256 --turntable 8
+show surfel-render head_t.ply -o head.png --from 0,0.36,1 --size 512x512 --cutoff 2
+show surfel-render head_t.ply -o head_texture.png --from 0,0.36,1 --size 512x512 --shading none
+show surfel-render head_t.ply -o head_far.png --from 0,0.36,1 --size 64x64
+show surfel-render head_t.ply -o 'head_turn_%04d.png' --from 0,0.36,1 --size 256x256 --turntable 8
 
 echo
 echo "The pictures are in $output:"
