@@ -568,7 +568,6 @@ nlohmann::json to_json(const surfel::FrameStatistics& frame) {
   return json;
 }
 
-/// Reads and prepares surfels, and tells how many of them cannot be used.
 /// Half a pixel of the pictures that are asked for, scene units in the middle of what is seen: the
 /// least of them.
 double half_a_pixel(const std::vector<surfel::CameraOptions>& views, const surfel::Bounds& box) {
@@ -577,8 +576,7 @@ double half_a_pixel(const std::vector<surfel::CameraOptions>& views, const surfe
   if (box.empty()) return 1;
   const double size = (box.max - box.min).norm();
   double least = std::numeric_limits<double>::infinity();
-  for (surfel::CameraOptions view : views) {
-    view.width = std::max(view.width, 1);
+  for (const surfel::CameraOptions& view : views) {
     const surfel::Camera camera = surfel::make_camera(view, {.box = box});
     const double z = (camera.camera_from_world * (box.center() - camera.eye)).z();
     const double distance = camera.orthographic ? 1 : std::max(z, kLeastShare * size);
@@ -615,6 +613,7 @@ std::unique_ptr<surfel::LoadedCloud> load_files(surfel::tool::Tool& tool, const 
   return loaded;
 }
 
+/// Reads and prepares surfels, and tells how many of them cannot be used.
 std::unique_ptr<surfel::LoadedCloud> load_surfels(surfel::tool::Tool& tool, const Settings& s,
                                                   const std::vector<surfel::CameraOptions>& views) {
   const std::string name = surfel::tool::shown_name(s.inputs.front());

@@ -24,7 +24,7 @@ constexpr std::size_t kLeastBlocks = 64;
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
 /// Splats of a block for which there is room at once, if it may have as many.
 constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
-/// Discs that their groups enlarge by less than this factor are as they were but for rounding.
+/// A group that enlarges a disc by less than this factor leaves it as it was, within rounding.
 constexpr float kLeastEnlargement = 1 + 1e-3F;
 constexpr float kNoSplat = std::numeric_limits<float>::quiet_NaN();
 

@@ -432,7 +432,8 @@ std::uint64_t tell_layers_simd(const JointJobs& jobs, const TileABuffer& tile,
 }
 
 /// Blends the layers into scratch.merged; where there is an environment, calls take(first pixel,
-/// number of pixels, layers) for vectors of pixels whose images are blended but for their nearest.
+/// number of pixels, layers) for vectors of pixels, of which only the nearest layers are left to
+/// blend.
 void blend_layers_simd(const JointJobs& jobs, const TileABuffer& tile, JointScratch& scratch,
                        FunctionRef<void(std::size_t, std::size_t, const float*)> take) {
   const D d;

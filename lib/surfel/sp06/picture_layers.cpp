@@ -24,7 +24,7 @@ bool alike(const Vec3f& a, const Vec3f& b) {
   return a.dot(b) > kCosine * a.norm() * b.norm();
 }
 
-/// Whether the nearest fragments of two groups are shaded alike but for their colours, both with
+/// Whether the nearest fragments of two groups differ in their colours alone when shaded, both with
 /// the mean normal. Shading is linear in the colour.
 bool one_shading(const PictureLayers::GroupPixel& a, const PictureLayers::GroupPixel& b,
                  const Vec3f& mean) {
