@@ -1,0 +1,54 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <surfel/render/renderer.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/scene.h>
+#include <surfel/scene/triangle_mesh.h>
+#include <surfel/store/cloud_loader.h>
+#include <surfel/texture/normal_maps.h>
+#include <surfel/texture/texture_source.h>
+#include <surfel/truth/mesh_renderer.h>
+
+#include "tools/render/settings.h"
+#include "tools/support/tool.h"
+
+namespace surfel::render_tool {
+
+/// Makes a picture. `progress` is called with the share of it that is done, where it takes long.
+using Paint = std::function<Image(const Camera& camera, FrameStatistics& statistics,
+                                  const std::function<void(double)>& progress)>;
+
+/// The scene with its environment, which pictures without shading do without.
+Scene load_scene(tool::Tool& tool, const Settings& s);
+
+/// The renderers of a picture's steps, coarsest first. They refer to the surfels and the scene.
+std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene);
+
+/// A mesh with its textures, and its renderer.
+class MeshPainter {
+ public:
+  /// Reads the mesh that the settings name and the images of its materials. Refers to the scene.
+  MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene);
+  MeshPainter(const MeshPainter&) = delete;
+  MeshPainter& operator=(const MeshPainter&) = delete;
+
+  const TriangleMesh& mesh() const { return mesh_; }
+  SceneExtent extent() const { return renderer_->extent(); }
+  /// Makes the mesh's pictures, as long as this object lives.
+  Paint paint() const;
+
+ private:
+  TriangleMesh mesh_;
+  std::optional<TextureSet> textures_;
+  std::optional<NormalMaps> normals_;
+  std::shared_ptr<MeshRenderer> renderer_;  ///< Refers to the mesh, its textures and normals.
+};
+
+}  // namespace surfel::render_tool

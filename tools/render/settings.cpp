@@ -1,0 +1,317 @@
+#include "tools/render/settings.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/io/image_io.h>
+
+#include "tools/support/color.h"
+#include "tools/support/options.h"
+#include "tools/support/tool.h"
+
+namespace surfel::render_tool {
+
+namespace {
+
+void declare_camera(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Camera");
+  add_view(app, s.camera, s.view);
+  app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0");
+  app.add_option(
+      "--camera", s.camera_file,
+      "Camera file (TOML); its keys win over the options above; [[camera]] = one view each");
+  app.add_option("--turntable", s.turntable,
+                 "That many pictures around the target, 1..100000; 0 = one picture");
+}
+
+void declare_kernel(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Kernel and filter");
+  add_choice(
+      app, "--kernel", s.render.kernel,
+      {{"auto", Kernel::kAuto}, {"affine", Kernel::kAffine}, {"perspective", Kernel::kPerspective}},
+      "Projection of the kernel: affine about each surfel's centre, exact, or exact where "
+      "affine may be off by more than --kernel-tolerance");
+  app.add_option("--kernel-tolerance", s.render.kernel_tolerance,
+                 "Of --kernel auto: error on the splat's rim, pixels, > 0");
+  add_choice(app, "--filter", s.filter,
+             {{"ewa", Filter::kEwa},
+              {"ewa-source", Filter::kEwaSource},
+              {"circular", Filter::kCircular},
+              {"none", Filter::kNone}},
+             "Filter; the others are there to compare with: ewa-source filters in the surfels' "
+             "planes, slowly, circular in all directions alike (always affine), none not at all");
+  app.add_option("--cutoff", s.render.cutoff, "c: kernels end where beta >= c, 0.1..16");
+  app.add_option("--lowpass", s.render.lowpass,
+                 "Standard deviation of the low-pass filter, pixels, 0.1..16");
+}
+
+void declare_visibility(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Visibility and coverage");
+  add_choice(
+      app, "--method", s.method,
+      {{"abuffer", Method::kABuffer},
+       {"deferred", Method::kDeferred},
+       {"transparent", Method::kTransparent},
+       {"transparent-high", Method::kTransparentHigh},
+       {"two-pass", Method::kTwoPass},
+       {"depth-peel", Method::kDepthPeel}},
+      "What becomes of a pixel's splats: surfaces separated in an A-buffer; for surfels with "
+      "groups (surfel-group) opaque surfaces by deferred blending, and transparent ones "
+      "with all layers blended alike or the nearest interpolated; opaque surfaces by a pass for "
+      "depth and one for colour, to compare deferred with; or one layer after another, as a "
+      "reference for the transparent ones");
+  add_choice(app, "--voronoi", s.method_options.voronoi,
+             {{"off", Voronoi::kOff},
+              {"quantised", Voronoi::kQuantised},
+              {"windowed", Voronoi::kWindowed}},
+             "Of methods with groups: how fragments of one layer are told, of which the nearest to "
+             "its splat's centre stays: not at all, by steps of depth (with seams between them), "
+             "or by --depth-epsilon");
+  add_choice(app, "--layers-by", s.method_options.layers_by,
+             {{"surface", LayersBy::kSurface}, {"group", LayersBy::kGroup}},
+             "Of methods transparent and transparent-high: what tells the layers of a pixel, the "
+             "discs of all groups together, so that enlarged and added splats close holes and make "
+             "no layers, or each group's splats alone, as published");
+  app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
+  app.add_option("--layers", s.render.layers,
+                 "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
+  app.add_option("--depth-epsilon", s.render.depth_epsilon,
+                 "Surfaces within this many footprints (to beta = 1) in depth are one, > 0");
+  app.add_option("--coverage-threshold", s.render.coverage_threshold,
+                 "Sum of kernels that covers a pixel, > 0; default: by the cutoff");
+  add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
+             "Leave out surfels that face away: for closed, opaque surfaces");
+}
+
+void declare_levels(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Level of detail");
+  add_choice(app, "--lod", s.lod, {{"auto", Lod::kAuto}, {"on", Lod::kOn}, {"off", Lod::kOff}},
+             "Use the levels of detail of the file (surfel-lod), so that the time follows the "
+             "pixels, not the surfels; auto: where it has them, with --method abuffer and --filter "
+             "ewa; off: the finest level");
+  app.add_option("--lod-error", s.render.lod_error,
+                 fmt::format("Piece of surface that one surfel may stand for, pixels, 0..1000; "
+                             "default: {:g} --lowpass",
+                             RenderOptions::kLodError));
+  app.add_option("--progressive", s.progressive,
+                 "Make every picture in that many steps, 1..10, each with half the --lod-error of "
+                 "the one before it, and write each over the last");
+}
+
+void declare_truth(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Truth");
+  CLI::Option* reference =
+      app.add_flag("--reference", s.reference,
+                   "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
+                   "other pictures against (R G B A only)");
+  CLI::Option* mesh = app.add_option("--mesh", s.mesh,
+                                     "Ray-trace this mesh instead (OBJ, PLY, STL, OFF): the truth "
+                                     "to measure surfels made from it against (R G B A only)")
+                          ->excludes(reference);
+  app.add_option("--image", s.texture.image,
+                 "Of --mesh: image file, or checker, siemens, noise, each also as NAME:FREQUENCY; "
+                 "default: the images of the mesh's materials")
+      ->needs(mesh);
+  add_choice(
+      app, "--wrap", s.texture.wrap,
+      {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
+      "Of --mesh: what lies beyond the image's borders")
+      ->needs(mesh);
+  for (CLI::Option* option : add_normal_maps(app, s.normals, "Of --mesh: ")) option->needs(mesh);
+  app.add_option("--samples", s.rays.samples,
+                 "Of --reference and --mesh: rays along each side of a pixel, 1..64");
+}
+
+void declare_shading(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Shading");
+  add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
+             "none shows the filtered texture itself");
+  app.add_option("--scene", s.scene_file, "Lights, materials, environment (TOML)");
+  add_choice(app, "--refraction", s.refraction,
+             {{"scene", Refractions::kScene},
+              {"single", Refractions::kSingle},
+              {"multi", Refractions::kMulti}},
+             "Of --scene: rays are refracted by the nearest surface alone, or once by each; scene "
+             "= as the file says");
+  app.add_option("--bounces", s.bounces,
+                 "Of --mesh and --scene: surfaces at which a ray is bent and mirrored one after "
+                 "another, 0..32; 0 = rays go straight on, and surfaces show the environment as "
+                 "surfels do");
+  add_text(app, "--background", "COLOR", "auto",
+           "A name such as white or navy, '#rrggbb', '#rrggbbaa', or linear R,G,B and straight "
+           "alpha; auto = transparent, white where the picture's format has no alpha",
+           [&s](const std::string& text) {
+             s.background.reset();
+             if (text != "auto") s.background = parse_color("--background", text);
+           });
+}
+
+bool blends_layers(const Settings& s) {
+  return s.method == Method::kTransparent || s.method == Method::kTransparentHigh;
+}
+
+/// Levels of detail are of the fast renderer and of surfels without groups.
+void check_levels(const CLI::App& app, const Settings& s) {
+  const auto refuse = [&](bool wrong, const std::string& what) {
+    if (wrong && s.lod == Lod::kOn) {
+      throw_usage(fmt::format("--lod on has no effect with {}; leave it out", what));
+    }
+  };
+  refuse(s.reference, "--reference");
+  refuse(!s.mesh.empty(), "--mesh");
+  refuse(s.filter == Filter::kEwaSource, "--filter ewa-source");
+  refuse(s.render.compositing().columns().groups, "methods that need groups");
+  for (const char* option : {"--lod-error", "--progressive"}) {
+    if (app.get_option(option)->count() > 0 && !wants_levels(s)) {
+      throw_usage(fmt::format(
+          "{} needs levels of detail, which are not used here; leave it out, or see --lod",
+          option));
+    }
+  }
+}
+
+/// Fills in fields of the library's options that the command line has in other types.
+void finish(Settings& s) {
+  s.render.method = compositing_method(s.method, s.method_options);
+  s.render.lit = s.shading == Shading::kPhong;
+  s.texture.charts = false;
+  s.normals.maps.charts = false;
+  s.normals.maps.wrap = s.texture.wrap;
+  s.render.cull_back = s.cull == Cull::kBack;
+  s.render.aovs = tool::lower_extension(s.output) == ".exr" && !blends_layers(s);
+  constexpr std::array<float, 4> kWhite{1, 1, 1, 1};
+  if (s.background) {
+    s.render.background = *s.background;
+  } else if (!image_format_has_alpha(s.output)) {
+    s.render.background = kWhite;
+  }
+  if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
+  if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
+}
+
+/// Refuses options that the chosen renderer or method does not heed.
+void require_effect(const CLI::App& app, const Settings& s) {
+  const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
+    tool::require_valid(tool::without_effect(app, options, "with " + renderer));
+  };
+  const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
+    for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
+                               "--voronoi", "--layers-by", "--peel", "--explain"}) {
+      options.emplace_back(option);
+    }
+    refuse(renderer, options);
+  };
+  if (s.reference) refuse_fast("--reference", {"--filter"});
+  if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {});
+  static const std::map<Method, std::pair<const char*, std::vector<std::string>>> kMethods{
+      {Method::kABuffer, {"abuffer", {"--voronoi", "--layers-by", "--peel"}}},
+      {Method::kDeferred, {"deferred", {"--layers-by", "--peel"}}},
+      {Method::kTransparent, {"transparent", {"--peel", "--layers"}}},
+      {Method::kTransparentHigh, {"transparent-high", {"--peel", "--layers"}}},
+      {Method::kTwoPass, {"two-pass", {"--voronoi", "--layers-by", "--peel"}}},
+      {Method::kDepthPeel, {"depth-peel", {"--voronoi", "--layers-by", "--layers"}}}};
+  const auto& [method, unheeded] = kMethods.at(s.method);
+  refuse(std::string("--method ") + method, unheeded);
+  if (s.method == Method::kTransparent && s.method_options.layers_by == LayersBy::kGroup) {
+    // Layers that each group tells by itself are discs, without kernels.
+    refuse("--method transparent", {"--lowpass", "--coverage-threshold"});
+  }
+  if (!s.mesh.empty()) {
+    refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
+  } else if (s.inputs.empty()) {
+    throw_usage("there are neither surfels nor --mesh; give one");
+  }
+  if (s.inputs.empty()) {
+    refuse("--mesh without surfels", {"--memory", "--keep", "--print-commands"});
+  }
+  if (s.scene_file.empty()) refuse("the default scene", {"--refraction", "--bounces"});
+  if (!s.render.lit) {
+    refuse("--shading none", {"--refraction", "--bounces"});
+    refuse("--shading none", tool::normal_map_options());
+  }
+  if (s.mesh.empty()) refuse("surfels", {"--bounces"});
+  if (s.bounces > 0) refuse("--bounces", {"--refraction"});
+  if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
+}
+
+void check(const Settings& s) {
+  if (s.print_commands && s.output == "-") {
+    throw_usage("--print-commands and --output - both write to standard output");
+  }
+  if (s.inputs.size() > 1 && std::count(s.inputs.begin(), s.inputs.end(), "-") > 0) {
+    throw_usage("standard input (-) does not go together with other files");
+  }
+  std::vector<std::string> problems = s.camera.problems();
+  tool::append(problems, s.render.problems());
+  tool::append(problems, s.rays.problems());
+  tool::append(problems, s.normals.maps.problems());
+  if (s.progressive < 1 || s.progressive > 10) {
+    problems.push_back(fmt::format("--progressive is {}; it must be in 1..10", s.progressive));
+  }
+  if (s.progressive > 1 && s.output == "-") {
+    problems.emplace_back("--progressive writes its steps over one another; give --output a file");
+  }
+  if (s.turntable < 0 || s.turntable > 100000) {
+    problems.push_back(fmt::format("--turntable is {}; it must be in 0..100000", s.turntable));
+  }
+  tool::require_valid(problems);
+}
+
+}  // namespace
+
+void declare_options(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.add_option(
+      "files", s.inputs,
+      "Surfels (PLY, PCD; - = standard input), meshes, which are sampled at half a pixel "
+      "and textured, and raw points, which are estimated; several files are joined. With "
+      "--mesh surfels only frame the picture, and may be left out");
+  app.add_option("-o,--output", s.output,
+                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
+      ->required();
+  declare_camera(app, s);
+  declare_kernel(app, s);
+  declare_visibility(app, s);
+  declare_levels(app, s);
+  declare_truth(app, s);
+  declare_shading(app, s);
+  app.option_defaults()->group("Options");
+  app.add_option("--keep", s.keep, "Surfels to write, as they were made of the files");
+  app.add_flag("--print-commands", s.print_commands,
+               "Write the commands that do the same, one by one, to standard output");
+  app.add_flag("--explain", s.explain,
+               "Say what was chosen for the (first) picture where there was a choice, and why");
+  add_text(app, "--memory", "BYTES", "auto",
+           "Memory for surfels and what a picture makes of them, such as 512M or 2G; a binary PLY "
+           "file that needs more, in space-filling order or nearly, is read piece by piece, for "
+           "each picture anew; of levels of detail only what is shown is read, and kept; auto = "
+           "three quarters of what is free",
+           [&s](const std::string& text) {
+             s.memory.reset();
+             if (text != "auto") s.memory = parse_bytes("--memory", text);
+           });
+}
+
+bool wants_levels(const Settings& s) {
+  const bool fast = !s.reference && s.mesh.empty() && s.filter != Filter::kEwaSource;
+  if (s.lod != Lod::kAuto) return s.lod == Lod::kOn;
+  return fast && s.method == Method::kABuffer && s.filter == Filter::kEwa;
+}
+
+void settle(const CLI::App& app, Settings& s) {
+  finish(s);
+  require_effect(app, s);
+  check_levels(app, s);
+  check(s);
+}
+
+}  // namespace surfel::render_tool

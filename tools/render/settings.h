@@ -1,0 +1,68 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <surfel/measure/view_guess.h>
+#include <surfel/render/renderer.h>
+#include <surfel/scene/framing.h>
+#include <surfel/sp06/methods.h>
+#include <surfel/texture/texture_source.h>
+#include <surfel/truth/reference.h>
+
+#include "tools/support/normal_maps.h"
+
+namespace surfel::render_tool {
+
+enum class Shading { kPhong, kNone };
+enum class Cull { kNone, kBack };
+enum class Refractions { kScene, kSingle, kMulti };
+enum class Lod { kAuto, kOn, kOff };
+enum class Filter { kEwa, kEwaSource, kCircular, kNone };
+
+/// What the command line asks of surfel-render.
+struct Settings {
+  std::vector<std::string> inputs;
+  std::string output;
+  std::string keep;
+  bool print_commands = false;
+  std::string camera_file;
+  std::string scene_file;
+  Refractions refraction = Refractions::kScene;
+  CameraOptions camera;
+  ViewChoice view;
+  RenderOptions render;
+  Method method = Method::kABuffer;
+  MethodOptions method_options;
+  int turntable = 0;
+  bool explain = false;
+  std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
+  Shading shading = Shading::kPhong;
+  Cull cull = Cull::kNone;
+  Filter filter = Filter::kEwa;
+  Lod lod = Lod::kAuto;
+  int progressive = 1;
+  bool reference = false;
+  ReferenceOptions rays;
+  std::optional<std::uint64_t> memory;
+  std::string mesh;
+  TextureSourceOptions texture;
+  tool::NormalMapSettings normals;
+  int bounces = 0;
+};
+
+/// Declares the options of surfel-render, bound to the settings.
+void declare_options(CLI::App& app, Settings& s);
+
+/// Fills in what follows from several options. Throws Error(kUsage) where they do not go together,
+/// or where one has no effect beside the others.
+void settle(const CLI::App& app, Settings& s);
+
+/// The levels of detail are wanted, if the file has them.
+bool wants_levels(const Settings& s);
+
+}  // namespace surfel::render_tool

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include <surfel/scene/framing.h>
+#include <surfel/store/cloud_loader.h>
+
+#include "tools/render/settings.h"
+#include "tools/support/tool.h"
+
+namespace surfel::render_tool {
+
+/// Reads the files that the settings name, makes surfels of what is none, and tells what was done
+/// and how many surfels cannot be used. \param views  as asked for: they say how finely meshes are
+/// sampled.
+std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
+                                          const std::vector<CameraOptions>& views);
+
+}  // namespace surfel::render_tool
