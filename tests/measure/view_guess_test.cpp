@@ -202,7 +202,7 @@ TEST(ViewGuess, BallHasConventionAlone) {
                         std::sqrt(1 - z * z) * std::sin(turn), z);
   }
   const ViewGuess guess = guess_view(sample_surface(cloud_of(points, points)));
-  EXPECT_EQ(guess.reason, "no evidence");
+  EXPECT_EQ(guess.reason, "by convention");
   EXPECT_EQ(guess.up, Vec3d(0, 1, 0));
   EXPECT_EQ(guess.front, Vec3d(0, 0, 1));
 }
