@@ -254,6 +254,29 @@ TEST(ViewGuess, PointsSeenFromTheOriginHaveCoordinatesOfACamera) {
   EXPECT_LT(guess.front.z(), -0.99);
 }
 
+TEST(ViewGuess, NormalsTurnedToTheOriginInTheMiddleTellNoSide) {
+  // The half of an upright ellipsoid that faces +z; normals look away from it, or to the origin.
+  std::vector<Vec3d> points;
+  std::vector<Vec3d> outward;
+  std::vector<Vec3d> to_origin;
+  for (int i = 0; i < 40; ++i) {
+    for (int j = 1; j < 40; ++j) {
+      const double longitude = std::numbers::pi * i / 39;
+      const double latitude = std::numbers::pi * (j / 40.0 - 0.5);
+      const Vec3d unit(std::cos(latitude) * std::cos(longitude), std::sin(latitude),
+                       std::cos(latitude) * std::sin(longitude));
+      points.emplace_back(unit.x(), 1.5 * unit.y(), unit.z());
+      outward.emplace_back(Vec3d(unit.x(), unit.y() / 1.5, unit.z()).normalized());
+      to_origin.emplace_back(-outward.back());
+    }
+  }
+  const ViewGuess known = guess_view(sample_surface(cloud_of(points, outward)));
+  const ViewGuess turned = guess_view(sample_surface(cloud_of(points, to_origin)));
+  EXPECT_EQ(turned.up, known.up);
+  EXPECT_EQ(turned.front, known.front);
+  EXPECT_EQ(turned.reason, known.reason);
+}
+
 TEST(ViewGuess, SensorLooksAlongTheAxesThatSeeThePoints) {
   const std::vector<Vec3d> points = seen_cap();
   const auto seen = [&](const Vec4d& orientation, const Rotation& world) {

@@ -39,6 +39,31 @@ JudgedSurface::JudgedSurface(const SurfaceSample& sample)
   center = sum / weight;
   normal /= weight;
   frame = make_frame({Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()});
+  if (turned_to_origin()) normal *= outward();
+}
+
+bool JudgedSurface::turned_to_origin() const {
+  constexpr double kNearlyAll = 0.9;
+  if ((origin + center).norm() > frame.size()) return false;
+  double turned = 0;
+  for (const Point& p : points) {
+    const Vec3d to_origin = -(origin + p.position.cast<double>());
+    if (p.normal.cast<double>().dot(to_origin) > 0) turned += weight_of(p);
+  }
+  return turned > kNearlyAll * weight;
+}
+
+double JudgedSurface::outward() const {
+  constexpr double kClear = 0.1;  // Of the distance from the middle; flat scans have 0, balls 1.
+  double along_normals = 0;
+  double distances = 0;
+  for (const Point& p : points) {
+    const Vec3d from_center = p.position.cast<double>() - center;
+    along_normals += weight_of(p) * p.normal.cast<double>().dot(from_center);
+    distances += weight_of(p) * from_center.norm();
+  }
+  if (std::abs(along_normals) < kClear * distances) return 0;
+  return along_normals > 0 ? 1 : -1;
 }
 
 bool JudgedSurface::usable() const {

@@ -82,8 +82,17 @@ struct JudgedSurface {
   Vec3d origin;
   double weight = 0;      ///< Of all points: their area.
   Vec3d center{0, 0, 0};  ///< Centre of mass, relative to the origin.
-  Vec3d normal{0, 0, 0};  ///< Mean normal: about zero for closed surfaces.
-  Frame frame;            ///< The file's axes.
+  /// Mean normal: about zero for closed surfaces, and zero where the normals' sides tell nothing.
+  Vec3d normal{0, 0, 0};
+  Frame frame;  ///< The file's axes.
+
+ private:
+  /// Do all normals look to the origin of coordinates, which lies among the points? Programs that
+  /// estimate normals turn them there where they do not know the scanner's place.
+  bool turned_to_origin() const;
+  /// 1 where normals look away from the middle, as on the outside of a thing, -1 where they look to
+  /// it, 0 where that cannot be told.
+  double outward() const;
 };
 
 }  // namespace surfel
