@@ -134,8 +134,8 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   tool.everyday(
       {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
-       "--background", "--scene", "--shading", "--explain"},
-      {"surfel-render lion.obj -o lion.png",
+       "--background", "--scene", "--shading", "--image", "--explain"},
+      {"surfel-render lion.obj -o lion.png", "surfel-render lion.obj --image skin.png -o lion.png",
        "surfel-render lion.ply -o lion.jpg --from 1,0.5,2 --size 800x600 --background navy",
        "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.files().reads(

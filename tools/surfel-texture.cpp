@@ -159,7 +159,7 @@ void declare_options(CLI::App& app, Settings& s) {
 
   declare_solid(app, s);
   app.option_defaults()->group("Normals");
-  tool::add_normal_maps(app, s.normals, "");
+  tool::add_normal_maps(app, s.normals);
   declare_systems(app, s);
 }
 

@@ -55,6 +55,53 @@ TEST_F(FirstPicture, CommandsThatAreToldMakeTheSamePicture) {
   }
 }
 
+TEST_F(FirstPicture, OptionsOfTexturesAreThoseOfTheMeshAndOfTheCommandsToldForIt) {
+  const std::string bare = folder_ / "bare.obj";
+  std::string text = read_text(mesh_);
+  text.replace(text.find("mtllib"), 6, "#");
+  write_text(bare, text);
+  const std::string bin = std::filesystem::path(tool("surfel-render")).parent_path();
+  const std::string plain = folder_ / "plain.png";
+  ASSERT_EQ(render({bare, "--size", "64", "-o", plain}).exit_code, 0);
+  for (const std::vector<std::string>& options :
+       {Words{"--image", folder_ / "head.png", "--wrap", "mirror"},
+        {"--bump", folder_ / "head.png", "--bump-scale=-0.05"},
+        {"--normal-map", folder_ / "head.png", "--normal-y", "down"}}) {
+    const std::string one = folder_ / "one.png";
+    const std::string same = folder_ / "same.png";
+    std::vector<std::string> words{bare, "--size", "64", "-o", one, "--print-commands"};
+    words.insert(words.end(), options.begin(), options.end());
+    const RunResult told = render(words);
+    ASSERT_EQ(told.exit_code, 0) << told.errors;
+    EXPECT_NE(read_text(one), read_text(plain)) << told.output;
+    std::string script = told.output;
+    script.replace(script.rfind(one), one.size(), same);
+    const RunResult result = run(
+        {"/bin/sh", "-c", "set -e\nPATH=" + bin + ":$PATH\ncd " + (folder_ / ".") + "\n" + script});
+    ASSERT_EQ(result.exit_code, 0) << script << result.errors;
+    EXPECT_EQ(read_text(one), read_text(same)) << script;
+  }
+}
+
+TEST_F(FirstPicture, OptionsOfTexturesNeedAMeshThatTheyServe) {
+  const std::string picture = folder_ / "p.png";
+  EXPECT_EQ(render({points_, "--image", "checker", "-o", picture}).exit_code, 2);
+  for (const Words& unheeded : {Words{"--bump-scale", "2"}, Words{"--normal-y", "down"}}) {
+    Words words{mesh_, "--size", "8", "-o", picture};
+    words.insert(words.end(), unheeded.begin(), unheeded.end());
+    const RunResult result = render(words);
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, unheeded[0] + " has no effect")) << result.errors;
+  }
+  const std::string surfels = folder_ / "s.ply";
+  ASSERT_EQ(render({points_, "--size", "8", "--keep", surfels, "-o", picture}).exit_code, 0);
+  EXPECT_EQ(render({surfels, "--wrap", "clamp", "-o", picture}).exit_code, 2);
+  const std::string image = folder_ / "head.png";
+  const std::string before = read_text(image);
+  EXPECT_EQ(render({mesh_, "-o", image}).exit_code, 2) << "over the mesh's own image";
+  EXPECT_EQ(read_text(image), before);
+}
+
 TEST_F(FirstPicture, SaysWhatItDoesInALineAndNothingIfQuiet) {
   const std::string picture = folder_ / "p.png";
   const RunResult said = render({mesh_, "--size", "32", "--from", "0,0,1", "-o", picture});

@@ -105,6 +105,19 @@ void declare_levels(CLI::App& app, Settings& s) {
                  "the one before it, and write each over the last");
 }
 
+void declare_texture(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Texture of meshes, of --mesh where it is given");
+  app.add_option("--image", s.texture.image,
+                 "Image file, or checker, siemens, noise, each also as NAME:FREQUENCY; "
+                 "default: the images of the mesh's materials");
+  add_choice(
+      app, "--wrap", s.texture.wrap,
+      {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
+      "What lies beyond the image's borders");
+  add_normal_maps(app, s.normals);
+}
+
 void declare_truth(CLI::App& app, Settings& s) {
   using namespace tool;
   app.option_defaults()->group("Truth");
@@ -112,20 +125,10 @@ void declare_truth(CLI::App& app, Settings& s) {
       app.add_flag("--reference", s.reference,
                    "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
                    "other pictures against (R G B A only)");
-  CLI::Option* mesh = app.add_option("--mesh", s.mesh,
-                                     "Ray-trace this mesh instead (OBJ, PLY, STL, OFF): the truth "
-                                     "to measure surfels made from it against (R G B A only)")
-                          ->excludes(reference);
-  app.add_option("--image", s.texture.image,
-                 "Of --mesh: image file, or checker, siemens, noise, each also as NAME:FREQUENCY; "
-                 "default: the images of the mesh's materials")
-      ->needs(mesh);
-  add_choice(
-      app, "--wrap", s.texture.wrap,
-      {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
-      "Of --mesh: what lies beyond the image's borders")
-      ->needs(mesh);
-  for (CLI::Option* option : add_normal_maps(app, s.normals, "Of --mesh: ")) option->needs(mesh);
+  app.add_option("--mesh", s.mesh,
+                 "Ray-trace this mesh instead (OBJ, PLY, STL, OFF): the truth "
+                 "to measure surfels made from it against (R G B A only)")
+      ->excludes(reference);
   app.add_option("--samples", s.rays.samples,
                  "Of --reference and --mesh: rays along each side of a pixel, 1..64");
 }
@@ -282,6 +285,7 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_kernel(app, s);
   declare_visibility(app, s);
   declare_levels(app, s);
+  declare_texture(app, s);
   declare_truth(app, s);
   declare_shading(app, s);
   app.option_defaults()->group("Options");

@@ -14,6 +14,40 @@
 namespace surfel::render_tool {
 namespace {
 
+/// The options that say what meshes are textured by.
+std::vector<std::string> texture_options() {
+  std::vector<std::string> options = tool::normal_map_options();
+  options.insert(options.begin(), {"--image", "--wrap"});
+  return options;
+}
+
+/// What the files' meshes are textured by; with --mesh the options are that mesh's.
+IntakeOptions intake_options(const Settings& s) {
+  if (!s.mesh.empty()) return {};
+  return {.image = s.texture.image,
+          .wrap = s.texture.wrap,
+          .relief = s.normals.maps,
+          .no_relief = s.normals.left_out};
+}
+
+/// Makes surfels of files of any kind.
+Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<CameraOptions>& views) {
+  Intake intake(s.inputs);
+  if (s.mesh.empty() && !intake.has_meshes()) {
+    tool::require_valid(
+        tool::without_effect(tool.app(), texture_options(), "on files that are no meshes"));
+  }
+  for (const std::string& image : intake.images()) {
+    tool.files().read_also("the mesh's image", image);
+  }
+  Intake::Made made = intake.surfels(half_a_pixel(views, intake.bounds()), intake_options(s));
+  if (s.mesh.empty() && !made.textured) {
+    tool::require_valid(
+        tool::without_effect(tool.app(), {"--wrap"}, "on meshes that have no image"));
+  }
+  return made;
+}
+
 /// The surfels of the files, made where they are no surfels yet.
 std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
                                         const std::vector<CameraOptions>& views,
@@ -23,10 +57,12 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   std::string file = first;
   std::unique_ptr<LoadedCloud> loaded;
   if (s.inputs.size() == 1 && s.keep.empty() && (first == "-" || holds_surfels(first))) {
+    if (s.mesh.empty()) {
+      tool::require_valid(tool::without_effect(tool.app(), texture_options(), "on surfels"));
+    }
     loaded = std::make_unique<LoadedCloud>(first, options);
   } else {
-    Intake intake(s.inputs);
-    Intake::Made made = intake.surfels(half_a_pixel(views, intake.bounds()));
+    Intake::Made made = take_in(tool, s, views);
     for (const std::string& line : made.done) tool.note(line);
     commands = std::move(made.commands);
     file = made.file;
@@ -34,8 +70,11 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
     if (!s.keep.empty()) tool::write_result(tool, made.cloud, s.keep);
   }
   if (s.print_commands) {
-    commands.push_back("surfel-render " + shell_file(file) +
-                       tool.options_given({"keep", "print-commands"}));
+    std::vector<std::string> done{"keep", "print-commands"};
+    if (s.mesh.empty()) {
+      for (const std::string& option : texture_options()) done.push_back(option.substr(2));
+    }
+    commands.push_back("surfel-render " + shell_file(file) + tool.options_given(done));
     tool::print(fmt::format("{}\n", fmt::join(commands, "\n")));
   }
   return loaded;

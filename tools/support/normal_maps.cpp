@@ -7,39 +7,29 @@
 
 namespace surfel::tool {
 
-std::vector<CLI::Option*> add_normal_maps(CLI::App& app, NormalMapSettings& settings,
-                                          const std::string& when) {
+void add_normal_maps(CLI::App& app, NormalMapSettings& settings) {
   NormalMapOptions& maps = settings.maps;
   CLI::Option* normal_map =
       app.add_option("--normal-map", maps.normal_map,
-                     when +
-                         "Image of normals in tangent space, which bend the surface's; default: "
-                         "`norm` of the mesh's materials");
+                     "Image of normals in tangent space, which bend the surface's; default: "
+                     "`norm` of the mesh's materials");
   CLI::Option* bump =
       app.add_option("--bump", maps.bump,
-                     when +
-                         "Image of heights instead, or checker, siemens, noise, each also as "
-                         "NAME:FREQUENCY; default: `bump` of the mesh's materials")
+                     "Image of heights instead, or checker, siemens, noise, each also as "
+                     "NAME:FREQUENCY; default: `bump` of the mesh's materials")
           ->excludes(normal_map);
-  CLI::Option* scale =
-      app.add_option("--bump-scale", maps.bump_scale,
-                     when +
-                         "Height of white above black, scene units, < 0: dents; default: `-bm` "
-                         "of the mesh's materials, else 1")
-          ->excludes(normal_map);
-  CLI::Option* y =
-      add_choice(app, "--normal-y", maps.y_down, {{"up", false}, {"down", true}},
-                 when +
-                     "Where green of normal maps points to in the image: up in OpenGL's, down "
-                     "in Direct3D's")
-          ->excludes(bump);
-  CLI::Option* none = app.add_flag("--no-normal-maps", settings.left_out,
-                                   when +
-                                       "Leave out the maps that its materials name as norm and "
-                                       "bump")
-                          ->excludes(normal_map)
-                          ->excludes(bump);
-  return {normal_map, bump, scale, y, none};
+  app.add_option("--bump-scale", maps.bump_scale,
+                 "Height of white above black, scene units, < 0: dents; default: `-bm` "
+                 "of the mesh's materials, else 1")
+      ->excludes(normal_map);
+  add_choice(app, "--normal-y", maps.y_down, {{"up", false}, {"down", true}},
+             "Where green of normal maps points to in the image: up in OpenGL's, down "
+             "in Direct3D's")
+      ->excludes(bump);
+  app.add_flag("--no-normal-maps", settings.left_out,
+               "Leave out the maps that its materials name as norm and bump")
+      ->excludes(normal_map)
+      ->excludes(bump);
 }
 
 std::vector<std::string> normal_map_options() {

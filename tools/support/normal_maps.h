@@ -16,9 +16,8 @@ struct NormalMapSettings {
   bool left_out = false;  ///< --no-normal-maps: those of the mesh's materials are not used.
 };
 
-/// Declares the options of normal and bump maps. `when` starts their help, such as "Of --mesh: ".
-std::vector<CLI::Option*> add_normal_maps(CLI::App& app, NormalMapSettings& settings,
-                                          const std::string& when);
+/// Declares the options of normal and bump maps.
+void add_normal_maps(CLI::App& app, NormalMapSettings& settings);
 
 /// The names of these options.
 std::vector<std::string> normal_map_options();

@@ -17,6 +17,8 @@
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/surfel_variance.h>
+#include <surfel/texture/normal_fit.h>
+#include <surfel/texture/normal_maps.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
@@ -54,6 +56,44 @@ bool has_texture(const TriangleMesh& mesh) {
                      [](const MeshMaterial& m) { return !m.texture.empty(); });
 }
 
+/// The side that estimating takes for a cloud's normals.
+Orientation side_of(const SurfelCloud& points) {
+  if (points.viewpoint) return Orientation::kViewpoint;
+  return points.normal.empty() ? OrientationOptions().method : Orientation::kAlign;
+}
+
+/// The name of the surfels that are made of a file.
+std::string surfels_of(const std::string& path) { return named_after(path, "-surfels.ply"); }
+
+/// The options of surfel-texture that ask for the same, each after a blank.
+std::string texture_words(const IntakeOptions& options) {
+  std::string words;
+  const auto add = [&](const std::string& option, const std::string& value) {
+    if (!value.empty()) words += fmt::format(" --{}={}", option, shell_quoted(value));
+  };
+  add("image", options.image);
+  if (options.wrap == WrapMode::kMirror) add("wrap", "mirror");
+  if (options.wrap == WrapMode::kClamp) add("wrap", "clamp");
+  add("normal-map", options.relief.normal_map);
+  add("bump", options.relief.bump);
+  if (options.relief.bump_scale) add("bump-scale", fmt::format("{}", *options.relief.bump_scale));
+  if (options.relief.y_down) add("normal-y", "down");
+  if (options.no_relief) words += " --no-normal-maps";
+  return words;
+}
+
+/// The relief of a mesh, where it has one.
+std::optional<NormalMaps> relief_of(const TriangleMesh& mesh, const IntakeOptions& options,
+                                    const std::string& path) {
+  if (options.relief.empty() && (options.no_relief || mesh.wedge_uv.empty())) return std::nullopt;
+  NormalMapOptions chosen = options.relief;
+  chosen.wrap = options.wrap;
+  chosen.charts = true;
+  NormalMaps maps = load_normal_maps(chosen, &mesh, path);
+  if (maps.empty()) return std::nullopt;
+  return maps;
+}
+
 }  // namespace
 
 bool holds_surfels(const std::string& path) {
@@ -69,13 +109,34 @@ bool holds_surfels(const std::string& path) {
                                });
 }
 
+std::string estimate_command(const SurfelCloud& points, const std::string& path) {
+  const Orientation side = side_of(points);
+  return fmt::format("surfel-estimate {}{} -o {}", shell_file(path),
+                     side == Orientation::kViewpoint ? " --orient viewpoint"
+                     : side == Orientation::kAlign   ? " --orient align"
+                                                     : "",
+                     shell_file(surfels_of(path)));
+}
+
+std::string picture_command(const std::string& path) {
+  return fmt::format("surfel-render {} -o {}", shell_file(path),
+                     shell_file(path == "-" ? "picture.png" : named_after(path, "-picture.png")));
+}
+
+/// Which maps the meshes have.
+struct Intake::ReliefKinds {
+  bool normals = false;
+  bool heights = false;
+};
+
 struct Intake::File {
   std::string path;
   std::optional<TriangleMesh> mesh;
   SurfelCloud cloud;  ///< Where the file is no mesh.
 
   Bounds bounds() const;
-  void sample(double spacing, Made& made);
+  void sample(double spacing, const IntakeOptions& options, Made& made, ReliefKinds& kinds);
+  bool texture(const IntakeOptions& options, ReliefKinds& kinds);
   void estimate(Made& made);
 };
 
@@ -90,24 +151,45 @@ Bounds Intake::File::bounds() const {
   return box;
 }
 
-/// Makes surfels of the mesh.
-void Intake::File::sample(double spacing, Made& made) {
-  const std::string digits =
-      three_digits(std::max(spacing, std::sqrt(area_of(*mesh) / kMostSamples)));
-  MeshSampleOptions options;
-  std::from_chars(digits.data(), digits.data() + digits.size(), options.spacing.emplace());
-  cloud = sample_mesh(*mesh, options, nullptr, path);
-  made.file = named_after(path, "-surfels.ply");
-  std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
-                                                shell_file(path), digits, shell_file(made.file))};
-  const bool textured = has_texture(*mesh);
-  if (textured) {
-    TextureSet textures = load_textures({.whole = false}, &*mesh, path);
+/// Gives surfels of the mesh its images and its relief. False where it has neither.
+bool Intake::File::texture(const IntakeOptions& options, ReliefKinds& kinds) {
+  std::optional<NormalMaps> relief = relief_of(*mesh, options, path);
+  if (!options.image.empty() || has_texture(*mesh) || (relief && !mesh->material.empty())) {
+    TextureSet textures =
+        load_textures({.image = options.image, .wrap = options.wrap, .whole = false}, &*mesh, path);
     fit_texture(cloud, textures, {}, path);
     show_coefficients(cloud);
+  } else if (!relief) {
+    return false;
+  }
+  if (relief) {
+    for (const ReliefKind kind : relief->kind) {
+      kinds.normals = kinds.normals || kind == ReliefKind::kNormals;
+      kinds.heights = kinds.heights || kind == ReliefKind::kHeights;
+    }
+    fit_normals(cloud, *relief, {}, path);
+  }
+  return true;
+}
+
+/// Makes surfels of the mesh.
+void Intake::File::sample(double spacing, const IntakeOptions& options, Made& made,
+                          ReliefKinds& kinds) {
+  const std::string digits =
+      three_digits(std::max(spacing, std::sqrt(area_of(*mesh) / kMostSamples)));
+  MeshSampleOptions samples;
+  std::from_chars(digits.data(), digits.data() + digits.size(), samples.spacing.emplace());
+  cloud = sample_mesh(*mesh, samples, nullptr, path);
+  made.file = surfels_of(path);
+  std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
+                                                shell_file(path), digits, shell_file(made.file))};
+  const bool textured = texture(options, kinds);
+  made.textured = made.textured || textured;
+  if (textured) {
     const std::string surfels = std::exchange(made.file, named_after(path, "-textured.ply"));
-    commands.push_back(fmt::format("surfel-texture {} --mesh {} -o {}", shell_file(surfels),
-                                   shell_file(path), shell_file(made.file)));
+    commands.push_back(fmt::format("surfel-texture {} --mesh {}{} -o {}", shell_file(surfels),
+                                   shell_file(path), texture_words(options),
+                                   shell_file(made.file)));
   }
   made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}: {} surfels ({})", path, digits,
                                   textured ? " and textured" : "", cloud.size(),
@@ -119,20 +201,14 @@ void Intake::File::sample(double spacing, Made& made) {
 /// Makes surfels of raw points.
 void Intake::File::estimate(Made& made) {
   EstimateOptions options;
-  std::string side;
+  options.orientation.method = side_of(cloud);
   if (cloud.viewpoint) {
-    options.orientation = {.method = Orientation::kViewpoint,
-                           .viewpoint = cloud.viewpoint->position};
+    options.orientation.viewpoint = cloud.viewpoint->position;
     options.normals.sensor = cloud.viewpoint->position;
-    side = " --orient viewpoint";
-  } else if (!cloud.normal.empty()) {
-    options.orientation.method = Orientation::kAlign;
-    side = " --orient align";
   }
+  made.file = surfels_of(path);
+  made.commands.push_back(estimate_command(cloud, path));
   cloud = estimate_surfels(cloud, options, nullptr, path);
-  made.file = named_after(path, "-surfels.ply");
-  made.commands.push_back(
-      fmt::format("surfel-estimate {}{} -o {}", shell_file(path), side, shell_file(made.file)));
   made.done.push_back(fmt::format("{}: raw points, normals and sizes estimated: {} surfels ({})",
                                   path, cloud.size(), made.commands.back()));
 }
@@ -167,15 +243,34 @@ Bounds Intake::bounds() const {
   return box;
 }
 
-Intake::Made Intake::surfels(double spacing) {
+bool Intake::has_meshes() const {
+  return std::any_of(files_.begin(), files_.end(),
+                     [](const File& file) { return file.mesh.has_value(); });
+}
+
+std::vector<std::string> Intake::images() const {
+  std::vector<std::string> names;
+  for (const File& file : files_) {
+    if (!file.mesh) continue;
+    for (const MeshMaterial& material : file.mesh->material) {
+      for (const std::string& map : {material.texture, material.normal_map, material.bump_map}) {
+        if (!map.empty()) names.push_back(map);
+      }
+    }
+  }
+  return names;
+}
+
+Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
   Made made;
+  ReliefKinds kinds;
   std::vector<SurfelCloud> clouds;
   std::vector<std::string> names;
   std::vector<std::string> joined;
   for (File& file : files_) {
     made.file = file.path;
     if (file.mesh) {
-      file.sample(spacing, made);
+      file.sample(spacing, options, made, kinds);
     } else if (!has_variance(file.cloud)) {
       file.estimate(made);
     }
@@ -184,6 +279,12 @@ Intake::Made Intake::surfels(double spacing) {
     joined.push_back(shell_file(made.file));
   }
   files_.clear();
+  if (options.relief.bump_scale && !kinds.heights) {
+    throw_usage("`bump_scale` has no effect where there is no bump map; leave it out");
+  }
+  if (options.relief.y_down && !kinds.normals) {
+    throw_usage("`y_down` has no effect where there is no normal map; leave it out");
+  }
   if (clouds.size() == 1) {
     made.cloud = std::move(clouds.front());
     return made;

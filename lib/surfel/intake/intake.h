@@ -9,6 +9,8 @@
 #include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
 #include <surfel/scene/surfel_cloud.h>
+#include <surfel/texture/normal_maps.h>
+#include <surfel/texture/texture_fit.h>
 
 namespace surfel {
 
@@ -17,6 +19,25 @@ namespace surfel {
 /// Throws Error (kIo, kInput) naming the file if it cannot be read, or is of a format that is not
 /// supported.
 SURFEL_API bool holds_surfels(const std::string& path);
+
+/// The command that makes surfels of raw points, for a shell: the side of the normals is that of
+/// the file's viewpoint, or else of its normals.
+SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path);
+
+/// The command that makes a first picture of a file of any kind, for a shell.
+SURFEL_API std::string picture_command(const std::string& path);
+
+/// What meshes are textured by.
+struct IntakeOptions {
+  /// Image for all meshes, as load_texture_image() takes it; empty = the images that the materials
+  /// of each mesh name.
+  std::string image{};
+  WrapMode wrap = WrapMode::kRepeat;  ///< Of all images, as TextureSourceOptions::wrap.
+  /// Normal or bump map for all meshes; empty = those that the materials of each mesh name. Its
+  /// `wrap` and `charts` are not heeded: `wrap` above counts, and kernels stay within charts.
+  NormalMapOptions relief{};
+  bool no_relief = false;  ///< Leave out the materials' normal and bump maps.
+};
 
 /// Files of any kind, to be made surfels of.
 class SURFEL_API Intake {
@@ -27,6 +48,7 @@ class SURFEL_API Intake {
     std::vector<std::string> done;      ///< A line for each file that was not surfels already.
     std::vector<std::string> commands;  ///< Commands that do the same, for a shell.
     std::string file;                   ///< What the last command writes, or the only file.
+    bool textured = false;              ///< A mesh has got an image, or a normal or bump map.
   };
 
   /// Reads the files, one at least. Throws what read_mesh() and read_cloud() throw, and
@@ -38,16 +60,20 @@ class SURFEL_API Intake {
 
   /// Bounds of the vertices of faces and of the points, world coordinates.
   Bounds bounds() const;
-  /// Meshes are sampled and, where they have uv, textured by their materials; points without sizes
-  /// are estimated, on the side of the file's viewpoint or else of its normals; several clouds are
-  /// joined. Leaves nothing to be made again.
-  /// \param spacing  of a mesh's samples, scene units, > 0; rounded to three digits, as commands
+  bool has_meshes() const;
+  /// The image files that the meshes' materials name.
+  std::vector<std::string> images() const;
+  /// Meshes are sampled and textured, by the options or, where they have uv, by their materials;
+  /// points without sizes are estimated, on the side of the file's viewpoint or else of its
+  /// normals; several clouds are joined. Leaves nothing to be made again. \param spacing  of a
+  /// mesh's samples, scene units, > 0; rounded to three digits, as commands
   ///     say it, and larger where a mesh would have more than 2^23 samples.
-  /// Throws what these steps throw.
-  Made surfels(double spacing);
+  /// Throws what these steps throw, and Error(kUsage) for options of maps that no mesh has.
+  Made surfels(double spacing, const IntakeOptions& options = {});
 
  private:
   struct File;
+  struct ReliefKinds;
   std::vector<File> files_;
 };
 
