@@ -5,6 +5,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/plugin.h>
+#include <surfel/base/shell_quote.h>
+#include <surfel/intake/intake.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_io.h>
@@ -14,7 +16,9 @@
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
 #include <surfel/measure/view_guess.h>
+#include <surfel/render/render_options.h>
 #include <surfel/scene/image.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
 
 #include "tools/support/tool.h"
@@ -47,6 +51,15 @@ Json describe(const std::optional<surfel::Coverage>& c) {
 
 Json describe(const surfel::ViewGuess& view) {
   return {{"up", describe(view.up)}, {"front", describe(view.front)}, {"reason", view.reason}};
+}
+
+/// The command to run next: raw points become surfels, and surfels a picture.
+std::string next_command(const surfel::SurfelCloud& cloud, const std::string& file) {
+  if (!surfel::has_variance(cloud)) return surfel::estimate_command(cloud, file);
+  const std::string command = surfel::picture_command(file);
+  const double fitted = cloud.basis_cutoff.value_or(surfel::RenderOptions().cutoff);
+  if (fitted == surfel::RenderOptions().cutoff) return command;
+  return fmt::format("{} --cutoff {:g}", command, fitted);
 }
 
 Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOptions& options) {
@@ -82,6 +95,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
     out["needs"].push_back(
         {{"topic", need.topic}, {"measure", need.measure}, {"command", need.command}});
   }
+  out["next"] = next_command(cloud, file);
   return out;
 }
 
@@ -134,6 +148,7 @@ Json describe_mesh(const std::string& file, const Tool& tool) {
   } else {
     tool.note(file + ": its half-edges are not described; Surfelkit was built without OpenMesh");
   }
+  out["next"] = surfel::picture_command(file);
   return out;
 }
 
@@ -146,7 +161,8 @@ Json describe_image(const std::string& file) {
           {"width", image.width},
           {"height", image.height},
           {"channels", image.channels},
-          {"nonfinite_values", nonfinite}};
+          {"nonfinite_values", nonfinite},
+          {"next", fmt::format("surfel-compare {} OTHER.png", surfel::shell_file(file))}};
 }
 
 Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions& options,
@@ -218,8 +234,8 @@ std::string for_people(const Json& description) {
 
 int main(int argc, char** argv) {
   Tool tool("surfel-info",
-            "Tells what is in a file of surfels, a mesh or an image, whether it is sound, and what "
-            "surfels need.");
+            "Tells what is in a file of surfels, a mesh or an image, whether it is sound, what "
+            "surfels need, and the command to run next.");
   std::string file;
   bool json = false;
   surfel::CloudStatisticsOptions options;

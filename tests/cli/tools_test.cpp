@@ -505,6 +505,32 @@ TEST(SurfelInfo, DescribesSurfelsMeshesAndImages) {
   EXPECT_EQ(describe(folder / "raw.xyz")["needs"][1]["topic"], "variance");
 }
 
+TEST(SurfelInfo, EndsWithACommandThatRuns) {
+  const TemporaryFolder folder;
+  const std::string here = folder / ".";
+  const std::string raw = folder / "my points.xyz";
+  write_text(raw, "0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 0 0\n2 1 0.2\n");
+  const std::string bin = fs::path(tool("surfel-info")).parent_path();
+  const auto next = [&](const std::string& file) {
+    const std::string text = run({tool("surfel-info"), file}).output;
+    const std::size_t line = text.rfind("\nnext ");
+    EXPECT_EQ(text.find('\n', line + 1), text.size() - 1) << text;
+    return text.substr(text.find("surfel-", line));
+  };
+  for (const auto& [file, made] :
+       {std::pair{raw, "my points-surfels.ply"},
+        {folder / "my points-surfels.ply", "my points-surfels-picture.png"},
+        {Inputs::get().mesh, ""}}) {
+    const std::string command = next(file);
+    const RunResult result =
+        run({"/bin/sh", "-c", "cd " + here + " && PATH=" + bin + ":$PATH && " + command});
+    EXPECT_EQ(result.exit_code, 0) << command << result.errors;
+    EXPECT_TRUE(fs::exists(folder / made)) << command;
+  }
+  EXPECT_TRUE(next(Inputs::get().mesh).starts_with("surfel-render "));
+  EXPECT_TRUE(next(Inputs::get().image).starts_with("surfel-compare "));
+}
+
 TEST(SurfelInfo, ReadsTrickyFilesOfSupportedFormats) {
   SURFEL_REQUIRE_TEST_DATA();
   int read = 0;
