@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 namespace surfel {
 
@@ -46,6 +47,16 @@ decltype(auto) visit_type(ScalarType type, Visit&& visit) {
       break;
   }
   return visit(double{});
+}
+
+/// Reads `count` consecutive values in this machine's byte order, at an address of any alignment.
+inline void load_scalars(ScalarType type, const std::byte* from, std::size_t count, double* to) {
+  visit_type(type, [&]<class T>(T value) {
+    for (std::size_t i = 0; i < count; ++i) {
+      std::memcpy(&value, from + i * sizeof(T), sizeof(T));
+      to[i] = static_cast<double>(value);
+    }
+  });
 }
 
 }  // namespace surfel

@@ -30,14 +30,6 @@ void append_new(std::vector<std::string>& to, const std::vector<std::string>& li
   }
 }
 
-/// The values of a column as double, and back as another type.
-double load(ScalarType type, const std::byte* at) {
-  return visit_type(type, [&]<class T>(T value) {
-    std::memcpy(&value, at, sizeof(T));
-    return static_cast<double>(value);
-  });
-}
-
 void use_materials(std::vector<SurfelCloud>& clouds, const JoinOptions& options,
                    std::span<const std::string> names) {
   for (std::size_t k = 0; k < options.material.size(); ++k) {
@@ -288,7 +280,8 @@ class Joiner {
       }
       const std::size_t stride = scalar_size(from->type);
       for (std::size_t i = 0; i < clouds_[k].size(); ++i) {
-        const double value = load(from->type, from->data.data() + i * stride);
+        double value = 0;
+        load_scalars(from->type, from->data.data() + i * stride, 1, &value);
         std::memcpy(to + i * bytes, &value, bytes);
       }
     }
