@@ -66,9 +66,10 @@ void require_drawable(const RenderCloud& surfels, const std::string& name) {
 
 struct LoadedCloud::Impl {
   CloudLoadOptions options;
-  // Each of the next four members may refer to the ones before it.
+  // Each of the next five members may refer to the ones before it.
   std::optional<PlyFile> ply;
-  std::unique_ptr<RecordSource> source;
+  std::unique_ptr<RecordSource> records;
+  std::unique_ptr<SurfelSource> wrapped;  ///< Null: the records themselves.
   ClusterTree tree;
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
@@ -86,8 +87,10 @@ struct LoadedCloud::Impl {
   std::size_t batch(std::uint64_t memory) const;
   std::uint64_t index_bytes() const;
   const char* why_in_memory() const;
+  SurfelSource& source() const { return wrapped ? *wrapped : *records; }
   void make_stream(std::uint64_t memory);
   void take_header(const SurfelCloud& header);
+  void wrap(SurfelSource& inner, const ClusterTree& levels);
   void sample_resident();
 };
 
@@ -96,7 +99,7 @@ const char* LoadedCloud::Impl::why_in_memory() const {
   if (!options.may_stream || options.columns.groups) {
     return "what is asked for wants all of them at once; raise it, or use `method` abuffer";
   }
-  if (tree.empty() && source->attributes().source && !options.columns.copies) {
+  if (tree.empty() && source().attributes().source && !options.columns.copies) {
     return "copies of splats are found among all of them at once; raise it, or render the surfels "
            "as they were before surfel-group";
   }
@@ -108,25 +111,25 @@ bool LoadedCloud::Impl::open_records() {
   const RecordTable* table = binary_records(*ply);
   if (!table) return false;
   if (!ply->header().find(kTreeElement)) {
-    source = std::make_unique<RecordSource>(*table, ply->name());
+    records = std::make_unique<RecordSource>(*table, ply->name());
     return true;
   }
   TreeRecords levels = tree_from_records(ply->scalars(kTreeElement), table->count, ply->name());
-  source = std::make_unique<RecordSource>(*table, ply->name(), levels.reach.front());
-  tree = recentered_tree(std::move(levels), source->origin());
+  records = std::make_unique<RecordSource>(*table, ply->name(), levels.reach.front());
+  tree = recentered_tree(std::move(levels), records->origin());
   return true;
 }
 
 /// Number of surfels of the levels that are asked for.
 std::size_t LoadedCloud::Impl::wanted() const {
-  if (tree.empty() || options.columns.levels) return source->size();
-  return source->size() - tree[first_leaf(tree)].begin;
+  if (tree.empty() || options.columns.levels) return source().size();
+  return source().size() - tree[first_leaf(tree)].begin;
 }
 
 /// Bytes that a stream's clusters take.
 std::uint64_t LoadedCloud::Impl::index_bytes() const {
   const std::size_t clusters =
-      tree.empty() ? source->size() / RenderCloud::kClusterSize : tree.size();
+      tree.empty() ? source().size() / RenderCloud::kClusterSize : tree.size();
   return clusters * kStreamedClusterBytes;
 }
 
@@ -147,8 +150,9 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   has_levels = !tree.empty();
   if (options.sample && has_levels) {
     const auto [begin, end] = sampled_level(tree);
-    sample = CloudStream::sample(*source, begin, end);
+    sample = CloudStream::sample(source(), begin, end);
   }
+  wrap(*records, tree);
   const std::uint64_t available = available_memory_bytes();
   const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
   const char* why = why_in_memory();
@@ -157,7 +161,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
   if (!why && (few || !fits)) make_stream(memory);
   if (stream) {
-    if (options.sample && !has_levels) sample = CloudStream::sample(*source, 0, source->size());
+    if (options.sample && !has_levels) sample = CloudStream::sample(source(), 0, source().size());
     return true;
   }
   if (!fits && (options.memory || wanted() > available / kSurfelBytes)) {
@@ -169,12 +173,13 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
                                   "wants; raise it, or sort them"));
   }
   if (has_levels) {
-    surfels.emplace(*source, tree, options.columns, ply->name());
+    surfels.emplace(source(), tree, options.columns, ply->name());
   } else {
-    surfels.emplace(*source, options.columns, ply->name());
+    surfels.emplace(source(), options.columns, ply->name());
     sample_resident();
   }
-  source.reset();
+  wrapped.reset();
+  records.reset();
   return true;
 }
 
@@ -191,11 +196,11 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   }
   const std::uint64_t picture = (memory - index_bytes()) / kPicturePart;
   if (has_levels) {
-    stream = CloudStream::make(*source, tree, options.columns.levels,
+    stream = CloudStream::make(source(), tree, options.columns.levels,
                                {.batch = flight, .picture_bytes = picture}, ply->name());
   } else {
     stream = CloudStream::make(
-        *source, {.batch = std::min(options.batch, flight), .picture_bytes = picture});
+        source(), {.batch = std::min(options.batch, flight), .picture_bytes = picture});
   }
 }
 
@@ -203,6 +208,21 @@ void LoadedCloud::Impl::take_header(const SurfelCloud& header) {
   basis_cutoff = header.basis_cutoff;
   viewpoint = header.viewpoint;
   up = header.up;
+}
+
+/// Lets the caller put another source in place of one.
+void LoadedCloud::Impl::wrap(SurfelSource& inner, const ClusterTree& levels) {
+  if (!options.wrap) return;
+  const auto take_sample = [&] {
+    const auto [begin, end] =
+        levels.empty() ? std::pair{std::size_t{0}, inner.size()} : sampled_level(levels);
+    return CloudStream::sample(inner, begin, end);
+  };
+  wrapped = options.wrap({.source = inner,
+                          .first_finest = levels.empty() ? 0 : levels[first_leaf(levels)].begin,
+                          .viewpoint = viewpoint,
+                          .up = up,
+                          .sample = take_sample});
 }
 
 /// Samples surfels in memory that have no levels of detail.
@@ -220,13 +240,20 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }
-  surfels.emplace(cloud, options.columns, name);
   take_header(cloud);
   has_levels = !cloud.tree.empty();
+  CloudSource all(cloud, name);
+  wrap(all, cloud.tree);
+  SurfelSource& drawn = wrapped ? *wrapped : all;
+  if (has_levels) {
+    surfels.emplace(drawn, cloud.tree, options.columns, name);
+  } else {
+    surfels.emplace(drawn, options.columns, name);
+  }
+  wrapped.reset();
   if (!has_levels) return sample_resident();
   if (!options.sample) return;
   const auto [begin, end] = sampled_level(cloud.tree);
-  const CloudSource all(cloud, name);
   sample = CloudStream::sample(all, begin, end);
 }
 

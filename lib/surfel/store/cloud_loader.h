@@ -1,15 +1,29 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
+#include <surfel/scene/surface_sample.h>
 #include <surfel/store/render_cloud.h>
+#include <surfel/store/surfel_source.h>
 
 namespace surfel {
+
+/// What is known of surfels before they are decoded.
+struct CloudFacts {
+  SurfelSource& source;      ///< All surfels, coarsest level of detail first.
+  std::size_t first_finest;  ///< First surfel of the finest level, which goes on to the last.
+  std::optional<Viewpoint> viewpoint;   ///< SurfelCloud::viewpoint of the file.
+  std::optional<Vec3d> up;              ///< SurfelCloud::up of the file.
+  FunctionRef<SurfaceSample()> sample;  ///< LoadedCloud::sample(), which reads surfels.
+};
 
 struct CloudLoadOptions {
   RenderColumns columns = {};  ///< Columns that the compositing method reads.
@@ -23,6 +37,9 @@ struct CloudLoadOptions {
   /// are fetched where `memory` has no room for as many.
   std::size_t batch = std::size_t{1} << 20;
   bool sample = false;  ///< Take the sample that LoadedCloud::sample() gives.
+  /// Called once, before surfels are decoded: returns a source to decode instead of the file's,
+  /// such as a ColoredSource, or null. It lives as long as the file's source. Unset: none.
+  std::function<std::unique_ptr<SurfelSource>(const CloudFacts& facts)> wrap = {};
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;

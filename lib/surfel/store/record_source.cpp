@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <vector>
 
 #include <surfel/base/parallel.h>
@@ -110,6 +112,38 @@ void RecordSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_
     const std::size_t count = std::min(RenderCloud::kBlock, end - begin);
     decoder_.decode<std::uint32_t>(kSource, read(begin, begin + count), count, {{to}});
     to += count;
+  }
+}
+
+std::vector<std::string> RecordSource::columns() const {
+  std::vector<std::string> names;
+  if (decoder_.has(kMaterial)) names.emplace_back(kMaterialColumn);
+  if (decoder_.has(kGroup)) names.emplace_back(kGroupColumn);
+  if (decoder_.has(kLevel)) names.emplace_back(kLevelColumn);
+  for (const RecordColumn* other : decoder_.others()) names.push_back(other->name);
+  return names;
+}
+
+void RecordSource::fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                               double* to) const {
+  std::array<std::byte, SurfelDecoder::kPiece * sizeof(double)> piece;
+  for (; begin < end; begin += SurfelDecoder::kPiece, to += SurfelDecoder::kPiece) {
+    const std::size_t count = std::min(SurfelDecoder::kPiece, end - begin);
+    const std::byte* records = read(begin, begin + count);
+    std::size_t place = 0;
+    const auto whole = [&]<class T>(SurfelAttribute attribute, T) {
+      if (!decoder_.has(attribute) || place++ != column) return;
+      std::array<T, SurfelDecoder::kPiece> values;
+      decoder_.decode<T>(attribute, records, count, {{values.data()}});
+      std::copy_n(values.begin(), count, to);
+    };
+    whole(kMaterial, std::uint16_t{});
+    whole(kGroup, std::uint16_t{});
+    whole(kLevel, std::uint8_t{});
+    if (column < place) continue;
+    const RecordColumn& other = *decoder_.others()[column - place];
+    decoder_.decode(other, records, count, piece.data());
+    load_scalars(other.type, piece.data(), count, to);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <surfel/io/surfel_decoder.h>
 #include <surfel/store/surfel_source.h>
@@ -28,6 +29,9 @@ class RecordSource : public SurfelSource {
   bool recenter(const Bounds& bounds) override;
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
   void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override;
+  std::vector<std::string> columns() const override;
+  void fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                   double* to) const override;
   void expect(std::size_t begin, std::size_t end) const override;
 
  private:

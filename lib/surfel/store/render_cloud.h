@@ -137,7 +137,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
 
  private:
-  friend class CloudStream;  // Fills the columns with a part of a file at a time.
+  friend class CloudStream;      // Fills the columns with a part of a file at a time.
+  friend class AttributeValues;  // Likewise.
 
   void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed,
                 const std::string& name);

@@ -129,9 +129,10 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
   }
 }
 
-CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name) : cloud_(cloud) {
+CloudSource::CloudSource(const SurfelCloud& cloud, const std::string& name, Sizes sizes)
+    : cloud_(cloud) {
   cloud.check_columns(name);
-  if (!cloud.empty() && !has_variance(cloud)) throw_no_variance(name);
+  if (sizes == Sizes::kNeeded && !cloud.empty() && !has_variance(cloud)) throw_no_variance(name);
 }
 
 SurfelAttributes CloudSource::attributes() const {
@@ -164,8 +165,10 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& to, std:
       vector(cloud_.tangent, to.tangent_x, to.tangent_y, to.tangent_z);
       copy(cloud_.variance_u, begin, stop, to.deviation_u.data() + row);
       copy(cloud_.variance_v, begin, stop, to.deviation_v.data() + row);
-    } else {
+    } else if (has_variance(cloud_)) {
       copy(cloud_.variance, begin, stop, to.deviation_u.data() + row);
+    } else {
+      std::fill_n(to.deviation_u.data() + row, stop - begin, 1.0F);
     }
     if (known.area) copy(cloud_.area, begin, stop, to.area.data() + row);
     if (known.color) vector(*cloud_.render_color(), to.red, to.green, to.blue);
@@ -182,6 +185,31 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& to, std:
 
 void CloudSource::fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const {
   copy(cloud_.source, begin, end, to);
+}
+
+std::vector<std::string> CloudSource::columns() const {
+  std::vector<std::string> names;
+  if (!cloud_.material.empty()) names.emplace_back(kMaterialColumn);
+  if (!cloud_.group.empty()) names.emplace_back(kGroupColumn);
+  if (!cloud_.level.empty()) names.emplace_back(kLevelColumn);
+  for (const ExtraProperty& property : cloud_.extra) names.push_back(property.name);
+  return names;
+}
+
+void CloudSource::fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                              double* to) const {
+  std::size_t place = 0;
+  const auto whole = [&](const auto& values) {
+    if (values.empty() || place++ != column) return;
+    std::copy(values.data() + begin, values.data() + end, to);
+  };
+  whole(cloud_.material);
+  whole(cloud_.group);
+  whole(cloud_.level);
+  if (column < place) return;
+  const ExtraProperty& property = cloud_.extra[column - place];
+  load_scalars(property.type, property.data.data() + begin * scalar_size(property.type),
+               end - begin, to);
 }
 
 void throw_no_variance(const std::string& file) {

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -25,6 +26,11 @@ struct SurfelAttributes {
   bool group_radius = false;
   bool source = false;  ///< See SurfelCloud::source.
 };
+
+/// Names of whole numbers of a surfel among SurfelSource::columns().
+inline constexpr const char* kMaterialColumn = "material";
+inline constexpr const char* kGroupColumn = "group";
+inline constexpr const char* kLevelColumn = "level";
 
 /// Surfels in any order, from which the columns of a RenderCloud are filled, range by range.
 class SurfelSource {
@@ -50,6 +56,13 @@ class SurfelSource {
                     std::size_t row) const = 0;
   /// Writes SurfelCloud::source of surfels [begin, end). attributes().source is true.
   virtual void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const = 0;
+  /// Names of the columns that can be read as numbers: "material", "group" and "level" where there
+  /// are such, then the properties that the library gives no meaning to.
+  virtual std::vector<std::string> columns() const = 0;
+  /// Writes the values of surfels [begin, end) in element `column` of columns(). Callable from any
+  /// thread.
+  virtual void fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                           double* to) const = 0;
   /// Announces that fill() will soon be called for surfels [begin, end).
   virtual void expect(std::size_t /*begin*/, std::size_t /*end*/) const {}
 
@@ -64,16 +77,22 @@ class SurfelSource {
 /// Source over an in-memory cloud, which must outlive it.
 class SURFEL_API CloudSource : public SurfelSource {
  public:
-  /// Throws Error(kInput) if the cloud's columns differ in length or it has no variance; `name`
-  /// starts messages.
-  CloudSource(const SurfelCloud& cloud, const std::string& name);
-  CloudSource(SurfelCloud&& cloud, const std::string& name) = delete;
+  /// Whether surfels without variances are refused, or are points that have the variance 1.
+  enum class Sizes : std::uint8_t { kNeeded, kAny };
+
+  /// Throws Error(kInput) if the cloud's columns differ in length, or if it has no variance and
+  /// needs it; `name` starts messages.
+  CloudSource(const SurfelCloud& cloud, const std::string& name, Sizes sizes = Sizes::kNeeded);
+  CloudSource(SurfelCloud&& cloud, const std::string& name, Sizes sizes = Sizes::kNeeded) = delete;
 
   std::size_t size() const override { return cloud_.size(); }
   SurfelAttributes attributes() const override;
   Vec3d origin() const override { return cloud_.origin; }
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
   void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override;
+  std::vector<std::string> columns() const override;
+  void fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                   double* to) const override;
 
  private:
   const SurfelCloud& cloud_;
