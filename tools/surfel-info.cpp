@@ -20,6 +20,7 @@
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
+#include <surfel/store/attribute_values.h>
 
 #include "tools/support/tool.h"
 
@@ -62,6 +63,23 @@ std::string next_command(const surfel::SurfelCloud& cloud, const std::string& fi
   return fmt::format("{} --cutoff {:g}", command, fitted);
 }
 
+/// What surfels can be coloured by, with the spread of the values.
+Json describe_attributes(const surfel::SurfelCloud& cloud, const surfel::Vec3d& up) {
+  Json attributes = Json::array();
+  for (const auto& [name, s] : surfel::summarize_attributes(cloud, up)) {
+    Json item = {{"name", name}, {"missing", s.missing}};
+    if (s.count > 0) {
+      item.update({{"min", s.min},
+                   {"p1", s.percentile_1},
+                   {"median", s.median},
+                   {"p99", s.percentile_99},
+                   {"max", s.max}});
+    }
+    attributes.push_back(item);
+  }
+  return attributes;
+}
+
 Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOptions& options) {
   const surfel::SurfelCloud cloud = surfel::read_cloud(file);
   const surfel::CloudStatistics s = surfel::cloud_statistics(cloud, options);
@@ -84,12 +102,14 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
-  out["view"] = describe(surfel::guess_view(surfel::sample_surface(cloud),
-                                            {.up = cloud.up, .viewpoint = cloud.viewpoint}));
+  const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
+                                                    {.up = cloud.up, .viewpoint = cloud.viewpoint});
+  out["view"] = describe(view);
   out["viewpoint"] = cloud.viewpoint ? describe(cloud.viewpoint->position) : Json(nullptr);
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
   out["comments"] = cloud.comments;
+  out["attributes"] = describe_attributes(cloud, view.up);
   out["needs"] = Json::array();
   for (const surfel::CloudNeed& need : surfel::cloud_needs(cloud, s, options, file)) {
     out["needs"].push_back(
@@ -217,6 +237,17 @@ std::string for_people(const Json& description) {
       line(key, property_list(value));
     } else if (key == "provenance" || key == "comments") {
       for (const Json& item : value) line(key, text(item));
+    } else if (key == "attributes") {
+      for (const Json& attribute : value) {
+        Json spread = attribute;
+        spread.erase("name");
+        line("attribute", text(attribute["name"]) + ": " + text(spread));
+      }
+      if (!value.empty()) {
+        line("", fmt::format("surfel-render {} -o picture.png --color-by {}",
+                             surfel::shell_file(text(description["file"])),
+                             surfel::shell_quoted(text(value.front()["name"]))));
+      }
     } else if (key == "needs") {
       if (value.empty()) line(key, "nothing");
       for (const Json& need : value) {

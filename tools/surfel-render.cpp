@@ -12,9 +12,11 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
+#include <surfel/render/legend.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/surface_sample.h>
 
+#include "tools/render/coloring.h"
 #include "tools/render/frame_report.h"
 #include "tools/render/painters.h"
 #include "tools/render/settings.h"
@@ -53,6 +55,7 @@ std::vector<char*> with_output(int argc, char** argv) {
 struct Subject {
   std::unique_ptr<surfel::LoadedCloud> loaded;
   std::optional<MeshPainter> mesh;
+  std::optional<surfel::Legend> legend;  ///< Of the surfels' colours, where they have one.
 
   surfel::SceneExtent extent() const {
     return loaded ? loaded->surfels().extent() : mesh->extent();
@@ -63,7 +66,7 @@ struct Subject {
 void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scene,
           const std::vector<surfel::CameraOptions>& asked, Subject& subject) {
   const surfel::Timer timer;
-  if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked);
+  if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked, subject.legend);
   if (!s.mesh.empty()) subject.mesh.emplace(tool, s, scene);
   const surfel::LoadedCloud* loaded = subject.loaded.get();
   const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
@@ -95,6 +98,8 @@ std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings&
 void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
           const std::vector<Paint>& steps, const std::vector<surfel::Camera>& views) {
   const std::size_t pictures = views.size() * steps.size();
+  const surfel::Legend* legend = subject.legend && wants_legend(s) ? &*subject.legend : nullptr;
+  if (s.legend == LegendChoice::kOn) require_room(views);
   // The writer adds to the report, so what is said of frames is kept apart until it is done.
   std::vector<nlohmann::json> frames(pictures);
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
@@ -106,6 +111,7 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
       tool.progress("rendering", (static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
     surfel::Image image = steps[step](views[view], frame, progress);
+    if (legend) surfel::draw_legend(*legend, image);
     warn(tool, s, view, frame);
     if (s.explain && view == 0 && step + 1 == steps.size()) {
       explain(tool, s, *subject.loaded, views[view], frame);
@@ -134,7 +140,7 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   tool.everyday(
       {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
-       "--background", "--scene", "--shading", "--image", "--explain"},
+       "--background", "--scene", "--shading", "--color-by", "--image", "--explain"},
       {"surfel-render lion.obj -o lion.png", "surfel-render lion.obj --image skin.png -o lion.png",
        "surfel-render lion.ply -o lion.jpg --from 1,0.5,2 --size 800x600 --background navy",
        "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
+#include <surfel/store/attribute_values.h>
 
 #include "tools/support/color.h"
 #include "tools/support/options.h"
@@ -133,6 +134,35 @@ void declare_truth(CLI::App& app, Settings& s) {
                  "Of --reference and --mesh: rays along each side of a pixel, 1..64");
 }
 
+void declare_colors(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Colour by attribute");
+  app.add_option("--color-by", s.color_by,
+                 "Colour surfels by elevation, x, y, z, normal, radius, spacing, density, or a "
+                 "column of the file such as intensity, classification, confidence, group "
+                 "(surfel-info lists them); none: their own colours; auto: none where they have "
+                 "colours, else elevation for terrain, and intensity where they have it")
+      ->type_name("NAME");
+  add_choice(app, "--color-map", s.color_map,
+             {{"auto", MapChoice::kAuto},
+              {"viridis", MapChoice::kViridis},
+              {"turbo", MapChoice::kTurbo},
+              {"terrain", MapChoice::kTerrain},
+              {"grey", MapChoice::kGrey},
+              {"classes", MapChoice::kClasses}},
+             "Of --color-by: the colours; classes gives each whole number a colour of its own; "
+             "auto: terrain for elevation, grey for intensity, classes for classifications, "
+             "groups, materials and labels, else viridis");
+  add_vector(app, "--color-range", s.color_range,
+             "Of --color-by: values of the map's ends, the smaller one first; default: what 98 in "
+             "100 surfels lie between");
+  add_choice(
+      app, "--legend", s.legend,
+      {{"auto", LegendChoice::kAuto}, {"on", LegendChoice::kOn}, {"off", LegendChoice::kOff}},
+      "What colours stand for, in the lower right corner; auto: with --color-by in pictures of 256 "
+      "pixels and more each way, but for EXR");
+}
+
 void declare_shading(CLI::App& app, Settings& s) {
   using namespace tool;
   app.option_defaults()->group("Shading");
@@ -173,6 +203,8 @@ void check_levels(const CLI::App& app, const Settings& s) {
   refuse(!s.mesh.empty(), "--mesh");
   refuse(s.filter == Filter::kEwaSource, "--filter ewa-source");
   refuse(s.render.compositing().columns().groups, "methods that need groups");
+  refuse(AttributeValues::of_size(s.color_by),
+         "--color-by " + s.color_by + ", which coarser levels do not have alike");
   for (const char* option : {"--lod-error", "--progressive"}) {
     if (app.get_option(option)->count() > 0 && !wants_levels(s)) {
       throw_usage(fmt::format(
@@ -229,6 +261,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
     refuse("--method transparent", {"--lowpass", "--coverage-threshold"});
   }
   if (!s.mesh.empty()) {
+    refuse("--mesh", {"--color-by", "--color-map", "--color-range", "--legend"});
     refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
   } else if (s.inputs.empty()) {
     throw_usage("there are neither surfels nor --mesh; give one");
@@ -241,6 +274,13 @@ void require_effect(const CLI::App& app, const Settings& s) {
     refuse("--shading none", {"--refraction", "--bounces"});
     refuse("--shading none", tool::normal_map_options());
   }
+  if (s.color_by == "none") {
+    refuse("--color-by none", {"--color-map", "--color-range", "--legend"});
+  }
+  if (s.color_by == "normal") {
+    refuse("--color-by normal", {"--color-map", "--color-range", "--legend"});
+  }
+  if (s.color_map == MapChoice::kClasses) refuse("--color-map classes", {"--color-range"});
   if (s.mesh.empty()) refuse("surfels", {"--bounces"});
   if (s.bounces > 0) refuse("--bounces", {"--refraction"});
   if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
@@ -259,6 +299,10 @@ void check(const Settings& s) {
   tool::append(problems, s.normals.maps.problems());
   if (s.progressive < 1 || s.progressive > 10) {
     problems.push_back(fmt::format("--progressive is {}; it must be in 1..10", s.progressive));
+  }
+  if (s.color_range && !((*s.color_range)[0] < (*s.color_range)[1])) {
+    problems.push_back(fmt::format("--color-range is {:g},{:g}; the first must be the smaller one",
+                                   (*s.color_range)[0], (*s.color_range)[1]));
   }
   if (s.progressive > 1 && s.output == "-") {
     problems.emplace_back("--progressive writes its steps over one another; give --output a file");
@@ -288,6 +332,7 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_texture(app, s);
   declare_truth(app, s);
   declare_shading(app, s);
+  declare_colors(app, s);
   app.option_defaults()->group("Options");
   app.add_option("--keep", s.keep, "Surfels to write, as they were made of the files");
   app.add_flag("--print-commands", s.print_commands,
@@ -305,8 +350,14 @@ void declare_options(CLI::App& app, Settings& s) {
            });
 }
 
+bool wants_legend(const Settings& s) {
+  if (s.legend != LegendChoice::kAuto) return s.legend == LegendChoice::kOn;
+  return tool::lower_extension(s.output) != ".exr";
+}
+
 bool wants_levels(const Settings& s) {
-  const bool fast = !s.reference && s.mesh.empty() && s.filter != Filter::kEwaSource;
+  const bool fast = !s.reference && s.mesh.empty() && s.filter != Filter::kEwaSource &&
+                    !AttributeValues::of_size(s.color_by);
   if (s.lod != Lod::kAuto) return s.lod == Lod::kOn;
   return fast && s.method == Method::kABuffer && s.filter == Filter::kEwa;
 }

@@ -22,6 +22,9 @@ enum class Shading { kPhong, kNone };
 enum class Cull { kNone, kBack };
 enum class Refractions { kScene, kSingle, kMulti };
 enum class Lod { kAuto, kOn, kOff };
+enum class LegendChoice { kAuto, kOn, kOff };
+/// A colour map, or a colour for each whole number.
+enum class MapChoice { kAuto, kViridis, kTurbo, kTerrain, kGrey, kClasses };
 enum class Filter { kEwa, kEwaSource, kCircular, kNone };
 
 /// What the command line asks of surfel-render.
@@ -42,6 +45,10 @@ struct Settings {
   bool explain = false;
   std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
   Shading shading = Shading::kPhong;
+  std::string color_by = "auto";  ///< Attribute, or auto or none.
+  MapChoice color_map = MapChoice::kAuto;
+  std::optional<std::array<double, 2>> color_range;  ///< Unset: without stray values.
+  LegendChoice legend = LegendChoice::kAuto;
   Cull cull = Cull::kNone;
   Filter filter = Filter::kEwa;
   Lod lod = Lod::kAuto;
@@ -61,6 +68,9 @@ void declare_options(CLI::App& app, Settings& s);
 /// Fills in what follows from several options. Throws Error(kUsage) where they do not go together,
 /// or where one has no effect beside the others.
 void settle(const CLI::App& app, Settings& s);
+
+/// Does a legend belong in the pictures, where there is something to say in it?
+bool wants_legend(const Settings& s);
 
 /// The levels of detail are wanted, if the file has them.
 bool wants_levels(const Settings& s);

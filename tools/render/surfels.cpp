@@ -8,6 +8,7 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/intake/intake.h>
 
+#include "tools/render/coloring.h"
 #include "tools/render/views.h"
 #include "tools/support/surfels.h"
 
@@ -51,11 +52,12 @@ Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<Came
 /// The surfels of the files, made where they are no surfels yet.
 std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
                                         const std::vector<CameraOptions>& views,
-                                        const CloudLoadOptions& options) {
+                                        CloudLoadOptions& options, Coloring& coloring) {
   const std::string& first = s.inputs.front();
   std::vector<std::string> commands;
   std::string file = first;
   std::unique_ptr<LoadedCloud> loaded;
+  options.wrap = [&](const CloudFacts& facts) { return coloring.wrap(tool, s, facts); };
   if (s.inputs.size() == 1 && s.keep.empty() && (first == "-" || holds_surfels(first))) {
     if (s.mesh.empty()) {
       tool::require_valid(tool::without_effect(tool.app(), texture_options(), "on surfels"));
@@ -66,6 +68,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
     for (const std::string& line : made.done) tool.note(line);
     commands = std::move(made.commands);
     file = made.file;
+    coloring.filled = std::move(made.filled);
     loaded = std::make_unique<LoadedCloud>(made.cloud, tool::shown_name(file), options);
     if (!s.keep.empty()) tool::write_result(tool, made.cloud, s.keep);
   }
@@ -83,7 +86,8 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
 }  // namespace
 
 std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
-                                          const std::vector<CameraOptions>& views) {
+                                          const std::vector<CameraOptions>& views,
+                                          std::optional<Legend>& legend) {
   const std::string name = tool::shown_name(s.inputs.front());
   CloudLoadOptions options{
       .columns = s.render.compositing().columns(),
@@ -92,11 +96,15 @@ std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
       .batch = s.render.batch,
       .sample = needs_guess(s, views)};
   options.columns.levels = wants_levels(s);
-  auto loaded = load_files(tool, s, views, options);
+  Coloring coloring;
+  coloring.file = name;
+  coloring.up = views.front().up;
+  auto loaded = load_files(tool, s, views, options, coloring);
+  legend = std::move(coloring.legend);
   if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {
     throw_input(name, "has no levels of detail; run surfel-lod on it");
   }
-  if (loaded->basis_cutoff() && *loaded->basis_cutoff() != s.render.cutoff) {
+  if (!coloring.colored && loaded->basis_cutoff() && *loaded->basis_cutoff() != s.render.cutoff) {
     tool.note(fmt::format("{}: the coefficients were fitted for --cutoff {:g}, not {:g}", name,
                           *loaded->basis_cutoff(), s.render.cutoff));
   }

@@ -289,7 +289,11 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
     made.cloud = std::move(clouds.front());
     return made;
   }
-  made.cloud = join_clouds(std::move(clouds), {}, names);
+  JoinReport joint;
+  made.cloud = join_clouds(std::move(clouds), {}, names, &joint);
+  for (const JoinReport::Filled& filled : joint.filled) {
+    made.filled.emplace_back(names[filled.cloud], filled.column);
+  }
   made.file = "joined-surfels.ply";
   made.commands.push_back(
       fmt::format("surfel-convert {} -o {}", fmt::join(joined, " "), made.file));

@@ -4,6 +4,7 @@
 // surfel-convert do by default, in memory.
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/bounds.h>
@@ -49,6 +50,9 @@ class SURFEL_API Intake {
     std::vector<std::string> commands;  ///< Commands that do the same, for a shell.
     std::string file;                   ///< What the last command writes, or the only file.
     bool textured = false;              ///< A mesh has got an image, or a normal or bump map.
+    /// Files that lacked a column of others, which was filled with a default (join_clouds()), each
+    /// with the column's name.
+    std::vector<std::pair<std::string, std::string>> filled;
   };
 
   /// Reads the files, one at least. Throws what read_mesh() and read_cloud() throw, and
