@@ -52,6 +52,10 @@ constexpr double kMargin = 1.05;
 /// enough not to reach the next line.
 constexpr std::size_t kLineNeighbors = 8;
 constexpr double kLineWidth2 = 0.1;
+/// A cloud consists of scan lines if this share of its points, told from so many of them, is on
+/// one: of a statue's scan 1 in 90 is, of a forest seen from the air 1 in 10.
+constexpr double kLeastLineShare = 0.25;
+constexpr std::size_t kLineLook = 512;
 /// Gaps that noise leaves, in local spacings, are at most taken to be this.
 constexpr double kMostGap = 0.5;
 
@@ -112,6 +116,7 @@ class Sizer {
   }
 
   SplatSizes run() {
+    if (options_.max_radius > 0) scan_lines_ = has_scan_lines();
     search_.for_each_nearest(kSplatNeighbors,
                              [&](std::size_t i, std::span<const Neighbor> near, int worker) {
                                size_point(i, near, workers_[worker]);
@@ -254,9 +259,22 @@ class Sizer {
     const double longest2 = std::max(shape.radius2, shape.half_axes2[0]);
     if (longest2 <= most * most) return;
     // On a scan line the nearest points tell nothing of the distance to the next line.
-    if (on_line(i, around)) most = options_.max_radius * around.plane_spacing();
+    if (scan_lines_ && on_line(i, around)) most = options_.max_radius * around.plane_spacing();
     shape.radius2 = std::min(shape.radius2, most * most);
     shape.half_axes2 = shape.half_axes2.cwiseMin(most * most);
+  }
+
+  /// Does the cloud consist of scan lines? In others a few points lie along a line by chance.
+  bool has_scan_lines() const {
+    const std::size_t looked = std::min(kLineLook, position_.size());
+    std::vector<Neighbor> near;
+    std::size_t lines = 0;
+    for (std::size_t s = 0; s < looked; ++s) {
+      const std::size_t i = s * position_.size() / looked;
+      search_.nearest(position_[i], kSplatNeighbors, near);
+      lines += on_line(i, Neighborhood(near)) ? 1 : 0;
+    }
+    return static_cast<double>(lines) >= kLeastLineShare * static_cast<double>(looked);
   }
 
   /// Do the nearest points lie along a line?
@@ -454,6 +472,7 @@ class Sizer {
   const NeighborSearch& search_;
   const SplatSizeOptions& options_;
   std::span<const float> noise_;
+  bool scan_lines_ = false;
   PerWorker<Worker> workers_;
   Array<CellKind> kind_;
   SplatSizes out_;

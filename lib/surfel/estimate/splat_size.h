@@ -71,10 +71,11 @@ struct SplatSizes {
 ///
 /// Where points fill space, as leaves do, few of them lie on the sheet of one, its cell is large,
 /// and its splat would be a petal that hides the others: no splat reaches further than `max_radius`
-/// local spacings. On a surface cells end before. On a scan line, where the 8 nearest points are
-/// less than a third as wide as long, the spacing that counts is the side of the square that each
-/// of the 16 nearest would have to itself, sqrt(pi r^2 / 16), r being the distance of the last:
-/// lines ten times as far apart as their points stay closed.
+/// local spacings. On a surface cells end before. In a cloud of scan lines (a quarter of its points
+/// is on one, where the 8 nearest points are less than a third as wide as long) the spacing that
+/// counts on a line is the side of the square that each of the 16 nearest would have to itself,
+/// sqrt(pi r^2 / 16), r being the distance of the last: lines ten times as far apart as their
+/// points stay closed.
 ///
 /// \param noise     standard deviation of each point from the surface, scene units, or empty. Seen
 ///                  from the side, points so far apart leave gaps: discs and ellipses reach as much
