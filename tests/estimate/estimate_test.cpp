@@ -13,6 +13,7 @@
 #include <surfel/scene/framing.h>
 
 #include "render/scenes.h"
+#include "support/range_image.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -55,6 +56,23 @@ TEST(Estimate, KeepsOrderAndAttributesOfThePoints) {
   ASSERT_TRUE(extra(out, "confidence") && extra(out, "curvature") && extra(out, "flag"));
   // A second estimate replaces them.
   EXPECT_EQ(estimate_surfels(out, {}).extra.size(), out.extra.size());
+}
+
+TEST(Estimate, DepthCamerasAreLookedForAtTheOrigin) {
+  DepthCamera camera;
+  camera.step = 4;
+  camera.noise = camera.lateral = 0;  // There are the steps of the disparities alone.
+  SurfelCloud cloud = room_range_image(camera).points;
+  EstimateReport report;
+  for (const Vec3d& origin : {Vec3d(0, 0, 0), Vec3d(5e5, 2, 0)}) {
+    cloud.origin = origin;
+    estimate_surfels(cloud, {}, &report);
+    EXPECT_EQ(report.remade, origin.isZero(0) ? cloud.size() : 0U);
+  }
+  EstimateOptions options;
+  options.normals.sensor = cloud.origin;
+  estimate_surfels(cloud, options, &report);
+  EXPECT_EQ(report.remade, cloud.size());
 }
 
 TEST(Estimate, VarianceMatchesTheTrueSpacing) {

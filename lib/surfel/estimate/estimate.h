@@ -20,7 +20,7 @@ namespace surfel {
 
 struct EstimateOptions {
   SearchMethod search = SearchMethod::kExact;
-  NormalOptions normals;
+  NormalOptions normals;  ///< Its `sensor`, world coordinates; unset: the origin is tried.
   OrientationOptions orientation;
   SplatSizeOptions size;
   std::optional<OutlierOptions> outliers;  ///< Set: outliers are removed first.

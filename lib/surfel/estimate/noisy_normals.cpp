@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -10,17 +11,19 @@
 #include <surfel/estimate/neighborhood_plane.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/range_normals.h>
+#include <surfel/estimate/window_moments.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::size_t kSampleGrain = 4;
 constexpr std::size_t kRefitGrain = 64;
-/// Points that tell what is wrong with planes; that a first look at noise takes, which is slow; and
-/// most points whose noise is noted.
+/// Points that tell what is wrong with planes; that a first look at noise takes, which is slow;
+/// most points whose noise is noted, and how many points there are for each of them at least.
 constexpr std::size_t kLook = 512;
 constexpr std::size_t kNoiseLook = 128;
-constexpr std::size_t kMostNoted = 4096;
+constexpr std::size_t kMostNoted = 3072;
+constexpr std::size_t kLeastPerNoted = 4;
 constexpr std::size_t kLeastNeighbors = 16;
 constexpr std::size_t kMostGrown = 1024;
 /// A plane is uncertain if its normal's standard error is larger, in radians.
@@ -35,17 +38,21 @@ constexpr double kFlat = 0.1;
 constexpr double kDrop = 0.25;
 /// Least noise, in spacings on the plane: less does not hide the surface.
 constexpr double kLeastNoise = 0.25;
-/// Noted points that a point takes its noise from, and the factor for their extent. The factor
-/// trades flakes for rounded edges; from 1 to 1.4 neither is strong.
-constexpr std::size_t kNotedAround = 8;
-constexpr double kExtentFactor = 1.2;
+/// Noted points that a point takes its noise from, and the factor for their extent: more flakes are
+/// left with 1 where points are dense, and with 1.2 where they are not.
+constexpr std::size_t kNotedAround = 16;
+constexpr double kExtentFactor = 1.15;
 /// Points that a plane is made from at most, about: more take time and make it no better.
 constexpr double kEnough = 128;
-/// Refits, what the scale of the weights shrinks by in each of them, and where it ends, in
-/// standard deviations of the noise.
+/// Points share a window if they are nearer than this to one another, in extents.
+constexpr double kSharedReach = 0.8;
+/// Refits, the distance from which on a point has no weight in the first of them, in standard
+/// deviations of all distances, what it shrinks by in each refit, and where it ends, in standard
+/// deviations of the noise.
 constexpr int kRefits = 3;
+constexpr double kFirstScale = 5;
 constexpr double kShrink = 0.6;
-constexpr double kLeastScale = 3;
+constexpr double kLeastScale = 7.5;
 /// Distances whose variance exceeds the noise's variance by this factor are not noise alone.
 constexpr double kShaped = 1.5;
 
@@ -73,11 +80,14 @@ class Remaker {
 
   /// The noise at a point, if there is any that the shape can be told from.
   std::optional<NotedNoise> noise_at(std::size_t i, std::vector<Neighbor>& near) const {
-    search_.nearest(points_[i], kMostGrown, near);
+    near.clear();
     Moments moments;
     double peak = 0;
     std::size_t added = 0;
-    for (std::size_t size = kLeastNeighbors; size <= near.size(); size *= 2) {
+    for (std::size_t size = kLeastNeighbors; size <= kMostGrown; size *= 2) {
+      // Few points need all neighbours.
+      if (near.size() < size) search_.nearest(points_[i], std::min(2 * size, kMostGrown), near);
+      if (near.size() < size) break;
       for (; added < size; ++added) moments.add(offset(points_, i, near[added]));
       if (!(moments.variance() > 0)) continue;
       const Plane plane = plane_of(moments);
@@ -123,14 +133,13 @@ class Remaker {
   }
 
   void run(NormalEstimate& out) {
-    note_noise();
+    if (!note_noise()) return;
     const std::size_t count = points_.size();
     std::vector<std::uint8_t> remade(count);
     out.noise.resize(count);
     parallel_for(count, kRefitGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      for (std::size_t i = begin; i < end; ++i) {
-        remade[i] = remake(i, scratch_[worker], out) ? 1 : 0;
-      }
+      std::size_t i = begin;
+      while (i < end) i += remake(i, end, shared_[worker], out, remade);
     });
     out.remade = static_cast<std::size_t>(std::count(remade.begin(), remade.end(), 1));
   }
@@ -143,9 +152,10 @@ class Remaker {
     return offset(points[i], points[neighbor.index]);
   }
 
-  /// Notes the noise at points spread evenly, and thins the cloud as far as the noise allows.
-  void note_noise() {
-    const std::size_t count = std::min(kMostNoted, points_.size());
+  /// Notes the noise at points spread evenly, and thins the cloud as far as the noise allows; false
+  /// if none of them has any.
+  bool note_noise() {
+    const std::size_t count = std::min(kMostNoted, points_.size() / kLeastPerNoted);
     std::vector<std::optional<NotedNoise>> found(count);
     parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
       for (std::size_t s = begin; s < end; ++s) {
@@ -159,57 +169,123 @@ class Remaker {
       noted_.push_back(*found[s]);
       neighbors += static_cast<double>(found[s]->neighbors);
     }
+    if (noted_.empty()) return false;
     noted_search_ = make_neighbor_search(noted_at_);
     const double around =
         kExtentFactor * kExtentFactor * neighbors / static_cast<double>(noted_.size());
     const auto step = static_cast<std::size_t>(std::max(1.0, around / kEnough));
     for (std::size_t i = 0; i < points_.size(); i += step) thinned_.push_back(points_[i]);
     thinned_search_ = make_neighbor_search(thinned_);
+    return true;
   }
 
-  /// Makes the normal of point i anew; false if there are too few points around it.
-  bool remake(std::size_t i, std::vector<Neighbor>& near, NormalEstimate& out) const {
-    noted_search_->nearest(points_[i], kNotedAround, near);
+  /// Points that share their neighbours.
+  struct Group {
+    std::vector<Neighbor> near;
     std::vector<float> extents, noises;
-    for (const Neighbor& n : near) {
-      extents.push_back(noted_[n.index].extent);
-      noises.push_back(noted_[n.index].noise);
+    SharedWindow window;
+    WindowPoints points;
+    WindowMoments moments;
+    PlaneBatch planes;
+  };
+
+  /// How many points, from `first` on and before `end`, are within `reach` of the first of them.
+  std::size_t group_size(std::size_t first, std::size_t end, double reach) const {
+    const std::size_t most = std::min(end, first + WindowPoints::kSize);
+    std::size_t i = first + 1;
+    while (i < most && offset(points_[first], points_[i]).squaredNorm() <= reach * reach) ++i;
+    return i - first;
+  }
+
+  /// Makes the normals of a group of points anew, from `first` on and before `end`; notes of which
+  /// there are enough points around. Returns how many points the group has.
+  std::size_t remake(std::size_t first, std::size_t end, Group& group, NormalEstimate& out,
+                     std::vector<std::uint8_t>& remade) const {
+    noted_search_->nearest(points_[first], kNotedAround, group.near);
+    group.extents.clear();
+    group.noises.clear();
+    for (const Neighbor& n : group.near) {
+      group.extents.push_back(noted_[n.index].extent);
+      group.noises.push_back(noted_[n.index].noise);
     }
-    const float extent = static_cast<float>(kExtentFactor) * median(extents);
-    const auto noise = static_cast<double>(median(noises));
-    out.noise[i] = static_cast<float>(noise);
-    thinned_search_->within(points_[i], extent, kMostGrown, near);
-    if (near.size() < kLeastNeighbors) return false;
-    Moments moments;
-    for (const Neighbor& n : near) moments.add(offset(points_[i], thinned_[n.index]));
-    if (!(moments.variance() > 0)) return false;
-    Plane plane = plane_of(moments);
-    if (plane.lambda[0] > kShaped * noise * noise) {
-      const double first = 2 * std::sqrt(plane.lambda[0]);
-      for (int k = 0; k < kRefits; ++k) {
-        const double scale = std::max(kLeastScale * noise, first * std::pow(kShrink, k));
-        const Vec3d mean = moments.mean();
-        moments = {};
-        for (const Neighbor& n : near) {
-          const Vec3d d = offset(points_[i], thinned_[n.index]);
-          const double off = plane.normal.dot(d - mean) / scale;
-          moments.add(d, std::exp(-off * off / 2));
+    const double extent = kExtentFactor * static_cast<double>(median(group.extents));
+    const auto noise = static_cast<double>(median(group.noises));
+    const std::size_t count = group_size(first, end, kSharedReach * extent);
+    Vec3d middle(0, 0, 0);  // All offsets are from the first point.
+    for (std::size_t k = 0; k < count; ++k) middle += offset(points_[first], points_[first + k]);
+    middle /= static_cast<double>(count);
+    WindowPoints& points = group.points;
+    double radius = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const Vec3d p = offset(points_[first], points_[first + k]);
+      points.x[k] = p.x();
+      points.y[k] = p.y();
+      points.z[k] = p.z();
+      points.reach2[k] = extent * extent;
+      points.inverse_scale[k] = 0;
+      radius = std::max(radius, (p - middle).norm());
+      out.noise[first + k] = static_cast<float>(noise);
+    }
+    const Vec3f query = (points_[first].cast<double>() + middle).cast<float>();
+    thinned_search_->within(query, static_cast<float>(extent + radius), kMostGrown, group.near);
+    group.window.clear();
+    for (const Neighbor& n : group.near) {
+      group.window.add(offset(points_[first], thinned_[n.index]));
+    }
+    fit(first, count, noise, group, out, remade);
+    return count;
+  }
+
+  /// Fits the planes of a group whose window is known.
+  static void fit(std::size_t first, std::size_t count, double noise, Group& group,
+                  NormalEstimate& out, std::vector<std::uint8_t>& remade) {
+    std::array<Plane, WindowPoints::kSize> planes{};
+    std::array<double, WindowPoints::kSize> scale{};  // 0: all points have the same weight.
+    std::array<std::uint16_t, WindowPoints::kSize> neighbors{};
+    for (int refit = 0; refit <= kRefits; ++refit) {
+      sum_in_space(count, group.window, group.points, group.moments);
+      for (std::size_t k = 0; k < count; ++k) group.moments.of(k).store(k, group.planes);
+      fit_planes(count, group.planes);
+      bool again = false;
+      for (std::size_t k = 0; k < count; ++k) {
+        const Moments moments = group.moments.of(k);
+        if (refit == 0) {
+          const bool enough = moments.n >= static_cast<double>(kLeastNeighbors);
+          if (!enough || !(moments.variance() > 0)) continue;
+          neighbors[k] = static_cast<std::uint16_t>(moments.n);
+        } else if (!(scale[k] > 0) || !(moments.n > 3)) {  // Nothing but the plane before is left.
+          scale[k] = 0;
+          continue;
         }
-        plane = plane_of(moments);
+        planes[k] = plane_of(group.planes, k, moments.n);
+        if (refit == 0 && planes[k].lambda[0] > kShaped * noise * noise) {
+          scale[k] = kFirstScale * std::sqrt(planes[k].lambda[0]);
+        }
+        if (!(scale[k] > 0)) continue;
+        again = true;
+        group.points.set_plane(k, planes[k].normal, planes[k].normal.dot(moments.mean()));
+        group.points.inverse_scale[k] = 1 / std::max(kLeastScale * noise, scale[k]);
+        scale[k] *= kShrink;
       }
+      if (!again) break;
     }
-    if (!(plane.lambda[1] > Plane::kLineShare * plane.lambda[2])) return false;
-    out.normal[i] = with_fixed_side(plane.normal);
-    out.quality[i] = {static_cast<float>(plane.variation()),
-                      static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise()))),
-                      static_cast<std::uint16_t>(near.size()),
-                      plane.thin() ? PointFlag::kThin : PointFlag::kGood};
-    return true;
+    for (std::size_t k = 0; k < count; ++k) {
+      if (neighbors[k] == 0) continue;
+      const Plane& plane = planes[k];
+      if (!(plane.lambda[1] > Plane::kLineShare * plane.lambda[2])) continue;
+      const std::size_t i = first + k;
+      remade[i] = 1;
+      out.normal[i] = with_fixed_side(plane.normal);
+      out.quality[i] = {static_cast<float>(plane.variation()),
+                        static_cast<float>(std::max(0.0, 1 - plane.error(plane.noise()))),
+                        neighbors[k], plane.thin() ? PointFlag::kThin : PointFlag::kGood};
+    }
   }
 
   const Array<Vec3f>& points_;
   const NeighborSearch& search_;
   PerWorker<std::vector<Neighbor>> scratch_;
+  PerWorker<Group> shared_;
   Array<Vec3f> noted_at_;
   std::vector<NotedNoise> noted_;
   std::unique_ptr<NeighborSearch> noted_search_;

@@ -23,12 +23,14 @@ namespace surfel {
 /// of scans without noise none has, of leaves 9 %, of a forest seen from the air a quarter.
 ///
 /// Where the peak is over, a plane is certain: noise and extent of the neighbourhood there are
-/// noted at up to 4096 points. They change with the range, not from point to point, so that each
-/// point takes the median extent, enlarged by a fifth, and the median noise of the 8 noted ones
-/// around it. Its normal is fitted to all points within the extent (of every second, third, ...
-/// point where they are several times 128), refitted three times with weights exp(-d^2 / 2 s^2) of
-/// their distances d from the plane where these exceed the noise: s falls to three times the noise,
-/// so that faces beyond an edge lose their say.
+/// noted at one point in 4, 3072 at most. They change with the range, not from point to point, so
+/// that each point takes the median extent, enlarged by 15 %, and the median noise of the 16 noted
+/// ones around it. Its normal is fitted to all points within the extent (of every second, third,
+/// ... point where they are several times 128), refitted three times with weights (1 - e^2)^2, e <
+/// 1 being the distances from the plane by s, where they exceed the noise: s falls to 7.5 times the
+/// noise, so that faces beyond an edge lose their say. Up to 16 points that are close by, along the
+/// order that `points` have, share a search and the noise (window_moments.h): the order of a
+/// space-filling curve is fastest.
 ///
 /// Sets normals, quality and counts of `out`, which are estimates of `points`. The result does not
 /// depend on the number of threads.

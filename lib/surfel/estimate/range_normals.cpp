@@ -1,5 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -7,15 +8,17 @@
 #include <vector>
 
 #include <surfel/base/median.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/neighborhood_plane.h>
 #include <surfel/estimate/range_normals.h>
+#include <surfel/estimate/window_moments.h>
 
 namespace surfel {
 namespace {
 
 constexpr std::size_t kRangeGrain = 1 << 14;
-constexpr std::size_t kWindowGrain = 32;
+constexpr std::size_t kWindowGrain = 64;
 /// Points whose nearest directions tell whether they are pixels; below a tenth of them not even a
 /// range image shows it.
 constexpr std::size_t kPixelLook = 1024;
@@ -32,9 +35,13 @@ constexpr std::size_t kRangeGroups = 16;
 constexpr double kRangeRounding = 1e-5;
 constexpr double kMostExponent = 2;
 /// Standard error that windows are made for, radians.
-constexpr double kWindowError = 0.07;
+constexpr double kWindowError = 0.05;
 constexpr std::size_t kLeastWindow = 16;
 constexpr std::size_t kMostWindow = 512;
+/// Pixels share a window if they are nearer than this to one another, in radii of the window, and
+/// ask for windows of the same size but for this factor.
+constexpr double kPixelReach = 0.2;
+constexpr double kSharedSize = 1.25;
 /// Fits, and the residual from which on a point has no weight in the last of them, in standard
 /// deviations of the noise.
 constexpr int kFits = 4;
@@ -44,45 +51,33 @@ constexpr double kMostSlope = 4;
 /// Standard deviation of the slopes that surfaces have towards the sensor.
 constexpr double kPriorSlope = 2;
 
-/// A point in a window, beside the line of sight through the window's middle.
-struct Pixel {
-  double u, w;     ///< Place in the image at depth 1.
-  double inverse;  ///< Inverse depth.
-};
-
-/// 1 / z = inverse + slope_u u + slope_w w.
+/// The plane q = inverse + slope_u u + slope_w w in a window of pixels (u, w, q): u and w are their
+/// place in the image at depth 1 along the window's axis, and q their inverse depth in units of a
+/// pixel's in the middle, less one.
 struct InversePlane {
   double inverse = 0;
   double slope_u = 0, slope_w = 0;
-  double spread = 0;  ///< Trace of the inverse of the slopes' normal matrix.
-
-  double residual(const Pixel& p) const {
-    return p.inverse - inverse - slope_u * p.u - slope_w * p.w;
-  }
+  double spread = 0;    ///< Trace of the inverse of the slopes' normal matrix.
+  double residual = 0;  ///< Sum of the weighted squares of the residuals.
 };
 
-/// The weighted least squares fit. `ridge` is added to the diagonal of the slopes' matrix.
-template <class Weight>
-InversePlane fit_inverse(std::span<const Pixel> pixels, double ridge, const Weight& weight) {
-  double n = 0, u = 0, w = 0, q = 0;
-  double uu = 0, uw = 0, ww = 0, uq = 0, wq = 0;
-  for (const Pixel& p : pixels) {
-    const double g = weight(p);
-    n += g, u += g * p.u, w += g * p.w, q += g * p.inverse;
-    uu += g * p.u * p.u, uw += g * p.u * p.w, ww += g * p.w * p.w;
-    uq += g * p.u * p.inverse, wq += g * p.w * p.inverse;
-  }
-  uu += ridge - u * u / n;
-  ww += ridge - w * w / n;
-  uw -= u * w / n;
-  uq -= u * q / n;
-  wq -= w * q / n;
+/// The weighted least squares fit to pixels that have these moments. `ridge` is added to the
+/// diagonal of the slopes' matrix.
+InversePlane fit_inverse(const Moments& m, double ridge) {
+  const double uu = m.xx - m.x * m.x / m.n + ridge;
+  const double ww = m.yy - m.y * m.y / m.n + ridge;
+  const double uw = m.xy - m.x * m.y / m.n;
+  const double uq = m.xz - m.x * m.z / m.n;
+  const double wq = m.yz - m.y * m.z / m.n;
+  const double qq = m.zz - m.z * m.z / m.n;
   const double determinant = uu * ww - uw * uw;
   InversePlane plane;
   plane.slope_u = (uq * ww - wq * uw) / determinant;
   plane.slope_w = (wq * uu - uq * uw) / determinant;
-  plane.inverse = (q - plane.slope_u * u - plane.slope_w * w) / n;
+  plane.inverse = (m.z - plane.slope_u * m.x - plane.slope_w * m.y) / m.n;
   plane.spread = (uu + ww) / determinant;
+  const double slopes2 = plane.slope_u * plane.slope_u + plane.slope_w * plane.slope_w;
+  plane.residual = std::max(0.0, qq - plane.slope_u * uq - plane.slope_w * wq - ridge * slopes2);
   return plane;
 }
 
@@ -101,6 +96,7 @@ class RangeImage {
     parallel_each(points.size(), kRangeGrain,
                   [&](std::size_t i) { direction_[i] = ray(i).normalized().cast<float>(); });
     search_ = make_neighbor_search(direction_);
+    order_ = morton_order(direction_);
   }
 
   /// Are the directions spread as evenly as pixels are? Notes the pitch of the pixels.
@@ -130,12 +126,13 @@ class RangeImage {
     const std::size_t count = std::min(kNoiseWindows, points_.size());
     std::vector<Residual> found(count);
     for_windows(count, [&](std::size_t s, std::size_t i, Worker& w) {
-      look(i, kNoiseWindow, w);
-      const InversePlane plane = fit_inverse(w.window, 0, [](const Pixel&) { return 1.0; });
-      double sum = 0;
-      for (const Pixel& p : w.window) sum += plane.residual(p) * plane.residual(p);
-      const double range = ray(i).norm();
-      found[s] = {range, range * std::sqrt(sum / static_cast<double>(w.window.size() - 3))};
+      look(direction_[i], ray(i).norm(), kNoiseWindow, w);
+      Moments moments;
+      for (std::size_t k = 0; k < w.window.size(); ++k) {
+        moments.add({w.window.x[k], w.window.y[k], w.window.z[k]});
+      }
+      const InversePlane plane = fit_inverse(moments, 0);
+      found[s] = {ray(i).norm(), std::sqrt(plane.residual / (moments.n - 3))};
     });
     std::sort(found.begin(), found.end(), [](const Residual& a, const Residual& b) {
       return std::pair(a.range, a.relative) < std::pair(b.range, b.relative);
@@ -167,14 +164,17 @@ class RangeImage {
 
   void remake(NormalEstimate& out) {
     parallel_for(points_.size(), kWindowGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      for (std::size_t i = begin; i < end; ++i) remake(i, workers_[worker], out);
+      std::size_t i = begin;
+      while (i < end) i += remake(i, end, workers_[worker], out);
     });
   }
 
  private:
   struct Worker {
     std::vector<Neighbor> near;
-    std::vector<Pixel> window;
+    SharedWindow window;
+    WindowPoints points;
+    WindowMoments moments;
   };
 
   Vec3d ray(std::size_t i) const { return points_[i].cast<double>() - sensor_; }
@@ -189,65 +189,114 @@ class RangeImage {
     });
   }
 
-  /// The window of the points nearest in the image; returns the frame that its pixels are in, the
-  /// line of sight last.
-  Eigen::Matrix3d look(std::size_t i, std::size_t size, Worker& w) const {
-    search_->nearest(direction_[i], size, w.near);
+  /// The pixel (u, w, q) of a point in a frame whose last axis is the window's.
+  Vec3d pixel(std::size_t i, const Eigen::Matrix3d& frame, double range) const {
+    const Vec3d p = frame.transpose() * ray(i);
+    return {p.x() / p.z(), p.y() / p.z(), range / p.z() - 1};
+  }
+
+  /// The window of the `size` points that are nearest to a direction; returns the frame that its
+  /// pixels are in. Their inverse depths are in units of that at `range`.
+  Eigen::Matrix3d look(const Vec3f& direction, double range, std::size_t size, Worker& w) const {
+    // Where the image has no gap the points lie within this reach, and are found sooner.
+    const double reach = 1.1 * pitch_ * std::sqrt(static_cast<double>(size) / std::numbers::pi);
+    search_->within(direction, static_cast<float>(reach), size, w.near);
+    if (w.near.size() < size) search_->nearest(direction, size, w.near);
     Eigen::Matrix3d frame;
-    frame.col(2) = ray(i).normalized();
+    frame.col(2) = direction.cast<double>().normalized();
     frame.col(0) = frame.col(2).unitOrthogonal();
     frame.col(1) = frame.col(2).cross(frame.col(0));
     w.window.clear();
-    for (const Neighbor& n : w.near) {
-      const Vec3d p = frame.transpose() * ray(n.index);
-      w.window.push_back({p.x() / p.z(), p.y() / p.z(), 1 / p.z()});
-    }
+    for (const Neighbor& n : w.near) w.window.add(pixel(n.index, frame, range));
     return frame;
   }
 
-  void remake(std::size_t i, Worker& w, NormalEstimate& out) const {
-    const double range = ray(i).norm();
-    const double relative = noise_.at(range);
+  /// Pixels that the noise at a range asks for.
+  double window_size(double range) const {
     // A disc of n pixels of this pitch has the variance n pitch^2 / (4 pi) along each axis.
-    const double size = 2 * std::sqrt(std::numbers::pi) * relative / (kWindowError * pitch_);
-    const Eigen::Matrix3d frame = look(
-        i, static_cast<std::size_t>(std::clamp(size, double(kLeastWindow), double(kMostWindow))),
-        w);
-    const double noise = relative / range;  // Of the inverse depth.
-    const double ridge = relative * relative / (kPriorSlope * kPriorSlope);
-    InversePlane plane{1 / range, 0, 0, 0};
-    double slack = kMostSlope / range;
-    double scale = kLastScale * noise * (1 << (kFits - 2));
-    const auto weight = [&](const Pixel& p) {
-      const double free = slack > 0 ? slack * std::sqrt(p.u * p.u + p.w * p.w) : 0;
-      const double e = std::max(0.0, std::abs(plane.residual(p)) - free) / scale;
-      const double inside = std::max(0.0, 1 - e * e);
-      return inside * inside;
-    };
+    const double size =
+        2 * std::sqrt(std::numbers::pi) * noise_.at(range) / (kWindowError * pitch_);
+    return std::clamp(size, double(kLeastWindow), double(kMostWindow));
+  }
+
+  /// How many points, from order_[first] on and before order_[end], can share a window of this
+  /// size.
+  std::size_t group_size(std::size_t first, std::size_t end, double size) const {
+    const std::size_t most = std::min(end, first + WindowPoints::kSize);
+    const double reach2 = kPixelReach * kPixelReach * size * pitch_ * pitch_ / std::numbers::pi;
+    std::size_t i = first + 1;
+    for (; i < most; ++i) {
+      const double other = window_size(ray(order_[i]).norm());
+      if (std::max(other / size, size / other) > kSharedSize) break;
+      const Vec3f step = direction_[order_[i]] - direction_[order_[first]];
+      if (static_cast<double>(step.squaredNorm()) > reach2) break;
+    }
+    return i - first;
+  }
+
+  /// Makes the normals of a group of points, from order_[first] on and before order_[end]; returns
+  /// how many there are.
+  std::size_t remake(std::size_t first, std::size_t end, Worker& w, NormalEstimate& out) const {
+    const double first_range = ray(order_[first]).norm();
+    const double size = window_size(first_range);
+    const std::size_t count = group_size(first, end, size);
+    Vec3f middle(0, 0, 0);
+    for (std::size_t k = 0; k < count; ++k) middle += direction_[order_[first + k]];
+    const Eigen::Matrix3d frame =
+        look(middle.normalized(), first_range, static_cast<std::size_t>(size), w);
+    std::array<double, WindowPoints::kSize> relative{}, scale{};
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t i = order_[first + k];
+      const Vec3d p = pixel(i, frame, first_range);
+      w.points.x[k] = p.x();
+      w.points.y[k] = p.y();
+      w.points.slack[k] = kMostSlope * (1 + p.z());
+      w.points.set_plane(k, Vec3d(0, 0, 1), p.z());
+      relative[k] = noise_.at(ray(i).norm());
+      scale[k] = kLastScale * relative[k] * (1 + p.z()) * (1 << (kFits - 2));
+      w.points.inverse_scale[k] = 1 / scale[k];
+    }
+    std::array<InversePlane, WindowPoints::kSize> planes;
     for (int fit = 0; fit < kFits; ++fit) {
-      plane = fit_inverse(w.window, ridge, weight);
-      slack = 0;
-      scale = std::max(scale / 2, kLastScale * noise);
+      sum_in_image(count, w.window, w.points, w.moments);
+      for (std::size_t k = 0; k < count; ++k) {
+        const double ridge = relative[k] * relative[k] / (kPriorSlope * kPriorSlope);
+        planes[k] = fit_inverse(w.moments.of(k), ridge);
+        const InversePlane& plane = planes[k];
+        w.points.slack[k] = 0;
+        w.points.set_plane(k, Vec3d(-plane.slope_u, -plane.slope_w, 1), plane.inverse);
+        w.points.inverse_scale[k] = std::ldexp(1 / scale[k], std::min(fit + 1, kFits - 2));
+      }
     }
-    const Vec3d normal(plane.slope_u, plane.slope_w, plane.inverse);
-    Moments moments;
-    for (std::size_t k = 0; k < w.window.size(); ++k) {
-      moments.add(ray(w.near[k].index) - ray(i), weight(w.window[k]));
+    for (std::size_t k = 0; k < count; ++k) {
+      store(order_[first + k], frame, planes[k], w.moments.of(k), relative[k], w.window.size(),
+            out);
     }
+    return count;
+  }
+
+  /// Notes the normal of point i, whose window has the plane and the moments.
+  void store(std::size_t i, const Eigen::Matrix3d& frame, const InversePlane& plane,
+             const Moments& moments, double relative, std::size_t size, NormalEstimate& out) const {
+    const Vec3d normal(plane.slope_u, plane.slope_w, 1 + plane.inverse);
     const Vec3d unit = (frame * normal).normalized();
+    const double range = ray(i).norm();
+    const double across =
+        std::abs(unit.dot(ray(i))) / range;  // The noise is along the line of sight.
     out.normal[i] = with_fixed_side(unit);
-    // The noise is along the line of sight.
-    out.noise[i] = static_cast<float>(range * relative * normal.z() / normal.norm());
-    const double across = moments.variance_along(unit) / moments.variance();
-    const double error = noise * std::sqrt(plane.spread) / normal.norm();
-    out.quality[i] = {static_cast<float>(std::clamp(across, 0.0, 1.0 / 3)),
+    out.noise[i] = static_cast<float>(range * relative * across);
+    const double variation = plane.residual * across * across / (moments.n * moments.variance());
+    const double error = relative * std::sqrt(plane.spread) / normal.norm();
+    out.quality[i] = {static_cast<float>(std::clamp(variation, 0.0, 1.0 / 3)),
                       static_cast<float>(std::max(0.0, 1 - error)),
-                      static_cast<std::uint16_t>(w.window.size()), PointFlag::kGood};
+                      static_cast<std::uint16_t>(size), PointFlag::kGood};
   }
 
   const Array<Vec3f>& points_;
   Vec3d sensor_;
   Array<Vec3f> direction_;
+  Array<std::uint32_t>
+      order_;  ///< Points by direction, along a curve on which neighbours are near.
   std::unique_ptr<NeighborSearch> search_;
   PerWorker<Worker> workers_;
   double pitch_ = 0;  ///< Angle between neighbouring pixels.
