@@ -1,5 +1,13 @@
-#include <Eigen/Geometry>
+// Meisters, "Polygons have ears", 1975.
 
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <tuple>
+
+#include <surfel/base/box_tree.h>
+#include <surfel/base/morton.h>
 #include <surfel/io/triangulate.h>
 
 namespace surfel {
@@ -41,63 +49,253 @@ bool is_convex(const std::vector<Vec2d>& p) {
   return descents == 1;
 }
 
-class EarClipper {
+/// Bounds of points.
+struct FlatBox {
+  Vec2d low = Vec2d::Constant(std::numeric_limits<double>::infinity());
+  Vec2d high = Vec2d::Constant(-std::numeric_limits<double>::infinity());
+
+  void add(const FlatBox& other) {
+    low = low.cwiseMin(other.low);
+    high = high.cwiseMax(other.high);
+  }
+  double squared_distance(const Vec2d& p) const {
+    return (low - p).cwiseMax(p - high).cwiseMax(0).squaredNorm();
+  }
+};
+
+/// A triangle that is asked for points in it or on it.
+struct FlatTriangle {
+  Vec2d a, b, c;
+
+  bool holds(const Vec2d& q) const {
+    return cross(a, b, q) >= 0 && cross(b, c, q) >= 0 && cross(c, a, q) >= 0;
+  }
+  bool has_corner(const Vec2d& q) const { return q == a || q == b || q == c; }
+  /// False only if no point of the box is in the triangle: all of the box lies beyond a side of
+  /// the triangle, or the triangle beyond one of the box. Products and differences are rounded
+  /// monotonically, so that cross() of the box's outermost corner bounds that of its points.
+  bool meets(const FlatBox& box) const {
+    const auto beyond = [&](const Vec2d& from, const Vec2d& to) {
+      return cross(from, to,
+                   {to.y() > from.y() ? box.low.x() : box.high.x(),
+                    to.x() > from.x() ? box.high.y() : box.low.y()}) < 0;
+    };
+    const Vec2d low = a.cwiseMin(b).cwiseMin(c);
+    const Vec2d high = a.cwiseMax(b).cwiseMax(c);
+    return (low.array() <= box.high.array()).all() && (high.array() >= box.low.array()).all() &&
+           !beyond(a, b) && !beyond(b, c) && !beyond(c, a);
+  }
+};
+
+/// The places of corners that may lie in an ear, from which corners are removed one by one. Corners
+/// at one place count as one: thousands of bridges may start there.
+class CornerPlaces {
  public:
-  explicit EarClipper(const std::vector<Vec2d>& points)
-      : p_(points), previous_(points.size()), next_(points.size()) {
-    const auto n = static_cast<std::uint32_t>(p_.size());
-    for (std::uint32_t i = 0; i < n; ++i) {
-      previous_[i] = (i + n - 1) % n;
-      next_[i] = (i + 1) % n;
+  CornerPlaces(const std::vector<Vec2d>& points, std::vector<std::uint32_t> corners)
+      : corner_(std::move(corners)), place_of_(points.size(), kNoPlace) {
+    if (corner_.size() > kScanned) sort(points);
+    place_.reserve(corner_.size());
+    for (const std::uint32_t i : corner_) {
+      if (place_.empty() || place_.back().point != points[i]) place_.push_back({points[i], 0});
+      place_of_[i] = static_cast<std::uint32_t>(place_.size() - 1);
+      ++place_.back().corners;
     }
-    for (std::uint32_t i = 0; i < n; ++i) {
-      if (turn(i) <= 0) reflex_.push_back(i);
+    if (corner_.size() > kScanned) {
+      tree_ = Tree(place_.size(), [&](std::size_t k) {
+        return FlatBox{place_[k].point, place_[k].point};
+      });
+      live_below_.assign(tree_.node_count(), 0);
+      for (std::size_t k = 0; k < place_.size(); ++k) {
+        tree_.for_each_node_above(k, [&](std::size_t node) { ++live_below_[node]; });
+      }
     }
   }
 
+  bool holds(std::uint32_t corner) const { return place_of_[corner] != kNoPlace; }
+
+  void remove(std::uint32_t corner) {
+    const std::uint32_t k = std::exchange(place_of_[corner], kNoPlace);
+    if (--place_[k].corners == 0 && !live_below_.empty()) {
+      tree_.for_each_node_above(k, [&](std::size_t node) { --live_below_[node]; });
+    }
+  }
+
+  /// Is any place in the triangle or on its sides, other than at its corners? Adds the number of
+  /// places and nodes looked at to `steps`.
+  bool any_in(const FlatTriangle& triangle, std::uint64_t& steps) const {
+    bool found = false;
+    const auto visit = [&](std::size_t k) {
+      ++steps;
+      const Place& place = place_[k];
+      found = found || (place.corners > 0 && !triangle.has_corner(place.point) &&
+                        triangle.holds(place.point));
+    };
+    if (live_below_.empty()) {
+      for (std::size_t k = 0; k < place_.size() && !found; ++k) visit(k);
+      return found;
+    }
+    tree_.search([&](const FlatBox& box) { return box.squared_distance(triangle.b); },
+                 [&](const FlatBox& box, std::size_t node, double) {
+                   ++steps;
+                   return !found && live_below_[node] > 0 && triangle.meets(box);
+                 },
+                 visit);
+    return found;
+  }
+
+ private:
+  struct Place {
+    Vec2d point;
+    std::uint32_t corners;  ///< Corners left there.
+  };
+  using Tree = BoxTree<FlatBox, 8, 4>;
+  static constexpr std::size_t kScanned = 40;  ///< So many are looked at sooner than sorted.
+  static constexpr std::uint32_t kNoPlace = std::numeric_limits<std::uint32_t>::max();
+
+  /// Along a Morton curve, corners at one place side by side.
+  void sort(const std::vector<Vec2d>& points) {
+    FlatBox box;
+    for (const std::uint32_t i : corner_) box.add({points[i], points[i]});
+    constexpr double kCells = (1 << 21) - 1;
+    const Vec2d cells = (box.high - box.low).unaryExpr([](double extent) {
+      return extent > 0 ? kCells / extent : 0;
+    });
+    std::vector<std::tuple<std::uint64_t, double, double, std::uint32_t>> keys;
+    keys.reserve(corner_.size());
+    for (const std::uint32_t i : corner_) {
+      const Vec2d cell = (points[i] - box.low).cwiseProduct(cells);
+      const std::uint64_t key = morton_code(static_cast<std::uint32_t>(cell.x()),
+                                            static_cast<std::uint32_t>(cell.y()), 0);
+      keys.emplace_back(key, points[i].x(), points[i].y(), i);
+    }
+    std::sort(keys.begin(), keys.end());
+    std::transform(keys.begin(), keys.end(), corner_.begin(),
+                   [](const auto& key) { return std::get<3>(key); });
+  }
+
+  std::vector<std::uint32_t> corner_;
+  std::vector<std::uint32_t> place_of_;  ///< Per corner of the polygon.
+  std::vector<Place> place_;
+  Tree tree_;                              ///< Over the places, unless they are few.
+  std::vector<std::uint32_t> live_below_;  ///< Places with corners left below each node.
+};
+
+class EarClipper {
+ public:
+  explicit EarClipper(const std::vector<Vec2d>& points)
+      : p_(points),
+        count_(static_cast<std::uint32_t>(points.size())),
+        previous_(count_),
+        next_(count_),
+        state_(count_, kQueued),
+        reflex_(points, linked_reflex_corners()),
+        queue_(next_) {}
+
   void clip(std::vector<std::array<std::uint32_t, 3>>& triangles) {
-    std::uint32_t at = 1;
-    std::size_t since_last_ear = 0;
-    for (std::size_t left = p_.size(); left > 2;) {
-      // A whole round without an ear: the polygon crosses itself or what is left has no area.
-      if (!is_ear(at) && ++since_last_ear <= left) {
-        at = next_[at];
-        continue;
+    for (std::uint32_t left = count_; left > 2; --left) {
+      const std::uint32_t i = next_to_cut();
+      const std::uint32_t before = previous_[i];
+      const std::uint32_t after = next_[i];
+      triangles.push_back({before, i, after});
+      next_[before] = after;
+      previous_[after] = before;
+      state_[i] = kCut;
+      any_ = after;
+      if (reflex_.holds(i)) reflex_.remove(i);
+      // Cutting an ear never makes another corner reflex, but may make its neighbours convex.
+      for (const std::uint32_t k : {before, after}) {
+        if (reflex_.holds(k) && turn(k) > 0) reflex_.remove(k);
+        if (state_[k] != kQueued) queue_.push_back(k);
+        state_[k] = kQueued;
       }
-      triangles.push_back({previous_[at], at, next_[at]});
-      next_[previous_[at]] = next_[at];
-      previous_[next_[at]] = previous_[at];
-      const std::uint32_t removed = at;
-      at = next_[at];
-      --left;
-      since_last_ear = 0;
-      // Cutting an ear never makes another corner reflex; those that it made convex leave the list.
-      std::erase_if(reflex_, [&](std::uint32_t i) { return i == removed || turn(i) > 0; });
     }
   }
 
  private:
+  enum State : std::uint8_t { kQueued, kTested, kCut };
+  /// Steps of searching that a polygon may take for each of its corners: twice what stars of a
+  /// million corners with random radii take, whose ears are long and thin.
+  static constexpr std::uint64_t kStepsPerCorner = 1 << 12;
+  /// Blocked corners that are asked again for each ear that was cut since they were asked.
+  static constexpr std::size_t kAgain = 8;
+
   double turn(std::uint32_t i) const { return cross(p_[previous_[i]], p_[i], p_[next_[i]]); }
 
-  /// Convex, and no other corner lies in or on its triangle. Reflex ones suffice to look at; those
-  /// at the place of one of the three are the other side of a bridge.
-  bool is_ear(std::uint32_t i) const {
-    const Vec2d& a = p_[previous_[i]];
-    const Vec2d& b = p_[i];
-    const Vec2d& c = p_[next_[i]];
-    if (cross(a, b, c) <= 0) return false;
-    for (const std::uint32_t k : reflex_) {
-      const Vec2d& q = p_[k];
-      if (q == a || q == b || q == c) continue;
-      if (cross(a, b, q) >= 0 && cross(b, c, q) >= 0 && cross(c, a, q) >= 0) return false;
+  /// Links the corners to a ring, and returns those that are not convex.
+  std::vector<std::uint32_t> linked_reflex_corners() {
+    std::iota(next_.begin(), next_.end() - 1, 1U);
+    std::iota(previous_.begin() + 1, previous_.end(), 0U);
+    previous_[0] = count_ - 1;
+    std::vector<std::uint32_t> reflex;
+    for (std::uint32_t i = 0; i < count_; ++i) {
+      if (turn(i) <= 0) reflex.push_back(i);
     }
-    return true;
+    return reflex;
+  }
+
+  /// No other corner lies in or on the triangle of a convex corner. Reflex ones suffice to look at;
+  /// one at the place of one of the three is the other side of a bridge.
+  bool is_free(std::uint32_t i) {
+    return !reflex_.any_in({p_[previous_[i]], p_[i], p_[next_[i]]}, steps_);
+  }
+
+  /// Neighbours at one place, or a corner at the place of a neighbour: what is cut off has no area,
+  /// and the rest has the same outline.
+  bool is_spike(std::uint32_t i) const {
+    const Vec2d& a = p_[previous_[i]];
+    const Vec2d& c = p_[next_[i]];
+    return a == c || p_[i] == a || p_[i] == c;
+  }
+
+  /// An ear, as long as there is one. A corner is asked once, and again after its neighbours
+  /// changed: in a simple polygon that is the only thing that makes it an ear. In one that touches
+  /// or crosses itself those that were blocked are asked again, as long as the steps last. Of a
+  /// polygon without ears a convex corner is cut, or else any.
+  std::uint32_t next_to_cut() {
+    const bool may_search = steps_ < kStepsPerCorner * count_;
+    for (;;) {
+      while (asked_ < queue_.size()) {
+        const std::uint32_t i = queue_[asked_++];
+        if (state_[i] == kCut) continue;
+        state_[i] = kTested;
+        const double area = turn(i);
+        if (area < 0 || (area == 0 && !is_spike(i))) continue;
+        if (area == 0 || (may_search && is_free(i))) {
+          ++new_ears_;
+          return i;
+        }
+        blocked_.push_back(i);
+      }
+      queue_.clear();
+      asked_ = 0;
+      if (!may_search || new_ears_ == 0 || kAgain * new_ears_ < blocked_.size()) break;
+      new_ears_ = 0;
+      for (const std::uint32_t i : blocked_) {
+        if (state_[i] == kTested) queue_.push_back(i);
+        if (state_[i] == kTested) state_[i] = kQueued;
+      }
+      blocked_.clear();
+    }
+    while (!blocked_.empty()) {
+      const std::uint32_t i = blocked_.back();
+      blocked_.pop_back();
+      if (state_[i] != kCut && turn(i) > 0) return i;
+    }
+    return any_;
   }
 
   const std::vector<Vec2d>& p_;
+  std::uint32_t count_;
   std::vector<std::uint32_t> previous_;
   std::vector<std::uint32_t> next_;
-  std::vector<std::uint32_t> reflex_;
+  std::vector<State> state_;
+  CornerPlaces reflex_;
+  std::vector<std::uint32_t> queue_;    ///< Corners to ask, in this order.
+  std::size_t asked_ = 0;               ///< Corners of the queue that were asked.
+  std::vector<std::uint32_t> blocked_;  ///< Convex corners that were asked and are no ears.
+  std::size_t new_ears_ = 0;            ///< Ears cut since all blocked corners were asked.
+  std::uint32_t any_ = 0;               ///< A corner that is left.
+  std::uint64_t steps_ = 0;
 };
 
 }  // namespace
