@@ -3,6 +3,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <set>
 #include <sstream>
 
@@ -383,6 +384,73 @@ TEST(TriangulatePolygon, CrossedAndFlatPolygonsEnd) {
   }
 }
 
+TEST(TriangulatePolygon, TilesLongPolygons) {
+  // So many corners that to look at all reflex ones for each ear would take minutes.
+  constexpr std::size_t kCorners = 40000;
+  constexpr auto kHalf = static_cast<int>(kCorners / 2);
+  std::vector<Vec2d> comb;
+  std::vector<Vec2d> spiral;
+  std::vector<Vec2d> star;
+  std::vector<Vec2d> flat_sides;
+  std::vector<Vec2d> petals;
+  const auto polar = [](double radius, double angle) {
+    return Vec2d(radius * std::cos(angle), radius * std::sin(angle));
+  };
+  for (int i = 0; i < kHalf; ++i) {
+    comb.emplace_back(i, 0);
+    comb.emplace_back(i + 0.5, 1000);
+    spiral.push_back(polar(1 + i, 0.01 * i));
+    star.push_back(polar(1 + (i * 7919 % 997), M_PI * 2 * i / kHalf));
+    star.push_back(polar(1 + (i * 104729 % 499), M_PI * (2 * i + 1) / kHalf));
+    flat_sides.emplace_back(i, 0);
+    // All begin at one place.
+    petals.emplace_back(0, 0);
+    petals.push_back(polar(1, M_PI * 2 * i / kHalf));
+    petals.push_back(polar(1, M_PI * (2 * i + 1) / kHalf));
+  }
+  comb.emplace_back(kHalf, -1);
+  comb.emplace_back(-1, -1);
+  for (int i = kHalf; i-- > 0;) {
+    spiral.push_back(polar(200 + i, 0.01 * i));
+    flat_sides.emplace_back(i, kHalf - 1 - i);
+  }
+  for (const auto& polygon : {comb, spiral, star, flat_sides, petals}) {
+    expect_tiled(polygon);
+    expect_tiled(reversed(polygon));
+  }
+}
+
+TEST(TriangulatePolygon, CrossedPolygonsOfManyCornersEndWithTheirSignedArea) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  std::vector<Vec3d> scribble;
+  std::vector<Vec3d> walk(1, Vec3d::Zero());
+  std::vector<Vec3d> grid;
+  while (scribble.size() < 40000) {
+    scribble.emplace_back(uniform(random), uniform(random), 0);
+    walk.emplace_back(walk.back() + Vec3d(uniform(random) - 0.5, uniform(random) - 0.5, 0));
+    // Most corners coincide with others.
+    grid.emplace_back(std::floor(uniform(random) * 30), std::floor(uniform(random) * 30), 0);
+  }
+  const std::vector<Vec3d> place(40000, Vec3d(1, 2, 3));
+  for (const auto& polygon : {scribble, walk, grid, place}) {
+    std::vector<std::array<std::uint32_t, 3>> triangles;
+    triangulate_polygon(polygon, triangles);
+    ASSERT_EQ(triangles.size(), polygon.size() - 2);
+    Vec3d area = Vec3d::Zero();
+    for (std::size_t i = 0; i < polygon.size(); ++i) {
+      area += polygon[i].cross(polygon[(i + 1) % polygon.size()]) / 2;
+    }
+    std::vector<bool> used(polygon.size());
+    for (const auto& [a, b, c] : triangles) {
+      area -= (polygon[b] - polygon[a]).cross(polygon[c] - polygon[a]) / 2;
+      used[a] = used[b] = used[c] = true;
+    }
+    EXPECT_NEAR(area.norm(), 0, 1e-6);
+    EXPECT_EQ(std::count(used.begin(), used.end(), false), 0);
+  }
+}
+
 constexpr const char* kPlyTriangles = R"(element vertex 4
 property float x
 property float y
@@ -516,6 +584,35 @@ TEST(ReadStl, TextAndBinaryAreWelded) {
     EXPECT_EQ(mesh.face.size(), 4U);
     EXPECT_NEAR(volume(mesh), 1.0 / 6, 1e-7);
   }
+}
+
+TEST(ReadMesh, CountsThatTheFileCannotHoldAreRefusedByName) {
+  const std::string faces =
+      "property float x\nproperty float y\nproperty float z\nelement face 1\n"
+      "property list uint int vertex_indices\nend_header\n";
+  for (const char* count : {"1000000000000", "18446744073709551615"}) {
+    const std::string header =
+        std::string("ply\nformat binary_little_endian 1.0\nelement vertex ") + count + "\n";
+    EXPECT_NE(
+        failure_of_text(header + faces + std::string(100, '\0'), "mesh.ply")
+            .find(std::string("mesh.ply: the header promises ") + count + " of element vertex"),
+        std::string::npos);
+    // An element without properties takes no bytes of the file.
+    EXPECT_NE(failure_of_text(header + "element face 0\nproperty list uint int vertex_indices\n"
+                                       "end_header\n",
+                              "mesh.ply")
+                  .find("element vertex has no scalar property 'x'"),
+              std::string::npos);
+  }
+  EXPECT_NE(failure_of_text("ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + faces +
+                                std::string(12, '\0') + std::string("\x10\0\0\0", 4) +
+                                std::string(60, '\0'),
+                            "mesh.ply")
+                .find("face 0 (vertex_indices) promises 16 items, the file has room for"),
+            std::string::npos);
+  const std::string stl = std::string(80, ' ') + "\xff\xff\xff\xff" + std::string(60, '\0');
+  EXPECT_NE(failure_of_text(stl, "mesh.stl").find("the header promises 4294967295 triangles"),
+            std::string::npos);
 }
 
 TEST(ReadStl, BrokenFilesAreRefused) {

@@ -229,6 +229,16 @@ TEST(Pcd, LyingCountsAreRefusedBeforeAnyAllocation) {
                   .starts_with("the header promises 100000000 points of 28 bytes"));
 }
 
+TEST(Pcd, MoreColumnsThanAProgramWritesAreRefused) {
+  std::string fields;
+  for (int i = 0; i <= 8192; ++i) fields += " f" + std::to_string(i);
+  EXPECT_EQ(error_of("FIELDS" + fields + "\n"),
+            "line 1: more than 8192 fields are not supported; leave some out");
+  EXPECT_EQ(error_of("FIELDS x y z f\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 9000\nPOINTS 1\n"
+                     "DATA ascii\n1 2 3\n"),
+            "line 6: more than 8192 fields are not supported; leave some out");
+}
+
 TEST(Pcd, EveryTruncationIsAnError) {
   for (const std::string& bytes :
        {header("binary") + binary_body(), header("binary_compressed") + compressed_body()}) {

@@ -183,6 +183,21 @@ TEST(Ply, LyingCountsAreRefusedBeforeAnyAllocation) {
   }
 }
 
+TEST(Ply, MoreColumnsThanAProgramWritesAreRefused) {
+  // Each is looked for among those before it: a header of a megabyte would take minutes.
+  std::string properties;
+  std::string elements;
+  for (int i = 0; i <= 8192; ++i) {
+    properties += "property float p" + std::to_string(i) + "\n";
+    elements += "element e" + std::to_string(i) + " 0\n";
+  }
+  const std::string start = "ply\nformat ascii 1.0\n";
+  EXPECT_EQ(error(start + "element vertex 1\n" + properties + "end_header\n"),
+            "line 8196: more than 8192 properties of an element are not supported; leave some out");
+  EXPECT_EQ(error(start + elements + "end_header\n"),
+            "line 8195: more than 8192 elements are not supported; leave some out");
+}
+
 TEST(Ply, BrokenRecordsAreRefusedWithTheirPlace) {
   const std::string start =
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n"
@@ -201,9 +216,10 @@ TEST(Ply, BrokenRecordsAreRefusedWithTheirPlace) {
       "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
       "property list int uchar l\nend_header\n";
   EXPECT_EQ(error(list + "1 -1\n"), "line 7: -1 items in vertex 0 (l)");
-  EXPECT_EQ(error(list + "1 2000000000\n"),
-            "line 7: 2000000000 items are promised in vertex 0 (l), which is more than the file "
-            "holds; it is truncated");
+  EXPECT_EQ(
+      error(list + "1 2000000000\n"),
+      "line 7: vertex 0 (l) promises 2000000000 items, the file has room for 1 at most; it is "
+      "truncated or its header is wrong");
 }
 
 TEST(Ply, EveryTruncationOfABinaryFileWithListsIsAnError) {

@@ -91,7 +91,7 @@ TEST(Xyz, BrokenFilesAreRefused) {
   expect("2\n1 2 3\n4 5 6\n7 8 9\n", "line 4: more points than the 2");
   expect("1 2 3\r4 five 6\r", "line 2: 'five' is not a number");
   expect("1 2 3\r\n4 five 6\r\n", "line 2: 'five' is not a number");
-  expect("1000000000000\n1 2 3\n", "line 1: promises");
+  expect("1000000000000\n1 2 3\n", "line 1: the count promises");
   expect("1 2\n1 2\n", "2 columns without names");
   expect("1 2 3 4 5\n", "5 columns without names");
 }

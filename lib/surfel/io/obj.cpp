@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <unordered_map>
+#include <unordered_set>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -167,6 +168,7 @@ class ObjReader {
   bool read_library(std::string_view name) {
     const auto path = find_beside(folder_, name);
     if (!path) return false;
+    if (!libraries_read_.insert(*path).second) return true;
     for (MeshMaterial& material : read_mtl(InputFile(*path))) {
       library_.try_emplace(material.name, std::move(material));
     }
@@ -191,6 +193,7 @@ class ObjReader {
   std::optional<std::uint16_t> material_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
   std::unordered_map<std::string, MeshMaterial> library_;
+  std::unordered_set<std::string> libraries_read_;  ///< Paths.
 };
 
 }  // namespace

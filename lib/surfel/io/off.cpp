@@ -6,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/off.h>
+#include <surfel/io/promises.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -60,14 +61,13 @@ class OffReader {
     }
   }
 
-  /// note: a count is believed only if the rest of the file could hold as much.
   std::size_t read_count(const char* what, std::size_t least_bytes) {
     require_content("the counts");
     const std::int64_t count = in_.integer("a count of the header");
-    if (count < 0 || static_cast<std::size_t>(count) > in_.remaining() / least_bytes + 1) {
-      in_.fail(fmt::format("the header promises {} {}, but only {} bytes follow", count, what,
-                           in_.remaining()));
-    }
+    if (count < 0) in_.fail(fmt::format("the header promises {} {}", count, what));
+    // The last line need not end.
+    require_room(static_cast<std::uint64_t>(count), least_bytes, in_.remaining() + 1, kTheHeader,
+                 what, [this](const std::string& message) { in_.fail(message); });
     return static_cast<std::size_t>(count);
   }
 

@@ -9,6 +9,7 @@
 #include <surfel/base/plugin.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/pcd_plugin.h>
+#include <surfel/io/promises.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -78,6 +79,7 @@ class PcdHeaderParser {
     if (values.empty()) in_.fail(fmt::format("{} has no value", keyword));
     if (keyword == "FIELDS" || keyword == "COLUMNS") {
       if (!pcd_.fields_.empty()) in_.fail("the fields are named twice");
+      check_few(values.size());
       for (const std::string_view name : values) pcd_.fields_.push_back({std::string(name)});
     } else if (keyword == "SIZE" || keyword == "TYPE" || keyword == "COUNT") {
       parse_field_entry(keyword, values);
@@ -132,6 +134,10 @@ class PcdHeaderParser {
     ended_ = true;
   }
 
+  void check_few(std::size_t columns) const {
+    require_few(columns, "fields", [this](const std::string& message) { in_.fail(message); });
+  }
+
   std::size_t count(std::string_view word) const {
     const auto value = parse_count(word);
     if (!value) in_.fail(fmt::format("{} is not a count", quoted_excerpt(word)));
@@ -146,6 +152,7 @@ class PcdHeaderParser {
 
   void check_fields() const {
     std::size_t record = 0;
+    std::size_t columns = 0;
     for (const PcdFile::Field& field : pcd_.fields_) {
       const bool padding = field.name == "_";
       if (!padding && !scalar_type(field.type, field.size) &&
@@ -162,6 +169,8 @@ class PcdHeaderParser {
         in_.fail(
             fmt::format("field {} has {} values of {} bytes", field.name, field.count, field.size));
       }
+      columns += field.count;
+      check_few(columns);
       const auto same = [&](const PcdFile::Field& f) { return f.name == field.name; };
       if (!padding && std::count_if(pcd_.fields_.begin(), pcd_.fields_.end(), same) > 1) {
         in_.fail("field " + field.name + " stands there twice");
@@ -242,19 +251,16 @@ void PcdFile::add_columns() {
   }
 }
 
-void PcdFile::fail_short(std::size_t room) const {
-  throw_input(file_.name(),
-              fmt::format("the header promises {} points, the file has room for {} at "
-                          "most; it is truncated or its header is wrong",
-                          table_.count, room));
+void PcdFile::check_room(std::size_t least_bytes, std::size_t bytes) const {
+  require_room(table_.count, least_bytes, bytes, kTheHeader, "points",
+               [&](const std::string& message) { throw_input(file_.name(), message); });
 }
 
 void PcdFile::read_ascii() {
   std::size_t values = 0;
   for (const Field& field : fields_) values += field.count;
   // A value is a character and a separator, which the last one does not need.
-  const std::size_t room = (file_.size() - body_begin_ + 1) / (2 * values);
-  if (table_.count > room) fail_short(room);
+  check_room(2 * values, file_.size() - body_begin_ + 1);
   storage_.resize(table_.count * table_.stride);
   table_.data = storage_.data();
   TextScanner text(file_.name(), as_text(file_.bytes()), {}, body_begin_);
@@ -278,8 +284,7 @@ void PcdFile::read_ascii() {
 }
 
 void PcdFile::read_binary() {
-  const std::size_t room = (file_.size() - body_begin_) / table_.stride;
-  if (table_.count > room) fail_short(room);
+  check_room(table_.stride, file_.size() - body_begin_);
   table_.file = &file_;
   table_.offset = body_begin_;
 }

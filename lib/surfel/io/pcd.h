@@ -57,7 +57,7 @@ class PcdFile {
   void read_compressed();
   void convert_wide_integers();
   void unpack_colors();
-  [[noreturn]] void fail_short(std::size_t room) const;
+  void check_room(std::size_t least_bytes, std::size_t bytes) const;
 
   InputFile file_;
   std::vector<Field> fields_;

@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/promises.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -62,6 +63,10 @@ class HeaderParser {
   std::size_t body() const { return in_.position(); }
 
  private:
+  auto fails() const {
+    return [this](const std::string& message) { in_.fail(message); };
+  }
+
   /// True at the header's end.
   bool parse_line() {
     const std::string_view keyword = in_.word();
@@ -107,6 +112,7 @@ class HeaderParser {
       in_.fail(fmt::format("{} is not a count of elements", quoted_excerpt(word)));
     }
     element.count = *count;
+    require_few(header_.elements.size() + 1, "elements", fails());
     if (header_.find(element.name)) in_.fail("element " + element.name + " stands there twice");
     header_.elements.push_back(std::move(element));
   }
@@ -137,6 +143,7 @@ class HeaderParser {
     property.type = parse_type(type);
     property.name = in_.word();
     if (property.name.empty()) in_.fail("the property has no name");
+    require_few(element.properties.size() + 1, "properties of an element", fails());
     if (element.find(property.name)) {
       in_.fail("property " + property.name + " of element " + element.name + " stands there twice");
     }
@@ -197,14 +204,19 @@ std::string place(const PlyElement& element, std::size_t row, const PlyProperty&
   return fmt::format("{} {} ({})", element.name, row, property.name);
 }
 
+/// Fewest bytes that a value can take: in text a character and a separator, which the last value of
+/// a file does not need.
+template <bool kText>
+std::size_t least_bytes(ScalarType type) {
+  return kText ? 2 : scalar_size(type);
+}
+
 /// Fewest bytes that a record can take.
 std::size_t least_record_size(const PlyElement& element, PlyFormat format) {
   std::size_t bytes = 0;
   for (const PlyProperty& property : element.properties) {
-    // In text a value is a character and a separator.
-    bytes += format == PlyFormat::kAscii
-                 ? 2
-                 : scalar_size(property.list_count_type.value_or(property.type));
+    const ScalarType type = property.list_count_type.value_or(property.type);
+    bytes += format == PlyFormat::kAscii ? least_bytes<true>(type) : least_bytes<false>(type);
   }
   return bytes;
 }
@@ -213,6 +225,7 @@ std::size_t least_record_size(const PlyElement& element, PlyFormat format) {
 template <class Source>
 void read_list(Source& source, const PlyProperty& property, FunctionRef<std::string()> what,
                RawLists* lists) {
+  constexpr bool kText = std::is_same_v<Source, TextScanner>;
   std::byte count_bytes[sizeof(double)];
   source.read(*property.list_count_type, count_bytes, what);
   const std::int64_t count = visit_type(*property.list_count_type, [&]<class T>(T) {
@@ -220,13 +233,9 @@ void read_list(Source& source, const PlyProperty& property, FunctionRef<std::str
   });
   if (count < 0) source.fail(fmt::format("{} items in {}", count, what()));
   const std::size_t size = scalar_size(property.type);
-  // Each item takes a byte of the file or more.
-  if (static_cast<std::size_t>(count) > source.remaining()) {
-    source.fail(
-        fmt::format("{} items are promised in {}, which is more than the file holds; it is "
-                    "truncated",
-                    count, what()));
-  }
+  require_room(static_cast<std::uint64_t>(count), least_bytes<kText>(property.type),
+               source.remaining() + kText, what, "items",
+               [&](const std::string& message) { source.fail(message); });
   std::byte skipped[sizeof(double)];
   const std::size_t begin = lists ? lists->value.size() : 0;
   if (lists) lists->value.resize(begin + static_cast<std::size_t>(count) * size);
@@ -326,17 +335,11 @@ std::size_t PlyFile::Impl::index_of_property(const PlyElement& element, std::str
 /// Refuses a count that the rest of the file has no room for.
 void PlyFile::Impl::check_count(std::size_t index) const {
   const PlyElement& element = header.elements[index];
-  const std::size_t least = least_record_size(element, header.format);
-  // The last value of a text file needs no separator.
   const std::size_t rest =
       file.size() - elements[index].begin + (header.format == PlyFormat::kAscii ? 1 : 0);
-  if (least > 0 && element.count > rest / least) {
-    throw_input(
-        file.name(),
-        fmt::format("the header promises {} of element {}, the file has room for {} at most; "
-                    "it is truncated or its header is wrong",
-                    element.count, element.name, rest / least));
-  }
+  require_room(element.count, least_record_size(element, header.format), rest, kTheHeader,
+               "of element " + element.name,
+               [&](const std::string& message) { throw_input(file.name(), message); });
 }
 
 /// Lays out the scalar columns.

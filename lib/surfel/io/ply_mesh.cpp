@@ -45,20 +45,21 @@ class PlyMeshReader {
     if (!std::all_of(names.begin(), names.end(), [&](auto name) { return has_scalar(name); })) {
       return false;
     }
-    to.resize(vertex_->count);
     for (int k = 0; k < kSize; ++k) {
       const Array<float> column = ply_.column<float>("vertex", names[static_cast<std::size_t>(k)]);
+      to.resize(column.size());
       for (std::size_t i = 0; i < column.size(); ++i) to[i][k] = column[i];
     }
     return true;
   }
 
   void read_positions() {
-    mesh_.position.resize(vertex_->count);
     constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
       const char* name = kAxes[static_cast<std::size_t>(axis)];
+      // Only after the file was seen to hold as many vertices as its header promises.
       const Array<double> column = ply_.column<double>("vertex", name);
+      mesh_.position.resize(column.size());
       for (std::size_t i = 0; i < column.size(); ++i) {
         if (!std::isfinite(column[i])) {
           throw_input(ply_.name(), fmt::format("{} of vertex {} is {}, not a finite number", name,

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
+#include <surfel/io/promises.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/stl.h>
 #include <surfel/io/text_scanner.h>
@@ -94,11 +95,13 @@ TriangleMesh read_stl(const InputFile& file) {
   // Some writers start binary files with "solid", too: there only the size tells.
   if (has_header && bytes.size() == needed) return read_binary(file);
   if (text.starts_with("solid")) return read_text(file);
-  if (bytes.size() < needed) {
-    throw_input(file.name(), fmt::format("{} bytes, but the header of a binary STL promises {}; it "
-                                         "is truncated or no STL",
-                                         bytes.size(), needed));
+  if (!has_header) {
+    throw_input(file.name(), fmt::format("{} bytes are no STL, whose header alone has {}; it is "
+                                         "truncated or has another format",
+                                         bytes.size(), kHeaderBytes));
   }
+  require_room(promised_triangles(bytes), kRecordBytes, bytes.size() - kHeaderBytes, kTheHeader,
+               "triangles", [&](const std::string& message) { throw_input(file.name(), message); });
   return read_binary(file);
 }
 

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_from_records.h>
+#include <surfel/io/promises.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
@@ -45,6 +46,9 @@ class XyzReader {
   }
 
  private:
+  auto fails() const {
+    return [this](const std::string& message) { in_.fail(message); };
+  }
   std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
 
   /// Splits the next line that holds something into words_.
@@ -92,15 +96,17 @@ class XyzReader {
                            quoted_excerpt(words_[0])));
     }
     constexpr std::size_t kShortestLine = 6;  // "0 0 0\n"
-    const std::size_t most = in_.remaining() / kShortestLine + 1;
-    if (*value > static_cast<double>(most)) {
-      in_.fail(
-          fmt::format("promises {} points, but only {} bytes follow", *value, in_.remaining()));
-    }
-    return static_cast<std::size_t>(*value);
+    // Beyond 2^63 a count is refused like 2^63.
+    const auto count = static_cast<std::uint64_t>(std::min(*value, 0x1p63));
+    // The line's end has not been read yet, the last line need not have one.
+    require_room(
+        count, kShortestLine, in_.remaining() + 1, [] { return std::string("the count"); },
+        "points", fails());
+    return count;
   }
 
   void read_names() {
+    require_few(words_.size(), "columns", fails());
     names_ = to_names();
     columns_ = names_.size();
     if (!has_coordinates(names_)) {
