@@ -12,6 +12,7 @@
 
 #include "sample/sheet_check.h"
 #include "sample/test_meshes.h"
+#include "support/message_of.h"
 #include "support/test_data.h"
 
 namespace surfel {
@@ -375,6 +376,30 @@ TEST(SampleMesh, MessagesNameTheFile) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(std::string(error.what()).find("plane.obj: "), 0u) << error.what();
+  }
+}
+
+TEST(SampleMesh, RefusesScalesWhoseSquaresSinglePrecisionCannotHold) {
+  const auto sized = [](float size) {
+    TriangleMesh mesh;
+    add_triangle(mesh, Vec3f(0, 0, 0), Vec3f(size, 0, 0), Vec3f(0, size, 0));
+    return mesh;
+  };
+  const auto error = [&](float size) {
+    return test::message_of([&] { sample_mesh(sized(size), by_count(100), nullptr, "a.obj"); });
+  };
+  for (const float size : {3e38f, 1e38f, 1e20f}) {
+    EXPECT_EQ(error(size).find("a.obj: coordinates as large as"), 0u) << error(size);
+  }
+  for (const float size : {1e-20f, 1e-38f}) {
+    EXPECT_EQ(error(size).find("a.obj: "), 0u) << error(size);
+  }
+  for (const float size : {0.9e18f, 1e-16f}) {
+    const SurfelCloud cloud = sample_mesh(sized(size), by_count(100));
+    EXPECT_EQ(cloud.size(), 100u);
+    double area = 0;
+    for (const float a : cloud.area) area += a;
+    EXPECT_NEAR(area / (0.5 * size * size), 1, 1e-3);
   }
 }
 

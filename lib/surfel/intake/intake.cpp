@@ -220,6 +220,7 @@ Intake::Intake(const std::vector<std::string>& files) {
     switch (file_kind(path)) {
       case FileKind::kMesh:
         file.mesh = read_mesh(path);
+        require_sampleable(*file.mesh, path);
         break;
       case FileKind::kCloud:
         file.cloud = read_cloud(path);

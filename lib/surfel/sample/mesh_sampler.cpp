@@ -24,6 +24,11 @@ constexpr std::size_t kSampleGrain = 1 << 14;
 /// PoissonDisk counts slots in 31 bits.
 constexpr std::size_t kMostSamples = std::size_t{1} << 28;
 
+/// Squares of lengths between these, and sums of a few such squares, are numbers of single
+/// precision with all their digits.
+constexpr double kLargestCoordinate = 1e18;
+constexpr double kLeastSpacing = 1e-18;
+
 /// Measures of the faces, for refusals and for the variances of small components.
 struct FaceMeasures {
   std::vector<double> area;
@@ -108,8 +113,13 @@ struct Sampling {
               too_many ? fmt::format("the {} that one run makes", kMostSamples)
                        : "fit into memory"));
     }
+    if (spacing < kLeastSpacing) {
+      throw_input(name, fmt::format("a spacing of {:.3g} is below {:.0e}, the least that single "
+                                    "precision can square; scale the mesh up",
+                                    spacing, kLeastSpacing));
+    }
     if (spacing < 32 * faces.largest_coordinate * std::numeric_limits<float>::epsilon()) {
-      throw_input("",
+      throw_input(name,
                   fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
                               "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
                               spacing, faces.largest_coordinate));
@@ -281,6 +291,16 @@ std::vector<std::string> MeshSampleOptions::problems() const {
   return found;
 }
 
+void require_sampleable(const TriangleMesh& mesh, const std::string& name) {
+  float largest = 0;
+  for (const Vec3f& p : mesh.position) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+  if (largest > kLargestCoordinate) {
+    throw_input(name, fmt::format("coordinates as large as {:.3g} cannot be sampled, {:.0e} can; "
+                                  "scale the mesh down",
+                                  largest, kLargestCoordinate));
+  }
+}
+
 SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
                         MeshSampleReport* report, const std::string& name) {
   require_usable(options);
@@ -290,6 +310,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   StageTimer stage(out.times);
 
   mesh.check_columns(name);
+  require_sampleable(mesh, name);
   const FaceMeasures faces = measure(mesh);
   if (!(faces.total_area > 0)) {
     throw_input(name, fmt::format("the mesh has no area ({} faces); there is nothing to sample",

@@ -54,6 +54,11 @@ struct MeshSampleReport {
   StageTimes times;
 };
 
+/// Throws Error(kInput) that starts with `name` where the mesh is too large to be sampled: lengths
+/// squared, of which the sampling and the kernels consist, are numbers of single precision, which
+/// coordinates beyond 1e18 (after the mesh's origin is taken off) would bring near to their end.
+SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& name);
+
 /// Blue-noise samples over the whole surface: samples of one sheet (poisson_disk.h) are at least
 /// 0.62 spacings apart, 0.82 where the surface does not bend sharply, and no point of the surface
 /// is further than 0.98 spacings from a sample. Every component has at least one sample.
@@ -69,7 +74,8 @@ struct MeshSampleReport {
 ///
 /// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would
-/// not fit into memory or be finer than the coordinates' precision. The samples do not depend on
+/// not fit into memory or be finer than the coordinates' precision or than 1e-18, and what
+/// require_sampleable() refuses. The samples do not depend on
 /// the number of threads. A sample takes about 2.5 microseconds of one core and 200 bytes.
 SURFEL_API SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
                                    MeshSampleReport* report = nullptr,
