@@ -249,8 +249,9 @@ void range_images() {
       "camera of 640 x 480 pixels sees it: noise of 1.2 mm + 1.9 mm (z - 0.4 m)^2,\ndisparities "
       "in eighths of a pixel. Share of the normals that are more than 45 degrees off the true ones "
       "(smoothed over what the noise spans),\nand the mean angle of the last two columns in "
-      "degrees. Columns by -k with --noise ignore; then the default, for a file that does not say "
-      "where\nthe camera stood, and for one that does.\n\n| points | noise | disparities | -k 16 "
+      "degrees. Columns by -k with --noise ignore; then the default, where no one knows\n"
+      "where the camera stood (the file does not say, and it is not at the origin), and where it "
+      "is known.\n\n| points | noise | disparities | -k 16 "
       "| -k 48 | -k 150 | -k auto | default | sensor known |\n"
       "|---|---|---|---|---|---|---|---|---|\n");
   struct Row {

@@ -185,8 +185,8 @@ TEST(NoisyNormals, DepthCamerasInTheTestDataHaveNoFlakes) {
     // What is left is at real edges, of the carton and of the mug.
     const double left = flakes(points, out.normal);
     const double were = flakes(points, before);
-    EXPECT_LT(left, 0.008) << file;
-    EXPECT_LT(left, 0.85 * were) << file;
+    EXPECT_LT(left, 0.005) << file;
+    EXPECT_LT(left, 0.5 * were) << file;
   }
 }
 
