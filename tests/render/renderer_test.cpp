@@ -330,8 +330,8 @@ TEST(Renderer, TheFarSideOfABodyDoesNotShowAtItsSilhouette) {
     double wider;  ///< Than the visible side alone, in the radius, pixels; without care 0.2 to 0.4.
   };
   for (const Limits& at :
-       {Limits{0.5, 1, 0.01, 0.02}, Limits{0.5, 4, 0.04, 0.03}, Limits{2, 1, 0.03, 0.04},
-        Limits{2, 2, 0.1, 0.1}, Limits{8, 1, 0.08, 0.1}, Limits{8, 4, 0.2, 0.2}}) {
+       {Limits{0.5, 1, 0.002, 0.02}, Limits{0.5, 4, 0.02, 0.03}, Limits{2, 1, 0.003, 0.04},
+        Limits{2, 2, 0.01, 0.02}, Limits{8, 1, 0.02, 0.1}, Limits{8, 4, 0.2, 0.2}}) {
     SurfelCloud cloud =
         fibonacci_sphere(static_cast<int>(4 * M_PI / std::pow(at.spacing * pixel, 2)), 1);
     for (std::size_t i = 0; i < cloud.size(); ++i) {

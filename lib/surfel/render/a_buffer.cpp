@@ -28,6 +28,21 @@ float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
 }
 
+/// Are both fragments seen at a grazing angle, as the two sides of a body are at its silhouette?
+bool at_rims(const Fragment& a, const Fragment& b) {
+  return is_grazing(a.channel[kTag]) && is_grazing(b.channel[kTag]);
+}
+
+/// May a front be seen before a nearer back that covers the pixel? Beyond a silhouette it is: the
+/// tangent planes part fast there, but other bodies are further away than this part of the distance
+/// as a rule.
+bool at_one_rim(const Fragment& back, const Fragment& front) {
+  constexpr float kRimDepth = 0.02F;
+  const float depth = front_depth(back);
+  return at_rims(back, front) &&
+         std::abs(depth - front_depth(front)) <= kRimDepth * std::abs(depth);
+}
+
 /// A fragment of a pixel.
 struct SeenFragment {
   const Fragment* fragment;
@@ -46,8 +61,9 @@ SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float ed
   return {&fragment, coverage, edge, edge};
 }
 
-/// The two sides of one body in a pixel: near its silhouette both cover a part of the pixel, the
-/// same one but for the unevenness of the samples.
+/// The front and the back of one body in a pixel. Near the body's silhouette each of the two sides
+/// covers a part of the pixel, and the two parts are the same, except where the samples of the
+/// sides are uneven.
 class TwoSides {
  public:
   /// A front-facing fragment is added.
@@ -60,11 +76,18 @@ class TwoSides {
     back_ = 0;
     one_body_ = one_body;
   }
-  /// A back-facing fragment is added. Returns its share of what (12) lets it add: that is for
-  /// surfaces which cover parts of the pixel that have nothing to do with each other.
-  float add_back(float coverage, float transmitted) {
+  /// How much of a back is added, by what (12) lets it add: (12) is for surfaces which cover parts
+  /// of the pixel that have nothing to do with each other.
+  struct BackShare {
+    float all = 1;
+    float beyond = 0;  ///< The part of `all` where the front does not cover the pixel.
+  };
+  /// A back-facing fragment is added.
+  /// \param rim  it is surely one body with the front before.
+  BackShare add_back(float coverage, float transmitted, bool rim) {
+    if (rim) one_body_ = 1;
     const float independent = coverage * transmitted;
-    if (front_ == 0 || !(independent > 0)) return 1;
+    if (front_ == 0 || !(independent > 0)) return {};
     if (back_ == 0) after_front_ = transmitted;
     // What looks out from behind the body so far, and what the front lets through of the rest.
     const float back = joint(back_, coverage);
@@ -73,7 +96,8 @@ class TwoSides {
     back_ = back;
     if (back >= 1) end();
     const float share = std::min(1.0F, (beyond + hidden) * before_ / independent);
-    return 1 + one_body_ * (share - 1);
+    const float all = 1 + one_body_ * (share - 1);
+    return {all, std::min(all, one_body_ * beyond * before_ / independent)};
   }
   /// What comes next is of other bodies.
   void end() { front_ = back_ = 0; }
@@ -104,9 +128,18 @@ class FrontToBack {
       sides_.end();
     } else if (shows_front(c[kTag])) {
       sides_.add_front(seen.coverage, 1 - color_.alpha, seen.one_body);
+      front_ = &fragment;
+      front_color_ = color;
     } else {
-      const float share = sides_.add_back(seen.coverage, 1 - color_.alpha);
-      color = {color.red * share, color.green * share, color.blue * share, color.alpha * share};
+      const bool rim = front_ && at_rims(*front_, fragment) && front_color_.alpha > 0;
+      const TwoSides::BackShare share = sides_.add_back(seen.coverage, 1 - color_.alpha, rim);
+      // At a silhouette the back reaches beyond the front where its samples happen to lie so: it
+      // is the front's edge that is seen there.
+      const float own = rim ? share.all - share.beyond : share.all;
+      const float others = rim ? share.beyond * color.alpha / front_color_.alpha : 0;
+      color = {own * color.red + others * front_color_.red,
+               own * color.green + others * front_color_.green,
+               own * color.blue + others * front_color_.blue, share.all * color.alpha};
     }
     color_.composite(color);
     if (!tile_.shader->has_environment()) return;
@@ -135,6 +168,8 @@ class FrontToBack {
   const TileABuffer& tile_;
   float x_, y_;
   Rgba color_;
+  const Fragment* front_ = nullptr;  ///< The last front-facing fragment.
+  Rgba front_color_;
   TwoSides sides_;
   SeenThrough surfaces_;
 };
@@ -142,14 +177,21 @@ class FrontToBack {
 /// Puts a pixel's fragments, nearest first, into the order in which they are seen. That is the
 /// order of their depths, but beyond a body's silhouette, where kernels still reach: there the
 /// tangent planes of its front and of its back have crossed, and the back is the nearer one. Where
-/// neither covers the whole pixel the front goes first.
+/// neither covers the whole pixel, or both are at one rim, the front goes first.
 void order_by_sight(std::span<SeenFragment> fragments) {
-  std::size_t first_back = 0;  // From here on the fragments before show parts of backs.
+  // From here on the fragments before show backs that may lie beyond a silhouette.
+  std::size_t first_back = 0;
+  bool covered = false;  // Does one of these backs cover the pixel?
   for (std::size_t i = 0; i < fragments.size(); ++i) {
+    const Fragment& fragment = *fragments[i].fragment;
+    const bool front = shows_front(fragment.channel[kTag]);
     const bool part = fragments[i].coverage < 1;
-    const bool front = shows_front(fragments[i].fragment->channel[kTag]);
-    if (part && !front) continue;
-    if (part && first_back < i) {
+    if (!front && (part || is_grazing(fragment.channel[kTag]))) {
+      covered = covered || !part;
+      continue;
+    }
+    if (front && first_back < i &&
+        ((part && !covered) || at_one_rim(*fragments[first_back].fragment, fragment))) {
       fragments[i].one_body = 1;
       const auto begin = fragments.begin();
       std::rotate(begin + static_cast<std::ptrdiff_t>(first_back),
@@ -158,6 +200,7 @@ void order_by_sight(std::span<SeenFragment> fragments) {
       ++first_back;
     } else {
       first_back = i + 1;
+      covered = false;
     }
   }
 }

@@ -68,11 +68,12 @@ inline float front_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kDepth]
                              : fragment.channel[kDepth] / fragment.channel[kWeight];
 }
-/// Tests of a fragment's kTag for kFrontTag and kFilteredTag.
+/// Tests of a fragment's kTag for its flags.
 inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kFrontTag) != 0; }
 inline bool is_filtered(float tag) {
   return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
 }
+inline bool is_grazing(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kGrazingTag) != 0; }
 
 /// A fragment's kOther.
 struct OtherMaterial {
@@ -232,10 +233,12 @@ struct PixelResult {
 /// (kFilteredTag).
 ///
 /// The two sides of one body at its silhouette cover the same part of the pixel, while unrelated
-/// surfaces cover independent parts (12). They are a front-facing fragment at an edge and the
-/// back-facing one behind it; and a back-facing fragment nearer than a front-facing one, where
-/// neither covers the whole pixel: there kernels reach beyond the silhouette, where the tangent
-/// planes of the two sides have crossed, and the front is seen.
+/// surfaces cover independent parts (12). They are a front-facing fragment at an edge, or seen at a
+/// grazing angle, and a back-facing one behind it, seen at a grazing angle in the latter case; and
+/// a back-facing fragment nearer than a front-facing one, where neither covers the whole pixel or
+/// both are close together and seen at a grazing angle: there kernels reach beyond the silhouette,
+/// where the tangent planes of the two sides have crossed, and the front is seen. At grazing angles
+/// it lends its colour to what the back covers and the front does not.
 /// Where an edge, or a fragment, depends on another tile, the pixel is added to `open` instead.
 /// \param rest   a merged fragment that lies behind all others; of weight 0: none.
 /// \param waits  the fragments depend on other tiles.

@@ -117,7 +117,8 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   splat.depth_range = std::numeric_limits<float>::infinity();
   const double disc2 =
       (std::pow(bounds.x1 - bounds.x0, 2) + std::pow(bounds.y1 - bounds.y0, 2)) / 4;
-  splat.tag = (n_p < 0 ? kFrontTag : 0) | (disc2 < 2 * filter * filter ? kFilteredTag : 0);
+  splat.tag = (n_p < 0 ? kFrontTag : 0) | (disc2 < 2 * filter * filter ? kFilteredTag : 0) |
+              (cosine < kGrazing ? kGrazingTag : 0);
 
   // With the ray (X, Y, 1) of a pixel: 1 / z = n . ray / n . p, and a plane coordinate along t
   // times 1 / z is t . ray - (t . p) / z.

@@ -160,7 +160,8 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     V3 color{zero, zero, zero};
     V opacity = zero;
     M waits = hn::Ne(zero, zero);  // Other tiles decide whether these are at an edge.
-    M part_of_back = waits;        // The last fragment shows a back in a part of the pixel.
+    M loose_back = waits;  // The last fragment shows a back that may lie beyond a silhouette ...
+    M rim = waits;         // ... or a front's part of the pixel at one.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -180,14 +181,22 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const V coverage =
           hn::IfThenElse(unmerged, hn::Min(one, hn::Div(at.weight, full_weight)), one);
       if (fragments.layers > 1) {
-        // Where a back lies in front of a front and neither covers the whole pixel, depth may not
-        // be the order in which they are seen.
+        // Where a back lies in front of a front, and both cover a part of the pixel or are seen at
+        // a grazing angle, depth may not be the order in which they are seen; where a back lies
+        // behind a front, they may be the two sides of one body.
         const V share = tile.layout.opaque ? hn::IfThenElse(merged, at.alpha, coverage) : coverage;
         const M part = hn::Lt(share, one);
         const M shows_front =
             hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kFrontTag), hn::Zero(Tags())));
-        open = hn::AndNot(hn::And(part_of_back, hn::And(part, shows_front)), open);
-        part_of_back = hn::AndNot(shows_front, part);
+        const M grazing =
+            hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kGrazingTag), hn::Zero(Tags())));
+        const M loose = hn::Or(part, grazing);
+        open = hn::AndNot(hn::And(loose_back, hn::And(loose, shows_front)), open);
+        // What is behind a back that covers the pixel is not looked at here.
+        open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(part, grazing)), open);
+        open = hn::AndNot(hn::And(rim, hn::AndNot(shows_front, grazing)), open);
+        loose_back = hn::AndNot(shows_front, loose);
+        rim = hn::And(shows_front, hn::And(part, grazing));
       }
       const V alpha = hn::Mul(at.alpha, inv_weight);
       const V front = hn::Mul(alpha, coverage);

@@ -58,7 +58,12 @@ static_assert(sizeof(Splat) == 64);
 /// Bits of Splat::tag.
 inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
-inline constexpr int kMaterialShift = 2;          ///< The bits above the flags hold the material.
+inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
+inline constexpr int kMaterialShift = 3;          ///< The bits above the flags hold the material.
+
+/// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
+/// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.
+inline constexpr float kGrazing = 0.25F;
 
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;

@@ -84,7 +84,8 @@ struct Kernels {
 /// Depth planes of surfels, as Splat has them.
 struct DepthPlanes {
   V depth, depth_dx, depth_dy, depth_range;
-  M front;  ///< The surfel's front faces the eye.
+  M front;    ///< The surfel's front faces the eye.
+  M grazing;  ///< It is seen at a grazing angle.
 };
 
 /// The range of the rectangle's pixels whose centres lie between two places, both included;
@@ -195,8 +196,8 @@ class Writer {
     };
     const Kernels& k = s.kernels;
     const V diagonal2 = hn::MulAdd(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
-    const auto tag = hn::Or(flag(s.planes.front, kFrontTag),
-                            flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag));
+    const auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
+                             flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
     const auto color = [&](const float* column)
                            HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
@@ -402,6 +403,7 @@ class SplatSetup {
     out.depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
     out.depth_range = hn::Mul(reach, hn::Mul(s.inv_z, s.inv_z));  // dz / z^2, of d = 1 / z
     out.front = hn::Lt(n_p, hn::Zero(d));
+    out.grazing = hn::Gt(inv_cosine, hn::Set(d, 1 / kGrazing));
     return out;
   }
 

@@ -14,8 +14,8 @@
 
 namespace surfel {
 
-/// The camera as a user describes it; options that are not set are chosen so that the whole scene
-/// is seen, but for stray points.
+/// The camera as a user describes it. An option that is not set gets a value with which the picture
+/// shows the whole scene; stray points may lie outside of the picture.
 struct CameraOptions {
   std::optional<Vec3d> eye;     ///< Default: in front of the target (towards +z, or -y where `up`
                                 ///< is z) and 20 degrees above it, so far that all is seen.
