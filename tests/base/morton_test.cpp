@@ -5,9 +5,12 @@
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <surfel/base/bounds.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
+
+#include "support/message_of.h"
 
 namespace surfel {
 namespace {
@@ -99,6 +102,63 @@ TEST(MortonOrder, NeighboursInOrderAreNeighboursInSpace) {
     return sum / static_cast<double>(p.size() - 1);
   };
   EXPECT_LT(mean_step(walk), mean_step(points) / 10);
+}
+
+TEST(MortonOrder, OnePointFarAwayLeavesNeighboursNeighbours) {
+  // All points but one share a cell of the grid.
+  Array<Vec3f> points = random_points(30000);
+  const auto mean_step = [](const Array<Vec3f>& p) {
+    double sum = 0;
+    for (std::size_t i = 2; i + 1 < p.size(); ++i) sum += (p[i] - p[i - 1]).norm();
+    return sum / static_cast<double>(p.size() - 3);
+  };
+  const double alone = mean_step(picked(points, morton_order(points)));
+  points.emplace_back(1e15F, 0.0F, 0.0F);
+  EXPECT_LT(mean_step(picked(points, morton_order(points))), 1.1 * alone);
+}
+
+TEST(MortonOrder, CurveThroughAllOfSpaceIsTheGridsWherePointsAreNotNegative) {
+  const auto cell = [](float v) { return static_cast<std::uint32_t>(v * 0x200000); };
+  const auto code = [&](const Vec3f& p) {
+    return morton_code(cell(p.x()), cell(p.y()), cell(p.z()));
+  };
+  const Array<Vec3f> points = random_points(3000);
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    const Vec3f& p = points[i - 1];
+    const Vec3f& q = points[i];
+    if (code(p) == code(q)) continue;
+    EXPECT_EQ(before_on_curve(p, q), code(p) < code(q));
+    EXPECT_EQ(before_on_curve(-p, -q), before_on_curve(q, p));
+  }
+}
+
+TEST(MortonOrder, CurveThroughAllOfSpaceOrdersNumbersOfAllScales) {
+  constexpr float kLeast = std::numeric_limits<float>::denorm_min();
+  const float ascending[] = {-1e30F, -2,         -1,     -1e-30F, -3 * kLeast, -kLeast, 0,
+                             kLeast, 2 * kLeast, 1e-38F, 2e-38F,  1,           1.5F,    1e30F};
+  for (const float a : ascending) {
+    for (const float b : ascending) {
+      for (int axis = 0; axis < 3; ++axis) {
+        EXPECT_EQ(before_on_curve(a * Vec3f::Unit(axis), b * Vec3f::Unit(axis)), a < b) << a << b;
+      }
+    }
+  }
+  EXPECT_FALSE(before_on_curve(Vec3f(0, 0, 0), Vec3f(-0.0F, 0, 0)));
+}
+
+TEST(Bounds, AreRefusedWhereSinglePrecisionCannotHoldTheirScale) {
+  const auto box = [](double low, double high) {
+    return Bounds{Vec3d::Constant(low), Vec3d::Constant(high)};
+  };
+  EXPECT_NO_THROW(require_float_extent(Bounds{}, "a"));
+  EXPECT_NO_THROW(require_float_extent(box(3, 3), "a"));
+  EXPECT_NO_THROW(require_float_extent(box(-1e15, 1e15), "a"));
+  EXPECT_NO_THROW(require_float_extent(box(0, 1e-14), "a"));
+  for (const Bounds& bad : {box(0, 1e-16), box(-1e19, 1)}) {
+    const std::string message = test::message_of([&] { require_float_extent(bad, "a.ply"); });
+    EXPECT_EQ(message.find("a.ply: "), 0U);
+    EXPECT_NE(message.find("scale it"), std::string::npos);
+  }
 }
 
 TEST(MortonOrder, PutsPointsThatAreNotFiniteLast) {

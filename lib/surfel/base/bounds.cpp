@@ -1,6 +1,8 @@
 #include <cmath>
 
+#include <fmt/format.h>
 #include <surfel/base/bounds.h>
+#include <surfel/base/error.h>
 
 namespace surfel {
 namespace {
@@ -32,6 +34,17 @@ Vec3d float_origin(const Bounds& box) {
     origin[axis] = choose_origin(box.min[axis], box.max[axis], extent);
   }
   return origin;
+}
+
+void require_float_extent(const Bounds& box, const std::string& name) {
+  if (box.empty()) return;
+  const double extent = (box.max - box.min).maxCoeff();
+  if (extent == 0 || (extent >= kLeastExtent && extent <= kLargestExtent)) return;
+  throw_input(name,
+              fmt::format("its points lie within a box of {:.2g} units, and single precision "
+                          "holds {:g} to {:g}; scale it{}",
+                          extent, kLeastExtent, kLargestExtent,
+                          extent > kLargestExtent ? ", or remove points that lie far away" : ""));
 }
 
 }  // namespace surfel

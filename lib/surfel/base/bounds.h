@@ -1,6 +1,7 @@
 #pragma once
 
 #include <limits>
+#include <string>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -28,5 +29,14 @@ struct Bounds {
 /// precise as can be: (0, 0, 0) unless the box lies far from it for its size. Where coordinates are
 /// floats themselves the offsets are exact.
 SURFEL_API Vec3d float_origin(const Bounds& box);
+
+/// Lengths that single precision can work with, whose squares and areas are neither denormal nor
+/// infinite, scene units.
+inline constexpr double kLeastExtent = 1e-15;
+inline constexpr double kLargestExtent = 1e18;
+
+/// Throws Error(kInput), starting with `name`, if the box is smaller than kLeastExtent without
+/// being a point, or larger than kLargestExtent.
+SURFEL_API void require_float_extent(const Bounds& box, const std::string& name);
 
 }  // namespace surfel

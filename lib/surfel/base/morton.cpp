@@ -1,7 +1,7 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
-#include <tuple>
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -12,6 +12,21 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 16;
 constexpr float kInf = std::numeric_limits<float>::infinity();
+
+/// Place of the highest binary digit in which two floats differ, counted from the lowest that
+/// floats have; digits of negative numbers count as inverted, so that numbers of different signs
+/// differ above all digits. -1 where the two are equal.
+int highest_difference(float a, float b) {
+  if (a == b) return -1;
+  constexpr int kDigits = std::numeric_limits<float>::digits - 1;  // Stored in the low bits.
+  const auto u = std::bit_cast<std::uint32_t>(a);
+  const auto v = std::bit_cast<std::uint32_t>(b);
+  if ((u ^ v) >> 31 != 0) return std::numeric_limits<int>::max();
+  const auto exponent = [](std::uint32_t bits) { return static_cast<int>(bits >> kDigits & 0xff); };
+  // Numbers below the least normal one have the exponent 0 and no leading one beside the bits.
+  if (exponent(u) != exponent(v)) return std::max(exponent(u), exponent(v)) + kDigits;
+  return std::max(exponent(u), 1) + std::bit_width(u ^ v) - 1;
+}
 
 /// The order of the n points at(i) along the curve through a grid.
 template <class At>
@@ -26,7 +41,7 @@ Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& gri
   const auto before = [&](std::uint32_t a, std::uint32_t b) {
     const Vec3f p = at(a);
     const Vec3f q = at(b);
-    return std::make_tuple(p.x(), p.y(), p.z(), a) < std::make_tuple(q.x(), q.y(), q.z(), b);
+    return p == q ? a < b : before_on_curve(p, q);
   };
   // Each range orders the cells that begin in it; beyond its end it reads keys only.
   parallel_for(n, kGrain, [&](std::size_t range_begin, std::size_t range_end, int) {
@@ -68,6 +83,18 @@ MortonGrid grid_around(std::size_t n, const At& at) {
 }
 
 }  // namespace
+
+bool before_on_curve(const Vec3f& p, const Vec3f& q) {
+  int axis = 2;
+  int highest = highest_difference(p.z(), q.z());
+  for (const int other : {1, 0}) {
+    const int place = highest_difference(p[other], q[other]);
+    if (place <= highest) continue;
+    highest = place;
+    axis = other;
+  }
+  return p[axis] < q[axis];
+}
 
 MortonGrid morton_grid(std::span<const Vec3f> position) {
   return grid_around(position.size(), [&](std::size_t i) { return position[i]; });

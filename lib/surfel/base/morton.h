@@ -55,9 +55,16 @@ struct SURFEL_API MortonGrid {
 /// The grid around the points that are finite; there may be none.
 SURFEL_API MortonGrid morton_grid(std::span<const Vec3f> position);
 
+/// Whether p comes before q, both finite, along a Morton curve through all of space whose cells
+/// become as small as floats tell apart: the axis decides in whose binary digits the highest one
+/// differs. Points of a cell of a MortonGrid are ordered so, of which one point far away from all
+/// others leaves a single cell.
+SURFEL_API bool before_on_curve(const Vec3f& p, const Vec3f& q);
+
 /// Order of points along a Morton curve through the cube around the finite ones (2^21 cells a
-/// side). Points that are not finite come last, by index. Points in one cell are ordered by
-/// position, then index, so that a shuffled cloud gives the same sequence of points.
+/// side). Points that are not finite come last, by index. Points in one cell are in the order of
+/// before_on_curve(), equal ones by index, so that a shuffled cloud gives the same sequence of
+/// points, and neighbours are near each other whatever the ratio of the cloud's scales.
 SURFEL_API Array<std::uint32_t> morton_order(const Array<Vec3f>& position);
 
 /// Order of points, all finite, along the curve through a given cube that holds them.

@@ -1,7 +1,6 @@
 // MortonGrid::in_order().
 
 #include <algorithm>
-#include <tuple>
 #include <vector>
 
 #include <surfel/base/morton.h>
@@ -23,11 +22,12 @@ using I = hn::Rebind<std::int32_t, D>;
 
 /// May point i + 1 follow point i?
 bool pair_in_order(const MortonGrid& grid, const PointColumns& points, std::size_t i) {
-  const auto key = [&](std::size_t k) {
-    const Vec3f p(points.x[k], points.y[k], points.z[k]);
-    return std::make_tuple(grid.code(p), p.x(), p.y(), p.z());
-  };
-  return !(key(i + 1) < key(i));
+  const auto at = [&](std::size_t k) { return Vec3f(points.x[k], points.y[k], points.z[k]); };
+  const Vec3f here = at(i);
+  const Vec3f next = at(i + 1);
+  const std::uint64_t code = grid.code(here);
+  const std::uint64_t next_code = grid.code(next);
+  return code != next_code ? code < next_code : !before_on_curve(next, here);
 }
 
 /// Along one axis: the bits in which the cells of points and of the points after them differ, and
@@ -78,7 +78,7 @@ bool in_order_simd(const MortonGrid& grid, const PointColumns& points, std::size
     // before x's.
     const Step first = leading(leading(step(points.z, 2), step(points.y, 1)), step(points.x, 0));
     if (!hn::AllFalse(I(), hn::Lt(first.rise, zero))) return false;
-    // Points in one cell are ordered by their positions.
+    // Points in one cell are ordered by before_on_curve().
     if (!hn::AllFalse(I(), hn::Eq(first.differing, zero)) && !one_by_one(begin, begin + kPairs)) {
       return false;
     }

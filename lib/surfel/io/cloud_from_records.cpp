@@ -129,6 +129,7 @@ void Reader::run() {
     all.min = all.min.cwiseMin(box.min);
     all.max = all.max.cwiseMax(box.max);
   }
+  require_float_extent(all, file_);
   decoder_.set_origin(float_origin(all));
   if (decoder_.origin() != Vec3d::Zero()) pass(std::span(columns_).first(1));
 }
