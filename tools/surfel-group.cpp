@@ -48,8 +48,10 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Of --relax-coplanar: how far planes may differ, degrees, 0..45");
   app.add_option("--coplanar-color", overlap.coplanar_color,
                  "Of --relax-coplanar: how far linear colours and alpha may differ");
-  app.add_option("--max-memory", s.max_memory_gb,
-                 "Most that the overlapping pairs may take, GB; 0 = half of what is free");
+  app.add_option(
+      "--max-memory", s.max_memory_gb,
+      "Most that the overlapping pairs may take, GB; 0 = what 256 neighbours of every surfel "
+      "take, at most half of what is free");
 
   app.option_defaults()->group("Groups");
   tool::add_choice(

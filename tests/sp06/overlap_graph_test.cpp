@@ -143,6 +143,14 @@ TEST(OverlapGraph, RefusesHopelessInputBeforeMemoryIsFull) {
   EXPECT_THROW(make_overlap_graph(test::coincident_cloud(200000), {.max_memory = 1 << 30}), Error);
 }
 
+TEST(OverlapGraph, PairsAreBoundedByTheNumberOfSplats) {
+  // Each would have more than a billion of pairs, of which a relaxation takes out all.
+  const SurfelCloud cloud = test::coincident_cloud(50000);
+  EXPECT_THROW(make_overlap_graph(cloud, {}), Error);
+  EXPECT_THROW(make_overlap_graph(cloud, {.relax_coplanar = true}), Error);
+  EXPECT_GT(make_overlap_graph(test::sphere_cloud(20000, 100), {}).mean_degree(), 80);
+}
+
 TEST(OverlapGraph, OneSplatOverAllOthersIsNotHopeless) {
   SurfelCloud cloud = test::plane_cloud(4000, 5);
   add_splat(cloud, {0.5, 0.5, 0}, {0, 0, 1}, 10);

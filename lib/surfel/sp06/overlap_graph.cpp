@@ -26,6 +26,10 @@ constexpr std::size_t kLanes = 8;         ///< Splats in a block.
 constexpr std::size_t kBlockGrain = 256;  ///< Blocks.
 constexpr std::size_t kSplatGrain = 1 << 14;
 constexpr double kOctavesPerClass = 2;  ///< Radii of one class differ by less than 4 : 1.
+/// Unless told otherwise pairs may take so much for each splat, which is 256 neighbours in the
+/// mean: four times as many as discs have that overlap fourfold on two sheets ...
+constexpr std::uint64_t kBytesPerSplat = 4096;
+constexpr std::uint64_t kBytesOfFewSplats = 96 << 20;  ///< ... or this, whatever is more.
 /// Single precision decides with this margin which pairs are worth a look in double. Its own error
 /// is below 10 roundings of 6e-8.
 constexpr float kMargin = 1 + 2e-6F;
@@ -98,19 +102,24 @@ class OverlapSearch {
         [&](std::size_t leaf) { blocks.push_back(static_cast<std::uint32_t>(leaf)); });
   }
 
-  /// Appends the neighbours of splat `lane` of block b, ascending.
-  void append_neighbors(std::size_t b, std::size_t lane, const std::vector<std::uint32_t>& near,
-                        std::vector<std::uint32_t>& out) const {
+  /// Appends the neighbours of splat `lane` of block b, ascending. Returns how many pairs it looked
+  /// at closely, those included that a relaxation took out.
+  std::size_t append_neighbors(std::size_t b, std::size_t lane,
+                               const std::vector<std::uint32_t>& near,
+                               std::vector<std::uint32_t>& out) const {
     const std::size_t v = b * kLanes + lane;
     const Box row = box_of(b, lane);
+    std::size_t looked_at = 0;
     for (const std::uint32_t other : near) {
       if (!row.may_overlap(tree_.leaf(other))) continue;
       std::uint32_t candidates[kLanes];
       const std::size_t found = find_candidates(row, other, candidates);
+      looked_at += found;
       for (std::size_t i = 0; i < found; ++i) {
         if (candidates[i] != v && overlap(v, candidates[i])) out.push_back(candidates[i]);
       }
     }
+    return looked_at - 1;  // Without the splat itself.
   }
 
  private:
@@ -242,15 +251,17 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
 [[noreturn]] void throw_too_many(const OverlapGraph& graph, std::uint64_t most,
                                  const std::string& name) {
   throw_input(
-      name, fmt::format("more than {} pairs of the {} splats overlap, the most that memory is set "
-                        "aside for; lower `overlap` or `cutoff`, remove splats that lie in one "
-                        "place, or raise `max_memory`",
-                        most / 2, graph.size()));
+      name,
+      fmt::format(
+          "more than {} pairs of the {} splats overlap, the most that memory and "
+          "time are set aside for; lower `overlap` or `cutoff`, remove splats that lie in one "
+          "place, or raise `max_memory`",
+          most / 2, graph.size()));
 }
 
-/// Length of all rows together, estimated low from a sample of them: the longest rows of the sample
-/// (a few splats may overlap all others) are left out, so that the estimate exceeds the length only
-/// by chance.
+/// Pairs that all rows look at together, estimated low from a sample of them: the longest rows of
+/// the sample (a few splats may overlap all others) are left out, so that the estimate exceeds the
+/// number only by chance.
 std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
   constexpr std::size_t kSample = 256;  // Rows, spread evenly.
   constexpr std::size_t kLeftOut = 16;  // The longest.
@@ -263,8 +274,7 @@ std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
       const std::size_t v = i * splats / kSample;
       neighbors.clear();
       search.collect(v / kLanes, near);
-      search.append_neighbors(v / kLanes, v % kLanes, near, neighbors);
-      length[i] = neighbors.size();
+      length[i] = search.append_neighbors(v / kLanes, v % kLanes, near, neighbors);
     }
   });
   std::sort(length.begin(), length.end());
@@ -275,8 +285,12 @@ std::uint64_t least_entries(const OverlapSearch& search, std::size_t splats) {
 /// Fills in the rows.
 void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std::string& name,
                 OverlapGraph& graph) {
-  if (max_memory == 0) max_memory = available_memory_bytes() / 2;
-  // Once in the ranges' buffers, once in the graph.
+  if (max_memory == 0) {
+    max_memory = std::min(available_memory_bytes() / 2,
+                          std::max(kBytesOfFewSplats, kBytesPerSplat * graph.size()));
+  }
+  // Once in the ranges' buffers, once in the graph. Pairs that a relaxation takes out count as
+  // well: they take no memory, but as much time.
   const std::uint64_t most = max_memory / (2 * sizeof(std::uint32_t));
   if (least_entries(search, graph.size()) > most) throw_too_many(graph, most, name);
   std::atomic<std::uint64_t> total{0};
@@ -286,16 +300,14 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
   parallel_for(search.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<std::uint32_t> near;
     std::vector<std::uint32_t> neighbors;
-    std::size_t counted = 0;
     for (std::size_t b = begin; b < end; ++b) {
+      std::uint64_t more = 0;
       search.collect(b, near);
       for (std::size_t lane = 0; lane < search.lanes(b); ++lane) {
         const std::size_t before = neighbors.size();
-        search.append_neighbors(b, lane, near, neighbors);
+        more += search.append_neighbors(b, lane, near, neighbors);
         graph.row_begin[b * kLanes + lane + 1] = neighbors.size() - before;
       }
-      const std::uint64_t more = neighbors.size() - counted;
-      counted = neighbors.size();
       if (total.fetch_add(more, std::memory_order_relaxed) + more > most) {
         throw_too_many(graph, most, name);
       }

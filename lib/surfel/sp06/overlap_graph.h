@@ -25,8 +25,9 @@ struct OverlapOptions {
   double coplanar_angle = 3;     ///< Degrees, 0..45.
   double coplanar_color = 0.02;  ///< Largest difference of a linear colour channel or alpha, >= 0.
   bool relax_opposite = false;   ///< Relaxation 2: no edge where n_i . n_j < 0.
-  /// Most that the edges may take, in bytes, while the graph is made; 0: half of the memory that
-  /// the machine has left. More is an error, not a crash.
+  /// Most that the edges may take, in bytes, while the graph is made; 0: what 256 neighbours of
+  /// every splat take, at least 96 MB, at most half of the memory that the machine has left. More
+  /// is an error, not a crash. Pairs that a relaxation takes out count as edges here.
   std::uint64_t max_memory = 0;
   SURFEL_API std::vector<std::string> problems() const;
 };
@@ -59,10 +60,10 @@ SURFEL_API float splat_radius(const SurfelCloud& cloud, std::size_t i, double cu
 /// cloud's single precision values, without the pairs that an enabled relaxation takes out.
 ///
 /// The search is a hierarchy of boxes over blocks of splats of similar radius: time and memory
-/// follow the number of edges, whatever the ratio of the radii. 8 bytes an edge while it runs and
-/// 8 after, 60 a splat. The same for any number of threads. Throws Error(kUsage) for bad options,
-/// Error(kInput) starting with `name` if the cloud has no variance, no usable splat, or more edges
-/// than options.max_memory holds (all splats in one place, say).
+/// follow the number of edges, which is bounded, whatever the ratio of the radii. 8 bytes an edge
+/// while it runs and 8 after, 60 a splat. The same for any number of threads. Throws Error(kUsage)
+/// for bad options, Error(kInput) starting with `name` if the cloud has no variance, no usable
+/// splat, or more edges than options.max_memory holds (all splats in one place, say).
 SURFEL_API OverlapGraph make_overlap_graph(const SurfelCloud& cloud, const OverlapOptions& options,
                                            StageTimes* times = nullptr,
                                            const std::string& name = {});
