@@ -213,6 +213,8 @@ int main(int argc, char** argv) {
     double least_extent = std::numeric_limits<double>::infinity();
     for (const std::string& input : s.inputs) {
       clouds.push_back(surfel::read_cloud(input));
+      surfel::tool::tell_skipped(tool, input, clouds.back());
+      surfel::tool::tell_not_finite(tool, input, clouds.back());
       report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
       least_extent = std::min(least_extent, clouds.back().bounds().diagonal());
     }

@@ -145,6 +145,24 @@ void check_filters(const CLI::App& app, Settings& s) {
   }
 }
 
+/// Refuses options that these settings do not heed.
+void check_effect(const CLI::App& app, const Settings& s) {
+  std::vector<std::string> problems;
+  const auto refuse = [&](bool unheeded, const std::vector<std::string>& options,
+                          const std::string& where) {
+    if (unheeded) {
+      surfel::tool::append(problems, surfel::tool::without_effect(app, options, where));
+    }
+  };
+  using surfel::Orientation;
+  refuse(!s.estimate.normals.adaptive, {"--k-min", "--k-max"}, "without -k auto");
+  refuse(!s.remove_outliers, {"--outlier-k", "--outlier-deviations"}, "without --remove-outliers");
+  refuse(s.estimate.orientation.method != Orientation::kUp, {"--up"}, "without --orient up");
+  refuse(s.estimate.size.rule != surfel::VarianceRule::kCover, {"--cutoff", "--max-radius"},
+         "without --variance cover");
+  surfel::tool::require_valid(problems);
+}
+
 void check(const CLI::App& app, Settings& s) {
   if (s.k == "auto") {
     s.estimate.normals.adaptive = true;
@@ -152,12 +170,14 @@ void check(const CLI::App& app, Settings& s) {
     surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
   }
   check_filters(app, s);
+  check_effect(app, s);
   surfel::tool::require_valid(s.estimate.problems());
 }
 
 void report(nlohmann::json& json, const surfel::EstimateReport& r) {
   json["points"] = r.points;
   json["nonfinite"] = r.nonfinite;
+  json["without_normal"] = r.without_normal;
   json["outliers"] = r.outliers;
   if (r.voxel_edge > 0) json["voxels"] = {{"edge", r.voxel_edge}, {"fewer_points", r.averaged}};
   if (r.smoothed) {
@@ -188,6 +208,7 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
     if (points > 0) tool.note(fmt::format("{}: {} of {} points {}", input, points, r.points, what));
   };
   count(r.nonfinite, "are not finite: removed");
+  count(r.without_normal, "have no usable normal to align with: their side follows the others'");
   count(r.outliers, "are outliers: removed");
   if (r.voxel_edge > 0) {
     tool.note(fmt::format("{}: {} points averaged to {}, in cells of {:.4g}", input,
@@ -243,6 +264,7 @@ int main(int argc, char** argv) {
     surfel::SurfelCloud surfels =
         surfel::estimate_surfels(cloud, settings.estimate, &estimate, settings.input);
     report(tool.report(), estimate);
+    surfel::tool::tell_unusable_colors(tool, settings.input, cloud);
     warn(tool, settings.input, estimate);
 
     surfel::tool::write_result(tool, surfels, settings.output);

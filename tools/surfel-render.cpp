@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/timing.h>
 #include <surfel/io/file_kind.h>
@@ -118,7 +119,9 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
     }
     frames[i] = to_json(frame);
     // Only the first step must find no file: the others find its.
-    queue.write(std::move(image), is_pattern(s.output) ? picture_name(s.output, view) : s.output,
+    const std::string file = is_pattern(s.output) ? picture_name(s.output, view) : s.output;
+    if (step == 0) files.push_back(file);
+    queue.write(std::move(image), file,
                 {.no_clobber = tool.common().no_clobber && step == 0,
                  .metadata = {{"Software", "surfel-render"}},
                  .world_to_camera = surfel::world_to_camera_matrix(views[view])});
@@ -141,8 +144,9 @@ int main(int argc, char** argv) {
   tool.everyday(
       {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
        "--background", "--scene", "--shading", "--color-by", "--image", "--explain"},
-      {"surfel-render lion.obj -o lion.png", "surfel-render lion.obj --image skin.png -o lion.png",
-       "surfel-render lion.ply -o lion.jpg --from 1,0.5,2 --size 800x600 --background navy",
+      {"surfel-render lion.obj -o lion.png",
+       "surfel-render lion.obj --image skin.png -o lion.jpg --from 1,0.5,2 --size "
+       "800x600 --background navy",
        "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.files().reads(
       {"files", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});

@@ -11,6 +11,7 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/triangle_mesh.h>
+#include <surfel/scene/surfel_variance.h>
 #include <surfel/surface/coverage_threshold.h>
 #include <surfel/texture/normal_fit.h>
 #include <surfel/texture/normal_maps.h>
@@ -235,6 +236,28 @@ void check(const CLI::App& app, Settings& s) {
 }
 
 /// Finds the place on the mesh of surfels that come without uv.
+/// Refuses a mesh that no surfel lies on, and tells where only some do. Where they lie on it, as
+/// nearly always, a few thousand surfels show it.
+void check_mesh(const surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh,
+                const Settings& s, surfel::tool::Tool& tool) {
+  constexpr std::size_t kSample = 1 << 12;
+  if (cloud.empty() || !surfel::has_variance(cloud)) return;
+  surfel::MeshProximity found = surfel::mesh_proximity(cloud, mesh, kSample);
+  if (found.far == 0) return;
+  found = surfel::mesh_proximity(cloud, mesh, cloud.size());
+  tool.report()["far_from_mesh"] = found.far;
+  if (found.near == 0) {
+    surfel::throw_input(
+        s.input, fmt::format("none of its {} surfels lies on {}: the nearest is {:.3g} away; give "
+                             "the mesh that the surfels were sampled from, at its own place",
+                             cloud.size(), s.mesh, found.least_distance));
+  }
+  const double share = static_cast<double>(found.far) / static_cast<double>(cloud.size());
+  tool.note(fmt::format(
+      "{}: {} of {} surfels ({:.3g} %) do not lie on {}, but more than 3 standard deviations away",
+      s.input, found.far, cloud.size(), 100 * share, s.mesh));
+}
+
 void locate(surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh, const Settings& s,
             const surfel::tool::Tool& tool, nlohmann::json& json) {
   const surfel::SurfaceLookupReport found = surfel::locate_on_mesh(cloud, mesh, s.mesh);
@@ -244,10 +267,6 @@ void locate(surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh, const 
   json["mean_distance"] = found.mean_distance;
   tool.note(fmt::format("{}: u, v found on {} for {} of {} surfels, {:.3g} away on average",
                         s.input, s.mesh, found.located, cloud.size(), found.mean_distance));
-  if (found.too_far > 0) {
-    tool.note(fmt::format("{}: {} surfels are more than 3 standard deviations from the mesh",
-                          s.input, found.too_far));
-  }
   if (found.turned_away > cloud.size() / 2) {
     tool.note(fmt::format("{}: most normals look the other way than {}'s faces", s.input, s.mesh));
   }
@@ -418,6 +437,7 @@ int main(int argc, char** argv) {
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());
     tool.report()["load_ms"] = timer.milliseconds();
+    if (mesh) check_mesh(cloud, *mesh, settings, tool);
 
     const surfel::TriangleMesh* const surface = mesh ? &*mesh : nullptr;
     std::optional<surfel::NormalMaps> normals = load_normals(tool.app(), settings, surface);

@@ -1,18 +1,67 @@
 #include "tools/support/surfels.h"
 
+#include <cmath>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
 
 namespace surfel::tool {
 
+namespace {
+
+bool is_finite(float value) { return std::isfinite(value); }
+bool is_finite(const Vec3f& value) { return value.allFinite(); }
+
+/// Number of a column's values that are NaN or infinite.
+template <class T>
+std::size_t not_finite(const Array<T>& column) {
+  return count_where(column.size(), [&](std::size_t i) { return !is_finite(column[i]); });
+}
+
+}  // namespace
+
 std::string shown_name(const std::string& path) { return path == "-" ? "standard input" : path; }
+
+void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
+  for (const auto& [element, count] : cloud.skipped_elements) {
+    const bool faces = element == "face" || element == "tristrips";
+    tool.note(fmt::format("{}: its {} {} not used, the vertices alone are{}", shown_name(path),
+                          count,
+                          faces ? (element == "face" ? "faces are" : "triangle strips are")
+                                : fmt::format("entries of the element '{}' are", element),
+                          faces ? "; surfel-from-mesh makes surfels of the surface" : ""));
+  }
+}
+
+void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
+  const std::size_t colors = not_finite(cloud.color);
+  if (colors == 0) return;
+  tool.note(fmt::format("{}: {} of {} colours are not finite: such surfels will not be drawn",
+                        shown_name(path), colors, cloud.size()));
+}
+
+void tell_not_finite(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
+  std::string counts;
+  const auto add = [&](std::size_t count, const char* what) {
+    if (count > 0) counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", count, what);
+  };
+  add(not_finite(cloud.position), "positions");
+  add(not_finite(cloud.normal), "normals");
+  add(not_finite(cloud.variance) + not_finite(cloud.variance_u), "variances");
+  add(not_finite(cloud.color), "colours");
+  if (counts.empty()) return;
+  tool.note(fmt::format("{}: {} of {} surfels are not finite: kept as they are", shown_name(path),
+                        counts, cloud.size()));
+}
 
 SurfelCloud read_finest(Tool& tool, const std::string& path) {
   const Timer timer;
   SurfelCloud cloud = read_cloud(path);
   tool.report()["load_ms"] = timer.milliseconds();
+  tell_skipped(tool, path, cloud);
   if (cloud.coarser_skipped > 0) {
     tool.note(fmt::format(
         "{}: has levels of detail; the finest alone is used, {} of {} surfels (run surfel-lod on "

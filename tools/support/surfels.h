@@ -13,6 +13,13 @@ namespace surfel::tool {
 /// The path of an input as messages name it: "-" is the standard input.
 std::string shown_name(const std::string& path);
 
+/// Tells which elements of a file, such as faces, are not used.
+void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+/// Tells how many colours of an input are not finite, where nothing else is kept of it as it is.
+void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+/// Tells how many values of an input that is kept as it is are not finite.
+void tell_not_finite(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
 /// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.
 SurfelCloud read_finest(Tool& tool, const std::string& path);

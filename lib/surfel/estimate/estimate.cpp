@@ -81,6 +81,23 @@ OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
 
 /// Removes outliers and returns how many there were; one point at least is left.
 std::size_t remove_outliers(const OutlierOptions& options, const std::string& name,
+/// How many of the points have no usable normal to align with. Throws Error(kInput) if none has
+/// one.
+std::size_t without_normal(const SurfelCloud& cloud, const OrderedPoints& points,
+                           const std::string& name) {
+  const std::size_t count = points.order.size();
+  const std::size_t unknown = cloud.normal.empty() ? count : count_where(count, [&](std::size_t i) {
+    const Vec3f& normal = cloud.normal[points.order[i]];
+    return !normal.allFinite() || normal.isZero(0);
+  });
+  if (unknown == count) {
+    throw_input(name,
+                "holds no normals for estimated ones to be aligned with; orient by another method, "
+                "such as mst, outward or viewpoint");
+  }
+  return unknown;
+}
+
                             OrderedPoints& points) {
   const Array<std::uint8_t> inlier = inliers(points.position, options);
   std::size_t kept = 0;
@@ -252,6 +269,9 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   if (options.voxels) {
     fewer = thinned(cloud, *options.voxels, name, points, r);
     stage.end("voxels");
+  }
+  if (options.orientation.method == Orientation::kAlign) {
+    r.without_normal = without_normal(cloud, points, name);
   }
   if (options.smoothing) {
     smooth(options, points, r);

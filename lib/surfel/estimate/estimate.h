@@ -33,12 +33,14 @@ struct EstimateOptions {
 struct EstimateReport {
   std::size_t points = 0;     ///< Points of the cloud as it came.
   std::size_t nonfinite = 0;  ///< Points removed: NaN or infinite coordinates.
-  std::size_t outliers = 0;   ///< Points removed as outliers.
-  double voxel_edge = 0;      ///< Cells that were averaged, scene units.
-  std::size_t averaged = 0;   ///< Points fewer by averaging.
-  bool smoothed = false;      ///< Points were moved.
-  std::size_t stayed = 0;     ///< Points that could not be smoothed.
-  double mean_shift = 0;      ///< Of smoothed points, scene units.
+  /// Points with kAlign whose given normal is zero or not finite: their side is the surface's.
+  std::size_t without_normal = 0;
+  std::size_t outliers = 0;  ///< Points removed as outliers.
+  double voxel_edge = 0;     ///< Cells that were averaged, scene units.
+  std::size_t averaged = 0;  ///< Points fewer by averaging.
+  bool smoothed = false;     ///< Points were moved.
+  std::size_t stayed = 0;    ///< Points that could not be smoothed.
+  double mean_shift = 0;     ///< Of smoothed points, scene units.
   double largest_shift = 0;
   std::array<std::size_t, kPointFlags> flagged{};  ///< Points by PointFlag.
   std::size_t extended = 0;                        ///< Thin neighbourhoods that were enlarged.

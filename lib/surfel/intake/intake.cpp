@@ -50,11 +50,12 @@ std::string named_after(const std::string& path, const std::string& end) {
   return path.substr(name, extension ? dot - name : std::string::npos) + end;
 }
 
-bool has_texture(const TriangleMesh& mesh) {
-  return !mesh.wedge_uv.empty() &&
-         std::any_of(mesh.material.begin(), mesh.material.end(),
+bool names_images(const TriangleMesh& mesh) {
+  return std::any_of(mesh.material.begin(), mesh.material.end(),
                      [](const MeshMaterial& m) { return !m.texture.empty(); });
 }
+
+bool has_texture(const TriangleMesh& mesh) { return !mesh.wedge_uv.empty() && names_images(mesh); }
 
 /// The side that estimating takes for a cloud's normals.
 Orientation side_of(const SurfelCloud& points) {
@@ -191,9 +192,13 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
                                    shell_file(path), texture_words(options),
                                    shell_file(made.file)));
   }
-  made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}: {} surfels ({})", path, digits,
-                                  textured ? " and textured" : "", cloud.size(),
-                                  fmt::join(commands, "; ")));
+  made.done.push_back(
+      fmt::format("{}: a mesh, sampled every {}{}{}: {} surfels ({})", path, digits,
+                  textured ? " and textured" : "",
+                  mesh->wedge_uv.empty() && names_images(*mesh)
+                      ? ", without the images of its materials, as it has no texture coordinates"
+                      : "",
+                  cloud.size(), fmt::join(commands, "; ")));
   made.commands.insert(made.commands.end(), commands.begin(), commands.end());
   mesh.reset();
 }
@@ -208,9 +213,14 @@ void Intake::File::estimate(Made& made) {
   }
   made.file = surfels_of(path);
   made.commands.push_back(estimate_command(cloud, path));
-  cloud = estimate_surfels(cloud, options, nullptr, path);
-  made.done.push_back(fmt::format("{}: raw points, normals and sizes estimated: {} surfels ({})",
-                                  path, cloud.size(), made.commands.back()));
+  EstimateReport report;
+  cloud = estimate_surfels(cloud, options, &report, path);
+  made.done.push_back(fmt::format(
+      "{}: raw points, normals and sizes estimated{}: {} surfels ({})", path,
+      report.nonfinite > 0 ? fmt::format(", {} of {} points are not finite and left out",
+                                         report.nonfinite, report.points)
+                           : "",
+      cloud.size(), made.commands.back()));
 }
 
 Intake::Intake(const std::vector<std::string>& files) {

@@ -218,6 +218,13 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
 
 SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
+  for (const PlyElement& element : ply.header().elements) {
+    const bool read =
+        &element == vertex || element.name == kTreeElement || element.name == "range_grid";
+    if (!read && element.count > 0) {
+      cloud.skipped_elements.emplace_back(element.name, element.count);
+    }
+  }
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));

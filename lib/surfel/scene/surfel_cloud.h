@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/bounds.h>
@@ -79,6 +80,8 @@ struct SURFEL_API SurfelCloud {
   std::optional<Vec3d> up;              ///< Upward direction, where the file says it.
   /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
   std::size_t coarser_skipped = 0;
+  /// Elements of the file that are no points and were not read, such as faces, by their number.
+  std::vector<std::pair<std::string, std::size_t>> skipped_elements;
 
   std::size_t size() const { return position.size(); }
   bool empty() const { return position.empty(); }

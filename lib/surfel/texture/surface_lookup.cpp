@@ -316,6 +316,24 @@ double deviation(const SurfelCloud& cloud, std::size_t i) {
   return variance > 0 ? std::sqrt(static_cast<double>(variance)) : 0;
 }
 
+/// The query for a surfel's place on the mesh.
+Query query_of(const SurfelCloud& cloud, std::size_t i, const Vec3d& to_mesh,
+               const FaceTree& tree) {
+  const Vec3d position = cloud.position[i].cast<double>();
+  const double sigma = deviation(cloud, i);
+  // Surfels on the mesh need not be further from it than both sides' rounding.
+  const double rounding =
+      kFloatEpsilon * (position.cwiseAbs().maxCoeff() + tree.largest_coordinate());
+  Query query;
+  query.position = to_mesh + position;
+  query.limit = rounding + kMostDeviations * sigma;
+  query.turned_away = sigma + rounding;
+  if (!cloud.normal.empty() && cloud.normal[i].allFinite()) {
+    query.normal = cloud.normal[i].cast<double>();
+  }
+  return query;
+}
+
 /// Finds and writes surfels one by one. The columns are its own until all are written.
 class Lookup {
  public:
@@ -337,7 +355,7 @@ class Lookup {
       ++report.without_position;
       return;
     }
-    const SurfacePoint found = tree_.nearest(query(i), guess);
+    const SurfacePoint found = tree_.nearest(query_of(cloud_, i, to_mesh_, tree_), guess);
     if (found.face == kNoFace) {
       ++report.too_far;
       return;
@@ -369,22 +387,6 @@ class Lookup {
   }
 
  private:
-  Query query(std::size_t i) const {
-    const Vec3d position = cloud_.position[i].cast<double>();
-    const double sigma = deviation(cloud_, i);
-    // Surfels on the mesh need not be further from it than both sides' rounding.
-    const double rounding =
-        kFloatEpsilon * (position.cwiseAbs().maxCoeff() + tree_.largest_coordinate());
-    Query query;
-    query.position = to_mesh_ + position;
-    query.limit = rounding + kMostDeviations * sigma;
-    query.turned_away = sigma + rounding;
-    if (!cloud_.normal.empty() && cloud_.normal[i].allFinite()) {
-      query.normal = cloud_.normal[i].cast<double>();
-    }
-    return query;
-  }
-
   const SurfelCloud& cloud_;
   const TriangleMesh& mesh_;
   const FaceTree& tree_;
@@ -395,11 +397,7 @@ class Lookup {
   Array<std::uint16_t> material_;
 };
 
-void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh, const std::string& name) {
-  if (mesh.wedge_uv.empty()) {
-    throw_input(name, "the mesh has no texture coordinates to give to the surfels");
-  }
-  mesh.check_columns(name);
+void check_variance(const SurfelCloud& cloud) {
   if (!cloud.empty() && !has_variance(cloud)) {
     throw_input("",
                 "the surfels have no variance to say how far from the mesh they may lie; "
@@ -407,7 +405,50 @@ void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh, const std::
   }
 }
 
+void check_input(const SurfelCloud& cloud, const TriangleMesh& mesh, const std::string& name) {
+  if (mesh.wedge_uv.empty()) {
+    throw_input(name, "the mesh has no texture coordinates to give to the surfels");
+  }
+  mesh.check_columns(name);
+  check_variance(cloud);
+}
+
 }  // namespace
+
+MeshProximity mesh_proximity(const SurfelCloud& cloud, const TriangleMesh& mesh, std::size_t most) {
+  check_variance(cloud);
+  const std::size_t count = std::min(cloud.size(), most);
+  const FaceTree tree(mesh);
+  const Vec3d to_mesh = cloud.origin - mesh.origin;
+  struct Sum {
+    std::size_t near = 0;
+    std::size_t far = 0;
+    double least = kInfinity;
+  };
+  PerWorker<Sum> sums;
+  constexpr std::size_t kGrain = 1 << 8;
+  parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    Sum& sum = sums[worker];
+    for (std::size_t k = begin; k < end; ++k) {
+      const std::size_t i = k * cloud.size() / count;
+      if (!cloud.position[i].allFinite()) continue;
+      Query query = query_of(cloud, i, to_mesh, tree);
+      const double limit = std::exchange(query.limit, kInfinity);
+      query.normal = Vec3d::Zero();
+      const SurfacePoint found = tree.nearest(query, kNoFace);
+      const double distance = std::sqrt(found.distance2);
+      (distance <= limit ? sum.near : sum.far) += 1;
+      sum.least = std::min(sum.least, distance);
+    }
+  });
+  Sum all;
+  sums.for_each([&](const Sum& sum) {
+    all.near += sum.near;
+    all.far += sum.far;
+    all.least = std::min(all.least, sum.least);
+  });
+  return {all.near, all.far, all.near + all.far > 0 ? all.least : 0};
+}
 
 SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
                                    const std::string& name) {

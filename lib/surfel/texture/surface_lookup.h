@@ -43,4 +43,17 @@ struct SurfaceLookupReport {
 SURFEL_API SurfaceLookupReport locate_on_mesh(SurfelCloud& cloud, const TriangleMesh& mesh,
                                               const std::string& name = {});
 
+/// How a cloud lies to a mesh.
+struct MeshProximity {
+  std::size_t near = 0;       ///< Surfels on the mesh, as locate_on_mesh() has it.
+  std::size_t far = 0;        ///< All others with a finite position.
+  double least_distance = 0;  ///< The least distance of a surfel from the mesh; 0 without surfels.
+};
+
+/// Measures surfels at even steps through the cloud, `most` of them or all if there are fewer.
+/// The mesh needs no uv. The same for any number of threads; cost as locate_on_mesh().
+/// Throws Error(kInput) where the surfels have no variance.
+SURFEL_API MeshProximity mesh_proximity(const SurfelCloud& cloud, const TriangleMesh& mesh,
+                                        std::size_t most);
+
 }  // namespace surfel
