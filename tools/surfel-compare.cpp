@@ -167,6 +167,7 @@ int main(int argc, char** argv) {
                 {"surfel-compare lion.png truth.png",
                  "surfel-compare lion.png truth.png -o difference.png --scale 4",
                  "surfel-compare lion.exr truth.exr --min-psnr 35 --max-holes 0.001"});
+  tool.reads_images();
   tool.files().reads({"tested", "truth"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);
   return tool.run(argc, argv, [&] {

@@ -281,6 +281,7 @@ int main(int argc, char** argv) {
   tool.app().add_option("--seed", options.seed, "Choice of these surfels");
   tool.everyday({"--json", "--cutoff", "--samples"},
                 {"surfel-info lion.ply", "surfel-info lion.obj", "surfel-info lion.ply --json"});
+  tool.reads_images();
   tool.files().reads({"file"});
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(options.problems());

@@ -148,6 +148,7 @@ int main(int argc, char** argv) {
        "surfel-render lion.obj --image skin.png -o lion.jpg --from 1,0.5,2 --size "
        "800x600 --background navy",
        "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
+  tool.reads_images();
   tool.files().reads(
       {"files", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);

@@ -473,6 +473,62 @@ TEST(Image, AbsurdHeadersAreRefused) {
 }
 
 /// libpng takes the memory that a chunk of text claims, and fills it.
+/// A header of OpenEXR, and 300 bytes after it.
+std::string exr_header(std::int32_t width, std::int32_t height, char compression) {
+  const auto number = [](std::int32_t value) {
+    return std::string(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  const auto attribute = [&](const std::string& name, const std::string& type,
+                             const std::string& value) {
+    return name + '\0' + type + '\0' + number(static_cast<std::int32_t>(value.size())) + value;
+  };
+  std::string channels;
+  for (const char* name : {"B", "G", "R"}) {
+    channels += name + (std::string(1, '\0') + number(2) + number(0) + number(1) + number(1));
+  }
+  const std::string box = number(0) + number(0) + number(width - 1) + number(height - 1);
+  return "\x76\x2f\x31\x01" + number(2) + attribute("channels", "chlist", channels + '\0') +
+         attribute("compression", "compression", std::string(1, compression)) +
+         attribute("dataWindow", "box2i", box) + attribute("displayWindow", "box2i", box) +
+         attribute("lineOrder", "lineOrder", std::string(1, '\0')) +
+         attribute("pixelAspectRatio", "float", std::string("\0\0\x80\x3f", 4)) +
+         attribute("screenWindowCenter", "v2f", std::string(8, '\0')) +
+         attribute("screenWindowWidth", "float", std::string("\0\0\x80\x3f", 4)) +
+         std::string(301, '\0');
+}
+
+TEST(Image, SizesBeyondTheLimitOrTheFileAreRefusedBeforeTheyTakeMemory) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& name, const std::string& bytes) {
+    std::ofstream(folder / name, std::ios::binary) << bytes;
+    const std::string whole = message_of([&] { read_image(folder / name); });
+    EXPECT_EQ(message_of([&] { open_image(folder / name); }), whole);
+    EXPECT_EQ(whole.find(folder / name), 0U) << whole;
+    return whole;
+  };
+  const auto expect = [](const std::string& message, const std::string& part) {
+    EXPECT_NE(message.find(part), std::string::npos) << message;
+  };
+  expect(error("large.exr", exr_header(100000, 100000, 0)),
+         "100000 x 100000 pixels are more than the 2147483648 of `max_pixels`");
+  // Rows of 12 MB that are said to be compressed by 256.
+  constexpr char kDwab = 9;
+  expect(error("piece.exr", exr_header(1000000, 300, kDwab)),
+         "1000000 x 300 pixels in pieces of 3072000000 bytes are more than");
+  const Image image = random_image(20, 10, {"R", "G", "B", "A"});
+  for (const char* name : {"a.exr", "a.png"}) write_image(image, folder / name);
+  const std::uint64_t before = most_image_pixels();
+  for (const char* name : {"a.exr", "a.png"}) {
+    set_most_image_pixels(200);
+    EXPECT_EQ(read_image(folder / name).width, 20);
+    set_most_image_pixels(199);
+    expect(message_of([&] { read_image(folder / name); }),
+           "20 x 10 pixels are more than the 199 of `max_pixels`");
+    expect(message_of([&] { open_image(folder / name); }), "scale the picture down or raise");
+  }
+  set_most_image_pixels(before);
+}
+
 TEST(Image, ChunksLongerThanTheirPngFileAreRefusedBeforeTheyTakeMemory) {
   const std::string header("\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0", 29);
   const std::string text("\x3a\x7e\x9b\x55\x7f\xff\xff\xf0tEXtTitle\0hello\0\0\0\0", 27);

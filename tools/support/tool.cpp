@@ -17,6 +17,7 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/version.h>
 #include <unistd.h>
+#include <surfel/io/image_io.h>
 
 #include "tools/support/config_file.h"
 
@@ -103,6 +104,7 @@ struct Tool::Impl {
   void refuse_pairs() const;
   Outcome attempt(const std::function<void()>& action) const;
   void message(const std::string& text);
+  std::int64_t most_pixels = static_cast<std::int64_t>(most_image_pixels());
   void error(const std::string& text);
   void clear_bar();
   void write_report(OutputFile& file, const Outcome& outcome);
@@ -355,6 +357,17 @@ void Tool::progress(const std::string& what, double fraction) const {
   std::fflush(stderr);
   impl_->bar_width = bar.size();
   impl_->bar_age.restart();
+
+void Tool::reads_images() {
+  impl_->app
+      .add_option(
+          "--max-pixels", impl_->most_pixels,
+          "Pixels that an image may have to be read, >= 1: what a header claims takes memory")
+      ->check(CLI::Range(std::int64_t{1}, std::numeric_limits<std::int64_t>::max()).description(""))
+      ->type_name("INT")
+      ->group("Common options");
+}
+
 }
 
 std::string Tool::provenance() const {
@@ -362,7 +375,7 @@ std::string Tool::provenance() const {
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
-        "threads", "config", "quiet", "verbose", "no-clobber", "stats", "output"};
+        "threads", "config", "quiet", "verbose", "no-clobber", "stats", "max-pixels", "output"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;
@@ -437,6 +450,7 @@ void require_valid(const std::vector<std::string>& problems) {
   if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
 }
 
+      set_most_image_pixels(static_cast<std::uint64_t>(impl_->most_pixels));
 void append(std::vector<std::string>& problems, const std::vector<std::string>& more) {
   problems.insert(problems.end(), more.begin(), more.end());
 }

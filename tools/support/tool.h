@@ -73,6 +73,9 @@ class Tool {
   /// run() checks them before the body begins.
   RunFiles& files();
 
+  /// Declares --max-pixels, for a tool that reads images, and keeps to it.
+  void reads_images();
+
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
   /// its options were understood writes the report, too, with its message as `error`.

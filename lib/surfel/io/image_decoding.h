@@ -25,8 +25,19 @@ namespace surfel {
 /// 256 GB of pixels: larger images are taken for damaged headers.
 inline constexpr std::uint64_t kMostStreamedMegabytes = 1 << 18;
 
-/// Throws Error(kInput) where an image that is streamed has more pixels than the above.
+/// Throws Error(kInput) where an image has more pixels than may be read.
+inline void check_pixel_count(PixelSize size, const std::string& name) {
+  const std::uint64_t most = most_image_pixels();
+  if (size.width == 0 || size.height <= most / size.width) return;
+  throw_input(name, fmt::format("{} x {} pixels are more than the {} of `max_pixels`; scale the "
+                                "picture down or raise `max_pixels`",
+                                size.width, size.height, most));
+}
+
+/// Throws Error(kInput) where an image that is streamed has more pixels than the above, or
+/// more than may be read.
 inline void check_streamable(PixelSize size, std::size_t pixel_bytes, const std::string& name) {
+  check_pixel_count(size, name);
   const double bytes = static_cast<double>(size.width) * static_cast<double>(size.height) *
                        static_cast<double>(pixel_bytes);
   if (bytes > 0x1p20 * static_cast<double>(kMostStreamedMegabytes)) {
@@ -38,6 +49,7 @@ inline void check_streamable(PixelSize size, std::size_t pixel_bytes, const std:
 /// Throws Error(kInput) where an image does not fit into memory, as the file stores it and as
 /// floats.
 inline void check_fits(PixelSize size, int channels, const std::string& name) {
+  check_pixel_count(size, name);
   const double bytes = static_cast<double>(size.width) * static_cast<double>(size.height) *
                        std::max(4, channels) * 2 * sizeof(float);
   if (bytes > static_cast<double>(available_memory_bytes())) {

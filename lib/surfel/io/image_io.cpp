@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <atomic>
+#include <filesystem>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -14,8 +16,16 @@
 namespace surfel {
 namespace {
 
-/// Of a file that is written as PNG, without a plug-in.
-bool is_png_name(const std::string& path) { return path == "-" || lower_extension(path) == ".png"; }
+std::atomic<std::uint64_t> g_most_pixels{std::uint64_t{1} << 31};
+
+/// Of a file that is written as PNG, without a plug-in: so are pipes and devices (/dev/null) whose
+/// names tell no format.
+bool is_png_name(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  std::error_code error;
+  return path == "-" || extension == ".png" ||
+         (extension.empty() && std::filesystem::is_other(path, error));
+}
 
 Image read_image(const std::string& path, ImageForm form) {
   InputFile file(path);
@@ -27,6 +37,12 @@ Image read_image(const std::string& path, ImageForm form) {
 }
 
 }  // namespace
+
+std::uint64_t most_image_pixels() noexcept { return g_most_pixels; }
+
+void set_most_image_pixels(std::uint64_t pixels) noexcept {
+  g_most_pixels = std::max<std::uint64_t>(1, pixels);
+}
 
 Image read_image(const std::string& path, bool raw) {
   return read_image(path, raw ? ImageForm::kRaw : ImageForm::kStraight);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <utility>
@@ -10,6 +11,12 @@
 #include <surfel/scene/image.h>
 
 namespace surfel {
+
+/// Pixels that an image may have to be read, 2^31 unless set: a header of a few bytes can claim any
+/// number, for which libraries take memory before they look at the pixels.
+SURFEL_API std::uint64_t most_image_pixels() noexcept;
+/// Sets it for the whole process, to 1 at least.
+SURFEL_API void set_most_image_pixels(std::uint64_t pixels) noexcept;
 
 /// Reads any format of OpenImageIO ("-" is standard input) as linear R G B A with straight (not
 /// premultiplied) alpha: integer files (8 and 16 bits, palette, grey) are decoded from sRGB, float
@@ -57,7 +64,8 @@ class SURFEL_API ImageReader {
 };
 
 /// Opens any format that read_image() reads; the pixels may take more room than the machine has,
-/// but not more than 256 GiB in the file's own format. Throws as read_image() does.
+/// but not more than 256 GiB in the file's own format, and not more than most_image_pixels().
+/// Throws as read_image() does.
 SURFEL_API std::shared_ptr<ImageReader> open_image(const std::string& path);
 
 struct ImageWriteOptions {
@@ -72,10 +80,11 @@ struct ImageWriteOptions {
 /// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF
 /// and PNG (8 bits, sRGB-encoded, straight alpha, which is left out where every pixel is opaque),
 /// JPEG (8 bits, sRGB, quality 95, composited on nothing: alpha is dropped), Radiance HDR (linear
-/// R G B), and what else OpenImageIO encodes in memory, like PNG; "-" is standard output, as PNG.
-/// The image is premultiplied linear R G B A followed by any AOVs, found by name; formats other
-/// than EXR get R G B A only. The same image gives the same bytes (no time stamps). Throws
-/// Error(kIo) naming file and cause; an extension that cannot be written is kUsage.
+/// R G B), and what else OpenImageIO encodes in memory, like PNG. "-" is standard output, as PNG,
+/// which pipes and devices without an extension get, too. The image is premultiplied linear R G B A
+/// followed by any AOVs, found by name; formats other than EXR get R G B A only. The same image
+/// gives the same bytes (no time stamps). Throws Error(kIo) naming file and cause; an extension
+/// that cannot be written is kUsage.
 SURFEL_API void write_image(const Image& image, const std::string& path,
                             const ImageWriteOptions& options = {});
 

@@ -19,6 +19,7 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
+#include <surfel/io/exr_header.h>
 #include <surfel/io/image_decoding.h>
 #include <surfel/io/image_encoding.h>
 #include <surfel/io/image_io.h>
@@ -172,10 +173,24 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
   }
 }
 
+/// Throws Error(kInput) where an OpenEXR file is larger than may be read, or claims pieces that it
+/// cannot hold: OpenEXR takes memory for a piece when it opens the file.
+void check_exr(const InputFile& file) {
+  const std::optional<ExrSize> exr = exr_size(file);
+  if (!exr) return;
+  check_pixel_count(exr->pixels, file.name());
+  if (exr->piece_bytes / exr->best_ratio <= file.size()) return;
+  throw_input(file.name(),
+              fmt::format("damaged image: {} x {} pixels in pieces of {} bytes are "
+                          "more than {} bytes can hold; export it again",
+                          exr->pixels.width, exr->pixels.height, exr->piece_bytes, file.size()));
+}
+
 /// A file that has been found to be a flat picture.
 struct OpenedImage {
   OpenedImage(InputFile opened, const std::string& path, std::uint64_t most_megabytes)
       : file(std::move(opened)) {
+    check_exr(file);
     const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
@@ -188,6 +203,9 @@ struct OpenedImage {
       throw_input(file.name(), "damaged image: the JPEG data ends too early");
     }
     check_flat(input->spec(), file.name());
+    check_pixel_count({static_cast<std::size_t>(input->spec().width),
+                       static_cast<std::size_t>(input->spec().height)},
+                      file.name());
   }
 
   InputFile file;

@@ -1,0 +1,104 @@
+// "OpenEXR File Layout", openexr.com.
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <string_view>
+
+#include <surfel/io/exr_header.h>
+#include <surfel/io/record_table.h>
+
+namespace surfel {
+namespace {
+
+/// Reads a header's attributes one after the other; past the end it reads nothing.
+class ExrBytes {
+ public:
+  explicit ExrBytes(std::string_view bytes) : bytes_(bytes) {}
+
+  /// Characters up to the zero that ends them.
+  std::string_view name() {
+    const std::size_t end = bytes_.find('\0');
+    return end == std::string_view::npos ? take(bytes_.size()) : take(end + 1).substr(0, end);
+  }
+  std::string_view take(std::size_t count) {
+    const std::string_view taken = bytes_.substr(0, count);
+    bytes_.remove_prefix(taken.size());
+    return taken;
+  }
+  /// A number of 32 bits; 0 past the end.
+  std::int32_t number() {
+    const std::string_view taken = take(sizeof(std::int32_t));
+    if (taken.size() < sizeof(std::int32_t)) return 0;
+    constexpr bool kSwapped = std::endian::native == std::endian::big;
+    return load_scalar<std::int32_t, kSwapped>(reinterpret_cast<const std::byte*>(taken.data()));
+  }
+
+ private:
+  std::string_view bytes_;
+};
+
+/// Bytes that the channels of a pixel take.
+std::uint64_t pixel_bytes(ExrBytes list) {
+  constexpr std::int32_t kHalf = 1;
+  std::uint64_t bytes = 0;
+  while (!list.name().empty()) {
+    bytes += list.number() == kHalf ? 2 : 4;
+    list.take(12);  // Linearity and subsampling.
+  }
+  return bytes;
+}
+
+struct Compression {
+  std::uint64_t rows;        ///< Compressed together.
+  std::uint64_t best_ratio;  ///< Deflate's is 1032; DWA keeps of empty blocks one value of 64.
+};
+constexpr std::array<Compression, 10> kCompressions{{{1, 1},
+                                                     {1, 128},
+                                                     {1, 1032},
+                                                     {16, 1032},
+                                                     {32, 1032},
+                                                     {16, 2064},
+                                                     {32, 1032},
+                                                     {32, 1032},
+                                                     {32, 66048},
+                                                     {256, 66048}}};
+
+}  // namespace
+
+std::optional<ExrSize> exr_size(const InputFile& file) {
+  constexpr std::string_view kMagic = "\x76\x2f\x31\x01";
+  constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
+  ExrBytes in(as_text(file.head(kLongestHeader)));
+  if (in.take(kMagic.size()) != kMagic) return std::nullopt;
+  in.number();  // Version and flags.
+  ExrSize size;
+  std::uint64_t bytes = 0;
+  Compression compression = kCompressions.front();
+  bool tiled = false;
+  for (std::string_view name = in.name(); !name.empty(); name = in.name()) {
+    in.name();  // Type.
+    ExrBytes value(in.take(static_cast<std::uint32_t>(in.number())));
+    if (name == "channels") {
+      bytes = pixel_bytes(value);
+    } else if (name == "compression") {
+      const std::string_view kind = value.take(1);
+      const std::size_t index = kind.empty() ? 0 : static_cast<unsigned char>(kind.front());
+      if (index < kCompressions.size()) compression = kCompressions[index];
+    } else if (name == "tiles") {
+      tiled = true;
+    } else if (name == "dataWindow") {
+      const std::array<std::int64_t, 4> box{value.number(), value.number(), value.number(),
+                                            value.number()};
+      size.pixels = {static_cast<std::size_t>(std::max<std::int64_t>(0, box[2] - box[0] + 1)),
+                     static_cast<std::size_t>(std::max<std::int64_t>(0, box[3] - box[1] + 1))};
+    }
+  }
+  if (bytes == 0 || size.pixels.width == 0 || size.pixels.height == 0) return std::nullopt;
+  const std::uint64_t rows = std::min<std::uint64_t>(compression.rows, size.pixels.height);
+  if (!tiled) size.piece_bytes = rows * size.pixels.width * bytes;
+  size.best_ratio = compression.best_ratio;
+  return size;
+}
+
+}  // namespace surfel
