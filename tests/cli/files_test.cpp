@@ -39,9 +39,10 @@ class Files : public testing::Test {
   /// Runs a tool in the folder, which must stay as it is: file names need no path.
   RunResult run_here(const std::string& command) const {
     const auto before = contents();
-    const RunResult result =
-        run({"sh", "-c",
-             "cd '" + (folder_ / "") + "' && " + std::string(SURFEL_TOOL_DIR) + "/" + command});
+    const RunResult result = run({"sh", "-c",
+                                  // A megabyte a file, for a run that would fill the disk.
+                                  "ulimit -f 2048; cd '" + (folder_ / "") + "' && " +
+                                      std::string(SURFEL_TOOL_DIR) + "/" + command});
     EXPECT_EQ(contents(), before) << command;
     return result;
   }
@@ -159,6 +160,67 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
         "q: images are not written to a name without extension; use .png, .exr");
   other("surfel-compare map.png other.png -o q.ply", picture);
   other("surfel-info cloud.ply --stats q.ply", "reports are not written as '.ply'; use .json");
+}
+
+TEST_F(Files, ClosedStandardStreamsAreNeverFiles) {
+  const auto fails = [&](const std::string& command, const std::string& message) {
+    const RunResult result = run_here(command);
+    EXPECT_EQ(result.exit_code, 1) << command << "\n" << result.errors;
+    EXPECT_TRUE(contains(result.errors, message)) << command << "\n" << result.errors;
+  };
+  const std::string closed = "standard output is closed; name a file";
+  fails("surfel-convert cloud.ply -o - >&-", closed);
+  fails("surfel-convert cloud.ply -o - <&- >&-", closed);
+  fails("surfel-convert cloud.ply -o - 1< /dev/null", closed);
+  fails("surfel-render cloud.ply --size 4x4 -o - >&-", closed);
+  fails("surfel-info cloud.ply >&-", closed);
+  fails("surfel-info --help >&-", closed);
+  fails("surfel-info cloud.ply --stats - >&-", closed);
+  fails("surfel-convert - -o /dev/null <&-", "standard input is closed; name a file");
+  fails("surfel-convert cloud.ply -o /dev/full", "/dev/full: cannot be written: No space left");
+  fails("surfel-render cloud.ply --size 4x4 -o /dev/full", "/dev/full: cannot be written");
+}
+
+TEST_F(Files, MessagesThatNobodyReadsEndNoRun) {
+  std::string tools = SURFEL_TOOLS;
+  std::replace(tools.begin(), tools.end(), ',', '\n');
+  std::istringstream names(tools);
+  for (std::string name; std::getline(names, name);) {
+    for (const char* to : {"2>&-", "2> /dev/full", "<&- >&- 2>&-"}) {
+      EXPECT_EQ(run_here(name + " --no-such-option " + to).exit_code, 2) << name << to;
+    }
+  }
+  for (const char* to : {"2>&-", "2> /dev/full", "<&- >&- 2>&-"}) {
+    EXPECT_EQ(run_here(std::string("surfel-convert cloud.ply -o /dev/null ") + to).exit_code, 0);
+    EXPECT_EQ(run_here(std::string("surfel-convert none.ply -o /dev/null ") + to).exit_code, 1);
+  }
+}
+
+TEST_F(Files, EmptyNamesAndFoldersAreNoFiles) {
+  expect_refused("surfel-convert cloud.ply -o ''", "--output is empty; name a file");
+  expect_refused("surfel-convert '' -o new.ply", "surfels is empty; name a file");
+  expect_refused("surfel-info cloud.ply --stats ''", "--stats is empty; name a file");
+  expect_refused("surfel-convert cloud.ply -o new/", "new/: is the name of a folder; name a file");
+  expect_refused("surfel-render cloud.ply -o new/", "new/: is the name of a folder; name a file");
+  expect_refused("surfel-info cloud.ply --stats new/", "new/: is the name of a folder");
+}
+
+TEST_F(Files, PercentSignsOfNamesAreLetters) {
+  fs::rename(at("second.ply"), at("50%d.ply"));
+  fs::rename(at("skin.png"), at("%s%n.png"));
+  const auto makes = [&](const std::string& command, const std::string& name) {
+    const RunResult result =
+        run({"sh", "-c", "cd '" + at("") + "' && " + std::string(SURFEL_TOOL_DIR) + "/" + command});
+    EXPECT_EQ(result.exit_code, 0) << command << result.errors;
+    EXPECT_TRUE(fs::remove(at(name))) << command;
+  };
+  makes("surfel-convert 50%d.ply -o 60%04d.ply", "60%04d.ply");
+  makes("surfel-texture 50%d.ply --image %s%n.png -o %x{}.ply", "%x{}.ply");
+  makes("surfel-generate checker --size 4x4 -o %d.png", "%d.png");
+  // Of pictures the name is a pattern, of one view, too.
+  makes("surfel-render 50%d.ply --size 4x4 -o %s%d.png", "%s%d.png");
+  makes("surfel-render 50%d.ply --size 4x4 -o view%d.png", "view0.png");
+  makes("surfel-compare %s%n.png %s%n.png -o 7%d.png", "7%d.png");
 }
 
 TEST_F(Files, AChartKeepsAFolderNamedWork) {

@@ -109,8 +109,9 @@ TEST_F(Probe, FailuresEndWithTheirCodeAndLeaveNothing) {
   const std::vector<std::tuple<std::string, int, std::string>> endings = {
       {"usage", 2, "surfel-probe: error: first problem; second problem\n"},
       {"input", 1, "surfel-probe: error: scan.ply: is made up; choose another ending\n"},
-      {"memory", 1, "surfel-probe: error: out of memory;"},
-      {"exception", 1, "surfel-probe: error: something else\n"}};
+      {"memory", 1, "surfel-probe: error: in: out of memory; use fewer surfels"},
+      {"size", 1, "surfel-probe: error: in: out of memory; use fewer surfels"},
+      {"exception", 1, "surfel-probe: error: in: something else; surfel-info tells"}};
   for (const auto& [ending, code, message] : endings) {
     const RunResult result = work({"--ending", ending, "--quiet"});
     EXPECT_EQ(result.exit_code, code) << ending;
@@ -311,6 +312,16 @@ TEST_F(Probe, ASecondSignalEndsAtOnceAndLeavesNoTemporary) {
                                     signal_at_work(process, SIGINT, folder_ / "");
                                     wait_until([&] { return std::filesystem::exists(seen); });
                                     kill(process, SIGTERM);
+                                  }});
+  EXPECT_EQ(result.signal, SIGTERM);
+  EXPECT_EQ(entries(folder_ / ""), std::vector<std::string>{"seen"});
+}
+
+TEST_F(Probe, ASignalEndsWorkThatDoesNotAskAndLeavesNoTemporary) {
+  const std::string seen = folder_ / "seen";
+  const RunResult result = probe({seen, "-o", output_, "--ending", "stuck", "--quiet"},
+                                 {.input = {}, .meanwhile = [&](pid_t process) {
+                                    signal_at_work(process, SIGINT, folder_ / "");
                                   }});
   EXPECT_EQ(result.signal, SIGTERM);
   EXPECT_EQ(entries(folder_ / ""), std::vector<std::string>{"seen"});

@@ -18,7 +18,7 @@
 
 namespace {
 
-enum class Ending { kDone, kUsage, kInput, kMemory, kException, kWait, kStuck };
+enum class Ending { kDone, kUsage, kInput, kMemory, kSize, kException, kWait, kStuck };
 
 /// Runs until it is interrupted.
 void wait_for_interrupt() {
@@ -44,6 +44,8 @@ void end(Ending ending, const std::string& input) {
       surfel::throw_input("scan.ply", "is made up; choose another ending");
     case Ending::kMemory:
       throw std::bad_alloc();
+    case Ending::kSize:
+      throw std::length_error("vector::_M_default_append");
     case Ending::kException:
       throw std::runtime_error("something else");
     case Ending::kWait:
@@ -71,6 +73,7 @@ int main(int argc, char** argv) {
   Ending ending = Ending::kDone;
   tool.app().add_option("input", input, "Input")->required();
   tool.app().add_option("-o,--output", output, "Output")->required();
+  tool.files().reads({"input"});
   tool.app().add_option("--spacing", spacing, "Spacing, scene units");
   tool.app().add_option("--count", count, "Count");
   tool.app().add_option("--seed", seed, "Seed");
@@ -84,6 +87,7 @@ int main(int argc, char** argv) {
                             {"usage", Ending::kUsage},
                             {"input", Ending::kInput},
                             {"memory", Ending::kMemory},
+                            {"size", Ending::kSize},
                             {"exception", Ending::kException},
                             {"wait", Ending::kWait},
                             {"stuck", Ending::kStuck}},

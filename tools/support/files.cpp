@@ -9,6 +9,8 @@
 #include <surfel/io/image_io.h>
 #include <sys/stat.h>
 
+#include "tools/support/surfels.h"
+
 namespace surfel::tool {
 namespace {
 
@@ -67,7 +69,11 @@ std::string lower_extension(const std::string& path) {
 }
 
 void require_format(const std::string& path, Writes what) {
-  if (what == Writes::kAny || (path == "-" && what != Writes::kSky)) return;
+  if (what == Writes::kAny) return;
+  if (path.ends_with('/')) {
+    throw_usage(fmt::format("{}: is the name of a folder; name a file", path));
+  }
+  if (path == "-" && what != Writes::kSky) return;
   if (what == Writes::kPicture) {
     image_format_has_alpha(path);
     return;
@@ -98,7 +104,7 @@ std::vector<RunFiles::File> RunFiles::values(const std::string& option) const {
   const auto place = std::find(order.begin(), order.end(), found) - order.begin();
   std::vector<File> files;
   for (const std::string& path : found->results()) {
-    if (path.empty()) continue;
+    if (path.empty()) throw_usage(fmt::format("{} is empty; name a file or leave it out", option));
     files.push_back({option, path, static_cast<std::size_t>(place)});
   }
   return files;
@@ -114,6 +120,12 @@ void RunFiles::check() {
       require_format(file.path, what);
     }
   }
+}
+
+std::vector<std::string> RunFiles::inputs() const {
+  std::vector<std::string> names;
+  for (const File& file : inputs_) names.push_back(shown_name(file.path));
+  return names;
 }
 
 void RunFiles::read_also(const std::string& what, const std::string& path) {

@@ -37,15 +37,17 @@ class RunFiles {
   /// Declares an option whose value is a file to write.
   void writes(const std::string& option, Writes what);
 
-  /// Takes the files that the options name, once they are parsed. Throws Error(kUsage) for a format
-  /// that is not written, for two outputs that are one file, and for an output that is an input:
-  /// the same file by device and number, links followed. Standard input and output ("-"), pipes
-  /// and devices may stand for both.
+  /// Takes the files that the options name, once they are parsed. Throws Error(kUsage) for an empty
+  /// name, a name of a folder, a format that is not written, for two outputs that are one file, and
+  /// for an output that is an input: the same file by device and number, links followed. Standard
+  /// input and output ("-"), pipes and devices may stand for both.
   void check();
   /// The same for a file that is read, or written for an option, without being an option's value:
   /// `what` names it in messages.
   void read_also(const std::string& what, const std::string& path);
   void write_also(const std::string& option, const std::string& path);
+  /// Files that the run reads, as far as they are known, under the names that messages give them.
+  std::vector<std::string> inputs() const;
 
  private:
   struct File {

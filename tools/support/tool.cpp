@@ -15,9 +15,10 @@
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/shell_quote.h>
+#include <surfel/base/standard_streams.h>
 #include <surfel/base/version.h>
-#include <unistd.h>
 #include <surfel/io/image_io.h>
+#include <unistd.h>
 
 #include "tools/support/config_file.h"
 
@@ -26,14 +27,18 @@ namespace {
 
 std::atomic<bool> g_signalled{false};
 
-/// The first signal asks the loops to stop, so that the run ends by its own error path; the second
-/// ends the process at once.
+/// The first signal asks the loops to stop, so that the run ends by its own error path. The second
+/// ends the process at once, and so does the alarm, where the run did not come to a loop that asks.
 extern "C" void handle_signal(int signal) {
+  constexpr unsigned kPatience = 5;  ///< Seconds.
   if (!g_signalled.exchange(true)) {
     request_interrupt();
+    alarm(kPatience);
     return;
   }
   remove_temporaries();
+  // By the signal that a shell knows as asked for, not by an alarm.
+  if (signal == SIGALRM) signal = SIGTERM;
   std::signal(signal, SIG_DFL);
   std::raise(signal);
 }
@@ -43,7 +48,7 @@ void install_signal_handlers() {
   action.sa_handler = handle_signal;
   action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGALRM}) sigaction(signal, &action, nullptr);
   // A closed pipe and a file past its size limit are then errors of write(), with a message.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
@@ -67,6 +72,16 @@ std::string one_line(std::string text) {
   return text;
 }
 
+/// To standard error. Where it cannot be written, nothing is left to tell that by: the run goes on,
+/// and its exit code says how it ended.
+void tell(const std::string& text) noexcept {
+  std::fwrite(text.data(), 1, text.size(), stderr);
+  std::fflush(stderr);
+}
+
+constexpr const char* kOutOfMemory =
+    "out of memory; use fewer surfels, a smaller picture or a larger machine";
+
 /// How a run ended.
 struct Outcome {
   ExitCode code = kDone;
@@ -89,6 +104,7 @@ struct Tool::Impl {
   RunFiles files{app};
   CommonOptions common;
   bool print_config = false;
+  std::int64_t most_pixels = static_cast<std::int64_t>(most_image_pixels());
   nlohmann::json report = nlohmann::json::object();
   Timer total;
 
@@ -102,9 +118,9 @@ struct Tool::Impl {
   void refuse_words(int argc, char** argv) const;
   void refuse_leftovers() const;
   void refuse_pairs() const;
+  std::string of_inputs(const std::string& text) const;
   Outcome attempt(const std::function<void()>& action) const;
   void message(const std::string& text);
-  std::int64_t most_pixels = static_cast<std::int64_t>(most_image_pixels());
   void error(const std::string& text);
   void clear_bar();
   void write_report(OutputFile& file, const Outcome& outcome);
@@ -261,6 +277,14 @@ void Tool::Impl::refuse_pairs() const {
   }
 }
 
+/// The message after the names of the files that the run reads: errors of the standard library do
+/// not know the file that they came from.
+std::string Tool::Impl::of_inputs(const std::string& text) const {
+  const std::vector<std::string> inputs = files.inputs();
+  if (inputs.empty()) return text;
+  return fmt::format("{}: {}", fmt::join(inputs, ", "), text);
+}
+
 Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
   try {
     action();
@@ -270,22 +294,25 @@ Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
   } catch (const CLI::Error& error) {
     return {kWrongUsage, error.what()};
   } catch (const std::bad_alloc&) {
-    return {kFailed, "out of memory; use fewer surfels, a smaller picture or a larger machine"};
+    return {kFailed, of_inputs(kOutOfMemory)};
+  } catch (const std::length_error&) {
+    return {kFailed, of_inputs(kOutOfMemory)};
   } catch (const std::exception& error) {
-    return {kFailed, error.what()};
+    return {kFailed,
+            of_inputs(fmt::format("{}; surfel-info tells whether a file is sound", error.what()))};
   }
 }
 
 void Tool::Impl::clear_bar() {
   if (bar_width == 0) return;
-  fmt::print(stderr, "\r{:{}}\r", "", bar_width);
+  tell(fmt::format("\r{:{}}\r", "", bar_width));
   bar_width = 0;
 }
 
 void Tool::Impl::message(const std::string& text) {
   const std::lock_guard lock(bar_mutex);
   clear_bar();
-  fmt::print(stderr, "{}: {}\n", name, one_line(text));
+  tell(fmt::format("{}: {}\n", name, one_line(text)));
 }
 
 void Tool::Impl::error(const std::string& text) {
@@ -316,6 +343,7 @@ void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
 
 Tool::Tool(std::string name, const std::string& summary)
     : impl_(std::make_unique<Impl>(std::move(name), summary)) {
+  hold_standard_descriptors();
   impl_->add_common_options();
   impl_->app.config_formatter(std::make_shared<ConfigFile>(impl_->app));
 }
@@ -329,6 +357,17 @@ void Tool::everyday(std::vector<std::string> options, std::vector<std::string> e
   impl_->everyday = std::move(options);
   impl_->examples = std::move(examples);
 }
+
+void Tool::reads_images() {
+  impl_->app
+      .add_option(
+          "--max-pixels", impl_->most_pixels,
+          "Pixels that an image may have to be read, >= 1: what a header claims takes memory")
+      ->check(CLI::Range(std::int64_t{1}, std::numeric_limits<std::int64_t>::max()).description(""))
+      ->type_name("INT")
+      ->group("Common options");
+}
+
 const CommonOptions& Tool::common() const { return impl_->common; }
 nlohmann::json& Tool::report() { return impl_->report; }
 
@@ -353,21 +392,9 @@ void Tool::progress(const std::string& what, double fraction) const {
   const auto done = static_cast<std::size_t>(clamped * kCells);
   const std::string bar =
       fmt::format("[{:#<{}}{:{}}] {:3.0f} % {}", "", done, "", kCells - done, 100 * clamped, what);
-  fmt::print(stderr, "{}", bar);
-  std::fflush(stderr);
+  tell(bar);
   impl_->bar_width = bar.size();
   impl_->bar_age.restart();
-
-void Tool::reads_images() {
-  impl_->app
-      .add_option(
-          "--max-pixels", impl_->most_pixels,
-          "Pixels that an image may have to be read, >= 1: what a header claims takes memory")
-      ->check(CLI::Range(std::int64_t{1}, std::numeric_limits<std::int64_t>::max()).description(""))
-      ->type_name("INT")
-      ->group("Common options");
-}
-
 }
 
 std::string Tool::provenance() const {
@@ -423,6 +450,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
     outcome = impl_->attempt([&] {
       impl_->files.check();
       set_thread_count(impl_->common.threads);
+      set_most_image_pixels(static_cast<std::uint64_t>(impl_->most_pixels));
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {
         stats.emplace(impl_->common.stats, impl_->common.no_clobber);
@@ -443,6 +471,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
 }
 
 void print(const std::string& text) {
+  require_standard_output();
   write_all(STDOUT_FILENO, text.data(), text.size(), "standard output");
 }
 
@@ -450,7 +479,6 @@ void require_valid(const std::vector<std::string>& problems) {
   if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
 }
 
-      set_most_image_pixels(static_cast<std::uint64_t>(impl_->most_pixels));
 void append(std::vector<std::string>& problems, const std::vector<std::string>& more) {
   problems.insert(problems.end(), more.begin(), more.end());
 }

@@ -15,6 +15,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <sys/stat.h>
+#include <surfel/base/standard_streams.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 namespace surfel {
@@ -154,7 +156,7 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
       mode = status.st_mode & 0777;
     }
     target_ = follow_links(target_);
-    if (split(target_).second.empty()) throw_io(target_, "is not a file name");
+    if (split(target_).second.empty()) throw_io(target_, "is the name of a folder; name a file");
     temporary_ = temporary_pattern(target_);
   }
   descriptor_ = create_temporary(temporary_, mode);
@@ -189,6 +191,8 @@ void OutputFile::write_at(std::uint64_t offset, const void* data, std::size_t by
     return pwrite(descriptor_, from + done, bytes - done, static_cast<off_t>(offset + done));
   });
 }
+  if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
+  if (target_ == "-") require_standard_output();
 
 void OutputFile::commit() {
   if (copied_) {

@@ -16,7 +16,8 @@ namespace surfel {
 class SURFEL_API OutputFile {
  public:
   /// Creates the temporary. Throws Error(kIo) naming file and cause: the folder does not exist, the
-  /// target is a directory, is read-only, or is there already and `no_clobber` is set.
+  /// target is a directory, is read-only, or is there already and `no_clobber` is set; standard
+  /// output is closed.
   explicit OutputFile(std::string target, bool no_clobber = false);
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;

@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/standard_streams.h>
 #include <surfel/io/input_file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -40,6 +41,8 @@ bool has_line(std::string_view text, std::string_view start) {
 }  // namespace
 
 InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard input" : path) {
+  if (path.empty()) throw_io("", "the name of a file to read is empty; name a file");
+  if (path == "-") require_standard_input();
   Descriptor file(path);
   struct stat status {};
   if (file.value < 0 || fstat(file.value, &status) != 0) {
