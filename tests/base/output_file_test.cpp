@@ -1,4 +1,5 @@
 #include <atomic>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -242,6 +243,29 @@ TEST(OutputFile, RemoveTemporariesRemovesThoseThatAreOpen) {
   EXPECT_EQ(entries(folder), 4U);
   remove_temporaries();
   EXPECT_EQ(entries(folder), 2U);
+}
+
+TEST(OutputFile, TemporariesOfKilledProcessesAreRemovedByTheNext) {
+  const TemporaryFolder folder;
+  const OutputFile in_use(folder / "c.ply");
+  const pid_t child = fork();
+  if (child == 0) {
+    const OutputFile a(folder / "a.ply");
+    const OutputFile b(folder / "b");
+    raise(SIGKILL);
+  }
+  int status = -1;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  // Names that others may have given.
+  for (const char* name : {".a.surfel-temporary-short", ".a.surfel-temporary-longer7", "a.ply",
+                           "a.surfel-temporary-abcdef", ".a.surfel-temporary-abcdeF"}) {
+    put(folder / name, "mine");
+  }
+  EXPECT_EQ(entries(folder), 8U);
+  // A process looks at a folder once, which this one has done; by another name it does again.
+  OutputFile(folder / "./new").commit();
+  EXPECT_EQ(entries(folder), 7U);
+  EXPECT_TRUE(fs::exists(in_use.temporary()));
 }
 
 TEST(OutputFile, RoomIsFilledInAnyOrder) {

@@ -9,14 +9,15 @@
 #include <filesystem>
 #include <mutex>
 #include <random>
+#include <set>
 #include <string_view>
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
-#include <sys/stat.h>
 #include <surfel/base/standard_streams.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace surfel {
@@ -62,9 +63,10 @@ std::string cause() { return std::strerror(errno); }
 template <class Write>
 void write_on(std::size_t bytes, const std::string& name, const Write& write) {
   for (std::size_t done = 0; done < bytes;) {
+    errno = 0;
     const ssize_t written = write(done);
     if (written < 0 && errno == EINTR) continue;
-    if (written < 0) throw_io(name, "cannot be written: " + cause());
+    if (written <= 0) throw_io(name, "cannot be written: " + cause());
     done += static_cast<std::size_t>(written);
   }
 }
@@ -96,11 +98,14 @@ std::string follow_links(const std::string& target) {
   return path;
 }
 
-/// The placeholder in a temporary's name for the part that makes it unique.
+/// By this part, letters for the placeholders after it, and the extension at most, temporaries are
+/// known: nobody gives such a name to a file.
+constexpr std::string_view kMark = ".surfel-temporary-";
 constexpr std::string_view kRandomPart = "XXXXXX";
+constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyz0123456789";
 
 /// Name of a hidden temporary beside `path` with its extension, kRandomPart in the middle. Long
-/// names are cut: the random part must not make them too long.
+/// names are cut: the mark must not make them too long.
 std::string temporary_pattern(const std::string& path) {
   constexpr std::size_t kLongestStem = 64;       ///< File systems allow 255 bytes a name.
   constexpr std::size_t kLongestExtension = 32;  // Longer ones are no extensions that a tool knows.
@@ -109,15 +114,49 @@ std::string temporary_pattern(const std::string& path) {
   std::string extension = dot == std::string::npos || dot == 0 ? "" : name.substr(dot);
   if (extension.size() > kLongestExtension) extension.clear();
   const std::string stem = name.substr(0, std::min(kLongestStem, name.size() - extension.size()));
-  return folder + "." + stem + "." + std::string(kRandomPart) + extension;
+  std::string pattern = folder + "." + stem;
+  return pattern.append(kMark).append(kRandomPart) + extension;
 }
 
-/// Creates and opens a file that was not there, with letters for the last kRandomPart of its name.
-/// The kernel takes the process's umask off the mode: to ask for the umask would mean to change it,
-/// which other threads would notice in the files that they create. Returns the descriptor, or -1
-/// with errno.
+bool is_temporary(std::string_view name) {
+  const std::size_t mark = name.rfind(kMark);
+  if (!name.starts_with('.') || mark == std::string_view::npos) return false;
+  name.remove_prefix(mark + kMark.size());
+  const std::string_view letters = name.substr(0, kRandomPart.size());
+  const std::string_view extension = name.substr(letters.size());
+  return letters.size() == kRandomPart.size() &&
+         letters.find_first_not_of(kLetters) == std::string_view::npos &&
+         (extension.empty() || extension.front() == '.');
+}
+
+/// Takes the lock by which a temporary is known to be in use, for as long as its descriptor is
+/// open: the system gives it back also where a process is killed.
+bool lock(int descriptor) { return flock(descriptor, LOCK_EX | LOCK_NB) == 0; }
+
+/// Removes temporaries of processes that were killed, once for each folder: a run of thousands of
+/// pictures looks at their folder once.
+void remove_abandoned(const std::string& folder) {
+  static std::mutex mutex;
+  static std::set<std::string> seen;
+  {
+    const std::lock_guard guard(mutex);
+    if (!seen.insert(folder).second) return;
+  }
+  std::error_code error;
+  for (std::filesystem::directory_iterator at(folder.empty() ? "." : folder, error), end;
+       !error && at != end; at.increment(error)) {
+    const std::filesystem::path& path = at->path();
+    if (!is_temporary(path.filename().native())) continue;
+    const Descriptor file{open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK)};
+    if (file.value >= 0 && lock(file.value)) unlink(path.c_str());
+  }
+}
+
+/// Creates, opens and locks a file that was not there, with letters for the last kRandomPart of its
+/// name. The kernel takes the process's umask off the mode: to ask for the umask would mean to
+/// change it, which other threads would notice in the files that they create. Returns the
+/// descriptor, or -1 with errno.
 int create_temporary(std::string& path, mode_t mode) {
-  constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyz0123456789";
   constexpr int kMostTries = 100;  // 36^6 names: one that is taken is rare, two in a row are none.
   const std::size_t place = path.rfind(kRandomPart);
   std::random_device random;
@@ -126,15 +165,34 @@ int create_temporary(std::string& path, mode_t mode) {
       path[place + k] = kLetters[random() % kLetters.size()];
     }
     const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode);
-    if (descriptor >= 0 || errno != EEXIST) return descriptor;
+    if (descriptor < 0 && errno == EEXIST) continue;
+    if (descriptor < 0) return descriptor;
+    // Another process may have taken the new file for an abandoned one, before it was locked. File
+    // systems without locks have no abandoned ones.
+    struct stat status {};
+    lock(descriptor);
+    if (fstat(descriptor, &status) != 0 || status.st_nlink > 0) return descriptor;
+    close(descriptor);
   }
   return -1;
+}
+
+/// Waits until what was written to a descriptor is on the disk. Pipes and some file systems have no
+/// disk below them.
+bool synchronize(int descriptor) {
+  int failed = 0;
+  do {
+    failed = fsync(descriptor);
+  } while (failed != 0 && errno == EINTR);
+  return failed == 0 || errno == EINVAL || errno == ENOTSUP || errno == EROFS;
 }
 
 }  // namespace
 
 OutputFile::OutputFile(std::string target, bool no_clobber)
     : target_(std::move(target)), no_clobber_(no_clobber) {
+  if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
+  if (target_ == "-") require_standard_output();
   mode_t mode = 0666;
   struct stat status {};
   const bool exists = target_ != "-" && stat(target_.c_str(), &status) == 0;
@@ -143,8 +201,7 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
   copied_ = target_ == "-" || (exists && !S_ISREG(status.st_mode));
   if (copied_) {
     const char* folder = std::getenv("TMPDIR");
-    temporary_ = std::string(folder && *folder ? folder : "/tmp") + "/surfel-";
-    temporary_ += kRandomPart;
+    temporary_ = temporary_pattern(std::string(folder && *folder ? folder : "/tmp") + "/");
     mode = 0600;  // The folder is everybody's, the data are not.
   } else {
     if (exists) {
@@ -159,6 +216,7 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
     if (split(target_).second.empty()) throw_io(target_, "is the name of a folder; name a file");
     temporary_ = temporary_pattern(target_);
   }
+  remove_abandoned(split(temporary_).first);
   descriptor_ = create_temporary(temporary_, mode);
   if (descriptor_ < 0) {
     throw_io(display_name(target_),
@@ -191,17 +249,22 @@ void OutputFile::write_at(std::uint64_t offset, const void* data, std::size_t by
     return pwrite(descriptor_, from + done, bytes - done, static_cast<off_t>(offset + done));
   });
 }
-  if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
-  if (target_ == "-") require_standard_output();
 
 void OutputFile::commit() {
   if (copied_) {
     copy_to_target();
     unlink(temporary_.c_str());
   } else {
-    const int closed = close(descriptor_);
-    descriptor_ = -1;
-    if (closed != 0 || !rename_to_target()) throw_io(target_, "cannot be written: " + cause());
+    // On the disk before the name stands for it: after a crash of the system the name must not
+    // stand for an empty file. The lock is held until then.
+    if (!synchronize(descriptor_) || !rename_to_target()) {
+      throw_io(target_, "cannot be written: " + cause());
+    }
+    // Whether the folder keeps the older file or this one through a crash: it is whole.
+    const std::string folder = split(target_).first;
+    const Descriptor entry{
+        open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+    if (entry.value >= 0) synchronize(entry.value);
   }
   committed_ = true;
 }
@@ -219,16 +282,18 @@ bool OutputFile::rename_to_target() const {
 
 void OutputFile::copy_to_target() const {
   const std::string name = display_name(target_);
-  const Descriptor in{open(temporary_.c_str(), O_RDONLY | O_CLOEXEC)};
   const Descriptor out{target_ == "-" ? dup(STDOUT_FILENO)
                                       : open(target_.c_str(), O_WRONLY | O_CLOEXEC)};
-  if (in.value < 0 || out.value < 0) throw_io(name, "cannot be written: " + cause());
+  if (out.value < 0) throw_io(name, "cannot be written: " + cause());
   std::array<char, 1 << 16> buffer{};
-  ssize_t got = 0;
-  while ((got = read(in.value, buffer.data(), buffer.size())) > 0) {
+  for (off_t done = 0;;) {
+    const ssize_t got = pread(descriptor_, buffer.data(), buffer.size(), done);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) throw_io(name, "temporary file cannot be read: " + cause());
+    if (got == 0) return;
     write_all(out.value, buffer.data(), static_cast<std::size_t>(got), name);
+    done += got;
   }
-  if (got < 0) throw_io(name, "temporary file cannot be read: " + cause());
 }
 
 void write_all(int descriptor, const void* data, std::size_t bytes, const std::string& name) {

@@ -9,10 +9,12 @@
 namespace surfel {
 
 /// A file that appears whole or not at all: written to a temporary beside the target and renamed by
-/// commit(). Destroyed without commit() (an exception, an interrupted run) it leaves no trace, and
-/// an older file of that name stays as it was, and keeps its permissions when replaced. A symbolic
-/// link stays one: the file that it stands for is replaced. "-" (standard output) and targets that
-/// are no regular files (pipes, devices) are written to on commit().
+/// commit(), once its bytes are on the disk. Destroyed without commit() (an exception, an
+/// interrupted run) it leaves no trace; the temporary of a process that was killed is removed by
+/// the next that writes to the folder. An older file of that name stays as it was, and keeps its
+/// permissions when replaced. A symbolic link stays one: the file that it stands for is replaced.
+/// "-" (standard output) and targets that are no regular files (pipes, devices) are written to on
+/// commit().
 class SURFEL_API OutputFile {
  public:
   /// Creates the temporary. Throws Error(kIo) naming file and cause: the folder does not exist, the
@@ -37,7 +39,7 @@ class SURFEL_API OutputFile {
   /// extension, by which image libraries choose the format.
   const std::string& temporary() const { return temporary_; }
 
-  /// Flushes and renames to the target (or copies to standard output).
+  /// Waits for the disk and renames to the target (or copies to standard output).
   void commit();
 
  private:
