@@ -233,6 +233,23 @@ TEST(SceneFile, ReadsLightsAndMaterials) {
   EXPECT_EQ(defaults.materials.size(), 1U);
 }
 
+TEST(SceneFile, ReadsASky) {
+  const TemporaryFolder folder;
+  const Scene scene = read_scene(
+      written(folder, "[sky]\nup = [0, 0, 2]\ncolor = [0.3, 0.4, 0.5]\nground = [0.1, 0, 0]\n"));
+  ASSERT_TRUE(scene.sky);
+  EXPECT_EQ(scene.sky->up, Vec3d(0, 0, 2));
+  EXPECT_EQ(scene.sky->color, Vec3f(0.3F, 0.4F, 0.5F));
+  EXPECT_EQ(scene.sky->ground, Vec3f(0.1F, 0, 0));
+  EXPECT_FALSE(read_scene(written(folder, "")).sky);
+  EXPECT_FALSE(read_scene(written(folder, "[sky]\ncolor = [1, 1, 1]\n")).sky->up);
+  for (const char* wrong : {"up = [0, 0, 0]", "up = [nan, 0, 1]", "color = [-1, 0, 0]",
+                            "ground = [0, 0, nan]", "colour = [1, 1, 1]"}) {
+    EXPECT_THROW(read_scene(written(folder, std::string("[sky]\n") + wrong + "\n")), Error)
+        << wrong;
+  }
+}
+
 TEST(SceneFile, ReadsEnvironmentsAndWhatReflectsThem) {
   const TemporaryFolder folder;
   const Scene scene =

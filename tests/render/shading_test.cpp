@@ -295,6 +295,48 @@ Scene scene_with_highlight(float shininess) {
   return scene;
 }
 
+/// A surface sees (1 + cos) / 2 of the sky, whatever the camera and however long `up` is.
+TEST(Shader, SkyAndGroundShareASurfaceByItsTilt) {
+  Scene scene;
+  scene.ambient = {0, 0, 0};
+  scene.lights.clear();
+  scene.sky = Sky{Vec3d(0, 0, 5), {0.8F, 0.6F, 0.4F}, {0.1F, 0.2F, 0.3F}};
+  for (const bool mapped : {false, true}) {
+    const Shader shader(&scene, square_camera(64), 0, mapped);
+    for (const double angle : {0.0, 30.0, 80.0}) {
+      const double sky = 0.5 + 0.5 * std::cos(angle * M_PI / 180);
+      const Rgba seen = shader.shade(fragment(tilted(angle)), 32, 32, 1);
+      EXPECT_NEAR(2 * seen.red, 0.1 + 0.7 * sky, 1e-5) << angle;
+      EXPECT_NEAR(2 * seen.blue, 0.3 + 0.1 * sky, 1e-5) << angle;
+    }
+  }
+  scene.sky->up = Vec3d(0, 0, -1);
+  EXPECT_NEAR(Shader(&scene, square_camera(64)).shade(fragment(tilted(0)), 32, 32, 1).red, 0.05,
+              1e-5);
+}
+
+/// White surfaces of any tilt stay below 1 in the light that nobody chose, and grey does what it is
+/// called.
+TEST(Shader, TheDefaultLightSaturatesNothing) {
+  Scene scene = default_scene();
+  scene.sky->up = Vec3d(0, 1, 0);
+  const Shader shader(&scene, square_camera(64));
+  float most = 0;
+  for (double turn = 0; turn < 360; turn += 10) {
+    for (double angle = 0; angle < 90; angle += 5) {
+      const Vec3f n =
+          Eigen::AngleAxisf(static_cast<float>(turn * M_PI / 180), Vec3f::UnitZ()) * tilted(angle);
+      const Rgba seen = shader.shade(fragment(n), 32, 32, 1);
+      most = std::max({most, 2 * seen.red, 2 * seen.green, 2 * seen.blue});
+    }
+  }
+  EXPECT_LT(most, 1);
+  EXPECT_GT(most, 0.85F);
+  const float facing = 2 * shader.shade(fragment(tilted(0)), 32, 32, 1).green;
+  EXPECT_GT(facing * SurfelCloud::colorless().y(), 0.3F);
+  EXPECT_LT(facing * SurfelCloud::colorless().y(), 0.5F);
+}
+
 TEST(Shader, MappedNormalsOfUnitLengthAreLitAsOthers) {
   const Scene scene = scene_with_highlight(20);
   for (const double angle : {0.0, 20.0, 60.0}) {

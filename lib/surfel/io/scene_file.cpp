@@ -76,6 +76,18 @@ Environment read_environment(const TomlTable& table, const std::string& path) {
   return environment;
 }
 
+Sky read_sky(const TomlTable& table) {
+  Sky sky;
+  table.read("up", sky.up);
+  if (sky.up && !(sky.up->allFinite() && sky.up->norm() > 0)) {
+    table.fail("up", "up of the sky must be a direction, not zero");
+  }
+  table.read("color", sky.color, 0, 1e6);
+  table.read("ground", sky.ground, 0, 1e6);
+  table.reject_unread();
+  return sky;
+}
+
 }  // namespace
 
 Scene read_scene(const std::string& path) {
@@ -91,6 +103,7 @@ Scene read_scene(const std::string& path) {
                                                refraction));
   }
   scene.refraction = refraction == "single" ? Refraction::kSingle : Refraction::kMulti;
+  if (const auto table = file.table("sky")) scene.sky = read_sky(*table);
   if (const auto table = file.table("environment")) {
     scene.environment = read_environment(*table, path);
   }

@@ -18,7 +18,8 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 /// The lit colour of fragments: Lambert's law and Blinn's highlights of all lights, and the ambient
-/// light. Of mapped normals Lambert's law takes the mean, as the cosine is linear in the normal,
+/// light. A surface sees (1 + cos) / 2 of the sky, where cos is that of its normal and up. Of
+/// mapped normals Lambert's law and the sky take the mean, as the cosine is linear in the normal,
 /// and the highlights widen by its length: Toksvig, "Mipmapping normal maps", 2005.
 /// \tparam Ops  What Vector does not have as an operator: set(const float*), dot(), length(),
 ///     normalized(), positive_part(cosine), highlight(cosine, half_cosine, shininess), which is 0
@@ -36,6 +37,9 @@ HWY_INLINE Vector lit_color(const Lighting& lighting, const Lighting::Reflection
   constexpr float kNone[3] = {0, 0, 0};
   Vector diffuse = Ops::set(material.ambient);
   Vector specular = Ops::set(kNone);
+  if (lighting.has_sky) {
+    diffuse = diffuse + Ops::dot(normal, Ops::set(lighting.up)) * Ops::set(material.sky);
+  }
   for (std::size_t i = 0; i < lighting.light_count; ++i) {
     const Lighting::Light& light = lighting.lights[i];
     const Vector light_color = Ops::set(light.color);

@@ -13,7 +13,9 @@ struct Lighting {
     bool point;
   };
   struct Reflection {
-    float ambient[3];  ///< The material's times the scene's.
+    float ambient[3];  ///< The material's times the scene's, and the mean of sky and ground.
+    /// The material's ambient times half of what the sky gives more than the ground.
+    float sky[3];
     float diffuse[3];
     float specular[3];
     float shininess;
@@ -25,6 +27,8 @@ struct Lighting {
   float world_from_camera[3][3];
   float inv_focal_x, inv_focal_y, center_x, center_y;
   bool orthographic;
+  bool has_sky = false;
+  float up[3];  ///< Of the sky, unit.
   /// Normals are means of a normal map: see Shader.
   bool mapped = false;
 };

@@ -144,9 +144,18 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass, bool ma
                             : light.vector;
     lights_.push_back(plain_light((-along.normalized()).cast<float>(), light.color, false));
   }
+  Vec3f ambient = scene->ambient;
+  Vec3f sky(0, 0, 0);
+  if (scene->sky) {
+    ambient += 0.5F * (scene->sky->color + scene->sky->ground);
+    sky = 0.5F * (scene->sky->color - scene->sky->ground);
+    lighting_.has_sky = true;
+    to_plain(scene->sky->up.value_or(Vec3d::UnitY()).normalized().cast<float>(), lighting_.up);
+  }
   for (const Material& material : scene->materials) {
     Lighting::Reflection& plain = materials_.emplace_back();
-    to_plain(material.ambient.cwiseProduct(scene->ambient), plain.ambient);
+    to_plain(material.ambient.cwiseProduct(ambient), plain.ambient);
+    to_plain(material.ambient.cwiseProduct(sky), plain.sky);
     to_plain(material.diffuse, plain.diffuse);
     to_plain(material.specular, plain.specular);
     plain.shininess = material.shininess;

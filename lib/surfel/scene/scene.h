@@ -27,6 +27,15 @@ struct Environment {
   std::shared_ptr<const EnvironmentMap> map{};  ///< Made by load_environment().
 };
 
+/// Ambient light that comes from the sky above and the ground below, evenly from each half: a
+/// surface sees of both the shares that its tilt against `up` leaves, and nothing hides them.
+struct Sky {
+  /// Any length but zero, world axes; unset: +y.
+  std::optional<Vec3d> up{};
+  Vec3f color{0, 0, 0};   ///< Light on a surface that faces up; linear, like Scene::ambient.
+  Vec3f ground{0, 0, 0};  ///< Light on a surface that faces down.
+};
+
 /// How often a ray is refracted on its way through a pixel's surfaces (SP06 section 5.2.3).
 enum class Refraction : std::uint8_t {
   kSingle,  ///< A ray is refracted once, by the nearest surface.
@@ -39,11 +48,15 @@ struct Scene {
   std::vector<Material> materials{Material{}};  ///< Surfels name rows; without the column, row 0.
   Vec3f ambient{0.25F, 0.25F, 0.25F};
   std::vector<Light> lights{Light{Light::Type::kHeadlight, {0.3, 0.4, 1}, {0.75F, 0.75F, 0.75F}}};
+  std::optional<Sky> sky{};  ///< Adds to `ambient`.
   std::optional<Environment> environment{};
   Refraction refraction = Refraction::kMulti;
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
 };
+
+/// The light of pictures for which nobody has described a scene: a headlight, a sky and the ground.
+SURFEL_API Scene default_scene();
 
 }  // namespace surfel
