@@ -400,6 +400,30 @@ TEST(CloudIo, HeaderCommentsApplyToTheCloud) {
   EXPECT_EQ(error_of(bytes), "the header comment 'surfel_basis two' has no cutoff > 0");
 }
 
+TEST(CloudIo, WhatColoursAreGoesThroughEveryFormat) {
+  const std::string bare = ply("float x,float y,float z", "0 0 0");
+  const auto saying = [&](const std::string& what) {
+    std::string bytes = bare;
+    return bytes.insert(bytes.find("element"), "comment surfel_color " + what + "\n");
+  };
+  EXPECT_EQ(cloud_of(bare).color_light, ColorLight::kUnsaid);
+  test::TemporaryFolder folder;
+  for (const auto& [what, light] : {std::pair{"recorded", ColorLight::kRecorded},
+                                    {"reflectance", ColorLight::kReflectance},
+                                    {"mixed", ColorLight::kMixed}}) {
+    const SurfelCloud cloud = cloud_of(saying(what));
+    EXPECT_EQ(cloud.color_light, light);
+    EXPECT_EQ(cloud.gathered({0}).color_light, light);
+    for (const char* name : {"a.ply", "a.pcd"}) {
+      write_cloud(cloud, folder / name);
+      EXPECT_EQ(read_cloud(folder / name).color_light, light) << name;
+    }
+  }
+  EXPECT_EQ(error_of(saying("bright")),
+            "the header comment 'surfel_color bright' says neither recorded, reflectance nor "
+            "mixed");
+}
+
 TEST(CloudIo, UpGoesThroughEveryFormat) {
   std::string bytes = ply("float x,float y,float z", "0 0 0");
   bytes.insert(bytes.find("element"), "comment surfel_up 0 0 -2\n");

@@ -237,6 +237,32 @@ TEST(JoinClouds, HeadersAreJoined) {
   EXPECT_TRUE(report.basis_differs);
 }
 
+TEST(JoinClouds, ColoursAreRecordedWhereAllAre) {
+  const auto colored = [](ColorLight said) {
+    SurfelCloud cloud = surfels();
+    cloud.color.assign(2, Vec3f(0, 0, 0));
+    cloud.color_light = said;
+    return cloud;
+  };
+  const auto joined = [](const SurfelCloud& a, const SurfelCloud& b) {
+    return join({a, b}).color_light;
+  };
+  const SurfelCloud unsaid = colored(ColorLight::kUnsaid);
+  const SurfelCloud recorded = colored(ColorLight::kRecorded);
+  const SurfelCloud own = colored(ColorLight::kReflectance);
+  EXPECT_EQ(joined(unsaid, unsaid), ColorLight::kUnsaid);
+  EXPECT_EQ(joined(unsaid, recorded), ColorLight::kRecorded);
+  EXPECT_EQ(joined(own, own), ColorLight::kReflectance);
+  EXPECT_EQ(joined(recorded, own), ColorLight::kMixed);
+  EXPECT_EQ(joined(own, unsaid), ColorLight::kMixed);
+  EXPECT_EQ(joined(colored(ColorLight::kMixed), own), ColorLight::kMixed);
+  // The grey that colourless surfels get is no record.
+  EXPECT_EQ(joined(surfels(), recorded), ColorLight::kMixed);
+  EXPECT_EQ(joined(surfels(), own), ColorLight::kReflectance);
+  EXPECT_EQ(joined(surfels(), surfels()), ColorLight::kUnsaid);
+  EXPECT_EQ(joined(SurfelCloud{}, recorded), ColorLight::kRecorded);
+}
+
 TEST(JoinClouds, ASingleOneIsUntouched) {
   SurfelCloud a = surfels();
   a.origin = Vec3d(5, 5, 5);

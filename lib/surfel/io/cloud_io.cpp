@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <span>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -28,6 +30,11 @@ constexpr std::string_view kBasisComment = "surfel_basis ";
 constexpr std::string_view kProvenanceComment = "surfel_provenance ";
 constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
 constexpr std::string_view kUpComment = "surfel_up ";
+constexpr std::string_view kColorComment = "surfel_color ";
+constexpr std::array<std::pair<std::string_view, ColorLight>, 3> kColorLights{
+    {{"recorded", ColorLight::kRecorded},
+     {"reflectance", ColorLight::kReflectance},
+     {"mixed", ColorLight::kMixed}}};
 
 /// Blank-separated numbers, exactly as many as `values` has; false if they are not there.
 bool parse_numbers(std::string_view text, std::span<double> values) {
@@ -60,6 +67,9 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool pcd) {
   }
   if (cloud.up) {
     lines.push_back(fmt::format("{}{}", kUpComment, fmt::join(*cloud.up, " ")));
+  }
+  for (const auto& [name, light] : kColorLights) {
+    if (cloud.color_light == light) lines.push_back(fmt::format("{}{}", kColorComment, name));
   }
   for (const std::string& line : cloud.provenance) {
     lines.push_back(std::string(kProvenanceComment) + one_line(line));
@@ -184,6 +194,16 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
         throw_input(file, "the header comment " + quoted_excerpt(text) + " has no direction");
       }
       cloud.up = Vec3d(up).normalized();
+    } else if (text.starts_with(kColorComment)) {
+      const std::string_view said = text.substr(kColorComment.size());
+      const auto* const known =
+          std::find_if(kColorLights.begin(), kColorLights.end(),
+                       [&](const auto& light) { return light.first == said; });
+      if (known == kColorLights.end()) {
+        throw_input(file, "the header comment " + quoted_excerpt(text) +
+                              " says neither recorded, reflectance nor mixed");
+      }
+      cloud.color_light = known->second;
     } else if (!text.starts_with(kVersionComment)) {
       cloud.comments.push_back(comment);
     }

@@ -44,6 +44,7 @@ void resize_columns(SurfelCloud& cloud, std::size_t count, bool with_uv, bool wi
   cloud.variance.resize(count);
   cloud.area.resize(count);
   cloud.color.resize(count);
+  cloud.color_light = ColorLight::kReflectance;
   if (with_uv) {
     cloud.uv.resize(count);
     cloud.dpdu.resize(count);

@@ -336,6 +336,7 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
 
   SurfelCloud cloud;
   cloud.origin = mesh.origin;
+  cloud.color_light = ColorLight::kReflectance;
   cloud.position.resize(samples.size());
   cloud.area.resize(samples.size());
   cloud.variance.resize(samples.size());

@@ -69,6 +69,7 @@ class Joiner {
 
   SurfelCloud join() {
     join_file();
+    join_color_light();
     join_positions();
     const auto unknown = [](const auto&, std::size_t) { return Vec3f(0, 0, 0); };
     fill("normal", &SurfelCloud::normal, unknown);
@@ -142,6 +143,30 @@ class Joiner {
           v->orientation != out_.viewpoint->orientation) {
         out_.viewpoint.reset();
       }
+    }
+  }
+
+  /// What the colours of all clouds are. Colourless surfels get a grey to be lit.
+  void join_color_light() {
+    std::optional<ColorLight> common;
+    std::optional<ColorLight> meaning;
+    bool said_alike = true;
+    bool alike = true;
+    for (const SurfelCloud& cloud : clouds_) {
+      if (cloud.empty()) continue;
+      const ColorLight means = cloud.render_color() ? meaning_of_colors(cloud.color_light, true)
+                                                    : ColorLight::kReflectance;
+      said_alike = said_alike && common.value_or(cloud.color_light) == cloud.color_light;
+      alike = alike && meaning.value_or(means) == means;
+      common = cloud.color_light;
+      meaning = means;
+    }
+    if (!common || !any([](const SurfelCloud& c) { return c.render_color() != nullptr; })) {
+      if (said_alike) out_.color_light = common.value_or(ColorLight::kUnsaid);
+    } else if (!alike) {
+      out_.color_light = ColorLight::kMixed;
+    } else {
+      out_.color_light = said_alike ? *common : *meaning;
     }
   }
 

@@ -49,6 +49,8 @@ struct JoinReport {
 ///  - properties whose types differ become double; colours the wider of their encodings;
 ///  - provenance and comments follow one another, each line once; the viewpoint and `up`
 ///    stay if all have the same, as does the basis' cutoff of those that have coefficients;
+///  - colours of which some are recorded light and some are not (meaning_of_colors())
+///    are ColorLight::kMixed; the grey of colourless surfels is not recorded;
 ///  - positions move to an origin for all.
 /// \param names  one for each cloud, for messages.
 /// Throws Error(kUsage) for unusable options, Error(kInput) where a cloud has no variance and

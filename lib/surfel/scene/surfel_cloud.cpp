@@ -43,6 +43,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   out.double_positions = double_positions;
   out.color_encoding = color_encoding;
   out.alpha_as_uint8 = alpha_as_uint8;
+  out.color_light = color_light;
   out.basis_cutoff = basis_cutoff;
   out.provenance = provenance;
   out.comments = comments;

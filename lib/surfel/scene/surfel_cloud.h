@@ -26,6 +26,21 @@ struct ExtraProperty {
 /// How `color` stood in the file, and will be written: integers are sRGB-encoded, floats linear.
 enum class ColorEncoding : std::uint8_t { kUint8Srgb, kUint16Srgb, kFloatLinear };
 
+/// What the colours of surfels are, which decides whether lighting them makes sense.
+enum class ColorLight : std::uint8_t {
+  kUnsaid,       ///< Nobody has said.
+  kRecorded,     ///< Light as a camera or scanner recorded it, shades included.
+  kReflectance,  ///< The surface's own colours, as of a mesh or its textures.
+  kMixed,        ///< Some surfels have recorded light, some have not.
+};
+
+/// What colours are for which a cloud says `said`: recorded light where it says nothing, as files
+/// of scanners do; kUnsaid where there are no colours.
+constexpr ColorLight meaning_of_colors(ColorLight said, bool colors) {
+  if (!colors) return ColorLight::kUnsaid;
+  return said == ColorLight::kUnsaid ? ColorLight::kRecorded : said;
+}
+
 /// Sensor position and orientation of a scan (PCD's VIEWPOINT).
 struct Viewpoint {
   Vec3d position{0, 0, 0};
@@ -73,6 +88,7 @@ struct SURFEL_API SurfelCloud {
   /// surfels: a function that changes the order drops it, as gathered() does.
   ClusterTree tree;
 
+  ColorLight color_light = ColorLight::kUnsaid;  ///< As the file says; see meaning_of_colors().
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
   std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
   std::vector<std::string> comments;    ///< The file's other comments.

@@ -76,6 +76,7 @@ struct LoadedCloud::Impl {
   std::optional<double> basis_cutoff;
   std::optional<Viewpoint> viewpoint;
   std::optional<Vec3d> up;
+  ColorLight color_light = ColorLight::kUnsaid;
   SurfaceSample sample;
   bool has_levels = false;
 
@@ -89,7 +90,7 @@ struct LoadedCloud::Impl {
   const char* why_in_memory() const;
   SurfelSource& source() const { return wrapped ? *wrapped : *records; }
   void make_stream(std::uint64_t memory);
-  void take_header(const SurfelCloud& header);
+  void take_header(const SurfelCloud& header, bool colors);
   void wrap(SurfelSource& inner, const ClusterTree& levels);
   void sample_resident();
 };
@@ -146,7 +147,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (!open_records()) return false;
   SurfelCloud header;
   read_comments(ply->header().comments, ply->name(), header);
-  take_header(header);
+  take_header(header, records->attributes().color);
   has_levels = !tree.empty();
   if (options.sample && has_levels) {
     const auto [begin, end] = sampled_level(tree);
@@ -204,10 +205,12 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   }
 }
 
-void LoadedCloud::Impl::take_header(const SurfelCloud& header) {
+/// \param colors  The surfels have colours.
+void LoadedCloud::Impl::take_header(const SurfelCloud& header, bool colors) {
   basis_cutoff = header.basis_cutoff;
   viewpoint = header.viewpoint;
   up = header.up;
+  color_light = meaning_of_colors(header.color_light, colors);
 }
 
 /// Lets the caller put another source in place of one.
@@ -240,7 +243,7 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }
-  take_header(cloud);
+  take_header(cloud, cloud.render_color() != nullptr);
   has_levels = !cloud.tree.empty();
   CloudSource all(cloud, name);
   wrap(all, cloud.tree);
@@ -298,6 +301,7 @@ ClusterStore& LoadedCloud::store() const {
 std::optional<double> LoadedCloud::basis_cutoff() const { return impl_->basis_cutoff; }
 const std::optional<Viewpoint>& LoadedCloud::viewpoint() const { return impl_->viewpoint; }
 const std::optional<Vec3d>& LoadedCloud::up() const { return impl_->up; }
+ColorLight LoadedCloud::color_light() const { return impl_->color_light; }
 const SurfaceSample& LoadedCloud::sample() const { return impl_->sample; }
 bool LoadedCloud::has_levels() const { return impl_->has_levels; }
 

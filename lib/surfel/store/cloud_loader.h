@@ -80,6 +80,8 @@ class SURFEL_API LoadedCloud {
   const std::optional<Viewpoint>& viewpoint() const;
   /// SurfelCloud::up of the file.
   const std::optional<Vec3d>& up() const;
+  /// meaning_of_colors() of the file.
+  ColorLight color_light() const;
   /// A sample of the surface, if the options ask for it: of the coarsest level of detail that has
   /// as many surfels as a sample holds, so that little is read of a file with levels. The sample is
   /// the same whether surfels are in memory or streamed.

@@ -161,6 +161,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
   require_usable(options);
   check_textured(cloud, textures, name);
 
+  cloud.color_light = ColorLight::kReflectance;
   TextureFitReport report;
   report.surfels = cloud.size();
   if (options.kind == TextureFitKind::kEwa) {
@@ -244,6 +245,7 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
                            const TextureFitOptions& options, const std::string& name) {
   require_usable(options);
   check_kernels_present(cloud, name);
+  cloud.color_light = ColorLight::kReflectance;
   TextureFitReport report;
   report.surfels = cloud.size();
   const SurfelBasis basis = make_basis(cloud);
