@@ -139,6 +139,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const D d;
   const V zero = hn::Zero(d);
   const V one = hn::Set(d, 1);
+  const V half = hn::Set(d, 0.5F);
   const V full_weight = hn::Set(d, tile.full_weight);
   out.inside = inside_of(tile);
   out.lone.fill(0);
@@ -159,6 +160,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};
     V opacity = zero;
+    V nearness = hn::Set(d, -__builtin_inff());
     M waits = hn::Ne(zero, zero);  // Other tiles decide whether these are at an edge.
     M loose_back = waits;  // The last fragment shows a back that may lie beyond a silhouette ...
     M rim = waits;         // ... or a front's part of the pixel at one.
@@ -217,7 +219,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       // SS01 (12)
       const V transmitted = hn::IfThenElseZero(open, hn::Sub(one, opacity));
       color = color + transmitted * select(open, shade, color);
+      const M below = hn::Lt(opacity, half);
       opacity = hn::MulAdd(transmitted, hn::IfThenElseZero(open, front), opacity);
+      const M passes = hn::And(below, hn::Ge(opacity, half));
+      nearness = hn::IfThenElse(i == 0 ? whole : passes, at.depth, nearness);
       plain = hn::And(plain, hn::Or(open, hn::Le(left, zero)));
       const M hides = hn::And(hn::Ge(at.weight, full_weight), hn::Ge(alpha, opaque));
       left = hn::IfThenZeroElse(hides, hn::Sub(left, one));
@@ -225,6 +230,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     }
     sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(plain, fragments.sum)));
     store_over(color, opacity, background, out.color[pixel]);
+    hn::Store(nearness, d, &out.nearness[pixel]);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
     std::uint8_t bits[8] = {};  // StoreMaskBits() may write as many.
     hn::StoreMaskBits(d, hn::And(plain, waits), bits);

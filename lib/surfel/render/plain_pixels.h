@@ -15,6 +15,9 @@ struct PlainPixels {
   alignas(64) std::array<Rgba, kTilePixels> color;
   alignas(
       64) std::array<float, kTilePixels> left;  ///< 0: the pixel has its colour; 1: it has none.
+  /// Nearness (Splat::depth) where opacity passes one half, else of the nearest fragment; -infinity
+  /// where there is none.
+  alignas(64) std::array<float, kTilePixels> nearness;
   /// By patch, as bits: pixels near the tile's border that have a lone fragment, which may be at an
   /// edge, and are coloured as if it were at none.
   std::array<std::uint16_t, kTilePixels / kPatchPixels> lone;

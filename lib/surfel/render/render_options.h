@@ -33,6 +33,13 @@ enum class Filter : std::uint8_t {
   kNone,      ///< The footprint alone: aliases where it is smaller than a pixel.
 };
 
+/// How a picture's depths darken it (relief.h).
+enum class Relief : std::uint8_t {
+  kNone,
+  kEyeDome,    ///< By what is nearer around a pixel: slopes and outlines.
+  kOcclusion,  ///< By how much of the sky what is around a pixel hides: creases and hollows.
+};
+
 struct RenderOptions {
   /// The method by which a pixel's splats are composited; null: the A-buffer of SS01 section 6.
   /// sp06/methods.h makes the others.
@@ -50,6 +57,8 @@ struct RenderOptions {
   std::optional<double> coverage_threshold;  ///< tau, > 0; unset: coverage_threshold(cutoff).
   bool cull_back = false;  ///< Leave out surfels that face away: for closed, opaque surfaces.
   bool lit = true;         ///< Shade with the scene; else show the filtered texture itself.
+  /// Darkens the picture by the relief of its depths. Methods that blend layers cannot.
+  Relief relief = Relief::kNone;
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
   /// Surfels of a block of pixels that are set up and sorted at once, 256..2^27. The nearest ones
   /// are drawn before the others are set up, which bounds the memory. Methods that need all splats

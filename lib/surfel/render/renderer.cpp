@@ -15,6 +15,7 @@
 #include <surfel/render/edge_search.h>
 #include <surfel/render/frame.h>
 #include <surfel/render/plain_pixels.h>
+#include <surfel/render/relief.h>
 #include <surfel/render/renderer.h>
 #include <surfel/render/shading.h>
 #include <surfel/render/splat_lists.h>
@@ -47,6 +48,10 @@ bool is_opaque(const RenderCloud& cloud, const Scene& scene) {
   if (cloud.material.empty()) return scene.materials.front().opacity >= 1;
   return std::all_of(scene.materials.begin(), scene.materials.end(),
                      [](const Material& m) { return m.opacity >= 1; });
+}
+
+Rgba premultiplied(const std::array<float, 4>& b) {
+  return {b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
 }
 
 Image blank_image(const Camera& camera, bool aovs) {
@@ -82,7 +87,8 @@ struct Renderer::Impl {
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
   /// A-buffers of all tiles of a band, where it takes several batches.
   Array<float> a_buffer;
-  TileRims rims;  ///< Borders of all tiles of a band.
+  TileRims rims;             ///< Borders of all tiles of a band.
+  NearnessPicture nearness;  ///< Of pictures with relief.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {
@@ -113,7 +119,7 @@ struct Renderer::Impl {
   void draw_block(const Pass& pass, std::size_t block, int w);
   void draw_tile(TileABuffer& tile, int x, int y, int w);
   Rgba backdrop() const;
-  void put(PixelResult result, float* out) const;
+  void put(PixelResult result, const Shader& shader, int x, int y, Image& image);
   void resolve(TileABuffer& tile, const Compositor::Worker* background, OpenPixels& open,
                Image& image);
   void resolve_open(const Frame& frame, Image& image);
@@ -156,14 +162,16 @@ void Renderer::Impl::draw_tile(TileABuffer& tile, int x, int y, int w) {
   worker.compositor->draw(worker.jobs, tile);
 }
 
-/// The background, premultiplied.
+/// What pixels are composited over, premultiplied: the background, which relief puts behind the
+/// surfaces at last.
 Rgba Renderer::Impl::backdrop() const {
-  const std::array<float, 4>& b = options.background;
-  return {b[0] * b[3], b[1] * b[3], b[2] * b[3], b[3]};
+  if (options.relief != Relief::kNone) return {};
+  return premultiplied(options.background);
 }
 
-/// Writes a pixel's channels.
-void Renderer::Impl::put(PixelResult result, float* out) const {
+/// Writes a pixel's channels, and its nearness.
+void Renderer::Impl::put(PixelResult result, const Shader& shader, int x, int y, Image& image) {
+  float* const out = image.pixel(x, y);
   result.color.composite(backdrop());
   out[0] = result.color.red;
   out[1] = result.color.green;
@@ -174,6 +182,10 @@ void Renderer::Impl::put(PixelResult result, float* out) const {
     out[5] = result.depth_first;
     std::copy_n(result.normal, 3, out + 6);
     out[9] = result.weight;
+  }
+  if (options.relief != Relief::kNone) {
+    const float z = std::isfinite(result.depth) ? result.depth : result.depth_first;
+    *nearness.at(x, y) = std::isfinite(z) ? shader.depth(z) : NearnessPicture::kNothing;
   }
 }
 
@@ -197,18 +209,19 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
       nothing->insert(nothing->end(), {kInfinity, kInfinity, 0, 0, 0, 0});
     }
   }
-  const auto resolve_one = [&](int pixel, float* out) {
+  const auto resolve_one = [&](int pixel, int x, int y) {
     if (nothing && tile.at(0, kWeight, pixel) == 0) {
-      std::copy(nothing->begin(), nothing->end(), out);
+      std::copy(nothing->begin(), nothing->end(), image.pixel(x, y));
       return;
     }
     // SP06: I = alpha C_F + (1 - alpha) C_O
     const Fragment others = background ? background->behind(pixel) : Fragment{};
     const bool waits = background && background->waits(tile, pixel);
     const std::optional<PixelResult> result = resolve_pixel(tile, pixel, others, waits, open);
-    if (result) put(*result, out);
+    if (result) put(*result, *tile.shader, x, y, image);
   };
   const std::size_t channels = image.channels.size();
+  const bool relief = options.relief != Relief::kNone;
   for (int y = 0; y < tile.height; ++y) {
     float* const row = image.pixel(tile.x0, tile.y0 + y);
     for (int x0 = 0; x0 < tile.width; x0 += kStripWidth) {
@@ -217,6 +230,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
       const int count = std::min(kStripWidth, tile.width - x0);
       if (plain && count == kStripWidth) {
         std::memcpy(row + channels * x0, &plain->color[first], sizeof(Rgba) * kStripWidth);
+        if (relief) {
+          std::copy_n(&plain->nearness[first], kStripWidth, nearness.at(tile.x0 + x0, tile.y0 + y));
+        }
         const float* left = &plain->left[first];
         if (left[0] + left[1] + left[2] + left[3] == 0) continue;
       }
@@ -224,8 +240,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
         float* out = row + channels * (x0 + i);
         if (plain && plain->left[first + i] == 0) {
           std::memcpy(out, &plain->color[first + i], sizeof(Rgba));
+          if (relief) *nearness.at(tile.x0 + x0 + i, tile.y0 + y) = plain->nearness[first + i];
         } else {
-          resolve_one(first + i, out);
+          resolve_one(first + i, tile.x0 + x0 + i, tile.y0 + y);
         }
       }
     }
@@ -241,17 +258,18 @@ void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   const auto for_each_surrounded = [&](const auto& pixels, const auto& body) {
     parallel_for(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
-        if (pixels[i].y < end_row) body(pixels[i], image.pixel(pixels[i].x, pixels[i].y));
+        if (pixels[i].y < end_row) body(pixels[i]);
       }
     });
   };
   workers.for_each([&](Worker& worker) {
     OpenPixels& open = worker.open;
-    for_each_surrounded(open.pixels, [&](const OpenPixels::Pixel& pixel, float* out) {
+    for_each_surrounded(open.pixels, [&](const OpenPixels::Pixel& pixel) {
       compositor->complete(frame.shader, pixel.x, pixel.y, open.fragments_of(pixel));
-      put(resolve_open_pixel(tile, open, pixel, rims), out);
+      put(resolve_open_pixel(tile, open, pixel, rims), frame.shader, pixel.x, pixel.y, image);
     });
-    for_each_surrounded(open.lone, [&](const LoneFragment& lone, float* out) {
+    for_each_surrounded(open.lone, [&](const LoneFragment& lone) {
+      float* out = image.pixel(lone.x, lone.y);
       // The share of the pixel's only fragment is proportional to the coverage.
       const float change = rims.coverage_change(tile, lone);
       const Rgba behind = backdrop();
@@ -406,10 +424,20 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
                       r.store.cloud().has_shading());
   r.begin(camera);
   Image image = blank_image(camera, r.options.aovs);
+  const Relief relief = r.options.relief;
+  if (relief != Relief::kNone) {
+    r.nearness.reset(camera.width, camera.height, relief_margin(relief, camera));
+  }
   for (int y0 = 0; y0 < camera.height;) {
     const Band band(camera, y0, y0 + r.band_rows(camera, y0));
     y0 = band.y1;
     r.draw_band(camera, band, shader, image, stats);
+  }
+  if (relief != Relief::kNone) {
+    const Timer timer;
+    add_relief(image, relief_shares(r.nearness, camera, relief),
+               premultiplied(r.options.background));
+    stats.stages.add("relief", timer.milliseconds());
   }
   r.finish(stats);
   stats.milliseconds = whole.milliseconds();

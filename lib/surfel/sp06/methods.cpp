@@ -256,6 +256,8 @@ class LayerMethod final : public CompositingMethod {
     std::vector<std::string> found;
     check_rule(found, !options.aovs,
                "depth and normals are not made by the transparent methods; leave them out");
+    check_rule(found, options.relief == Relief::kNone,
+               "relief needs depth, which is not made by the transparent methods; choose none");
     check_rule(found,
                method_.layers_by == LayersBy::kGroup || method_.voronoi == Voronoi::kWindowed,
                "other `voronoi` rules than windowed go with `layers_by` group alone");
