@@ -17,7 +17,7 @@ scan() {
   # shellcheck disable=SC2086  # the orientation may hold several words
   "$tools/surfel-estimate" "$data/$1" --orient $2 -o "$work/$name.ply" --quiet
   "$tools/surfel-render" "$work/$name.ply" -o "$work/$name.png" --from="$3" --up="$4" --size 340x340 \
-    --background 0.6,0.6,0.65,1 --quiet
+    --background 0.6,0.6,0.65,1 --shading phong --quiet
   tiles+=("$work/$name.png")
 }
 

@@ -19,6 +19,7 @@
 
 #include "tools/render/coloring.h"
 #include "tools/render/frame_report.h"
+#include "tools/render/light.h"
 #include "tools/render/painters.h"
 #include "tools/render/settings.h"
 #include "tools/render/surfels.h"
@@ -81,15 +82,18 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
   report["faces"] = subject.mesh ? subject.mesh->mesh().face.size() : 0;
 }
 
-/// The cameras to render from: what the user left open is guessed from what is drawn.
+/// The cameras to render from: what the user left open is guessed from what is drawn. The sky of
+/// the scene is up in the (first) picture unless the scene says otherwise.
 std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings& s,
                                        const Subject& subject,
-                                       std::vector<surfel::CameraOptions> asked) {
+                                       std::vector<surfel::CameraOptions> asked,
+                                       surfel::Scene& scene) {
   if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
     aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
   } else if (needs_guess(s, asked)) {
     aim(tool, s, surfel::sample_surface(subject.mesh->mesh()), {}, asked);
   }
+  if (scene.sky && !scene.sky->up) scene.sky->up = asked.front().up_or_y();
   const surfel::SceneExtent extent = subject.extent();
   tool.report()["stray_points"] = extent.stray;
   return cameras(tool, s, asked, extent);
@@ -157,11 +161,15 @@ int main(int argc, char** argv) {
   std::vector<char*> words = with_output(argc, argv);
   return tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
-    const surfel::Scene scene = load_scene(tool, s);
+    surfel::Scene scene = load_scene(tool, s);
     const std::vector<surfel::CameraOptions> asked = asked_views(s);
     Subject subject;
     load(tool, s, scene, asked, subject);
-    const std::vector<surfel::Camera> views = find_views(tool, s, subject, asked);
+    if (!subject.mesh) {
+      const bool named = s.color_by != "auto" && s.color_by != "none";
+      choose_light(tool, s, *subject.loaded, named || subject.legend);
+    }
+    const std::vector<surfel::Camera> views = find_views(tool, s, subject, asked, scene);
     for (std::size_t i = 0; is_pattern(s.output) && i < views.size(); ++i) {
       tool.files().write_also("--output", picture_name(s.output, i));
     }

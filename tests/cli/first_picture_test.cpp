@@ -113,6 +113,56 @@ TEST_F(FirstPicture, SaysWhatItDoesInALineAndNothingIfQuiet) {
   EXPECT_EQ(quiet.errors, "");
 }
 
+/// Colours of scans are shown as they are, colours of meshes are lit, and either can be changed.
+TEST_F(FirstPicture, RecordedColoursAreNotLit) {
+  std::string points =
+      "ply\nformat ascii 1.0\nelement vertex 400\nproperty float x\n"
+      "property float y\nproperty float z\nproperty uchar red\n"
+      "property uchar green\nproperty uchar blue\nend_header\n";
+  for (int i = 0; i < 400; ++i) {
+    points += std::to_string(i % 20) + ' ' + std::to_string(i / 20) + " 0 200 100 50\n";
+  }
+  const std::string scan = folder_ / "scan.ply";
+  write_text(scan, points);
+  const std::string image = folder_ / "p.png";
+  const auto picture = [&](const std::string& file, std::vector<std::string> options) {
+    options.insert(options.begin(), {file, "--size", "32", "--from", "1,1,1", "-o", image});
+    const RunResult result = render(options);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return std::pair(read_text(image), result.errors);
+  };
+  const auto [shown, said] = picture(scan, {});
+  EXPECT_NE(said.find("--shading phong lights them"), std::string::npos) << said;
+  EXPECT_EQ(shown, picture(scan, {"--shading", "none"}).first);
+  EXPECT_NE(shown, picture(scan, {"--shading", "phong"}).first);
+  const std::string surfels = folder_ / "head.ply";
+  EXPECT_NE(picture(mesh_, {"--keep", surfels}).second.find("a mesh"), std::string::npos);
+  EXPECT_EQ(picture(surfels, {}).second.find("recorded"), std::string::npos);
+  EXPECT_EQ(picture(surfels, {}).first, picture(surfels, {"--shading", "phong"}).first);
+  EXPECT_NE(picture(surfels, {}).first, picture(surfels, {"--shading", "none"}).first);
+}
+
+/// Surfels without colours have relief, others have it on demand.
+TEST_F(FirstPicture, ReliefIsForSurfelsWithoutColours) {
+  const std::string image = folder_ / "p.png";
+  const auto picture = [&](const std::string& file, const std::string& relief) {
+    const RunResult result =
+        render({file, "--size", "64", "--relief", relief, "-o", image, "--quiet"});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_text(image);
+  };
+  EXPECT_EQ(picture(points_, "auto"), picture(points_, "occlusion"));
+  EXPECT_NE(picture(points_, "auto"), picture(points_, "none"));
+  const std::string sphere = folder_ / "sphere.ply";  // Has colours.
+  run({tool("surfel-generate"), "head", "--count", "4000", "-o", sphere, "--quiet"});
+  EXPECT_EQ(picture(sphere, "auto"), picture(sphere, "none"));
+  EXPECT_NE(picture(sphere, "auto"), picture(sphere, "eye-dome"));
+  EXPECT_EQ(render({points_, "--reference", "--relief", "occlusion", "-o", image}).exit_code, 2);
+  EXPECT_EQ(
+      render({sphere, "--method", "transparent", "--relief", "occlusion", "-o", image}).exit_code,
+      2);
+}
+
 TEST_F(FirstPicture, APictureAmongTheFilesIsTheOutput) {
   const std::string picture = folder_ / "p.png";
   EXPECT_EQ(render({points_, picture, "--size", "32"}).exit_code, 0);

@@ -48,7 +48,7 @@ Paint surfel_painter(const Settings& s, const RenderOptions& options, const Load
 }  // namespace
 
 Scene load_scene(tool::Tool& tool, const Settings& s) {
-  if (s.scene_file.empty()) return {};
+  if (s.scene_file.empty()) return default_scene();
   Scene scene = read_scene(s.scene_file);
   if (s.refraction == Refractions::kSingle) scene.refraction = Refraction::kSingle;
   if (s.refraction == Refractions::kMulti) scene.refraction = Refraction::kMulti;

@@ -166,8 +166,19 @@ void declare_colors(CLI::App& app, Settings& s) {
 void declare_shading(CLI::App& app, Settings& s) {
   using namespace tool;
   app.option_defaults()->group("Shading");
-  add_choice(app, "--shading", s.shading, {{"phong", Shading::kPhong}, {"none", Shading::kNone}},
-             "none shows the filtered texture itself");
+  add_choice(app, "--shading", s.shading,
+             {{"auto", Shading::kAuto}, {"phong", Shading::kPhong}, {"none", Shading::kNone}},
+             "phong lights the surfels, none shows the filtered texture itself; auto: none for "
+             "colours that were recorded, as those of scans, phong for all others and with "
+             "--scene");
+  add_choice(app, "--relief", s.relief,
+             {{"auto", ReliefChoice::kAuto},
+              {"none", ReliefChoice::kNone},
+              {"eye-dome", ReliefChoice::kEyeDome},
+              {"occlusion", ReliefChoice::kOcclusion}},
+             "Shade by the picture's depths, which needs no normals: eye-dome by what is nearer "
+             "around a pixel, occlusion by how much light what is around it hides; auto: "
+             "occlusion for opaque surfels without colours that are lit by no --scene");
   app.add_option("--scene", s.scene_file, "Lights, materials, environment (TOML)");
   add_choice(app, "--refraction", s.refraction,
              {{"scene", Refractions::kScene},
@@ -186,10 +197,6 @@ void declare_shading(CLI::App& app, Settings& s) {
              s.background.reset();
              if (text != "auto") s.background = parse_color("--background", text);
            });
-}
-
-bool blends_layers(const Settings& s) {
-  return s.method == Method::kTransparent || s.method == Method::kTransparentHigh;
 }
 
 /// Levels of detail are of the fast renderer and of surfels without groups.
@@ -217,7 +224,9 @@ void check_levels(const CLI::App& app, const Settings& s) {
 /// Fills in fields of the library's options that the command line has in other types.
 void finish(Settings& s) {
   s.render.method = compositing_method(s.method, s.method_options);
-  s.render.lit = s.shading == Shading::kPhong;
+  s.render.lit = s.shading != Shading::kNone;
+  if (s.relief == ReliefChoice::kEyeDome) s.render.relief = Relief::kEyeDome;
+  if (s.relief == ReliefChoice::kOcclusion) s.render.relief = Relief::kOcclusion;
   s.texture.charts = false;
   s.normals.maps.charts = false;
   s.normals.maps.wrap = s.texture.wrap;
@@ -240,7 +249,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
   };
   const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
     for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
-                               "--voronoi", "--layers-by", "--peel", "--explain"}) {
+                               "--voronoi", "--layers-by", "--peel", "--relief", "--explain"}) {
       options.emplace_back(option);
     }
     refuse(renderer, options);
@@ -353,6 +362,10 @@ void declare_options(CLI::App& app, Settings& s) {
 bool wants_legend(const Settings& s) {
   if (s.legend != LegendChoice::kAuto) return s.legend == LegendChoice::kOn;
   return tool::lower_extension(s.output) != ".exr";
+}
+
+bool blends_layers(const Settings& s) {
+  return s.method == Method::kTransparent || s.method == Method::kTransparentHigh;
 }
 
 bool wants_levels(const Settings& s) {

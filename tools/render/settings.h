@@ -18,7 +18,8 @@
 
 namespace surfel::render_tool {
 
-enum class Shading { kPhong, kNone };
+enum class Shading { kAuto, kPhong, kNone };
+enum class ReliefChoice { kAuto, kNone, kEyeDome, kOcclusion };
 enum class Cull { kNone, kBack };
 enum class Refractions { kScene, kSingle, kMulti };
 enum class Lod { kAuto, kOn, kOff };
@@ -44,7 +45,8 @@ struct Settings {
   int turntable = 0;
   bool explain = false;
   std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
-  Shading shading = Shading::kPhong;
+  Shading shading = Shading::kAuto;
+  ReliefChoice relief = ReliefChoice::kAuto;
   std::string color_by = "auto";  ///< Attribute, or auto or none.
   MapChoice color_map = MapChoice::kAuto;
   std::optional<std::array<double, 2>> color_range;  ///< Unset: without stray values.
@@ -71,6 +73,9 @@ void settle(const CLI::App& app, Settings& s);
 
 /// Does a legend belong in the pictures, where there is something to say in it?
 bool wants_legend(const Settings& s);
+
+/// The method blends layers, so that it knows no depths.
+bool blends_layers(const Settings& s);
 
 /// The levels of detail are wanted, if the file has them.
 bool wants_levels(const Settings& s);
