@@ -6,8 +6,10 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/color.h>
+#include <surfel/base/morton.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
+#include <surfel/sample/generate.h>
 #include <surfel/scene/color_map.h>
 
 #include "support/run_tool.h"
@@ -170,19 +172,29 @@ TEST_F(ColorBy, AColumnThatOneFileLacksIsRefused) {
 }
 
 TEST_F(ColorBy, StreamedSurfelsHaveTheSameColoursAsThoseInMemory) {
+  // In the order in which memory has them, so that not even rounding differs.
+  const SurfelCloud made = generate_surfels(procedural_scene("terrain", 1), {.count = 250000});
+  SurfelCloud cloud = made.gathered(morton_order(made.position));
+  ExtraProperty& heat = cloud.extra.emplace_back(ExtraProperty{"heat", ScalarType::kUint8, {}});
+  for (std::size_t i = 0; i < cloud.size(); ++i) heat.data.push_back(std::byte(i % 251));
   surfels_ = folder_ / "terrain.ply";
-  const RunResult made =
-      run({tool("surfel-generate"), "terrain", "--count", "250000", "-o", surfels_, "--quiet"});
-  ASSERT_EQ(made.exit_code, 0) << made.errors;
+  write_cloud(cloud, surfels_);
   const auto picture = [&](const std::string& by, const std::string& memory) {
     const RunResult result = render(
         {"--color-by", by, "--size", "128", "--memory", memory, "--cutoff", "1"}, memory + ".png");
     EXPECT_EQ(result.exit_code, 0) << result.errors;
     EXPECT_EQ(contains(result.errors, "piece by piece"), memory == "12M") << result.errors;
-    return read_text(folder_ / (memory + ".png"));
+    return read_image(folder_ / (memory + ".png"), true);
   };
-  for (const char* by : {"elevation", "normal", "u"}) {
-    EXPECT_EQ(picture(by, "12M"), picture(by, "1G")) << by;
+  // Small batches may merge layers in another order, which changes a few pixels.
+  for (const char* by : {"elevation", "normal", "heat"}) {
+    const Image streamed = picture(by, "12M");
+    const Image resident = picture(by, "1G");
+    double sum = 0;
+    for (std::size_t i = 0; i < streamed.data.size(); ++i) {
+      sum += std::abs(streamed.data[i] - resident.data[i]);
+    }
+    EXPECT_LT(sum / static_cast<double>(streamed.data.size()), 1e-3) << by;
   }
 }
 

@@ -105,9 +105,9 @@ std::unique_ptr<SurfelSource> Coloring::wrap(tool::Tool& tool, const Settings& s
   apply_kind(s, values);
   nlohmann::json& report = tool.report()["color_by"];
   report["attribute"] = values.name();
-  const std::string why = s.color_by == "auto"
-                              ? " (the surfels have no colours; --color-by none leaves them grey)"
-                              : "";
+  const std::string why =
+      s.color_by == "auto" ? "; the surfels have no colours, and --color-by none leaves them grey"
+                           : "";
   const AttributeColors plain;
   if (values.kind() == AttributeKind::kNormal) {
     tool.note(fmt::format("{}: coloured by normal{}", file, why));

@@ -76,11 +76,11 @@ std::vector<Tick> round_ticks(double min, double max, int most) {
   int factor = 1;
   const auto step = [&] { return factor * std::pow(10.0, power); };
   // A range of n steps may hold n + 1 multiples.
-  while ((max - min) / step() >= most * (1 - 1e-9)) {
+  while ((max - min) / step() >= most * (1 - 1e-6)) {
     factor = factor == 1 ? 2 : factor == 2 ? 5 : 1;
     if (factor == 1) ++power;
   }
-  const double slack = 1e-9 * (max - min);
+  const double slack = 1e-7 * (max - min);  // Of rounding.
   const auto first = std::ceil((min - slack) / step());
   std::vector<Tick> ticks;
   for (double i = first; i * step() <= max + slack; ++i) {
