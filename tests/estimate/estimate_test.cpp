@@ -60,7 +60,7 @@ TEST(Estimate, KeepsOrderAndAttributesOfThePoints) {
 
 TEST(Estimate, DepthCamerasAreLookedForAtTheOrigin) {
   DepthCamera camera;
-  camera.step = 4;
+  camera.step = 2;
   camera.noise = camera.lateral = 0;  // There are the steps of the disparities alone.
   SurfelCloud cloud = room_range_image(camera).points;
   EstimateReport report;
