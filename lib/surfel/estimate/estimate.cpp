@@ -157,8 +157,8 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   stage.end("search tree");
   Estimates out;
   NormalOptions normals = options.normals;
-  // Depth cameras stand at the origin of their own coordinates; whether the points are a range image
-  // from there is tested.
+  // Depth cameras stand at the origin of their own coordinates; whether the points are a range
+  // image from there is tested.
   normals.sensor = normals.sensor.value_or(Vec3d(0, 0, 0)) - cloud.origin;
   out.normals = estimate_normals(position, search, normals);
   parallel_each(points.fitted.size(), kCloudGrain, [&](std::size_t i) {
