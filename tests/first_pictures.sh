@@ -47,7 +47,7 @@ for file in $files; do
     seconds="" number=""
     refused=$((refused + 1))
   fi
-  said=$(sed 's/^surfel-render: //; s/|/\\|/g' <<< "$said" | paste -sd '\t' | sed 's/\t/<br>/g')
+  said=$(sed '/ pixels, /d; s/^surfel-render: //; s/|/\\|/g' <<< "$said" | paste -sd '\t' | sed 's/\t/<br>/g')
   echo "| $number | \`$file\` | $seconds | $said |" >> "$work/table.md"
 done
 columns=$([ -n "$older" ] && echo 3 || echo 6)

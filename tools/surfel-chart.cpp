@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/chart/chart_report.h>
 #include <surfel/chart/chart_runner.h>
@@ -188,8 +189,8 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
   for (const surfel::ChartSweep& sweep : report.sweeps) {
     if (sweep.standard_off) tool.note(sweep.name + ": " + sweep.verdict);
   }
-  tool.note(fmt::format("{}: {} sweeps", (fs::path(s.output) / "report.html").string(),
-                        report.sweeps.size()));
+  tool.wrote((fs::path(s.output) / "report.html").string(),
+             fmt::format("{} sweeps", report.sweeps.size()));
 }
 
 void recommend(Tool& tool, const Settings& s) {
@@ -229,7 +230,12 @@ int main(int argc, char** argv) {
     if (s.chart.quick) make_quick(tool.app(), s.chart);
     if (!s.sweeps.empty()) s.chart.sweeps = CLI::detail::split(s.sweeps, ',');
     s.chart.tools = fs::read_symlink("/proc/self/exe").parent_path().string();
-    s.chart.progress = [&](const std::string& what, double share) { tool.progress(what, share); };
+    // What is measured changes its name with every point.
+    std::optional<surfel::ProgressStage> stage;
+    s.chart.progress = [&](const std::string& what, double share) {
+      if (!stage || stage->name() != what) stage.emplace(what, 100, "%");
+      stage->set_share(share);
+    };
     if (s.recommend) {
       recommend(tool, s);
     } else {

@@ -234,6 +234,6 @@ int main(int argc, char** argv) {
     surfel::transform_cloud(cloud, similarity(s));
     surfel::tool::write_result(tool, cloud, s.output, s.ascii);
     report["surfels"] = cloud.size();
-    tool.note(fmt::format("{}: {} surfels", s.output, cloud.size()));
+    tool.wrote(s.output, fmt::format("{} surfels", cloud.size()));
   });
 }

@@ -269,6 +269,6 @@ int main(int argc, char** argv) {
 
     surfel::tool::write_result(tool, surfels, settings.output);
     tool.report()["surfels"] = surfels.size();
-    tool.note(fmt::format("{}: {} surfels", settings.output, surfels.size()));
+    tool.wrote(settings.output, fmt::format("{} surfels", surfels.size()));
   });
 }

@@ -170,7 +170,7 @@ void tell(const tool::Tool& tool, const Request& r, const SurfelCloud& cloud,
         *r.options.count, report.components,
         cloud.size() > *r.options.count ? "need one each at least" : "have no room for more"));
   }
-  tool.note(fmt::format("{}: {} surfels, spacing {:.4g}", r.output, cloud.size(), report.spacing));
+  tool.wrote(r.output, fmt::format("{} surfels, spacing {:.4g}", cloud.size(), report.spacing));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/nearest_name.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
@@ -148,11 +149,12 @@ void write_surfels(tool::Tool& tool, const ProceduralScene& scene, const Request
   const Timer timer;
   CloudWriter writer(r.output, r.surfels.count, {.no_clobber = tool.common().no_clobber});
   std::size_t done = 0;
+  ProgressStage stage("generating", r.surfels.count, "surfels");
   const auto append = [&](SurfelCloud&& piece) {
     piece.provenance.push_back(tool.provenance());
     writer.append(piece);
     done += piece.size();
-    tool.progress("generating", static_cast<double>(done) / static_cast<double>(r.surfels.count));
+    stage.add(piece.size());
   };
   if (r.surfels.count <= kPiece) {
     const SurfelCloud cloud = generate_surfels(scene, r.surfels);
@@ -163,7 +165,7 @@ void write_surfels(tool::Tool& tool, const ProceduralScene& scene, const Request
   writer.commit();
   tool.report()["generate_ms"] = timer.milliseconds();
   tool.report()["surfels"] = done;
-  tool.note(fmt::format("{}: {} surfels", r.output, done));
+  tool.wrote(r.output, fmt::format("{} surfels", done));
 }
 
 void generate_surface(tool::Tool& tool, const Request& r) {
@@ -179,7 +181,7 @@ void generate_surface(tool::Tool& tool, const Request& r) {
   if (!r.mesh.empty()) {
     const TriangleMesh mesh = generate_mesh(scene, r.resolution, r.image);
     write_mesh(mesh, r.mesh, {.no_clobber = no_clobber});
-    tool.note(fmt::format("{}: {} faces", r.mesh, mesh.face.size()));
+    tool.wrote(r.mesh, fmt::format("{} faces", mesh.face.size()));
   }
   if (!r.image.empty()) {
     tool::write_picture(tool, generate_texture(scene, r.width, r.height), r.image);
@@ -205,8 +207,8 @@ void generate_hard_case(tool::Tool& tool, const Request& r) {
     tool::write_result(tool, cloud, r.output);
     tool.report()["surfels"] = cloud.size();
     tool.report()["view"] = view_options(scene.view);
-    tool.note(fmt::format("{}: {} surfels; see them with surfel-render {} {} -o OUT", r.output,
-                          cloud.size(), shell_file(r.output), view_options(scene.view)));
+    tool.wrote(r.output, fmt::format("{} surfels to be seen with surfel-render {} {} -o OUT",
+                                     cloud.size(), shell_file(r.output), view_options(scene.view)));
   }
   if (!r.mesh.empty()) {
     TriangleMesh mesh = *scene.mesh;
@@ -215,6 +217,7 @@ void generate_hard_case(tool::Tool& tool, const Request& r) {
       mesh.face_material.assign(mesh.face.size(), 0);
     }
     write_mesh(mesh, r.mesh, {.no_clobber = no_clobber});
+    tool.wrote(r.mesh, fmt::format("{} faces", mesh.face.size()));
   }
   if (!r.image.empty()) tool::write_picture(tool, *scene.image, r.image);
 }

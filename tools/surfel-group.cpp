@@ -282,13 +282,13 @@ int main(int argc, char** argv) {
 
     if (settings.cover) cover(cloud, settings, tool, tool.report()["coverage"]);
     surfel::tool::write_result(tool, cloud, settings.output);
-    tool.note(fmt::format("{}: {} splats in {} groups; each overlaps {:.1f} others, at most {}",
-                          settings.output, cloud.size(), grouping.groups, grouping.mean_degree,
-                          grouping.max_degree));
+    std::string what =
+        fmt::format("{} surfels in {} groups, of which each overlaps {:.1f} others, at most {}",
+                    cloud.size(), grouping.groups, grouping.mean_degree, grouping.max_degree);
     if (grouping.overlap) {
-      tool.note(fmt::format("{}: within their groups, {:.3g} % of the splats' area overlaps",
-                            settings.output,
-                            100 * grouping.overlap->overlap_area / grouping.overlap->disc_area));
+      what += fmt::format(", and within their groups {:.3g} % of their area",
+                          100 * grouping.overlap->overlap_area / grouping.overlap->disc_area);
     }
+    tool.wrote(settings.output, what);
   });
 }

@@ -66,7 +66,8 @@ int main(int argc, char** argv) {
     surfel::tool::tell_left_out(tool, name, levels.dropped);
     report(tool.report(), levels);
     surfel::tool::write_result(tool, result, s.output);
-    tool.note(fmt::format("{}: {} surfels in {} levels of {} down to {}", s.output, result.size(),
-                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
+    tool.wrote(s.output,
+               fmt::format("{} surfels in {} levels of {} down to {}", result.size(),
+                           levels.levels.size(), levels.levels.front(), levels.levels.back()));
   });
 }

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/progress.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
@@ -107,13 +108,19 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
   if (s.legend == LegendChoice::kOn) require_room(views);
   // The writer adds to the report, so what is said of frames is kept apart until it is done.
   std::vector<nlohmann::json> frames(pictures);
+  std::uint64_t pixels = 0;
+  for (const surfel::Camera& view : views) {
+    pixels += static_cast<std::uint64_t>(view.width) * static_cast<std::uint64_t>(view.height);
+  }
+  surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
+  std::vector<std::string> files;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
   for (std::size_t i = 0; i < pictures; ++i) {
     const std::size_t view = i / steps.size();
     const std::size_t step = i % steps.size();
     surfel::FrameStatistics frame;
     const auto progress = [&](double share) {
-      tool.progress("rendering", (static_cast<double>(i) + share) / static_cast<double>(pictures));
+      stage.set_share((static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
     surfel::Image image = steps[step](views[view], frame, progress);
     if (legend) surfel::draw_legend(*legend, image);
@@ -136,6 +143,10 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = std::move(frames);
+  const std::string size = fmt::format("{}x{} pixels", views[0].width, views[0].height);
+  tool.wrote(s.output,
+             files.size() == 1 ? size : fmt::format("{} pictures of {}", files.size(), size),
+             files);
 }
 
 }  // namespace
@@ -145,13 +156,12 @@ int main(int argc, char** argv) {
                           "Renders surfels by screen space EWA splatting (Zwicker et al. 2001).");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday(
-      {"--output", "--size", "--from", "--eye", "--target", "--fov", "--zoom", "--turntable",
-       "--background", "--scene", "--shading", "--color-by", "--image", "--explain"},
-      {"surfel-render lion.obj -o lion.png",
-       "surfel-render lion.obj --image skin.png -o lion.jpg --from 1,0.5,2 --size "
-       "800x600 --background navy",
-       "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
+  tool.everyday({"--output", "--size", "--from", "--eye", "--fov", "--zoom", "--turntable",
+                 "--background", "--scene", "--shading", "--color-by", "--image", "--explain"},
+                {"surfel-render lion.obj -o lion.png",
+                 "surfel-render lion.obj --image skin.png -o lion.jpg --from 1,0.5,2 --size "
+                 "800x600 --background navy",
+                 "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.reads_images();
   tool.files().reads(
       {"files", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});

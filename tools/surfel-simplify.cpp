@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/progress.h>
 #include <surfel/simplify/simplify.h>
 
 #include "tools/support/options.h"
@@ -116,20 +117,21 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.simplify.problems());
     const std::string name = surfel::tool::shown_name(s.input);
-    s.simplify.progress = [&tool](double share) { tool.progress("simplifying", share); };
     surfel::SimplifyReport done;
     surfel::SurfelCloud result;
     {
       const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+      surfel::ProgressStage stage("simplifying", cloud.size(), "surfels");
+      s.simplify.progress = [&stage](double share) { stage.set_share(share); };
       result = surfel::simplify_surfels(cloud, s.simplify, &done, name);
     }
     report(tool.report(), done);
     tell(tool, name, s, done);
     surfel::tool::write_result(tool, result, s.output);
-    tool.note(
-        fmt::format("{}: {} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-                    "shape {:.3g} of {:.3g} units)",
-                    s.output, done.result, done.surfels, done.error.total(), done.error.color,
-                    done.error.shading, done.error.shape, done.unit_deviation));
+    tool.wrote(s.output,
+               fmt::format("{} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+                           "shape {:.3g} of {:.3g} units)",
+                           done.result, done.surfels, done.error.total(), done.error.color,
+                           done.error.shading, done.error.shape, done.unit_deviation));
   });
 }

@@ -7,11 +7,12 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/render/renderer.h>
-#include <surfel/scene/triangle_mesh.h>
 #include <surfel/scene/surfel_variance.h>
+#include <surfel/scene/triangle_mesh.h>
 #include <surfel/surface/coverage_threshold.h>
 #include <surfel/texture/normal_fit.h>
 #include <surfel/texture/normal_maps.h>
@@ -235,7 +236,6 @@ void check(const CLI::App& app, Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-/// Finds the place on the mesh of surfels that come without uv.
 /// Refuses a mesh that no surfel lies on, and tells where only some do. Where they lie on it, as
 /// nearly always, a few thousand surfels show it.
 void check_mesh(const surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh,
@@ -258,6 +258,7 @@ void check_mesh(const surfel::SurfelCloud& cloud, const surfel::TriangleMesh& me
       s.input, found.far, cloud.size(), 100 * share, s.mesh));
 }
 
+/// Finds the place on the mesh of surfels that come without uv.
 void locate(surfel::SurfelCloud& cloud, const surfel::TriangleMesh& mesh, const Settings& s,
             const surfel::tool::Tool& tool, nlohmann::json& json) {
   const surfel::SurfaceLookupReport found = surfel::locate_on_mesh(cloud, mesh, s.mesh);
@@ -356,7 +357,8 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
 
 surfel::TextureFitReport make_fit(surfel::SurfelCloud& cloud, const surfel::TriangleMesh* mesh,
                                   Settings& s, surfel::tool::Tool& tool) {
-  s.fit.progress = [&tool](double share) { tool.progress("fitting", share); };
+  surfel::ProgressStage stage("fitting", cloud.size(), "surfels");
+  s.fit.progress = [&stage](double share) { stage.set_share(share); };
   if (s.from == From::kColors) return surfel::fit_colors(cloud, s.fit, s.input);
   if (!s.solid_name.empty()) {
     const surfel::SolidTexture texture(s.solid, cloud.bounds());
@@ -436,9 +438,9 @@ int main(int argc, char** argv) {
     surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     std::optional<surfel::TriangleMesh> mesh;
     if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
+    if (mesh) check_mesh(cloud, *mesh, settings, tool);
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());
     tool.report()["load_ms"] = timer.milliseconds();
-    if (mesh) check_mesh(cloud, *mesh, settings, tool);
 
     const surfel::TriangleMesh* const surface = mesh ? &*mesh : nullptr;
     std::optional<surfel::NormalMaps> normals = load_normals(tool.app(), settings, surface);
@@ -460,6 +462,6 @@ int main(int argc, char** argv) {
     if (normals) fit_normals(cloud, *normals, settings, tool, tool.report());
 
     surfel::tool::write_result(tool, cloud, settings.output);
-    tool.note(fmt::format("{}: {} surfels", settings.output, cloud.size()));
+    tool.wrote(settings.output, fmt::format("{} surfels", cloud.size()));
   });
 }

@@ -102,11 +102,13 @@ TEST_F(FirstPicture, OptionsOfTexturesNeedAMeshThatTheyServe) {
   EXPECT_EQ(read_text(image), before);
 }
 
-TEST_F(FirstPicture, SaysWhatItDoesInALineAndNothingIfQuiet) {
+TEST_F(FirstPicture, SaysWhatItDoesAndWritesAndNothingIfQuiet) {
   const std::string picture = folder_ / "p.png";
   const RunResult said = render({mesh_, "--size", "32", "--from", "0,0,1", "-o", picture});
   EXPECT_EQ(said.exit_code, 0);
-  EXPECT_EQ(std::count(said.errors.begin(), said.errors.end(), '\n'), 1) << said.errors;
+  EXPECT_EQ(std::count(said.errors.begin(), said.errors.end(), '\n'), 2) << said.errors;
+  EXPECT_TRUE(contains(said.errors, "surfel-render: " + picture + ": 32x32 pixels, "))
+      << said.errors;
   EXPECT_TRUE(contains(said.errors, "surfel-from-mesh")) << said.errors;
   const RunResult quiet = render({mesh_, "--size", "32", "--quiet", "-o", picture});
   EXPECT_EQ(quiet.exit_code, 0);

@@ -128,6 +128,30 @@ TEST_F(Probe, NotesAreSilencedByQuietAndDetailsAskedForByVerbose) {
   EXPECT_EQ(work({"--verbose"}).errors, "surfel-probe: at work\nsurfel-probe: in detail\n");
 }
 
+TEST_F(Probe, ProgressIsToldAsJsonWhereItIsAskedFor) {
+  const std::string told = work({"--progress", "json"}).errors;
+  std::vector<json> lines;
+  std::string rest = told;
+  for (std::size_t end = rest.find('\n'); end != std::string::npos; end = rest.find('\n')) {
+    const std::string line = rest.substr(0, end);
+    rest.erase(0, end + 1);
+    if (line.starts_with("{")) lines.push_back(json::parse(line));
+  }
+  ASSERT_GE(lines.size(), 2U) << told;
+  EXPECT_EQ(lines.front()["event"], "begin");
+  EXPECT_EQ(lines.front()["stage"], "working");
+  EXPECT_EQ(lines.front()["done"], 0);
+  EXPECT_EQ(lines.back()["event"], "end");
+  EXPECT_EQ(lines.back()["done"], 4200000);
+  EXPECT_EQ(lines.back()["total"], 10000000);
+  EXPECT_EQ(lines.back()["unit"], "points");
+  EXPECT_TRUE(lines.back()["rate"].is_number());
+  EXPECT_TRUE(lines.back()["seconds_left"].is_number());
+  EXPECT_TRUE(contains(told, "surfel-probe: at work\n"));
+  EXPECT_EQ(work({"--progress", "json", "--quiet"}).errors, "");
+  EXPECT_EQ(work({"--progress", "none"}).errors, work({}).errors);
+}
+
 TEST_F(Probe, ReportHoldsOptionsInForceAndMeasures) {
   ASSERT_EQ(work({"--eye", "-1,.5,2", "--threads", "3", "--light", "1", "2.5", "--flat"}).exit_code,
             0);

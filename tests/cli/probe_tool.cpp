@@ -10,6 +10,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/types.h>
 #include <unistd.h>
 
@@ -96,7 +97,8 @@ int main(int argc, char** argv) {
     surfel::OutputFile file(output, tool.common().no_clobber);
     tool.note("at work");
     tool.detail("in detail");
-    tool.progress("working", 0.5);
+    surfel::ProgressStage stage("working", 10000000, "points");
+    stage.add(4200000);
     tool.report()["eye"] = {eye.x(), eye.y(), eye.z()};
     tool.report()["size"] = {width, height};
     tool.report()["spacing"] = spacing;

@@ -70,7 +70,10 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
     file = made.file;
     coloring.filled = std::move(made.filled);
     loaded = std::make_unique<LoadedCloud>(made.cloud, tool::shown_name(file), options);
-    if (!s.keep.empty()) tool::write_result(tool, made.cloud, s.keep);
+    if (!s.keep.empty()) {
+      tool::write_result(tool, made.cloud, s.keep);
+      tool.wrote(s.keep, fmt::format("{} surfels", made.cloud.size()));
+    }
   }
   if (s.print_commands) {
     std::vector<std::string> done{"keep", "print-commands"};

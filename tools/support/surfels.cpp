@@ -88,7 +88,7 @@ void write_picture(const Tool& tool, const Image& image, const std::string& path
   ImageWriteOptions options;
   options.no_clobber = tool.common().no_clobber;
   write_image(image, path, options);
-  tool.note(fmt::format("{}: {}x{} pixels", path, image.width, image.height));
+  tool.wrote(path, fmt::format("{}x{} pixels", image.width, image.height));
 }
 
 }  // namespace surfel::tool

@@ -4,7 +4,7 @@
 #include <atomic>
 #include <csignal>
 #include <cstring>
-#include <mutex>
+#include <filesystem>
 #include <new>
 #include <optional>
 
@@ -21,6 +21,8 @@
 #include <unistd.h>
 
 #include "tools/support/config_file.h"
+#include "tools/support/progress_display.h"
+#include "tools/support/standard_error.h"
 
 namespace surfel::tool {
 namespace {
@@ -72,13 +74,6 @@ std::string one_line(std::string text) {
   return text;
 }
 
-/// To standard error. Where it cannot be written, nothing is left to tell that by: the run goes on,
-/// and its exit code says how it ended.
-void tell(const std::string& text) noexcept {
-  std::fwrite(text.data(), 1, text.size(), stderr);
-  std::fflush(stderr);
-}
-
 constexpr const char* kOutOfMemory =
     "out of memory; use fewer surfels, a smaller picture or a larger machine";
 
@@ -108,9 +103,7 @@ struct Tool::Impl {
   nlohmann::json report = nlohmann::json::object();
   Timer total;
 
-  std::mutex bar_mutex;
-  std::size_t bar_width = 0;  ///< Columns that the bar takes now.
-  Timer bar_age;
+  ProgressDisplay display;
 
   void add_common_options();
   bool parse(int argc, char** argv);
@@ -122,7 +115,7 @@ struct Tool::Impl {
   Outcome attempt(const std::function<void()>& action) const;
   void message(const std::string& text);
   void error(const std::string& text);
-  void clear_bar();
+  ProgressStyle progress_style() const;
   void write_report(OutputFile& file, const Outcome& outcome);
 };
 
@@ -153,6 +146,12 @@ void Tool::Impl::add_common_options() {
       ->group(group);
   app.add_flag("--quiet", common.quiet, "Print errors only")->group(group);
   app.add_flag("--verbose", common.verbose, "Print details")->group(group);
+  add_choice(
+      app, "--progress", common.progress,
+      {{"auto", Progress::kAuto}, {"none", Progress::kNone}, {"json", Progress::kJson}},
+      "Progress of what takes longer than a second, on standard error: a line where that is a "
+      "terminal; none; or a JSON object a line, wherever it goes")
+      ->group(group);
   app.add_flag("--no-clobber", common.no_clobber, "Never overwrite a file")->group(group);
   app.add_option("--stats", common.stats,
                  "JSON report to write: options, counts, times in ms, peak memory in bytes")
@@ -303,15 +302,16 @@ Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
   }
 }
 
-void Tool::Impl::clear_bar() {
-  if (bar_width == 0) return;
-  tell(fmt::format("\r{:{}}\r", "", bar_width));
-  bar_width = 0;
+/// A line that is rewritten is for people at a terminal; lines of JSON are for programs anywhere.
+ProgressStyle Tool::Impl::progress_style() const {
+  if (common.quiet) return ProgressStyle::kNone;
+  if (common.progress == Progress::kJson) return ProgressStyle::kJson;
+  return common.progress == Progress::kAuto && interactive() ? ProgressStyle::kLine
+                                                             : ProgressStyle::kNone;
 }
 
 void Tool::Impl::message(const std::string& text) {
-  const std::lock_guard lock(bar_mutex);
-  clear_bar();
+  const auto lock = display.lock();
   tell(fmt::format("{}: {}\n", name, one_line(text)));
 }
 
@@ -379,30 +379,28 @@ void Tool::detail(const std::string& message) const {
   if (impl_->common.verbose && !impl_->common.quiet) impl_->message(message);
 }
 
-void Tool::progress(const std::string& what, double fraction) const {
-  static const bool shown = interactive();
-  if (!shown || impl_->common.quiet) return;
-  constexpr double kRedrawMilliseconds = 100;  ///< Often enough to look alive.
-  constexpr std::size_t kCells = 30;           ///< Columns of the bar.
-  const std::lock_guard lock(impl_->bar_mutex);
-  if (fraction >= 1) return impl_->clear_bar();
-  if (impl_->bar_width > 0 && impl_->bar_age.milliseconds() < kRedrawMilliseconds) return;
-  impl_->clear_bar();
-  const double clamped = std::clamp(fraction, 0.0, 1.0);
-  const auto done = static_cast<std::size_t>(clamped * kCells);
-  const std::string bar =
-      fmt::format("[{:#<{}}{:{}}] {:3.0f} % {}", "", done, "", kCells - done, 100 * clamped, what);
-  tell(bar);
-  impl_->bar_width = bar.size();
-  impl_->bar_age.restart();
+void Tool::wrote(const std::string& path, const std::string& what,
+                 const std::vector<std::string>& files) const {
+  std::uintmax_t bytes = 0;
+  for (const std::string& file : files.empty() ? std::vector{path} : files) {
+    std::error_code none;
+    const std::uintmax_t size = std::filesystem::file_size(file, none);
+    if (!none) bytes += size;
+  }
+  const std::string scaled = scaled_count(static_cast<double>(bytes));
+  const bool prefixed = scaled.find(' ') != std::string::npos;
+  note(fmt::format("{}: {}, {}in {:.1f} s", path == "-" ? "standard output" : path, what,
+                   bytes > 0 ? scaled + (prefixed ? "B, " : " B, ") : "",
+                   impl_->total.milliseconds() / 1000));
 }
 
 std::string Tool::provenance() const {
   std::string line = fmt::format("{} {}", impl_->name, version());
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
-    static const std::vector<std::string> kWithoutEffect = {
-        "threads", "config", "quiet", "verbose", "no-clobber", "stats", "max-pixels", "output"};
+    static const std::vector<std::string> kWithoutEffect = {"threads", "config",     "quiet",
+                                                            "verbose", "progress",   "no-clobber",
+                                                            "stats",   "max-pixels", "output"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;
@@ -455,16 +453,14 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
       if (!impl_->common.stats.empty()) {
         stats.emplace(impl_->common.stats, impl_->common.no_clobber);
       }
+      impl_->display.start(impl_->progress_style());
       body();
     });
+    impl_->display.stop();
   }
   if (stats) {
     const Outcome reported = impl_->attempt([&] { impl_->write_report(*stats, outcome); });
     if (outcome.code == kDone) outcome = reported;
-  }
-  {
-    const std::lock_guard lock(impl_->bar_mutex);
-    impl_->clear_bar();
   }
   if (outcome.code != kDone) impl_->error(outcome.message);
   return outcome.code;

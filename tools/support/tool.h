@@ -17,19 +17,23 @@ namespace surfel::tool {
 /// Process exit codes of every tool.
 enum ExitCode : int { kDone = 0, kFailed = 1, kWrongUsage = 2 };
 
+enum class Progress { kAuto, kNone, kJson };
+
 /// Options that every tool has.
 struct CommonOptions {
   int threads = 0;  ///< 0 = one per core.
   bool quiet = false;
   bool verbose = false;
+  Progress progress = Progress::kAuto;
   bool no_clobber = false;
   std::string stats;  ///< JSON report; empty = none.
 };
 
 /// One executable: the common options (--threads, --config, --print-config, --quiet, --verbose,
-/// --no-clobber, --stats, --help, --help-all, --version), the configuration file, errors to exit
-/// codes, signals, the JSON report. A tool's main() declares its options on app() bound to the
-/// members of its options structs (whose initialisers are the defaults), then returns run():
+/// --progress, --no-clobber, --stats, --help, --help-all, --version), the configuration file,
+/// errors to exit codes, signals, the JSON report. A tool's main() declares its options on app()
+/// bound to the members of its options structs (whose initialisers are the defaults), then returns
+/// run():
 ///
 ///     int main(int argc, char** argv) {
 ///       surfel::tool::Tool tool("surfel-thin", "Keeps every n-th surfel.");
@@ -48,7 +52,7 @@ struct CommonOptions {
 ///         surfel::SurfelCloud thinned = surfel::thin(cloud, options);
 ///         surfel::tool::write_result(tool, thinned, output);
 ///         tool.report()["surfels"] = thinned.size();
-///         tool.note(fmt::format("{}: {} surfels", output, thinned.size()));
+///         tool.wrote(output, fmt::format("{} surfels", thinned.size()));
 ///       });
 ///     }
 ///
@@ -85,9 +89,11 @@ class Tool {
   /// --verbose only.
   void note(const std::string& message) const;
   void detail(const std::string& message) const;
-  /// Progress 0..1 on standard error: a bar on a terminal only, none with --quiet. Cheap enough to
-  /// call often; may be called from any thread.
-  void progress(const std::string& what, double fraction) const;
+  /// The one line that a successful run says of what it has written, unless --quiet: "dragon.ply:
+  /// 300000 surfels, 14 MB, in 0.8 s". \param files  the files whose sizes count where the path is
+  /// a pattern.
+  void wrote(const std::string& path, const std::string& what,
+             const std::vector<std::string>& files = {}) const;
 
   /// "surfel-x 0.1.0 --spacing 0.01 ..." for provenance comments: tool, version and the options
   /// given, for a shell. Options that cannot change the result (threads, output, reports) and the

@@ -1,11 +1,13 @@
 #include <algorithm>
 #include <limits>
+#include <optional>
 
 #include <surfel/base/error.h>
 #include <surfel/base/median.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/surface/neighbor_lists.h>
@@ -79,17 +81,16 @@ OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
   return out;
 }
 
-/// Removes outliers and returns how many there were; one point at least is left.
-std::size_t remove_outliers(const OutlierOptions& options, const std::string& name,
 /// How many of the points have no usable normal to align with. Throws Error(kInput) if none has
 /// one.
 std::size_t without_normal(const SurfelCloud& cloud, const OrderedPoints& points,
                            const std::string& name) {
   const std::size_t count = points.order.size();
-  const std::size_t unknown = cloud.normal.empty() ? count : count_where(count, [&](std::size_t i) {
+  const auto is_unknown = [&](std::size_t i) {
     const Vec3f& normal = cloud.normal[points.order[i]];
     return !normal.allFinite() || normal.isZero(0);
-  });
+  };
+  const std::size_t unknown = cloud.normal.empty() ? count : count_where(count, is_unknown);
   if (unknown == count) {
     throw_input(name,
                 "holds no normals for estimated ones to be aligned with; orient by another method, "
@@ -98,6 +99,8 @@ std::size_t without_normal(const SurfelCloud& cloud, const OrderedPoints& points
   return unknown;
 }
 
+/// Removes outliers and returns how many there were; one point at least is left.
+std::size_t remove_outliers(const OutlierOptions& options, const std::string& name,
                             OrderedPoints& points) {
   const Array<std::uint8_t> inlier = inliers(points.position, options);
   std::size_t kept = 0;
@@ -155,6 +158,8 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   const auto tree = make_neighbor_search(position, options.search);
   const NeighborLists search(*tree, position, shared_neighbors(options.normals));
   stage.end("search tree");
+  std::optional<ProgressStage> progress;
+  progress.emplace("estimating normals", position.size(), "points");
   Estimates out;
   NormalOptions normals = options.normals;
   // Depth cameras stand at the origin of their own coordinates; whether the points are a range
@@ -174,6 +179,8 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.mean_neighbors =
       static_cast<double>(out.normals.neighbors) / static_cast<double>(position.size());
   stage.end("neighbors and normals");
+  progress->set_share(1);
+  progress.emplace("orienting normals", position.size(), "points");
   Array<Vec3f> previous;
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
     previous = gathered(cloud.normal, points.order);
@@ -181,6 +188,8 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
                                  out.normals.normal);
   stage.end("orientation");
+  progress->set_share(1);
+  progress.emplace("sizing splats", position.size(), "points");
   out.sizes = estimate_splat_sizes(position, out.normals.normal,
                                    options.orientation.method != Orientation::kNone, search,
                                    options.size, out.normals.noise);
@@ -188,6 +197,8 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.capped = out.sizes.capped;
   r.anisotropic = out.sizes.ellipses;
   stage.end("sizes");
+  progress->set_share(1);
+  progress.reset();
   if (options.search == SearchMethod::kFlannApproximate) {
     const int k = options.normals.adaptive ? options.normals.k_max : options.normals.k;
     r.search_recall = neighbor_recall(position, *tree, static_cast<std::size_t>(k));
@@ -260,6 +271,9 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   StageTimer stage(r.times);
   OrderedPoints points = finite_points(cloud, name);
   r.nonfinite = cloud.size() - points.order.size();
+  if (options.orientation.method == Orientation::kAlign) {
+    r.without_normal = without_normal(cloud, points, name);
+  }
   stage.end("sort");
   if (options.outliers) {
     r.outliers = remove_outliers(*options.outliers, name, points);
@@ -269,9 +283,6 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   if (options.voxels) {
     fewer = thinned(cloud, *options.voxels, name, points, r);
     stage.end("voxels");
-  }
-  if (options.orientation.method == Orientation::kAlign) {
-    r.without_normal = without_normal(cloud, points, name);
   }
   if (options.smoothing) {
     smooth(options, points, r);

@@ -4,6 +4,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/surfel_decoder.h>
 
@@ -111,6 +112,7 @@ void Reader::add_columns() {
 void Reader::run() {
   std::vector<Bounds> boxes(table_.count / kReadBlock + 1);
   const auto pass = [&](std::span<const Column> columns) {
+    ProgressStage stage("reading " + file_, table_.count, "points");
     parallel_for(table_.count, kReadBlock, [&](std::size_t begin, std::size_t end, int) {
       static thread_local Array<std::byte> scratch;
       const std::byte* records = table_.read(begin, end, scratch);
@@ -121,6 +123,7 @@ void Reader::run() {
         for (const Column& column : columns) column(records, i, count);
         records += count * table_.stride;
       }
+      stage.add(end - begin);
     });
   };
   pass(columns_);

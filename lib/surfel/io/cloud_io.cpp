@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/version.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
@@ -127,11 +128,13 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
   const std::size_t stride = records.stride();
   const std::uint64_t offset = file.reserve(std::uint64_t{count} * stride);
   PerWorker<Array<std::byte>> buffers;
+  ProgressStage stage("writing", count, "surfels");
   parallel_for(count, kWriteBlock, [&](std::size_t begin, std::size_t end, int worker) {
     Array<std::byte>& buffer = buffers[worker];
     buffer.resize(kWriteBlock * stride);
     records.encode(begin, end, buffer.data());
     file.write_at(offset + begin * stride, buffer.data(), (end - begin) * stride);
+    stage.add(end - begin);
   });
 }
 
@@ -140,6 +143,7 @@ void write_text(const CloudRecords& records, std::size_t count, OutputFile& file
   constexpr std::size_t kChunk = 64 * kWriteBlock;  // Blocks for all threads, in little memory.
   const std::size_t stride = records.stride();
   std::vector<std::string> texts(kChunk / kWriteBlock);
+  ProgressStage stage("writing", count, "surfels");
   for (std::size_t first = 0; first < count; first += kChunk) {
     const std::size_t chunk = std::min(kChunk, count - first);
     parallel_for(chunk, kWriteBlock, [&](std::size_t begin, std::size_t end, int) {
@@ -152,6 +156,7 @@ void write_text(const CloudRecords& records, std::size_t count, OutputFile& file
       }
     });
     for (std::size_t k = 0; k * kWriteBlock < chunk; ++k) file.write(texts[k]);
+    stage.add(chunk);
   }
 }
 
@@ -233,11 +238,6 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
   }
   read_comments(ply.header().comments, ply.name(), cloud);
   if (!cloud.viewpoint) cloud.viewpoint = range_grid_viewpoint(ply, cloud);
-  return cloud;
-}
-
-SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
-  const std::string name = input.name();
   for (const PlyElement& element : ply.header().elements) {
     const bool read =
         &element == vertex || element.name == kTreeElement || element.name == "range_grid";
@@ -245,6 +245,11 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
       cloud.skipped_elements.emplace_back(element.name, element.count);
     }
   }
+  return cloud;
+}
+
+SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
+  const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));

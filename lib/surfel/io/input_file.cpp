@@ -1,11 +1,13 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <optional>
 #include <utility>
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/standard_streams.h>
 #include <surfel/io/input_file.h>
 #include <sys/stat.h>
@@ -13,6 +15,9 @@
 
 namespace surfel {
 namespace {
+
+/// Bytes of a file between two counts of its progress; fewer are no stage.
+constexpr std::size_t kReadAtOnce = std::size_t{1} << 24;
 
 std::string cause() { return std::strerror(errno); }
 
@@ -79,7 +84,13 @@ std::span<const std::byte> InputFile::head(std::size_t size) const {
     }
     start_.resize(size);
     try {
-      read(start_.data() + held, held, size - held);
+      std::optional<ProgressStage> stage;
+      if (size - held > kReadAtOnce) stage.emplace("reading " + name_, size - held, "B");
+      for (std::size_t at = held; at < size; at += kReadAtOnce) {
+        const std::size_t more = std::min(kReadAtOnce, size - at);
+        read(start_.data() + at, at, more);
+        if (stage) stage->add(more);
+      }
     } catch (...) {
       start_.resize(held);
       throw;

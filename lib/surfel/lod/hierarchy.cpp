@@ -9,6 +9,7 @@
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/surfel_merge.h>
@@ -282,8 +283,10 @@ void Builder::make_coarser() {
     std::vector<MergeSurfel> members;
   };
   PerWorker<Worker> workers;
+  ProgressStage stage("merging a level of detail", level.clusters.size(), "clusters");
   parallel_for(
       level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int w) {
+        stage.add(last - first);
         Worker& worker = workers[w];
         for (std::size_t c = first; c < last; ++c) {
           TreeCluster& cluster = level.clusters[c];

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/poisson_disk.h>
 #include <surfel/sample/surface_chunks.h>
@@ -93,8 +94,14 @@ class PoissonDisk::Impl {
             mesh, neighbor, field, (field.gradient() > 0 ? kGradedChunkEdge : kChunkEdge) * spacing,
             kBlockSide * field.largest() * spacing)) {
     prepare_chunks(field);
+    std::size_t all = 0;
+    for (const std::vector<std::uint32_t>& blocks : surface_.phase) all += blocks.size();
+    ProgressStage stage("sampling", all, "blocks");
     for (const std::vector<std::uint32_t>& blocks : surface_.phase) {
-      parallel_each(blocks.size(), 1, [&](std::size_t i) { sample_block(blocks[i]); });
+      parallel_each(blocks.size(), 1, [&](std::size_t i) {
+        sample_block(blocks[i]);
+        stage.add(1);
+      });
     }
     for (const std::uint16_t used : used_) size_ += used;
   }

@@ -14,6 +14,7 @@
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/scene/surfel_variance.h>
@@ -297,7 +298,9 @@ void find_edges(const OverlapSearch& search, std::uint64_t max_memory, const std
   std::vector<Array<std::uint32_t>> found((search.blocks() + kBlockGrain - 1) / kBlockGrain);
   graph.row_begin.resize(graph.size() + 1);
   graph.row_begin[0] = 0;
+  ProgressStage stage("finding overlaps", search.blocks(), "blocks of surfels");
   parallel_for(search.blocks(), kBlockGrain, [&](std::size_t begin, std::size_t end, int) {
+    stage.add(end - begin);
     std::vector<std::uint32_t> near;
     std::vector<std::uint32_t> neighbors;
     for (std::size_t b = begin; b < end; ++b) {

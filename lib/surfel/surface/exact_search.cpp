@@ -3,6 +3,7 @@
 #include <limits>
 
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/surface/exact_search.h>
 
 #ifndef SURFEL_EXACT_SEARCH_SCRATCH
@@ -440,12 +441,14 @@ void ExactSearch::search(const Vec3f& query, std::size_t most, float limit2,
 }
 
 void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
+  ProgressStage stage("searching neighbours", tree_.first_place(tree_.leaves()), "points");
   struct Scratch {
     SearchScratch search;
     std::vector<Neighbor> neighbors;
   };
   PerWorker<Scratch> scratch;
   parallel_for(tree_.leaves(), kLeafGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    stage.add(tree_.first_place(end) - tree_.first_place(begin));
     Scratch& memory = scratch[worker];
     std::vector<Neighbor>& out = memory.neighbors;
     const auto found = [&](std::size_t place, std::span<const Key> keys) {

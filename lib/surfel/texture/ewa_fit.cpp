@@ -8,6 +8,7 @@
 
 #include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/texture/ewa_fit.h>
 
@@ -241,7 +242,9 @@ class EwaFit {
     if (report_.without_uv > 0) {
       for (const TextureMap& map : textures_.maps) means.push_back(map.mean());
     }
+    ProgressStage stage("filtering the texture", cloud_.size(), "surfels");
     parallel_for(cloud_.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
+      stage.add(end - begin);
       for (std::size_t k = begin; k < end; ++k) {
         if (!unmasked(k)) continue;
         const auto sample = [&](const TexelKernel& kernel) {
@@ -258,16 +261,23 @@ class EwaFit {
   }
 
   void fit_charts(const std::vector<ChartTask>& tasks) {
+    std::size_t surfels = 0;
+    for (const ChartTask& task : tasks) surfels += task.end - task.begin;
+    ProgressStage stage("filtering the texture in charts", surfels, "surfels");
     std::vector<const ChartTask*> alone;
     for (const ChartTask& task : tasks) {
       if (task.shared()) {
         fit_chart(task);
+        stage.add(task.end - task.begin);
       } else {
         alone.push_back(&task);
       }
     }
     parallel_for(alone.size(), 4, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) fit_chart(*alone[i]);
+      for (std::size_t i = begin; i < end; ++i) {
+        fit_chart(*alone[i]);
+        stage.add(alone[i]->end - alone[i]->begin);
+      }
     });
   }
 
