@@ -70,6 +70,9 @@ TEST_F(Dropped, NormalsCanOnlyBeAlignedWithNormals) {
     EXPECT_TRUE(contains(result.errors, file + ": holds no normals")) << result.errors;
     EXPECT_TRUE(contains(result.errors, "mst")) << result.errors;
   }
+  // Without a choice the zeros of a file are no normals.
+  expect_said({"surfel-render", zero, "--size", "16", "-o", folder_ / "p.png"},
+              "surfel-estimate " + zero + " -o ");
   expect_said({"surfel-estimate", some, "--orient", "align", "-o", out_},
               "1 of 400 points have no usable normal to align with");
 }

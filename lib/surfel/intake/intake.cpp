@@ -60,7 +60,11 @@ bool has_texture(const TriangleMesh& mesh) { return !mesh.wedge_uv.empty() && na
 /// The side that estimating takes for a cloud's normals.
 Orientation side_of(const SurfelCloud& points) {
   if (points.viewpoint) return Orientation::kViewpoint;
-  return points.normal.empty() ? OrientationOptions().method : Orientation::kAlign;
+  // Some programs write normals that are all zero.
+  const bool known =
+      std::any_of(points.normal.begin(), points.normal.end(),
+                  [](const Vec3f& normal) { return normal.allFinite() && !normal.isZero(0); });
+  return known ? Orientation::kAlign : OrientationOptions().method;
 }
 
 /// The name of the surfels that are made of a file.
