@@ -31,6 +31,24 @@ TEST(EdgeRings, LinkFacesOfWeldedVertices) {
   EXPECT_EQ(parts[2], 0u);
 }
 
+TEST(EdgeRings, OfTooManyFacesAreCutIntoBorders) {
+  TriangleMesh fan = box(Vec3f(1, 1, 1));
+  const std::size_t of_box = 3 * fan.face.size();
+  for (int k = 0; k < 5; ++k) {
+    const float angle = 1.2F * static_cast<float>(k);
+    add_triangle(fan, Vec3f(9, 0, 0), Vec3f(9, 0, 1),
+                 Vec3f(9 + std::cos(angle), std::sin(angle), 0));
+  }
+  const Array<std::uint32_t> rings = edge_rings(fan);
+  Array<std::uint32_t> cut = rings;
+  cut_crowded_edges(cut, 5);
+  EXPECT_TRUE(cut == rings);
+  cut_crowded_edges(cut, 4);
+  for (std::size_t e = 0; e < cut.size(); ++e) {
+    EXPECT_EQ(cut[e], e < of_box ? rings[e] : kBorderEdge) << e;
+  }
+}
+
 TEST(EdgeCounts, OfAnOpenBoxWithAFinAndATurnedFace) {
   TriangleMesh mesh = box(Vec3f(1, 1, 2));
   const EdgeCounts closed = count_edges(mesh, edge_rings(mesh));

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <bit>
+#include <vector>
 
 #include <surfel/base/disjoint_sets.h>
 #include <surfel/base/parallel.h>
@@ -68,6 +69,20 @@ Array<std::uint32_t> edge_rings(const Array<std::array<std::uint32_t, 3>>& face)
     for (std::size_t i = begin; collapsed && i < end; ++i) rings[order[i]] = kBorderEdge;
   }
   return rings;
+}
+
+void cut_crowded_edges(Array<std::uint32_t>& rings, std::size_t most) {
+  std::vector<bool> counted(rings.size());
+  std::vector<std::uint32_t> ring;
+  for (std::uint32_t e = 0; e < rings.size(); ++e) {
+    ring.clear();
+    for (std::uint32_t at = e; at != kBorderEdge && !counted[at]; at = rings[at]) {
+      counted[at] = true;
+      ring.push_back(at);
+    }
+    if (ring.size() <= most) continue;
+    for (const std::uint32_t member : ring) rings[member] = kBorderEdge;
+  }
 }
 
 EdgeCounts count_edges(const TriangleMesh& mesh, const Array<std::uint32_t>& rings) {

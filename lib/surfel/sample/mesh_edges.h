@@ -25,6 +25,10 @@ SURFEL_API Array<std::uint32_t> edge_rings(const TriangleMesh& mesh);
 /// positions.
 SURFEL_API Array<std::uint32_t> edge_rings(const Array<std::array<std::uint32_t, 3>>& face);
 
+/// Makes edges borders at which more faces than `most` meet, so that a walk over a surface meets a
+/// bounded number of faces beyond each edge.
+SURFEL_API void cut_crowded_edges(Array<std::uint32_t>& rings, std::size_t most);
+
 /// Edges of a mesh by the faces that meet there. Edges between vertices at one position are left
 /// out.
 struct EdgeCounts {

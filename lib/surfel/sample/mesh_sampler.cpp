@@ -81,6 +81,13 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
   return total;
 }
 
+/// Where more faces meet at an edge each is sampled by itself, as none goes on in another any more
+/// than in all of them.
+constexpr std::size_t kMostFacesAtEdge = 64;
+/// Most chunks for each triangle and sample: memory stays in proportion to them, however long
+/// triangles are that have hardly any area.
+constexpr double kMostPieces = 64;
+
 /// Inputs of Poisson-disk sampling, at whatever spacing.
 struct Sampling {
   const TriangleMesh& mesh;
@@ -117,6 +124,14 @@ struct Sampling {
       throw_input(name, fmt::format("a spacing of {:.3g} is below {:.0e}, the least that single "
                                     "precision can square; scale the mesh up",
                                     spacing, kLeastSpacing));
+    }
+    const double pieces_per_input = chunks / (static_cast<double>(faces.area.size()) + samples);
+    if (pieces_per_input > kMostPieces) {
+      throw_input(
+          name,
+          fmt::format("its triangles are so long and thin that a spacing of {:.3g} cuts each "
+                      "into {:.3g} pieces, more than {}; ask for a larger spacing, or remesh it",
+                      spacing, pieces_per_input, kMostPieces));
     }
     if (spacing < 32 * faces.largest_coordinate * std::numeric_limits<float>::epsilon()) {
       throw_input(name,
@@ -316,9 +331,10 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
     throw_input(name, fmt::format("the mesh has no area ({} faces); there is nothing to sample",
                                   mesh.face.size() + mesh.degenerate_faces));
   }
-  const Array<std::uint32_t> rings = edge_rings(mesh);
+  Array<std::uint32_t> rings = edge_rings(mesh);
   const Array<std::uint32_t> component = face_components(rings);
   out.edges = count_edges(mesh, rings);
+  cut_crowded_edges(rings, kMostFacesAtEdge);
   stage.end("topology");
 
   const SizingField uniform(1);
