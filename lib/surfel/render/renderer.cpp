@@ -408,6 +408,7 @@ void Renderer::Impl::finish(FrameStatistics& statistics) {
   for (SplatLists& list : lists) {
     statistics.splats += list.take_splat_count();
     statistics.exact_splats += list.take_exact_count();
+    statistics.thinned_splats += list.take_thinned_count();
   }
   statistics.merged = merges.merged;
   const double all = merges.total_weight + merges.late_weight;

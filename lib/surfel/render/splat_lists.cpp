@@ -25,8 +25,16 @@ constexpr std::size_t kMostSplats = std::size_t{1} << 27;
 /// Splats of a block for which there is room at once, if it may have as many.
 constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
 /// A group that enlarges a disc by less than this factor leaves it as it was, within rounding.
+/// Most splats larger than a tile that a tile draws, so that its time is bounded. Surfaces of
+/// hundreds of layers have fewer.
+constexpr std::size_t kMostLarge = 4096;
 constexpr float kLeastEnlargement = 1 + 1e-3F;
 constexpr float kNoSplat = std::numeric_limits<float>::quiet_NaN();
+
+/// Whether a splat covers a tile that it meets, or may.
+bool is_large(const PixelBox& box) {
+  return box.x1 - box.x0 >= kTileSize && box.y1 - box.y0 >= kTileSize;
+}
 
 }  // namespace
 
@@ -381,10 +389,12 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   }
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
+    bool large = false;
     const auto put = [&](int x, int y) {
       TileList& list = tiles[(y << frame_->grid.shift) + x];
       list.splats[list.count] = static_cast<std::uint32_t>(begin + i);
       list.depths[list.count++] = splats[i].depth;
+      list.large += large ? 1 : 0;
     };
     const PixelBox box = splats[i].box;
     const int x0 = box.x0 / kTileSize;
@@ -395,6 +405,7 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
       put(x0, y0);
       continue;
     }
+    large = is_large(box);
     for (int y = y0; y <= y1; ++y) {
       for (int x = x0; x <= x1; ++x) put(x, y);
     }
@@ -468,7 +479,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.count = 0;
   ++w.loads;
   w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
-  for (TileList& list : w.tiles) list.count = 0;
+  for (TileList& list : w.tiles) list.count = list.large = 0;
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
   };
@@ -511,19 +522,54 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   }
 }
 
+/// Leaves every n-th large splat of a tile in the worker's order, with n times its amplitude: their
+/// sum stays nearly as it is, whatever their number, at a bounded cost. The splats are taken evenly
+/// along the order of depth, so that tiles that show the same splats leave the same. Returns how
+/// many splats the order has then.
+std::size_t SplatLists::thin_out(const TileList& list, Worker& worker) const {
+  const std::size_t step = (list.large + kMostLarge - 1) / kMostLarge;
+  const std::size_t kept = (list.large + step - 1 - step / 2) / step;
+  const float factor = static_cast<float>(list.large) / static_cast<float>(kept);
+  const std::size_t count = list.count;
+  reserve(worker, kept, 0);
+  std::size_t large = 0;
+  std::size_t left = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    std::uint32_t at = worker.order[i];
+    if (is_large(worker.splats[at].box)) {
+      if (large++ % step != step / 2) continue;
+      // A splat of its own, as other tiles draw the splat with another amplitude.
+      const std::size_t copy = worker.count++;
+      worker.splats[copy] = worker.splats[at];
+      worker.splats[copy].amplitude *= factor;
+      if (worker.splats[at].k < 0) {
+        worker.exact[copy] = worker.exact[at];
+        worker.exact[copy].amplitude *= factor;
+      }
+      if (layout_.normals) worker.normals[copy] = worker.normals[at];
+      if (lists_.groups) worker.groups[copy] = worker.groups[at];
+      at = static_cast<std::uint32_t>(copy);
+    }
+    worker.order[left++] = at;
+  }
+  worker.thinned += count - left;
+  return left;
+}
+
 TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
   const TileList& list = w.tiles[(y << frame_->grid.shift) + x];
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
+  const std::size_t count = list.large > kMostLarge ? thin_out(list, w) : list.count;
   return {.rules = &rules_,
           .splats = w.splats.data(),
           .normals = layout_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),
           .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
-          .count = list.count,
+          .count = count,
           .box_x = x * kTileSize,
           .box_y = y * kTileSize,
           .load = w.loads};
@@ -532,6 +578,12 @@ TileJob SplatLists::job(int x, int y, int worker) {
 std::size_t SplatLists::take_splat_count() {
   std::size_t sum = 0;
   workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.splats_seen, 0); });
+  return sum;
+}
+
+std::size_t SplatLists::take_thinned_count() {
+  std::size_t sum = 0;
+  workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.thinned, 0); });
   return sum;
 }
 

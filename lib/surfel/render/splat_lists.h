@@ -54,6 +54,8 @@ class SplatLists {
   std::size_t take_splat_count();
   /// ... and the splats with exact kernels among them.
   std::size_t take_exact_count();
+  /// Splats that tiles have left out since the last call, see thin_out().
+  std::size_t take_thinned_count();
 
  private:
   /// Tiles of the band that a cluster's splats may touch, the last ones included.
@@ -65,6 +67,7 @@ class SplatLists {
     Array<std::uint32_t> splats;
     Array<float> depths;
     std::size_t count = 0;
+    std::size_t large = 0;  ///< Splats whose box is as wide and as high as a tile, or more.
   };
   /// The splats that one worker has loaded, and its scratch memory.
   struct Worker {
@@ -81,6 +84,7 @@ class SplatLists {
     Array<std::uint32_t> order;
     std::size_t splats_seen = 0;
     std::size_t exact_seen = 0;
+    std::size_t thinned = 0;
   };
 
   SplatView view(const Camera& camera, const Band& band) const;
@@ -100,6 +104,7 @@ class SplatLists {
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
+  std::size_t thin_out(const TileList& list, Worker& worker) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 
   const RenderCloud& cloud_;

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <compare>
 #include <iterator>
 #include <limits>
 #include <span>
@@ -41,6 +42,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
     box.max = all.max.cast<double>();
   };
   fill();
+  require_float_extent(box, name);
   if (source.recenter(box)) fill();
   origin_ = source.origin();
   // Files written by this library are in order already, and hold no surfels that cannot be drawn.
@@ -53,6 +55,15 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
     Array<std::uint32_t> order = drawing_order();
     if (copies) move_copies(source, needed.copies, order);
     gather(order);
+    totals = make_clusters();
+  }
+  const bool crowded = std::any_of(totals.begin(), totals.end(), [](const SurfelTotals& t) {
+    return t.min == t.max;  // Of one surfel, too, for which there is nothing to merge.
+  });
+  if (crowded && !has_copies()) {
+    const std::size_t all_surfels = size_;
+    gather(merge_coincident());
+    coincident_ = all_surfels - size_;
     totals = make_clusters();
   }
   if (!group.empty()) number_groups(name);
@@ -199,6 +210,83 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
   for (Array<float>* column : float_columns(*this)) gather_column(*column, kPadding);
   gather_column(material, 0);
   gather_column(group, 0);
+}
+
+/// Merges surfels at one place that differ in colour, alpha, area and normal for shading alone,
+/// where a cluster's worth of surfels or more are there: their sum is one Gaussian of all their
+/// area, with their mean colour, so that pictures are the same to rounding. Returns the order of
+/// the surfels that are left.
+Array<std::uint32_t> RenderCloud::merge_coincident() {
+  const Array<float>* const columns[] = {&normal_x,    &normal_y,    &normal_z,
+                                         &deviation_u, &deviation_v, &tangent_x,
+                                         &tangent_y,   &tangent_z,   &group_radius};
+  const auto compared = [&](std::uint32_t a, std::uint32_t b) {
+    std::partial_ordering result = std::partial_ordering::equivalent;
+    for (const Array<float>* column : columns) {
+      if (column->empty() || result != 0) continue;
+      result = (*column)[a] <=> (*column)[b];
+    }
+    if (result == 0 && !material.empty()) result = material[a] <=> material[b];
+    if (result == 0 && !group.empty()) result = group[a] <=> group[b];
+    return result;
+  };
+  const auto merge_into_first = [&](std::span<const std::uint32_t> alike) {
+    const std::uint32_t first = alike.front();
+    double whole = 0;
+    double opaque = 0;
+    Vec3d color = Vec3d::Zero();
+    Vec3d shaded = Vec3d::Zero();
+    for (const std::uint32_t i : alike) {
+      const double a = area[i];
+      const double weight = alpha.empty() ? a : a * static_cast<double>(alpha[i]);
+      whole += a;
+      opaque += weight;
+      color += weight * Vec3d(red[i], green[i], blue[i]);
+      shaded += a * shading(i).cast<double>();
+    }
+    area[first] = static_cast<float>(whole);
+    if (opaque > 0) {
+      const Vec3f mean = (color / opaque).cast<float>();
+      red[first] = mean.x();
+      green[first] = mean.y();
+      blue[first] = mean.z();
+    }
+    if (!(whole > 0)) return;
+    if (!alpha.empty()) alpha[first] = static_cast<float>(opaque / whole);
+    if (has_shading() && !shaded.isZero(0)) {
+      const Vec3f mean = (shaded / whole).cast<float>();
+      shading_x[first] = mean.x();
+      shading_y[first] = mean.y();
+      shading_z[first] = mean.z();
+    }
+  };
+  const auto at_one_place = [&](std::size_t a, std::size_t b) {
+    return x[a] == x[b] && y[a] == y[b] && z[a] == z[b];
+  };
+  Array<std::uint32_t> order;
+  std::vector<std::uint32_t> here;
+  for (std::size_t begin = 0; begin < size_;) {
+    here.clear();
+    std::size_t end = begin;
+    for (; end < size_ && at_one_place(begin, end); ++end) {
+      here.push_back(static_cast<std::uint32_t>(end));
+    }
+    begin = end;
+    if (here.size() < kClusterSize) {
+      order.insert(order.end(), here.begin(), here.end());
+      continue;
+    }
+    std::stable_sort(here.begin(), here.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return compared(a, b) < 0; });
+    for (std::size_t first = 0; first < here.size();) {
+      std::size_t last = first + 1;
+      while (last < here.size() && compared(here[first], here[last]) == 0) ++last;
+      if (last - first > 1) merge_into_first(std::span(here).subspan(first, last - first));
+      order.push_back(here[first]);
+      first = last;
+    }
+  }
+  return order;
 }
 
 /// Numbers the groups in use from 0 on: a file may leave out any.

@@ -86,6 +86,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   std::size_t first_finest() const { return first_finest_; }
   const Vec3d& origin() const { return origin_; }
   const UnusableSurfels& dropped() const { return dropped_; }
+  /// Number of surfels that were merged into others at their place, see the class.
+  std::size_t coincident() const { return coincident_; }
   /// Number of the copies of splats that were left out.
   std::size_t copies() const { return copies_; }
   /// Does the cloud hold copies?
@@ -159,6 +161,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   void move_copies(const SurfelSource& source, bool keep, Array<std::uint32_t>& order);
   std::vector<SurfelTotals> make_clusters();
   void gather(const Array<std::uint32_t>& order);
+  Array<std::uint32_t> merge_coincident();
   void number_groups(const std::string& name);
   void take_clusters(const ClusterTree& tree, bool levels);
   SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
@@ -177,6 +180,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   std::vector<Cluster> clusters_;
   ClusterTree tree_;
   UnusableSurfels dropped_;
+  std::size_t coincident_ = 0;
   std::size_t copies_ = 0;
   std::size_t first_copy_ = std::numeric_limits<std::size_t>::max();
   Bounds box_;  ///< See extent().

@@ -1,0 +1,86 @@
+// Thousands of surfels over each other: pictures stay what they are, and work is bounded.
+
+#include <gtest/gtest.h>
+
+#include "render/scenes.h"
+
+namespace surfel::test {
+namespace {
+
+/// The red and green of every second surfel, at one place each.
+SurfelCloud crowd(std::size_t count) {
+  SurfelCloud cloud;
+  for (std::size_t i = 0; i < count; ++i) {
+    add_surfel(cloud, {0, 0, 0}, {0, 0, 1}, 0.04F, 0.01F,
+               i % 2 == 0 ? Vec3f(1, 0, 0) : Vec3f(0, 1, 0));
+  }
+  return cloud;
+}
+
+TEST(CrowdedSurfels, AlikeAtOnePlaceBecomeOne) {
+  SurfelCloud cloud = crowd(3000);
+  for (std::size_t i = 0; i < 1000; ++i) cloud.normal[i] = {0, 0, -1};
+  cloud.material.assign(3000, 0);
+  cloud.material[2999] = 1;
+  const RenderCloud merged(cloud);
+  EXPECT_EQ(merged.size(), 3U);
+  EXPECT_EQ(merged.coincident(), 2997U);
+  double area = 0;
+  for (std::size_t i = 0; i < 3; ++i) area += merged.area[i];
+  EXPECT_NEAR(area, 30, 1e-4);
+  // Fewer than a cluster are left as they are.
+  EXPECT_EQ(RenderCloud(crowd(100)).size(), 100U);
+}
+
+TEST(CrowdedSurfels, MergedLookAsTheyDidOneByOne) {
+  // Apart by less than rounding of the depth shows, they are not merged.
+  SurfelCloud apart = crowd(1000);
+  for (std::size_t i = 0; i < apart.size(); ++i) {
+    apart.position[i].x() = 1e-7F * static_cast<float>(i);
+  }
+  apart.alpha.assign(1000, 0.25F);
+  SurfelCloud together = crowd(1000);
+  together.alpha = apart.alpha;
+  const Camera camera = camera_at(3, 64);
+  const Image expected = render_unlit(apart, camera);
+  const Image image = render_unlit(together, camera);
+  for (std::size_t i = 0; i < image.data.size(); ++i) {
+    if (!std::isfinite(expected.data[i])) continue;
+    ASSERT_NEAR(image.data[i], expected.data[i], 2e-3 * (1 + std::abs(expected.data[i]))) << i;
+  }
+}
+
+TEST(CrowdedSurfels, LargeOnesOverEachOtherCostABoundedTimeAPixel) {
+  // Discs over the whole picture, in distinct places of one plane.
+  const auto discs = [](std::size_t count) {
+    SurfelCloud cloud;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto shift = 1e-4F * static_cast<float>(i) / static_cast<float>(count);
+      add_surfel(cloud, {shift, -shift, 0}, {0, 0, 1}, 4, 20.0F / static_cast<float>(count),
+                 i % 3 == 0 ? Vec3f(1, 0, 0) : Vec3f(0, 0.5F, 1));
+    }
+    return cloud;
+  };
+  const Camera camera = camera_at(3, 32);
+  for (const Kernel kernel : {Kernel::kPerspective, Kernel::kAffine}) {
+    RenderOptions options;
+    options.kernel = kernel;
+    FrameStatistics few;
+    FrameStatistics many;
+    const Image expected = render_unlit(discs(500), camera, options, &few);
+    const Image image = render_unlit(discs(30000), camera, options, &many);
+    EXPECT_EQ(few.thinned_splats, 0U);
+    EXPECT_GT(many.thinned_splats, 0U);
+    EXPECT_LE(many.fragments, 4096U * 32 * 32);
+    for (int y = 0; y < 32; ++y) {
+      for (int x = 0; x < 32; ++x) {
+        for (int c = 0; c < 4; ++c) {
+          ASSERT_NEAR(image.pixel(x, y)[c], expected.pixel(x, y)[c], 0.03) << x << " " << y;
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
