@@ -13,6 +13,7 @@ nlohmann::json to_json(const FrameStatistics& frame) {
                          {"clusters", frame.clusters},
                          {"splats", frame.splats},
                          {"exact_splats", frame.exact_splats},
+                         {"thinned_splats", frame.thinned_splats},
                          {"geometry_passes", frame.geometry_passes},
                          {"fragments", frame.fragments},
                          {"merged_fragments", frame.merged},
