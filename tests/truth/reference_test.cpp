@@ -492,5 +492,20 @@ TEST(Reference, ScenesAndCamerasThatCannotBeAreRefused) {
   for (const Camera& camera : unusable_cameras()) EXPECT_THROW(renderer.render(camera), Error);
 }
 
+TEST(DiscHierarchy, OneDiscFarAwayHidesNoOther) {
+  // Rounding in units of the far disc's place would let a beam meet all discs.
+  SurfelCloud cloud = fibonacci_sphere(20000, 1);
+  cloud.position.back() = {1e15F, 0, 0};
+  const RenderCloud surfels(cloud);
+  for (const auto bound : {DiscHierarchy::Bound::kDisc, DiscHierarchy::Bound::kBall}) {
+    const DiscHierarchy hierarchy(surfels, 1.5, bound);
+    std::size_t met = 0;
+    hierarchy.for_each({.origin = {0.3, 0.2, 5}, .direction = {0, 0, -1}},
+                       [&](std::uint32_t) { ++met; });
+    EXPECT_GE(met, 2U);
+    EXPECT_LE(met, 100U);
+  }
+}
+
 }  // namespace
 }  // namespace surfel::test

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -10,6 +11,7 @@ namespace surfel {
 namespace {
 
 constexpr std::uint32_t kLeafSize = 4;  ///< Discs, which are met one by one.
+constexpr double kRounding = 1e-14;     ///< Of coordinates, relative; a hundred times the unit's.
 
 Vec3d center_of(const RenderCloud& cloud, std::uint32_t i) {
   return {cloud.x[i], cloud.y[i], cloud.z[i]};
@@ -17,8 +19,10 @@ Vec3d center_of(const RenderCloud& cloud, std::uint32_t i) {
 
 /// Whether the beam meets the box, rounded towards yes. Along each axis, the beam's ball at t is
 /// within reach of a side of the box where a t <= b, with a = +-direction - spread: six half lines
-/// of t that must have a point in common. (At the box's edges balls are taken for cubes.)
-bool meets(const Beam& beam, double slack, const Eigen::AlignedBox3d& box) {
+/// of t that must have a point in common. (At the box's edges balls are taken for cubes.) What is
+/// far away along an axis is rounded in units of its own coordinate, so that one disc far from all
+/// others does not make the boxes of the others thicker.
+bool meets(const Beam& beam, const Eigen::AlignedBox3d& box) {
   double from = 0;
   double to = std::numeric_limits<double>::infinity();
   const auto restrict_to = [&](double a, double b) {
@@ -30,12 +34,14 @@ bool meets(const Beam& beam, double slack, const Eigen::AlignedBox3d& box) {
       to = -1;
     }
   };
+  const auto rounding = [](double a, double b) { return kRounding * (std::abs(a) + std::abs(b)); };
   for (int axis = 0; axis < 3; ++axis) {
-    const double radius = beam.radius + slack;
     const double o = beam.origin[axis];
     const double d = beam.direction[axis];
-    restrict_to(d - beam.spread, box.max()[axis] - o + radius);
-    restrict_to(-d - beam.spread, o - box.min()[axis] + radius);
+    const double high = box.max()[axis];
+    const double low = box.min()[axis];
+    restrict_to(d - beam.spread, high - o + beam.radius + rounding(high, o));
+    restrict_to(-d - beam.spread, o - low + beam.radius + rounding(low, o));
   }
   return from <= to;
 }
@@ -100,10 +106,6 @@ void DiscHierarchy::build(const RenderCloud& cloud, double reach, Bound bound, s
 void DiscHierarchy::for_each(const Beam& beam,
                              FunctionRef<void(std::uint32_t surfel)> visit) const {
   if (nodes_.empty()) return;
-  // A beam from afar is rounded in units of its own coordinates.
-  const double slack =
-      1e-14 * (beam.origin.cwiseAbs().maxCoeff() + nodes_[0].box.min().cwiseAbs().maxCoeff() +
-               nodes_[0].box.max().cwiseAbs().maxCoeff());
   // Halving 2^32 surfels ends after 32 levels; each leaves one node for later.
   std::array<std::uint32_t, 40> later;
   std::size_t count = 0;
@@ -111,7 +113,7 @@ void DiscHierarchy::for_each(const Beam& beam,
   while (count > 0) {
     const std::uint32_t at = later[--count];
     const Node& node = nodes_[at];
-    if (!meets(beam, slack, node.box)) continue;
+    if (!meets(beam, node.box)) continue;
     if (node.second_child == 0) {
       for (std::uint32_t k = node.begin; k < node.end; ++k) visit(order_[k]);
     } else {
