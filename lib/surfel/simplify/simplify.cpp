@@ -13,6 +13,8 @@
 #include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
 #include <surfel/surface/neighbor_search.h>
+#include <surfel/texture/kernel_overlap.h>
+#include <surfel/texture/reach_tree.h>
 
 namespace surfel {
 namespace {
@@ -48,8 +50,8 @@ class Simplifier {
     take_usable(cloud, name);
   }
 
-  SurfelCloud run() {
-    look();
+  SurfelCloud run(const std::string& name) {
+    look(name);
     const DetailTree tree = make_tree();
     SimplifiedCloud best = options_.count ? with_count(tree) : with_error(tree);
     report_.result = best.cloud.size();
@@ -72,7 +74,7 @@ class Simplifier {
   }
 
   void take_usable(const SurfelCloud& cloud, const std::string& name);
-  void look();
+  void look(const std::string& name);
   DetailTree make_tree();
   Array<float> radii(const DetailTree& tree, const DetailTree::Cut& cut) const;
   double estimated_count(const SizingField& field) const;
@@ -126,9 +128,10 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
 }
 
 /// Finds the look of the cloud at its own surfels, which is to be kept.
-void Simplifier::look() {
+void Simplifier::look(const std::string& name) {
   timer_.restart();
   const SurfelBasis basis = make_basis(original_.cloud);
+  require_bounded_overlap(basis, kPlanarReach2 * options_.cutoff, name);
   const Quadrature quadrature = at_functions(basis);
   const EvaluatedBasis evaluated = evaluate_basis(basis, quadrature, options_.cutoff);
   Array<Channels> w(basis.size());
@@ -314,7 +317,7 @@ SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& op
   SimplifyReport own;
   SimplifyReport& r = report ? *report : own;
   r = {};
-  return Simplifier(cloud, options, r, name).run();
+  return Simplifier(cloud, options, r, name).run(name);
 }
 
 }  // namespace surfel

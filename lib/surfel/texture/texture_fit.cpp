@@ -7,6 +7,8 @@
 #include <surfel/base/stage_timer.h>
 #include <surfel/texture/coefficient_fit.h>
 #include <surfel/texture/ewa_fit.h>
+#include <surfel/texture/kernel_overlap.h>
+#include <surfel/texture/reach_tree.h>
 #include <surfel/texture/robust_fit.h>
 #include <surfel/texture/solid_fit.h>
 #include <surfel/texture/texture_fit.h>
@@ -110,6 +112,13 @@ Array<double> kernel_integrals(const SurfelBasis& basis) {
   return integrals;
 }
 
+/// The cutoff of functions that have a pair in the fit's equations: products of whole Gaussians are
+/// coupled within 3 standard deviations of their sum at least.
+double fit_reach(const TextureFitOptions& options) {
+  constexpr double kGramReach = 9;
+  return options.kind == TextureFitKind::kGram ? kGramReach : kPlanarReach2 * options.cutoff;
+}
+
 }  // namespace
 
 std::vector<std::string> TextureFitOptions::problems() const {
@@ -168,6 +177,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
     fit_ewa(cloud, textures, options, report);
   } else {
     SurfelBasis basis = make_basis(cloud);
+    require_bounded_overlap(basis, fit_reach(options), name);
     if (options.kind == TextureFitKind::kGram) {
       leave_out_without_uv(cloud, basis);
       fit_ewa(cloud, textures, options, report);
@@ -213,6 +223,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
   cloud.basis_cutoff.reset();
   if (options.kind != TextureFitKind::kEwa) {
     const SurfelBasis basis = make_basis(cloud);
+    require_bounded_overlap(basis, fit_reach(options), name);
     if (options.kind == TextureFitKind::kGram) {
       fit_gram(cloud, basis, {}, options, report);
     } else {
@@ -249,6 +260,9 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
   TextureFitReport report;
   report.surfels = cloud.size();
   const SurfelBasis basis = make_basis(cloud);
+  if (options.kind != TextureFitKind::kEwa) {
+    require_bounded_overlap(basis, fit_reach(options), name);
+  }
   if (options.kind == TextureFitKind::kRender) {
     StageTimer timer(report.times);
     PointColors colors{.basis = basis, .quadrature = cover_surface(basis, fit_points(options))};
