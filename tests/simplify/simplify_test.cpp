@@ -276,6 +276,14 @@ TEST(Simplify, WithoutColorsShapeAloneCounts) {
   EXPECT_LT(report.error.color, 1e-12);
 }
 
+TEST(Simplify, SurfelsWithoutAreasGetThoseOfTheirVariances) {
+  const SurfelCloud with = smooth_plane(16);
+  SurfelCloud without = with;
+  without.area.clear();
+  EXPECT_EQ(simplify_surfels(without, with_count(100)).area,
+            simplify_surfels(with, with_count(100)).area);
+}
+
 TEST(Simplify, UnusableSurfelsAreLeftOutAndUnknownNormalsKept) {
   SurfelCloud cloud = smooth_plane();
   const float nan = std::numeric_limits<float>::quiet_NaN();

@@ -46,6 +46,8 @@ SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) 
   Array<std::uint32_t> source(clusters.size());
   for (std::size_t c = 0; c < source.size(); ++c) source[c] = merged_surfel[c].source;
   SurfelCloud out = original.cloud.gathered(source);
+  // Merged surfels write theirs below; size() sets those of the others.
+  if (out.area.empty()) out.area.assign(out.size(), 0.0F);
   for (std::size_t c = 0; c < source.size(); ++c) {
     if (clusters.members(c).size() == 1) continue;
     const MergeSurfel& s = merged_surfel[c];
@@ -67,7 +69,6 @@ SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) 
 /// that the cloud has: ellipses for pieces of even surfaces gain too little for their columns.
 void size(const OriginalCloud& original, const SheetClusters& clusters, double cutoff,
           SurfelCloud& out) {
-  if (out.area.empty()) out.area.resize(out.size());
   parallel_for(out.size(), kMergeGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<CoveredPlace> places;
     for (std::size_t k = begin; k < end; ++k) {
