@@ -215,7 +215,8 @@ TEST_F(Files, PercentSignsOfNamesAreLetters) {
     EXPECT_TRUE(fs::remove(at(name))) << command;
   };
   makes("surfel-convert 50%d.ply -o 60%04d.ply", "60%04d.ply");
-  makes("surfel-texture 50%d.ply --image %s%n.png -o %x{}.ply", "%x{}.ply");
+  makes("surfel-convert 50%d.ply -o %x{}.ply", "%x{}.ply");
+  makes("surfel-render --mesh mesh.obj --image %s%n.png --size 4x4 -o %x.png", "%x.png");
   makes("surfel-generate checker --size 4x4 -o %d.png", "%d.png");
   // Of pictures the name is a pattern, of one view, too.
   makes("surfel-render 50%d.ply --size 4x4 -o %s%d.png", "%s%d.png");
