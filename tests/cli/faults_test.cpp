@@ -2,6 +2,7 @@
 // whole, or it ends well and the output is right.
 
 #include <cerrno>
+#include <cstring>
 
 #include <gtest/gtest.h>
 
