@@ -209,5 +209,16 @@ TEST(CloudProperties, OfFarAwayCloudsAreFloatWhereFloatIsExact) {
   EXPECT_EQ(cloud_properties(cloud).front().type, "double");
 }
 
+TEST(CloudStatistics, DiscsOverEachOtherAreMeasuredAtFewerPlaces) {
+  // 2500 discs, each as large as the whole: of 1024 over a point no more are counted.
+  const auto cells = [](float variance) { return coverage_of(grid(50, 1, variance)); };
+  const Coverage closed = cells(1);
+  const Coverage crowded = cells(1e4F);
+  EXPECT_GT(closed.cells, 2000U);
+  EXPECT_LT(crowded.cells, closed.cells / 4);
+  EXPECT_GT(crowded.cells, 50U);
+  EXPECT_NEAR(crowded.overlap, 1024, 1);
+}
+
 }  // namespace
 }  // namespace surfel

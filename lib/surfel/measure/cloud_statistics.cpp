@@ -24,6 +24,11 @@ constexpr std::size_t kCellNeighbors = 24;
 /// Discs looked at per cell; more over one point than this are not counted.
 constexpr std::size_t kMostDiscs = 1024;
 constexpr int kPointsPerCell = 16;  ///< 20,000 cells tell a share to 0.1 % then.
+/// Cells are measured in so many rounds, each spread over the cloud, of which the last are left out
+/// once discs have been looked at so often for each cell in the mean. Discs that just close a
+/// surface take a tenth of it; thousands over each other would take all the time there is.
+constexpr std::size_t kRounds = 16;
+constexpr std::size_t kDiscsPerCell = 128;
 /// Normals within 60 degrees show the same surface (surface/sheet.h says why no more). The rule
 /// that sizes are estimated by is another on purpose: coverage is a second opinion on the sizes.
 constexpr float kAgreeingCosine = 0.5F;
@@ -114,7 +119,8 @@ class CoverageProbe {
     double area = 0;  ///< 0 where the cell is open.
     int points = 0;
     int holes = 0;
-    double overlap = 0;  ///< Discs over the points, summed.
+    double overlap = 0;         ///< Discs over the points, summed.
+    std::size_t looked_at = 0;  ///< Discs that may lie over the points.
   };
 
   Cell measure(std::size_t disc) const {
@@ -130,6 +136,7 @@ class CoverageProbe {
     const double reach = largest_radius_ + cell.radius();
     std::vector<Neighbor> near;
     neighbors_.within(discs_.position[disc], static_cast<float>(reach) * 1.0001F, kMostDiscs, near);
+    out.looked_at = near.size();
     for (int point = 0; point < kPointsPerCell; ++point) {
       const double s = random_uniform(options_.seed, k, 2 * point + 1);
       const double t = random_uniform(options_.seed, k, 2 * point + 2);
@@ -222,8 +229,16 @@ void measure_coverage(const SurfelCloud& cloud, const CloudStatisticsOptions& op
   if (cloud.normal.empty() || !has_variance(cloud)) return;
   const CoverageProbe probe(cloud, options, discs, neighbors);
   std::vector<CoverageProbe::Cell> cells(queries.size());
-  parallel_each(queries.size(), kQueryGrain,
-                [&](std::size_t q) { cells[q] = probe.measure(queries[q]); });
+  std::size_t looked_at = 0;
+  for (std::size_t round = 0; round < std::min(kRounds, queries.size()); ++round) {
+    const std::size_t count = (queries.size() - round + kRounds - 1) / kRounds;
+    parallel_each(count, kQueryGrain, [&](std::size_t i) {
+      const std::size_t q = round + i * kRounds;
+      cells[q] = probe.measure(queries[q]);
+    });
+    for (std::size_t i = 0; i < count; ++i) looked_at += cells[round + i * kRounds].looked_at;
+    if (looked_at > kDiscsPerCell * queries.size()) break;
+  }
   // Cells differ in area and have the same number of points: a point counts by its cell's area.
   Coverage coverage;
   double area = 0;
