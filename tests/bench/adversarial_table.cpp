@@ -1,0 +1,188 @@
+// Time and memory that the tools take of adversarial geometry, beside a sphere of the same size.
+//
+//   adversarial_table TOOLS COUNT [COMMAND [CASE]]
+//
+// TOOLS is the folder with the tools, COUNT the surfels or faces. With COMMAND only what begins so
+// is run, with CASE only that case beside the benign one; every run is reported to standard error,
+// the table goes to standard output. Exits with 1 where a run takes more than it may.
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <support/adversarial_clouds.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace {
+
+constexpr int kMostSeconds = 20;                ///< Processor's time of a run.
+constexpr rlim_t kMostBytes = rlim_t{6} << 30;  ///< Address space of a run.
+constexpr double kMostTime = 5;                 ///< Times that of the benign case.
+constexpr double kMostRefusal = 1;              ///< Seconds until the input is refused.
+constexpr double kMostMemory = 2;               ///< Times that of the benign case, or ...
+constexpr double kMostMegabytes = 100;          ///< ... this.
+
+struct Run {
+  int exit_code = -1;  ///< -1 where a signal ended the process.
+  double seconds = 0;  ///< Processor's time.
+  double megabytes = 0;
+  std::string message;
+};
+
+/// What a run costs: its processor's time, as other processes of the machine do not count then.
+Run run(const std::vector<std::string>& command, const std::string& folder) {
+  const std::string errors = folder + "/errors";
+  const pid_t process = fork();
+  if (process == 0) {
+    const rlimit seconds{kMostSeconds, kMostSeconds};
+    const rlimit bytes{kMostBytes, kMostBytes};
+    setrlimit(RLIMIT_CPU, &seconds);
+    setrlimit(RLIMIT_AS, &bytes);
+    const int file = open(errors.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    dup2(file, 2);
+    dup2(open("/dev/null", O_WRONLY), 1);
+    std::vector<char*> words;
+    for (const std::string& word : command) words.push_back(const_cast<char*>(word.c_str()));
+    words.push_back(nullptr);
+    execv(words[0], words.data());
+    _exit(127);
+  }
+  int status = 0;
+  rusage usage{};
+  wait4(process, &status, 0, &usage);
+  Run result;
+  if (WIFEXITED(status)) result.exit_code = WEXITSTATUS(status);
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  result.seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);
+  result.megabytes = static_cast<double>(usage.ru_maxrss) / 1024;
+  std::getline(std::ifstream(errors), result.message);
+  return result;
+}
+
+struct Command {
+  std::string name;  ///< What is typed, without the files.
+  enum class Input { kCloud, kGrouped, kMesh } input = Input::kCloud;
+  std::string output;  ///< Extension; empty: none.
+};
+
+std::vector<Command> commands() {
+  using enum Command::Input;
+  return {
+      {"surfel-info", kCloud, ""},
+      {"surfel-convert", kCloud, "ply"},
+      {"surfel-estimate", kCloud, "ply"},
+      {"surfel-estimate -k auto --remove-outliers", kCloud, "ply"},
+      {"surfel-texture --solid noise", kCloud, "ply"},
+      {"surfel-texture --from colors --fit gram", kCloud, "ply"},
+      {"surfel-texture --from colors --fit render", kCloud, "ply"},
+      {"surfel-group", kCloud, "ply"},
+      {"surfel-group --order dsatur", kCloud, "ply"},
+      {"surfel-group --groups 4", kCloud, "ply"},
+      {"surfel-group --groups 4 --cover enlarge", kCloud, "ply"},
+      {"surfel-group --groups 4 --cover enlarge-each", kCloud, "ply"},
+      {"surfel-group --groups 4 --cover duplicate", kCloud, "ply"},
+      {"surfel-lod", kCloud, "ply"},
+      {"surfel-simplify --count 2000", kCloud, "ply"},
+      {"surfel-simplify --max-error 0.05", kCloud, "ply"},
+      {"surfel-render", kCloud, "png"},
+      {"surfel-render --layers 16", kCloud, "png"},
+      {"surfel-render --kernel perspective", kCloud, "png"},
+      {"surfel-render --memory 1M", kCloud, "png"},
+      {"surfel-render --filter ewa-source --size 64x64", kCloud, "png"},
+      {"surfel-render --reference --samples 2 --size 64x64", kCloud, "png"},
+      {"surfel-render --method deferred", kGrouped, "png"},
+      {"surfel-render --method transparent", kGrouped, "png"},
+      {"surfel-render --method transparent-high", kGrouped, "png"},
+      {"surfel-render --method two-pass", kGrouped, "png"},
+      {"surfel-render --method depth-peel", kGrouped, "png"},
+      {"surfel-from-mesh --count 20000", kMesh, "ply"},
+      {"surfel-from-mesh --count 20000 --adaptive", kMesh, "ply"},
+      {"surfel-info", kMesh, ""},
+      {"surfel-render", kMesh, "png"},
+  };
+}
+
+/// The words of a command line on a file.
+std::vector<std::string> words_of(const Command& command, const std::string& tools,
+                                  const std::string& input, const std::string& output) {
+  std::vector<std::string> words;
+  std::string rest = command.name + " ";
+  while (!rest.empty()) {
+    const std::size_t end = rest.find(' ');
+    words.push_back(rest.substr(0, end));
+    rest.erase(0, end + 1);
+  }
+  words[0] = tools + "/" + words[0];
+  words.insert(words.begin() + 1, input);
+  words.insert(words.end(), {"--threads", "1", "--quiet"});
+  if (!command.output.empty()) words.insert(words.end(), {"-o", output});
+  return words;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace surfel::test;
+  if (argc < 3) {
+    std::fputs("adversarial_table TOOLS COUNT [COMMAND [CASE]]\n", stderr);
+    return 2;
+  }
+  const std::string tools = argv[1];
+  const std::size_t count = std::stoul(argv[2]);
+  const std::string only_command = argc > 3 ? argv[3] : "";
+  const std::string only_case = argc > 4 ? argv[4] : "";
+  std::string folder = (std::filesystem::temp_directory_path() / "adversarial-XXXXXX").string();
+  if (mkdtemp(folder.data()) == nullptr) return 1;
+
+  bool within = true;
+  fmt::print("| command | sphere | longest | most memory | refused |\n|---|---|---|---|---|\n");
+  for (const Command& command : commands()) {
+    if (command.name.rfind(only_command, 0) != 0) continue;
+    const bool mesh = command.input == Command::Input::kMesh;
+    Run benign;
+    double longest = 0, most = 0;
+    std::string longest_case, most_case, refused;
+    for (const AdversarialCase& at : mesh ? adversarial_meshes() : adversarial_clouds()) {
+      if (!only_case.empty() && at.name != only_case && at.name != "benign") continue;
+      const std::string input = folder + "/" + at.name + (mesh ? ".obj" : ".ply");
+      const std::string output = folder + "/out." + command.output;
+      std::ofstream(input, std::ios::binary)
+          << (mesh ? adversarial_mesh(at.name, count)
+                   : adversarial_cloud(at.name, count, command.input == Command::Input::kGrouped));
+      const Run run = ::run(words_of(command, tools, input, output), folder);
+      std::filesystem::remove(input);
+      std::filesystem::remove(output);
+      if (at.name == "benign") benign = run;
+      const double time = run.seconds / benign.seconds;
+      const double memory = run.megabytes / benign.megabytes;
+      const bool refusal = run.exit_code == 1 && run.message.find(input) != std::string::npos;
+      const bool in_time = time <= kMostTime || (refusal && run.seconds <= kMostRefusal);
+      const bool in_memory = memory <= kMostMemory || run.megabytes <= kMostMegabytes;
+      const bool good = (run.exit_code == 0 || refusal) && in_time && in_memory;
+      within = within && good;
+      fmt::print(stderr, "{:4} {:46} {:18} {:6.2f} s {:6.1f} {:6.0f} MB {:5.2f} exit {:2} {}\n",
+                 good ? "" : "BAD", command.name, at.name, run.seconds, time, run.megabytes, memory,
+                 run.exit_code, run.message);
+      if (refusal) refused += (refused.empty() ? "" : ", ") + at.name;
+      if (time > longest && at.name != "benign") longest = time, longest_case = at.name;
+      if (memory > most && at.name != "benign") most = memory, most_case = at.name;
+    }
+    fmt::print("| `{}`{} | {:.0f} ms, {:.0f} MB | {:.1f} {} | {:.1f} {} | {} |\n", command.name,
+               mesh ? " (mesh)" : "", 1e3 * benign.seconds, benign.megabytes, longest, longest_case,
+               most, most_case, refused);
+    std::fflush(stdout);
+  }
+  std::filesystem::remove_all(folder);
+  return within ? 0 : 1;
+}
