@@ -15,6 +15,7 @@
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/cluster_tree.h>
 #include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
@@ -433,7 +434,14 @@ SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& op
   HierarchyReport own;
   HierarchyReport& r = report ? *report : own;
   r = {};
-  return Builder(cloud, options, name).build(r);
+  SurfelCloud made = Builder(cloud, options, name).build(r);
+  // Moments are areas times squared distances, which overflow long before the lengths do.
+  if (!tree_problem(made.tree, made.size()).empty()) {
+    throw_input(name,
+                "its extent is too large for single precision, in which surfels are merged; "
+                "scale it down, or remove points that lie far away");
+  }
+  return made;
 }
 
 }  // namespace surfel
