@@ -147,7 +147,7 @@ std::vector<CloudCase> cloud_cases() {
         {"inf", std::numeric_limits<double>::infinity()}};
     for (const auto& [word, number] : values) {
       cases.push_back({{word + "-" + column, "every twentieth " + column + " is " + word},
-                       each([value, number](Surfel& s, std::size_t i) {
+                       each([value = value, number = number](Surfel& s, std::size_t i) {
                          if (i % 20 == 7) value(s) = number;
                        })});
     }
