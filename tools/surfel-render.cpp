@@ -157,7 +157,7 @@ int main(int argc, char** argv) {
   Settings s;
   declare_options(tool.app(), s);
   tool.everyday({"--output", "--size", "--from", "--eye", "--fov", "--zoom", "--turntable",
-                 "--background", "--scene", "--shading", "--color-by", "--image", "--explain"},
+                 "--background", "--scene", "--shading", "--color-by", "--image"},
                 {"surfel-render lion.obj -o lion.png",
                  "surfel-render lion.obj --image skin.png -o lion.jpg --from 1,0.5,2 --size "
                  "800x600 --background navy",

@@ -180,8 +180,9 @@ TEST_F(ColorBy, StreamedSurfelsHaveTheSameColoursAsThoseInMemory) {
   surfels_ = folder_ / "terrain.ply";
   write_cloud(cloud, surfels_);
   const auto picture = [&](const std::string& by, const std::string& memory) {
-    const RunResult result = render(
-        {"--color-by", by, "--size", "128", "--memory", memory, "--cutoff", "1"}, memory + ".png");
+    const RunResult result =
+        render({"--color-by", by, "--size", "128", "--memory", memory, "--relief", "none"},
+               memory + ".png");
     EXPECT_EQ(result.exit_code, 0) << result.errors;
     EXPECT_EQ(contains(result.errors, "piece by piece"), memory == "12M") << result.errors;
     return read_image(folder_ / (memory + ".png"), true);

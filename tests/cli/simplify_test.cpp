@@ -44,11 +44,11 @@ TEST_F(SurfelSimplify, MeetsTheErrorAndSaysSo) {
   const RunResult result = simplify(input(), {"--max-error", "0.05"});
   ASSERT_EQ(result.exit_code, 0) << result.errors;
   EXPECT_TRUE(contains(result.errors, "of 20000 surfels, error 0.0")) << result.errors;
-  const nlohmann::json json = report();
-  EXPECT_LE(json["error"].get<double>(), 0.05);
-  EXPECT_TRUE(json["reached"].get<bool>());
+  const nlohmann::json told = report();
+  EXPECT_LE(told["error"].get<double>(), 0.05);
+  EXPECT_TRUE(told["reached"].get<bool>());
   const SurfelCloud cloud = read_cloud(output_);
-  EXPECT_EQ(json["result"], cloud.size());
+  EXPECT_EQ(told["result"], cloud.size());
   EXPECT_LT(cloud.size(), 10000U);
   EXPECT_TRUE(contains(cloud.provenance.back(), "surfel-simplify"));
   EXPECT_TRUE(contains(cloud.provenance.back(), "--max-error 0.05"));

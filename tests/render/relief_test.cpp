@@ -10,7 +10,7 @@
 namespace surfel::test {
 namespace {
 
-constexpr int kSize = 200;
+constexpr int kSide = 200;
 
 /// Shares of a picture whose surface has the depth z(x, y) at pixel centres; infinite: nothing.
 template <class Depth>
@@ -36,7 +36,7 @@ double tilted_plane(const Camera& camera, double slope, double x) {
 }
 
 TEST(Relief, ATiltedPlaneIsNotOccluded) {
-  for (const Camera& camera : {camera_at(2, kSize), square_camera(kSize)}) {
+  for (const Camera& camera : {camera_at(2, kSide), square_camera(kSide)}) {
     for (const double slope : {0.0, 0.5, 2.0}) {
       const auto shares = shares_of(camera, Relief::kOcclusion, [&](double x, double) {
         return tilted_plane(camera, slope, x);
@@ -48,26 +48,26 @@ TEST(Relief, ATiltedPlaneIsNotOccluded) {
 
 /// Two planes, at 45 degrees to the view.
 TEST(Relief, TheBottomOfAValleyIsDarkAndItsRidgeIsNot) {
-  const Camera camera = square_camera(kSize);
+  const Camera camera = square_camera(kSide);
   const auto folded = [&](double sign) {
     return shares_of(camera, Relief::kOcclusion, [&](double x, double) {
       return 2 - sign * std::abs(x - camera.center_x) / camera.focal_x;
     });
   };
   const auto valley = folded(1);
-  const auto middle = static_cast<std::size_t>(kSize / 2 * kSize + kSize / 2);
+  const auto middle = static_cast<std::size_t>(kSide / 2 * kSide + kSide / 2);
   // The mean of cos^2 e over the directions, tan e being their slope: 1 / sqrt(2).
   EXPECT_NEAR(valley[middle], 0.707F, 0.03F);
-  EXPECT_GT(valley[middle + kSize / 4], 0.999F);  // Further away than the reach.
+  EXPECT_GT(valley[middle + kSide / 4], 0.999F);  // Further away than the reach.
   EXPECT_GT(least(folded(-1)), 0.999F);
 }
 
 /// Neither the background nor what is far before a wall leaves a halo.
 TEST(Relief, SilhouettesHaveNoHalo) {
-  for (const Camera& camera : {camera_at(2, kSize), square_camera(kSize)}) {
+  for (const Camera& camera : {camera_at(2, kSide), square_camera(kSide)}) {
     for (const double behind : {100.0, HUGE_VAL}) {
       const auto shares = shares_of(camera, Relief::kOcclusion, [&](double x, double y) {
-        return std::hypot(x - kSize / 2.0, y - kSize / 2.0) < kSize / 4.0
+        return std::hypot(x - kSide / 2.0, y - kSide / 2.0) < kSide / 4.0
                    ? tilted_plane(camera, 0.5, x)
                    : behind;
       });
@@ -89,17 +89,17 @@ TEST(Relief, FollowsNeitherUnitNorResolution) {
       return shares_of(camera, relief,
                        [&](double x, double y) { return bumps(camera, unit, x, y); });
     };
-    const auto shares = at(kSize, 1);
+    const auto shares = at(kSide, 1);
     EXPECT_LT(least(shares), 0.93F);
-    const auto scaled = at(kSize, 1000);
-    const auto finer = at(3 * kSize, 1);
+    const auto scaled = at(kSide, 1000);
+    const auto finer = at(3 * kSide, 1);
     double off = 0;
-    for (int y = 20; y < kSize - 20; ++y) {
-      for (int x = 20; x < kSize - 20; ++x) {
-        const std::size_t i = static_cast<std::size_t>(y) * kSize + x;
+    for (int y = 20; y < kSide - 20; ++y) {
+      for (int x = 20; x < kSide - 20; ++x) {
+        const std::size_t i = static_cast<std::size_t>(y) * kSide + x;
         ASSERT_NEAR(shares[i], scaled[i], 1e-3);
-        const float fine = finer[static_cast<std::size_t>(3 * y + 1) * 3 * kSize + 3 * x + 1];
-        off += std::pow(shares[i] - fine, 2) / std::pow(kSize - 40, 2);
+        const float fine = finer[static_cast<std::size_t>(3 * y + 1) * 3 * kSide + 3 * x + 1];
+        off += std::pow(shares[i] - fine, 2) / std::pow(kSide - 40, 2);
       }
     }
     EXPECT_LT(std::sqrt(off), 0.04);

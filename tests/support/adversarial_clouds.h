@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,10 @@ namespace surfel::test {
 struct AdversarialCase {
   std::string name;
   std::string what;  ///< In a few words, for a table.
+
+  friend std::ostream& operator<<(std::ostream& out, const AdversarialCase& one) {
+    return out << one.name;
+  }
 };
 
 /// Clouds by name, `benign` first.

@@ -8,6 +8,7 @@
 #include <surfel/base/error.h>
 #include <surfel/measure/front_guess.h>
 #include <surfel/measure/judged_surface.h>
+#include <surfel/measure/sensor_view.h>
 #include <surfel/measure/upright_guess.h>
 #include <surfel/measure/view_guess.h>
 

@@ -6,7 +6,6 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
-#include <surfel/measure/sensor_view.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/surface_sample.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -18,6 +17,15 @@ struct ViewHints {
   std::optional<Vec3d> up;                     ///< Direction that is up: no guess then.
   const char* up_reason = "as the file says";  ///< Why `up` is known.
   std::optional<Viewpoint> viewpoint;          ///< Where the sensor of a scan stood.
+};
+
+/// How a sensor saw a scene.
+struct SensorView {
+  Vec3d eye;      ///< World coordinates.
+  Vec3d forward;  ///< Unit: the middle of what it saw.
+  Vec3d up;       ///< Unit, across `forward`.
+  double tan_x;   ///< Tangents of half the angles that hold what it saw, to either side and
+  double tan_y;   ///< up and down; > 0.
 };
 
 /// Views by name, relative to a guess.

@@ -441,6 +441,7 @@ void ExactSearch::search(const Vec3f& query, std::size_t most, float limit2,
 }
 
 void ExactSearch::for_each(std::size_t most, float limit2, Body body) const {
+  if (tree_.leaves() == 0) return;
   ProgressStage stage("searching neighbours", tree_.first_place(tree_.leaves()), "points");
   struct Scratch {
     SearchScratch search;
