@@ -5,8 +5,8 @@
 # Usage: tests/first_pictures.sh [folder of the tools] [folder of the output] [folder of the older tools]
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
-tools=${1:-$root/build/release/bin}
-output=${2:-$root/docs}
+tools=$(realpath "${1:-$root/build/release/bin}")
+output=$(realpath "${2:-$root/docs}")
 older=${3:-}
 data=$(realpath "${SURFEL_TEST_DATA:-$root/../shared/data}")
 command -v oiiotool >/dev/null || { echo "oiiotool is missing: apt-get install openimageio-tools" >&2; exit 1; }

@@ -32,8 +32,8 @@ struct FrameStatistics {
   std::size_t clusters = 0;      ///< Clusters drawn.
   std::size_t splats = 0;        ///< Splats set up and inside the picture.
   std::size_t exact_splats = 0;  ///< Splats among them that have perspective-exact kernels.
-  /// Splats that tiles left out, added up over the tiles, since thousands larger than a tile lie over
-  /// each other there; the others stand for them.
+  /// Splats that tiles left out, added up over the tiles, since thousands larger than a tile lie
+  /// over each other there; the others stand for them.
   std::size_t thinned_splats = 0;
   /// Most passes over its splats that a tile took: the number of times that a GPU would draw the
   /// geometry.

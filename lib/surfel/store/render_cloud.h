@@ -51,7 +51,8 @@ struct RenderColumns {
 /// It is built once and rendered from any number of cameras. The order of the surfels in the cloud
 /// only decides which of several copies is kept, or is taken for the original. Where a cluster's
 /// worth of surfels or more lie at one place, surfels there that differ in colour, alpha and area
-/// alone are one, of all their area. A cloud with levels of detail keeps its order and its clusters.
+/// alone are one, of all their area. A cloud with levels of detail keeps its order and its
+/// clusters.
 class SURFEL_API RenderCloud final : public ClusterStore {
  public:
   static constexpr std::uint32_t kClusterSize = kClusterSurfels;
