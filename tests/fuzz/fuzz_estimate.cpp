@@ -1,0 +1,71 @@
+// Estimates surfels of points that the bytes are: all numbers of the result are finite, and three
+// threads give the bytes that one gives.
+
+#include <cmath>
+#include <cstring>
+
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/estimate.h>
+
+#include "fuzz/fuzz_file.h"
+
+using namespace surfel;
+
+namespace {
+
+template <class T>
+bool same_bytes(const Array<T>& a, const Array<T>& b) {
+  return a.size() == b.size() &&
+         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+}
+
+bool finite(float x) { return std::isfinite(x); }
+bool finite(const Vec3f& x) { return x.allFinite(); }
+
+template <class T>
+bool finite(const Array<T>& column) {
+  for (const T& x : column) {
+    if (!finite(x)) return false;
+  }
+  return true;
+}
+
+SurfelCloud estimated(const SurfelCloud& points, const EstimateOptions& options, int threads) {
+  set_thread_count(threads);
+  return estimate_surfels(points, options, nullptr, "points");
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::Numbers numbers(data, size);
+  const std::uint8_t choice = numbers.byte();
+  const bool any = choice % 4 == 3;
+  const float scale = std::ldexp(1.0F, static_cast<int>(numbers.byte()) % 64 - 32);
+  SurfelCloud points;
+  constexpr std::size_t kMost = 300;
+  while (!numbers.done() && points.size() < kMost) {
+    Vec3f p;
+    for (float& x : p) x = any ? numbers.any() : scale * numbers.unit();
+    points.position.push_back(p);
+  }
+  constexpr Orientation kMethods[] = {Orientation::kMst, Orientation::kOutward, Orientation::kNone};
+  EstimateOptions options;
+  options.orientation.method = kMethods[choice / 4 % 3];
+  try {
+    const SurfelCloud one = estimated(points, options, 1);
+    fuzz::require(finite(one.normal) && finite(one.variance) && finite(one.area) &&
+                      finite(one.tangent) && finite(one.variance_u) && finite(one.variance_v),
+                  "a number that is not finite");
+    const SurfelCloud three = estimated(points, options, 3);
+    fuzz::require(
+        same_bytes(one.position, three.position) && same_bytes(one.normal, three.normal) &&
+            same_bytes(one.variance, three.variance) && same_bytes(one.area, three.area) &&
+            same_bytes(one.variance_u, three.variance_u) &&
+            same_bytes(one.variance_v, three.variance_v),
+        "three threads give other bytes than one");
+  } catch (const Error& error) {
+    fuzz::require(error.kind() == ErrorKind::kInput, error.what());
+  }
+  return 0;
+}

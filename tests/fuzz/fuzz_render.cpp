@@ -1,0 +1,72 @@
+// Renders surfels that the bytes are: pixels are finite, opacities from 0 to 1, and three threads
+// give the bytes that one gives.
+
+#include <cmath>
+#include <cstring>
+
+#include <surfel/base/parallel.h>
+#include <surfel/render/renderer.h>
+#include <surfel/scene/framing.h>
+#include <surfel/store/render_cloud.h>
+
+#include "fuzz/fuzz_file.h"
+
+using namespace surfel;
+
+namespace {
+
+Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threads) {
+  set_thread_count(threads);
+  RenderCloud surfels(cloud, options.compositing().columns(), "surfels");
+  CameraOptions camera;
+  camera.width = 37;
+  camera.height = 29;
+  static const Scene scene;
+  return Renderer(surfels, scene, options).render(make_camera(camera, surfels.extent()));
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::Numbers numbers(data, size);
+  const std::uint8_t choice = numbers.byte();
+  const bool any = choice % 4 == 3;
+  const float scale = std::ldexp(1.0F, static_cast<int>(numbers.byte()) % 64 - 32);
+  SurfelCloud cloud;
+  constexpr std::size_t kMost = 200;
+  while (!numbers.done() && cloud.size() < kMost) {
+    const auto next = [&] { return any ? numbers.any() : scale * numbers.unit(); };
+    const auto next3 = [&] {
+      const float x = next();
+      const float y = next();
+      return Vec3f(x, y, next());
+    };
+    cloud.position.push_back(next3());
+    cloud.normal.push_back(any ? next3() : Vec3f(next3() / scale));
+    cloud.variance.push_back(next() * (any ? 1 : scale));
+    cloud.area.push_back(next() * (any ? 1 : scale));
+    cloud.color.push_back(any ? next3() : Vec3f(next3() / scale));
+    cloud.alpha.push_back(any ? next() : next() / scale);
+  }
+  RenderOptions options;
+  options.lit = choice / 4 % 2 == 1;
+  options.cull_back = choice / 8 % 2 == 1;
+  options.cutoff = 1 + choice / 16 % 4;
+  try {
+    const Image one = rendered(cloud, options, 1);
+    for (std::size_t i = 0; i < one.data.size(); ++i) {
+      fuzz::require(std::isfinite(one.data[i]), "a pixel that is not finite");
+      const bool opacity = i % one.channels.size() == 3;
+      fuzz::require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F),
+                    "an opacity beyond 1");
+    }
+    const Image three = rendered(cloud, options, 3);
+    fuzz::require(
+        one.data.size() == three.data.size() &&
+            std::memcmp(one.data.data(), three.data.data(), one.data.size() * sizeof(float)) == 0,
+        "three threads give other bytes than one");
+  } catch (const Error& error) {
+    fuzz::require(error.kind() == ErrorKind::kInput, error.what());
+  }
+  return 0;
+}
