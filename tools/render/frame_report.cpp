@@ -1,5 +1,6 @@
 #include "tools/render/frame_report.h"
 
+#include <array>
 #include <string>
 
 #include <fmt/format.h>
@@ -28,11 +29,18 @@ nlohmann::json to_json(const FrameStatistics& frame) {
 
 void warn(const tool::Tool& tool, const Settings& s, std::size_t picture,
           const FrameStatistics& frame) {
-  if (frame.unpeeled_pixels == 0) return;
-  tool.note(
-      fmt::format("picture {}: {} pixels have more than --peel {} layers; what is behind is "
-                  "left out",
-                  picture, frame.unpeeled_pixels, s.method_options.peel));
+  if (frame.unpeeled_pixels > 0) {
+    tool.note(
+        fmt::format("picture {}: {} pixels have more than --peel {} layers; what is behind is "
+                    "left out",
+                    picture, frame.unpeeled_pixels, s.method_options.peel));
+  }
+  if (frame.thinned_splats > 0) {
+    tool.note(fmt::format(
+        "picture {}: thousands of surfels larger than 16x16 pixels lie over each other; "
+        "only some of them are drawn, and stand for the others",
+        picture));
+  }
 }
 
 void explain(const tool::Tool& tool, const Settings& s, const LoadedCloud& loaded,
@@ -69,6 +77,14 @@ void explain(const tool::Tool& tool, const Settings& s, const LoadedCloud& loade
   say("normals", o.lit    ? "kept, to shade with"
                  : o.aovs ? "kept, for the picture's channels"
                           : "left out: nothing is shaded");
+  say("light", !o.lit ? "none: colours are shown as they are"
+               : s.scene_file.empty()
+                   ? "beside the eye, above and to the left, from a sky and from the ground"
+                   : "as the scene says");
+  constexpr std::array<const char*, 3> kReliefs{
+      "none", "what is nearer around a pixel darkens it (eye-dome lighting)",
+      "what hides the sky around a pixel darkens it (occlusion)"};
+  say("relief", kReliefs[static_cast<std::size_t>(o.relief)]);
   if (cloud.groups() > 0 && o.compositing().columns().groups) {
     say("groups", fmt::format("{} in the file", cloud.groups()));
   }

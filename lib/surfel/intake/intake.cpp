@@ -57,6 +57,15 @@ bool names_images(const TriangleMesh& mesh) {
 
 bool has_texture(const TriangleMesh& mesh) { return !mesh.wedge_uv.empty() && names_images(mesh); }
 
+/// What a mesh has of a texture although it does not get one.
+const char* missing_texture(const TriangleMesh& mesh, bool textured) {
+  if (mesh.wedge_uv.empty() && names_images(mesh)) {
+    return ", without the images of its materials, as it has no texture coordinates";
+  }
+  const bool bare = !textured && !mesh.wedge_uv.empty() && mesh.color.empty();
+  return bare ? ", without a texture, as it names no image for its texture coordinates" : "";
+}
+
 /// The side that estimating takes for a cloud's normals.
 Orientation side_of(const SurfelCloud& points) {
   if (points.viewpoint) return Orientation::kViewpoint;
@@ -196,13 +205,9 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
                                    shell_file(path), texture_words(options),
                                    shell_file(made.file)));
   }
-  made.done.push_back(
-      fmt::format("{}: a mesh, sampled every {}{}{}: {} surfels ({})", path, digits,
-                  textured ? " and textured" : "",
-                  mesh->wedge_uv.empty() && names_images(*mesh)
-                      ? ", without the images of its materials, as it has no texture coordinates"
-                      : "",
-                  cloud.size(), fmt::join(commands, "; ")));
+  made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}{}: {} surfels ({})", path, digits,
+                                  textured ? " and textured" : "", missing_texture(*mesh, textured),
+                                  cloud.size(), fmt::join(commands, "; ")));
   made.commands.insert(made.commands.end(), commands.begin(), commands.end());
   mesh.reset();
 }
