@@ -31,7 +31,7 @@ while read -r file tool option up front; do
   [ "$option" = - ] || options+=("$option")
   [ "$tool" = surfel-from-mesh ] && options+=(--count 150000 --seed 1)
   "$tools/$tool" "$data/$file" "${options[@]}" -o "$surfels" --quiet
-  said=$("$tools/surfel-render" "$surfels" -o "$work/$files.png" --size 200x200 --background 0.6,0.6,0.65,1 2>&1 | grep -v " pixels, ")
+  said=$("$tools/surfel-render" "$surfels" -o "$work/$files.png" --size 200x200 --background 0.6,0.6,0.65,1 2>&1 | grep '^surfel-render: up ')
   # "view   front 0 0 1, reason ..., up 0 1 0"
   view=$("$tools/surfel-info" "$surfels" --samples 10 | sed -n 's/^view  *//p')
   # shellcheck disable=SC2046  # three numbers each

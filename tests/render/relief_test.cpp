@@ -62,6 +62,15 @@ TEST(Relief, TheBottomOfAValleyIsDarkAndItsRidgeIsNot) {
   EXPECT_GT(least(folded(-1)), 0.999F);
 }
 
+/// A pixel of a silhouette may show what lies close behind it.
+TEST(Relief, OnePixelBehindItsNeighboursIsNoDot) {
+  const Camera camera = square_camera(kSide);
+  const auto shares = shares_of(camera, Relief::kOcclusion, [](double x, double y) {
+    return std::floor(x) == 90 && std::floor(y) == 110 ? 2.05 : 2;
+  });
+  EXPECT_GT(least(shares), 0.95F);
+}
+
 /// Neither the background nor what is far before a wall leaves a halo.
 TEST(Relief, SilhouettesHaveNoHalo) {
   for (const Camera& camera : {camera_at(2, kSide), square_camera(kSide)}) {

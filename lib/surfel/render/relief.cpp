@@ -193,6 +193,45 @@ ReliefTaps make_taps(const Camera& camera, Relief relief, std::ptrdiff_t stride)
 
 constexpr std::size_t kRowGrain = 8;
 
+float median(float a, float b, float c) {
+  return std::max(std::min(a, b), std::min(std::max(a, b), c));
+}
+
+/// Lifts every share to the median of the 3 x 3 pixels around it. At a silhouette a pixel may show
+/// the depth of what lies behind it, close to the edge that hides it: such pixels would be dark
+/// dots along the edge, while hollows are wider than a pixel.
+Array<float> without_dots(const Array<float>& shares, std::size_t width, std::size_t height) {
+  Array<float> lifted(shares.size());
+  parallel_for(height, kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+    // The pixels of a column, sorted, with a column more at either end.
+    std::vector<float> low(width + 2);
+    std::vector<float> middle(width + 2);
+    std::vector<float> high(width + 2);
+    for (std::size_t y = begin; y < end; ++y) {
+      const float* here = shares.data() + y * width;
+      const float* above = y == 0 ? here : here - width;
+      const float* below = y + 1 == height ? here : here + width;
+      for (std::size_t x = 0; x < width; ++x) {
+        low[x + 1] = std::min(std::min(above[x], here[x]), below[x]);
+        middle[x + 1] = median(above[x], here[x], below[x]);
+        high[x + 1] = std::max(std::max(above[x], here[x]), below[x]);
+      }
+      for (std::vector<float>* row : {&low, &middle, &high}) {
+        row->front() = (*row)[1];
+        row->back() = (*row)[width];
+      }
+      float* to = lifted.data() + y * width;
+      for (std::size_t x = 0; x < width; ++x) {
+        const float lows = std::max(std::max(low[x], low[x + 1]), low[x + 2]);
+        const float middles = median(middle[x], middle[x + 1], middle[x + 2]);
+        const float highs = std::min(std::min(high[x], high[x + 1]), high[x + 2]);
+        to[x] = std::max(here[x], median(lows, middles, highs));
+      }
+    }
+  });
+  return lifted;
+}
+
 }  // namespace
 
 void NearnessPicture::reset(int width, int height, int margin) {
@@ -221,7 +260,8 @@ Array<float> relief_shares(const NearnessPicture& nearness, const Camera& camera
       (taps, relief, nearness.at(0, static_cast<int>(y)), width, shares.data() + y * width);
     }
   });
-  return shares;
+  // Eye-dome lighting is there for lines.
+  return relief == Relief::kOcclusion ? without_dots(shares, width, nearness.height()) : shares;
 }
 
 void add_relief(Image& image, const Array<float>& shares, const Rgba& background) {
