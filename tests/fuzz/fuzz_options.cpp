@@ -33,6 +33,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   parse_or_refuse([&] { tool::parse_color("--color", text); });
 
   CLI::App app("fuzz");
+  app.set_config("--config");
   double number = 0;
   std::string word;
   bool flag = false;

@@ -14,7 +14,7 @@ mkdir cloud_ply cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_p
 surfel-generate sphere --count 20 -o cloud_ply/binary.ply --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_ply/text.ply --ascii --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_pcd/binary.pcd --quiet
-surfel-convert cloud_ply/binary.ply -o cloud_pcd/text.pcd --ascii --quiet
+printf 'VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n0 0 0 255\n1 nan 2 65280\n' > cloud_pcd/text.pcd
 surfel-generate sphere --count 600 -o levels.ply --quiet
 surfel-lod levels.ply -o cloud_ply/levels.ply --quiet
 rm levels.ply
@@ -51,7 +51,7 @@ printf '640x480' > options/size
 printf '#ff8800cc' > options/color
 printf 'number = 1.5\nword = "text"\nflag = true\n' > options/config
 for name in polygon estimate render; do
-  head -c 400 "$0" > "$name/text"
+  head -c 400 "$here/make_corpus.sh" > "$name/text"
   printf '\0\x20\x10\x10\x70\x10\x70\x70\x10\x70\x20\x30\x40\x50' > "$name/few"
 done
 

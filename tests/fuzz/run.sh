@@ -7,7 +7,7 @@ minutes=${1:?how many minutes each fuzzer runs}
 shift
 source "$(dirname "${BASH_SOURCE[0]}")/../support/setup.sh"
 surfel_install_packages "${surfel_packages[@]}"
-surfel_build fuzz
+surfel_build fuzz fuzzers
 build=$surfel_root/build/fuzz
 if [ $# -eq 0 ]; then
   for fuzzer in "$build"/fuzz/fuzz_*; do set -- "$@" "$(basename "${fuzzer#*fuzz_}")"; done

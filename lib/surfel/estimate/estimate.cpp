@@ -2,6 +2,7 @@
 #include <limits>
 #include <optional>
 
+#include <surfel/base/bounds.h>
 #include <surfel/base/error.h>
 #include <surfel/base/median.h>
 #include <surfel/base/morton.h>
@@ -67,7 +68,7 @@ struct OrderedPoints {
   Array<Vec3f> fitted;  ///< Normals known from smoothing (zero = unknown); or empty.
 };
 
-/// The points of the cloud that are finite, one at least.
+/// The points of the cloud that are finite, one at least, and in a box that single precision holds.
 OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
   OrderedPoints out{morton_order(cloud.position), {}, {}};
   // Points that are not finite come last.
@@ -77,6 +78,7 @@ OrderedPoints finite_points(const SurfelCloud& cloud, const std::string& name) {
   out.order.erase(end, out.order.end());
   if (out.order.empty())
     throw_input(name, "there is no point with finite coordinates; export the points again");
+  require_float_extent(cloud.bounds(), name);
   out.position = gathered(cloud.position, out.order);
   return out;
 }
