@@ -169,7 +169,7 @@ void declare_shading(CLI::App& app, Settings& s) {
   add_choice(app, "--shading", s.shading,
              {{"auto", Shading::kAuto}, {"phong", Shading::kPhong}, {"none", Shading::kNone}},
              "phong lights the surfels, none shows the filtered texture itself; auto: none for "
-             "colours that were recorded, as those of scans, phong for all others and with "
+             "colours that were recorded, such as a scan's, phong for all others and with "
              "--scene");
   add_choice(app, "--relief", s.relief,
              {{"auto", ReliefChoice::kAuto},

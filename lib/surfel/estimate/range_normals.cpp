@@ -38,9 +38,9 @@ constexpr double kMostExponent = 2;
 constexpr double kWindowError = 0.05;
 constexpr std::size_t kLeastWindow = 16;
 constexpr std::size_t kMostWindow = 512;
-/// Pixels share a window if they are nearer than this to one another, in radii of the window, and
-/// ask for windows of the same size but for this factor.
+/// Pixels share a window if they lie no further than this apart, in radii of the window, ...
 constexpr double kPixelReach = 0.2;
+/// ... and if the larger of the windows that they need is at most this factor larger.
 constexpr double kSharedSize = 1.25;
 /// Fits, and the residual from which on a point has no weight in the last of them, in standard
 /// deviations of the noise.

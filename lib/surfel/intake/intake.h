@@ -21,8 +21,8 @@ namespace surfel {
 /// supported.
 SURFEL_API bool holds_surfels(const std::string& path);
 
-/// The command that makes surfels of raw points, for a shell: the side of the normals is that of
-/// the file's viewpoint, or else of its normals.
+/// The command that makes surfels of raw points, for a shell: normals look to the file's viewpoint,
+/// or else to the side of the file's normals.
 SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path);
 
 /// The command that makes a first picture of a file of any kind, for a shell.

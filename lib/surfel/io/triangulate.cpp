@@ -73,7 +73,7 @@ struct FlatTriangle {
   bool has_corner(const Vec2d& q) const { return q == a || q == b || q == c; }
   /// False only if no point of the box is in the triangle: all of the box lies beyond a side of
   /// the triangle, or the triangle beyond one of the box. Products and differences are rounded
-  /// monotonically, so that cross() of the box's outermost corner bounds that of its points.
+  /// monotonically, so that no point of the box has a larger cross() than its outermost corner.
   bool meets(const FlatBox& box) const {
     const auto beyond = [&](const Vec2d& from, const Vec2d& to) {
       return cross(from, to,

@@ -18,9 +18,9 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 /// The lit colour of fragments: Lambert's law and Blinn's highlights of all lights, and the ambient
-/// light. A surface sees (1 + cos) / 2 of the sky, where cos is that of its normal and up. Of
-/// mapped normals Lambert's law and the sky take the mean, as the cosine is linear in the normal,
-/// and the highlights widen by its length: Toksvig, "Mipmapping normal maps", 2005.
+/// light. A surface whose normal is turned from up by the angle t sees (1 + cos t) / 2 of the sky.
+/// Of mapped normals Lambert's law and the sky take the mean, as the cosine is linear in the
+/// normal, and the highlights widen by its length: Toksvig, "Mipmapping normal maps", 2005.
 /// \tparam Ops  What Vector does not have as an operator: set(const float*), dot(), length(),
 ///     normalized(), positive_part(cosine), highlight(cosine, half_cosine, shininess), which is 0
 ///     where the cosine is, and mean_highlight(cosine, half_cosine, length, shininess), the same of

@@ -52,7 +52,8 @@ SURFEL_API int relief_margin(Relief relief, const Camera& camera);
 
 /// Share of its light that every pixel keeps, 0..1, row by row; 1 where there is no surface. How
 /// far the relief reaches is a share of the picture's shorter side, and it measures slopes, so that
-/// it depends neither on the scene's unit nor, but for what pixels cannot show, on the resolution.
+/// the shares depend neither on the scene's unit nor on the resolution, except in details that a
+/// pixel is too large to show.
 /// With kOcclusion a plane has none, however it is tilted, nor has what the background surrounds;
 /// what lies behind something by far more than the reach keeps its light. The same for any number
 /// of threads.

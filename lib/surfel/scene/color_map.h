@@ -37,8 +37,8 @@ class SURFEL_API ColorTable {
   std::vector<Vec3f> color_;
 };
 
-/// Linear colour of a category: the same for the same number, and unlike those of the numbers next
-/// to it.
+/// Linear colour of a category: the same for the same number, and unlike the colours of the numbers
+/// next to it.
 SURFEL_API Vec3f category_color(std::int64_t category);
 
 /// Point classes of ASPRS LAS 1.4 (0 to 18): colours as maps have them, category_color() for other

@@ -46,7 +46,7 @@ SurfelCloud merge(const OriginalCloud& original, const SheetClusters& clusters) 
   Array<std::uint32_t> source(clusters.size());
   for (std::size_t c = 0; c < source.size(); ++c) source[c] = merged_surfel[c].source;
   SurfelCloud out = original.cloud.gathered(source);
-  // Merged surfels write theirs below; size() sets those of the others.
+  // Merged surfels write their areas below; size() sets the areas of all other surfels.
   if (out.area.empty()) out.area.assign(out.size(), 0.0F);
   for (std::size_t c = 0; c < source.size(); ++c) {
     if (clusters.members(c).size() == 1) continue;

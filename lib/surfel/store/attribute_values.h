@@ -88,8 +88,8 @@ class SURFEL_API AttributeValues {
   std::size_t column_ = 0;  ///< Of kColumn.
 };
 
-/// All attributes of a cloud but `normal`, with their values; those of size only where the surfels
-/// have variances.
+/// All attributes of a cloud but `normal`, with their values; attributes of size only where the
+/// surfels have variances.
 SURFEL_API std::vector<std::pair<std::string, AttributeSummary>> summarize_attributes(
     const SurfelCloud& cloud, const Vec3d& up);
 
