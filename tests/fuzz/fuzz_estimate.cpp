@@ -38,20 +38,17 @@ SurfelCloud estimated(const SurfelCloud& points, const EstimateOptions& options,
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  fuzz::Numbers numbers(data, size);
-  const std::uint8_t choice = numbers.byte();
-  const bool any = choice % 4 == 3;
-  const float scale = std::ldexp(1.0F, static_cast<int>(numbers.byte()) % 64 - 32);
+  fuzz::CloudNumbers numbers(data, size);
   SurfelCloud points;
   constexpr std::size_t kMost = 300;
   while (!numbers.done() && points.size() < kMost) {
     Vec3f p;
-    for (float& x : p) x = any ? numbers.any() : scale * numbers.unit();
+    for (float& x : p) x = numbers.length();
     points.position.push_back(p);
   }
   constexpr Orientation kMethods[] = {Orientation::kMst, Orientation::kOutward, Orientation::kNone};
   EstimateOptions options;
-  options.orientation.method = kMethods[choice / 4 % 3];
+  options.orientation.method = kMethods[numbers.choice() % 3];
   try {
     const SurfelCloud one = estimated(points, options, 1);
     fuzz::require(finite(one.normal) && finite(one.variance) && finite(one.area) &&

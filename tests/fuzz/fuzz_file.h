@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -85,6 +86,28 @@ class Numbers {
  private:
   const std::uint8_t* data_;
   const std::uint8_t* end_;
+};
+
+/// Numbers of a cloud: its first two bytes choose options, and whether coordinates are any floats
+/// or lengths of one scale.
+class CloudNumbers : public Numbers {
+ public:
+  CloudNumbers(const std::uint8_t* data, std::size_t size)
+      : Numbers(data, size),
+        choice_(byte()),
+        scale_(std::ldexp(1.0F, static_cast<int>(byte()) % 64 - 32)) {}
+
+  /// For options: 0..63.
+  int choice() const { return choice_ / 4; }
+  bool are_any() const { return choice_ % 4 == 3; }
+  float scale() const { return scale_; }
+  float length() { return are_any() ? any() : scale_ * unit(); }
+  /// A number without a unit.
+  float number() { return are_any() ? any() : unit(); }
+
+ private:
+  std::uint8_t choice_;
+  float scale_;
 };
 
 }  // namespace surfel::fuzz

@@ -28,30 +28,29 @@ Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threa
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  fuzz::Numbers numbers(data, size);
-  const std::uint8_t choice = numbers.byte();
-  const bool any = choice % 4 == 3;
-  const float scale = std::ldexp(1.0F, static_cast<int>(numbers.byte()) % 64 - 32);
+  fuzz::CloudNumbers numbers(data, size);
   SurfelCloud cloud;
   constexpr std::size_t kMost = 200;
   while (!numbers.done() && cloud.size() < kMost) {
-    const auto next = [&] { return any ? numbers.any() : scale * numbers.unit(); };
-    const auto next3 = [&] {
+    const auto vector = [](const auto& next) {
       const float x = next();
       const float y = next();
       return Vec3f(x, y, next());
     };
-    cloud.position.push_back(next3());
-    cloud.normal.push_back(any ? next3() : Vec3f(next3() / scale));
-    cloud.variance.push_back(next() * (any ? 1 : scale));
-    cloud.area.push_back(next() * (any ? 1 : scale));
-    cloud.color.push_back(any ? next3() : Vec3f(next3() / scale));
-    cloud.alpha.push_back(any ? next() : next() / scale);
+    const auto length = [&] { return numbers.length(); };
+    const auto number = [&] { return numbers.number(); };
+    const float unit = numbers.are_any() ? 1 : numbers.scale();
+    cloud.position.push_back(vector(length));
+    cloud.normal.push_back(vector(number));
+    cloud.variance.push_back(length() * unit);
+    cloud.area.push_back(length() * unit);
+    cloud.color.push_back(vector(number));
+    cloud.alpha.push_back(number());
   }
   RenderOptions options;
-  options.lit = choice / 4 % 2 == 1;
-  options.cull_back = choice / 8 % 2 == 1;
-  options.cutoff = 1 + choice / 16 % 4;
+  options.lit = numbers.choice() % 2 == 1;
+  options.cull_back = numbers.choice() / 2 % 2 == 1;
+  options.cutoff = 1 + numbers.choice() / 4 % 4;
   try {
     const Image one = rendered(cloud, options, 1);
     for (std::size_t i = 0; i < one.data.size(); ++i) {
