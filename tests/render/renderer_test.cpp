@@ -400,6 +400,54 @@ TEST(Renderer, NothingShowsThroughWhereOneSurfaceEndsInFrontOfAnother) {
   }
 }
 
+TEST(Renderer, FarSidesOfBodiesDoNotShowInFrontOfOtherSurfaces) {
+  // The far side, red, reaches beyond the silhouette of the near side, green, before a blue plane.
+  SurfelCloud cloud = jittered_plane(400, 3, 0.35);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.position[i].z() -= 2;
+    cloud.coefficient[i] = Vec3f(0, 0, 1);
+  }
+  const SurfelCloud sphere = fibonacci_sphere(30000, 0.7);
+  const Vec3f eye(0, 0, 3);
+  for (std::size_t i = 0; i < sphere.size(); ++i) {
+    const bool near_side = sphere.normal[i].dot(eye - sphere.position[i]) > 0;
+    add_surfel(cloud, sphere.position[i], sphere.normal[i], sphere.variance[i], sphere.area[i],
+               near_side ? Vec3f(0, 1, 0) : Vec3f(1, 0, 0));
+  }
+  for (const double cutoff : {1.0, 2.0, 4.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    const Image image = render_unlit(cloud, camera_at(3, 200), options);
+    float most = 0;
+    for (int y = 10; y < 190; ++y) {
+      for (int x = 10; x < 190; ++x) most = std::max(most, image.pixel(x, y)[0]);
+    }
+    EXPECT_LT(most, 0.1F) << cutoff;
+  }
+}
+
+TEST(Renderer, ThinStripsSeenFromTheBackStayInFrontOfOtherSurfaces) {
+  // Half a pixel wide, so that the strip covers no pixel wholly.
+  const Camera camera = camera_at(3, 100);
+  const auto spacing = static_cast<float>(0.5 * 3 / camera.focal_x);
+  SurfelCloud cloud = jittered_plane(300, 3, 0.35);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.position[i].z() -= 2;
+    cloud.coefficient[i] = Vec3f(0, 0, 1);
+  }
+  for (int i = -100; i <= 100; ++i) {
+    add_surfel(cloud, Vec3f(0.2F * spacing, static_cast<float>(i) * spacing, 0), Vec3f(0, 0, -1),
+               spacing * spacing / 4, spacing * spacing, Vec3f(1, 0, 0));
+  }
+  const Image image = render_unlit(cloud, camera);
+  constexpr int kRows = 60;
+  float red = 0;
+  for (int y = 20; y < 20 + kRows; ++y) {
+    for (int x = 40; x < 60; ++x) red += image.pixel(x, y)[0];
+  }
+  EXPECT_NEAR(red, kRows / 2, 0.1 * kRows / 2);
+}
+
 TEST(Renderer, InteriorsOfJitteredGridsAreCovered) {
   // What finds edges must not take the unevenness of the sums for one.
   for (const double spacing : {0.5, 1.0, 2.0, 5.0}) {

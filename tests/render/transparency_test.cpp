@@ -22,10 +22,12 @@ TEST(Transparency, StackedPlanesMatchTheExactComposite) {
 }
 
 TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
+  RenderOptions options;
+  options.layers = 3;
   for (const int k : {4, 6, 9}) {
     const Stack stack = stacked_planes(k);
     FrameStatistics statistics;
-    const Image image = render_unlit(stack.cloud, camera_at(2.5, 96), {}, &statistics);
+    const Image image = render_unlit(stack.cloud, camera_at(2.5, 96), options, &statistics);
     EXPECT_GT(statistics.merged, 0);
     // Planes arrive front to back, so that what is merged is complete: the error stays small.
     EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;

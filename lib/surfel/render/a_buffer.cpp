@@ -33,11 +33,13 @@ bool at_rims(const Fragment& a, const Fragment& b) {
   return is_grazing(a.channel[kTag]) && is_grazing(b.channel[kTag]);
 }
 
+/// The two sides of a body at its silhouette are not further apart than this part of their
+/// distance, as a rule.
+constexpr float kRimDepth = 0.02F;
+
 /// May a front be seen before a nearer back that covers the pixel? Beyond a silhouette it is: the
-/// tangent planes part fast there, but other bodies are further away than this part of the distance
-/// as a rule.
+/// tangent planes part fast there, but other bodies are further away.
 bool at_one_rim(const Fragment& back, const Fragment& front) {
-  constexpr float kRimDepth = 0.02F;
   const float depth = front_depth(back);
   return at_rims(back, front) &&
          std::abs(depth - front_depth(front)) <= kRimDepth * std::abs(depth);
@@ -53,12 +55,52 @@ struct SeenFragment {
   /// Of a front-facing fragment, the degree to which back-facing fragments that follow are the
   /// other side of its body.
   float one_body;
+  bool far_side;  ///< See is_far_side().
 };
 
-SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float edge) {
+SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float edge,
+                     bool far_side = false) {
   const float of_merged = tile.layout.opaque ? fragment.channel[kAlpha] : 1.0F;
   const float coverage = is_merged(fragment) ? of_merged : tile.coverage(fragment, edge);
-  return {&fragment, coverage, edge, edge};
+  return {&fragment, coverage, edge, edge, far_side};
+}
+
+/// May a fragment, one of several in its pixel, be the far side of a body?
+bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragment) {
+  return tile.layout.opaque && count > 1 && !is_merged(fragment) &&
+         is_filtered(fragment.channel[kTag]) && !shows_front(fragment.channel[kTag]);
+}
+
+/// Is a back-facing fragment the far side of a body, at whose silhouette it reaches beyond the near
+/// side? Then the near side is close by, and the back is nowhere around the nearest surface with a
+/// whole sum, as it would be if it were really seen.
+bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighbors& around) {
+  constexpr float kWhole = 0.8F;
+  const float depth = front_depth(back);
+  return around.leading < kWhole * tile.edge_weight &&
+         around.nearest_front >= depth - kRimDepth * std::abs(depth);
+}
+
+/// What is seen of a pixel's fragments, nearest first.
+/// \param at    The fragment of a number.
+/// \param look  The sums around a fragment.
+template <class At, class Look>
+std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at, const Look& look,
+                                std::array<SeenFragment, kMostLayers>& seen) {
+  for (int i = 0; i < count; ++i) {
+    const Fragment& fragment = at(i);
+    const bool may_end = may_be_at_edge(tile, fragment);
+    const bool may_be_far = may_be_far_side(tile, count, fragment);
+    float edge = 0;
+    bool far_side = false;
+    if (may_end || may_be_far) {
+      const EdgeNeighbors around = look(fragment);
+      far_side = may_be_far && is_far_side(tile, fragment, around);
+      edge = far_side ? 1 : may_end ? edge_of(tile, fragment, around) : 0;
+    }
+    seen[i] = seen_at(tile, fragment, edge, far_side);
+  }
+  return std::span(seen).first(static_cast<std::size_t>(count));
 }
 
 /// The front and the back of one body in a pixel. Near the body's silhouette each of the two sides
@@ -131,7 +173,8 @@ class FrontToBack {
       front_ = &fragment;
       front_color_ = color;
     } else {
-      const bool rim = front_ && at_rims(*front_, fragment) && front_color_.alpha > 0;
+      const bool rim =
+          front_ && (seen.far_side || at_rims(*front_, fragment)) && front_color_.alpha > 0;
       const TwoSides::BackShare share = sides_.add_back(seen.coverage, 1 - color_.alpha, rim);
       // At a silhouette the back reaches beyond the front where its samples happen to lie so: it
       // is the front's edge that is seen there.
@@ -181,26 +224,32 @@ class FrontToBack {
 void order_by_sight(std::span<SeenFragment> fragments) {
   // From here on the fragments before show backs that may lie beyond a silhouette.
   std::size_t first_back = 0;
-  bool covered = false;  // Does one of these backs cover the pixel?
+  bool covered = false;   // Does one of these backs cover the pixel?
+  bool far_sides = true;  // Are all of them far sides of bodies whose near sides do not come first?
   for (std::size_t i = 0; i < fragments.size(); ++i) {
     const Fragment& fragment = *fragments[i].fragment;
     const bool front = shows_front(fragment.channel[kTag]);
     const bool part = fragments[i].coverage < 1;
-    if (!front && (part || is_grazing(fragment.channel[kTag]))) {
+    const bool far_side = fragments[i].far_side;
+    if (!front && (part || far_side || is_grazing(fragment.channel[kTag]))) {
       covered = covered || !part;
+      far_sides = far_sides && far_side;
       continue;
     }
     if (front && first_back < i &&
-        ((part && !covered) || at_one_rim(*fragments[first_back].fragment, fragment))) {
+        (far_sides || (part && !covered) ||
+         at_one_rim(*fragments[first_back].fragment, fragment))) {
       fragments[i].one_body = 1;
       const auto begin = fragments.begin();
       std::rotate(begin + static_cast<std::ptrdiff_t>(first_back),
                   begin + static_cast<std::ptrdiff_t>(i),
                   begin + static_cast<std::ptrdiff_t>(i) + 1);
       ++first_back;
+      far_sides = false;
     } else {
       first_back = i + 1;
       covered = false;
+      far_sides = !front;
     }
   }
 }
@@ -212,11 +261,12 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   // to be at an edge, crests that are seen at a grazing angle get thin. Filtered splats are
   // therefore taken to be most of the way to an edge; surfaces that cover the pixel are not
   // changed.
-  const auto edge = [](const Fragment& f) {
-    return !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F;
+  const auto see = [&](const Fragment& f, const Fragment& other) {
+    const bool far_side = may_be_far_side(tile, 2, f) && shows_front(other.channel[kTag]) &&
+                          is_far_side(tile, f, {{}, f.channel[kWeight], front_depth(other)});
+    return seen_at(tile, f, !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F, far_side);
   };
-  std::array<SeenFragment, 2> seen{seen_at(tile, front, edge(front)),
-                                   seen_at(tile, back, edge(back))};
+  std::array<SeenFragment, 2> seen{see(front, back), see(back, front)};
   order_by_sight(seen);
   FrontToBack pair(tile, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel));
   pair.add(seen[0]);
@@ -415,7 +465,7 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    look = look || may_be_at_edge(tile, fragment);
+    look = look || may_be_at_edge(tile, fragment) || may_be_far_side(tile, sorted.count, fragment);
   }
   if (waits || (look && sees_other_tiles(tile, pixel))) {
     const bool has_rest = waits || is_merged(rest);
@@ -425,29 +475,25 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
     return std::nullopt;
   }
   std::array<SeenFragment, kMostLayers> seen;
-  for (int i = 0; i < sorted.count; ++i) {
-    const Fragment& fragment = sorted[i];
-    const float edge = may_be_at_edge(tile, fragment)
-                           ? edge_of(tile, fragment, look_around(tile, fragment, pixel))
-                           : 0;
-    seen[i] = seen_at(tile, fragment, edge);
-  }
-  return resolve(tile, x, y, std::span(seen).first(sorted.count), rest);
+  return resolve(
+      tile, x, y,
+      look_at(
+          tile, sorted.count, [&](int i) -> const Fragment& { return sorted[i]; },
+          [&](const Fragment& fragment) { return look_around(tile, fragment, pixel); }, seen),
+      rest);
 }
 
 PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
                                const OpenPixels::Pixel& pixel, const TileRims& rims) {
   std::array<SeenFragment, kMostLayers> seen;
   const Fragment* const fragments = open.fragments.data() + pixel.first;
-  for (int i = 0; i < pixel.count; ++i) {
-    const Fragment& fragment = fragments[i];
-    const float edge = may_be_at_edge(tile, fragment)
-                           ? edge_of(tile, fragment, rims.look_around(fragment, pixel.x, pixel.y))
-                           : 0;
-    seen[i] = seen_at(tile, fragment, edge);
-  }
-  return resolve(tile, pixel.x, pixel.y, std::span(seen).first(pixel.count),
-                 pixel.rest ? fragments[pixel.count] : Fragment{});
+  return resolve(
+      tile, pixel.x, pixel.y,
+      look_at(
+          tile, pixel.count, [&](int i) -> const Fragment& { return fragments[i]; },
+          [&](const Fragment& fragment) { return rims.look_around(fragment, pixel.x, pixel.y); },
+          seen),
+      pixel.rest ? fragments[pixel.count] : Fragment{});
 }
 
 }  // namespace surfel

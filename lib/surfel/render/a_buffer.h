@@ -238,10 +238,12 @@ struct PixelResult {
 /// a back-facing fragment nearer than a front-facing one, where neither covers the whole pixel or
 /// both are close together and seen at a grazing angle: there kernels reach beyond the silhouette,
 /// where the tangent planes of the two sides have crossed, and the front is seen. At grazing angles
-/// it lends its colour to what the back covers and the front does not.
-/// Where an edge, or a fragment, depends on another tile, the pixel is added to `open` instead.
-/// \param rest   a merged fragment that lies behind all others; of weight 0: none.
-/// \param waits  the fragments depend on other tiles.
+/// it lends its colour to what the back covers and the front does not. Of opaque surfaces whose
+/// splats are no larger than the pixel filter, the far side of a body is known by the pixels
+/// around, at any angle: a front is close by, and nowhere is the back the nearest surface with a
+/// whole sum. Where an edge, or a fragment, depends on another tile, the pixel is added to `open`
+/// instead. \param rest   a merged fragment that lies behind all others; of weight 0: none. \param
+/// waits  the fragments depend on other tiles.
 std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
                                          bool waits, OpenPixels& open);
 

@@ -16,23 +16,34 @@ class Continuation {
   explicit Continuation(const Fragment& fragment)
       : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
 
-  /// \param depth  Sum of rho * depth.
   void offer(float weight, float depth, bool front) {
+    nearest_ = std::max(nearest_, depth);
+    if (front) nearest_front_ = std::max(nearest_front_, depth);
     if (front != front_) return;
-    const float distance = std::abs(depth / weight - depth_);
+    const float distance = std::abs(depth - depth_);
     if (!(distance < least_)) return;
     least_ = distance;
     weight_ = weight;
+    found_ = depth;
   }
+  /// \param depth  of the nearest one.
+  void offer_merged(float depth) { nearest_ = std::max(nearest_, depth); }
   /// Its sum of rho; 0 if there is none.
   float weight() const { return weight_; }
-  bool front() const { return front_; }
+  /// Its sum of rho; 0 if there is none, or if something is nearer.
+  float leading() const { return weight_ > 0 && found_ >= nearest_ ? weight_ : 0; }
+  /// Depth of the nearest front-facing fragment.
+  float nearest_front() const { return nearest_front_; }
 
  private:
   float depth_;
   bool front_;
   float least_ = std::numeric_limits<float>::infinity();
   float weight_ = 0;
+  float found_ = 0;  ///< Its depth.
+  /// Depths of all fragments of the pixel, and of those that show their fronts.
+  float nearest_ = -std::numeric_limits<float>::infinity();
+  float nearest_front_ = -std::numeric_limits<float>::infinity();
 };
 
 /// Whether there is a fragment of a layer in a patch. Bits are added up without a branch, so that
@@ -61,15 +72,24 @@ void sign_weights(const float* layer, float* __restrict out) {
 }
 
 /// The sums around a fragment of pixel (x, y) in a picture of some size.
-/// \param weight_at  The sum of the fragment that continues it in another pixel.
-template <class WeightAt>
+/// \param offer  Offers the fragments of a pixel to a Continuation of the fragment.
+template <class Offer>
 EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, const std::array<int, 2>& size,
-                          const WeightAt& weight_at) {
-  EdgeNeighbors around;
+                          const Offer& offer) {
+  EdgeNeighbors around{};
+  around.nearest_front = -std::numeric_limits<float>::infinity();
+  const auto continuation_at = [&](int column, int row) {
+    Continuation continuation(fragment);
+    offer(column, row, continuation);
+    around.leading = std::max(around.leading, continuation.leading());
+    around.nearest_front = std::max(around.nearest_front, continuation.nearest_front());
+    return continuation.weight();
+  };
   const auto look = [&](int column, int row) {
     const bool outside = column < 0 || column >= size[0] || row < 0 || row >= size[1];
-    return outside ? EdgeNeighbors::kOutside : weight_at(column, row);
+    return outside ? EdgeNeighbors::kOutside : continuation_at(column, row);
   };
+  continuation_at(x, y);
   around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
   for (int step = -kEdgeReach; step <= kEdgeReach; ++step) {
     if (step == 0) continue;
@@ -97,21 +117,22 @@ bool sees_other_tiles(const TileABuffer& tile, int pixel) {
 }
 
 EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel) {
-  const auto weight_at = [&](int x, int y) {
+  const auto offer = [&](int x, int y, Continuation& continuation) {
     const auto other = static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0));
-    Continuation continuation(fragment);
     for (int layer = 0; layer < tile.layout.layers; ++layer) {
       const float* channel = tile.fragment(layer, other);
       const float weight = channel[kWeight * kPatchPixels];
       if (weight == 0) break;
-      if (weight < 0) continue;
-      continuation.offer(weight, channel[kDepth * kPatchPixels],
-                         shows_front(channel[kTag * kPatchPixels]));
+      const float depth = channel[kDepth * kPatchPixels];
+      if (weight < 0) {
+        continuation.offer_merged(depth);
+      } else {
+        continuation.offer(weight, depth / weight, shows_front(channel[kTag * kPatchPixels]));
+      }
     }
-    return continuation.weight();
   };
   return sums_around(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
-                     {tile.picture_width, tile.picture_height}, weight_at);
+                     {tile.picture_width, tile.picture_height}, offer);
 }
 
 float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around) {
@@ -190,9 +211,7 @@ void TileRims::store(const TileABuffer& tile, TileInside inside) {
       const float* const from = first + layer * stride;
       const std::size_t to = layer * layer_stride_ + patch;
       sign_weights(from, weights_[to].data());
-      if (used > 1) {
-        std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, depths_[to].begin());
-      }
+      std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, depths_[to].begin());
     }
   };
   for (int x = 0; x < kTileSize; x += kStripWidth) {
@@ -201,20 +220,22 @@ void TileRims::store(const TileABuffer& tile, TileInside inside) {
 }
 
 EdgeNeighbors TileRims::look_around(const Fragment& fragment, int x, int y) const {
-  return sums_around(fragment, x, y, {width_, height_}, [&](int column, int row) {
+  const auto offer = [&](int column, int row, Continuation& continuation) {
     const auto [patch, pixel] = place_of(column, row);
     const int used = used_[patch];
-    Continuation continuation(fragment);
     for (int layer = 0; layer < used; ++layer) {
       const std::size_t place = layer * layer_stride_ + patch;
       const float weight = weights_[place][pixel];
       if (weight == 0) break;
-      if (std::isinf(weight)) continue;
-      if (used == 1) return (weight > 0) == continuation.front() ? std::abs(weight) : 0.0F;
-      continuation.offer(std::abs(weight), depths_[place][pixel], weight > 0);
+      const float depth = depths_[place][pixel];
+      if (std::isinf(weight)) {
+        continuation.offer_merged(depth);
+      } else {
+        continuation.offer(std::abs(weight), depth / std::abs(weight), weight > 0);
+      }
     }
-    return continuation.weight();
-  });
+  };
+  return sums_around(fragment, x, y, {width_, height_}, offer);
 }
 
 /// Whether the tile of a pixel lies inside a surface and so do the tiles that the pixel sees.

@@ -24,6 +24,11 @@ struct EdgeNeighbors {
 
   /// By distance + kEdgeReach, along the row and along the column.
   std::array<std::array<float, 2 * kEdgeReach + 1>, 2> weight;
+  /// The largest sum of a fragment that continues it, or of itself, where nothing is nearer; 0 if
+  /// something always is.
+  float leading;
+  /// Depth of the nearest front-facing fragment of all these pixels; -infinity if there is none.
+  float nearest_front;
 };
 
 /// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
@@ -87,8 +92,7 @@ class TileRims {
   /// Sums of rho, negative where the back is seen, infinite where fragments are merged. All of a
   /// layer together: layers but the first two are hardly touched.
   Array<Patch> weights_;
-  /// Depths, parallel to weights_; only of patches that have several layers in use.
-  Array<Patch> depths_;
+  Array<Patch> depths_;  ///< Parallel to weights_.
   std::size_t layer_stride_ = 0;
   Array<std::uint8_t> used_;  ///< Layers in use, by patch.
   Array<TileInside> inside_;  ///< Sides that the tiles show.

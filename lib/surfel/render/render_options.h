@@ -49,7 +49,7 @@ struct RenderOptions {
   Filter filter = Filter::kEwa;   ///< kCircular is affine: it needs another kernel than the exact.
   double cutoff = 1;              ///< c: kernels end where beta >= c; 0.1..16. SS01 uses 1.
   double lowpass = 1;  ///< Standard deviation h_s of the low-pass filter, pixels, 0.1..16.
-  int layers = 3;      ///< l: fragments per pixel, 1..64, of methods with an A-buffer.
+  int layers = 4;      ///< l: fragments per pixel, 1..64, of methods with an A-buffer.
   /// Contributions join a surface within this many footprints of it, > 0. A footprint ends at beta
   /// = 1, or at the cutoff if that is less: the tails of larger cutoffs would mix sheets that are
   /// far apart (20 dB of a transparent scene's at c = 4).
