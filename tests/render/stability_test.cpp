@@ -68,6 +68,21 @@ TEST(Stability, UnusableSurfelsAreDroppedAndCounted) {
   expect_finite_colors(render_unlit(cloud, camera_at(2.5, 64)));
 }
 
+/// Weights and colours whose products and sums are no numbers of single precision would spoil every
+/// pixel that they reach.
+TEST(Stability, WeightsAndColorsBeyondSinglePrecisionAreDropped) {
+  SurfelCloud cloud = jittered_plane(16, 1, 0.3);
+  cloud.area[3] = 3e32F;
+  cloud.variance[4] = 1e-38F;
+  cloud.coefficient[5].y() = 3e38F;
+  cloud.coefficient[6].z() = 1e17F;
+  cloud.area[7] *= 1e12F;
+  const RenderCloud surfels(cloud);
+  EXPECT_EQ(surfels.dropped().color, 3);
+  EXPECT_EQ(surfels.size(), 16 * 16 - 3);
+  expect_finite_colors(render_unlit(cloud, camera_at(2.5, 64)));
+}
+
 TEST(Stability, NoVarianceIsAnError) {
   SurfelCloud cloud = jittered_plane(4, 1, 0);
   cloud.variance.clear();

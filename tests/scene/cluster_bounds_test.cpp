@@ -8,6 +8,7 @@
 #include <hwy/highway.h>
 #include <surfel/base/random.h>
 #include <surfel/scene/cluster_bounds.h>
+#include <surfel/scene/usable_surfels.h>
 
 namespace surfel {
 namespace {
@@ -18,7 +19,7 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 /// Surfels around a point, normals in one octant; NaN after the last.
 struct Surfels {
   std::array<std::vector<float>, 9> column;
-  std::vector<float> alpha;
+  std::vector<float> area, alpha;
   std::size_t count;
 
   explicit Surfels(std::size_t n) : count(n) {
@@ -35,6 +36,7 @@ struct Surfels {
     }
     alpha.assign(n + kColumnPadding, kNan);
     std::fill_n(alpha.begin(), n, 1.0F);
+    area = alpha;
   }
   Vec3f position(std::size_t i) const { return {column[0][i], column[1][i], column[2][i]}; }
   Vec3f normal(std::size_t i) const { return {column[3][i], column[4][i], column[5][i]}; }
@@ -47,12 +49,12 @@ struct Surfels {
             .deviation_v = from(7),
             .count = count};
   }
-  /// Column 8 stands for what must be finite and no more.
+  /// Column 8 stands for what must be bounded and no more.
   SurfelTotals totals() const {
     const float* positive[] = {column[6].data(), column[7].data()};
-    const float* finite[] = {column[0].data(), column[6].data(), column[7].data(),
-                             column[8].data()};
-    return surfel_totals(columns(), alpha.data(), positive, finite);
+    const float* bounded[] = {column[0].data(), column[6].data(), column[7].data(),
+                              column[8].data()};
+    return surfel_totals(columns(), area.data(), alpha.data(), positive, bounded);
   }
 };
 
@@ -173,7 +175,7 @@ TEST(ClusterBounds, LeaveOutPositionsThatAreNan) {
 
 TEST(SurfelTotals, FindTheOneValueThatCannotBeUsed) {
   for (const std::size_t at : {0, 15, 16, 36}) {
-    for (const float value : {kNan, kInfinity, -kInfinity}) {
+    for (const float value : {kNan, kInfinity, -kInfinity, 2 * kMostMagnitude, -2e18F}) {
       for (const std::size_t column : {0, 6, 7, 8}) {
         Surfels surfels(37);
         surfels.column[column][at] = value;
@@ -189,6 +191,11 @@ TEST(SurfelTotals, FindTheOneValueThatCannotBeUsed) {
       EXPECT_TRUE(surfels.totals().usable) << at << " " << value;
     }
     Surfels surfels(37);
+    for (const float factor : {0.5F, 1.0F, 2.0F, kInfinity, kNan}) {
+      surfels.area[at] = factor * most_area(surfels.column[6][at], surfels.column[7][at]);
+      EXPECT_EQ(surfels.totals().usable, factor <= 1) << at << " " << factor;
+    }
+    surfels.area[at] = 1;
     surfels.alpha[at] = 0.99F;
     EXPECT_TRUE(surfels.totals().transparent) << at;
   }

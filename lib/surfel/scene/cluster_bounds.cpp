@@ -3,6 +3,7 @@
 #include <limits>
 
 #include <surfel/scene/cluster_bounds.h>
+#include <surfel/scene/usable_surfels.h>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "surfel/scene/cluster_bounds.cpp"
@@ -136,15 +137,15 @@ ClusterBounds cluster_bounds_simd(const ClusterColumns& s) {
   return bounds;
 }
 
-SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* alpha,
+SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* area, const float* alpha,
                                 std::span<const float* const> positive,
-                                std::span<const float* const> finite) {
+                                std::span<const float* const> bounded) {
   Range positions[3];
   Range reaches_down[3];
   Range reaches_up[3];
   Range alphas;
-  auto all_positive = hn::FirstN(Wide(), hn::Lanes(Wide()));
-  Range::V zeros = hn::Zero(Wide());
+  const Range::V most = hn::Set(Wide(), kMostMagnitude);
+  auto usable = hn::FirstN(Wide(), hn::Lanes(Wide()));
   for_each_group<Wide>(s.count, [&](const Group<Wide>& group) {
     const Range::V reach = group.load(s.deviation_u);
     for (int axis = 0; axis < 3; ++axis) {
@@ -155,12 +156,17 @@ SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* alpha,
     }
     if (alpha) alphas.add(group.load(alpha));
     for (const float* column : positive) {
-      all_positive = hn::And(all_positive, hn::Gt(group.load(column, 1), hn::Zero(Wide())));
+      usable = hn::And(usable, hn::Gt(group.load(column, 1), hn::Zero(Wide())));
     }
-    // A sum of products with zero is zero unless a value is infinite or NaN.
-    for (const float* column : finite) {
-      zeros = hn::Add(zeros, hn::Mul(group.load(column, 0), hn::Zero(Wide())));
+    for (const float* column : bounded) {
+      usable = hn::And(usable, hn::Le(hn::Abs(group.load(column, 0)), most));
     }
+    // most_area(), with the same roundings.
+    const Range::V density =
+        hn::Mul(hn::Mul(hn::Set(Wide(), kMostDensity), group.load(s.deviation_u, 1)),
+                group.load(s.deviation_v, 1));
+    usable = hn::And(usable,
+                     hn::Le(hn::Abs(group.load(area, 0)), hn::Min(hn::Mul(most, most), density)));
   });
   double deviations[4] = {};
   for (std::size_t i = 0; i < s.count; ++i) {
@@ -174,8 +180,7 @@ SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* alpha,
     totals.reach_max[axis] = reaches_up[axis].max();
   }
   totals.deviations = (deviations[0] + deviations[1]) + (deviations[2] + deviations[3]);
-  totals.usable =
-      hn::AllTrue(Wide(), all_positive) && hn::AllTrue(Wide(), hn::Eq(zeros, hn::Zero(Wide())));
+  totals.usable = hn::AllTrue(Wide(), usable);
   totals.transparent = alpha && alphas.min() < 1;
   return totals;
 }
@@ -211,10 +216,10 @@ SurfelTotals added_up(std::span<const SurfelTotals> parts) {
   return sum;
 }
 
-SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* alpha,
+SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* area, const float* alpha,
                            std::span<const float* const> positive,
-                           std::span<const float* const> finite) {
-  return HWY_DYNAMIC_DISPATCH(surfel_totals_simd)(surfels, alpha, positive, finite);
+                           std::span<const float* const> bounded) {
+  return HWY_DYNAMIC_DISPATCH(surfel_totals_simd)(surfels, area, alpha, positive, bounded);
 }
 
 }  // namespace surfel

@@ -42,7 +42,7 @@ struct SurfelTotals {
   Vec3f reach_min,
       reach_max;          ///< Bounds of the positions, each extended by its surfel's deviation_u.
   double deviations = 0;  ///< Sum of every surfel's larger standard deviation, scene units.
-  bool usable = true;     ///< Every value that must be positive or finite is.
+  bool usable = true;     ///< What usability() asks for holds for every surfel.
   bool transparent = false;  ///< Some alpha is below 1.
 };
 
@@ -51,9 +51,9 @@ SURFEL_API SurfelTotals added_up(std::span<const SurfelTotals> parts);
 
 /// \param alpha     may be null.
 /// \param positive  columns whose values must be above 0,
-/// \param finite    and finite.
-SURFEL_API SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* alpha,
-                                      std::span<const float* const> positive,
-                                      std::span<const float* const> finite);
+/// \param bounded   and whose values must not be beyond kMostMagnitude.
+SURFEL_API SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* area,
+                                      const float* alpha, std::span<const float* const> positive,
+                                      std::span<const float* const> bounded);
 
 }  // namespace surfel

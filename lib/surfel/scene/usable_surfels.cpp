@@ -5,13 +5,17 @@
 namespace surfel {
 namespace {
 
-bool usable_size(float v) { return std::isfinite(v) && v > 0; }
+/// NaN is neither.
+bool bounded(float v) { return std::abs(v) <= kMostMagnitude; }
+bool bounded(const Vec3f& v) { return bounded(v.x()) && bounded(v.y()) && bounded(v.z()); }
+bool usable_size(float v) { return v > 0 && bounded(v); }
 
 SurfelValues values(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
                     std::size_t i) {
-  SurfelValues v{.position = cloud.position[i],
-                 .size_u = cloud.anisotropic() ? cloud.variance_u[i] : cloud.variance[i]};
-  if (cloud.anisotropic()) v.size_v = cloud.variance_v[i];
+  SurfelValues v{
+      .position = cloud.position[i],
+      .deviation_u = std::sqrt(cloud.anisotropic() ? cloud.variance_u[i] : cloud.variance[i])};
+  v.deviation_v = cloud.anisotropic() ? std::sqrt(cloud.variance_v[i]) : v.deviation_u;
   if (group_radius) v.group_radius = cloud.group_radius[i];
   if (color) v.color = (*color)[i];
   if (!cloud.alpha.empty()) v.alpha = cloud.alpha[i];
@@ -22,12 +26,13 @@ SurfelValues values(const SurfelCloud& cloud, const Array<Vec3f>* color, bool gr
 }  // namespace
 
 Usability usability(const SurfelValues& s) {
-  if (!s.position.allFinite()) return Usability::kPosition;
-  if (!usable_size(s.size_u) || !usable_size(s.size_v) || !usable_size(s.group_radius)) {
+  if (!bounded(s.position)) return Usability::kPosition;
+  if (!usable_size(s.deviation_u) || !usable_size(s.deviation_v) || !usable_size(s.group_radius)) {
     return Usability::kVariance;
   }
-  const bool color = s.color.allFinite() && std::isfinite(s.alpha) && std::isfinite(s.area);
-  return color ? Usability::kUsable : Usability::kColor;
+  const bool color = bounded(s.color) && bounded(s.alpha);
+  return color && std::abs(s.area) <= most_area(s.deviation_u, s.deviation_v) ? Usability::kUsable
+                                                                              : Usability::kColor;
 }
 
 UnusableSurfels remove_unusable(const SurfelCloud& cloud, bool group_radius,

@@ -130,10 +130,10 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
 /// Can a surfel be drawn? Counts it if not.
 bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   SurfelValues values{.position = {x[i], y[i], z[i]},
-                      .size_u = deviation_u[i],
+                      .deviation_u = deviation_u[i],
+                      .deviation_v = anisotropic() ? deviation_v[i] : deviation_u[i],
                       .color = {red[i], green[i], blue[i]},
                       .area = area[i]};
-  if (anisotropic()) values.size_v = deviation_v[i];
   if (!group_radius.empty()) values.group_radius = group_radius[i];
   if (!alpha.empty()) values.alpha = alpha[i];
   const Usability found = usability(values);
@@ -314,10 +314,10 @@ ClusterColumns RenderCloud::columns(std::size_t begin, std::size_t end) const {
 }
 
 SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
-  const Array<float>* const finite[] = {&x,   &y,     &z,    &deviation_u, &deviation_v, &area,
-                                        &red, &green, &blue, &alpha,       &group_radius};
+  const Array<float>* const bounded[] = {&x,   &y,     &z,    &deviation_u, &deviation_v,
+                                         &red, &green, &blue, &alpha,       &group_radius};
   const Array<float>* const positive[] = {&deviation_u, &deviation_v, &group_radius};
-  const float* pointers[std::size(finite) + std::size(positive)];
+  const float* pointers[std::size(bounded) + std::size(positive)];
   // Columns that the cloud has.
   const auto pick = [&](std::span<const Array<float>* const> columns, const float** to) {
     std::size_t count = 0;
@@ -326,8 +326,9 @@ SurfelTotals RenderCloud::totals(std::size_t begin, std::size_t end) const {
     }
     return std::span<const float* const>(to, count);
   };
-  return surfel_totals(columns(begin, end), alpha.empty() ? nullptr : alpha.data() + begin,
-                       pick(positive, pointers + std::size(finite)), pick(finite, pointers));
+  return surfel_totals(columns(begin, end), area.data() + begin,
+                       alpha.empty() ? nullptr : alpha.data() + begin,
+                       pick(positive, pointers + std::size(bounded)), pick(bounded, pointers));
 }
 
 /// Sets the members of a cluster that ClusterBounds does not have.
