@@ -213,6 +213,7 @@ TEST(CameraFile, ErrorsNameFileLineAndKey) {
             std::string::npos);
   EXPECT_NE(message_of([&] { read_cameras(folder / "", {}); }).find("is a directory"),
             std::string::npos);
+  EXPECT_NE(message_of([&] { read_cameras("-", {}); }).find("name a file"), std::string::npos);
 }
 
 TEST(SceneFile, ReadsLightsAndMaterials) {

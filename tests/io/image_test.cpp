@@ -472,7 +472,6 @@ TEST(Image, AbsurdHeadersAreRefused) {
   }
 }
 
-/// libpng takes the memory that a chunk of text claims, and fills it.
 /// A header of OpenEXR, and 300 bytes after it.
 std::string exr_header(std::int32_t width, std::int32_t height, char compression) {
   const auto number = [](std::int32_t value) {
@@ -497,6 +496,20 @@ std::string exr_header(std::int32_t width, std::int32_t height, char compression
          std::string(301, '\0');
 }
 
+/// As bytes from an archive have a name.
+TEST(Image, FilesInMemoryAreReadThoughThereIsAFileOfThatName) {
+  const TemporaryFolder folder;
+  const Image image = random_image(5, 4, {"R", "G", "B", "A"});
+  for (const char* name : {"a.exr", "a.png"}) {
+    write_image(image, folder / name);
+    const Image whole = read_image(folder / name);
+    const auto bytes = bytes_of(folder / name);
+    std::ofstream(folder / name) << "another file";
+    const Image read = read_image(InputFile(folder / name, std::as_bytes(std::span(bytes))));
+    EXPECT_EQ(read.data, whole.data) << name;
+  }
+}
+
 TEST(Image, SizesBeyondTheLimitOrTheFileAreRefusedBeforeTheyTakeMemory) {
   const TemporaryFolder folder;
   const auto error = [&](const std::string& name, const std::string& bytes) {
@@ -515,6 +528,14 @@ TEST(Image, SizesBeyondTheLimitOrTheFileAreRefusedBeforeTheyTakeMemory) {
   constexpr char kDwab = 9;
   expect(error("piece.exr", exr_header(1000000, 300, kDwab)),
          "1000000 x 300 pixels in pieces of 3072000000 bytes are more than");
+  // A text of 2 GB, of which there are three bytes, in the header of the only and of a second
+  // picture.
+  const std::string text = std::string("owner\0string\0\xff\xff\xff\x7f", 17) + "abc";
+  const std::string header = exr_header(20, 10, 0);
+  expect(error("text.exr", header.substr(0, 8) + text), "its header is longer than the file");
+  std::string parts = header.substr(0, header.size() - 300) + text;
+  parts[5] = 0x10;  // The flag of files of several pictures.
+  expect(error("parts.exr", parts), "its header is longer than the file");
   const Image image = random_image(20, 10, {"R", "G", "B", "A"});
   for (const char* name : {"a.exr", "a.png"}) write_image(image, folder / name);
   const std::uint64_t before = most_image_pixels();
@@ -529,6 +550,7 @@ TEST(Image, SizesBeyondTheLimitOrTheFileAreRefusedBeforeTheyTakeMemory) {
   set_most_image_pixels(before);
 }
 
+/// libpng takes the memory that a chunk of text claims, and fills it.
 TEST(Image, ChunksLongerThanTheirPngFileAreRefusedBeforeTheyTakeMemory) {
   const std::string header("\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0", 29);
   const std::string text("\x3a\x7e\x9b\x55\x7f\xff\xff\xf0tEXtTitle\0hello\0\0\0\0", 27);

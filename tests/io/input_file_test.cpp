@@ -3,13 +3,17 @@
 #include <filesystem>
 #include <fstream>
 #include <regex>
+#include <span>
 #include <string>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/io/camera_file.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/input_file.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/scene_file.h>
 
 #include "support/memory_file.h"
 #include "support/message_of.h"
@@ -73,6 +77,31 @@ TEST(InputFile, HeaderReachesTheLineHoweverLongItIs) {
   EXPECT_NE(header.find("\nend here\nb"), std::string_view::npos);
   EXPECT_LT(header.size(), text.size());
   EXPECT_EQ(file.header("none").size(), text.size());
+}
+
+template <class Read>
+auto from_memory(const std::string& name, const std::string& text, const Read& read) {
+  return read(InputFile(name, std::as_bytes(std::span(text))));
+}
+
+/// Nothing may look for a file of that name.
+TEST(InputFile, BytesInMemoryAreReadAsTheFileWouldBe) {
+  EXPECT_EQ(from_memory("a.xyz", "0 0 0\n1 2 3\n",
+                        [](InputFile file) { return read_cloud(std::move(file)).position[1]; }),
+            Vec3f(1, 2, 3));
+  EXPECT_EQ(from_memory("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                        [](InputFile file) { return read_mesh(std::move(file)).face.size(); }),
+            1U);
+  EXPECT_EQ(from_memory("a.toml", "ambient = [1, 2, 3]\n",
+                        [](const InputFile& file) { return read_scene(file).ambient; }),
+            Vec3f(1, 2, 3));
+  EXPECT_EQ(from_memory("a.toml", "fov = 12\n",
+                        [](const InputFile& file) { return read_cameras(file, {})[0].fov; }),
+            12);
+  const std::string message = test::message_of([] {
+    from_memory("a.off", "OFF\n3 x\n", [](InputFile file) { return read_mesh(std::move(file)); });
+  });
+  EXPECT_EQ(message.find("a.off: line 2"), 0U) << message;
 }
 
 /// A decimal comma for the scope, from a locale that is installed or made; false if there is none.

@@ -6,7 +6,11 @@
 namespace surfel {
 
 std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOptions& defaults) {
-  const TomlReader file = TomlReader::open(path);
+  return read_cameras(open_toml(path), defaults);
+}
+
+std::vector<CameraOptions> read_cameras(const InputFile& file, const CameraOptions& defaults) {
+  const TomlReader toml(file);
   const auto read_one = [&](const TomlTable& table) {
     CameraOptions options = defaults;
     table.read("eye", options.eye);
@@ -22,17 +26,17 @@ std::vector<CameraOptions> read_cameras(const std::string& path, const CameraOpt
     table.reject_unread();
     for (std::string& problem : options.problems()) {
       std::erase(problem, '`');  // The fields are keys of the file, not options of a tool.
-      throw_input(path, problem);
+      throw_input(file.name(), problem);
     }
     return options;
   };
   std::vector<CameraOptions> cameras;
-  const std::vector<TomlTable> tables = file.tables("camera");
+  const std::vector<TomlTable> tables = toml.tables("camera");
   for (const TomlTable& table : tables) cameras.push_back(read_one(table));
   if (tables.empty()) {
-    cameras.push_back(read_one(file.root()));
+    cameras.push_back(read_one(toml.root()));
   } else {
-    file.root().reject_unread();
+    toml.root().reject_unread();
   }
   return cameras;
 }

@@ -21,6 +21,7 @@ class ExrBytes {
     const std::size_t end = bytes_.find('\0');
     return end == std::string_view::npos ? take(bytes_.size()) : take(end + 1).substr(0, end);
   }
+  std::size_t left() const { return bytes_.size(); }
   std::string_view take(std::size_t count) {
     const std::string_view taken = bytes_.substr(0, count);
     bytes_.remove_prefix(taken.size());
@@ -69,16 +70,29 @@ constexpr std::array<Compression, 10> kCompressions{{{1, 1},
 std::optional<ExrSize> exr_size(const InputFile& file) {
   constexpr std::string_view kMagic = "\x76\x2f\x31\x01";
   constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
-  ExrBytes in(as_text(file.head(kLongestHeader)));
+  const std::string_view head = as_text(file.head(kLongestHeader));
+  const std::size_t unread = file.size() - head.size();
+  ExrBytes in(head);
   if (in.take(kMagic.size()) != kMagic) return std::nullopt;
-  in.number();  // Version and flags.
+  constexpr std::int32_t kMultipart = 0x1000;
+  const bool multipart = (in.number() & kMultipart) != 0;
   ExrSize size;
   std::uint64_t bytes = 0;
   Compression compression = kCompressions.front();
   bool tiled = false;
-  for (std::string_view name = in.name(); !name.empty(); name = in.name()) {
-    in.name();  // Type.
-    ExrBytes value(in.take(static_cast<std::uint32_t>(in.number())));
+  // Calls visit(name, value) for every attribute of a header; is there one?
+  const auto attributes = [&](const auto& visit) {
+    bool any = false;
+    for (std::string_view name = in.name(); !name.empty(); name = in.name()) {
+      any = true;
+      in.name();  // Type.
+      const auto length = static_cast<std::uint32_t>(in.number());
+      if (length > in.left() + unread) size.truncated = true;
+      visit(name, ExrBytes(in.take(length)));
+    }
+    return any;
+  };
+  attributes([&](std::string_view name, ExrBytes value) {
     if (name == "channels") {
       bytes = pixel_bytes(value);
     } else if (name == "compression") {
@@ -93,7 +107,10 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
       size.pixels = {static_cast<std::size_t>(std::max<std::int64_t>(0, box[2] - box[0] + 1)),
                      static_cast<std::size_t>(std::max<std::int64_t>(0, box[3] - box[1] + 1))};
     }
-  }
+  });
+  // An empty header is the last.
+  while (multipart && attributes([](std::string_view, const ExrBytes&) {})) continue;
+  if (size.truncated) return size;
   if (bytes == 0 || size.pixels.width == 0 || size.pixels.height == 0) return std::nullopt;
   const std::uint64_t rows = std::min<std::uint64_t>(compression.rows, size.pixels.height);
   if (!tiled) size.piece_bytes = rows * size.pixels.width * bytes;

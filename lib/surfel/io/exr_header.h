@@ -13,11 +13,14 @@ struct ExrSize {
   PixelSize pixels;               ///< Of the data window.
   std::uint64_t piece_bytes = 0;  ///< Rows that are compressed together, decoded; 0 for tiles.
   std::uint64_t best_ratio = 1;   ///< Bytes that a byte of the file can stand for.
+  bool truncated = false;         ///< An attribute is longer than the rest of the file.
 };
 
-/// Reads the header of a file's first picture; nullopt for what is no OpenEXR file, or has none of
-/// the attributes that tell the size. OpenEXR takes memory for the rows that are compressed
-/// together as soon as it opens a file, whatever the file holds. Internal to the io module.
+/// Reads the header of a file's first picture, and looks through those of further pictures for
+/// attributes that are cut short; nullopt for what is no OpenEXR file, or has none of the
+/// attributes that tell the size. OpenEXR takes memory for every attribute, and for the rows that
+/// are compressed together, as soon as it opens a file, whatever the file holds. Internal to the io
+/// module.
 std::optional<ExrSize> exr_size(const InputFile& file);
 
 }  // namespace surfel

@@ -27,8 +27,7 @@ bool is_png_name(const std::string& path) {
          (extension.empty() && std::filesystem::is_other(path, error));
 }
 
-Image read_image(const std::string& path, ImageForm form) {
-  InputFile file(path);
+Image read_form(InputFile file, const std::string& path, ImageForm form) {
   if (is_png(file)) return read_png(std::move(file), form);
   Image image;
   const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
@@ -45,13 +44,20 @@ void set_most_image_pixels(std::uint64_t pixels) noexcept {
 }
 
 Image read_image(const std::string& path, bool raw) {
-  return read_image(path, raw ? ImageForm::kRaw : ImageForm::kStraight);
+  return read_form(InputFile(path), path, raw ? ImageForm::kRaw : ImageForm::kStraight);
 }
 
-Image read_data_image(const std::string& path) { return read_image(path, ImageForm::kData); }
+Image read_image(InputFile file, bool raw) {
+  const std::string name = file.name();
+  return read_form(std::move(file), name, raw ? ImageForm::kRaw : ImageForm::kStraight);
+}
+
+Image read_data_image(const std::string& path) {
+  return read_form(InputFile(path), path, ImageForm::kData);
+}
 
 Image read_premultiplied_image(const std::string& path) {
-  return read_image(path, ImageForm::kPremultiplied);
+  return read_form(InputFile(path), path, ImageForm::kPremultiplied);
 }
 
 std::shared_ptr<ImageReader> open_image(const std::string& path) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/image.h>
 
 namespace surfel {
@@ -26,6 +27,8 @@ SURFEL_API void set_most_image_pixels(std::uint64_t pixels) noexcept;
 /// files still decoded. Of files with several images the first, of EXR the data window. Throws
 /// Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
+/// Reads an image from a file that is open; in memory, PNG, EXR, TIFF, JPEG or HDR.
+SURFEL_API Image read_image(InputFile file, bool raw = false);
 
 /// Reads an image whose values are no colours, such as a normal map: channels come as stored,
 /// integers as fractions of full scale and not decoded, under the names that read_image() gives

@@ -139,7 +139,7 @@ std::string format_of(std::span<const std::byte> bytes) {
   return start.starts_with("#?") ? "hdr" : "";
 }
 
-/// Opens standard input or a pipe, whose bytes `memory` reads.
+/// Opens standard input, a pipe or a file in memory, whose bytes `memory` reads.
 std::unique_ptr<OIIO::ImageInput> open_piped(const InputFile& file, const OIIO::ImageSpec& hints,
                                              OIIO::Filesystem::IOMemReader& memory) {
   const std::string format = format_of(file.bytes());
@@ -178,6 +178,9 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
 void check_exr(const InputFile& file) {
   const std::optional<ExrSize> exr = exr_size(file);
   if (!exr) return;
+  if (exr->truncated) {
+    throw_input(file.name(), "damaged image: its header is longer than the file; export it again");
+  }
   check_pixel_count(exr->pixels, file.name());
   if (exr->piece_bytes / exr->best_ratio <= file.size()) return;
   throw_input(file.name(),
@@ -195,7 +198,7 @@ struct OpenedImage {
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
     // A pipe, which has been read, cannot be opened a second time.
-    const bool named = path != "-" && std::filesystem::is_regular_file(path);
+    const bool named = path != "-" && file.regular();
     if (!named) memory.emplace(file.bytes().data(), file.bytes().size());
     input = named ? open_file(path, hints) : open_piped(file, hints, *memory);
     input->threads(thread_count());
@@ -209,7 +212,7 @@ struct OpenedImage {
   }
 
   InputFile file;
-  std::optional<OIIO::Filesystem::IOMemReader> memory;  ///< Reads the bytes of a pipe.
+  std::optional<OIIO::Filesystem::IOMemReader> memory;  ///< Reads the bytes of no regular file.
   std::unique_ptr<OIIO::ImageInput> input;
 };
 

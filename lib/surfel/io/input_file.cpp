@@ -65,6 +65,9 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
   descriptor_ = std::exchange(file.value, -1);
 }
 
+InputFile::InputFile(std::string name, std::span<const std::byte> bytes)
+    : name_(std::move(name)), size_(bytes.size()), start_(bytes.begin(), bytes.end()) {}
+
 InputFile::~InputFile() {
   if (descriptor_ >= 0) close(descriptor_);
 }

@@ -10,14 +10,18 @@
 
 namespace surfel {
 
-/// The bytes of a file, or of standard input. Regular files are read when their bytes are asked
-/// for and never mapped: a mapped file that another program cuts ends this one by a signal, where a
-/// read gives an error. Pipes are read to their end as long as the machine has memory for them.
+/// The bytes of a file, of standard input, or of memory. Regular files are read when their bytes
+/// are asked for and never mapped: a mapped file that another program cuts ends this one by a
+/// signal, where a read gives an error. Pipes are read to their end as long as the machine has
+/// memory for them.
 class SURFEL_API InputFile {
  public:
   /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause, as all members
   /// do, also where the file became shorter after it was opened.
   explicit InputFile(const std::string& path);
+  /// A file of these bytes, which are copied, e.g. out of an archive or a network. Readers that
+  /// tell formats by the names of files, and messages, take `name`; no file need have it.
+  InputFile(std::string name, std::span<const std::byte> bytes);
   ~InputFile();
   InputFile(InputFile&& other) noexcept;
   InputFile& operator=(InputFile&&) = delete;
@@ -25,6 +29,8 @@ class SURFEL_API InputFile {
   /// For messages: the path, or "standard input".
   const std::string& name() const { return name_; }
   std::size_t size() const { return size_; }
+  /// Is it a regular file, which can be opened again, and not a pipe or memory?
+  bool regular() const { return descriptor_ >= 0; }
 
   /// The first `size` bytes, or all bytes of a shorter file. They stay in memory; a call for more
   /// bytes moves them. One thread at a time.
@@ -47,8 +53,8 @@ class SURFEL_API InputFile {
 
   std::string name_;
   std::size_t size_ = 0;
-  int descriptor_ = -1;             ///< Descriptor of a regular file; -1 after a pipe was read.
-  mutable Array<std::byte> start_;  ///< The first bytes of a file, or all of a pipe.
+  int descriptor_ = -1;             ///< Descriptor of a regular file; -1 for a pipe or memory.
+  mutable Array<std::byte> start_;  ///< The first bytes of a file, or all bytes.
 };
 
 /// The bytes as characters.

@@ -32,19 +32,29 @@ void check(const TriangleMesh& mesh, const std::string& path) {
   }
 }
 
-}  // namespace
-
-TriangleMesh read_mesh(const std::string& path) {
-  InputFile file(path);
+TriangleMesh read_format(InputFile file, const std::string& extension) {
   if (file.size() == 0) throw_input(file.name(), "is empty; make it anew");
-  const std::string extension = path == "-" ? extension_of_content(file) : lower_extension(path);
   if (extension == ".obj") return read_obj(file);
   if (extension == ".ply") return read_ply_mesh(std::move(file));
   if (extension == ".stl") return read_stl(file);
   if (extension == ".off") return read_off(file);
-  throw_input(path, fmt::format("'{}' is not a mesh format that is supported; use .obj, .ply, .stl "
-                                "or .off",
-                                extension));
+  throw_input(file.name(),
+              fmt::format("'{}' is not a mesh format that is supported; use .obj, .ply, .stl "
+                          "or .off",
+                          extension));
+}
+
+}  // namespace
+
+TriangleMesh read_mesh(const std::string& path) {
+  InputFile file(path);
+  const std::string extension = path == "-" ? extension_of_content(file) : lower_extension(path);
+  return read_format(std::move(file), extension);
+}
+
+TriangleMesh read_mesh(InputFile file) {
+  const std::string extension = lower_extension(file.name());
+  return read_format(std::move(file), extension);
 }
 
 void write_mesh(const TriangleMesh& mesh, const std::string& path,

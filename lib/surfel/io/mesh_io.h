@@ -3,6 +3,7 @@
 #include <string>
 
 #include <surfel/base/export.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
@@ -12,6 +13,8 @@ namespace surfel {
 /// an index out of range, a face with fewer than three corners, a coordinate that is not finite,
 /// and a mesh without faces.
 SURFEL_API TriangleMesh read_mesh(const std::string& path);
+/// Reads a mesh from a file that is open, or in memory; its name tells the format.
+SURFEL_API TriangleMesh read_mesh(InputFile file);
 
 struct MeshWriteOptions {
   bool no_clobber = false;

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/io/input_file.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -15,8 +16,8 @@ namespace surfel {
 
 /// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd, norm, and bump
 /// (also map_bump) with its option -bm. The images' names are resolved
-/// against the file's folder.
-std::vector<MeshMaterial> read_mtl(const InputFile& file);
+/// against the file's folder. Exported for tests.
+SURFEL_API std::vector<MeshMaterial> read_mtl(const InputFile& file);
 
 /// The path of a regular file that `name` means as seen from `folder`: the name as it is written,
 /// with a Windows path's backslashes turned, or its last part alone, because files are often moved

@@ -90,30 +90,32 @@ Sky read_sky(const TomlTable& table) {
 
 }  // namespace
 
-Scene read_scene(const std::string& path) {
-  const TomlReader file = TomlReader::open(path);
+Scene read_scene(const std::string& path) { return read_scene(open_toml(path)); }
+
+Scene read_scene(const InputFile& file) {
+  const TomlReader toml(file);
   Scene scene;
-  file.root().read("ambient", scene.ambient);
-  if (!scene.ambient.allFinite()) file.root().fail("ambient", "ambient must be finite");
+  toml.root().read("ambient", scene.ambient);
+  if (!scene.ambient.allFinite()) toml.root().fail("ambient", "ambient must be finite");
   std::string refraction = "multi";
-  file.root().read("refraction", refraction);
+  toml.root().read("refraction", refraction);
   if (refraction != "single" && refraction != "multi") {
-    file.root().fail("refraction", fmt::format("refraction \"{}\" is unknown; known are single "
+    toml.root().fail("refraction", fmt::format("refraction \"{}\" is unknown; known are single "
                                                "and multi",
                                                refraction));
   }
   scene.refraction = refraction == "single" ? Refraction::kSingle : Refraction::kMulti;
-  if (const auto table = file.table("sky")) scene.sky = read_sky(*table);
-  if (const auto table = file.table("environment")) {
-    scene.environment = read_environment(*table, path);
+  if (const auto table = toml.table("sky")) scene.sky = read_sky(*table);
+  if (const auto table = toml.table("environment")) {
+    scene.environment = read_environment(*table, file.name());
   }
-  const std::vector<TomlTable> lights = file.tables("light");
+  const std::vector<TomlTable> lights = toml.tables("light");
   if (!lights.empty()) scene.lights.clear();
   for (const TomlTable& table : lights) scene.lights.push_back(read_light(table));
-  const std::vector<TomlTable> materials = file.tables("material");
+  const std::vector<TomlTable> materials = toml.tables("material");
   if (!materials.empty()) scene.materials.clear();
   for (const TomlTable& table : materials) scene.materials.push_back(read_material(table));
-  file.root().reject_unread();
+  toml.root().reject_unread();
   return scene;
 }
 

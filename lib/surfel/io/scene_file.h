@@ -3,6 +3,7 @@
 #include <string>
 
 #include <surfel/base/export.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/scene.h>
 
 namespace surfel {
@@ -17,5 +18,7 @@ namespace surfel {
 /// load_environment() (render/environment_map.h). Throws Error naming file and line; an unknown key
 /// is an error.
 SURFEL_API Scene read_scene(const std::string& path);
+/// Reads a scene from a file that is open, or in memory.
+SURFEL_API Scene read_scene(const InputFile& file);
 
 }  // namespace surfel

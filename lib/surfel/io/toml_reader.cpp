@@ -1,6 +1,4 @@
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -138,21 +136,22 @@ void TomlTable::reject_unread() const {
   }
 }
 
-TomlReader TomlReader::open(const std::string& path) {
-  if (std::filesystem::is_directory(path)) throw_io(path, "is a directory; name a TOML file");
-  std::ifstream stream(path);
-  if (!stream) throw_io(path, "cannot be opened; is the name right, and may it be read?");
+InputFile open_toml(const std::string& path) {
+  if (path == "-") throw_io("standard input", "cannot be read as TOML; name a file");
+  return InputFile(path);
+}
+
+TomlReader::TomlReader(const InputFile& file) {
   auto node = std::make_shared<TomlTable::Node>();
-  node->path = path;
+  node->path = file.name();
   try {
-    node->file = std::make_shared<const toml::table>(toml::parse(stream, path));
+    node->file = std::make_shared<const toml::table>(toml::parse(as_text(file.bytes())));
   } catch (const toml::parse_error& error) {
-    throw_input(path, fmt::format("line {}: {}", error.source().begin.line, error.description()));
+    throw_input(file.name(),
+                fmt::format("line {}: {}", error.source().begin.line, error.description()));
   }
   node->table = node->file.get();
-  TomlReader reader;
-  reader.root_.node_ = node;
-  return reader;
+  root_.node_ = std::move(node);
 }
 
 TomlTable TomlTable::child(const void* table) const {

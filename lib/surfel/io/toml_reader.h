@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <surfel/base/types.h>
+#include <surfel/io/input_file.h>
 
 namespace surfel {
 
@@ -42,11 +43,15 @@ class TomlTable {
   std::shared_ptr<const Node> node_;
 };
 
+/// Opens a file of settings. Throws Error(kIo) for standard input ("-"): the surfels may have been
+/// read from it, and what is left would be a file without settings, which is valid.
+InputFile open_toml(const std::string& path);
+
 /// A parsed TOML file.
 class TomlReader {
  public:
   /// Throws Error (kIo, kInput) naming file and line.
-  static TomlReader open(const std::string& path);
+  explicit TomlReader(const InputFile& file);
   const TomlTable& root() const { return root_; }
   /// The tables [[name]], in their order; none if there is no such array.
   std::vector<TomlTable> tables(const char* name) const;
