@@ -1,23 +1,40 @@
 #!/usr/bin/env bash
-# Makes the files that fuzzers begin with: small ones of every format, and those that once were findings.
+# Makes the files that fuzzers begin with, small ones of every format; tests/fuzz/corpus holds them and what the fuzzers
+# found since.
 #   tests/fuzz/make_corpus.sh FOLDER TOOLS     a folder of FOLDER for each fuzzer; TOOLS: the folder of the tools
 set -euo pipefail
-here=$(cd "$(dirname "$0")" && pwd)
-rm -rf "$1"
+script=$(realpath "$0")
+tools=$(realpath "$2")
+PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-PATH=$2:$PATH
-export ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0
-mkdir cloud_ply cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera material options \
-  polygon estimate render
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera \
+  material options polygon estimate render
 
-surfel-generate sphere --count 20 -o cloud_ply/binary.ply --quiet
+surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_ply/text.ply --ascii --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_pcd/binary.pcd --quiet
 printf 'VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n0 0 0 255\n1 nan 2 65280\n' > cloud_pcd/text.pcd
-surfel-generate sphere --count 600 -o levels.ply --quiet
-surfel-lod levels.ply -o cloud_ply/levels.ply --quiet
-rm levels.ply
+{
+  printf 'ply\nformat ascii 1.0\nelement vertex 5\n'
+  printf 'property float %s\n' x y z nx ny nz variance
+  printf 'property uchar level\nelement surfel_cluster 3\n'
+  printf 'property uint %s\n' begin count first_child child_count
+  printf 'property uchar level\n'
+  printf 'property float %s\n' x y z radius spacing max_deviation cone_x cone_y cone_z cone_cosine min_x min_y min_z max_x max_y max_z
+  printf 'end_header\n0 0 0 0 0 1 4 1\n0 0 0 0 0 1 1 0\n1 0 0 0 0 1 1 0\n0 1 0 0 0 1 1 0\n1 1 0 0 0 1 1 0\n'
+  printf '0 1 1 2 1 0.5 0.5 0 4 2 2 0 0 1 0.9 -4 -4 -4 4 4 4\n'
+  printf '1 2 0 0 0 0.5 0 0 2 1 1 0 0 1 0.9 -4 -4 -4 4 4 4\n3 2 0 0 0 0.5 1 0 2 1 1 0 0 1 0.9 -4 -4 -4 4 4 4\n'
+} > cloud_levels/levels.ply
+printf 'ply\nformat ascii 1.0\ncomment surfel_up 0 0 1\ncomment surfel_viewpoint 0 0 1 1 0 0 0\ncomment surfel_color recorded\nelement vertex 2\nproperty double x\nproperty double y\nproperty double z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nproperty float variance_u\nproperty float variance_v\nproperty float tx\nproperty float ty\nproperty float tz\nproperty ushort extra\nelement other 1\nproperty list uchar int indices\nend_header\n1e9 0 0 0 0 1 255 0 0 1 2 1 0 0 7\n1e9 1 2 0 0 1 0 255 9 1 2 0 1 0 8\n2 5 6\n' > cloud_ply/columns.ply
+{
+  printf 'ply\nformat binary_big_endian 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty float radius\nend_header\n'
+  printf '\x3f\x80\0\0\x40\0\0\0\0\0\0\0\x3f\0\0\0'
+  printf '\0\0\0\0\x40\0\0\0\xff\xff\xff\xff\x3f\0\0\0'
+} > cloud_ply/big.ply
+printf 'ply\nformat ascii 1.0\nobj_info num_cols 2\nobj_info num_rows 2\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement range_grid 4\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n1 0 1\n0 1 1\n1 0\n1 1\n1 2\n0\n' > cloud_ply/range.ply
+surfel-convert cloud_ply/columns.ply -o cloud_pcd/columns.pcd --quiet
+printf 'VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z curvature\nSIZE 8 8 8 4 4 4 2\nTYPE F F F F F F I\nCOUNT 1 1 1 1 1 1 2\nWIDTH 2\nHEIGHT 2\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS 4\nDATA ascii\n0 0 0 0 0 1 1 2\n1 0 0 0 0 1 1 2\n0 1 0 0 0 1 1 2\n1 1 nan 0 0 1 1 2\n' > cloud_pcd/organised.pcd
 printf '0 0 0\n1 0 0.5\n0 1 0\n' > cloud_text/plain.xyz
 printf 'x,y,z,r,g,b\n0,0,0,255,0,0\n1,2,3,0,255,0\n' > cloud_text/names.xyz
 printf '2\n0 0 0 10 1 2 3\n1 1 1 20 4 5 6\n' > cloud_text/count.xyz
@@ -25,6 +42,9 @@ printf '2\n0 0 0 10 1 2 3\n1 1 1 20 4 5 6\n' > cloud_text/count.xyz
 quad='1 2 3 4'
 printf 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0 0\nf %s\nf -4 -3 -2\nf 1/1/1 2/1/1 3/1/1\n' "$quad" > mesh_obj/quad.obj
 printf 'mtllib none.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nusemtl a\nf 1 2 3\n' > mesh_obj/colours.obj
+printf 'v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 0.5 0\nv 0 2 0\nv 0 0 1\ng a\no b\ns 1\nf 1 2 3 4 5\nf 1//  2// 6//\nl 1 2\nusemtl none\nf 1 3 6 \\\n2\n' > mesh_obj/concave.obj
+printf 'OFF BINARY\n' > mesh_off/binary.off
+printf 'STCNOFF\n3 1 0\n0 0 0 0 0 1 1 0 0 1 0 0\n1 0 0 0 0 1 1 0 0 1 1 0\n0 1 0 0 0 1 1 0 0 1 0 1\n3 0 1 2 0.5 0.5 0.5\n' > mesh_off/all.off
 printf 'OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n' > mesh_off/quad.off
 printf 'COFF # comment\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 255\n0 1 0 0 0 255 255\n3 0 1 2\n' > mesh_off/colours.off
 printf 'solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n' > mesh_stl/text.stl
@@ -41,21 +61,24 @@ printf 'ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty floa
   head -c 24 /dev/zero
 } > mesh_ply/binary.ply
 
+printf 'ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float u\nproperty float v\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0 0 0 1 2 3\n1 0 0 1 0 1 2 3\n1 1 0 1 1 1 2 3\n0 1 0 0 1 1 2 3\n6 0 1 2 -1 1 2\n' > mesh_ply/strips.ply
+
 surfel-render cloud_ply/binary.ply -o image_png/8.png --size 9x7 --quiet
-surfel-render cloud_ply/binary.ply -o image_exr/plain.exr --size 9x7 --quiet
+surfel-render cloud_ply/binary.ply -o image_exr/plain.exr --size 3x2 --quiet
+surfel-render cloud_ply/binary.ply -o image_png/background.png --size 5x4 --background 1,1,1 --quiet
 printf 'ambient = [0.2, 0.2, 0.2]\nrefraction = "multi"\n[sky]\nup = [0, 1, 0]\n[[light]]\ntype = "point"\nposition = [1, 2, 3]\ncolor = [1, 1, 1]\n[[material]]\nname = "glass"\nior = 1.5\n' > scene/scene.toml
+printf '[environment]\nimage = "sky.exr"\nintensity = 2.0\nrotation = 90\nvisible = false\n[sky]\ncolor = [1, 1, 1]\nground = [0.1, 0.1, 0.1]\n[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\n[[light]]\ntype = "headlight"\n[[material]]\nambient = 0.1\ndiffuse = 0.5\nspecular = 0.3\nshininess = 20\nopacity = 0.5\nreflectivity = 0.1\nior = 1.3\ndispersion = 0.01\nroughness = 0.2\nabsorption = 0.1\n' > scene/all.toml
 printf '[[camera]]\neye = [0, 0, 3]\ntarget = [0, 0, 0]\nfov = 30\nwidth = 64\nheight = 48\n[[camera]]\northo = 2.0\n' > camera/cameras.toml
-printf 'newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 1 none.png\nbump -bm 0.1 none.png\nnewmtl b\nd 0.5\n' > material/two.mtl
+printf 'from = [0, 0, 3]\nup = [0, 1, 0]\nsize = [640, 480]\nnear = 0.1\nzoom = 2\nframe-all = true\n' > camera/one.toml
+printf 'newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 1 none.png\nbump -bm 0.1 none.png\nnewmtl b\nd 0.5\nnorm n.png\nmap_bump -imfchan r -clamp on -mm 0 1 "a b.png"\n' > material/two.mtl
 printf '1,2,3' > options/numbers
 printf '640x480' > options/size
 printf '#ff8800cc' > options/color
-printf 'number = 1.5\nword = "text"\nflag = true\n' > options/config
+printf 'number = 1.5\nword = "text"\nflag = true\ncount = 7\nwords = ["a", 1, 2.5]\n' > options/config
+printf '# comment\n[table]\nnumber = [1, 2]\nword = """a\nb"""\n' > options/tables
+printf '0.5 -1e3 inf' > options/blanks
+printf '1.5GiB' > options/bytes
 for name in polygon estimate render; do
-  head -c 400 "$here/make_corpus.sh" > "$name/text"
+  head -c 400 "$script" > "$name/text"
   printf '\0\x20\x10\x10\x70\x10\x70\x70\x10\x70\x20\x30\x40\x50' > "$name/few"
 done
-
-for found in "$here"/found/*/; do
-  [ -d "$found" ] && cp -r "$found." "$1/$(basename "$found")/"
-done
-exit 0

@@ -1,16 +1,13 @@
-// Estimates surfels of points that the bytes are: all numbers of the result are finite, and three
-// threads give the bytes that one gives.
-
 #include <cmath>
 #include <cstring>
 
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/estimate.h>
 
-#include "fuzz/fuzz_file.h"
+#include "fuzz/checks.h"
 
-using namespace surfel;
-
+namespace surfel::fuzz {
 namespace {
 
 template <class T>
@@ -37,10 +34,12 @@ SurfelCloud estimated(const SurfelCloud& points, const EstimateOptions& options,
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  fuzz::CloudNumbers numbers(data, size);
+/// Estimates surfels of points that the bytes are: all numbers of the result are finite, and three
+/// threads give the bytes that one gives.
+void estimate(Bytes bytes) {
+  CloudNumbers numbers(bytes);
   SurfelCloud points;
-  constexpr std::size_t kMost = 300;
+  constexpr std::size_t kMost = 100;
   while (!numbers.done() && points.size() < kMost) {
     Vec3f p;
     for (float& x : p) x = numbers.length();
@@ -51,18 +50,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   options.orientation.method = kMethods[numbers.choice() % 3];
   try {
     const SurfelCloud one = estimated(points, options, 1);
-    fuzz::require(finite(one.normal) && finite(one.variance) && finite(one.area) &&
-                      finite(one.tangent) && finite(one.variance_u) && finite(one.variance_v),
-                  "a number that is not finite");
+    require(finite(one.normal) && finite(one.variance) && finite(one.area) && finite(one.tangent) &&
+                finite(one.variance_u) && finite(one.variance_v),
+            "a number that is not finite");
     const SurfelCloud three = estimated(points, options, 3);
-    fuzz::require(
-        same_bytes(one.position, three.position) && same_bytes(one.normal, three.normal) &&
-            same_bytes(one.variance, three.variance) && same_bytes(one.area, three.area) &&
-            same_bytes(one.variance_u, three.variance_u) &&
-            same_bytes(one.variance_v, three.variance_v),
-        "three threads give other bytes than one");
+    require(same_bytes(one.position, three.position) && same_bytes(one.normal, three.normal) &&
+                same_bytes(one.variance, three.variance) && same_bytes(one.area, three.area) &&
+                same_bytes(one.variance_u, three.variance_u) &&
+                same_bytes(one.variance_v, three.variance_v),
+            "three threads give other bytes than one");
   } catch (const Error& error) {
-    fuzz::require(error.kind() == ErrorKind::kInput, error.what());
+    require(error.kind() == ErrorKind::kInput, error.what());
   }
-  return 0;
 }
+
+}  // namespace surfel::fuzz

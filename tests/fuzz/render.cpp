@@ -1,18 +1,15 @@
-// Renders surfels that the bytes are: pixels are finite, opacities from 0 to 1, and three threads
-// give the bytes that one gives.
-
 #include <cmath>
 #include <cstring>
 
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/framing.h>
 #include <surfel/store/render_cloud.h>
 
-#include "fuzz/fuzz_file.h"
+#include "fuzz/checks.h"
 
-using namespace surfel;
-
+namespace surfel::fuzz {
 namespace {
 
 Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threads) {
@@ -27,8 +24,10 @@ Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threa
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  fuzz::CloudNumbers numbers(data, size);
+/// Renders surfels that the bytes are: pixels are finite, opacities from 0 to 1, and three threads
+/// give the bytes that one gives.
+void render(Bytes bytes) {
+  CloudNumbers numbers(bytes);
   SurfelCloud cloud;
   constexpr std::size_t kMost = 200;
   while (!numbers.done() && cloud.size() < kMost) {
@@ -54,18 +53,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     const Image one = rendered(cloud, options, 1);
     for (std::size_t i = 0; i < one.data.size(); ++i) {
-      fuzz::require(std::isfinite(one.data[i]), "a pixel that is not finite");
+      require(std::isfinite(one.data[i]), "a pixel that is not finite");
       const bool opacity = i % one.channels.size() == 3;
-      fuzz::require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F),
-                    "an opacity beyond 1");
+      require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F), "an opacity beyond 1");
     }
     const Image three = rendered(cloud, options, 3);
-    fuzz::require(
+    require(
         one.data.size() == three.data.size() &&
             std::memcmp(one.data.data(), three.data.data(), one.data.size() * sizeof(float)) == 0,
         "three threads give other bytes than one");
   } catch (const Error& error) {
-    fuzz::require(error.kind() == ErrorKind::kInput, error.what());
+    require(error.kind() == ErrorKind::kInput, error.what());
   }
-  return 0;
 }
+
+}  // namespace surfel::fuzz

@@ -1,0 +1,89 @@
+#include <string_view>
+
+#include <surfel/base/error.h>
+#include <surfel/io/camera_file.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/image_io.h>
+#include <surfel/io/mesh_io.h>
+#include <surfel/io/mtl.h>
+#include <surfel/io/scene_file.h>
+
+#include "fuzz/checks.h"
+#include "fuzz/fuzzers.h"
+
+namespace surfel::fuzz {
+namespace {
+
+/// Files lie in a folder that there is not, so that those that they name are not found.
+InputFile file_of(Bytes bytes, const char* extension) {
+  return {std::string("/fuzz/file") + extension, bytes};
+}
+
+/// Calls read(), which must end well or with an Error whose message names the file.
+template <class Read>
+void read_or_refuse(const Read& read) {
+  try {
+    read();
+  } catch (const Error& error) {
+    require(std::string_view(error.what()).find("/fuzz/file") != std::string_view::npos,
+            std::string("a message does not name the file: ") + error.what());
+  }
+}
+
+void cloud(Bytes bytes, const char* extension, bool levels = false) {
+  read_or_refuse([&] {
+    read_cloud(file_of(bytes, extension), {.levels = levels}).check_columns("the cloud");
+  });
+}
+
+void mesh(Bytes bytes, const char* extension) {
+  read_or_refuse([&] { read_mesh(file_of(bytes, extension)).check_columns("the mesh"); });
+}
+
+/// Bytes of other formats are left to the libraries that know them.
+void image(Bytes bytes, const char* extension, std::string_view magic) {
+  if (!as_text(bytes).starts_with(magic)) return;
+  set_most_image_pixels(1 << 12);
+  read_or_refuse([&] { read_image(file_of(bytes, extension)); });
+}
+
+void material(Bytes bytes) {
+  read_or_refuse([&] { read_mtl(file_of(bytes, ".mtl")); });
+}
+
+void scene(Bytes bytes) {
+  read_or_refuse([&] {
+    require(read_scene(file_of(bytes, ".toml")).problems().empty(),
+            "a scene that was read has problems");
+  });
+}
+
+void camera(Bytes bytes) {
+  read_or_refuse([&] {
+    for (const CameraOptions& camera : read_cameras(file_of(bytes, ".toml"), {})) {
+      require(camera.problems().empty(), "a camera that was read has problems");
+    }
+  });
+}
+
+constexpr Fuzzer kReaders[] = {
+    {"cloud_ply", [](Bytes bytes) { cloud(bytes, ".ply"); }},
+    {"cloud_levels", [](Bytes bytes) { cloud(bytes, ".ply", true); }},
+    {"cloud_pcd", [](Bytes bytes) { cloud(bytes, ".pcd"); }},
+    {"cloud_text", [](Bytes bytes) { cloud(bytes, ".xyz"); }},
+    {"mesh_ply", [](Bytes bytes) { mesh(bytes, ".ply"); }},
+    {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},
+    {"mesh_stl", [](Bytes bytes) { mesh(bytes, ".stl"); }},
+    {"mesh_off", [](Bytes bytes) { mesh(bytes, ".off"); }},
+    {"image_png", [](Bytes bytes) { image(bytes, ".png", "\x89PNG\r\n\x1a\n"); }},
+    {"image_exr", [](Bytes bytes) { image(bytes, ".exr", "\x76\x2f\x31\x01"); }},
+    {"material", material},
+    {"scene", scene},
+    {"camera", camera},
+};
+
+}  // namespace
+
+std::span<const Fuzzer> readers() { return kReaders; }
+
+}  // namespace surfel::fuzz
