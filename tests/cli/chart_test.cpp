@@ -156,6 +156,20 @@ TEST_F(SurfelChart, RefusesWhatMakesNoSense) {
   refused({surfels_, "--recommend", "--max-time", "0"}, "max-time");
 }
 
+TEST_F(SurfelChart, LimitsThePixelsOfImagesThatItAndItsToolsRead) {
+  const std::string image = folder_ / "image.png";
+  run({tool("surfel-generate"), "checker", "--size", "16x16", "-o", image, "--quiet"});
+  const auto expect_refused = [&](Words options, const std::string& limit) {
+    options.insert(options.end(), {"--sweep", "cutoff", "--max-pixels", limit, "-o", out_});
+    const RunResult result = chart(options);
+    EXPECT_EQ(result.exit_code, 1) << result.errors;
+    EXPECT_TRUE(contains(result.errors, "16 x 16 pixels are more than the " + limit)) << limit;
+    EXPECT_TRUE(contains(result.errors, "--max-pixels")) << result.errors;
+  };
+  expect_refused({surfels_, "--truth", image}, "10");
+  expect_refused({mesh_, "--image", image}, "11");
+}
+
 TEST_F(SurfelChart, FailsWithoutGnuplotBeforeItRuns) {
   const RunResult result =
       run({"env", "PATH=/no/such/folder", tool("surfel-chart"), surfels_, "-o", out_});

@@ -1,17 +1,22 @@
 // A library to be loaded before a tool's others (LD_PRELOAD), which makes one call of the system
 // fail: FAULT_CALL names it, FAULT_NUMBER says which of its calls on files that the tool opened
-// (from 1 on), FAULT_ERROR is its errno, or 0 for a call that does a part of its work. The file
-// FAULT_SEEN is made when the call comes.
+// (from 1 on), FAULT_ERROR is its errno, or 0 for a call that does a part of its work, or -1 for a
+// call before which the file is cut in half. The file FAULT_SEEN is made when the call comes. Of
+// pthread_create all calls fail from that number on, as they do at a limit.
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
 #include <cstdarg>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 
+#include <dlfcn.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -36,12 +41,23 @@ int mark(int descriptor, bool opened) {
 bool fails(const char* call) {
   const char* chosen = std::getenv("FAULT_CALL");
   if (!chosen || std::strcmp(chosen, call) != 0) return false;
-  if (++g_calls != std::atoi(std::getenv("FAULT_NUMBER"))) return false;
+  const int number = std::atoi(std::getenv("FAULT_NUMBER"));
+  const bool later = std::strcmp(call, "pthread_create") == 0;
+  const int calls = ++g_calls;
+  if (later ? calls < number : calls != number) return false;
   const long seen =
       syscall(SYS_openat, AT_FDCWD, std::getenv("FAULT_SEEN"), O_CREAT | O_WRONLY, 0600);
   syscall(SYS_close, seen);
   errno = std::atoi(std::getenv("FAULT_ERROR"));
   return true;
+}
+
+/// Another program cuts a file that this one has open.
+void cut_in_half(int descriptor) {
+  struct stat status {};
+  char path[64];
+  std::snprintf(path, sizeof path, "/proc/self/fd/%d", descriptor);
+  if (fstat(descriptor, &status) == 0) static_cast<void>(!truncate(path, status.st_size / 2));
 }
 
 /// What a call of `bytes` that fails returns, where whole(bytes) would do the work.
@@ -91,7 +107,10 @@ ssize_t pread(int descriptor, void* data, std::size_t bytes, off_t offset) {
   const auto whole = [&](std::size_t size) {
     return syscall(SYS_pread64, descriptor, data, size, offset);
   };
-  return is_opened(descriptor) && fails("pread") ? part(bytes, whole) : whole(bytes);
+  if (!is_opened(descriptor) || !fails("pread")) return whole(bytes);
+  if (errno != -1) return part(bytes, whole);
+  cut_in_half(descriptor);
+  return whole(bytes);
 }
 
 int fsync(int descriptor) {
@@ -101,6 +120,14 @@ int fsync(int descriptor) {
 int rename(const char* from, const char* to) {
   return fails("rename") ? -1
                          : static_cast<int>(syscall(SYS_renameat, AT_FDCWD, from, AT_FDCWD, to));
+}
+
+int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*start)(void*),
+                   void* argument) {
+  if (fails("pthread_create")) return errno;
+  using Create = int (*)(pthread_t*, const pthread_attr_t*, void* (*)(void*), void*);
+  const auto create = reinterpret_cast<Create>(dlsym(RTLD_NEXT, "pthread_create"));
+  return create(thread, attributes, start, argument);
 }
 
 }  // extern "C"

@@ -1,8 +1,11 @@
-// Calls of the system that fail, one after the other: a run says so and leaves the older output
-// whole, or it ends well and the output is right.
+// What may happen to a run: calls of the system that fail, one after the other; limits of memory
+// and threads; signals at any time; another program that cuts its input, or writes the same output.
+// It says so and leaves the older output whole, or it ends well and the output is right.
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
+#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -24,8 +27,36 @@ constexpr bool kSanitized = false;
 
 struct Fault {
   const char* call;
-  int error;  ///< errno; 0: the call does half of its work.
+  int error;  ///< errno; 0: the call does half of its work; -1: half of the file is cut off before.
 };
+
+/// How every tool is run, without its output, which is a PLY file, a picture or standard output.
+struct Command {
+  std::string words;
+  std::string output;
+};
+
+const std::vector<Command>& commands() {
+  static const std::vector<Command> all = {
+      {"surfel-convert many.ply", "out.ply"},
+      {"surfel-estimate many.ply", "out.ply"},
+      {"surfel-texture many.ply --from colors --fit render", "out.ply"},
+      {"surfel-group many.ply", "out.ply"},
+      {"surfel-lod many.ply", "out.ply"},
+      {"surfel-simplify many.ply --count 200", "out.ply"},
+      {"surfel-render many.ply --size 64", "out.png"},
+      {"surfel-render many.ply --size 64 --method two-pass --memory 1M", "out.png"},
+      {"surfel-render --mesh mesh.obj --size 16 --samples 1", "out.png"},
+      {"surfel-from-mesh mesh.obj --count 300", "out.ply"},
+      {"surfel-generate sphere --count 3000", "out.ply"},
+      {"surfel-compare a.png a.png", "out.exr"},
+      {"surfel-info many.ply", ""},
+      {"surfel-chart cloud.ply --recommend --max-error 1 --quick --size 8x8 --repeats 1 "
+       "--samples 1",
+       ""},
+  };
+  return all;
+}
 
 class Faults : public testing::Test {
  protected:
@@ -37,16 +68,25 @@ class Faults : public testing::Test {
                "property float variance\nend_header\n0 0 0 0 0 1 .2\n1 0 0 0 0 1 .2\n"
                "0 1 0 0 0 1 .2\n1 1 0 0 0 1 .2\n");
     write_text(folder_ / "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-    const RunResult made =
-        run({tool("surfel-generate"), "checker", "--size", "8x8", "-o", folder_ / "a.png"});
-    ASSERT_EQ(made.exit_code, 0) << made.errors;
+    for (const char* made : {"surfel-generate checker --size 8x8 -o a.png",
+                             "surfel-generate sphere --texture noise --count 3000 -o many.ply"}) {
+      const RunResult result = run_here(made);
+      ASSERT_EQ(result.exit_code, 0) << result.errors;
+    }
   }
 
   /// Runs the command in the folder, with the fault if there is one.
-  RunResult run_here(const std::string& command, const std::string& environment = "") const {
+  RunResult run_here(const std::string& command, const std::string& environment = "",
+                     const RunSetup& setup = {}) const {
     return run({"sh", "-c",
-                "cd '" + (folder_ / "") + "' && env " + environment + " " +
-                    (fs::path(SURFEL_TOOL_DIR) / command).string()});
+                "cd '" + (folder_ / "") + "' && exec env " + environment + " " +
+                    (fs::path(SURFEL_TOOL_DIR) / command).string()},
+               setup);
+  }
+  static std::string fault(const Fault& fault, int number, const std::string& seen) {
+    return "LD_PRELOAD='" + std::string(SURFEL_FAULT_LIBRARY) + "' FAULT_CALL=" + fault.call +
+           " FAULT_NUMBER=" + std::to_string(number) +
+           " FAULT_ERROR=" + std::to_string(fault.error) + " FAULT_SEEN='" + seen + "'";
   }
 
   /// Lets each call in turn fail until the run makes no more of them.
@@ -61,11 +101,7 @@ class Faults : public testing::Test {
     for (; number < kMostCalls; ++number) {
       write_text(path, "old");
       const auto before = entries(folder_ / "");
-      const RunResult result = run_here(
-          command, "LD_PRELOAD='" + std::string(SURFEL_FAULT_LIBRARY) +
-                       "' FAULT_CALL=" + fault.call + " FAULT_NUMBER=" + std::to_string(number) +
-                       " FAULT_ERROR=" + std::to_string(fault.error) + " FAULT_SEEN='" + seen +
-                       "'");
+      const RunResult result = run_here(command, Faults::fault(fault, number, seen));
       const std::string what = command + ", " + fault.call + " " + std::to_string(number) + ", " +
                                std::strerror(fault.error) + ": " + result.errors;
       if (!fs::exists(seen)) {
@@ -88,7 +124,6 @@ class Faults : public testing::Test {
     EXPECT_TRUE(number > 1 || std::string_view(fault.call).starts_with("p")) << command;
   }
 
- private:
   TemporaryFolder folder_;
   TemporaryFolder seen_;
 };
@@ -114,6 +149,162 @@ TEST_F(Faults, EveryToolKeepsTheOlderOutput) {
       expect_sound(std::string(command) + " -o out.ply", "out.ply", fault);
     }
     expect_sound("surfel-compare a.png a.png -o out.png", "out.png", fault);
+  }
+}
+
+TEST_F(Faults, AFileThatShrinksWhileItIsReadIsAnError) {
+  const std::string seen = seen_ / "seen";
+  const std::string input = folder_ / "many.ply";
+  const std::string whole = read_text(input);
+  for (const Command& command : commands()) {
+    if (!contains(command.words, "many.ply")) continue;
+    const std::string output = command.output.empty() ? "" : " -o " + command.output;
+    const std::string path = folder_ / command.output;
+    ASSERT_EQ(run_here(command.words + output).exit_code, 0) << command.words;
+    const std::string right = command.output.empty() ? "" : read_text(path);
+    int refused = 0;
+    for (int number = 1;; ++number) {
+      ASSERT_LT(number, 100);
+      write_text(input, whole);
+      const RunResult result = run_here(command.words + output, fault({"pread", -1}, number, seen));
+      if (!fs::remove(seen)) break;
+      const std::string what = command.words + ": " + result.errors;
+      if (result.exit_code == 0) {
+        // What was cut off had been read already.
+        EXPECT_TRUE(command.output.empty() || read_text(path) == right) << what;
+        continue;
+      }
+      ++refused;
+      EXPECT_EQ(result.exit_code, 1) << what;
+      EXPECT_TRUE(contains(result.errors, "many.ply: ")) << what;
+    }
+    write_text(input, whole);
+    EXPECT_GT(refused, 0) << command.words;
+  }
+}
+
+TEST_F(Faults, WhereNoThreadCanBeStartedToolsWorkOrSaySo) {
+  const std::string seen = seen_ / "seen";
+  for (const Command& command : commands()) {
+    const std::string words =
+        command.words + " --threads 8" + (command.output.empty() ? "" : " -o " + command.output);
+    const std::string path = folder_ / command.output;
+    ASSERT_EQ(run_here(words).exit_code, 0) << words;
+    const std::string right = command.output.empty() ? "" : read_text(path);
+    const bool plugin =
+        contains(words, "--mesh") || contains(words, ".exr") || contains(words, "surfel-chart");
+    // From the first thread on; else in the middle of those that a loop wants at once.
+    for (const int number : plugin ? std::vector{1} : std::vector{1, 5}) {
+      const RunResult result = run_here(words, fault({"pthread_create", EAGAIN}, number, seen));
+      const std::string what = words + ": " + result.errors;
+      if (result.exit_code == 0) {
+        EXPECT_TRUE(command.output.empty() || read_text(path) == right) << what;
+        continue;
+      }
+      // Libraries that would end the process are not loaded.
+      EXPECT_EQ(result.exit_code, 1) << what;
+      EXPECT_TRUE(contains(result.errors, "needs threads, and none can be started")) << what;
+      EXPECT_TRUE(plugin) << what;
+    }
+  }
+  EXPECT_TRUE(fs::exists(seen));
+}
+
+TEST_F(Faults, LimitsOfMemoryAreToldByEveryTool) {
+  for (const Command& command : commands()) {
+    const std::string words =
+        command.words + (command.output.empty() ? "" : " -o " + command.output);
+    const std::string path = folder_ / command.output;
+    ASSERT_EQ(run_here(words).exit_code, 0) << words;
+    const std::string right = command.output.empty() ? "" : read_text(path);
+    bool enough = false;
+    // KB of address space: from what the libraries alone take on.
+    for (const int kilobytes : {24000, 48000, 96000, 320000, 1280000}) {
+      if (!command.output.empty()) write_text(path, "old");
+      const auto before = entries(folder_ / "");
+      const RunResult result =
+          run({"sh", "-c",
+               "cd '" + (folder_ / "") + "' && ulimit -v " + std::to_string(kilobytes) +
+                   " && exec " + (fs::path(SURFEL_TOOL_DIR) / words).string() + " --threads 8"});
+      const std::string what = words + " in " + std::to_string(kilobytes) + " kB: " + result.errors;
+      // The loader of programs ends with 127 where there is no room for the libraries.
+      if (result.exit_code == 127) continue;
+      EXPECT_EQ(entries(folder_ / ""), before) << what;
+      enough = result.exit_code == 0;
+      if (enough) {
+        EXPECT_TRUE(command.output.empty() || read_text(path) == right) << what;
+        continue;
+      }
+      EXPECT_EQ(result.exit_code, 1) << what << " signal " << result.signal;
+      EXPECT_TRUE(contains(result.errors, "memory")) << what;
+      EXPECT_TRUE(command.output.empty() || read_text(path) == "old") << what;
+    }
+    EXPECT_TRUE(enough) << words;
+  }
+}
+
+TEST_F(Faults, SignalsAtAnyTimeLeaveTheOlderOutputOrTheNewOne) {
+  const std::string words = "surfel-generate terrain --count 60000 --quiet -o out.ply";
+  const std::string path = folder_ / "out.ply";
+  const auto start = std::chrono::steady_clock::now();
+  ASSERT_EQ(run_here(words).exit_code, 0);
+  const auto whole_run = std::chrono::steady_clock::now() - start;
+  const std::string right = read_text(path);
+  for (const int signal : {SIGKILL, SIGTERM, SIGINT}) {
+    for (int tenth = 0; tenth < 10; ++tenth) {
+      write_text(path, "old");
+      const auto before = entries(folder_ / "");
+      const RunResult result =
+          run_here(words, "", {.input = {}, .meanwhile = [&](pid_t process) {
+                                 std::this_thread::sleep_for(whole_run * tenth / 10);
+                                 kill(process, signal);
+                               }});
+      const std::string what =
+          std::to_string(signal) + " after " + std::to_string(tenth) + " tenths: " + result.errors;
+      if (result.exit_code == 0) {
+        EXPECT_EQ(read_text(path), right) << what;
+      } else if (result.exit_code == 1) {
+        EXPECT_NE(signal, SIGKILL);
+        EXPECT_TRUE(contains(result.errors, "surfel-generate: error: interrupted")) << what;
+      } else {
+        // SIGKILL, or a signal that came before the tool could ask for it.
+        EXPECT_EQ(result.signal, signal) << what;
+      }
+      // A file that is written is on the disk before it has its name; it may have it already.
+      if (result.exit_code != 0) {
+        EXPECT_TRUE(read_text(path) == "old" || read_text(path) == right) << what;
+      }
+      // The next run that writes to the folder removes what a killed one has left.
+      if (signal == SIGKILL) {
+        ASSERT_EQ(run_here("surfel-convert cloud.ply -o next.ply").exit_code, 0);
+        fs::remove(folder_ / "next.ply");
+      }
+      EXPECT_EQ(entries(folder_ / ""), before) << what;
+    }
+  }
+}
+
+TEST_F(Faults, OfTwoWritersOfOneFileOneWins) {
+  const std::string path = folder_ / "out.ply";
+  const std::vector<std::string> words = {"surfel-convert many.ply --scale 2 -o out.ply",
+                                          "surfel-convert many.ply --scale 3 -o out.ply"};
+  std::vector<std::string> right;
+  for (const std::string& command : words) {
+    ASSERT_EQ(run_here(command).exit_code, 0);
+    right.push_back(read_text(path));
+  }
+  ASSERT_NE(right[0], right[1]);
+  const auto before = entries(folder_ / "");
+  for (int repeat = 0; repeat < 10; ++repeat) {
+    RunResult second;
+    std::thread other([&] { second = run_here(words[1]); });
+    const RunResult first = run_here(words[0]);
+    other.join();
+    EXPECT_EQ(first.exit_code, 0) << first.errors;
+    EXPECT_EQ(second.exit_code, 0) << second.errors;
+    const std::string left = read_text(path);
+    EXPECT_TRUE(left == right[0] || left == right[1]);
+    EXPECT_EQ(entries(folder_ / ""), before);
   }
 }
 

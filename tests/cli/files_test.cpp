@@ -172,6 +172,10 @@ TEST_F(Files, ClosedStandardStreamsAreNeverFiles) {
   fails("surfel-convert cloud.ply -o - >&-", closed);
   fails("surfel-convert cloud.ply -o - <&- >&-", closed);
   fails("surfel-convert cloud.ply -o - 1< /dev/null", closed);
+  // Other names of it.
+  fails("surfel-convert cloud.ply -o /dev/stdout >&-", closed);
+  fails("surfel-convert cloud.ply -o /dev/fd/1 >&-", closed);
+  fails("surfel-convert cloud.ply -o /proc/self/fd/1 <&- >&- 2>&-", "");
   fails("surfel-render cloud.ply --size 4x4 -o - >&-", closed);
   fails("surfel-info cloud.ply >&-", closed);
   fails("surfel-info --help >&-", closed);

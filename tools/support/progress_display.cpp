@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <system_error>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -75,8 +76,13 @@ void ProgressDisplay::start(ProgressStyle style) {
   style_ = style;
   if (style == ProgressStyle::kNone) return;
   since_start_.restart();
+  try {
+    thread_ = std::thread([this] { run(); });
+  } catch (const std::system_error&) {
+    style_ = ProgressStyle::kNone;  // The work goes on where no thread can be started to show it.
+    return;
+  }
   set_progress_observer(this);
-  thread_ = std::thread([this] { run(); });
 }
 
 void ProgressDisplay::stop() noexcept {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <new>
 #include <optional>
+#include <system_error>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -75,7 +76,8 @@ std::string one_line(std::string text) {
 }
 
 constexpr const char* kOutOfMemory =
-    "out of memory; use fewer surfels, a smaller picture or a larger machine";
+    "out of memory; use fewer surfels, a smaller picture, fewer --threads or a larger machine, or "
+    "raise the limit (ulimit -v)";
 
 /// How a run ended.
 struct Outcome {
@@ -99,7 +101,7 @@ struct Tool::Impl {
   RunFiles files{app};
   CommonOptions common;
   bool print_config = false;
-  std::int64_t most_pixels = static_cast<std::int64_t>(most_image_pixels());
+  std::uint64_t most_pixels = most_image_pixels();
   nlohmann::json report = nlohmann::json::object();
   Timer total;
 
@@ -296,6 +298,13 @@ Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
     return {kFailed, of_inputs(kOutOfMemory)};
   } catch (const std::length_error&) {
     return {kFailed, of_inputs(kOutOfMemory)};
+  } catch (const std::system_error& error) {
+    const bool refused = error.code() == std::errc::resource_unavailable_try_again;
+    const char* advice =
+        refused ? "no thread can be started: use fewer --threads or raise the limits (ulimit -u, "
+                  "-v)"
+                : "surfel-info tells whether a file is sound";
+    return {kFailed, of_inputs(fmt::format("{}; {}", error.what(), advice))};
   } catch (const std::exception& error) {
     return {kFailed,
             of_inputs(fmt::format("{}; surfel-info tells whether a file is sound", error.what()))};
@@ -363,8 +372,9 @@ void Tool::reads_images() {
       .add_option(
           "--max-pixels", impl_->most_pixels,
           "Pixels that an image may have to be read, >= 1: what a header claims takes memory")
-      ->check(CLI::Range(std::int64_t{1}, std::numeric_limits<std::int64_t>::max()).description(""))
-      ->type_name("INT")
+      ->check(
+          CLI::Range(std::uint64_t{1}, std::numeric_limits<std::uint64_t>::max()).description(""))
+      ->type_name("UINT")
       ->group("Common options");
 }
 
@@ -448,7 +458,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
     outcome = impl_->attempt([&] {
       impl_->files.check();
       set_thread_count(impl_->common.threads);
-      set_most_image_pixels(static_cast<std::uint64_t>(impl_->most_pixels));
+      set_most_image_pixels(impl_->most_pixels);
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {
         stats.emplace(impl_->common.stats, impl_->common.no_clobber);

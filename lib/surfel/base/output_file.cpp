@@ -192,7 +192,7 @@ bool synchronize(int descriptor) {
 OutputFile::OutputFile(std::string target, bool no_clobber)
     : target_(std::move(target)), no_clobber_(no_clobber) {
   if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
-  if (target_ == "-") require_standard_output();
+  if (is_standard_output(target_)) require_standard_output();
   mode_t mode = 0666;
   struct stat status {};
   const bool exists = target_ != "-" && stat(target_.c_str(), &status) == 0;

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <atomic>
+#include <cstdint>
 #include <exception>
 #include <limits>
 #include <memory>
@@ -9,7 +10,9 @@
 #include <vector>
 
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/thread_limits.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
@@ -71,41 +74,80 @@ struct Loop {
 };
 
 #ifdef SURFEL_TSAN
-
 /// oneTBB's library is not instrumented, and the thread sanitizer would report its own accesses;
 /// with plain threads it sees what matters, the bodies of the loops.
-void run_workers(Loop& loop, int workers) {
+constexpr bool kOnlyPlainThreads = true;
+#else
+constexpr bool kOnlyPlainThreads = false;
+#endif
+
+/// Runs the loop on threads of its own, as many of them as the system starts.
+void run_on_plain_threads(Loop& loop, int workers) {
   std::vector<std::thread> threads;
-  for (int worker = 1; worker < workers; ++worker) {
-    threads.emplace_back([&loop, worker] { loop.run_worker(worker); });
+  try {
+    threads.reserve(static_cast<std::size_t>(workers));
+    for (int worker = 1; worker < workers; ++worker) {
+      threads.emplace_back([&loop, worker] { loop.run_worker(worker); });
+    }
+  } catch (const std::exception&) {
+    // No memory for a thread, or too many of them: those that run do the work.
   }
   loop.run_worker(0);
   for (std::thread& thread : threads) thread.join();
 }
 
-#else
+/// Who runs loops. oneTBB ends the process where one of its threads fails to start, which it does
+/// when a loop first needs them: where the address space is limited (ulimit -v), or so many threads
+/// cannot be started, loops have plain threads, and fewer of them where memory is short.
+struct Crew {
+  int threads = 0;  ///< That were asked for.
+  int most = 1;     ///< Workers of a loop.
+  /// Kept from loop to loop: a turntable runs thousands of short ones. Null: plain threads.
+  std::shared_ptr<tbb::task_arena> arena;
+};
 
-/// The arena is kept from loop to loop: a turntable runs thousands of short ones. It is made anew
-/// when the number of threads changes; a loop that still runs in the old one keeps it alive.
-std::shared_ptr<tbb::task_arena> arena(int threads) {
+Crew make_crew(int threads) {
+  if (address_space_is_limited()) {
+    // Address space of a thread: the stack, and what malloc() sets aside for it, in bytes.
+    constexpr std::uint64_t kThreadSpace = std::uint64_t{256} << 20;
+    const std::uint64_t more = available_memory_bytes() / kThreadSpace;
+    return {threads, 1 + static_cast<int>(std::min<std::uint64_t>(more, kMostThreads)), nullptr};
+  }
+  static int proven = 1;  // So many threads have been there at once.
+  if (kOnlyPlainThreads || (threads > proven && !can_start_threads(threads - 1))) {
+    return {threads, threads, nullptr};
+  }
+  proven = std::max(proven, threads);
+  return {threads, threads, std::make_shared<tbb::task_arena>(threads)};
+}
+
+/// The crew is made anew when the number of threads changes; a loop that still runs in the old one
+/// keeps it alive.
+Crew crew(int threads) {
   static std::mutex mutex;
-  static std::shared_ptr<tbb::task_arena> current;
+  static Crew current;
   static std::unique_ptr<tbb::global_control> limit;
-  static int current_threads = 0;
   const std::lock_guard lock(mutex);
-  if (current_threads != threads) {
+  if (current.threads != threads) {
+    current = make_crew(threads);
     // oneTBB caps its workers at the cores; set_thread_count() may ask for more.
-    limit =
-        std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
-                                              static_cast<std::size_t>(std::max(threads, cores())));
-    current = std::make_shared<tbb::task_arena>(threads);
-    current_threads = threads;
+    if (current.arena) {
+      limit = std::make_unique<tbb::global_control>(
+          tbb::global_control::max_allowed_parallelism,
+          static_cast<std::size_t>(std::max(threads, cores())));
+    }
   }
   return current;
 }
 
 void run_workers(Loop& loop, int workers) {
-  arena(thread_count())->execute([&] {
+  const Crew with = crew(thread_count());
+  workers = std::min(workers, with.most);
+  if (!with.arena) {
+    run_on_plain_threads(loop, workers);
+    return;
+  }
+  with.arena->execute([&] {
     tbb::task_group group;
     for (int worker = 1; worker < workers; ++worker) {
       group.run([&loop, worker] { loop.run_worker(worker); });
@@ -114,8 +156,6 @@ void run_workers(Loop& loop, int workers) {
     group.wait();
   });
 }
-
-#endif
 
 }  // namespace
 

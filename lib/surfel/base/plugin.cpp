@@ -1,10 +1,12 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <thread>
 
 #include <dlfcn.h>
 #include <surfel/base/error.h>
 #include <surfel/base/plugin.h>
+#include <surfel/base/thread_limits.h>
 #include <unistd.h>
 
 namespace surfel {
@@ -34,8 +36,19 @@ void* open_plugin(const std::string& path) {
   if (access(path.c_str(), F_OK) != 0) {
     throw_io(path, "is missing; build or install Surfelkit with this plug-in (SURFEL_PLUGINS)");
   }
+  // OpenImageIO, OpenBLAS and others end the process where a thread of theirs fails to start.
+  if (!can_start_threads(static_cast<int>(std::thread::hardware_concurrency()))) {
+    throw_io(path,
+             "needs threads, and none can be started; raise the limits of threads and memory");
+  }
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (!handle) throw_io(path, std::string("cannot be loaded: ") + dlerror());
+  if (!handle) {
+    const std::string cause = dlerror();
+    const bool memory = cause.find("failed to map segment") != std::string::npos ||
+                        cause.find("annot allocate memory") != std::string::npos;
+    throw_io(path, "cannot be loaded: " + cause +
+                       (memory ? "; raise the limit of memory or use a larger machine" : ""));
+  }
   const auto abi = reinterpret_cast<int (*)()>(dlsym(handle, kPluginAbiSymbol));
   const int found = abi ? abi() : 0;
   if (found != kPluginAbi) {

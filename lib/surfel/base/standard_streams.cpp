@@ -1,3 +1,5 @@
+#include <filesystem>
+
 #include <fcntl.h>
 #include <surfel/base/error.h>
 #include <surfel/base/standard_streams.h>
@@ -29,6 +31,21 @@ void require_standard_input() {
   if (!allows(STDIN_FILENO, O_WRONLY)) {
     throw_io("", "standard input is closed; name a file or open it for reading");
   }
+}
+
+bool is_standard_output(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::path own = fs::canonical("/proc/self/fd", error);
+  fs::path name = path;
+  constexpr int kMostLinks = 40;  // The kernel follows as many.
+  for (int i = 0; !error && i < kMostLinks && name != "-"; ++i) {
+    // A descriptor is a link, too, to what it was opened as.
+    if (name.filename() == "1" && fs::canonical(name.parent_path(), error) == own) return true;
+    if (!fs::is_symlink(name, error)) break;
+    name = name.parent_path() / fs::read_symlink(name, error);
+  }
+  return name == "-";
 }
 
 void require_standard_output() {

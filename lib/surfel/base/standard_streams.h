@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string>
+
 #include <surfel/base/export.h>
 
 namespace surfel {
@@ -13,7 +15,10 @@ SURFEL_API void hold_standard_descriptors() noexcept;
 /// Throws Error(kIo) if standard input cannot be read, because it is closed or open for writing
 /// only.
 SURFEL_API void require_standard_input();
-/// The same for standard output.
+/// Whether a file's name stands for standard output: "-", or a link to this process's descriptor
+/// 1, as /dev/stdout is.
+SURFEL_API bool is_standard_output(const std::string& path);
+/// As require_standard_input(), for standard output.
 SURFEL_API void require_standard_output();
 
 }  // namespace surfel

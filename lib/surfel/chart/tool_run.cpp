@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -7,6 +8,7 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/chart/process.h>
 #include <surfel/chart/tool_run.h>
+#include <surfel/io/image_io.h>
 
 namespace surfel {
 namespace {
@@ -48,6 +50,10 @@ ToolRun from_report(const Json& report) {
   return run;
 }
 
+bool reads_images(const std::string& tool) {
+  return tool == "surfel-from-mesh" || tool == "surfel-texture" || tool == "surfel-render";
+}
+
 /// "surfel-x: error: what is wrong" without the tool; other lines are left out.
 std::string error_message(const std::string& errors) {
   std::istringstream lines(errors);
@@ -77,6 +83,10 @@ ToolRun ToolRunner::run(const std::vector<std::string>& words, const std::string
   std::vector<std::string> command = words;
   command[0] = tools_ + "/" + words[0];
   command.insert(command.end(), {"--stats", "stats.json", "--quiet"});
+  const std::string limit = "--max-pixels";
+  if (reads_images(words[0]) && std::count(words.begin(), words.end(), limit) == 0) {
+    command.insert(command.end(), {limit, std::to_string(most_image_pixels())});
+  }
   const ProcessResult process = run_process(command, folder_);
   ToolRun result;
   if (process.exit_code == 0) {

@@ -2,6 +2,7 @@
 #include <deque>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -77,7 +78,12 @@ void ImageQueue::Impl::run() {
 
 ImageQueue::ImageQueue(std::size_t waiting) : impl_(std::make_unique<Impl>()) {
   impl_->waiting = thread_count() > 1 ? waiting : 0;
-  if (impl_->waiting > 0) impl_->thread = std::thread([this] { impl_->run(); });
+  if (impl_->waiting == 0) return;
+  try {
+    impl_->thread = std::thread([this] { impl_->run(); });
+  } catch (const std::system_error&) {
+    impl_->waiting = 0;  // Where no thread can be started, write() does the work.
+  }
 }
 
 ImageQueue::~ImageQueue() {

@@ -17,6 +17,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/thread_limits.h>
 #include <surfel/truth/mesh_tracer_plugin.h>
 #include <sys/types.h>
 
@@ -84,13 +85,14 @@ struct MemoryLimit {
 };
 
 /// Embree's limit on threads holds for the whole process for as long as it has a device: it is set
-/// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet.
+/// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet, and where
+/// oneTBB might fail to start a thread, which would end the process.
 std::string device_configuration() {
 #ifdef __SANITIZE_THREAD__
   // The thread sanitizer does not see how Embree's workers synchronise: see base/parallel.cpp.
   return "threads=1";
 #else
-  const int threads = thread_count();
+  const int threads = address_space_is_limited() ? 1 : thread_count();
   const bool all = threads >= static_cast<int>(std::thread::hardware_concurrency());
   return all ? "" : fmt::format("threads={}", threads);
 #endif
