@@ -11,64 +11,20 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <string>
 #include <vector>
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <support/adversarial_clouds.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
+#include <support/measured_run.h>
 #include <unistd.h>
 
 namespace {
 
-constexpr int kMostSeconds = 20;                ///< Processor's time of a run.
-constexpr rlim_t kMostBytes = rlim_t{6} << 30;  ///< Address space of a run.
-constexpr double kMostTime = 5;                 ///< Times that of the benign case.
-constexpr double kMostRefusal = 1;              ///< Seconds until the input is refused.
-constexpr double kMostMemory = 2;               ///< Times that of the benign case, or ...
-constexpr double kMostMegabytes = 100;          ///< ... this.
-
-struct Run {
-  int exit_code = -1;  ///< -1 where a signal ended the process.
-  double seconds = 0;  ///< Processor's time.
-  double megabytes = 0;
-  std::string message;
-};
-
-/// What a run costs: its processor's time, as other processes of the machine do not count then.
-Run run(const std::vector<std::string>& command, const std::string& folder) {
-  const std::string errors = folder + "/errors";
-  const pid_t process = fork();
-  if (process == 0) {
-    const rlimit seconds{kMostSeconds, kMostSeconds};
-    const rlimit bytes{kMostBytes, kMostBytes};
-    setrlimit(RLIMIT_CPU, &seconds);
-    setrlimit(RLIMIT_AS, &bytes);
-    const int file = open(errors.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    dup2(file, 2);
-    dup2(open("/dev/null", O_WRONLY), 1);
-    std::vector<char*> words;
-    for (const std::string& word : command) words.push_back(const_cast<char*>(word.c_str()));
-    words.push_back(nullptr);
-    execv(words[0], words.data());
-    _exit(127);
-  }
-  int status = 0;
-  rusage usage{};
-  wait4(process, &status, 0, &usage);
-  Run result;
-  if (WIFEXITED(status)) result.exit_code = WEXITSTATUS(status);
-  const auto seconds = [](const timeval& t) {
-    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-  };
-  result.seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);
-  result.megabytes = static_cast<double>(usage.ru_maxrss) / 1024;
-  std::getline(std::ifstream(errors), result.message);
-  return result;
-}
+constexpr double kMostTime = 5;         ///< Times that of the benign case.
+constexpr double kMostRefusal = 1;      ///< Seconds until the input is refused.
+constexpr double kMostMemory = 2;       ///< Times that of the benign case, or ...
+constexpr double kMostMegabytes = 100;  ///< ... this.
 
 struct Command {
   std::string name;  ///< What is typed, without the files.
@@ -114,15 +70,9 @@ std::vector<Command> commands() {
 }
 
 /// The words of a command line on a file.
-std::vector<std::string> words_of(const Command& command, const std::string& tools,
-                                  const std::string& input, const std::string& output) {
-  std::vector<std::string> words;
-  std::string rest = command.name + " ";
-  while (!rest.empty()) {
-    const std::size_t end = rest.find(' ');
-    words.push_back(rest.substr(0, end));
-    rest.erase(0, end + 1);
-  }
+std::vector<std::string> command_line(const Command& command, const std::string& tools,
+                                      const std::string& input, const std::string& output) {
+  std::vector<std::string> words = surfel::test::words_of(command.name);
   words[0] = tools + "/" + words[0];
   words.insert(words.begin() + 1, input);
   words.insert(words.end(), {"--threads", "1", "--quiet"});
@@ -150,7 +100,7 @@ int main(int argc, char** argv) {
   for (const Command& command : commands()) {
     if (command.name.rfind(only_command, 0) != 0) continue;
     const bool mesh = command.input == Command::Input::kMesh;
-    Run benign;
+    MeasuredRun benign;
     double longest = 0, most = 0;
     std::string longest_case, most_case, refused;
     for (const AdversarialCase& at : mesh ? adversarial_meshes() : adversarial_clouds()) {
@@ -160,7 +110,7 @@ int main(int argc, char** argv) {
       std::ofstream(input, std::ios::binary)
           << (mesh ? adversarial_mesh(at.name, count)
                    : adversarial_cloud(at.name, count, command.input == Command::Input::kGrouped));
-      const Run run = ::run(words_of(command, tools, input, output), folder);
+      const MeasuredRun run = measured_run(command_line(command, tools, input, output), folder);
       std::filesystem::remove(input);
       std::filesystem::remove(output);
       if (at.name == "benign") benign = run;
