@@ -97,8 +97,8 @@ Input make_input(bool mesh, Dice& dice) {
   const std::size_t which = kind < 0.4 ? 0 : dice.below(cases.size());
   const std::size_t count = 100 + dice.below(4000);
   Input input{cases[which].name, "", which == 0};
-  input.bytes = mesh ? adversarial_mesh(input.name, count)
-                     : adversarial_cloud(input.name, count, true);
+  input.bytes =
+      mesh ? adversarial_mesh(input.name, count) : adversarial_cloud(input.name, count, true);
   if (kind < 0.75) return input;
   input.sound = false;
   input.name += ", damaged";
