@@ -35,10 +35,10 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   app.add_option("surfels", s.inputs,
-                 "Surfels or points (PLY, PCD, text), one file or several (- = standard input)")
+                 "Surfels or points (PLY, PCD, LAS, LAZ, text), one file or several (- = standard input)")
       ->default_str("")
       ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD; - = standard output)")
+  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
       ->required();
   app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
 
@@ -114,8 +114,9 @@ void check(const CLI::App& app, Settings& s) {
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only; name files for the others");
   }
-  if (s.ascii && surfel::tool::lower_extension(s.output) == ".pcd") {
-    problems.emplace_back("--ascii has no effect on PCD; leave it out");
+  const std::string extension = surfel::tool::lower_extension(s.output);
+  if (s.ascii && (extension == ".pcd" || extension == ".las" || extension == ".laz")) {
+    problems.emplace_back("--ascii has no effect on PCD, LAS and LAZ; leave it out");
   }
   surfel::tool::require_valid(problems);
 }

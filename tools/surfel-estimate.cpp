@@ -30,7 +30,7 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
   using tool::add_choice;
-  app.add_option("cloud", s.input, "Points (PLY, PCD, XYZ, PTS, TXT; - = standard input)")
+  app.add_option("cloud", s.input, "Points (PLY, PCD, LAS, LAZ, XYZ, PTS, TXT; - = standard input)")
       ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
 

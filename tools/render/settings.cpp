@@ -328,7 +328,7 @@ void declare_options(CLI::App& app, Settings& s) {
   using namespace tool;
   app.add_option(
       "files", s.inputs,
-      "Surfels (PLY, PCD; - = standard input), meshes, which are sampled at half a pixel "
+      "Surfels (PLY, PCD, LAS, LAZ; - = standard input), meshes, which are sampled at half a pixel "
       "and textured, and raw points, which are estimated; several files are joined. With "
       "--mesh surfels only frame the picture, and may be left out");
   app.add_option("-o,--output", s.output,

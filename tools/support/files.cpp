@@ -26,7 +26,7 @@ struct Formats {
 Formats formats_of(Writes what) {
   switch (what) {
     case Writes::kSurfels:
-      return {"surfels", {".ply", ".pcd", ""}};
+      return {"surfels", {".ply", ".pcd", ".las", ".laz", ""}};
     case Writes::kLevels:
       return {"surfels with levels of detail", {".ply", ""}};
     case Writes::kMesh:

@@ -9,7 +9,7 @@ namespace surfel::tool {
 
 /// What a tool writes to a file; it decides on the extensions that the file's name may have.
 enum class Writes {
-  kSurfels,  ///< .ply, .pcd; a name without extension is PLY.
+  kSurfels,  ///< .ply, .pcd, .las, .laz; a name without extension is PLY.
   kLevels,   ///< Surfels with levels of detail: .ply; a name without extension is PLY.
   kMesh,     ///< .obj, .ply.
   kPicture,  ///< What write_image() writes.

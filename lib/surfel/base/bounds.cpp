@@ -36,6 +36,15 @@ Vec3d float_origin(const Bounds& box) {
   return origin;
 }
 
+Vec3d central_origin(const Bounds& box) {
+  const double extent = (box.max - box.min).maxCoeff();
+  const Vec3d center = box.center();
+  if (!center.allFinite()) return Vec3d::Zero();
+  if (!(extent > 0)) return center;
+  const double step = std::exp2(std::floor(std::log2(extent)) - 4);
+  return (center / step).array().round() * step;
+}
+
 void require_float_extent(const Bounds& box, const std::string& name) {
   if (box.empty()) return;
   const double extent = (box.max - box.min).maxCoeff();

@@ -29,6 +29,9 @@ struct Bounds {
 /// precise as can be: (0, 0, 0) unless the box lies far from it for its size. Where coordinates are
 /// floats themselves the offsets are exact.
 SURFEL_API Vec3d float_origin(const Bounds& box);
+/// An origin in the middle of the box wherever that lies, so that float offsets from it are half as
+/// long as the box at most: for coordinates that are multiples of a step and must stay so.
+SURFEL_API Vec3d central_origin(const Bounds& box);
 
 /// Lengths that single precision can work with, whose squares and areas are neither denormal nor
 /// infinite, scene units.

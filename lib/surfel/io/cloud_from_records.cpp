@@ -16,6 +16,14 @@ using enum SurfelAttribute;
 /// Records that one thread takes at a time.
 constexpr std::size_t kReadBlock = 16 * SurfelDecoder::kPiece;
 
+/// Is a header's box as good as the points' own to place an origin by?
+bool about_the_same(const Bounds& said, const Bounds& box) {
+  if (box.empty()) return false;
+  const double tolerance = 0.01 * box.diagonal();
+  return ((said.min - box.min).array().abs() <= tolerance).all() &&
+         ((said.max - box.max).array().abs() <= tolerance).all();
+}
+
 class Reader {
  public:
   Reader(const RecordTable& table, const std::string& file)
@@ -35,6 +43,9 @@ class Reader {
   template <int kSize>
   void add_vector(SurfelAttribute attribute, Array<Eigen::Matrix<float, kSize, 1>>& to);
   void add_columns();
+  Vec3d origin_for(const Bounds& box) const {
+    return table_.stepped ? central_origin(box) : float_origin(box);
+  }
   void run();
 
   const RecordTable& table_;
@@ -108,15 +119,15 @@ void Reader::add_columns() {
   }
 }
 
-/// Fills the columns, then the positions again if they lie so far away that the origin must move.
+/// Fills the columns, then the positions again if they lie so far from the origin that was assumed
+/// that it must move.
 void Reader::run() {
-  std::vector<Bounds> boxes(table_.count / kReadBlock + 1);
+  std::vector<Bounds> boxes(table_.pieces(kReadBlock));
   const auto pass = [&](std::span<const Column> columns) {
     ProgressStage stage("reading " + file_, table_.count, "points");
-    parallel_for(table_.count, kReadBlock, [&](std::size_t begin, std::size_t end, int) {
-      static thread_local Array<std::byte> scratch;
-      const std::byte* records = table_.read(begin, end, scratch);
-      Bounds& box = boxes[begin / kReadBlock];
+    table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
+                                      const std::byte* records) {
+      Bounds& box = boxes[piece];
       for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
         const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
         decoder_.measure(records, count, box);
@@ -126,6 +137,7 @@ void Reader::run() {
       stage.add(end - begin);
     });
   };
+  if (table_.said_bounds) decoder_.set_origin(origin_for(*table_.said_bounds));
   pass(columns_);
   Bounds all;
   for (const Bounds& box : boxes) {
@@ -133,8 +145,10 @@ void Reader::run() {
     all.max = all.max.cwiseMax(box.max);
   }
   require_float_extent(all, file_);
-  decoder_.set_origin(float_origin(all));
-  if (decoder_.origin() != Vec3d::Zero()) pass(std::span(columns_).first(1));
+  if (table_.said_bounds && about_the_same(*table_.said_bounds, all)) return;
+  const Vec3d assumed = decoder_.origin();
+  decoder_.set_origin(origin_for(all));
+  if (decoder_.origin() != assumed) pass(std::span(columns_).first(1));
 }
 
 SurfelCloud Reader::read(bool double_positions) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
@@ -15,6 +16,9 @@
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
+#include <surfel/io/las.h>
+#include <surfel/io/las_header.h>
+#include <surfel/io/las_writer.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/range_grid.h>
@@ -32,6 +36,7 @@ constexpr std::string_view kProvenanceComment = "surfel_provenance ";
 constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
 constexpr std::string_view kUpComment = "surfel_up ";
 constexpr std::string_view kColorComment = "surfel_color ";
+constexpr std::string_view kLasComment = "surfel_las ";
 constexpr std::array<std::pair<std::string_view, ColorLight>, 3> kColorLights{
     {{"recorded", ColorLight::kRecorded},
      {"reflectance", ColorLight::kReflectance},
@@ -77,6 +82,46 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool pcd) {
   }
   for (const std::string& line : cloud.comments) lines.push_back(one_line(line));
   return lines;
+}
+
+/// How a LAS file stored the points, for a later LAS file.
+std::string las_comment(const LasStorage& las) {
+  return fmt::format("{}{} {} {} {}", kLasComment, fmt::join(las.scale, " "),
+                     fmt::join(las.offset, " "), las.point_format, las.global_encoding);
+}
+
+LasStorage parse_las_comment(std::string_view text, const std::string& file) {
+  double numbers[8];
+  const bool all = parse_numbers(text.substr(kLasComment.size()), numbers);
+  const Vec3d scale(numbers);
+  const Vec3d offset(numbers + 3);
+  if (!all || !scale.allFinite() || (scale.array() == 0).any() || !offset.allFinite() ||
+      !representable<std::uint8_t>(numbers[6]) || numbers[6] > 10 ||
+      !representable<std::uint16_t>(numbers[7])) {
+    throw_input(file, "the header comment " + quoted_excerpt(text) +
+                          " has not a scale, an offset, a point format and an encoding");
+  }
+  return {.scale = scale,
+          .offset = offset,
+          .point_format = static_cast<int>(numbers[6]),
+          .global_encoding = static_cast<std::uint16_t>(numbers[7]),
+          .records = {}};
+}
+
+/// Reads LAS or LAZ; comments that this program wrote are in a block of their own.
+SurfelCloud read_las_cloud(const InputFile& input) {
+  SurfelCloud cloud = read_las(input);
+  std::vector<LasRecord>& blocks = cloud.las->records;
+  for (std::size_t k = 0; k < blocks.size(); ++k) {
+    if (blocks[k].user != kCommentUser || blocks[k].id != kCommentId) continue;
+    TextScanner in({}, blocks[k].bytes);
+    std::vector<std::string> lines;
+    for (; !in.at_end(); in.next_line()) lines.emplace_back(in.rest_of_line());
+    read_comments(lines, input.name(), cloud);
+    blocks.erase(blocks.begin() + static_cast<std::ptrdiff_t>(k));
+    break;
+  }
+  return cloud;
 }
 
 SurfelCloud read_pcd(InputFile input) {
@@ -199,6 +244,8 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
         throw_input(file, "the header comment " + quoted_excerpt(text) + " has no direction");
       }
       cloud.up = Vec3d(up).normalized();
+    } else if (text.starts_with(kLasComment)) {
+      cloud.las = parse_las_comment(text, file);
     } else if (text.starts_with(kColorComment)) {
       const std::string_view said = text.substr(kColorComment.size());
       const auto* const known =
@@ -229,6 +276,9 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
   }
   // The finest level is the last.
   records.skip(coarser);
+  records.stepped = std::any_of(
+      ply.header().comments.begin(), ply.header().comments.end(),
+      [](const std::string& comment) { return comment.starts_with(kLasComment); });
   SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
   if (levels && options.levels) {
     cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
@@ -255,15 +305,17 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
     PlyFile ply(std::move(input));
     return read_cloud(ply, options);
   }
+  if (LasHeader::matches(input.head(4))) return read_las_cloud(input);
   if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
   if (lower_extension(name) == ".ply")
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
   if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
+  if (is_las_name(name)) throw_input(name, "is not a LAS file: it does not start with 'LASF'");
   if (is_xyz_name(name)) return read_xyz(input);
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   throw_input(name,
-              "format not supported; surfels and points are read from PLY, PCD and text "
+              "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ and text "
               "(XYZ, PTS)" +
                   converter_advice(name));
 }
@@ -286,7 +338,11 @@ struct CloudWriter::Impl {
         count(n),
         options(o),
         pcd(lower_extension(path) == ".pcd"),
-        file(path, o.no_clobber) {}
+        file(path, o.no_clobber) {
+    if (is_las_name(path)) {
+      throw_usage(fmt::format("{}: LAS files are written whole, not in pieces; give a .ply", path));
+    }
+  }
 };
 
 CloudWriter::CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options)
@@ -308,7 +364,8 @@ void CloudWriter::append(const SurfelCloud& piece) {
   const CloudRecords records(piece, {.pcl_names = w.pcd, .for_text = ascii});
   if (w.columns.empty()) {
     w.columns = records.columns();
-    const std::vector<std::string> comments = write_comments(piece, w.pcd);
+    std::vector<std::string> comments = write_comments(piece, w.pcd);
+    if (piece.las) comments.push_back(las_comment(*piece.las));
     w.file.write(w.pcd ? pcd_header(w.columns, w.count, piece.viewpoint, comments)
                        : ply_header(w.columns, w.count, piece.tree, ascii, comments));
   }
@@ -338,6 +395,13 @@ void CloudWriter::commit() {
 void write_cloud(const SurfelCloud& cloud, const std::string& path,
                  const CloudWriteOptions& options) {
   cloud.check_columns(path);
+  if (is_las_name(path)) {
+    if (!cloud.tree.empty()) {
+      throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", path));
+    }
+    write_las(cloud, path, options.no_clobber, write_comments(cloud, false));
+    return;
+  }
   CloudWriter writer(path, cloud.size(), options);
   writer.append(cloud);
   writer.commit();

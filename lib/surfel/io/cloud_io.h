@@ -16,9 +16,10 @@ struct CloudReadOptions {
   bool levels = false;  ///< Read all levels of detail and their tree, not the finest level alone.
 };
 
-/// Reads surfels or points from PLY (ascii, binary of either byte order) or PCD (ascii, binary,
-/// binary_compressed, organised), which are told apart by content, or from text (XYZ, PTS, CSV),
-/// which is known by the file's name. "-" is standard input, PLY or PCD. Properties may have any
+/// Reads surfels or points from PLY (ascii, binary of either byte order), PCD (ascii, binary,
+/// binary_compressed, organised) or LAS and LAZ (1.0 to 1.4, all point formats), which are told
+/// apart by content, or from text (XYZ, PTS, CSV), which is known by the file's name. "-" is
+/// standard input, any but text. Properties may have any
 /// order and type; list properties and other elements are skipped, and unknown scalar properties
 /// are kept in `extra`. Integer colours are decoded from sRGB. Positions that are not finite are
 /// kept; the tools count or drop them. The origin is (0, 0, 0) unless the points lie so far from it
@@ -40,18 +41,20 @@ struct CloudWriteOptions {
   bool ascii = false;  ///< PLY ascii instead of binary little-endian.
 };
 
-/// Writes binary little-endian PLY or, if the name ends in .pcd, binary PCD; "-" is standard
-/// output, as PLY. The file appears whole or not at all (OutputFile). `radius` is written beside
-/// every variance, for other viewers. Levels of detail are written to PLY only, with their tree in
-/// an element of its own (tree_records.h). Throws Error(kIo), and Error(kUsage) for levels of
-/// detail in PCD.
+/// Writes binary little-endian PLY or, by the name's extension, binary PCD (.pcd), LAS (.las) or
+/// LAZ
+/// (.laz); "-" is standard output, as PLY. The file appears whole or not at all (OutputFile).
+/// `radius` is written beside every variance, for other viewers. Levels of detail are written to
+/// PLY only, with their tree in an element of its own (tree_records.h). LAS gets the steps of
+/// SurfelCloud::las, and columns that it has no field for as extra bytes. Throws Error(kIo), and
+/// Error(kUsage) for levels of detail in other formats.
 SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
                             const CloudWriteOptions& options = {});
 
 /// Writes a cloud that need not be in memory at once, as write_cloud() would.
 class SURFEL_API CloudWriter {
  public:
-  /// Opens a file that will hold `count` surfels.
+  /// Opens a file that will hold `count` surfels. Throws Error(kUsage) for LAS and LAZ.
   CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
   ~CloudWriter();
   CloudWriter(const CloudWriter&) = delete;

@@ -86,7 +86,16 @@ void CloudRecords::add_position(bool for_text) {
       // Not 0 + x, which makes 0 of -0.
       return o == 0 ? static_cast<double>(from[i][k]) : o + static_cast<double>(from[i][k]);
     };
-    if (wide) {
+    if (cloud_.las) {
+      // The step of the LAS file whose float offset this is, if it is one.
+      add<double>(kNames[k], [world, from = cloud_.position.data(), k, scale = cloud_.las->scale[k],
+                              offset = cloud_.las->offset[k]](std::size_t i) {
+        const double x = world(i);
+        const double step = std::round((x - offset) / scale) * scale + offset;
+        const double rounding = std::abs(static_cast<double>(from[i][k])) * 0x1p-23;
+        return std::abs(step - x) <= rounding ? step : x;
+      });
+    } else if (wide) {
       add<double>(kNames[k], world);
     } else {
       add<float>(kNames[k], [world](std::size_t i) { return static_cast<float>(world(i)); });

@@ -7,6 +7,7 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
+#include <surfel/io/las_header.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
@@ -25,8 +26,7 @@ struct Converter {
   std::string_view result;
   std::string_view program;
 };
-constexpr std::array<Converter, 4> kConverters = {{
-    {" .las .laz ", "pdal translate ", " points.ply", "PDAL"},
+constexpr std::array<Converter, 3> kConverters = {{
     {" .e57 .ptx ", "CloudCompare -SILENT -O ", " -C_EXPORT_FMT PLY -SAVE_CLOUDS", "CloudCompare"},
     {" .3ds .dae .fbx .glb .gltf .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
     {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
@@ -62,6 +62,11 @@ std::string converter_advice(const std::string& path) {
   return "";
 }
 
+bool is_las_name(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  return extension == ".las" || extension == ".laz";
+}
+
 bool is_mesh_name(const std::string& path) { return contains(kMeshes, lower_extension(path)); }
 bool is_image_name(const std::string& path) { return contains(kImages, lower_extension(path)); }
 
@@ -71,13 +76,15 @@ FileKind file_kind(const std::string& path) {
   if (file.size() == 0) throw_input(path, "is empty; make it anew");
   if (PlyFile::matches(file.head(4))) return ply_kind(std::move(file));
   const std::string extension = lower_extension(path);
+  if (LasHeader::matches(file.head(4)) || is_las_name(path)) return FileKind::kCloud;
   if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
   throw_input(
       path,
-      std::string("format not supported; known are PLY, PCD and text such as XYZ (surfels), PLY, "
-                  "OBJ, OFF and STL (meshes) and images") +
+      std::string(
+          "format not supported; known are PLY, PCD, LAS, LAZ and text such as XYZ (surfels), PLY, "
+          "OBJ, OFF and STL (meshes) and images") +
           converter_advice(path));
 }
 

@@ -8,11 +8,14 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <type_traits>
 #include <vector>
 
+#include <surfel/base/bounds.h>
+#include <surfel/base/parallel.h>
 #include <surfel/io/input_file.h>
 #include <surfel/scene/surfel_cloud.h>
 
@@ -32,18 +35,37 @@ struct RecordColumn {
   std::size_t offset = 0;  ///< Bytes from the record's start; need not be aligned.
 };
 
+/// Records that are made block by block whenever they are read: a compressed file has no others.
+/// Internal to the library.
+class RecordBlocks {
+ public:
+  virtual ~RecordBlocks() = default;
+  virtual std::size_t blocks() const = 0;
+  /// The first record of a block; the number of all records for block blocks().
+  virtual std::size_t first(std::size_t block) const = 0;
+  /// The records of a block, made in `scratch`. Callable from any thread.
+  virtual const std::byte* read(std::size_t block, Array<std::byte>& scratch) const = 0;
+};
+
 /// Records of equal size, one after the other, as PLY and PCD store them. The table is a view of
-/// records in memory or in a file, which must outlive it. Internal to the library.
+/// records in memory, in a file or in blocks, which must outlive it. Internal to the library.
 struct RecordTable {
-  const std::byte* data = nullptr;  ///< The first record, unless the records are in `file`.
+  const std::byte* data = nullptr;  ///< The first record, unless the records are elsewhere.
   const InputFile* file = nullptr;
-  std::size_t offset = 0;  ///< Offset of the first record in `file`.
+  const RecordBlocks* blocks = nullptr;  ///< All records; only for_pieces() reads them.
+  std::size_t offset = 0;                ///< Offset of the first record in `file`.
   std::size_t count = 0;
   std::size_t stride = 0;  ///< Bytes from one record to the next.
   bool swapped = false;    ///< Values are in the other byte order than this machine's.
   std::vector<RecordColumn> columns;
+  /// Bounds of the points as a header tells them, true or not: where they are true the points are
+  /// placed in one pass instead of two.
+  std::optional<Bounds> said_bounds;
+  /// The coordinates are multiples of a step: the cloud's origin is a central_origin(), so that
+  /// they stay so where up to 2^24 steps lie between two points.
+  bool stepped = false;
 
-  /// Drops the first records.
+  /// Drops the first records; not for records in blocks.
   void skip(std::size_t records) {
     if (file) {
       offset += records * stride;
@@ -52,10 +74,28 @@ struct RecordTable {
     }
     count -= records;
   }
-  /// Records [begin, end): a view of them, or a copy in `scratch`, see InputFile::read_at().
+  /// Records [begin, end): a view of them, or a copy in `scratch`, see InputFile::read_at(). Not
+  /// for records in blocks.
   const std::byte* read(std::size_t begin, std::size_t end, Array<std::byte>& scratch) const {
     if (!file) return data + begin * stride;
     return file->read_at(offset + begin * stride, (end - begin) * stride, scratch);
+  }
+  /// The number of pieces that for_pieces() has.
+  std::size_t pieces(std::size_t grain) const {
+    return blocks ? blocks->blocks() : (count + grain - 1) / grain;
+  }
+  /// Calls body(piece, begin, end, records) for all records, piece by piece in parallel: `grain`
+  /// records each, or the blocks.
+  template <class Body>
+  void for_pieces(std::size_t grain, const Body& body) const {
+    parallel_for(pieces(grain), 1, [&](std::size_t piece, std::size_t, int) {
+      static thread_local Array<std::byte> scratch;
+      const std::size_t begin = blocks ? blocks->first(piece) : piece * grain;
+      const std::size_t end = blocks ? blocks->first(piece + 1) : std::min(begin + grain, count);
+      if (begin == end) return;
+      const std::byte* records = blocks ? blocks->read(piece, scratch) : read(begin, end, scratch);
+      body(piece, begin, end, records);
+    });
   }
   const RecordColumn* find(std::string_view name) const {
     for (const RecordColumn& column : columns) {

@@ -155,13 +155,13 @@ bool SurfelDecoder::fit(const Field& field) const {
       using From = decltype(load(nullptr));
       using Limits = std::numeric_limits<From>;
       if constexpr (!std::is_unsigned_v<From> || Limits::digits > std::numeric_limits<T>::digits) {
-        parallel_for(table_.count, kBlock, [&](std::size_t begin, std::size_t end, int) {
-          static thread_local Array<std::byte> scratch;
-          const std::byte* at = table_.read(begin, end, scratch) + column->offset;
-          bool fits = true;
-          for (; begin < end; ++begin, at += table_.stride) fits &= representable<T>(load(at));
-          if (!fits) all = false;
-        });
+        table_.for_pieces(
+            kBlock, [&](std::size_t, std::size_t begin, std::size_t end, const std::byte* records) {
+              const std::byte* at = records + column->offset;
+              bool fits = true;
+              for (; begin < end; ++begin, at += table_.stride) fits &= representable<T>(load(at));
+              if (!fits) all = false;
+            });
       }
     });
   }

@@ -133,6 +133,7 @@ class Joiner {
   void join_file() {
     out_.viewpoint = clouds_.front().viewpoint;
     out_.up = clouds_.front().up;
+    out_.las = clouds_.front().las;
     for (const SurfelCloud& cloud : clouds_) {
       append_new(out_.provenance, cloud.provenance);
       append_new(out_.comments, cloud.comments);

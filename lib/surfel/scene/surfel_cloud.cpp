@@ -49,6 +49,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   out.comments = comments;
   out.viewpoint = viewpoint;
   out.up = up;
+  out.las = las;
 
   const auto gather = [&](const auto& from, auto& to) {
     if (from.empty()) return;

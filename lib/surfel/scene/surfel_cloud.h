@@ -52,6 +52,24 @@ inline bool is_default(const Viewpoint& v) {
   return v.position == Viewpoint{}.position && v.orientation == Viewpoint{}.orientation;
 }
 
+/// A block of bytes that a LAS file holds beside its points.
+struct LasRecord {
+  std::string user;  ///< Who defines its meaning.
+  std::uint16_t id = 0;
+  std::string description;
+  std::string bytes;
+};
+
+/// How a LAS file stores its points, so that another LAS file can store them with the same
+/// integers: a coordinate is offset + integer * scale.
+struct LasStorage {
+  Vec3d scale{1, 1, 1};
+  Vec3d offset{0, 0, 0};
+  int point_format = 0;               ///< 0..10.
+  std::uint16_t global_encoding = 0;  ///< What the times count from, what the system is told in.
+  std::vector<LasRecord> records;     ///< Such as the coordinate reference system.
+};
+
 /// Surfels: oriented points with a Gaussian each, a structure of arrays. `position` is always
 /// there, every other column either is empty (the attribute is absent) or has size() values.
 /// docs/format.md lists the columns as files have them; colours here are linear light.
@@ -94,6 +112,8 @@ struct SURFEL_API SurfelCloud {
   std::vector<std::string> comments;    ///< The file's other comments.
   std::optional<Viewpoint> viewpoint;   ///< Unset: unknown.
   std::optional<Vec3d> up;              ///< Upward direction, where the file says it.
+  /// Unset: not of a LAS file, or moved since. Of several files the first one's.
+  std::optional<LasStorage> las;
   /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
   std::size_t coarser_skipped = 0;
   /// Elements of the file that are no points and were not read, such as faces, by their number.

@@ -86,6 +86,7 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
     cloud.viewpoint->position = moved(cloud.viewpoint->position);
   }
   if (cloud.up) cloud.up = rotation * *cloud.up;
+  cloud.las.reset();
 }
 
 }  // namespace surfel

@@ -1,0 +1,431 @@
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include <gtest/gtest.h>
+#include <surfel/base/color.h>
+#include <surfel/base/parallel.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/file_kind.h>
+#include <surfel/io/las_header.h>
+#include <surfel/io/laz_points.h>
+#include <surfel/laz/chunk_table.h>
+
+#include "io/cloud_of_bytes.h"
+#include "support/las_points.h"
+#include "support/message_of.h"
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+using laz::PointLayout;
+
+PointLayout layout_of(int format, std::size_t extra = 0) {
+  PointLayout layout{.format = format};
+  layout.bytes = layout.format_bytes() + extra;
+  return layout;
+}
+
+LasFileMaker maker_of(const PointLayout& layout, std::size_t count,
+                      PointKind kind = PointKind::kScan) {
+  return {.layout = layout, .points = made_points(layout, count, kind), .extra_descriptions = {}};
+}
+
+/// Where the file says that its chunks are listed.
+enum class TableAt { kInFront, kAtTheEnd };
+
+/// The maker's points as LAZ in chunks of these numbers of points; one number is for all chunks.
+std::string laz_of(const LasFileMaker& maker, const std::vector<std::uint32_t>& counts,
+                   TableAt place = TableAt::kInFront) {
+  const bool variable = counts.size() > 1;
+  std::string chunks;
+  std::vector<laz::ChunkSize> sizes;
+  for (std::size_t first = 0; first < maker.count();) {
+    const std::size_t wanted = counts[variable ? sizes.size() : 0];
+    const std::size_t count = std::min(wanted, maker.count() - first);
+    const auto chunk =
+        laz::encode_chunk(maker.layout, maker.points.data() + first * maker.layout.bytes, count);
+    chunks.append(chunk.begin(), chunk.end());
+    sizes.push_back({static_cast<std::uint32_t>(count), static_cast<std::uint32_t>(chunk.size())});
+    first += count;
+  }
+  const auto table = laz::encode_chunk_table(sizes, variable);
+  const std::string laszip =
+      laszip_block(maker.layout, variable ? ~std::uint32_t{0} : counts.front());
+  std::string tail(8, '\xFF');
+  const std::size_t begin = maker.file("", true, laszip).size();
+  const std::uint64_t table_at = begin + 8 + chunks.size();
+  if (place == TableAt::kInFront) LasFileMaker::put(tail, 0, table_at);
+  tail += chunks + std::string(table.begin(), table.end());
+  if (place == TableAt::kAtTheEnd) {
+    tail.resize(tail.size() + 8);
+    LasFileMaker::put(tail, tail.size() - 8, table_at);
+  }
+  return maker.file(tail, true, laszip);
+}
+
+std::string bytes_in(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::stringstream bytes;
+  bytes << in.rdbuf();
+  return bytes.str();
+}
+
+/// A column's values as numbers.
+std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name) {
+  for (const ExtraProperty& property : cloud.extra) {
+    if (property.name != name) continue;
+    std::vector<double> values(cloud.size());
+    load_scalars(property.type, property.data.data(), values.size(), values.data());
+    return values;
+  }
+  ADD_FAILURE() << "no column " << name;
+  return std::vector<double>(cloud.size());
+}
+
+void expect_same(const SurfelCloud& a, const SurfelCloud& b, const std::string& what) {
+  ASSERT_EQ(a.size(), b.size()) << what;
+  for (std::size_t i = 0; i < a.size(); ++i) ASSERT_EQ(a.world(i), b.world(i)) << what;
+  EXPECT_EQ(a.color, b.color) << what;
+  EXPECT_EQ(a.color_encoding, b.color_encoding) << what;
+  ASSERT_EQ(a.extra.size(), b.extra.size()) << what;
+  for (std::size_t k = 0; k < a.extra.size(); ++k) {
+    EXPECT_EQ(a.extra[k].name, b.extra[k].name) << what;
+    EXPECT_TRUE(a.extra[k].data == b.extra[k].data) << what << ", " << a.extra[k].name;
+  }
+}
+
+/// The points of a LAS file, without its header.
+std::string points_in(const std::string& las) {
+  std::uint32_t begin = 0;
+  std::memcpy(&begin, las.data() + 96, sizeof(begin));
+  return las.substr(begin);
+}
+
+TEST(Las, FieldsOfEveryPointFormat) {
+  for (int format = 0; format <= 10; ++format) {
+    const LasFileMaker maker = maker_of(layout_of(format), 500);
+    const SurfelCloud cloud = cloud_of(maker.las());
+    ASSERT_EQ(cloud.size(), 500U);
+    std::map<std::string, std::vector<double>> values;
+    for (const ExtraProperty& p : cloud.extra) values[p.name] = values_of(cloud, p.name);
+    const bool extended = format >= 6;
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      const std::byte* point = maker.points.data() + i * maker.layout.bytes;
+      const auto number = [&]<class T>(std::size_t at, T) {
+        return static_cast<double>(load_scalar<T, false>(point + at));
+      };
+      const auto bits = [&](std::size_t at, unsigned shift, unsigned mask) {
+        return static_cast<double>(std::to_integer<unsigned>(point[at]) >> shift & mask);
+      };
+      for (int axis = 0; axis < 3; ++axis) {
+        EXPECT_EQ(std::round((cloud.world(i)[axis] - 1000) / 0.01),
+                  number(static_cast<std::size_t>(4 * axis), std::int32_t{}));
+      }
+      EXPECT_EQ(values["intensity"][i], number(12, std::uint16_t{}));
+      EXPECT_EQ(values["return_number"][i], bits(14, 0, extended ? 15 : 7));
+      EXPECT_EQ(values["number_of_returns"][i], bits(14, extended ? 4 : 3, extended ? 15 : 7));
+      EXPECT_EQ(values["scan_direction_flag"][i], bits(extended ? 15 : 14, 6, 1));
+      EXPECT_EQ(values["classification"][i], extended ? bits(16, 0, 255) : bits(15, 0, 31));
+      EXPECT_EQ(values["user_data"][i], bits(17, 0, 255));
+      EXPECT_EQ(values["point_source_id"][i], number(extended ? 20 : 18, std::uint16_t{}));
+      if (extended) {
+        EXPECT_EQ(values["scan_angle"][i], number(18, std::int16_t{}));
+        EXPECT_EQ(values["scanner_channel"][i], bits(15, 4, 3));
+      } else {
+        EXPECT_EQ(values["scan_angle_rank"][i], number(16, std::int8_t{}));
+        EXPECT_EQ(values["withheld"][i], bits(15, 7, 1));
+      }
+      if (maker.layout.timed()) {
+        EXPECT_EQ(values["gps_time"][i], number(extended ? 22 : 20, double{}));
+      }
+      std::size_t at = maker.layout.base();
+      if (maker.layout.colored()) {
+        EXPECT_EQ(cloud.color.at(i)[1],
+                  srgb16_to_linear(load_scalar<std::uint16_t, false>(point + at + 2)));
+        at += 6;
+      }
+      if (maker.layout.infrared()) {
+        EXPECT_EQ(values["nir"][i], number(at, std::uint16_t{}));
+        at += 2;
+      }
+      if (maker.layout.waves()) {
+        EXPECT_EQ(values["wave_packet_index"][i], bits(at, 0, 255));
+        EXPECT_EQ(values["wave_packet_offset"][i], number(at + 1, std::uint64_t{}));
+        EXPECT_EQ(values["wave_packet_size"][i], 128);
+        EXPECT_EQ(values["wave_z"][i], number(at + 25, float{}));
+      }
+    }
+    EXPECT_EQ(cloud.color.empty(), !maker.layout.colored());
+    EXPECT_EQ(cloud.up, Vec3d::UnitZ());
+  }
+}
+
+TEST(Las, LazOfEveryPointFormatHoldsWhatLasHolds) {
+  for (int format = 0; format <= 10; ++format) {
+    for (const std::size_t extra : {0, 3}) {
+      const LasFileMaker maker = maker_of(layout_of(format, extra), 700);
+      const SurfelCloud truth = cloud_of(maker.las());
+      const std::string what = "format " + std::to_string(format);
+      expect_same(cloud_of(laz_of(maker, {100})), truth, what);
+      expect_same(cloud_of(laz_of(maker, {350})), truth, what + ", whole chunks");
+      expect_same(cloud_of(laz_of(maker, {300, 1, 200, 1000})), truth, what + ", own numbers");
+      expect_same(cloud_of(laz_of(maker, {100}, TableAt::kAtTheEnd)), truth, what + ", table last");
+      expect_same(cloud_of(laz_of(maker, {1, 699, 1}, TableAt::kAtTheEnd)), truth, what);
+    }
+  }
+}
+
+TEST(Las, FilesOfOtherProgramsHoldWhatTheirTwinsHold) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const auto data = data_folder();
+  for (const auto& [laz, las] : std::vector<std::pair<std::string, std::string>>{
+           {"point10.las.laz", "formats/laz/point10.las"},
+           {"point-time.las.laz", "formats/laz/point-time.las"},
+           {"point-time-1.4.las.laz", "formats/laz/point-time.las"},
+           {"point-color.las.laz", "formats/laz/point-color.las"},
+           {"point-color-time.las.laz", "formats/laz/point-color-time.las"},
+           {"point10-1.0.laz", "formats/laz/point10-1.0.las"},
+           {"point10-1.1.laz", "formats/laz/point10-1.1.las"},
+           {"extrabytes.laz", "formats/laz/extrabytes.las"},
+           {"simple.laz", "lidar/1.2-with-color.las"}}) {
+    expect_same(read_cloud(data / "formats/laz" / laz), read_cloud(data / las), laz);
+  }
+}
+
+TEST(Las, WrittenAgainWithTheSameIntegers) {
+  const TemporaryFolder folder;
+  for (const int format : {0, 1, 2, 3, 6, 7, 8}) {
+    LasFileMaker maker = maker_of(layout_of(format), 900);
+    maker.minor = format >= 6 ? 4 : 2;
+    const std::string las = maker.las();
+    const SurfelCloud cloud = cloud_of(las);
+    for (const char* name : {"a.las", "a.ply", "a.laz"}) write_cloud(cloud, folder / name);
+    const std::string written = bytes_in(folder / "a.las");
+    ASSERT_EQ(points_in(written), points_in(las)) << "format " << format;
+    EXPECT_EQ(written.substr(104, 3), las.substr(104, 3));
+    EXPECT_EQ(written.substr(131, 48), las.substr(131, 48)) << "scale and offset";
+    for (const char* from : {"a.ply", "a.laz"}) {
+      write_cloud(read_cloud(folder / from), folder / "b.las");
+      EXPECT_EQ(points_in(bytes_in(folder / "b.las")), points_in(las)) << from << " " << format;
+    }
+    LasHeader header{InputFile(folder / "a.las")};
+    EXPECT_NEAR((header.bounds.max - cloud.bounds().max).norm(), 0, 1e-4);
+  }
+}
+
+TEST(Las, TheSameBytesForAnyNumberOfThreads) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = cloud_of(maker_of(layout_of(7, 2), 120000).las());
+  for (const char* name : {"a.las", "a.laz"}) {
+    std::string first;
+    for (const int threads : {1, 5}) {
+      set_thread_count(threads);
+      write_cloud(cloud, folder / name);
+      const SurfelCloud read = read_cloud(folder / name);
+      expect_same(read, cloud, name);
+      if (threads == 1) first = bytes_in(folder / name);
+    }
+    set_thread_count(0);
+    EXPECT_TRUE(bytes_in(folder / name) == first) << name;
+  }
+}
+
+TEST(Las, ColorsAreEightBitUnlessOneIsLarger) {
+  LasFileMaker maker = maker_of(layout_of(2), 20000);
+  const auto set_all = [&](std::uint16_t value) {
+    for (std::size_t i = 0; i < maker.count(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        std::memcpy(maker.points.data() + i * maker.layout.bytes + 20 + 2 * k, &value, 2);
+      }
+    }
+  };
+  set_all(0);
+  EXPECT_TRUE(cloud_of(maker.las()).color.empty());
+  for (const int value : {1, 128, 255}) {
+    set_all(static_cast<std::uint16_t>(value));
+    const SurfelCloud cloud = cloud_of(maker.las());
+    EXPECT_EQ(cloud.color_encoding, ColorEncoding::kUint8Srgb);
+    EXPECT_EQ(cloud.color.at(19999),
+              Vec3f::Constant(srgb8_to_linear(static_cast<std::uint8_t>(value))));
+  }
+  // One value decides, wherever it stands.
+  const std::uint16_t bright = 256;
+  std::memcpy(maker.points.data() + 19000 * maker.layout.bytes + 24, &bright, 2);
+  const SurfelCloud wide = cloud_of(maker.las());
+  EXPECT_EQ(wide.color_encoding, ColorEncoding::kUint16Srgb);
+  EXPECT_EQ(wide.color.at(0), Vec3f::Constant(srgb16_to_linear(255)));
+  EXPECT_EQ(wide.color.at(19000)[2], srgb16_to_linear(256));
+}
+
+/// The description of some extra bytes.
+std::string description(int type, int options, const std::string& name, double scale = 0,
+                        double offset = 0) {
+  std::string text(192, '\0');
+  text[2] = static_cast<char>(type);
+  text[3] = static_cast<char>(options);
+  std::memcpy(text.data() + 4, name.data(), name.size());
+  for (std::size_t k = 0; k < 3; ++k) {
+    LasFileMaker::put(text, 112 + 8 * k, scale);
+    LasFileMaker::put(text, 136 + 8 * k, offset);
+  }
+  return text;
+}
+
+TEST(Las, ExtraBytesAreColumnsUnderTheirNames) {
+  LasFileMaker maker = maker_of(layout_of(0, 2 + 4 + 8 + 3 + 2), 50);
+  maker.extra_descriptions = description(3, 24, "Pulse width", 0.1, 5) +
+                             description(9, 0, "ratio") + description(8, 0, "intensity") +
+                             description(21, 0, "rgb");
+  for (std::size_t i = 0; i < maker.count(); ++i) {
+    std::byte* extra = maker.points.data() + i * maker.layout.bytes + 20;
+    const auto width = static_cast<std::uint16_t>(i);
+    const float ratio = 0.5F * static_cast<float>(i);
+    const std::int64_t wide = -static_cast<std::int64_t>(i) * 10000000000;
+    std::memcpy(extra, &width, 2);
+    std::memcpy(extra + 2, &ratio, 4);
+    std::memcpy(extra + 6, &wide, 8);
+    for (std::size_t k = 0; k < 5; ++k) extra[14 + k] = static_cast<std::byte>(i + k);
+  }
+  const SurfelCloud cloud = cloud_of(maker.las());
+  EXPECT_DOUBLE_EQ(values_of(cloud, "Pulse_width")[7], 7 * 0.1 + 5);
+  EXPECT_EQ(values_of(cloud, "ratio")[7], 3.5);
+  // The format has a field of that name.
+  EXPECT_EQ(values_of(cloud, "intensity_2")[7], -7e10);
+  EXPECT_EQ(values_of(cloud, "rgb_2")[7], 9);
+  EXPECT_EQ(values_of(cloud, "extra_1")[7], 11) << "bytes that nothing describes";
+
+  const TemporaryFolder folder;
+  write_cloud(cloud, folder / "again.laz");
+  expect_same(read_cloud(folder / "again.laz"), cloud, "extra bytes written again");
+}
+
+TEST(Las, SurfelsReadBackWithAllTheirColumns) {
+  SurfelCloud cloud;
+  for (int i = 0; i < 1000; ++i) {
+    const float t = 0.01F * static_cast<float>(i);
+    cloud.position.emplace_back(std::cos(t), std::sin(t), t);
+    cloud.normal.emplace_back(std::cos(t), std::sin(t), 0.0F);
+    cloud.variance.push_back(0.25F * t * t);
+    cloud.color.push_back(Vec3f::Constant(srgb8_to_linear(static_cast<std::uint8_t>(i % 256))));
+    cloud.group.push_back(static_cast<std::uint16_t>(i % 7));
+  }
+  ExtraProperty& intensity =
+      cloud.extra.emplace_back(ExtraProperty{"intensity", ScalarType::kFloat32, {}});
+  for (int i = 0; i < 1000; ++i) {
+    const float value = 0.001F * static_cast<float>(i);
+    const auto* bytes = reinterpret_cast<const std::byte*>(&value);
+    intensity.data.insert(intensity.data.end(), bytes, bytes + sizeof(value));
+  }
+  cloud.provenance = {"made by a test"};
+  const TemporaryFolder folder;
+  write_cloud(cloud, folder / "surfels.laz");
+  const SurfelCloud read = read_cloud(folder / "surfels.laz");
+  EXPECT_EQ(read.normal, cloud.normal);
+  EXPECT_EQ(read.variance, cloud.variance);
+  EXPECT_EQ(read.group, cloud.group);
+  EXPECT_EQ(read.provenance, cloud.provenance);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    EXPECT_LT((read.world(i) - cloud.world(i)).norm(), 1e-6);
+    EXPECT_LT((read.color[i] - cloud.color[i]).norm(), 1e-6);
+  }
+  // Values that the field of that name cannot hold are kept under another one.
+  EXPECT_EQ(values_of(read, "intensity_2")[10], double{0.001F * 10});
+
+  cloud.position[3].x() = std::numeric_limits<float>::quiet_NaN();
+  const std::string message = message_of([&] { write_cloud(cloud, folder / "nan.las"); });
+  EXPECT_NE(message.find("surfel 3 has a position that is not finite"), std::string::npos)
+      << message;
+  EXPECT_FALSE(std::filesystem::exists(folder / "nan.las"));
+}
+
+TEST(Las, MillimetresStayInWholeCountries) {
+  LasFileMaker maker = maker_of(layout_of(0), 2);
+  maker.scale = 0.001;
+  maker.offset = 5e6;
+  // 30 km from one another, as far as steps of a millimetre are told.
+  for (const std::int32_t x : {0, 30000001}) {
+    std::memcpy(maker.points.data() + (x > 0 ? maker.layout.bytes : 0), &x, sizeof(x));
+  }
+  const SurfelCloud cloud = cloud_of(maker.las());
+  EXPECT_EQ(std::round((cloud.world(1).x() - 5e6) * 1000), 30000001);
+  EXPECT_EQ(std::round((cloud.world(0).x() - 5e6) * 1000), 0);
+}
+
+TEST(Las, HeadersAreCheckedAgainstTheFile) {
+  const LasFileMaker maker = maker_of(layout_of(3), 10);
+  const std::string good = maker.las();
+  const auto changed = [&](std::size_t at, auto value) {
+    std::string bytes = good;
+    LasFileMaker::put(bytes, at, value);
+    return error_of(bytes);
+  };
+  EXPECT_EQ(error_of(good), "no error");
+  EXPECT_EQ(error_of(good.substr(0, 200)), "is cut off within the LAS header");
+  EXPECT_EQ(changed(25, '\5'), "is LAS 1.5; 1.0 to 1.4 are supported");
+  EXPECT_EQ(changed(104, '\13'), "has points of format 11; 0 to 10 are supported");
+  EXPECT_EQ(changed(105, std::uint16_t{33}),
+            "has points of 33 bytes, and format 3 takes 34; the header is wrong");
+  EXPECT_EQ(changed(94, std::uint16_t{40}),
+            "says that its LAS header has 40 bytes; the file is damaged");
+  EXPECT_EQ(changed(96, std::uint32_t{100000}),
+            "has its points at byte 100000 of 715; the file is truncated or its header is wrong");
+  EXPECT_EQ(
+      changed(100, std::uint32_t{1}),
+      "the header promises 1 blocks before the points, the file has room for 0 at most; it is "
+      "truncated or its header is wrong");
+  EXPECT_EQ(changed(243, std::uint32_t{5}),
+            "the header promises 5 blocks behind the points, and block 1 is not whole; the file is "
+            "truncated or its header is wrong");
+  EXPECT_EQ(changed(131, 0.0), "has a scale that is zero or not finite; the header is wrong");
+  EXPECT_EQ(
+      changed(247, std::uint64_t{11}),
+      "the header promises 11 points, the file has room for 10 at most; it is truncated or its "
+      "header is wrong");
+  EXPECT_EQ(changed(104, '\203'), "has compressed points and does not say how; it is damaged");
+  EXPECT_EQ(error_of(maker_of(layout_of(3), 0).las()), "holds no points");
+}
+
+TEST(Las, DamagedLazIsRefused) {
+  const LasFileMaker maker = maker_of(layout_of(7), 1000);
+  const std::string good = laz_of(maker, {400});
+  const std::size_t begin = maker.file("", true, laszip_block(maker.layout, 400)).size();
+  const auto changed = [&](std::size_t at, auto value) {
+    std::string bytes = good;
+    LasFileMaker::put(bytes, at, value);
+    return error_of(bytes);
+  };
+  EXPECT_EQ(error_of(good), "no error");
+  EXPECT_EQ(changed(begin, std::uint64_t{5}),
+            "has no table of its chunks of compressed points; the file is truncated or damaged");
+  EXPECT_NE(error_of(good.substr(0, good.size() - 8)).find("table of chunks"), std::string::npos);
+  EXPECT_NE(error_of(good.substr(0, begin + 500)).find("table of its chunks"), std::string::npos);
+  EXPECT_EQ(
+      changed(247, std::uint64_t{1200000}),
+      "its table of chunks of compressed points has 1200 points, the header 1200000; the file "
+      "is truncated or damaged");
+  // The number of points that stands in the first chunk.
+  EXPECT_EQ(changed(begin + 8 + maker.layout.bytes, std::uint32_t{399}),
+            "the compressed points 0 to 399 are damaged; get the file anew");
+  EXPECT_NE(changed(begin - 12, std::uint16_t{9}).find("another way than LASzip"),
+            std::string::npos);
+  EXPECT_EQ(error_of(laz_of(maker_of(layout_of(0), 0), {50000})), "holds no points");
+}
+
+TEST(Las, NamesAndContentsTellTheKind) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "scan.laz") << "something else";
+  EXPECT_EQ(file_kind(folder / "scan.laz"), FileKind::kCloud);
+  EXPECT_NE(message_of([&] { read_cloud(folder / "scan.laz"); }).find("is not a LAS file"),
+            std::string::npos);
+  std::ofstream(folder / "scan.bin", std::ios::binary) << maker_of(layout_of(1), 5).las();
+  EXPECT_EQ(file_kind(folder / "scan.bin"), FileKind::kCloud);
+  EXPECT_EQ(read_cloud(folder / "scan.bin").size(), 5U);
+  EXPECT_THROW(CloudWriter(folder / "pieces.las", 5), Error);
+}
+
+}  // namespace
+}  // namespace surfel::test
