@@ -195,7 +195,7 @@ TEST(Render, ExplainsItsChoicesOnce) {
   };
   const std::string lit = explanation({"--eye", "0,-0.02,0.01"});
   for (const char* part : {"memory: all surfels are kept", "level of detail: none in the file",
-                           "shape: discs", "opacity: no surfel", "normals: kept", "layers: 3"}) {
+                           "shape: discs", "opacity: no surfel", "normals: kept", "layers: 4"}) {
     const std::size_t first = lit.find(part);
     EXPECT_NE(first, std::string::npos) << part << " in " << lit;
     EXPECT_EQ(lit.find(part, first + 1), std::string::npos) << part;

@@ -12,10 +12,11 @@ bool usable_size(float v) { return v > 0 && bounded(v); }
 
 SurfelValues values(const SurfelCloud& cloud, const Array<Vec3f>* color, bool group_radius,
                     std::size_t i) {
-  SurfelValues v{
-      .position = cloud.position[i],
-      .deviation_u = std::sqrt(cloud.anisotropic() ? cloud.variance_u[i] : cloud.variance[i])};
-  v.deviation_v = cloud.anisotropic() ? std::sqrt(cloud.variance_v[i]) : v.deviation_u;
+  const bool anisotropic = cloud.anisotropic();
+  const float deviation = std::sqrt(anisotropic ? cloud.variance_u[i] : cloud.variance[i]);
+  SurfelValues v{.position = cloud.position[i],
+                 .deviation_u = deviation,
+                 .deviation_v = anisotropic ? std::sqrt(cloud.variance_v[i]) : deviation};
   if (group_radius) v.group_radius = cloud.group_radius[i];
   if (color) v.color = (*color)[i];
   if (!cloud.alpha.empty()) v.alpha = cloud.alpha[i];
