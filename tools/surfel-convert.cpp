@@ -27,6 +27,7 @@ struct Settings {
   bool align = false;
   surfel::AlignOptions alignment;
   surfel::JoinOptions join;
+  surfel::tool::PartSettings part;
   double scale = 1;
   std::optional<Eigen::Vector4d> rotation;
   surfel::Vec3d translation{0, 0, 0};
@@ -34,14 +35,17 @@ struct Settings {
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
-  app.add_option("surfels", s.inputs,
-                 "Surfels or points (PLY, PCD, LAS, LAZ, text), one file or several (- = standard input)")
+  app.add_option(
+         "surfels", s.inputs,
+         "Surfels or points (PLY, PCD, LAS, LAZ, text), one file or several (- = standard input)")
       ->default_str("")
       ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
+  app.add_option("-o,--output", s.output,
+                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
       ->required();
   app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
 
+  add_part(app, s.part);
   app.option_defaults()->group("Scans of one surface, before they are joined");
   app.add_flag(
       "--align", s.align,
@@ -104,6 +108,7 @@ void check(const CLI::App& app, Settings& s) {
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
   surfel::tool::append(problems, similarity(s).problems());
   surfel::tool::append(problems, s.alignment.problems());
+  surfel::tool::append(problems, s.part.options().problems());
   if (s.align && s.inputs.size() < 2) {
     problems.emplace_back("--align needs two files or more, of overlapping scans");
   }
@@ -213,7 +218,7 @@ int main(int argc, char** argv) {
     std::vector<surfel::SurfelCloud> clouds;
     double least_extent = std::numeric_limits<double>::infinity();
     for (const std::string& input : s.inputs) {
-      clouds.push_back(surfel::read_cloud(input));
+      clouds.push_back(surfel::read_cloud(input, s.part.options()));
       surfel::tool::tell_skipped(tool, input, clouds.back());
       surfel::tool::tell_not_finite(tool, input, clouds.back());
       report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});

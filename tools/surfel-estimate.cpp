@@ -25,6 +25,7 @@ struct Settings {
   bool smooth = false;
   surfel::SmoothingOptions smoothing;
   surfel::EstimateOptions estimate;
+  surfel::tool::PartSettings part;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -34,6 +35,7 @@ void declare_options(CLI::App& app, Settings& s) {
       ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
 
+  tool::add_part(app, s.part);
   app.option_defaults()->group("Neighbourhoods");
   app.add_option("-k", s.k,
                  "Points of a neighbourhood, the point itself included, 3..65535; auto = from "
@@ -171,7 +173,9 @@ void check(const CLI::App& app, Settings& s) {
   }
   check_filters(app, s);
   check_effect(app, s);
-  surfel::tool::require_valid(s.estimate.problems());
+  std::vector<std::string> problems = s.estimate.problems();
+  surfel::tool::append(problems, s.part.options().problems());
+  surfel::tool::require_valid(problems);
 }
 
 void report(nlohmann::json& json, const surfel::EstimateReport& r) {
@@ -257,7 +261,8 @@ int main(int argc, char** argv) {
                     {"order", "--smooth-order"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
-    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
+    const surfel::SurfelCloud cloud =
+        surfel::tool::read_finest(tool, settings.input, settings.part.options());
     finish(settings, cloud);
 
     surfel::EstimateReport estimate;

@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
 #include <string_view>
 
 #include <surfel/base/error.h>
@@ -36,6 +39,36 @@ void cloud(Bytes bytes, const char* extension, bool levels = false) {
   });
 }
 
+/// Does a LAS header count so many points that decoding them takes longer than a fuzzer may? Equal
+/// points take next to no bytes where they are compressed.
+bool promises_many_points(Bytes bytes) {
+  constexpr std::size_t kMinorAt = 25;
+  constexpr std::size_t kCountAt = 107;
+  constexpr std::size_t kWideCountAt = 247;
+  constexpr std::uint64_t kMost = 20000;
+  std::uint32_t count = 0;
+  std::uint64_t wide = 0;
+  if (bytes.size() < kCountAt + sizeof(count)) return false;
+  std::memcpy(&count, bytes.data() + kCountAt, sizeof(count));
+  if (bytes[kMinorAt] < std::byte{4}) return count > kMost;
+  if (bytes.size() >= kWideCountAt + sizeof(wide)) {
+    std::memcpy(&wide, bytes.data() + kWideCountAt, sizeof(wide));
+  }
+  return std::max<std::uint64_t>(count, wide) > kMost;
+}
+
+void las(Bytes bytes, const char* extension) {
+  if (!promises_many_points(bytes)) cloud(bytes, extension);
+}
+
+void copc(Bytes bytes) {
+  if (promises_many_points(bytes)) return;
+  const Bounds box{Vec3d(-1, -1, -1), Vec3d(700, 700, 700)};
+  read_or_refuse([&] {
+    read_cloud(file_of(bytes, ".laz"), {.level = 2, .bounds = box}).check_columns("the cloud");
+  });
+}
+
 void mesh(Bytes bytes, const char* extension) {
   read_or_refuse([&] { read_mesh(file_of(bytes, extension)).check_columns("the mesh"); });
 }
@@ -70,6 +103,9 @@ constexpr Fuzzer kReaders[] = {
     {"cloud_ply", [](Bytes bytes) { cloud(bytes, ".ply"); }},
     {"cloud_levels", [](Bytes bytes) { cloud(bytes, ".ply", true); }},
     {"cloud_pcd", [](Bytes bytes) { cloud(bytes, ".pcd"); }},
+    {"cloud_las", [](Bytes bytes) { las(bytes, ".las"); }},
+    {"cloud_laz", [](Bytes bytes) { las(bytes, ".laz"); }},
+    {"cloud_copc", copc},
     {"cloud_text", [](Bytes bytes) { cloud(bytes, ".xyz"); }},
     {"mesh_ply", [](Bytes bytes) { mesh(bytes, ".ply"); }},
     {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},

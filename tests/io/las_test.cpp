@@ -1,6 +1,9 @@
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <functional>
 #include <map>
 #include <sstream>
 
@@ -15,6 +18,7 @@
 
 #include "io/cloud_of_bytes.h"
 #include "support/las_points.h"
+#include "support/memory_file.h"
 #include "support/message_of.h"
 #include "support/test_data.h"
 
@@ -31,7 +35,10 @@ PointLayout layout_of(int format, std::size_t extra = 0) {
 
 LasFileMaker maker_of(const PointLayout& layout, std::size_t count,
                       PointKind kind = PointKind::kScan) {
-  return {.layout = layout, .points = made_points(layout, count, kind), .extra_descriptions = {}};
+  return {.layout = layout,
+          .points = made_points(layout, count, kind),
+          .extra_descriptions = {},
+          .copc = {}};
 }
 
 /// Where the file says that its chunks are listed.
@@ -413,6 +420,215 @@ TEST(Las, DamagedLazIsRefused) {
   EXPECT_NE(changed(begin - 12, std::uint16_t{9}).find("another way than LASzip"),
             std::string::npos);
   EXPECT_EQ(error_of(laz_of(maker_of(layout_of(0), 0), {50000})), "holds no points");
+}
+
+/// A COPC file whose cube is 1024 units wide; every node has points within its own cell.
+class CopcMaker {
+ public:
+  struct Node {
+    std::int32_t level;
+    std::array<std::int32_t, 3> place;
+    std::size_t points;
+    bool in_page;  ///< Told by a page of its own instead of the first one.
+  };
+
+  explicit CopcMaker(const std::vector<Node>& nodes) : nodes_(nodes) {
+    maker_.layout = layout_of(7);
+    maker_.scale = 1;
+    maker_.offset = 0;
+    maker_.copc.resize(160);
+    for (const Node& node : nodes) {
+      std::vector<std::byte> points = made_points(maker_.layout, node.points, PointKind::kScan);
+      const std::int32_t side = 1024 >> node.level;
+      for (std::size_t i = 0; i < node.points; ++i) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          const std::int32_t x =
+              node.place[k] * side + static_cast<std::int32_t>((i * (37 + k)) % (side - 2)) + 1;
+          std::memcpy(points.data() + i * maker_.layout.bytes + 4 * k, &x, sizeof(x));
+        }
+      }
+      maker_.points.insert(maker_.points.end(), points.begin(), points.end());
+    }
+  }
+
+  /// \param change  may change an entry of the tree: those of the first page, then those of the
+  /// others
+  std::string file(const std::function<void(std::size_t, std::string&)>& change = {}) {
+    const std::string laszip = laszip_block(maker_.layout, ~std::uint32_t{0});
+    const std::size_t begin = maker_.file("", true, laszip).size();
+    std::string tail(8, '\0');
+    std::vector<laz::ChunkSize> sizes;
+    std::vector<std::string> entries;
+    std::size_t first = 0;
+    for (const Node& node : nodes_) {
+      const auto chunk = laz::encode_chunk(
+          maker_.layout, maker_.points.data() + first * maker_.layout.bytes, node.points);
+      entries.push_back(
+          entry(node, begin + tail.size(), chunk.size(), static_cast<int>(node.points)));
+      tail.append(chunk.begin(), chunk.end());
+      sizes.push_back(
+          {static_cast<std::uint32_t>(node.points), static_cast<std::uint32_t>(chunk.size())});
+      first += node.points;
+    }
+    LasFileMaker::put(tail, 0, std::uint64_t{begin + tail.size()});
+    const auto table = laz::encode_chunk_table(sizes, true);
+    tail.append(table.begin(), table.end());
+    std::string top;
+    for (std::size_t k = 0; k < nodes_.size(); ++k) {
+      std::string own = entries[k];
+      if (nodes_[k].in_page) {
+        if (change) change(nodes_.size() + k, own);
+        const std::size_t page = begin + tail.size();
+        tail += own;
+        own = entry(nodes_[k], page, own.size(), -1);
+      }
+      if (change) change(k, own);
+      top += own;
+    }
+    for (std::size_t k = 0; k < 4; ++k) LasFileMaker::put(maker_.copc, 8 * k, 512.0);
+    LasFileMaker::put(maker_.copc, 40, std::uint64_t{begin + tail.size()});
+    LasFileMaker::put(maker_.copc, 48, std::uint64_t{top.size()});
+    return maker_.file(tail + top, true, laszip);
+  }
+
+ private:
+  static std::string entry(const Node& node, std::size_t offset, std::size_t bytes, int points) {
+    std::string text(32, '\0');
+    LasFileMaker::put(text, 0, node.level);
+    LasFileMaker::put(text, 4, node.place);
+    LasFileMaker::put(text, 16, std::uint64_t{offset});
+    LasFileMaker::put(text, 24, static_cast<std::int32_t>(bytes));
+    LasFileMaker::put(text, 28, std::int32_t{points});
+    return text;
+  }
+
+  std::vector<Node> nodes_;
+  LasFileMaker maker_;
+};
+
+std::vector<CopcMaker::Node> copc_nodes() {
+  return {{0, {0, 0, 0}, 500, false},
+          {1, {0, 0, 0}, 300, false},
+          {1, {1, 1, 0}, 200, false},
+          {2, {3, 2, 1}, 90, true},
+          {2, {0, 1, 0}, 50, true}};
+}
+
+std::size_t points_of(const std::string& bytes, const CloudReadOptions& options) {
+  return read_cloud(MemoryFile(bytes).path(), options).size();
+}
+
+TEST(Copc, LevelsAndBoundsReadTheNodesThatTheyNeed) {
+  const std::string file = CopcMaker(copc_nodes()).file();
+  EXPECT_EQ(points_of(file, {}), 1140U);
+  EXPECT_EQ(points_of(file, {.level = 0}), 500U);
+  EXPECT_EQ(points_of(file, {.level = 1}), 1000U);
+  EXPECT_EQ(points_of(file, {.level = 2}), 1140U);
+  EXPECT_EQ(points_of(file, {.level = 99}), 1140U);
+  // The same points by the table of chunks, and by the tree with bounds around all.
+  const SurfelCloud all = cloud_of(file);
+  const Bounds everything{Vec3d::Constant(-1), Vec3d::Constant(1025)};
+  expect_same(read_cloud(MemoryFile(file).path(), {.bounds = everything}), all, "by the tree");
+  const Bounds corner{Vec3d(600, 600, 10), Vec3d(1000, 1000, 400)};
+  std::size_t inside = 0;
+  for (std::size_t i = 0; i < all.size(); ++i) inside += corner.contains(all.world(i)) ? 1 : 0;
+  EXPECT_GT(inside, 100U);
+  EXPECT_EQ(points_of(file, {.bounds = corner}), inside);
+  EXPECT_LT(points_of(file, {.level = 1, .bounds = corner}), inside);
+}
+
+TEST(Copc, NothingBelowTheLevelOrOutsideOfTheBoundsIsRead) {
+  // The pages of the finest level lie behind the file's end, and a coarse node's points are
+  // damaged.
+  const auto far_page = [](std::size_t k, std::string& entry) {
+    if (k == 3 || k == 4) LasFileMaker::put(entry, 16, std::uint64_t{1} << 40);
+    if (k == 2) LasFileMaker::put(entry, 16, std::uint64_t{1} << 40);
+  };
+  const std::string file = CopcMaker(copc_nodes()).file(far_page);
+  EXPECT_EQ(points_of(file, {.level = 0}), 500U);
+  const Bounds low{Vec3d(1, 1, 1), Vec3d(250, 250, 250)};
+  EXPECT_GT(points_of(file, {.bounds = low}), 0U);
+  EXPECT_NE(message_of([&] { points_of(file, {.level = 1}); }).find("which cannot be"),
+            std::string::npos);
+  EXPECT_NE(
+      message_of([&] { points_of(file, {.level = 2}); }).find("pages that are not in the file"),
+      std::string::npos);
+}
+
+TEST(Copc, BrokenTreesAreRefused) {
+  const auto message = [](const std::function<void(std::size_t, std::string&)>& change) {
+    const std::string file = CopcMaker(copc_nodes()).file(change);
+    return message_of([&] { points_of(file, {.level = 9}); });
+  };
+  const auto expect = [&](std::size_t node, std::size_t at, auto value, const std::string& part) {
+    const std::string told = message([&](std::size_t k, std::string& entry) {
+      if (k == node) LasFileMaker::put(entry, at, value);
+    });
+    EXPECT_NE(told.find(part), std::string::npos) << told;
+  };
+  expect(1, 0, std::int32_t{-3}, "impossible node");
+  expect(1, 24, std::int32_t{-3}, "impossible node");
+  expect(1, 28, std::int32_t{-7}, "impossible node");
+  expect(1, 28, std::int32_t{299}, "are damaged");
+  expect(1, 28, std::int32_t{1 << 30}, "which cannot be");
+  expect(0, 28, std::int32_t{800}, "more points than the header counts");
+  expect(2, 16, std::uint64_t{1000}, "share their points");
+  // A page whose only entry is the page itself.
+  std::uint64_t page = 0;
+  message([&](std::size_t k, std::string& entry) {
+    if (k == 3) std::memcpy(&page, entry.data() + 16, sizeof(page));
+  });
+  const std::string loop = message([&](std::size_t k, std::string& entry) {
+    if (k != 5 + 3) return;
+    LasFileMaker::put(entry, 16, page);
+    LasFileMaker::put(entry, 28, std::int32_t{-1});
+  });
+  EXPECT_NE(loop.find("pages that are not in the file"), std::string::npos) << loop;
+}
+
+TEST(Copc, OfOtherProgramsHoldsWhatItsTwinHolds) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const std::string copc = data_folder() / "formats/laz/1.2-with-color.copc.laz";
+  const SurfelCloud twin = read_cloud(data_folder() / "lidar/1.2-with-color.las");
+  const auto sorted = [](const SurfelCloud& cloud) {
+    const std::vector<double> times = values_of(cloud, "gps_time");
+    std::vector<std::array<double, 5>> rows;
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      const Vec3d p = cloud.world(i);
+      rows.push_back({times[i], std::round(p.x() * 100), std::round(p.y() * 100),
+                      std::round(p.z() * 100), values_of(cloud, "intensity")[i]});
+    }
+    std::sort(rows.begin(), rows.end());
+    return rows;
+  };
+  EXPECT_EQ(sorted(read_cloud(copc)), sorted(twin));
+  EXPECT_EQ(sorted(read_cloud(copc, {.level = 30})), sorted(twin));
+  EXPECT_EQ(read_cloud(copc, {.level = 0}).size(), 24U);
+}
+
+TEST(Las, BoundsLeaveOutOthersInEveryFormat) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = cloud_of(maker_of(layout_of(3), 2000).las());
+  const Bounds box = cloud.bounds();
+  const Bounds part{box.min, box.center()};
+  for (const char* name : {"a.las", "a.laz", "a.ply", "a.pcd"}) {
+    write_cloud(cloud, folder / name);
+    const SurfelCloud read = read_cloud(folder / name, {.bounds = part});
+    EXPECT_LT(read.size(), 2000U);
+    ASSERT_GT(read.size(), 100U) << name;
+    for (std::size_t i = 0; i < read.size(); ++i) EXPECT_TRUE(part.contains(read.world(i)));
+  }
+  EXPECT_NE(message_of([&] { read_cloud(folder / "a.las", {.level = 1}); }).find("is no COPC file"),
+            std::string::npos);
+  EXPECT_NE(message_of([&] { read_cloud(folder / "a.ply", {.level = 1}); }).find("is no COPC file"),
+            std::string::npos);
+  const Bounds far{Vec3d::Constant(-9), Vec3d::Constant(-8)};
+  EXPECT_NE(message_of([&] {
+              read_cloud(folder / "a.las", {.bounds = far});
+            }).find("holds no points within"),
+            std::string::npos);
+  EXPECT_THROW(read_cloud(folder / "a.las", {.bounds = Bounds{}}), Error);
+  EXPECT_THROW(read_cloud(folder / "a.las", {.level = -1}), Error);
 }
 
 TEST(Las, NamesAndContentsTellTheKind) {

@@ -101,6 +101,7 @@ struct LasFileMaker {
   int minor = 4;
   std::vector<std::byte> points;
   std::string extra_descriptions;
+  std::string copc;
   double scale = 0.01;
   double offset = 1000;
 
@@ -119,6 +120,7 @@ struct LasFileMaker {
       blocks += head + bytes;
       ++block_count;
     };
+    add_block("copc", 1, copc);
     add_block("LASF_Spec", 4, extra_descriptions);
     add_block("laszip encoded", 22204, laszip);
     std::string head(minor >= 4 ? 375 : minor == 3 ? 235 : 227, '\0');

@@ -316,6 +316,7 @@ void check(const Settings& s) {
   if (s.progressive > 1 && s.output == "-") {
     problems.emplace_back("--progressive writes its steps over one another; give --output a file");
   }
+  tool::append(problems, s.part.options().problems());
   if (s.turntable < 0 || s.turntable > 100000) {
     problems.push_back(fmt::format("--turntable is {}; it must be in 0..100000", s.turntable));
   }
@@ -334,6 +335,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
       ->required();
+  add_part(app, s.part);
   declare_camera(app, s);
   declare_kernel(app, s);
   declare_visibility(app, s);

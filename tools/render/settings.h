@@ -15,6 +15,7 @@
 #include <surfel/truth/reference.h>
 
 #include "tools/support/normal_maps.h"
+#include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
 
@@ -62,6 +63,7 @@ struct Settings {
   TextureSourceOptions texture;
   tool::NormalMapSettings normals;
   int bounces = 0;
+  tool::PartSettings part;
 };
 
 /// Declares the options of surfel-render, bound to the settings.

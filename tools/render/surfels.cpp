@@ -33,7 +33,7 @@ IntakeOptions intake_options(const Settings& s) {
 
 /// Makes surfels of files of any kind.
 Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<CameraOptions>& views) {
-  Intake intake(s.inputs);
+  Intake intake(s.inputs, s.part.options());
   if (s.mesh.empty() && !intake.has_meshes()) {
     tool::require_valid(
         tool::without_effect(tool.app(), texture_options(), "on files that are no meshes"));
@@ -58,7 +58,8 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   std::string file = first;
   std::unique_ptr<LoadedCloud> loaded;
   options.wrap = [&](const CloudFacts& facts) { return coloring.wrap(tool, s, facts); };
-  if (s.inputs.size() == 1 && s.keep.empty() && (first == "-" || holds_surfels(first))) {
+  if (s.inputs.size() == 1 && s.keep.empty() && s.part.whole() &&
+      (first == "-" || holds_surfels(first))) {
     if (s.mesh.empty()) {
       tool::require_valid(tool::without_effect(tool.app(), texture_options(), "on surfels"));
     }
@@ -77,6 +78,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   }
   if (s.print_commands) {
     std::vector<std::string> done{"keep", "print-commands"};
+    if (!commands.empty()) done.insert(done.end(), {"level", "bounds"});
     if (s.mesh.empty()) {
       for (const std::string& option : texture_options()) done.push_back(option.substr(2));
     }

@@ -8,6 +8,8 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
 
+#include "tools/support/options.h"
+
 namespace surfel::tool {
 
 namespace {
@@ -57,9 +59,27 @@ void tell_not_finite(const Tool& tool, const std::string& path, const SurfelClou
                         counts, cloud.size()));
 }
 
-SurfelCloud read_finest(Tool& tool, const std::string& path) {
+CloudReadOptions PartSettings::options() const {
+  CloudReadOptions options{.level = level};
+  if (bounds) options.bounds = Bounds{Vec3d(bounds->data()), Vec3d(bounds->data() + 3)};
+  return options;
+}
+
+void add_part(CLI::App& app, PartSettings& part) {
+  app.option_defaults()->group("Part of a file");
+  app.add_option(
+      "--level", part.level,
+      "Of a COPC file the points of this level and the coarser ones, 0 = the coarsest; no "
+      "more of it is read");
+  add_vector(app, "--bounds", part.bounds,
+             "Points inside this box alone, its lowest and its highest corner: X,Y,Z,X,Y,Z; of a "
+             "COPC file little more is read");
+  app.option_defaults()->group("Options");
+}
+
+SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {
   const Timer timer;
-  SurfelCloud cloud = read_cloud(path);
+  SurfelCloud cloud = read_cloud(path, options);
   tool.report()["load_ms"] = timer.milliseconds();
   tell_skipped(tool, path, cloud);
   if (cloud.coarser_skipped > 0) {

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <array>
+#include <optional>
 #include <string>
 
+#include <surfel/io/cloud_io.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
@@ -20,9 +23,20 @@ void tell_unusable_colors(const Tool& tool, const std::string& path, const Surfe
 /// Tells how many values of an input that is kept as it is are not finite.
 void tell_not_finite(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
 
+/// Which part of a file to read.
+struct PartSettings {
+  std::optional<int> level;
+  std::optional<std::array<double, 6>> bounds;
+
+  bool whole() const { return !level && !bounds; }
+  CloudReadOptions options() const;
+};
+/// Declares --level and --bounds.
+void add_part(CLI::App& app, PartSettings& part);
+
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
 /// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.
-SurfelCloud read_finest(Tool& tool, const std::string& path);
+SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options = {});
 
 /// Tells how many surfels of an input are left out and why, if there are some.
 void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);

@@ -79,6 +79,17 @@ Orientation side_of(const SurfelCloud& points) {
 /// The name of the surfels that are made of a file.
 std::string surfels_of(const std::string& path) { return named_after(path, "-surfels.ply"); }
 
+/// The options that ask for the same part of a file, each after a blank.
+std::string part_words(const CloudReadOptions& part) {
+  std::string words;
+  if (part.level) words += fmt::format(" --level={}", *part.level);
+  if (part.bounds) {
+    words += fmt::format(" --bounds={},{}", fmt::join(part.bounds->min, ","),
+                         fmt::join(part.bounds->max, ","));
+  }
+  return words;
+}
+
 /// The options of surfel-texture that ask for the same, each after a blank.
 std::string texture_words(const IntakeOptions& options) {
   std::string words;
@@ -123,9 +134,10 @@ bool holds_surfels(const std::string& path) {
                                });
 }
 
-std::string estimate_command(const SurfelCloud& points, const std::string& path) {
+std::string estimate_command(const SurfelCloud& points, const std::string& path,
+                             const CloudReadOptions& part) {
   const Orientation side = side_of(points);
-  return fmt::format("surfel-estimate {}{} -o {}", shell_file(path),
+  return fmt::format("surfel-estimate {}{}{} -o {}", shell_file(path), part_words(part),
                      side == Orientation::kViewpoint ? " --orient viewpoint"
                      : side == Orientation::kAlign   ? " --orient align"
                                                      : "",
@@ -151,7 +163,7 @@ struct Intake::File {
   Bounds bounds() const;
   void sample(double spacing, const IntakeOptions& options, Made& made, ReliefKinds& kinds);
   bool texture(const IntakeOptions& options, ReliefKinds& kinds);
-  void estimate(Made& made);
+  void estimate(const CloudReadOptions& part, Made& made);
 };
 
 Bounds Intake::File::bounds() const {
@@ -213,7 +225,7 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
 }
 
 /// Makes surfels of raw points.
-void Intake::File::estimate(Made& made) {
+void Intake::File::estimate(const CloudReadOptions& part, Made& made) {
   EstimateOptions options;
   options.orientation.method = side_of(cloud);
   if (cloud.viewpoint) {
@@ -221,7 +233,7 @@ void Intake::File::estimate(Made& made) {
     options.normals.sensor = cloud.viewpoint->position;
   }
   made.file = surfels_of(path);
-  made.commands.push_back(estimate_command(cloud, path));
+  made.commands.push_back(estimate_command(cloud, path, part));
   EstimateReport report;
   cloud = estimate_surfels(cloud, options, &report, path);
   made.done.push_back(fmt::format(
@@ -232,7 +244,7 @@ void Intake::File::estimate(Made& made) {
       cloud.size(), made.commands.back()));
 }
 
-Intake::Intake(const std::vector<std::string>& files) {
+Intake::Intake(const std::vector<std::string>& files, const CloudReadOptions& part) : part_(part) {
   for (const std::string& path : files) {
     File& file = files_.emplace_back();
     file.path = path;
@@ -242,7 +254,7 @@ Intake::Intake(const std::vector<std::string>& files) {
         require_sampleable(*file.mesh, path);
         break;
       case FileKind::kCloud:
-        file.cloud = read_cloud(path);
+        file.cloud = read_cloud(path, part);
         break;
       case FileKind::kImage:
         throw_input(path, "is a picture; give meshes, points or surfels");
@@ -292,7 +304,7 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
     if (file.mesh) {
       file.sample(spacing, options, made, kinds);
     } else if (!has_variance(file.cloud)) {
-      file.estimate(made);
+      file.estimate(part_, made);
     }
     clouds.push_back(std::move(file.cloud));
     names.push_back(file.path);
@@ -315,8 +327,8 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
     made.filled.emplace_back(names[filled.cloud], filled.column);
   }
   made.file = "joined-surfels.ply";
-  made.commands.push_back(
-      fmt::format("surfel-convert {} -o {}", fmt::join(joined, " "), made.file));
+  made.commands.push_back(fmt::format("surfel-convert {}{} -o {}", fmt::join(joined, " "),
+                                      part_words({.bounds = part_.bounds}), made.file));
   made.done.push_back(fmt::format("{} files joined: {} surfels ({})", names.size(),
                                   made.cloud.size(), made.commands.back()));
   return made;

@@ -9,6 +9,7 @@
 
 #include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
+#include <surfel/io/cloud_io.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/texture/normal_maps.h>
 #include <surfel/texture/texture_fit.h>
@@ -23,7 +24,9 @@ SURFEL_API bool holds_surfels(const std::string& path);
 
 /// The command that makes surfels of raw points, for a shell: normals look to the file's viewpoint,
 /// or else to the side of the file's normals.
-SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path);
+/// `part` is what was read of the file.
+SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path,
+                                        const CloudReadOptions& part = {});
 
 /// The command that makes a first picture of a file of any kind, for a shell.
 SURFEL_API std::string picture_command(const std::string& path);
@@ -57,7 +60,8 @@ class SURFEL_API Intake {
 
   /// Reads the files, one at least. Throws what read_mesh() and read_cloud() throw, and
   /// Error(kInput) for pictures.
-  explicit Intake(const std::vector<std::string>& files);
+  /// \param part  what to read of clouds; meshes are read whole
+  explicit Intake(const std::vector<std::string>& files, const CloudReadOptions& part = {});
   ~Intake();
   Intake(const Intake&) = delete;
   Intake& operator=(const Intake&) = delete;
@@ -79,6 +83,7 @@ class SURFEL_API Intake {
   struct File;
   struct ReliefKinds;
   std::vector<File> files_;
+  CloudReadOptions part_;
 };
 
 }  // namespace surfel

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/version.h>
@@ -109,8 +110,8 @@ LasStorage parse_las_comment(std::string_view text, const std::string& file) {
 }
 
 /// Reads LAS or LAZ; comments that this program wrote are in a block of their own.
-SurfelCloud read_las_cloud(const InputFile& input) {
-  SurfelCloud cloud = read_las(input);
+SurfelCloud read_las_cloud(const InputFile& input, const CloudReadOptions& options) {
+  SurfelCloud cloud = read_las(input, options);
   std::vector<LasRecord>& blocks = cloud.las->records;
   for (std::size_t k = 0; k < blocks.size(); ++k) {
     if (blocks[k].user != kCommentUser || blocks[k].id != kCommentId) continue;
@@ -276,9 +277,9 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
   }
   // The finest level is the last.
   records.skip(coarser);
-  records.stepped = std::any_of(
-      ply.header().comments.begin(), ply.header().comments.end(),
-      [](const std::string& comment) { return comment.starts_with(kLasComment); });
+  records.stepped =
+      std::any_of(ply.header().comments.begin(), ply.header().comments.end(),
+                  [](const std::string& comment) { return comment.starts_with(kLasComment); });
   SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
   if (levels && options.levels) {
     cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
@@ -298,14 +299,20 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
   return cloud;
 }
 
-SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
+namespace {
+
+/// Reads all points of a file, and of COPC those that the options ask for.
+SurfelCloud read_whole(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
+  if (LasHeader::matches(input.head(4))) return read_las_cloud(input, options);
+  if (options.level) {
+    throw_input(name, "is no COPC file, whose points have levels; leave out `level`");
+  }
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
     return read_cloud(ply, options);
   }
-  if (LasHeader::matches(input.head(4))) return read_las_cloud(input);
   if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
   if (lower_extension(name) == ".ply")
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
@@ -318,6 +325,35 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
               "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ and text "
               "(XYZ, PTS)" +
                   converter_advice(name));
+}
+
+/// Leaves out the points outside of a box.
+SurfelCloud inside(const SurfelCloud& cloud, const Bounds& bounds, const std::string& file) {
+  Array<std::uint32_t> order;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (bounds.contains(cloud.world(i))) order.push_back(static_cast<std::uint32_t>(i));
+  }
+  if (order.empty()) throw_input(file, "holds no points within the `bounds`");
+  return cloud.gathered(order);
+}
+
+}  // namespace
+
+std::vector<std::string> CloudReadOptions::problems() const {
+  std::vector<std::string> found;
+  if (level) check_option(found, *level >= 0, "level", *level, ">= 0");
+  if (bounds && !((bounds->max - bounds->min).minCoeff() > 0)) {
+    found.emplace_back("`bounds` has no inside; give the lowest corner, then the highest");
+  }
+  return found;
+}
+
+SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
+  require_usable(options);
+  const std::string name = input.name();
+  SurfelCloud cloud = read_whole(std::move(input), options);
+  if (!options.bounds) return cloud;
+  return inside(cloud, *options.bounds, name);
 }
 
 SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,14 @@ namespace surfel {
 
 struct CloudReadOptions {
   bool levels = false;  ///< Read all levels of detail and their tree, not the finest level alone.
+  /// Of a COPC file the points of this level and of the coarser ones alone, 0 = the coarsest; no
+  /// more of the file is read. Unset: all levels, of any file.
+  std::optional<int> level = {};
+  /// The points inside alone, world coordinates; of a COPC file little more is read. Unset: all.
+  std::optional<Bounds> bounds = {};
+
+  /// Empty if usable, else one sentence per violated rule.
+  SURFEL_API std::vector<std::string> problems() const;
 };
 
 /// Reads surfels or points from PLY (ascii, binary of either byte order), PCD (ascii, binary,
@@ -25,7 +34,8 @@ struct CloudReadOptions {
 /// kept; the tools count or drop them. The origin is (0, 0, 0) unless the points lie so far from it
 /// that float offsets would lose precision. Of a file with levels of detail (surfel-lod) only the
 /// finest is read, unless the options ask for all; SurfelCloud::coarser_skipped is the number of
-/// surfels left out. Throws Error (kIo, kInput) naming the file and the line or element.
+/// surfels left out. Throws Error (kIo, kInput) naming the file and the line or element, and
+/// Error(kUsage) for unusable options.
 SURFEL_API SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options = {});
 /// Reads surfels or points from a file that is open.
 SURFEL_API SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options = {});

@@ -4,8 +4,10 @@
 #include <memory>
 
 #include <surfel/base/color.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_from_records.h>
+#include <surfel/io/copc.h>
 #include <surfel/io/las.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/las_layout.h>
@@ -79,19 +81,27 @@ void narrow(SurfelCloud& cloud) {
 
 }  // namespace
 
-SurfelCloud read_las(const InputFile& file) {
+SurfelCloud read_las(const InputFile& file, const CloudReadOptions& options) {
   const LasHeader header(file);
   const LasLayout layout(header, file.name());
   std::unique_ptr<RecordBlocks> points;
-  if (header.compressed) {
-    points = std::make_unique<LazPoints>(file, header, laz_chunks(file, header), header.count);
+  std::uint64_t count = header.count;
+  if (options.level || (options.bounds && header.copc)) {
+    CopcPart part = copc_part(file, header, options.level, options.bounds);
+    count = part.count;
+    if (count == 0 && options.bounds) {
+      throw_input(file.name(), "holds no points within the `bounds`");
+    }
+    points = std::make_unique<LazPoints>(file, header, std::move(part.chunks), count);
+  } else if (header.compressed) {
+    points = std::make_unique<LazPoints>(file, header, laz_chunks(file, header), count);
   } else {
     points = std::make_unique<PlainPoints>(file, header);
   }
   const ExpandedPoints records(*points, layout);
   RecordTable table;
   table.blocks = &records;
-  table.count = header.count;
+  table.count = count;
   table.stride = layout.stride();
   table.columns = layout.columns();
   table.stepped = true;
