@@ -28,7 +28,8 @@ constexpr double kMostMegabytes = 100;  ///< ... this.
 
 struct Command {
   std::string name;  ///< What is typed, without the files.
-  enum class Input { kCloud, kGrouped, kMesh } input = Input::kCloud;
+  /// kTwice: a cloud, named twice.
+  enum class Input { kCloud, kTwice, kGrouped, kPoints, kMesh } input = Input::kCloud;
   std::string output;  ///< Extension; empty: none.
 };
 
@@ -37,6 +38,7 @@ std::vector<Command> commands() {
   return {
       {"surfel-info", kCloud, ""},
       {"surfel-convert", kCloud, "ply"},
+      {"surfel-convert --align", kTwice, "ply"},
       {"surfel-estimate", kCloud, "ply"},
       {"surfel-estimate -k auto --remove-outliers", kCloud, "ply"},
       {"surfel-texture --solid noise", kCloud, "ply"},
@@ -52,6 +54,7 @@ std::vector<Command> commands() {
       {"surfel-simplify --count 2000", kCloud, "ply"},
       {"surfel-simplify --max-error 0.05", kCloud, "ply"},
       {"surfel-render", kCloud, "png"},
+      {"surfel-render", kPoints, "png"},
       {"surfel-render --layers 16", kCloud, "png"},
       {"surfel-render --kernel perspective", kCloud, "png"},
       {"surfel-render --memory 1M", kCloud, "png"},
@@ -69,12 +72,21 @@ std::vector<Command> commands() {
   };
 }
 
+/// The file that a command runs on.
+std::string input_of(const Command& command, const std::string& name, std::size_t count) {
+  using namespace surfel::test;
+  if (command.input == Command::Input::kMesh) return adversarial_mesh(name, count);
+  if (command.input == Command::Input::kPoints) return adversarial_points(name, count);
+  return adversarial_cloud(name, count, command.input == Command::Input::kGrouped);
+}
+
 /// The words of a command line on a file.
 std::vector<std::string> command_line(const Command& command, const std::string& tools,
                                       const std::string& input, const std::string& output) {
   std::vector<std::string> words = surfel::test::words_of(command.name);
   words[0] = tools + "/" + words[0];
   words.insert(words.begin() + 1, input);
+  if (command.input == Command::Input::kTwice) words.insert(words.begin() + 1, input);
   words.insert(words.end(), {"--threads", "1", "--quiet"});
   if (!command.output.empty()) words.insert(words.end(), {"-o", output});
   return words;
@@ -107,9 +119,7 @@ int main(int argc, char** argv) {
       if (!only_case.empty() && at.name != only_case && at.name != "benign") continue;
       const std::string input = folder + "/" + at.name + (mesh ? ".obj" : ".ply");
       const std::string output = folder + "/out." + command.output;
-      std::ofstream(input, std::ios::binary)
-          << (mesh ? adversarial_mesh(at.name, count)
-                   : adversarial_cloud(at.name, count, command.input == Command::Input::kGrouped));
+      std::ofstream(input, std::ios::binary) << input_of(command, at.name, count);
       const MeasuredRun run = measured_run(command_line(command, tools, input, output), folder);
       std::filesystem::remove(input);
       std::filesystem::remove(output);
@@ -129,8 +139,11 @@ int main(int argc, char** argv) {
       if (memory > most && at.name != "benign") most = memory, most_case = at.name;
     }
     fmt::print("| `{}`{} | {:.0f} ms, {:.0f} MB | {:.1f} {} | {:.1f} {} | {} |\n", command.name,
-               mesh ? " (mesh)" : "", 1e3 * benign.seconds, benign.megabytes, longest, longest_case,
-               most, most_case, refused);
+               mesh                                       ? " (mesh)"
+               : command.input == Command::Input::kPoints ? " (points)"
+                                                          : "",
+               1e3 * benign.seconds, benign.megabytes, longest, longest_case, most, most_case,
+               refused);
     std::fflush(stdout);
   }
   std::filesystem::remove_all(folder);

@@ -280,31 +280,40 @@ std::vector<AdversarialCase> names(const std::vector<Case>& cases) {
   return named;
 }
 
+/// The first columns of a cloud, all of which are x y z, normal, variance, area, colour, alpha; and
+/// group where `grouped` is set.
+std::string ply(const std::string& name, std::size_t count, const std::vector<std::string>& columns,
+                bool grouped) {
+  Surfels surfels = sphere(count);
+  find_case(cloud_cases(), name).change(surfels);
+  std::string file =
+      "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) + "\n";
+  for (const std::string& column : columns) file += "property float " + column + "\n";
+  if (grouped) file += "property ushort group\n";
+  file += "end_header\n";
+  for (std::size_t i = 0; i < count; ++i) {
+    const Surfel& s = surfels[i];
+    const double values[] = {s.p[0],     s.p[1], s.p[2],     s.n[0],     s.n[1],     s.n[2],
+                             s.variance, s.area, s.color[0], s.color[1], s.color[2], s.alpha};
+    for (std::size_t c = 0; c < columns.size(); ++c) append(file, static_cast<float>(values[c]));
+    if (grouped) append(file, static_cast<std::uint16_t>(i % 8));
+  }
+  return file;
+}
+
 }  // namespace
 
 std::vector<AdversarialCase> adversarial_clouds() { return names(cloud_cases()); }
 std::vector<AdversarialCase> adversarial_meshes() { return names(mesh_cases()); }
 
 std::string adversarial_cloud(const std::string& name, std::size_t count, bool grouped) {
-  Surfels surfels = sphere(count);
-  find_case(cloud_cases(), name).change(surfels);
-  std::string file =
-      "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) + "\n";
-  for (const char* column :
-       {"x", "y", "z", "nx", "ny", "nz", "variance", "area", "red", "green", "blue", "alpha"}) {
-    file += std::string("property float ") + column + "\n";
-  }
-  if (grouped) file += "property ushort group\n";
-  file += "end_header\n";
-  for (std::size_t i = 0; i < count; ++i) {
-    const Surfel& s = surfels[i];
-    for (const double value : {s.p[0], s.p[1], s.p[2], s.n[0], s.n[1], s.n[2], s.variance, s.area,
-                               s.color[0], s.color[1], s.color[2], s.alpha}) {
-      append(file, static_cast<float>(value));
-    }
-    if (grouped) append(file, static_cast<std::uint16_t>(i % 8));
-  }
-  return file;
+  return ply(name, count,
+             {"x", "y", "z", "nx", "ny", "nz", "variance", "area", "red", "green", "blue", "alpha"},
+             grouped);
+}
+
+std::string adversarial_points(const std::string& name, std::size_t count) {
+  return ply(name, count, {"x", "y", "z"}, false);
 }
 
 std::string adversarial_mesh(const std::string& name, std::size_t count) {

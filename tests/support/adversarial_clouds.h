@@ -23,6 +23,8 @@ std::vector<AdversarialCase> adversarial_clouds();
 /// One of them as a binary PLY file of `count` surfels: x y z, normal, variance, area, colour,
 /// alpha, and group (8 groups in turn) where `grouped` is set.
 std::string adversarial_cloud(const std::string& name, std::size_t count, bool grouped = false);
+/// The same as a scanner's points: x y z alone.
+std::string adversarial_points(const std::string& name, std::size_t count);
 
 /// Meshes by name, `benign` first.
 std::vector<AdversarialCase> adversarial_meshes();

@@ -26,9 +26,9 @@ constexpr std::size_t kMostDiscs = 1024;
 constexpr int kPointsPerCell = 16;  ///< 20,000 cells tell a share to 0.1 % then.
 /// Cells are measured in so many rounds, each spread over the cloud, of which the last are left out
 /// once discs have been looked at so often for each cell in the mean. Discs that just close a
-/// surface take a tenth of it; thousands over each other would take all the time there is.
+/// surface take a quarter of it; thousands over each other would take all the time there is.
 constexpr std::size_t kRounds = 16;
-constexpr std::size_t kDiscsPerCell = 128;
+constexpr std::size_t kDiscsPerCell = 48;
 /// Normals within 60 degrees show the same surface (surface/sheet.h says why no more). The rule
 /// that sizes are estimated by is another on purpose: coverage is a second opinion on the sizes.
 constexpr float kAgreeingCosine = 0.5F;
