@@ -12,12 +12,16 @@
 namespace surfel::fuzz {
 namespace {
 
-Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threads) {
+/// What else a picture differs by.
+enum Way { kPlain, kEllipses, kUnfiltered, kNear };
+
+Image rendered(const SurfelCloud& cloud, const RenderOptions& options, double zoom, int threads) {
   set_thread_count(threads);
   RenderCloud surfels(cloud, options.compositing().columns(), "surfels");
   CameraOptions camera;
   camera.width = 37;
   camera.height = 29;
+  camera.zoom = zoom;
   static const Scene scene;
   return Renderer(surfels, scene, options).render(make_camera(camera, surfels.extent()));
 }
@@ -28,6 +32,7 @@ Image rendered(const SurfelCloud& cloud, const RenderOptions& options, int threa
 /// give the bytes that one gives.
 void render(Bytes bytes) {
   CloudNumbers numbers(bytes);
+  const int way = numbers.choice() / 16;
   SurfelCloud cloud;
   constexpr std::size_t kMost = 200;
   while (!numbers.done() && cloud.size() < kMost) {
@@ -41,7 +46,13 @@ void render(Bytes bytes) {
     const float unit = numbers.are_any() ? 1 : numbers.scale();
     cloud.position.push_back(vector(length));
     cloud.normal.push_back(vector(number));
-    cloud.variance.push_back(length() * unit);
+    if (way == kEllipses) {
+      cloud.tangent.push_back(vector(number));
+      cloud.variance_u.push_back(length() * unit);
+      cloud.variance_v.push_back(length() * unit);
+    } else {
+      cloud.variance.push_back(length() * unit);
+    }
     cloud.area.push_back(length() * unit);
     cloud.color.push_back(vector(number));
     cloud.alpha.push_back(number());
@@ -50,14 +61,25 @@ void render(Bytes bytes) {
   options.lit = numbers.choice() % 2 == 1;
   options.cull_back = numbers.choice() / 2 % 2 == 1;
   options.cutoff = 1 + numbers.choice() / 4 % 4;
+  double zoom = 1;
+  if (way == kEllipses) options.kernel = Kernel::kPerspective;
+  if (way == kUnfiltered) {
+    options.kernel = Kernel::kAffine;
+    options.filter = Filter::kNone;
+    options.relief = Relief::kEyeDome;
+  }
+  if (way == kNear) {
+    options.relief = Relief::kOcclusion;
+    zoom = 16;
+  }
   try {
-    const Image one = rendered(cloud, options, 1);
+    const Image one = rendered(cloud, options, zoom, 1);
     for (std::size_t i = 0; i < one.data.size(); ++i) {
       require(std::isfinite(one.data[i]), "a pixel that is not finite");
       const bool opacity = i % one.channels.size() == 3;
       require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F), "an opacity beyond 1");
     }
-    const Image three = rendered(cloud, options, 3);
+    const Image three = rendered(cloud, options, zoom, 3);
     require(
         one.data.size() == three.data.size() &&
             std::memcmp(one.data.data(), three.data.data(), one.data.size() * sizeof(float)) == 0,
