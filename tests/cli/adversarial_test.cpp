@@ -19,7 +19,7 @@ constexpr std::size_t kCount = 1500;
 /// A tool that makes surfels or a picture of surfels.
 struct Job {
   Words command;
-  bool grouped = false;
+  std::string file = "cloud.ply";
 };
 
 std::vector<Job> cloud_jobs() {
@@ -31,12 +31,16 @@ std::vector<Job> cloud_jobs() {
       {{"surfel-lod", "-o", "out.ply"}},
       {{"surfel-simplify", "--count", "100", "-o", "out.ply"}},
       {{"surfel-render", "--size", "48x48", "-o", "out.png"}},
-      {{"surfel-render", "--method", "deferred", "--size", "48x48", "-o", "out.png"}, true},
+      {{"surfel-render", "--size", "48x48", "-o", "out.png"}, "points.ply"},
+      {{"surfel-render", "--method", "deferred", "--size", "48x48", "-o", "out.png"},
+       "grouped.ply"},
+      {{"surfel-convert", "cloud.ply", "--align", "-o", "out.ply"}},
   };
 }
 
 std::vector<Job> mesh_jobs() {
-  return {{{"surfel-from-mesh", "--count", "1000", "-o", "out.ply"}}, {{"surfel-info"}}};
+  return {{{"surfel-from-mesh", "--count", "1000", "-o", "out.ply"}, "mesh.obj"},
+          {{"surfel-info"}, "mesh.obj"}};
 }
 
 /// The first problem of a cloud's values, or nothing.
@@ -51,18 +55,18 @@ std::string flaw_of(const SurfelCloud& cloud) {
 class Adversarial : public testing::TestWithParam<AdversarialCase> {
  protected:
   /// Runs a tool on a file in the folder.
-  void expect_sane(const Job& job, const std::string& file) const {
+  void expect_sane(const Job& job) const {
     Words command = job.command;
     command[0] = tool(command[0]);
     for (std::string& word : command) {
-      if (word.starts_with("out.")) word = folder_ / word;
+      if (word.starts_with("out.") || word == "cloud.ply") word = folder_ / word;
     }
-    command.insert(command.begin() + 1, folder_ / file);
+    command.insert(command.begin() + 1, folder_ / job.file);
     command.insert(command.end(), {"--quiet", "--threads", "1"});
     const RunResult result = run(command);
     const std::string what = job.command[0] + " on " + GetParam().name + ": " + result.errors;
     ASSERT_TRUE(result.exit_code == 0 || result.exit_code == 1) << what;
-    EXPECT_TRUE(result.exit_code == 0 || contains(result.errors, file)) << what;
+    EXPECT_TRUE(result.exit_code == 0 || contains(result.errors, job.file)) << what;
     const bool surfels = std::filesystem::exists(folder_ / "out.ply");
     EXPECT_TRUE(result.exit_code == 0 || !surfels) << what;
     if (surfels) {
@@ -81,7 +85,8 @@ TEST_P(AdversarialCloud, EndsWithASaneResultOrAMessage) {
   const std::string& name = GetParam().name;
   write_text(folder_ / "cloud.ply", adversarial_cloud(name, kCount));
   write_text(folder_ / "grouped.ply", adversarial_cloud(name, kCount, true));
-  for (const Job& job : cloud_jobs()) expect_sane(job, job.grouped ? "grouped.ply" : "cloud.ply");
+  write_text(folder_ / "points.ply", adversarial_points(name, kCount));
+  for (const Job& job : cloud_jobs()) expect_sane(job);
 }
 
 TEST_P(AdversarialCloud, HasPicturesOfNumbers) {
@@ -102,7 +107,7 @@ TEST_P(AdversarialCloud, HasPicturesOfNumbers) {
 
 TEST_P(AdversarialMesh, EndsWithASaneResultOrAMessage) {
   write_text(folder_ / "mesh.obj", adversarial_mesh(GetParam().name, kCount));
-  for (const Job& job : mesh_jobs()) expect_sane(job, "mesh.obj");
+  for (const Job& job : mesh_jobs()) expect_sane(job);
 }
 
 std::string name_of(const testing::TestParamInfo<AdversarialCase>& info) {

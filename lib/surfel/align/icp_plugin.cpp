@@ -2,10 +2,12 @@
 // neither links nor loads PCL before scans are aligned.
 
 #include <exception>
+#include <stdexcept>
 
 #include <pcl/console/print.h>
 #include <pcl/point_types.h>
 #include <pcl/registration/icp.h>
+#include <pcl/registration/transformation_estimation_point_to_plane_lls.h>
 #include <surfel/align/icp_plugin.h>
 #include <surfel/base/export.h>
 
@@ -33,14 +35,31 @@ pcl::PointCloud<pcl::PointNormal>::Ptr to_oriented_cloud(const float* points, co
   return cloud;
 }
 
+using PointToPlane =
+    pcl::registration::TransformationEstimationPointToPlaneLLS<pcl::PointNormal, pcl::PointNormal>;
+
+/// Of points to planes, by linear least squares. Throws where these have no solution, as in a plane
+/// that lies on itself: PCL goes on with a motion that is no number, and ends the process.
+class SolvablePointToPlane : public PointToPlane {
+ public:
+  using PointToPlane::estimateRigidTransformation;
+  void estimateRigidTransformation(const pcl::PointCloud<pcl::PointNormal>& source,
+                                   const pcl::PointCloud<pcl::PointNormal>& target,
+                                   const pcl::Correspondences& pairs,
+                                   Matrix4& motion) const override {
+    PointToPlane::estimateRigidTransformation(source, target, pairs, motion);
+    if (!motion.allFinite()) throw std::runtime_error("no motion fits");
+  }
+};
+
 }  // namespace
 }  // namespace surfel
 
 extern "C" bool surfel_run_icp(surfel::IcpWork& work) {
   pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
   try {
-    // Of points to planes, by linear least squares.
     pcl::IterativeClosestPointWithNormals<pcl::PointNormal, pcl::PointNormal> icp;
+    icp.setTransformationEstimation(pcl::make_shared<surfel::SolvablePointToPlane>());
     icp.setInputSource(surfel::to_oriented_cloud(work.source, nullptr, work.sources));
     icp.setInputTarget(surfel::to_oriented_cloud(work.target, work.normal, work.targets));
     icp.setMaxCorrespondenceDistance(work.reach);
