@@ -8,22 +8,12 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_las cloud_laz cloud_copc cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_ply/text.ply --ascii --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_pcd/binary.pcd --quiet
-surfel-convert cloud_ply/binary.ply -o cloud_las/surfels.las --quiet
-surfel-convert cloud_ply/binary.ply -o cloud_laz/surfels.laz --quiet
-# Formats 3 and 7, whose points are compressed in two ways.
-printf 'x,y,z,red,green,blue,intensity,gps_time\n0,0,0,9,8,7,5,1\n1,2,3,7,6,5,4,2\n1,1,3,7,6,5,4,3\n2,1,3,0,6,5,4,9\n' > points.csv
-printf 'x,y,z,nir,overlap,scanner_channel,return_number,gps_time\n0,0,0,9,0,0,1,1\n1,2,3,7,1,0,2,1\n1,1,3,7,0,1,9,3\n2,1,3,0,0,0,1,9\n' > points14.csv
-for name in points points14; do
-  surfel-convert $name.csv -o cloud_las/$name.las --quiet
-  surfel-convert $name.csv -o cloud_laz/$name.laz --quiet
-  rm $name.csv
-done
 printf 'VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n0 0 0 255\n1 nan 2 65280\n' > cloud_pcd/text.pcd
 {
   printf 'ply\nformat ascii 1.0\nelement vertex 5\n'
