@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/align/align_scans.h>
 #include <surfel/base/error.h>
+#include <surfel/base/rotation.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/scene/join.h>
@@ -98,7 +99,7 @@ surfel::Similarity similarity(const Settings& s) {
     const surfel::Vec3d axis = s.rotation->head<3>();
     const double angle = (*s.rotation)[3] * std::numbers::pi / 180;
     // A vector without a direction stays so, and is refused as a rotation.
-    out.rotation = Eigen::AngleAxisd(angle, axis.stableNormalized());
+    out.rotation = surfel::rotation_about(axis.stableNormalized(), angle);
   }
   return out;
 }
@@ -150,7 +151,7 @@ void align(surfel::tool::Tool& tool, const Settings& s, std::vector<surfel::Surf
   for (std::size_t k = 0; k < clouds.size(); ++k) {
     const surfel::ScanFit& fit = r.scans[k];
     json["scans"].push_back(fit_json(s.inputs[k], fit));
-    const double degrees = Eigen::AngleAxisd(fit.pose.rotation).angle() * 180 / std::numbers::pi;
+    const double degrees = surfel::rotation_angle(fit.pose.rotation) * 180 / std::numbers::pi;
     tool.note(fmt::format(
         "{}: {}; {} of {} points lie on other scans, {:.3g} from them (RMS)", s.inputs[k],
         k == 0

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/measure/terrain.h>
 #include <surfel/measure/view_guess.h>
@@ -71,7 +72,7 @@ void apply_kind(const Settings& s, AttributeValues& values) {
 std::string shown(double value, double size) {
   const double scale = size > 0 ? size : std::abs(value);
   const int decimals =
-      scale > 0 ? std::clamp(3 - static_cast<int>(std::ceil(std::log10(scale))), 0, 9) : 0;
+      scale > 0 ? std::clamp(3 - static_cast<int>(std::ceil(portable::log10(scale))), 0, 9) : 0;
   return std::abs(value) < 1e9 ? fmt::format("{:.{}f}", value, decimals)
                                : fmt::format("{:.6g}", value);
 }

@@ -63,7 +63,7 @@ std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, c
   std::vector<Paint> steps;
   for (int step = s.progressive - 1; step > 0; --step) {
     RenderOptions coarse = s.render;
-    coarse.lod_error = std::min(1000.0, s.render.lod_pixels() * std::exp2(step));
+    coarse.lod_error = std::min(1000.0, std::ldexp(s.render.lod_pixels(), step));
     steps.push_back(surfel_painter(s, coarse, surfels, scene));
   }
   steps.push_back(surfel_painter(s, s.render, surfels, scene));

@@ -146,7 +146,7 @@ std::uint64_t parse_bytes(const std::string& option, const std::string& text) {
   const auto number = parse_number<double>(text.data(), text.data() + digits);
   const double bytes =
       number.value_or(-1) *
-      (unit == std::string::npos ? 1 : std::exp2(10 * static_cast<double>(unit + 1)));
+      (unit == std::string::npos ? 1 : std::ldexp(1, 10 * static_cast<int>(unit + 1)));
   constexpr double kMost = 0x1p60;  ///< More than any machine has, and exact.
   if (!(bytes >= 1 && bytes <= kMost)) {
     throw_conversion(option, text, "a number of bytes such as 512M or 2G");

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/instructions.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
@@ -84,6 +85,19 @@ struct Outcome {
   ExitCode code = kDone;
   std::string message;
 };
+
+/// The variable of the environment that chooses the set of vector instructions.
+constexpr const char* kInstructions = "SURFEL_INSTRUCTIONS";
+
+void use_chosen_instructions() {
+  const char* name = std::getenv(kInstructions);
+  if (!name || !*name) return;
+  try {
+    set_instructions(name);
+  } catch (const Error& error) {
+    throw Error(error.kind(), fmt::format("{}: {}", kInstructions, error.what()));
+  }
+}
 
 ExitCode exit_code(ErrorKind kind) { return kind == ErrorKind::kUsage ? kWrongUsage : kFailed; }
 
@@ -342,6 +356,7 @@ void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   report["version"] = version();
   report["options"] = std::move(options);
   report["threads"] = thread_count();
+  report["instructions"] = instructions();
   report["total_ms"] = total.milliseconds();
   report["peak_memory_bytes"] = peak_memory_bytes();
   if (outcome.code != kDone) report["error"] = outcome.message;
@@ -446,7 +461,10 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   impl_->total.restart();
   install_signal_handlers();
   bool proceed = false;
-  Outcome outcome = impl_->attempt([&] { proceed = impl_->parse(argc, argv); });
+  Outcome outcome = impl_->attempt([&] {
+    use_chosen_instructions();
+    proceed = impl_->parse(argc, argv);
+  });
   if (outcome.code == kWrongUsage) {
     // What asks what was meant needs no further advice.
     const bool asks = outcome.message.ends_with('?');

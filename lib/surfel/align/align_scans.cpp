@@ -7,8 +7,10 @@
 #include <surfel/align/pairwise_icp.h>
 #include <surfel/align/scan.h>
 #include <surfel/align/scan_matches.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
+#include <surfel/base/rotation.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/solve/ceres_solver.h>
 
@@ -174,7 +176,7 @@ double solve_bundle(Placement& p, double reach) {
     largest = std::max(largest,
                        (translation - p.poses[k].translation).norm() + angle * p.scans[k].radius);
     if (angle > 0) {
-      const Quaternion rotation(Eigen::AngleAxisd(angle, turn / angle));
+      const Quaternion rotation = rotation_about(turn / angle, angle);
       p.poses[k].rotation = (rotation * p.poses[k].rotation).normalized();
     }
     p.poses[k].translation = translation;
@@ -229,7 +231,7 @@ void measure(const Placement& p, AlignReport& report) {
   std::vector<double> squares(p.scans.size(), 0);
   std::vector<std::size_t> count(p.scans.size(), 0);
   for (const PlaneMatch& match : matches) {
-    const double square = std::pow(plane_distance(p, match), 2);
+    const double square = portable::squared(plane_distance(p, match));
     squares[match.moving] += square;
     ++count[match.moving];
     report.rms += square;
@@ -248,8 +250,8 @@ void measure(const Placement& p, AlignReport& report) {
     fit.pose.rotation = p.poses[k].rotation;
     const Vec3d place = p.scans[0].center + p.poses[k].translation;
     fit.pose.translation = place - p.poses[k].rotation * scan.center;
-    const double angle = Eigen::AngleAxisd(fit.pose.rotation).angle();
-    fit.moved = (place - scan.center).norm() + 2 * std::sin(angle / 2) * scan.radius;
+    const double angle = rotation_angle(fit.pose.rotation);
+    fit.moved = (place - scan.center).norm() + 2 * portable::sin(angle / 2) * scan.radius;
   }
 }
 

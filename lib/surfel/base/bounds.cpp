@@ -21,7 +21,9 @@ double choose_origin(double min, double max, double extent) {
     const auto nearest = static_cast<double>(static_cast<float>(center));
     return nearest == center ? 0 : nearest;
   }
-  const double step = std::exp2(std::ceil(std::log2(extent)));
+  int exponent = 0;
+  const bool power_of_two = std::frexp(extent, &exponent) == 0.5;
+  const double step = std::ldexp(1, power_of_two ? exponent - 1 : exponent);
   return std::round(center / step) * step;
 }
 
@@ -41,7 +43,7 @@ Vec3d central_origin(const Bounds& box) {
   const Vec3d center = box.center();
   if (!center.allFinite()) return Vec3d::Zero();
   if (!(extent > 0)) return center;
-  const double step = std::exp2(std::floor(std::log2(extent)) - 4);
+  const double step = std::ldexp(1, std::ilogb(extent) - 4);
   return (center / step).array().round() * step;
 }
 

@@ -4,16 +4,17 @@
 #include <limits>
 
 #include <surfel/base/color.h>
+#include <surfel/base/elementary.h>
 
 namespace surfel {
 namespace {
 
 double decode(double encoded) {
-  return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
+  return encoded <= 0.04045 ? encoded / 12.92 : portable::pow((encoded + 0.055) / 1.055, 2.4);
 }
 
 double encode(double linear) {
-  return linear <= 0.0031308 ? linear * 12.92 : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
+  return linear <= 0.0031308 ? linear * 12.92 : 1.055 * portable::pow(linear, 1 / 2.4) - 0.055;
 }
 
 /// Encodes to 8 bits without pow(), rounded exactly: floats are looked up by exponent and first 7

@@ -8,6 +8,7 @@
 #endif
 
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -22,13 +23,13 @@ struct Vec3 {
 
 template <class V>
 HWY_INLINE V dot(const Vec3<V>& a, const Vec3<V>& b) {
-  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
+  return mul_add(a.x, b.x, mul_add(a.y, b.y, hn::Mul(a.z, b.z)));
 }
 
 template <class V>
 HWY_INLINE Vec3<V> cross(const Vec3<V>& a, const Vec3<V>& b) {
-  return {hn::MulSub(a.y, b.z, hn::Mul(a.z, b.y)), hn::MulSub(a.z, b.x, hn::Mul(a.x, b.z)),
-          hn::MulSub(a.x, b.y, hn::Mul(a.y, b.x))};
+  return {mul_sub(a.y, b.z, hn::Mul(a.z, b.y)), mul_sub(a.z, b.x, hn::Mul(a.x, b.z)),
+          mul_sub(a.x, b.y, hn::Mul(a.y, b.x))};
 }
 
 }  // namespace HWY_NAMESPACE

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/elementary.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/whole_file.h>
 #include <surfel/chart/chart_judge.h>
@@ -86,7 +87,7 @@ std::string milliseconds(double ms) {
 
 /// PSNR for a plot, which does not tell errors apart that rounding to 8 bits alone makes.
 double plotted_psnr(const ChartPoint& p) {
-  return -20 * std::log10(std::max(p.error.rmse, kRoundingError));
+  return -20 * portable::log10(std::max(p.error.rmse, kRoundingError));
 }
 
 Plot plot_of(const ChartSweep& sweep) {

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/whole_file.h>
@@ -50,7 +51,7 @@ struct Axis {
   double low = 0, high = 1;
   bool logarithmic = false;
   double place(double value) const {
-    return logarithmic ? std::log(value / low) / std::log(high / low)
+    return logarithmic ? portable::log(value / low) / portable::log(high / low)
                        : (value - low) / (high - low);
   }
 };
@@ -62,7 +63,7 @@ Axis time_axis(const Plot& plot) {
   Axis axis;
   axis.logarithmic = most->time_ms > kLogarithmicFrom * least->time_ms;
   if (axis.logarithmic) {
-    const double margin = std::pow(most->time_ms / least->time_ms, 0.08);
+    const double margin = portable::pow(most->time_ms / least->time_ms, 0.08);
     axis.low = least->time_ms / margin;
     axis.high = most->time_ms * margin;
   } else {
@@ -91,8 +92,8 @@ std::string logarithmic_ticks(const Axis& axis) {
   for (const std::vector<double>& steps :
        {std::vector<double>{1, 2, 5}, std::vector<double>{1, 1.5, 2, 3, 4, 5, 7}}) {
     std::vector<double> ticks;
-    for (double decade = std::pow(10, std::floor(std::log10(axis.low))); decade < axis.high;
-         decade *= 10) {
+    for (double decade = portable::pow(10, std::floor(portable::log10(axis.low)));
+         decade < axis.high; decade *= 10) {
       for (const double step : steps) {
         if (step * decade >= axis.low && step * decade <= axis.high) {
           ticks.push_back(step * decade);
@@ -130,7 +131,7 @@ std::vector<LabelPlace> front_line(const Plot& plot, const std::vector<LabelPlac
   for (std::size_t i = 1; i < front.size(); ++i) {
     const double dx = front[i].x - front[i - 1].x;
     const double dy = front[i].y - front[i - 1].y;
-    const double steps = std::ceil(std::hypot(dx, dy) / (2 * kLineReach));
+    const double steps = std::ceil(portable::hypot(dx, dy) / (2 * kLineReach));
     for (double s = 0; s < steps; ++s) {
       line.push_back({front[i - 1].x + dx * s / steps, front[i - 1].y + dy * s / steps});
     }

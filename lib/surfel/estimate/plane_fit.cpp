@@ -8,6 +8,7 @@
 #define HWY_TARGET_INCLUDE "surfel/estimate/plane_fit.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 #include <surfel/base/vec3-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -45,19 +46,17 @@ HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
   const V yz = hn::Mul(hn::Load(d, batch.yz + at), scale);
 
   // lambda^3 - lambda^2 + minors lambda - determinant = 0.
-  const V minor_x = hn::NegMulAdd(yz, yz, hn::Mul(yy, zz));
-  const V minor_y = hn::NegMulAdd(xz, xz, hn::Mul(xx, zz));
-  const V minor_z = hn::NegMulAdd(xy, xy, hn::Mul(xx, yy));
+  const V minor_x = neg_mul_add(yz, yz, hn::Mul(yy, zz));
+  const V minor_y = neg_mul_add(xz, xz, hn::Mul(xx, zz));
+  const V minor_z = neg_mul_add(xy, xy, hn::Mul(xx, yy));
   const V minors = hn::Add(minor_x, hn::Add(minor_y, minor_z));
-  const V determinant = hn::MulAdd(xx, minor_x,
-                                   hn::MulAdd(xy, hn::MulSub(xz, yz, hn::Mul(xy, zz)),
-                                              hn::Mul(xz, hn::MulSub(xy, yz, hn::Mul(xz, yy)))));
+  const V determinant = mul_add(
+      xx, minor_x,
+      mul_add(xy, mul_sub(xz, yz, hn::Mul(xy, zz)), hn::Mul(xz, mul_sub(xy, yz, hn::Mul(xz, yy)))));
   V lowest = zero;
   for (int step = 0; step < kSteps; ++step) {
-    const V value =
-        hn::MulSub(hn::MulAdd(hn::Sub(lowest, one), lowest, minors), lowest, determinant);
-    const V slope =
-        hn::MulAdd(hn::MulSub(hn::Set(d, 3.0), lowest, hn::Set(d, 2.0)), lowest, minors);
+    const V value = mul_sub(mul_add(hn::Sub(lowest, one), lowest, minors), lowest, determinant);
+    const V slope = mul_add(mul_sub(hn::Set(d, 3.0), lowest, hn::Set(d, 2.0)), lowest, minors);
     lowest = hn::Sub(lowest, hn::Div(value, slope));
   }
 
@@ -79,13 +78,13 @@ HWY_INLINE std::uint32_t fit(std::size_t at, PlaneBatch& batch) {
   // The Rayleigh quotient has twice as many digits as the vector.
   const Vec3 image{dot({xx, xy, xz}, n), dot({xy, yy, yz}, n), dot({xz, yz, zz}, n)};
   lowest = dot(n, image);
-  const Vec3 residual{hn::NegMulAdd(lowest, n.x, image.x), hn::NegMulAdd(lowest, n.y, image.y),
-                      hn::NegMulAdd(lowest, n.z, image.z)};
+  const Vec3 residual{neg_mul_add(lowest, n.x, image.x), neg_mul_add(lowest, n.y, image.y),
+                      neg_mul_add(lowest, n.z, image.z)};
   // Sum and product of the two larger eigenvalues.
   const V sum = hn::Sub(one, lowest);
-  const V product = hn::NegMulAdd(lowest, sum, minors);
+  const V product = neg_mul_add(lowest, sum, minors);
   const V mean = hn::Mul(half, sum);
-  const V highest = hn::Add(mean, hn::Sqrt(hn::Max(zero, hn::MulSub(mean, mean, product))));
+  const V highest = hn::Add(mean, hn::Sqrt(hn::Max(zero, mul_sub(mean, mean, product))));
   const V middle = hn::Max(zero, hn::Div(product, highest));
 
   hn::Store(n.x, d, batch.normal[0] + at);

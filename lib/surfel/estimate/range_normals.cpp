@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/median.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -86,7 +87,7 @@ struct RangeNoise {
   double factor = 0;
   double exponent = 0;
 
-  double at(double range) const { return factor * std::pow(range, exponent); }
+  double at(double range) const { return factor * portable::pow(range, exponent); }
 };
 
 class RangeImage {
@@ -145,7 +146,7 @@ class RangeImage {
       for (std::size_t s = begin; s < end; ++s) relative.push_back(found[s].relative);
       const double middle = median(relative);
       if (!(middle > kRangeRounding)) continue;
-      groups.emplace_back(std::log(found[(begin + end) / 2].range), std::log(middle));
+      groups.emplace_back(portable::log(found[(begin + end) / 2].range), portable::log(middle));
     }
     noise_ = {kRangeRounding, 0};
     if (groups.empty()) return;
@@ -159,7 +160,7 @@ class RangeImage {
     if (!slopes.empty()) noise_.exponent = std::clamp(median(slopes), 0.0, kMostExponent);
     std::vector<double> heights;
     for (const Vec2d& g : groups) heights.push_back(g.y() - noise_.exponent * g.x());
-    noise_.factor = std::exp(median(heights));
+    noise_.factor = portable::exp(median(heights));
   }
 
   void remake(NormalEstimate& out) {

@@ -4,6 +4,7 @@
 #define HWY_TARGET_INCLUDE "surfel/estimate/window_moments.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -39,17 +40,17 @@ HWY_INLINE void sum_window(std::size_t count, const SharedWindow& window,
       const auto z = hn::Set(d, window.z[k]);
       const auto dx = hn::Sub(x, px);
       const auto dy = hn::Sub(y, py);
-      auto distance2 = hn::MulAdd(dx, dx, hn::Mul(dy, dy));
-      auto off = hn::Abs(hn::MulAdd(nx, x, hn::MulAdd(ny, y, hn::MulSub(nz, z, offset))));
+      auto distance2 = mul_add(dx, dx, hn::Mul(dy, dy));
+      auto off = hn::Abs(mul_add(nx, x, mul_add(ny, y, mul_sub(nz, z, offset))));
       if constexpr (kInImage) {
-        off = hn::Max(zero, hn::NegMulAdd(slack, hn::Sqrt(distance2), off));
+        off = hn::Max(zero, neg_mul_add(slack, hn::Sqrt(distance2), off));
       }
       const auto e = hn::Mul(off, inverse_scale);
-      const auto inside = hn::Max(zero, hn::NegMulAdd(e, e, one));
+      const auto inside = hn::Max(zero, neg_mul_add(e, e, one));
       auto weight = hn::Mul(inside, inside);
       if constexpr (!kInImage) {
         const auto dz = hn::Sub(z, pz);
-        distance2 = hn::MulAdd(dz, dz, distance2);
+        distance2 = mul_add(dz, dz, distance2);
         weight = hn::IfThenElseZero(hn::Le(distance2, reach2), weight);
       }
       const auto wx = hn::Mul(weight, x);
@@ -59,12 +60,12 @@ HWY_INLINE void sum_window(std::size_t count, const SharedWindow& window,
       sum_x = hn::Add(sum_x, wx);
       sum_y = hn::Add(sum_y, wy);
       sum_z = hn::Add(sum_z, wz);
-      sum_xx = hn::MulAdd(wx, x, sum_xx);
-      sum_xy = hn::MulAdd(wx, y, sum_xy);
-      sum_xz = hn::MulAdd(wx, z, sum_xz);
-      sum_yy = hn::MulAdd(wy, y, sum_yy);
-      sum_yz = hn::MulAdd(wy, z, sum_yz);
-      sum_zz = hn::MulAdd(wz, z, sum_zz);
+      sum_xx = mul_add(wx, x, sum_xx);
+      sum_xy = mul_add(wx, y, sum_xy);
+      sum_xz = mul_add(wx, z, sum_xz);
+      sum_yy = mul_add(wy, y, sum_yy);
+      sum_yz = mul_add(wy, z, sum_yz);
+      sum_zz = mul_add(wz, z, sum_zz);
     }
     hn::Store(sum, d, out.n + at);
     hn::Store(sum_x, d, out.x + at);

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/color.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
@@ -200,7 +201,8 @@ class LasWriter {
     const double reach = box.empty() ? 0
                                      : std::max((box.max - cloud_.origin).cwiseAbs().maxCoeff(),
                                                 (box.min - cloud_.origin).cwiseAbs().maxCoeff());
-    const double step = reach > 0 ? std::pow(10.0, std::floor(std::log10(reach * 0x1p-24))) : 1e-3;
+    const double step =
+        reach > 0 ? portable::pow(10.0, std::floor(portable::log10(reach * 0x1p-24))) : 1e-3;
     scale_ = Vec3d::Constant(step);
     offset_ = cloud_.origin;
   }

@@ -2,6 +2,7 @@
 #include <filesystem>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/io/scene_file.h>
 #include <surfel/io/toml_reader.h>
 
@@ -48,7 +49,7 @@ Material read_material(const TomlTable& table) {
     float ior = 1;
     table.read("ior", ior, 0.25, 4);
     material.ior = ior;
-    material.reflectivity = Vec3f::Constant(std::pow((ior - 1) / (ior + 1), 2.0F));
+    material.reflectivity = Vec3f::Constant(portable::squared((ior - 1) / (ior + 1)));
   }
   table.read("reflectivity", material.reflectivity, 0, 1);
   table.read("dispersion", material.dispersion, 0, 0.5);

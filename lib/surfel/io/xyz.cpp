@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/promises.h>
@@ -137,7 +138,7 @@ class XyzReader {
   bool unit_length(std::size_t first) const {
     bool any = false;
     for (std::size_t i = first; i < values_.size(); i += columns_) {
-      const double length = std::hypot(values_[i], values_[i + 1], values_[i + 2]);
+      const double length = portable::hypot(values_[i], values_[i + 1], values_[i + 2]);
       const bool unit = std::abs(length - 1) < 0.01;
       if (!unit && length != 0) return false;
       any |= unit;

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
@@ -248,10 +249,11 @@ void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
   const Vec3f axis = sum / length;
   float angle = 0;
   for (const TreeCluster& child : children) {
-    angle = std::max(angle, std::acos(std::clamp(axis.dot(child.bounds.cone_axis), -1.0F, 1.0F)) +
-                                std::acos(std::min(1.0F, child.bounds.cone_cosine)));
+    angle =
+        std::max(angle, portable::acos(std::clamp(axis.dot(child.bounds.cone_axis), -1.0F, 1.0F)) +
+                            portable::acos(std::min(1.0F, child.bounds.cone_cosine)));
   }
-  const float cosine = std::cos(std::min(angle, 3.0F)) - 1e-5F;
+  const float cosine = portable::cos(std::min(angle, 3.0F)) - 1e-5F;
   if (cosine <= kWidestCone) return;
   bounds.cone_axis = axis;
   bounds.cone_cosine = cosine;
@@ -398,7 +400,8 @@ SurfelCloud Builder::build(HierarchyReport& report) {
     double spacing2 = 0;
     for (const TreeCluster& cluster : level.clusters) {
       area += cluster.end - cluster.begin;
-      spacing2 += (cluster.end - cluster.begin) * std::pow(cluster.spacing, 2);
+      spacing2 +=
+          (cluster.end - cluster.begin) * portable::squared(static_cast<double>(cluster.spacing));
     }
     report.levels.push_back(level.clusters.back().end);
     report.spacing.push_back(std::sqrt(spacing2 / area));

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/measure/cloud_needs.h>
@@ -137,7 +138,7 @@ class Needs {
       const double v = cloud_.variance_v[i];
       if (!(u > 0 && v > 0)) continue;
       // Half axes are as the roots of the variances; the disc's is their geometric mean.
-      const double off = std::pow(std::max(u, v) / std::min(u, v), 0.25) - 1;
+      const double off = portable::pow(std::max(u, v) / std::min(u, v), 0.25) - 1;
       if (!std::isfinite(off)) continue;
       error.push_back(off);
       long_ones += off > kRound ? 1 : 0;

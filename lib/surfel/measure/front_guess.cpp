@@ -3,6 +3,7 @@
 #include <limits>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/measure/front_guess.h>
 
 namespace surfel {
@@ -137,7 +138,7 @@ FrontGuess guess_front(const JudgedSurface& s, const Vec3d& up,
     guess.front = facing.normalized();
     for (const Vec3d& axis :
          {usual, Vec3d(-usual), Vec3d(up.cross(usual)), Vec3d(usual.cross(up))}) {
-      if (axis.dot(guess.front) > std::cos(radians(30))) guess.front = axis;
+      if (axis.dot(guess.front) > portable::cos(radians(30))) guess.front = axis;
     }
     guess.azimuth = 0;
     guess.elevation = radians(10);

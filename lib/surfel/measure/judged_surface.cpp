@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include <surfel/base/elementary.h>
 #include <surfel/measure/judged_surface.h>
 
 namespace surfel {
@@ -14,7 +15,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 Vec3d snapped(const Vec3d& direction, double degrees) {
   for (int k = 0; k < 3; ++k) {
     const double sign = direction[k] < 0 ? -1 : 1;
-    if (std::abs(direction[k]) > std::cos(radians(degrees))) return sign * Vec3d::Unit(k);
+    if (std::abs(direction[k]) > portable::cos(radians(degrees))) return sign * Vec3d::Unit(k);
   }
   return direction;
 }

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/measure/upright_guess.h>
 
 namespace surfel {
@@ -126,7 +127,7 @@ void add_support(const JudgedSurface& s, const Frame& frame, const Candidate& c,
   const double contact = std::min(lowest_weight / s.weight, kBase);
   const double share = polygon_area(hull) / whole * contact;
   const Vec2d center(s.center.dot(frame.axis[a]), s.center.dot(frame.axis[b]));
-  double score = std::max(0.0, 0.5 * std::log(share / (kChanceSupport * kChanceSupport)));
+  double score = std::max(0.0, 0.5 * portable::log(share / (kChanceSupport * kChanceSupport)));
   // Where a scan of one side ends, there is no support, though it may look so.
   if (s.normal.norm() > kOneSided) score *= 0.5;
   // What would topple stands on something else.
@@ -175,9 +176,9 @@ Score judge(const JudgedSurface& s, const Frame& frame, const Candidate& c,
   add_support(s, frame, c, reasons);
   if (thin && facing > -kOneSided) {
     const bool seen_from_above = facing > kOneSided;
-    reasons.add(
-        std::min(2.0, std::log(kThin / std::max(thinness, 1e-3))) + (seen_from_above ? 0.5 : 0),
-        seen_from_above ? "ground seen from above" : "lies flat");
+    reasons.add(std::min(2.0, portable::log(kThin / std::max(thinness, 1e-3))) +
+                    (seen_from_above ? 0.5 : 0),
+                seen_from_above ? "ground seen from above" : "lies flat");
   } else if (!thin && std::abs(facing) > kOneSided) {
     // A scan of a side: who scanned it did not look from above or from below.
     reasons.add(-1.5, "");
@@ -199,7 +200,7 @@ Score judge(const JudgedSurface& s, const Frame& frame, const Candidate& c,
 /// of the file's.
 std::optional<Frame> tilted_frame(const JudgedSurface& s) {
   constexpr std::size_t kTried = 256;  // Normals whose neighbourhoods are tried.
-  const double near = std::cos(radians(8));
+  const double near = portable::cos(radians(8));
   const std::size_t stride = std::max<std::size_t>(1, s.points.size() / kTried);
   const auto mean_about = [&](const Vec3d& direction, double& found) {
     Vec3d mean(0, 0, 0);
@@ -233,7 +234,7 @@ std::optional<Frame> tilted_frame(const JudgedSurface& s) {
     if (share < kLeastShare * s.weight || tried.size() == 4) break;
     const Vec3d& peak = seed;
     if (std::any_of(tried.begin(), tried.end(), [&](const Vec3d& other) {
-          return std::abs(other.dot(peak)) > std::cos(radians(16));
+          return std::abs(other.dot(peak)) > portable::cos(radians(16));
         })) {
       continue;
     }
@@ -241,7 +242,7 @@ std::optional<Frame> tilted_frame(const JudgedSurface& s) {
     double found = 0;
     Vec3d normal = mean_about(peak, found);
     normal = mean_about(normal, found);
-    if (normal.cwiseAbs().maxCoeff() > std::cos(radians(1))) continue;
+    if (normal.cwiseAbs().maxCoeff() > portable::cos(radians(1))) continue;
     // Nearly all points must be on one side of the plane, and many in it.
     std::vector<double> height;
     for (const Point& p : s.points) height.push_back(JudgedSurface::along(p, normal));
@@ -260,7 +261,7 @@ std::optional<Frame> tilted_frame(const JudgedSurface& s) {
       Vec3d side = normal.unitOrthogonal();
       for (const auto& [wall_share, wall] : peaks) {
         if (wall_share < 0.05 * s.weight) break;
-        if (std::abs(wall.dot(normal)) > std::sin(radians(8))) continue;
+        if (std::abs(wall.dot(normal)) > portable::sin(radians(8))) continue;
         side = (wall - wall.dot(normal) * normal).normalized();
         break;
       }

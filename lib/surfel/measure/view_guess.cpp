@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/measure/front_guess.h>
 #include <surfel/measure/judged_surface.h>
@@ -44,7 +45,7 @@ ViewGuess judge_view(const JudgedSurface& s, const ViewHints& hints) {
     const Vec3d back = -seen_by->forward;
     const Vec3d level = back - back.dot(guess.up) * guess.up;
     guess.front = level.norm() > 1e-3 ? Vec3d(level.normalized()) : conventional_front(guess.up);
-    guess.elevation = std::atan2(back.dot(guess.up), level.norm());
+    guess.elevation = portable::atan2(back.dot(guess.up), level.norm());
   } else {
     const FrontGuess front = guess_front(s, guess.up, symmetry);
     guess.front = front.front;
@@ -98,8 +99,9 @@ ViewDirection named_direction(const ViewGuess& guess, NamedView view) {
 }  // namespace
 
 Vec3d ViewGuess::from() const {
-  return std::cos(elevation) * (std::cos(azimuth) * front + std::sin(azimuth) * right()) +
-         std::sin(elevation) * up;
+  return portable::cos(elevation) *
+             (portable::cos(azimuth) * front + portable::sin(azimuth) * right()) +
+         portable::sin(elevation) * up;
 }
 
 std::string ViewGuess::sentence(std::optional<NamedView> view) const {
@@ -169,7 +171,7 @@ std::string aim_camera(CameraOptions& camera, const ViewChoice& choice, const Vi
     constexpr double kMargin = 1.05;
     const double wanted =
         std::max(sensor.tan_y, sensor.tan_x * camera.height / std::max(1, camera.width));
-    camera.fov = 2 * std::atan(kMargin * wanted) * 180 / std::numbers::pi;
+    camera.fov = 2 * portable::atan(kMargin * wanted) * 180 / std::numbers::pi;
   }
   return sentence;
 }

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/image_io.h>
@@ -33,7 +34,7 @@ class Decay {
  public:
   Decay() {
     for (std::size_t i = 0; i < value_.size(); ++i) {
-      value_[i] = std::exp(-static_cast<double>(i) / kSteps);
+      value_[i] = portable::exp(-static_cast<double>(i) / kSteps);
     }
   }
   double operator()(double x) const {
@@ -50,17 +51,17 @@ class Decay {
 
 /// Concentration of the von Mises-Fisher lobe whose mean cosine coth k - 1 / k is exp(-variance).
 double concentration_of(double variance) {
-  const double wanted = -std::expm1(-variance);
-  double low = std::log(1e-9);
-  double high = std::log(1e12);
+  const double wanted = -portable::expm1(-variance);
+  double low = portable::log(1e-9);
+  double high = portable::log(1e12);
   for (int i = 0; i < 100; ++i) {
     const double middle = (low + high) / 2;
-    const double k = std::exp(middle);
+    const double k = portable::exp(middle);
     // 1 - mean cosine, falling with k; written so that it does not cancel where k is large.
-    const double spread = k < 1e-3 ? 1 - k / 3 : 1 / k - 2 / std::expm1(2 * k);
+    const double spread = k < 1e-3 ? 1 - k / 3 : 1 / k - 2 / portable::expm1(2 * k);
     (spread > wanted ? low : high) = middle;
   }
-  return std::exp((low + high) / 2);
+  return portable::exp((low + high) / 2);
 }
 
 }  // namespace
@@ -78,8 +79,8 @@ double EnvironmentMap::Level::colatitude(int ring) const {
 double EnvironmentMap::Level::solid_angle(int ring) const {
   if (ring == 0 || ring == rows + 1) return 0;
   // The strip's, 2 pi (cos a - cos b), as a product.
-  const double strip =
-      4 * std::numbers::pi * std::sin(colatitude(ring)) * std::sin(std::numbers::pi / (2 * rows));
+  const double strip = 4 * std::numbers::pi * portable::sin(colatitude(ring)) *
+                       portable::sin(std::numbers::pi / (2 * rows));
   return strip / rings[static_cast<std::size_t>(ring)].count;
 }
 
@@ -132,12 +133,13 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
   out.rows = level.rows / step;
   // The variance of the mean of two neighbours, along each axis: a quarter of their distance
   // squared.
-  if (step == 2) out.variance = static_cast<float>(std::pow(std::numbers::pi / level.rows, 2) / 4);
+  if (step == 2)
+    out.variance = static_cast<float>(portable::squared(std::numbers::pi / level.rows) / 4);
   const int columns = level.rings[1].count;
   for (int k = 0; k <= out.rows + 1; ++k) {
     const bool pole = k == 0 || k == out.rows + 1;
     const int most = pole ? 1 : columns / step;
-    const int wanted = static_cast<int>(std::ceil(most * std::sin(out.colatitude(k))));
+    const int wanted = static_cast<int>(std::ceil(most * portable::sin(out.colatitude(k))));
     out.add_ring(std::clamp(wanted, std::min(4, most), most));
   }
   out.texels.resize(out.rings.back().begin + 1);
@@ -163,7 +165,7 @@ EnvironmentMap::Level EnvironmentMap::thinned(const Level& level) {
             Vec3d sum(0, 0, 0);
             double total = 0;
             for (int k = first; k < first + step; ++k) {
-              const double weight = std::sin(level.colatitude(k));
+              const double weight = portable::sin(level.colatitude(k));
               add(k, left, right, weight, sum);
               total += weight * (right - left);
             }
@@ -179,7 +181,7 @@ Vec3f EnvironmentMap::filtered_texel(const Level& from, double colatitude, doubl
                                      double concentration) {
   static const Decay decay;
   const double reach = std::min(2.0, kReach / concentration);  // A reach of 1 - cos.
-  const double angle = 2 * std::asin(std::sqrt(reach / 2));
+  const double angle = 2 * portable::asin(std::sqrt(reach / 2));
   const auto row_of = [&](double at) { return at / std::numbers::pi * from.rows + 0.5; };
   const int first = std::max(1, static_cast<int>(std::ceil(row_of(colatitude - angle))));
   const int last = std::min(from.rows, static_cast<int>(std::floor(row_of(colatitude + angle))));
@@ -190,24 +192,24 @@ Vec3f EnvironmentMap::filtered_texel(const Level& from, double colatitude, doubl
     const double other = from.colatitude(k);
     // 1 - cos = 2 sin^2(difference of latitude / 2) + 2 sin sin sin^2(of longitude / 2): nothing
     // cancels.
-    const double across = 2 * std::pow(std::sin((colatitude - other) / 2), 2);
-    const double along = 2 * std::sin(colatitude) * std::sin(other);
+    const double across = 2 * portable::squared(portable::sin((colatitude - other) / 2));
+    const double along = 2 * portable::sin(colatitude) * portable::sin(other);
     if (across > reach) continue;
     const double half_sine2 = along > 0 ? (reach - across) / along : 1;
     int begin = 0;
     int count = ring.count;
     if (half_sine2 < 1) {
-      const double columns = std::asin(std::sqrt(half_sine2)) / std::numbers::pi * ring.count;
+      const double columns = portable::asin(std::sqrt(half_sine2)) / std::numbers::pi * ring.count;
       begin = static_cast<int>(std::ceil(u * ring.count - 0.5 - columns));
       count = static_cast<int>(std::floor(u * ring.count - 0.5 + columns)) - begin + 1;
       count = std::min(count, ring.count);
     }
     const double solid_angle = from.solid_angle(k);
     const double half = std::numbers::pi * ((begin + 0.5) / ring.count - u);
-    const double step_sine = std::sin(std::numbers::pi / ring.count);
-    const double step_cosine = std::cos(std::numbers::pi / ring.count);
-    double sine = std::sin(half);
-    double cosine = std::cos(half);
+    const double step_sine = portable::sin(std::numbers::pi / ring.count);
+    const double step_cosine = portable::cos(std::numbers::pi / ring.count);
+    double sine = portable::sin(half);
+    double cosine = portable::cos(half);
     const Vec3f* texels = from.texels.data() + ring.begin;
     int column = ((begin % ring.count) + ring.count) % ring.count;
     for (int i = 0; i < count; ++i) {
@@ -228,7 +230,7 @@ EnvironmentMap::Level EnvironmentMap::filtered(const Level& from, int rows, floa
   to.rows = rows;
   to.variance = variance;
   for (int k = 0; k <= rows + 1; ++k) {
-    const double circumference = 2 * rows * std::sin(to.colatitude(k));
+    const double circumference = 2 * rows * portable::sin(to.colatitude(k));
     to.add_ring(k == 0 || k == rows + 1 ? 1
                                         : std::max(4, static_cast<int>(std::ceil(circumference))));
   }

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/render/ewa_kernel.h>
 
 namespace surfel {
@@ -28,7 +29,9 @@ double EwaKernel::beta(const Eigen::Vector2d& x) const {
          determinant;
 }
 
-double EwaKernel::rho(const Eigen::Vector2d& x) const { return amplitude * std::exp(-beta(x)); }
+double EwaKernel::rho(const Eigen::Vector2d& x) const {
+  return amplitude * portable::exp(-beta(x));
+}
 
 std::optional<EwaKernel> make_ewa_kernel(const SurfelInCamera& surfel, const Camera& camera,
                                          double lowpass) {

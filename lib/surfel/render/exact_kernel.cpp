@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/render/exact_kernel.h>
 
 namespace surfel {
@@ -47,13 +48,13 @@ struct Bounds2 {
 /// Bounds of the part of a disc beyond z = near: its polygon is clipped in camera space.
 Bounds2 bounds_of(const SurfelInCamera& surfel, const Eigen::Vector3d& bitangent, double cutoff,
                   double near, const Camera& camera) {
-  const double around = std::sqrt(2 * cutoff) / std::cos(std::numbers::pi / kCorners);
+  const double around = std::sqrt(2 * cutoff) / portable::cos(std::numbers::pi / kCorners);
   std::array<Eigen::Vector3d, kCorners> corner;
   for (int i = 0; i < kCorners; ++i) {
     const double angle = 2 * std::numbers::pi * i / kCorners;
     corner[i] = surfel.position +
-                around * (std::cos(angle) * std::sqrt(surfel.variance_u) * surfel.tangent +
-                          std::sin(angle) * std::sqrt(surfel.variance_v) * bitangent);
+                around * (portable::cos(angle) * std::sqrt(surfel.variance_u) * surfel.tangent +
+                          portable::sin(angle) * std::sqrt(surfel.variance_v) * bitangent);
   }
   Bounds2 bounds;
   for (int i = 0; i < kCorners; ++i) {
@@ -116,7 +117,7 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   splat.depth = static_cast<float>(2 / (bounds.nearest + bounds.farthest));
   splat.depth_range = std::numeric_limits<float>::infinity();
   const double disc2 =
-      (std::pow(bounds.x1 - bounds.x0, 2) + std::pow(bounds.y1 - bounds.y0, 2)) / 4;
+      (portable::squared(bounds.x1 - bounds.x0) + portable::squared(bounds.y1 - bounds.y0)) / 4;
   splat.tag = (n_p < 0 ? kFrontTag : 0) | (disc2 < 2 * filter * filter ? kFilteredTag : 0) |
               (cosine < kGrazing ? kGrazingTag : 0);
 

@@ -17,6 +17,8 @@
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
+#include <surfel/base/fused-inl.h>
+#include <surfel/base/lane_sums-inl.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
 
@@ -73,7 +75,7 @@ class SplatSampler {
   HWY_INLINE V decay(V beta) const {
     const D d;
     V rho = hn::Set(d, exp_minus_[5]);
-    for (int i = 4; i >= 0; --i) rho = hn::MulAdd(rho, beta, hn::Set(d, exp_minus_[i]));
+    for (int i = 4; i >= 0; --i) rho = mul_add(rho, beta, hn::Set(d, exp_minus_[i]));
     for (int i = 0; i < squarings_; ++i) rho = hn::Mul(rho, rho);
     return rho;
   }
@@ -96,10 +98,10 @@ class SplatSampler {
     }
     const V range = hn::Set(d, splat.depth_range);
     const V slope =
-        hn::MulAdd(hn::Set(d, splat.depth_dx), dx, hn::Mul(hn::Set(d, splat.depth_dy), dy));
-    const V e = hn::NegMulAdd(hn::Set(d, splat.m), dy, dx);
-    s.beta = hn::MulAdd(hn::Mul(hn::Set(d, splat.k), e), e,
-                        hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy));
+        mul_add(hn::Set(d, splat.depth_dx), dx, hn::Mul(hn::Set(d, splat.depth_dy), dy));
+    const V e = neg_mul_add(hn::Set(d, splat.m), dy, dx);
+    s.beta =
+        mul_add(hn::Mul(hn::Set(d, splat.k), e), e, hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy));
     s.depth = hn::Add(hn::Min(hn::Max(slope, hn::Neg(range)), range), hn::Set(d, splat.depth));
     s.epsilon = hn::Mul(range, depth_epsilon_);
     s.amplitude = hn::Set(d, splat.amplitude);
@@ -132,34 +134,32 @@ class SplatSampler {
     const V h2 = hn::Set(d, filtering.lowpass2);
     const V one = hn::Set(d, 1.0F);
     const auto affine = [&](const float* f) HWY_ATTR {
-      return hn::MulAdd(hn::Set(d, f[1]), dx, hn::MulAdd(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
+      return mul_add(hn::Set(d, f[1]), dx, mul_add(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
     };
     // Plane coordinates of the hit, and z times their gradients on screen: J^-1 at this pixel.
     const V plane = affine(exact.depth);
     const V z = hn::Div(one, plane);
     const V u = hn::Mul(affine(exact.u), z);
     const V v = hn::Mul(affine(exact.v), z);
-    const V ux = hn::NegMulAdd(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
-    const V uy = hn::NegMulAdd(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
-    const V vx = hn::NegMulAdd(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
-    const V vy = hn::NegMulAdd(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
+    const V ux = neg_mul_add(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
+    const V uy = neg_mul_add(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
+    const V vx = neg_mul_add(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
+    const V vy = neg_mul_add(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
     // |I + h^2 J^-1 J^-T| and beta of (8), both as sums of positive terms.
-    const auto sum2 = [](V a, V b) HWY_ATTR { return hn::MulAdd(a, a, hn::Mul(b, b)); };
+    const auto sum2 = [](V a, V b) HWY_ATTR { return mul_add(a, a, hn::Mul(b, b)); };
     const V filter = hn::Mul(h2, hn::Mul(z, z));
-    const V cross = hn::Mul(filter, hn::MulSub(ux, vy, hn::Mul(uy, vx)));
-    const V det =
-        hn::MulAdd(cross, cross, hn::MulAdd(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
-    const V skew = sum2(hn::MulSub(u, vx, hn::Mul(v, ux)), hn::MulSub(u, vy, hn::Mul(v, uy)));
+    const V cross = hn::Mul(filter, mul_sub(ux, vy, hn::Mul(uy, vx)));
+    const V det = mul_add(cross, cross, mul_add(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
+    const V skew = sum2(mul_sub(u, vx, hn::Mul(v, ux)), mul_sub(u, vy, hn::Mul(v, uy)));
     const V inv_det = hn::Div(one, det);
-    const V beta =
-        hn::Mul(hn::Mul(hn::Set(d, 0.5F), inv_det), hn::MulAdd(filter, skew, sum2(u, v)));
+    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F), inv_det), mul_add(filter, skew, sum2(u, v)));
     const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
     Sample s;
     s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
     s.depth = hn::Min(hn::Max(plane, hn::Set(d, exact.depth_lo)), hn::Set(d, exact.depth_hi));
     s.epsilon = hn::Mul(hn::Mul(filtering.depth_epsilon, s.depth),
-                        hn::Sqrt(hn::MulAdd(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
-                                            hn::Set(d, exact.pixel2))));
+                        hn::Sqrt(mul_add(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
+                                         hn::Set(d, exact.pixel2))));
     s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
     return s;
   }
@@ -195,7 +195,7 @@ class FragmentCounter {
     count_ = hn::Add(count_, hn::IfThenElseZero(inside, hn::Set(D(), 1.0F)));
   }
   HWY_INLINE std::uint64_t total() const {
-    return static_cast<std::uint64_t>(hn::GetLane(hn::SumOfLanes(D(), count_)));
+    return static_cast<std::uint64_t>(sum_of_halves(D(), count_));
   }
 
  private:
@@ -389,10 +389,10 @@ struct FragmentSums {
   /// Adds a contribution; rho is zero where a pixel does not take part.
   HWY_INLINE void add(const Splat& splat, const SplatNormal* normal, V rho, V at_depth) {
     const auto add_to = [&](V& sum, float value) HWY_ATTR SURFEL_INLINE_LAMBDA {
-      sum = hn::MulAdd(rho, hn::Set(D(), value), sum);
+      sum = mul_add(rho, hn::Set(D(), value), sum);
     };
     weight = hn::Add(weight, rho);
-    depth = hn::MulAdd(rho, at_depth, depth);
+    depth = mul_add(rho, at_depth, depth);
     add_to(red, splat.red);
     add_to(green, splat.green);
     add_to(blue, splat.blue);
@@ -448,7 +448,7 @@ class FragmentLayer {
     const auto splat_tag = hn::Set(Tags(), splat.tag);
     // depth - fragment's depth, times the fragment's weight, to save the division. Merged
     // fragments have a negative weight, and no contribution is near them, nor hidden by them.
-    const V behind = hn::MulSub(depth, sums_.weight, sums_.depth);
+    const V behind = mul_sub(depth, sums_.weight, sums_.depth);
     const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums_.weight));
     const M same_side = hn::RebindMask(
         d, hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));

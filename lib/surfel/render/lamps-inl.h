@@ -12,8 +12,9 @@
 #include <cstddef>
 #include <cstdint>
 
-#include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
+#include <surfel/base/power-inl.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/kernel_raster-inl.h>
 #include <surfel/render/lighting-inl.h>
@@ -43,7 +44,7 @@ HWY_INLINE V3 operator*(const V3& a, const V3& b) {
   return {hn::Mul(a.x, b.x), hn::Mul(a.y, b.y), hn::Mul(a.z, b.z)};
 }
 HWY_INLINE V dot(const V3& a, const V3& b) {
-  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
+  return mul_add(a.x, b.x, mul_add(a.y, b.y, hn::Mul(a.z, b.z)));
 }
 HWY_INLINE V3 normalized(const V3& a) { return hn::Div(hn::Set(D(), 1), hn::Sqrt(dot(a, a))) * a; }
 HWY_INLINE V3 select(M mask, const V3& yes, const V3& no) {
@@ -79,27 +80,22 @@ struct LaneOps {
   static HWY_INLINE V positive_part(V x) { return hn::Max(x, hn::Zero(D())); }
   static HWY_INLINE V highlight(V cosine, V half_cosine, float shininess) {
     if (shininess == 0) return hn::IfThenElseZero(lit(cosine), hn::Set(D(), 1));
-    return hn::IfThenElseZero(lit(cosine), pow(half_cosine, hn::Set(D(), shininess)));
+    return hn::IfThenElseZero(lit(cosine),
+                              power_of_floats(D(), half_cosine, hn::Set(D(), shininess)));
   }
   static HWY_INLINE V mean_highlight(V cosine, V half_cosine, V length, float shininess) {
     const D d;
     const V one = hn::Set(d, 1);
     const V s = hn::Set(d, shininess);
-    const V exponent = hn::Div(hn::Mul(s, length), hn::MulAdd(s, hn::Sub(one, length), length));
+    const V exponent = hn::Div(hn::Mul(s, length), mul_add(s, hn::Sub(one, length), length));
     const V scale = hn::Div(hn::Add(one, exponent), hn::Add(one, s));
-    const V lobe = shininess == 0 ? one : pow(hn::Div(half_cosine, length), exponent);
+    const V lobe =
+        shininess == 0 ? one : power_of_floats(d, hn::Div(half_cosine, length), exponent);
     return hn::IfThenElseZero(lit(cosine), hn::Mul(scale, lobe));
   }
 
  private:
   static M lit(V cosine) { return hn::Gt(cosine, hn::Zero(D())); }
-  /// x to an exponent > 0, of x from 0 to 1; less counts as 0.
-  static V pow(V x, V exponent) {
-    const D d;
-    const M above = hn::Gt(x, hn::Zero(d));
-    const V log = hn::Log(d, hn::IfThenElse(above, x, hn::Set(d, 1)));
-    return hn::IfThenElseZero(above, hn::Exp(d, hn::Mul(exponent, log)));
-  }
 };
 
 /// Lights fragments of a vector of pixels as Shader::shade() does.

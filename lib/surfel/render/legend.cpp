@@ -3,6 +3,7 @@
 #include <numeric>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/render/legend.h>
 #include <surfel/scene/glyphs.h>
 
@@ -72,9 +73,9 @@ std::vector<Tick> round_ticks(double min, double max, int most) {
   if (!(max - min > kLeastShare * largest) || !std::isfinite(max - min)) {
     return {{min, fmt::format("{:.10g}", min)}};
   }
-  int power = static_cast<int>(std::floor(std::log10((max - min) / most)));
+  int power = static_cast<int>(std::floor(portable::log10((max - min) / most)));
   int factor = 1;
-  const auto step = [&] { return factor * std::pow(10.0, power); };
+  const auto step = [&] { return factor * portable::pow(10.0, power); };
   // A range of n steps may hold n + 1 multiples.
   while ((max - min) / step() >= most * (1 - 1e-6)) {
     factor = factor == 1 ? 2 : factor == 2 ? 5 : 1;
@@ -85,7 +86,7 @@ std::vector<Tick> round_ticks(double min, double max, int most) {
   std::vector<Tick> ticks;
   for (double i = first; i * step() <= max + slack; ++i) {
     const double value = i * step() + 0.0;
-    const int digits = static_cast<int>(std::floor(std::log10(largest))) - power;
+    const int digits = static_cast<int>(std::floor(portable::log10(largest))) - power;
     ticks.push_back({value, exponents ? fmt::format("{:.{}e}", value, std::clamp(digits, 0, 15))
                                       : fmt::format("{:.{}f}", value, std::max(0, -power))});
   }

@@ -9,6 +9,8 @@
 #define HWY_TARGET_INCLUDE "surfel/render/plain_pixels.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
+#include <surfel/base/lane_sums-inl.h>
 
 // After the above, which decides on the target.
 #include <surfel/render/kernel_raster-inl.h>
@@ -126,7 +128,7 @@ void store_over(const V3& color, V opacity, const Rgba& background, Rgba& first)
   const D d;
   const V transmitted = hn::Sub(hn::Set(d, 1), opacity);
   const auto over = [&](V front, float back)
-                        HWY_ATTR { return hn::MulAdd(transmitted, hn::Set(d, back), front); };
+                        HWY_ATTR { return mul_add(transmitted, hn::Set(d, back), front); };
   hn::StoreInterleaved4(over(color.x, background.red), over(color.y, background.green),
                         over(color.z, background.blue), over(opacity, background.alpha), d,
                         &first.red);
@@ -147,7 +149,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const M whole = hn::Eq(zero, zero);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
-  float sum = 0;
+  LaneSums<D, kPatchPixels> sum;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const FragmentCount fragments = count_fragments(tile, pixel);
     const M lone =
@@ -220,7 +222,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const V transmitted = hn::IfThenElseZero(open, hn::Sub(one, opacity));
       color = color + transmitted * select(open, shade, color);
       const M below = hn::Lt(opacity, half);
-      opacity = hn::MulAdd(transmitted, hn::IfThenElseZero(open, front), opacity);
+      opacity = mul_add(transmitted, hn::IfThenElseZero(open, front), opacity);
       const M passes = hn::And(below, hn::Ge(opacity, half));
       nearness = hn::IfThenElse(i == 0 ? whole : passes, at.depth, nearness);
       plain = hn::And(plain, hn::Or(open, hn::Le(left, zero)));
@@ -228,7 +230,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       left = hn::IfThenZeroElse(hides, hn::Sub(left, one));
       behind = at.depth;
     }
-    sum += hn::GetLane(hn::SumOfLanes(d, hn::IfThenElseZero(plain, fragments.sum)));
+    sum.add(pixel, hn::IfThenElseZero(plain, fragments.sum));
     store_over(color, opacity, background, out.color[pixel]);
     hn::Store(nearness, d, &out.nearness[pixel]);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
@@ -237,7 +239,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     out.lone[pixel / kPatchPixels] |=
         static_cast<std::uint16_t>((bits[0] | bits[1] << 8U) << pixel % kPatchPixels);
   }
-  tile.merges.total_weight += sum;
+  tile.merges.total_weight += sum.total();
 }
 
 }  // namespace HWY_NAMESPACE

@@ -11,6 +11,8 @@
 #define HWY_TARGET_INCLUDE "surfel/render/relief.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/elementary.h>
+#include <surfel/base/fused-inl.h>
 
 // Defined once for all targets.
 #ifndef SURFEL_RENDER_RELIEF_TAPS_
@@ -86,16 +88,16 @@ void occlude_row(const ReliefTaps& taps, const float* from, std::size_t count, f
         const V step = hn::Mul(reach, hn::Max(change_a, change_b));
         const V share = hn::Min(one, hn::Max(zero, hn::Sub(two, step)));
         const V without = hn::Mul(hn::Sub(one, share), hn::Add(one, hn::Abs(product)));
-        const V adjacent = hn::MulAdd(share, hn::Sub(one, product), without);
+        const V adjacent = mul_add(share, hn::Sub(one, product), without);
         const V opposite = hn::Max(level, hn::Mul(share, sum));
         const V cotangent = hn::Div(adjacent, opposite);
         least = hn::IfThenElse(hn::Gt(sum, zero), hn::Min(least, cotangent), least);
       }
-      open = hn::Add(open, hn::Div(least, hn::Sqrt(hn::MulAdd(least, least, one))));
+      open = hn::Add(open, hn::Div(least, hn::Sqrt(mul_add(least, least, one))));
     }
     // A horizon at the angle e above a plane leaves cos^2 e = (1 + cos 2e) / 2 of its light.
     const V half = hn::Set(d, 0.5F);
-    const V share = hn::MulAdd(open, hn::Set(d, 0.5F / static_cast<float>(pairs)), half);
+    const V share = mul_add(open, hn::Set(d, 0.5F / static_cast<float>(pairs)), half);
     HWY_ALIGN float value[HWY_MAX_BYTES / sizeof(float)];
     hn::Store(hn::IfThenElse(surface, share, one), d, value);
     std::copy_n(value, std::min(hn::Lanes(d), count - x), to + x);
@@ -122,7 +124,7 @@ void shade_row(const ReliefTaps& taps, const float* from, std::size_t count, flo
     HWY_ALIGN float value[HWY_MAX_BYTES / sizeof(float)];
     hn::Store(hn::IfThenElse(surface, sum, zero), d, value);
     const std::size_t lanes = std::min(hn::Lanes(d), count - x);
-    for (std::size_t i = 0; i < lanes; ++i) to[x + i] = std::exp(scale * value[i]);
+    for (std::size_t i = 0; i < lanes; ++i) to[x + i] = portable::exp(scale * value[i]);
   }
 }
 
@@ -160,7 +162,7 @@ double shorter_side(const Camera& camera) { return std::min(camera.width, camera
 
 /// Distance of the outermost ring, pixels.
 double reach_px(Relief relief, const Camera& camera) {
-  const double first = std::exp2(kDomeRings - 1) / 512;
+  const double first = std::ldexp(1, kDomeRings - 1) / 512;
   return std::max(1.0, (relief == Relief::kEyeDome ? first : kReach) * shorter_side(camera));
 }
 
@@ -177,11 +179,11 @@ ReliefTaps make_taps(const Camera& camera, Relief relief, std::ptrdiff_t stride)
       for (const double sign : {1.0, -1.0}) {
         // Rings are turned against one another, so that edges leave no pattern of few directions.
         const double angle = std::numbers::pi / pairs * (pair + (ring % 2) * 0.5);
-        const double radius = most * std::exp2(ring + 1 - out.rings);
-        const double x = std::round(radius * std::cos(angle));
-        const double y = std::round(radius * std::sin(angle));
+        const double radius = std::ldexp(most, ring + 1 - out.rings);
+        const double x = std::round(radius * portable::cos(angle));
+        const double y = std::round(radius * portable::sin(angle));
         // In small pictures inner rings fall on the pixel itself, which has no slope.
-        const double length = std::max(1.0, std::hypot(x, y));
+        const double length = std::max(1.0, portable::hypot(x, y));
         out.tap.push_back(
             {static_cast<std::ptrdiff_t>(sign * y) * stride + static_cast<std::ptrdiff_t>(sign * x),
              static_cast<float>(focal / length)});

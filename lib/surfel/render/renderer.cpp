@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -136,7 +137,7 @@ void Renderer::Impl::set_weights() {
       static_cast<float>(options.coverage_threshold.value_or(coverage_threshold(options.cutoff)));
   // Kernels have the volume a_k, of which the part within beta < c is 1 - exp(-c): the mean sum.
   // Where the pixel filter evens the sums out, all but few are above this.
-  const auto mean = static_cast<float>(1 - std::exp(-options.cutoff));
+  const auto mean = static_cast<float>(1 - portable::exp(-options.cutoff));
   blank_tile.full_weight = full;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
 }

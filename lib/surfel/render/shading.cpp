@@ -4,7 +4,9 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
+#include <surfel/base/rotation.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/lighting-inl.h>
 #include <surfel/render/shading.h>
@@ -33,7 +35,7 @@ struct ArrayOps {
   static Eigen::Array3f normalized(const Eigen::Array3f& a) { return a.matrix().normalized(); }
   static float positive_part(float x) { return std::max(0.0F, x); }
   static float highlight(float cosine, float half_cosine, float shininess) {
-    return cosine > 0 ? std::pow(std::max(0.0F, half_cosine), shininess) : 0;
+    return cosine > 0 ? portable::pow(std::max(0.0F, half_cosine), shininess) : 0;
   }
   static float mean_highlight(float cosine, float half_cosine, float length, float shininess) {
     const float exponent = shininess * length / (length + shininess * (1 - length));
@@ -69,7 +71,8 @@ Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> 
     const float normal = dielectric_reflectance(*ior, 1);
     rise = (dielectric_reflectance(*ior, cosine) - normal) / (1 - normal);
   } else {
-    rise = std::pow(1 - cosine, 5.0F);
+    const float less = 1 - cosine;
+    rise = less * less * less * less * less;
   }
   Vec3f reflectance(0, 0, 0);
   for (int c = 0; c < 3; ++c) {
@@ -80,7 +83,7 @@ Vec3f fresnel_reflectance(const Vec3f& normal_reflectance, std::optional<float> 
 }
 
 RefractedRay refract(const Vec3f& to_eye, const Vec3f& normal, float ior, float layers) {
-  const float eta = std::pow(1 / ior, layers);
+  const float eta = portable::pow(1 / ior, layers);
   const float cosine = std::clamp(normal.dot(to_eye), 0.0F, 1.0F);
   const Vec3f across = cosine * normal - to_eye;  // Its length is sin(theta_I).
   const float transmitted2 = 1 - eta * eta * across.squaredNorm();
@@ -128,10 +131,10 @@ Shader::Shader(const Scene* scene, const Camera& camera, double lowpass, bool ma
     environment_ = &*scene->environment;
     if (!environment_->map) throw_usage("the environment has not been loaded: load_environment()");
     const float angle = environment_->rotation * std::numbers::pi_v<float> / 180;
-    map_from_world_ = Eigen::AngleAxisf(-angle, Vec3f::UnitY()).toRotationMatrix();
+    map_from_world_ = rotation_about(Vec3d::UnitY(), -angle).matrix().cast<float>();
     // Rays of orthographic cameras have all the same direction.
     if (!lighting_.orthographic) {
-      ray_variance_ = static_cast<float>(std::pow(lowpass / camera.focal_y, 2));
+      ray_variance_ = static_cast<float>(portable::squared(lowpass / camera.focal_y));
     }
   }
   for (const Light& light : scene->lights) {
@@ -242,7 +245,7 @@ SeenSurface Shader::surface(const Fragment& fragment, float x, float y) const {
   const float weight = c[kWeight] > 0 ? c[kWeight] : 1;  // Merged: mean normals.
   if (length > 0) at.mean_length = std::min(1.0F, length / weight);
   if (environment_) {
-    at.normal_variance = microfacet_variance(at.material) - std::log(at.mean_length);
+    at.normal_variance = microfacet_variance(at.material) - portable::log(at.mean_length);
   }
   return at;
 }
@@ -279,7 +282,7 @@ Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) co
       color[c] = refracted(*material.ior * (1 + part * material.dispersion))[c];
     }
   }
-  for (int c = 0; c < 3; ++c) color[c] *= std::pow(1 - material.absorption[c], count);  // (11)
+  for (int c = 0; c < 3; ++c) color[c] *= portable::pow(1 - material.absorption[c], count);  // (11)
   return color;
 }
 

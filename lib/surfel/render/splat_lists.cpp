@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/lod/cut.h>
@@ -114,7 +115,8 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
   };
   const auto edge = [&](int axis, float focal, float center, float pixel, float sign) {
     const float offset = sign * (pixel - center) + filter;
-    return Edge{focal, offset, sign, axis, camera.orthographic ? focal : std::hypot(focal, offset)};
+    return Edge{focal, offset, sign, axis,
+                camera.orthographic ? focal : portable::hypot(focal, offset)};
   };
   const Edge edges[] = {edge(0, view_.focal_x, view_.center_x, 0, -1),
                         edge(0, view_.focal_x, view_.center_x, width, 1),
@@ -137,7 +139,8 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
       const float along = camera.orthographic ? axis.z() : axis.dot(p) / distance;
       const float spread = camera.orthographic ? 0.0F : cluster.radius / distance;
       if (spread < 1 && along > 0 &&
-          std::acos(std::min(1.0F, along)) + std::asin(spread) + std::acos(cluster.cone_cosine) <
+          portable::acos(std::min(1.0F, along)) + portable::asin(spread) +
+                  portable::acos(cluster.cone_cosine) <
               1.5707F) {
         return false;
       }
@@ -328,11 +331,11 @@ SurfelInCamera SplatLists::in_camera(const Cluster& cluster, std::size_t surfel)
   s.normal = s.normal.isZero(0) ? Vec3d(-s.position.normalized()) : Vec3d(s.normal.normalized());
   const double scale = lists_.enlarged ? enlargement(surfel) : 1;
   const double least = covering_deviation(cluster, surfel);
-  s.variance_u = std::pow(std::max<double>(scale * cloud_.deviation_u[surfel], least), 2);
+  s.variance_u = portable::squared(std::max<double>(scale * cloud_.deviation_u[surfel], least));
   s.variance_v = s.variance_u;
   s.tangent = s.normal.unitOrthogonal();
   if (cloud_.anisotropic()) {
-    s.variance_v = std::pow(std::max<double>(scale * cloud_.deviation_v[surfel], least), 2);
+    s.variance_v = portable::squared(std::max<double>(scale * cloud_.deviation_v[surfel], least));
     const Vec3d t = rotation * Vec3d(cloud_.tangent_x[surfel], cloud_.tangent_y[surfel],
                                      cloud_.tangent_z[surfel]);
     s.tangent = (t - s.normal * s.normal.dot(t)).normalized();

@@ -16,6 +16,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
+#include <surfel/base/fused-inl.h>
 #include <surfel/base/vec3-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -34,8 +35,8 @@ using Vec3 = HWY_NAMESPACE::Vec3<V>;
 HWY_INLINE Vec3 rotate(const float* r, const Vec3& v) {
   const D d;
   const auto row = [&](int i) {
-    return hn::MulAdd(hn::Set(d, r[i]), v.x,
-                      hn::MulAdd(hn::Set(d, r[i + 1]), v.y, hn::Mul(hn::Set(d, r[i + 2]), v.z)));
+    return mul_add(hn::Set(d, r[i]), v.x,
+                   mul_add(hn::Set(d, r[i + 1]), v.y, hn::Mul(hn::Set(d, r[i + 2]), v.z)));
   };
   return {row(0), row(3), row(6)};
 }
@@ -46,7 +47,7 @@ HWY_INLINE Vec3 any_tangent(const Vec3& n) {
   const V one = hn::Set(d, 1.0F);
   const V sign = hn::CopySign(one, n.z);
   const V a = hn::Div(hn::Set(d, -1.0F), hn::Add(sign, n.z));
-  return {hn::MulAdd(hn::Mul(sign, hn::Mul(n.x, n.x)), a, one),
+  return {mul_add(hn::Mul(sign, hn::Mul(n.x, n.x)), a, one),
           hn::Mul(sign, hn::Mul(hn::Mul(n.x, n.y), a)), hn::Neg(hn::Mul(sign, n.x))};
 }
 
@@ -195,7 +196,7 @@ class Writer {
       return hn::IfThenElseZero(hn::RebindMask(du, mask), hn::Set(du, bit));
     };
     const Kernels& k = s.kernels;
-    const V diagonal2 = hn::MulAdd(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
+    const V diagonal2 = mul_add(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
     const auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
                              flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
@@ -276,8 +277,8 @@ class SplatSetup {
     s.inv_z = kPerspective ? hn::Div(hn::Set(d, 1.0F), s.p.z) : hn::Set(d, 1.0F);
     s.slope_x = kPerspective ? hn::Mul(s.p.x, s.inv_z) : zero;
     s.slope_y = kPerspective ? hn::Mul(s.p.y, s.inv_z) : zero;
-    s.x = hn::MulAdd(focal_x_, kPerspective ? s.slope_x : s.p.x, hn::Set(d, view_.center_x));
-    s.y = hn::MulAdd(focal_y_, kPerspective ? s.slope_y : s.p.y, hn::Set(d, view_.center_y));
+    s.x = mul_add(focal_x_, kPerspective ? s.slope_x : s.p.x, hn::Set(d, view_.center_x));
+    s.y = mul_add(focal_y_, kPerspective ? s.slope_y : s.p.y, hn::Set(d, view_.center_y));
     s.deviation_u = hn::LoadU(d, in_.deviation_u + i);
     s.deviation_v = kAnisotropic ? hn::LoadU(d, in_.deviation_v + i) : s.deviation_u;
     s.deviation = hn::Max(s.deviation_u, s.deviation_v);
@@ -301,9 +302,9 @@ class SplatSetup {
   HWY_INLINE bool all_outside(const Discs& s) const {
     const D d;
     const auto reach = [&](V slope, V focal) HWY_ATTR {
-      const V wide = hn::MulAdd(slope, slope, hn::Set(d, 1.0F));
-      return hn::MulAdd(hn::Mul(focal, hn::Mul(s.inv_z, s.radius)),
-                        hn::Mul(hn::Set(d, 4.0F / 3), wide), filter_reach_);
+      const V wide = mul_add(slope, slope, hn::Set(d, 1.0F));
+      return mul_add(hn::Mul(focal, hn::Mul(s.inv_z, s.radius)),
+                     hn::Mul(hn::Set(d, 4.0F / 3), wide), filter_reach_);
     };
     const M unseen = outside(s, reach(s.slope_x, focal_x_), reach(s.slope_y, focal_y_));
     const M far = hn::Lt(hn::Mul(hn::Set(d, 4.0F), s.radius), s.p.z);
@@ -339,29 +340,29 @@ class SplatSetup {
     const Vec3 b = cross(n, t);
     const V scale_x = hn::Mul(focal_x_, s.inv_z);
     const V scale_y = hn::Mul(focal_y_, s.inv_z);
-    const V tx = hn::Mul(hn::Mul(scale_x, s.deviation_u), hn::NegMulAdd(s.slope_x, t.z, t.x));
-    const V ty = hn::Mul(hn::Mul(scale_y, s.deviation_u), hn::NegMulAdd(s.slope_y, t.z, t.y));
-    const V bx = hn::Mul(hn::Mul(scale_x, s.deviation_v), hn::NegMulAdd(s.slope_x, b.z, b.x));
-    const V by = hn::Mul(hn::Mul(scale_y, s.deviation_v), hn::NegMulAdd(s.slope_y, b.z, b.y));
+    const V tx = hn::Mul(hn::Mul(scale_x, s.deviation_u), neg_mul_add(s.slope_x, t.z, t.x));
+    const V ty = hn::Mul(hn::Mul(scale_y, s.deviation_u), neg_mul_add(s.slope_y, t.z, t.y));
+    const V bx = hn::Mul(hn::Mul(scale_x, s.deviation_v), neg_mul_add(s.slope_x, b.z, b.x));
+    const V by = hn::Mul(hn::Mul(scale_y, s.deviation_v), neg_mul_add(s.slope_y, b.z, b.y));
 
     // Sigma = J V J^T + h^2 I, SS01 (6); |Sigma| as a sum of positive terms.
-    const V xx = hn::MulAdd(tx, tx, hn::Mul(bx, bx));
-    const V yy = hn::MulAdd(ty, ty, hn::Mul(by, by));
+    const V xx = mul_add(tx, tx, hn::Mul(bx, bx));
+    const V yy = mul_add(ty, ty, hn::Mul(by, by));
     V Sigma_xx = hn::Add(xx, h2_);
     V Sigma_yy = hn::Add(yy, h2_);
-    V Sigma_xy = hn::MulAdd(tx, ty, hn::Mul(bx, by));
+    V Sigma_xy = mul_add(tx, ty, hn::Mul(bx, by));
     Kernels out;
-    out.n_ray = hn::MulAdd(n.x, s.slope_x, hn::MulAdd(n.y, s.slope_y, n.z));
+    out.n_ray = mul_add(n.x, s.slope_x, mul_add(n.y, s.slope_y, n.z));
     const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(out.n_ray));
     const V det_JV = hn::Mul(det_J, hn::Mul(s.deviation_u, s.deviation_v));
-    V det_Sigma = hn::MulAdd(det_JV, det_JV, hn::Mul(h2_, hn::Add(hn::Add(xx, yy), h2_)));
+    V det_Sigma = mul_add(det_JV, det_JV, hn::Mul(h2_, hn::Add(hn::Add(xx, yy), h2_)));
     const V half = hn::Set(d, 0.5F);
     if (view_.circular) {
       // The larger eigenvalue.
       const V mean = hn::Mul(half, hn::Add(Sigma_xx, Sigma_yy));
       const V difference = hn::Mul(half, hn::Sub(Sigma_xx, Sigma_yy));
       Sigma_xx =
-          hn::Add(mean, hn::Sqrt(hn::MulAdd(difference, difference, hn::Mul(Sigma_xy, Sigma_xy))));
+          hn::Add(mean, hn::Sqrt(mul_add(difference, difference, hn::Mul(Sigma_xy, Sigma_xy))));
       Sigma_yy = Sigma_xx;
       Sigma_xy = hn::Zero(d);
       det_Sigma = hn::Mul(Sigma_xx, Sigma_xx);
@@ -396,7 +397,7 @@ class SplatSetup {
     const V pixel = hn::Mul(hn::Sqrt(h2_), hn::Max(inv_focal_x, inv_focal_y));
     const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, s.p.z) : pixel, inv_cosine);
     const V reach = hn::Sqrt(hn::Mul(
-        two_c_, hn::MulAdd(s.deviation, s.deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
+        two_c_, mul_add(s.deviation, s.deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
     DepthPlanes out;
     out.depth = kPerspective ? s.inv_z : hn::Neg(s.p.z);
     out.depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
@@ -435,7 +436,7 @@ class SplatSetup {
                                     hn::Mul(most_error, most_error)));
     }
     if (!(view_.tolerance < 0) && hn::AllTrue(d, small)) return out;
-    const V sine = hn::Sqrt(hn::Max(hn::Zero(d), hn::NegMulAdd(n.z, n.z, hn::Set(d, 1.0F))));
+    const V sine = hn::Sqrt(hn::Max(hn::Zero(d), neg_mul_add(n.z, n.z, hn::Set(d, 1.0F))));
     const V depth_extent = hn::Mul(s.radius, sine);
     out.visible = hn::Gt(hn::Sub(s.p.z, depth_extent), near);
     // A point of the disc that is nearer than the centre by the share e of its depth is projected
@@ -451,8 +452,8 @@ class SplatSetup {
       // A disc that is far enough from the eye's plane lies within its bounding sphere.
       const M bounded = hn::Gt(least_z, hn::Mul(hn::Set(d, kLeastDistance), s.radius));
       const auto reach = [&](V slope, V focal) HWY_ATTR {
-        return hn::MulAdd(hn::Mul(focal, hn::Sqrt(hn::MulAdd(slope, slope, hn::Set(d, 1.0F)))),
-                          hn::Div(s.radius, least_z), filter_reach_);
+        return mul_add(hn::Mul(focal, hn::Sqrt(mul_add(slope, slope, hn::Set(d, 1.0F)))),
+                       hn::Div(s.radius, least_z), filter_reach_);
       };
       const M unseen = outside(s, reach(s.slope_x, focal_x_), reach(s.slope_y, focal_y_));
       out.exact = hn::AndNot(hn::And(bounded, unseen), out.exact);

@@ -14,6 +14,7 @@
 #define HWY_TARGET_INCLUDE "surfel/render/tile_raster.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/lane_sums-inl.h>
 #include <surfel/render/kernel_raster-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -50,7 +51,7 @@ class Rasterizer {
       raster_.for_each_vector(begin, end, hidden_,
                               [&](const PixelSplats& list) HWY_ATTR { draw(list); });
     }
-    tile_.merges.late_weight += hn::GetLane(hn::SumOfLanes(D(), late_weight_));
+    tile_.merges.late_weight += late_weight_.total();
   }
 
  private:
@@ -164,13 +165,21 @@ class Rasterizer {
   HWY_INLINE void place(const PixelSplats& list, Layers open, Contribution* batch,
                         std::size_t count) {
     const std::size_t left = join_layers(list.pixel, open, batch, count);
-    bool made = false;
+    const D d;
+    M made = hn::Lt(hn::Zero(d), hn::Zero(d));
     for (std::size_t i = 0; i < left; ++i) {
-      // Contributions take longer one by one, but must be added so where one has made a layer for
-      // the next.
-      if (made && join_layers(list.pixel, open, batch + i, 1) == 0) continue;
-      if (!add_without_layer(list.pixel, batch[i])) continue;
-      made = true;
+      if (!hn::AllFalse(d, made)) {
+        // Contributions take longer one by one, but must be added so in the pixels where one has
+        // made a layer for the next; in no others, which must not depend on their neighbours.
+        const V rho = batch[i].rho;
+        batch[i].rho = hn::IfThenElseZero(made, rho);
+        join_layers(list.pixel, open, batch + i, 1);
+        batch[i].rho = hn::IfThenElse(made, batch[i].rho, rho);
+        if (is_zero(batch[i].rho)) continue;
+      }
+      const M made_here = add_without_layer(list.pixel, batch[i]);
+      if (hn::AllFalse(d, made_here)) continue;
+      made = hn::Or(made, made_here);
       open = open_layers(list.pixel, list.reach);
     }
   }
@@ -236,9 +245,9 @@ class Rasterizer {
     return count;
   }
 
-  /// Adds a contribution for which no layer is left in its pixels. Returns whether that has made a
-  /// layer in some pixel.
-  HWY_NOINLINE bool add_without_layer(std::size_t pixel, const Contribution& c) {
+  /// Adds a contribution for which no layer is left in its pixels. Returns the pixels in which that
+  /// has made a layer.
+  HWY_NOINLINE M add_without_layer(std::size_t pixel, const Contribution& c) {
     const D d;
     const V rho = c.rho;
     const V depth = c.depth;
@@ -249,7 +258,7 @@ class Rasterizer {
       const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
       const V weighted_depth = hn::Load(d, fragment + kDepth * kPatchPixels);
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
-      if (hn::AllFalse(d, open)) return false;
+      if (hn::AllFalse(d, open)) return open;
     }
     // A contribution that nobody sees is not worth merging two surfaces for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
@@ -257,7 +266,7 @@ class Rasterizer {
     for_each_lane(open, c, [&](std::size_t lane, const PixelContribution& one) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), one);
     });
-    return !hn::AllFalse(d, open);
+    return open;
   }
 
   /// Treats contributions that come after their surface has been merged: behind an opaque pair they
@@ -279,7 +288,7 @@ class Rasterizer {
           hn::And(hn::Lt(hn::Sub(depth, epsilon), front), hn::Gt(hn::Add(depth, epsilon), back)));
       if (hn::AllFalse(d, within)) continue;
       tile_.merges.late += hn::CountTrue(d, within);
-      late_weight_ = hn::Add(late_weight_, hn::IfThenElseZero(within, c.rho));
+      late_weight_.add(pixel, hn::IfThenElseZero(within, c.rho));
       open = hn::AndNot(within, open);
       if constexpr (kOpaqueSplats) {
         for_each_lane(within, c, [&](std::size_t lane, const PixelContribution& one) {
@@ -317,7 +326,7 @@ class Rasterizer {
   const V full_;
   std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Range of the order that is being drawn.
   std::optional<float> least_;                       ///< See least_to_merge().
-  V late_weight_ = hn::Zero(D());
+  LaneSums<D, kPatchPixels> late_weight_;
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
 };

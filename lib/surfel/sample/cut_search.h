@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <utility>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/detail_tree.h>
 
@@ -19,14 +20,14 @@ struct CutBracket {
 /// \param precision  precision of the price's logarithm.
 template <class Test>
 CutBracket bracket_cuts(const DetailTree& tree, double precision, const Test& fine_enough) {
-  double low = std::log(tree.lowest_price());
-  double high = std::log(tree.highest_price());
-  CutBracket out{tree.cut(std::exp(high)), {}};
+  double low = portable::log(tree.lowest_price());
+  double high = portable::log(tree.highest_price());
+  CutBracket out{tree.cut(portable::exp(high)), {}};
   if (fine_enough(out.coarse)) return {out.coarse, out.coarse};
-  out.fine = tree.cut(std::exp(low));
+  out.fine = tree.cut(portable::exp(low));
   while (high - low > precision) {
     const double middle = (low + high) / 2;
-    DetailTree::Cut cut = tree.cut(std::exp(middle));
+    DetailTree::Cut cut = tree.cut(portable::exp(middle));
     if (fine_enough(cut)) {
       low = middle;
       out.fine = std::move(cut);

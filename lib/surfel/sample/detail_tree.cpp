@@ -90,8 +90,9 @@ struct Moments {
   /// Mean squared distance from the best plane.
   double plane_residual() const {
     if (n < 4) return 0;
-    Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
-    solver.computeDirect(covariance(), Eigen::EigenvaluesOnly);
+    // computeDirect() calls functions of the C library that differ between processors.
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance(),
+                                                                Eigen::EigenvaluesOnly);
     return std::max(0.0, solver.eigenvalues()[0]) * n / (n - 3);
   }
 };

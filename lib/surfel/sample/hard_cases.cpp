@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/base/random.h>
@@ -41,12 +42,13 @@ CameraOptions look(const Vec3d& eye, const Vec3d& target, double fov = 40,
 }
 
 /// The focal length of a view of kSize pixels, pixels.
-double focal(double fov = 40) { return kSize / (2 * std::tan(fov * std::numbers::pi / 360)); }
+double focal(double fov = 40) { return kSize / (2 * portable::tan(fov * std::numbers::pi / 360)); }
 
 /// View of the origin from `distance` in front of it, `angle` degrees off the z axis.
 CameraOptions orbit(double distance, double angle, double fov = 40) {
   const double a = angle * std::numbers::pi / 180;
-  return look(Vec3d(0, 0.0 - distance * std::sin(a), distance * std::cos(a)), Vec3d(0, 0, 0), fov);
+  return look(Vec3d(0, 0.0 - distance * portable::sin(a), distance * portable::cos(a)),
+              Vec3d(0, 0, 0), fov);
 }
 
 void add(SurfelCloud& cloud, const Vec3d& position, const Vec3d& normal, double area,
@@ -125,12 +127,14 @@ SurfelCloud sphere(int count, double radius, const Vec3d& center = {0, 0, 0}) {
   SurfelCloud cloud;
   const double area = 4 * std::numbers::pi * radius * radius / count;
   const double wave = 3 * std::sqrt(area);
-  const auto level = [&](double x) { return static_cast<float>(0.5 + 0.45 * std::sin(x / wave)); };
+  const auto level = [&](double x) {
+    return static_cast<float>(0.5 + 0.45 * portable::sin(x / wave));
+  };
   for (int i = 0; i < count; ++i) {
     const double y = 1 - (2 * i + 1.0) / count;
     const double ring = std::sqrt(1 - y * y);
     const double phi = i * std::numbers::pi * (3 - std::sqrt(5.0));
-    const Vec3d n(ring * std::cos(phi), y, ring * std::sin(phi));
+    const Vec3d n(ring * portable::cos(phi), y, ring * portable::sin(phi));
     const Vec3d p = radius * n;
     add(cloud, center + p, n, area, {level(p.x()), level(p.y()), level(p.sum())});
   }
@@ -209,7 +213,7 @@ HardScene isolated(const Request& r) {
   HardScene scene{points(3000), orbit(5, 0)};
   for (int i = 0; i < 20; ++i) {
     const double phi = 2 * std::numbers::pi * (i + 0.5 * random_uniform(r.seed, i)) / 20;
-    add_point(scene.cloud, Vec3d(1.6 * std::cos(phi), 1.6 * std::sin(phi), 0));
+    add_point(scene.cloud, Vec3d(1.6 * portable::cos(phi), 1.6 * portable::sin(phi), 0));
   }
   return scene;
 }
@@ -268,7 +272,7 @@ HardScene intersecting(const Request& r) {
   HardScene scene{{}, look(Vec3d(0, 0, 2.2), Vec3d(0, 0, 0))};
   const double a = r.value * std::numbers::pi / 360;
   for (const double turn : {a, -a}) {
-    const Vec3d across(std::cos(turn), 0, std::sin(turn));
+    const Vec3d across(portable::cos(turn), 0, portable::sin(turn));
     add_sheet(scene.cloud, Sheet{.across = across, .side = 96, .seed = r.seed + (turn > 0 ? 0 : 1)},
               plain(turn > 0 ? Vec3f(0.9F, 0.2F, 0.1F) : Vec3f(0.1F, 0.3F, 0.9F)));
   }
@@ -404,8 +408,8 @@ HardScene quantised(const Request& r) {
   scene.cloud.group.assign(scene.cloud.size(), 0);
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
     Vec3f& p = scene.cloud.position[i];
-    p.z() = 0.1F * std::sin(3 * p.x());
-    scene.cloud.normal[i] = Vec3f(-0.3F * std::cos(3 * p.x()), 0, 1).normalized();
+    p.z() = 0.1F * portable::sin(3 * p.x());
+    scene.cloud.normal[i] = Vec3f(-0.3F * portable::cos(3 * p.x()), 0, 1).normalized();
     scene.cloud.color[i] = random_color(r.seed, i);
   }
   return scene;
@@ -430,7 +434,8 @@ HardScene slivers(const Request& r) {
   for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
     const double angle = std::numbers::pi * random_uniform(r.seed, i, 2);
     const float variance = scene.cloud.variance[i];
-    scene.cloud.tangent.push_back(Vec3d(std::cos(angle), std::sin(angle), 0).cast<float>());
+    scene.cloud.tangent.push_back(
+        Vec3d(portable::cos(angle), portable::sin(angle), 0).cast<float>());
     scene.cloud.variance_u.push_back(static_cast<float>(variance * r.value));
     scene.cloud.variance_v.push_back(static_cast<float>(variance / r.value));
     scene.cloud.color[i] = random_color(r.seed, i);

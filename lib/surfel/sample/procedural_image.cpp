@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/base/option_check.h>
@@ -26,7 +27,8 @@ ProceduralTexture siemens(const ProceduralTextureOptions& options) {
     const double x = u - std::floor(u) - 0.5;
     const double y = v - std::floor(v) - 0.5;
     const bool inside = x * x + y * y < 0.25;
-    return inside && std::sin(spokes * std::atan2(y, x)) > 0 ? options.light : options.dark;
+    return inside && portable::sin(spokes * portable::atan2(y, x)) > 0 ? options.light
+                                                                       : options.dark;
   };
 }
 

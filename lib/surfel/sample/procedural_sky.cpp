@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/procedural_sky.h>
@@ -31,8 +32,9 @@ struct Panel {
 
   explicit Panel(const Softbox& box)
       : half_width(box.half_width), half_height(box.half_height), radiance(box.radiance) {
-    const double across = std::cos(box.height);
-    center = {across * std::sin(box.azimuth), std::sin(box.height), across * std::cos(box.azimuth)};
+    const double across = portable::cos(box.height);
+    center = {across * portable::sin(box.azimuth), portable::sin(box.height),
+              across * portable::cos(box.azimuth)};
     right = Vec3d::UnitY().cross(center).normalized();
     up = center.cross(right);
   }
@@ -80,17 +82,18 @@ Seen seen(const Vec3d& direction) {
     const double square = std::floor(2 * x) + std::floor(2 * z);
     const bool dark = std::fmod(square, 2) == 0;
     const Vec3f floor = dark ? Vec3f(0.05F, 0.04F, 0.04F) : Vec3f(0.55F, 0.47F, 0.38F);
-    const double distance = std::hypot(x, z);
-    return {mixed(horizon, floor, std::exp(-distance / 25)), kFloor + (dark ? 1 : 0), distance};
+    const double distance = portable::hypot(x, z);
+    return {mixed(horizon, floor, portable::exp(-distance / 25)), kFloor + (dark ? 1 : 0),
+            distance};
   }
   for (std::size_t i = 0; i < panels().size(); ++i) {
     if (panels()[i].hit(direction)) return {panels()[i].radiance, kPanels + static_cast<int>(i)};
   }
   const Vec3f zenith(0.10F, 0.24F, 0.62F);
   static const Vec3d sun = Vec3d(0.35, 0.62, 0.70).normalized();
-  Vec3f sky = mixed(horizon, zenith, std::pow(direction.y(), 0.6));
-  const double angle = std::atan2(direction.cross(sun).norm(), direction.dot(sun)) / kDegree;
-  sky += 1.5F * static_cast<float>(std::exp(-angle / 6)) * Vec3f(1, 0.9F, 0.7F);
+  Vec3f sky = mixed(horizon, zenith, portable::pow(direction.y(), 0.6));
+  const double angle = portable::atan2(direction.cross(sun).norm(), direction.dot(sun)) / kDegree;
+  sky += 1.5F * static_cast<float>(portable::exp(-angle / 6)) * Vec3f(1, 0.9F, 0.7F);
   if (angle < 2) return {sky + 60 * Vec3f(1, 0.92F, 0.8F), kSun};
   return {sky, kSky};
 }

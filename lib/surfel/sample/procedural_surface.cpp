@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/sample/noise.h>
@@ -43,13 +44,13 @@ class Torus final : public ParametricSurface {
   Point at(double u, double v) const override {
     const double phi = 2 * std::numbers::pi * u;
     const double psi = 2 * std::numbers::pi * v;
-    const Vec3d radial(std::cos(phi), std::sin(phi), 0);
-    const Vec3d along(-std::sin(phi), std::cos(phi), 0);
-    const Vec3d normal = std::cos(psi) * radial + std::sin(psi) * Vec3d::UnitZ();
-    const Vec3d dpdv =
-        2 * std::numbers::pi * minor_ * (std::cos(psi) * Vec3d::UnitZ() - std::sin(psi) * radial);
+    const Vec3d radial(portable::cos(phi), portable::sin(phi), 0);
+    const Vec3d along(-portable::sin(phi), portable::cos(phi), 0);
+    const Vec3d normal = portable::cos(psi) * radial + portable::sin(psi) * Vec3d::UnitZ();
+    const Vec3d dpdv = 2 * std::numbers::pi * minor_ *
+                       (portable::cos(psi) * Vec3d::UnitZ() - portable::sin(psi) * radial);
     return {center_ + rotation_ * (major_ * radial + minor_ * normal), rotation_ * normal,
-            rotation_ * (2 * std::numbers::pi * (major_ + minor_ * std::cos(psi)) * along),
+            rotation_ * (2 * std::numbers::pi * (major_ + minor_ * portable::cos(psi)) * along),
             rotation_ * dpdv};
   }
 
@@ -68,12 +69,13 @@ class StarSurface : public ParametricSurface {
     const double phi = 2 * std::numbers::pi * (u - 0.5);
     const double theta = std::numbers::pi * v;
     // At a pole sin(pi) is not quite zero in floating point; the derivative by u must be.
-    const double ring = v <= 0 || v >= 1 ? 0 : std::sin(theta);
-    const Vec3d d(ring * std::sin(phi), -std::cos(theta), ring * std::cos(phi));
+    const double ring = v <= 0 || v >= 1 ? 0 : portable::sin(theta);
+    const Vec3d d(ring * portable::sin(phi), -portable::cos(theta), ring * portable::cos(phi));
     const Vec3d d_by_u =
-        2 * std::numbers::pi * Vec3d(ring * std::cos(phi), 0, -ring * std::sin(phi));
-    const Vec3d d_by_v = std::numbers::pi * Vec3d(std::cos(theta) * std::sin(phi), std::sin(theta),
-                                                  std::cos(theta) * std::cos(phi));
+        2 * std::numbers::pi * Vec3d(ring * portable::cos(phi), 0, -ring * portable::sin(phi));
+    const Vec3d d_by_v =
+        std::numbers::pi * Vec3d(portable::cos(theta) * portable::sin(phi), portable::sin(theta),
+                                 portable::cos(theta) * portable::cos(phi));
     const NoiseValue<3> r = radius(d);
     const Vec3d tangential = r.gradient - d * d.dot(r.gradient);
     return {r.value * d, (r.value * d - tangential).normalized(),
@@ -115,7 +117,8 @@ class Head final : public StarSurface {
 
     NoiseValue<3> feature{1, Vec3d::Zero()};
     for (const Lobe& lobe : kLobes) {
-      const double value = lobe.height * std::exp(lobe.sharpness * (d.dot(lobe.direction) - 1));
+      const double value =
+          lobe.height * portable::exp(lobe.sharpness * (d.dot(lobe.direction) - 1));
       feature.value += value;
       feature.gradient += lobe.sharpness * value * lobe.direction;
     }

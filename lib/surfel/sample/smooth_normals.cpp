@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sample/mesh_edges.h>
@@ -39,7 +40,7 @@ Contribution contribution(const TriangleMesh& mesh, std::uint32_t wedge) {
   const Vec3d cross = a.cross(b);
   const double length = cross.norm();
   if (!(length > 0)) return {Vec3d::Zero(), 0};
-  return {cross / length, std::atan2(length, a.dot(b))};
+  return {cross / length, portable::atan2(length, a.dot(b))};
 }
 
 Vec3f unit(const Vec3d& sum) {
@@ -49,7 +50,7 @@ Vec3f unit(const Vec3d& sum) {
 
 /// Whether no two of the faces can be further apart than the crease angle.
 bool is_smooth(const std::vector<Contribution>& faces, const Vec3d& mean, double crease_angle) {
-  const double half = std::cos(crease_angle / 2);
+  const double half = portable::cos(crease_angle / 2);
   return std::all_of(faces.begin(), faces.end(), [&](const Contribution& c) {
     return c.angle == 0 || c.normal.dot(mean) >= half;
   });
@@ -60,7 +61,7 @@ bool is_smooth(const std::vector<Contribution>& faces, const Vec3d& mean, double
 Array<std::array<Vec3f, 3>> smooth_normals(const TriangleMesh& mesh, double crease_angle) {
   const Grouped<std::uint32_t> around = wedges_at_vertices(mesh);
   // Faces of one plane meet at an angle of zero, whatever rounding makes of it.
-  const double least_cosine = std::cos(crease_angle) - 1e-9;
+  const double least_cosine = portable::cos(crease_angle) - 1e-9;
   Array<std::array<Vec3f, 3>> normals(mesh.face.size());
   const auto at = [&](std::uint32_t wedge) -> Vec3f& { return normals[wedge / 3][wedge % 3]; };
   parallel_for(mesh.position.size(), kVertexGrain, [&](std::size_t begin, std::size_t end, int) {

@@ -9,6 +9,7 @@
 #define HWY_TARGET_INCLUDE "surfel/scene/cluster_bounds.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/lane_sums-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -19,7 +20,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 /// The widest vectors of the target, for results that do not depend on the order of additions.
 using Wide = hn::CappedTag<float, kColumnPadding>;
-/// For sums: every instruction set with vectors has these, so that all of them round alike.
+/// For sums, four side by side.
 using Four = hn::CappedTag<float, 4>;
 
 /// Consecutive values of columns; the last of them may lie past the columns' end.
@@ -28,6 +29,8 @@ class Group {
  public:
   HWY_INLINE Group(std::size_t first, std::size_t count)
       : first_(first), inside_(hn::FirstN(D(), count - first)) {}
+
+  HWY_INLINE std::size_t first() const { return first_; }
 
   /// Values past the column's end are `other`.
   HWY_INLINE hn::Vec<D> load(const float* column, float other) const {
@@ -74,13 +77,13 @@ HWY_INLINE V dot(const V (&x)[3], const V (&y)[3]) {
 /// The cone of normals, if any cone holds them.
 HWY_INLINE void bound_normals(const ClusterColumns& s, ClusterBounds& bounds) {
   using V = hn::Vec<Four>;
-  V sums[3] = {hn::Zero(Four()), hn::Zero(Four()), hn::Zero(Four())};
+  LaneSums<Four, 4> sums[3];
   auto unknown = hn::FirstN(Four(), 0);
   for_each_group<Four>(s.count, [&](const Group<Four>& group) {
     V n[3];
     for (int axis = 0; axis < 3; ++axis) {
       n[axis] = group.load(s.normal[axis], 0);
-      sums[axis] = hn::Add(sums[axis], n[axis]);
+      sums[axis].add(group.first(), n[axis]);
     }
     // Past the end nothing is unknown.
     const V bits = hn::Or(group.load(s.normal[0], 1), hn::Or(n[1], n[2]));
@@ -88,7 +91,7 @@ HWY_INLINE void bound_normals(const ClusterColumns& s, ClusterBounds& bounds) {
   });
   Vec3f sum;
   for (int axis = 0; axis < 3; ++axis) {
-    sum[axis] = hn::GetLane(hn::SumOfLanes(Four(), sums[axis]));
+    sum[axis] = sums[axis].total();
   }
   const float length = sum.norm();
   if (!hn::AllFalse(Four(), unknown) || !(length > 0)) return;

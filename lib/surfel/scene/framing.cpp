@@ -4,8 +4,10 @@
 #include <numbers>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
+#include <surfel/base/rotation.h>
 #include <surfel/scene/framing.h>
 
 namespace surfel {
@@ -88,7 +90,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& whole) {
   camera.camera_from_world = look_along(-back.normalized(), options.up_or_y());
 
   const bool frame = options.frame_all || !options.eye;
-  const double half_y = std::tan(options.fov * std::numbers::pi / 360) * kFrameFill;
+  const double half_y = portable::tan(options.fov * std::numbers::pi / 360) * kFrameFill;
   const double half_x = half_y * options.width / options.height;
   double distance = back.norm();
   double half_height = options.ortho.value_or(1) / 2;
@@ -108,7 +110,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& whole) {
       // Smallest distance from which all lies inside the picture: a sphere touches the side plane
       // of slope h where |x| + radius sqrt(1 + h^2) = h (z + distance).
       const auto needed = [&](const Vec3d& across, double h) {
-        return to_either_side(across / h, -Vec3d::UnitZ(), std::hypot(1, h) / h);
+        return to_either_side(across / h, -Vec3d::UnitZ(), portable::hypot(1, h) / h);
       };
       distance = std::max({needed(Vec3d::UnitX(), half_x), needed(Vec3d::UnitY(), half_y),
                            nearest + 0.05 * size}) +
@@ -125,7 +127,7 @@ Camera make_camera(const CameraOptions& options, const SceneExtent& whole) {
   }
   camera.eye = target + back.normalized() * distance;
   const double half_picture =
-      camera.orthographic ? half_height : std::tan(options.fov * std::numbers::pi / 360);
+      camera.orthographic ? half_height : portable::tan(options.fov * std::numbers::pi / 360);
   camera.focal_y = options.zoom * options.height / (2 * half_picture);
   camera.focal_x = camera.focal_y;
   return camera;
@@ -136,10 +138,11 @@ std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& s
   const Vec3d target = view_target(options, scene);
   std::vector<Camera> cameras;
   for (int i = 0; i < count; ++i) {
-    const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, options.up_or_y().normalized());
+    const Eigen::Matrix3d turn =
+        rotation_about(options.up_or_y().normalized(), 2 * std::numbers::pi * i / count).matrix();
     Camera camera = first;
     camera.eye = target + turn * (first.eye - target);
-    camera.camera_from_world = first.camera_from_world * turn.inverse().toRotationMatrix();
+    camera.camera_from_world = first.camera_from_world * turn.transpose();
     cameras.push_back(camera);
   }
   return cameras;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/simplify/covering_gaussian.h>
 #include <surfel/surface/tangent_frame.h>
 
@@ -55,7 +56,8 @@ TangentGaussian covering_gaussian(const Vec3f& position, const Vec3f& normal,
     const double reach = kPlaceReach * std::sqrt(static_cast<double>(place.area));
     const double length = flat.norm();
     flat = length > 0 ? Vec2d(flat * (1 + reach / length)) : Vec2d(reach, 0);
-    scale2 = std::max(scale2, std::pow(flat.x() / axes.u, 2) + std::pow(flat.y() / axes.v, 2));
+    scale2 = std::max(scale2,
+                      portable::squared(flat.x() / axes.u) + portable::squared(flat.y() / axes.v));
   }
   // The kernel ends at beta = u^2 / (2 V) = cutoff.
   const double by_half_axis2 = scale2 / (2 * cutoff);

@@ -4,6 +4,7 @@
 #define HWY_TARGET_INCLUDE "surfel/solve/batch_cholesky.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -24,7 +25,7 @@ HWY_INLINE void eliminate(double* a, std::size_t i, std::size_t j, V inverse_roo
   for (std::size_t k = 0; k < j; ++k) {
     const V pivot_row = hn::Load(d, a + batch_entry(j, k));
     for (std::size_t r = 0; r < kRows; ++r) {
-      sum[r] = hn::NegMulAdd(hn::Load(d, a + batch_entry(i + r, k)), pivot_row, sum[r]);
+      sum[r] = neg_mul_add(hn::Load(d, a + batch_entry(i + r, k)), pivot_row, sum[r]);
     }
   }
   for (std::size_t r = 0; r < kRows; ++r) {
@@ -40,7 +41,7 @@ HWY_INLINE void factorize(std::size_t n, double* a) {
     V pivot = hn::Load(d, a + batch_entry(j, j));
     for (std::size_t k = 0; k < j; ++k) {
       const V entry = hn::Load(d, a + batch_entry(j, k));
-      pivot = hn::NegMulAdd(entry, entry, pivot);
+      pivot = neg_mul_add(entry, entry, pivot);
     }
     const V inverse_root = hn::Div(one, hn::Sqrt(pivot));
     hn::Store(inverse_root, d, a + batch_entry(j, j));
@@ -59,7 +60,7 @@ HWY_INLINE void substitute_back(std::size_t last, const double* a, double* g) {
     const V known = hn::Load(d, g + i * kCholeskyBatch);
     for (std::size_t j = 0; j < i; ++j) {
       double* to = g + j * kCholeskyBatch;
-      hn::Store(hn::NegMulAdd(hn::Load(d, a + batch_entry(i, j)), known, hn::Load(d, to)), d, to);
+      hn::Store(neg_mul_add(hn::Load(d, a + batch_entry(i, j)), known, hn::Load(d, to)), d, to);
     }
     double* next = g + (i - 1) * kCholeskyBatch;
     hn::Store(hn::Mul(hn::Load(d, next), hn::Load(d, a + batch_entry(i - 1, i - 1))), d, next);

@@ -8,6 +8,7 @@
 #define HWY_TARGET_INCLUDE "surfel/solve/block_product.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -32,7 +33,7 @@ struct Sum {
     const Tag d;
     const auto broadcast = hn::Set(d, factor);
     for (std::size_t p = 0; p < kParts; ++p) {
-      part[p] = hn::MulAdd(broadcast, hn::LoadU(d, x + p * kLanes), part[p]);
+      part[p] = mul_add(broadcast, hn::LoadU(d, x + p * kLanes), part[p]);
     }
   }
   HWY_INLINE void add(const Sum& other) {

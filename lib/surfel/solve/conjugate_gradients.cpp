@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/solve/bounded_gradients.h>
@@ -163,7 +164,7 @@ std::vector<std::string> SolveOptions::problems() const {
 void tell_decay(const std::function<void(double)>& progress, double first, double now,
                 double last) {
   if (!progress || !(now > 0 && first > last)) return;
-  progress(std::clamp(std::log(now / first) / std::log(last / first), 0.0, 1.0));
+  progress(std::clamp(portable::log(now / first) / portable::log(last / first), 0.0, 1.0));
 }
 
 SolveReport conjugate_gradients(const SymmetricMatrix& matrix, const Array<Channels>& b,

@@ -9,6 +9,7 @@
 #define HWY_TARGET_INCLUDE "surfel/solve/symmetric_product.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -45,8 +46,8 @@ HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, 
     for (std::size_t part = 0; part < kParts; ++part) {
       const std::size_t lane = part * kLanes;
       hn::Vec<Tag>& sum = row.sum[slot][part];
-      sum = hn::MulAdd(factor, hn::LoadU(d, x + kChannels * j + lane), sum);
-      hn::StoreU(hn::MulAdd(factor, row.x[part], hn::LoadU(d, to + lane)), d, to + lane);
+      sum = mul_add(factor, hn::LoadU(d, x + kChannels * j + lane), sum);
+      hn::StoreU(mul_add(factor, row.x[part], hn::LoadU(d, to + lane)), d, to + lane);
     }
   };
   std::uint64_t entry = begin;

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -201,8 +202,8 @@ class GroupCoverer {
       const Vec3f a = discs_.normal[i].unitOrthogonal();
       const Vec3f b = discs_.normal[i].cross(a);
       sample_places_.emplace_back(discs_.center[i] +
-                                  static_cast<float>(radius * std::cos(angle)) * a +
-                                  static_cast<float>(radius * std::sin(angle)) * b);
+                                  static_cast<float>(radius * portable::cos(angle)) * a +
+                                  static_cast<float>(radius * portable::sin(angle)) * b);
       sample_normals_.push_back(discs_.normal[i]);
     }
   }

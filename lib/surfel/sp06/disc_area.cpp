@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/sp06/disc_area.h>
 
 namespace surfel {
@@ -10,7 +11,7 @@ namespace {
 double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 double sector(const Vec2d& a, const Vec2d& b, double radius2) {
-  return radius2 / 2 * std::atan2(cross(a, b), a.dot(b));
+  return radius2 / 2 * portable::atan2(cross(a, b), a.dot(b));
 }
 
 /// Signed area of the disc within the triangle (0, a, b).
@@ -81,8 +82,8 @@ double UncoveredDiscArea::operator()(const Circle& disc, std::span<const Circle>
       const double r = near_[i].radius;
       const double cosine =
           (distance * distance + r * r - self.radius * self.radius) / (2 * distance * r);
-      const double half = std::acos(std::clamp(cosine, -1.0, 1.0));
-      const double inwards = std::atan2(-near_[i].center.y(), -near_[i].center.x());
+      const double half = portable::acos(std::clamp(cosine, -1.0, 1.0));
+      const double inwards = portable::atan2(-near_[i].center.y(), -near_[i].center.x());
       hide(inwards + half, inwards + 2 * std::numbers::pi - half);
     }
     area -= shown_arcs(near_[i]);
@@ -111,8 +112,8 @@ bool UncoveredDiscArea::hide_inside(const Circle& circle, const Circle& other,
   const double cosine =
       (distance * distance + circle.radius * circle.radius - other.radius * other.radius) /
       (2 * distance * circle.radius);
-  const double half = std::acos(std::clamp(cosine, -1.0, 1.0));
-  const double middle = std::atan2(to_other.y(), to_other.x());
+  const double half = portable::acos(std::clamp(cosine, -1.0, 1.0));
+  const double middle = portable::atan2(to_other.y(), to_other.x());
   hide(middle - half, middle + half);
   return false;
 }
@@ -122,8 +123,8 @@ double UncoveredDiscArea::shown_arcs(const Circle& circle) {
   const auto arc = [&](double begin, double end) {
     const double r = circle.radius;
     return r / 2 *
-           (r * (end - begin) + circle.center.x() * (std::sin(end) - std::sin(begin)) -
-            circle.center.y() * (std::cos(end) - std::cos(begin)));
+           (r * (end - begin) + circle.center.x() * (portable::sin(end) - portable::sin(begin)) -
+            circle.center.y() * (portable::cos(end) - portable::cos(begin)));
   };
   std::sort(hidden_.begin(), hidden_.end(),
             [](const Interval& a, const Interval& b) { return a.begin < b.begin; });

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/sp06/enlargement.h>
 
 namespace surfel {
@@ -27,7 +28,7 @@ Enlargement enlarge_by_bracketing(const GroupCells& cells, std::span<const float
   // The area that is missing, as a share of the whole; x is the factor's logarithm.
   const auto missing = [&](double x) {
     ++out.iterations;
-    return 1 - cells.covered_area(radius, std::exp(x)) / area;
+    return 1 - cells.covered_area(radius, portable::exp(x)) / area;
   };
   double low = 0;
   double low_missing = area > 0 ? missing(low) : 0;
@@ -35,7 +36,7 @@ Enlargement enlarge_by_bracketing(const GroupCells& cells, std::span<const float
     out.converged = true;
     return out;
   }
-  double high = std::log(full);
+  double high = portable::log(full);
   double high_missing = missing(high);
   out.factor = full;
   out.converged = high_missing <= kTolerance;
@@ -61,7 +62,7 @@ Enlargement enlarge_by_bracketing(const GroupCells& cells, std::span<const float
       break;
     }
   }
-  out.factor = std::exp(high);
+  out.factor = portable::exp(high);
   out.converged = true;
   return out;
 }

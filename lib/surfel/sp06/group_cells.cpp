@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sp06/disc_area.h>
 #include <surfel/sp06/group_cells.h>
@@ -30,7 +31,7 @@ const std::array<Vec2d, kDirections>& directions() {
     std::array<Vec2d, kDirections> unit;
     for (std::size_t k = 0; k < kDirections; ++k) {
       const double angle = 2 * std::numbers::pi * static_cast<double>(k) / kDirections;
-      unit[k] = {std::cos(angle), std::sin(angle)};
+      unit[k] = {portable::cos(angle), portable::sin(angle)};
     }
     return unit;
   }();

@@ -10,6 +10,7 @@
 #define HWY_TARGET_INCLUDE "surfel/sp06/group_raster.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 #include <surfel/render/kernel_raster-inl.h>
 #include <surfel/sp06/layer_rule-inl.h>
 
@@ -231,7 +232,7 @@ class ImageCompositor {
       const M joins = joining(k, pixel, nearest, nearest.depth);
       const V w = hn::IfThenElseZero(joins, rho);
       weight = hn::Add(weight, w);
-      weighted_depth = hn::MulAdd(w, hn::IfThenElseZero(joins, depth), weighted_depth);
+      weighted_depth = mul_add(w, hn::IfThenElseZero(joins, depth), weighted_depth);
     }
     return hn::Min(nearest.depth, hn::Div(weighted_depth, weight));
   }
@@ -273,7 +274,7 @@ class ImageCompositor {
       // Values are masked, as the fragment of a pixel that does not join may hold any bits, and 0
       // times them may be NaN.
       const auto add = [&](int channel, V value) HWY_ATTR {
-        out.sum[channel] = hn::MulAdd(w, hn::IfThenElseZero(joins, value), out.sum[channel]);
+        out.sum[channel] = mul_add(w, hn::IfThenElseZero(joins, value), out.sum[channel]);
       };
       out.sum[kWeight] = hn::Add(out.sum[kWeight], w);
       add(kDepth, hn::Load(d, at(images_, k, GroupImages::kNearness, pixel)));

@@ -13,6 +13,7 @@
 #define HWY_TARGET_INCLUDE "surfel/sp06/joint_blend.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 // After the above, which decides on the target.
 #include <surfel/render/kernel_raster-inl.h>
@@ -155,12 +156,12 @@ class JointRaster {
       const M open = hn::Lt(key, none);
       const M free = hn::Eq(side, hn::Zero(d));
       // The difference of depths, times the layer's weight, to save the division.
-      const V behind = hn::MulSub(depth, sum, weighted_depth);
+      const V behind = mul_sub(depth, sum, weighted_depth);
       const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sum));
       const M joins = hn::And(open, hn::Or(free, hn::And(near, hn::Eq(side, own_side))));
       const V weight = hn::IfThenElseZero(joins, hn::Max(rho, least));
       sum = hn::Add(sum, weight);
-      weighted_depth = hn::MulAdd(weight, depth, weighted_depth);
+      weighted_depth = mul_add(weight, depth, weighted_depth);
       side = hn::IfThenElse(hn::And(joins, free), own_side, side);
       float* const group =
           layer + JointLayers::group_channel(job.groups[splat]) * std::size_t{kPatchPixels};
@@ -382,14 +383,14 @@ class JointBlender {
     const LayerColors color = colors(pixel, entry, depth, lanes);
     float* const to = image(group);
     const V share = hn::IfThenElseZero(lanes, coverage);
-    const V left = hn::NegMulAdd(share, color.channel[3], hn::Set(d, 1));
+    const V left = neg_mul_add(share, color.channel[3], hn::Set(d, 1));
     for (int c = 0; c < 4; ++c) {
       const V old = layer_channel(to, kImageColor + c);
-      hn::Store(hn::MulAdd(share, hn::IfThenElseZero(lanes, color.channel[c]), hn::Mul(left, old)),
-                d, to + (kImageColor + c) * kPatchPixels);
+      hn::Store(mul_add(share, hn::IfThenElseZero(lanes, color.channel[c]), hn::Mul(left, old)), d,
+                to + (kImageColor + c) * kPatchPixels);
     }
     const V touched = layer_channel(to, kImageTouched);
-    hn::Store(hn::MulAdd(share, hn::Sub(hn::Set(d, 1), touched), touched), d,
+    hn::Store(mul_add(share, hn::Sub(hn::Set(d, 1), touched), touched), d,
               to + kImageTouched * kPatchPixels);
   }
 

@@ -14,6 +14,7 @@
 #define HWY_TARGET_INCLUDE "surfel/sp06/layer_blend.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/fused-inl.h>
 
 // After the above, which decides on the target.
 #include <surfel/render/kernel_raster-inl.h>
@@ -228,9 +229,9 @@ class LayerRaster {
       const V open = hn::Sub(one, layer_channel(sample, 3));
       for (int c = 0; c < 4; ++c) {
         const V old = layer_channel(sample, c);
-        V sum = hn::MulAdd(left, old, color.channel[c]);
+        V sum = mul_add(left, old, color.channel[c]);
         if constexpr (!kOver) {
-          sum = hn::IfThenElse(over, sum, hn::MulAdd(open, color.channel[c], old));
+          sum = hn::IfThenElse(over, sum, mul_add(open, color.channel[c], old));
         }
         hn::Store(hn::IfThenElse(covered, sum, old), d, sample + c * kPatchPixels);
       }

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/sp06/least_overlap.h>
@@ -145,8 +146,8 @@ double lens_area(double radius_a, double radius_b, double distance) {
   const double cos_large = (d2 - (small - large) * (small + large)) / (2 * distance * large);
   const double kite2 = (small + large - distance) * (distance + small - large) *
                        (distance - small + large) * (distance + small + large);
-  const double sectors = small * small * std::acos(std::clamp(cos_small, -1.0, 1.0)) +
-                         large * large * std::acos(std::clamp(cos_large, -1.0, 1.0));
+  const double sectors = small * small * portable::acos(std::clamp(cos_small, -1.0, 1.0)) +
+                         large * large * portable::acos(std::clamp(cos_large, -1.0, 1.0));
   return std::max(0.0, sectors - std::sqrt(std::max(0.0, kite2)) / 2);
 }
 

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/box_tree.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/morton.h>
@@ -80,8 +81,8 @@ class OverlapSearch {
                 const OverlapOptions& options)
       : options_(options),
         count_(splat.size()),
-        min_cosine_(std::cos(options.coplanar_angle * std::numbers::pi / 180)),
-        max_sine_(std::sin(options.coplanar_angle * std::numbers::pi / 180)),
+        min_cosine_(portable::cos(options.coplanar_angle * std::numbers::pi / 180)),
+        max_sine_(portable::sin(options.coplanar_angle * std::numbers::pi / 180)),
         position_(count_),
         radius_(count_),
         blocks_((count_ + kLanes - 1) / kLanes) {
@@ -237,10 +238,9 @@ Array<std::uint32_t> ordered_splats(const SurfelCloud& cloud, double cutoff) {
   Array<std::uint64_t> keys(n);
   parallel_for(n, kSplatGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end; ++i) {
-      keys[i] =
-          radius[i] > 0
-              ? static_cast<std::uint64_t>(std::log2(max_radius / radius[i]) / kOctavesPerClass)
-              : kUnusable;
+      keys[i] = radius[i] > 0 ? static_cast<std::uint64_t>(portable::log2(max_radius / radius[i]) /
+                                                           kOctavesPerClass)
+                              : kUnusable;
     }
   });
   Array<std::uint32_t> order = sort_keys(keys);

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -190,7 +191,7 @@ bool CloudStream::make_index() {
     surfel_.push_back(c * RenderCloud::kClusterSize);
   }
   const auto kept = static_cast<double>(surfel_.size());
-  if (radii > kept * kLoosest * box.diagonal() / std::cbrt(kept)) return false;
+  if (radii > kept * kLoosest * box.diagonal() / portable::pow(kept, 1.0 / 3)) return false;
   cloud_.clusters_.resize(surfel_.size());
   totals.resize(surfel_.size());
   workers.for_each([&](const Worker& worker) { cloud_.dropped_.add(worker.dropped); });

@@ -11,6 +11,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
+#include <surfel/base/fused-inl.h>
+#include <surfel/base/lane_sums-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -41,8 +43,8 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
   const Vec3f n = surface.normal[i];
   const auto scale = static_cast<float>(1 / cell.unit);
   const auto dot = [&](const Vec3f& axis, const V& x, const V& y, const V& z) HWY_ATTR {
-    return hn::MulAdd(x, hn::Set(d, axis.x()),
-                      hn::MulAdd(y, hn::Set(d, axis.y()), hn::Mul(z, hn::Set(d, axis.z()))));
+    return mul_add(x, hn::Set(d, axis.x()),
+                   mul_add(y, hn::Set(d, axis.y()), hn::Mul(z, hn::Set(d, axis.z()))));
   };
   const float* position = surface.position.data()->data();
   const float* normal = surface.normal.data()->data();
@@ -65,7 +67,7 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
       const V x = dot(cell.a, ox, oy, oz);
       const V y = dot(cell.b, ox, oy, oz);
       const V height = dot(n, ox, oy, oz);
-      const V length2 = hn::MulAdd(x, x, hn::Mul(y, y));
+      const V length2 = mul_add(x, x, hn::Mul(y, y));
       auto on_surface = hn::And(hn::Gt(length2, zero), hn::Le(hn::Mul(height, height), length2));
       if (surface.oriented) {
         const V product = dot(n, hn::GatherIndex(d, normal, at), hn::GatherIndex(d, normal + 1, at),
@@ -86,25 +88,26 @@ void add(const CellSurface& surface, std::size_t i, std::span<const Neighbor> ne
 
 /// Sums over edges from (0, 0), a and b, and the largest |b|^2.
 struct Sums {
-  V area, xx, xy, yy;
-  V gap_x, gap_y;
+  using Sum = LaneSums<D, kWidth>;
+  Sum area, xx, xy, yy;
+  Sum gap_x, gap_y;
   V radius2;
 
-  HWY_INLINE explicit Sums(const V& zero)
-      : area(zero), xx(zero), xy(zero), yy(zero), gap_x(zero), gap_y(zero), radius2(zero) {}
+  HWY_INLINE Sums() : radius2(hn::Zero(D())) {}
 
-  HWY_INLINE void add(const V& ax, const V& ay, const V& bx, const V& by) {
+  /// Adds the edges from number `first` on.
+  HWY_INLINE void add(std::size_t first, const V& ax, const V& ay, const V& bx, const V& by) {
     // Moments of a triangle (0, a, b), as in VoronoiCell::moments(), without the factor 1 / 24.
     const V cx = hn::Add(ax, bx);
     const V cy = hn::Add(ay, by);
-    const V cross = hn::MulSub(ax, by, hn::Mul(ay, bx));
-    area = hn::Add(area, cross);
-    xx = hn::MulAdd(cross, hn::MulAdd(ax, ax, hn::MulAdd(bx, bx, hn::Mul(cx, cx))), xx);
-    xy = hn::MulAdd(cross, hn::MulAdd(ax, ay, hn::MulAdd(bx, by, hn::Mul(cx, cy))), xy);
-    yy = hn::MulAdd(cross, hn::MulAdd(ay, ay, hn::MulAdd(by, by, hn::Mul(cy, cy))), yy);
-    gap_x = hn::Add(gap_x, hn::Sub(bx, ax));
-    gap_y = hn::Add(gap_y, hn::Sub(by, ay));
-    radius2 = hn::Max(radius2, hn::MulAdd(bx, bx, hn::Mul(by, by)));
+    const V cross = mul_sub(ax, by, hn::Mul(ay, bx));
+    area.add(first, cross);
+    xx.add(first, hn::Mul(cross, mul_add(ax, ax, mul_add(bx, bx, hn::Mul(cx, cx)))));
+    xy.add(first, hn::Mul(cross, mul_add(ax, ay, mul_add(bx, by, hn::Mul(cx, cy)))));
+    yy.add(first, hn::Mul(cross, mul_add(ay, ay, mul_add(by, by, hn::Mul(cy, cy)))));
+    gap_x.add(first, hn::Sub(bx, ax));
+    gap_y.add(first, hn::Sub(by, ay));
+    radius2 = hn::Max(radius2, mul_add(bx, bx, hn::Mul(by, by)));
   }
 };
 
@@ -112,7 +115,7 @@ struct Sums {
 /// cell.bound_y. False if the edges do not close.
 bool intersect(std::size_t count, ClosedCell& cell) {
   constexpr float kFar = 1e18F;  ///< Beyond all places; its square is still finite.
-  /// Sines below this are rounding, and their reciprocals may be infinite.
+  /// Sines below this are rounding, and quotients by them may be infinite.
   constexpr float kLeast = 1e-30F;
   /// Largest gap between edges, by the radius; rounding makes gaps of 1e-5, larger ones in slivers.
   constexpr float kLargestGap = 1e-4F;
@@ -120,13 +123,12 @@ bool intersect(std::size_t count, ClosedCell& cell) {
   const V zero = hn::Zero(d);
   const V half = hn::Set(d, 0.5F);
   const V far = hn::Set(d, kFar);
-  const V two = hn::Set(d, 2.0F);
   const V least = hn::Set(d, kLeast);
   const V lanes = hn::Iota(d, 0);
   alignas(64) float kept_x[ClosedCell::kRoom];
   alignas(64) float kept_y[ClosedCell::kRoom];
   std::size_t kept = 0;
-  Sums sums(zero);
+  Sums sums;
   for (std::size_t j = 0; j < count; j += hn::Lanes(d)) {
     const V x = hn::Load(d, cell.bound_x + j);
     const V y = hn::Load(d, cell.bound_y + j);
@@ -140,17 +142,15 @@ bool intersect(std::size_t count, ClosedCell& cell) {
       const V qy = hn::Set(d, cell.bound_y[k]);
       const V ex = hn::Sub(qx, x);
       const V ey = hn::Sub(qy, y);
-      const V numerator = hn::MulAdd(qx, ex, hn::Mul(qy, ey));
-      const V denominator = hn::MulSub(x, ey, hn::Mul(y, ex));
-      // One step of Newton's method on 12 bits or more costs a third of a division.
-      const V estimate = hn::ApproximateReciprocal(denominator);
-      const V inverse = hn::Mul(estimate, hn::NegMulAdd(denominator, estimate, two));
+      const V numerator = mul_add(qx, ex, hn::Mul(qy, ey));
+      const V denominator = mul_sub(x, ey, hn::Mul(y, ex));
       // Parallel bisectors bound all or nothing; of neighbours at one place in the plane the first
       // has the edge.
       const auto parallel = hn::Le(hn::Abs(denominator), least);
       const V order = hn::Sub(hn::Set(d, static_cast<float>(k)), place);
       const V side = hn::IfThenElse(hn::Eq(numerator, zero), order, numerator);
-      const V t = hn::IfThenElse(parallel, hn::CopySign(far, side), hn::Mul(numerator, inverse));
+      const V t =
+          hn::IfThenElse(parallel, hn::CopySign(far, side), hn::Div(numerator, denominator));
       const auto rising = hn::Or(parallel, hn::Gt(denominator, zero));
       high = hn::IfThenElse(rising, hn::Min(high, t), high);
       low = hn::IfThenElse(rising, low, hn::Max(low, t));
@@ -159,13 +159,13 @@ bool intersect(std::size_t count, ClosedCell& cell) {
     const auto endless = hn::Or(hn::Ge(high, far), hn::Le(low, hn::Neg(far)));
     if (!hn::AllFalse(d, hn::And(edge, endless))) return false;
     const auto at = [&](const V& t, V& to_x, V& to_y) HWY_ATTR {
-      to_x = hn::IfThenElseZero(edge, hn::NegMulAdd(hn::Mul(half, t), y, hn::Mul(half, x)));
-      to_y = hn::IfThenElseZero(edge, hn::MulAdd(hn::Mul(half, t), x, hn::Mul(half, y)));
+      to_x = hn::IfThenElseZero(edge, neg_mul_add(hn::Mul(half, t), y, hn::Mul(half, x)));
+      to_y = hn::IfThenElseZero(edge, mul_add(hn::Mul(half, t), x, hn::Mul(half, y)));
     };
     V ax, ay, bx, by;
     at(low, ax, ay);
     at(high, bx, by);
-    sums.add(ax, ay, bx, by);
+    sums.add(j, ax, ay, bx, by);
     const Compressor<D> edges(edge);
     edges.store(x, d, kept_x + kept);
     edges.store(y, d, kept_y + kept);
@@ -177,17 +177,16 @@ bool intersect(std::size_t count, ClosedCell& cell) {
   std::copy(kept_y, kept_y + kept, cell.bound_y);
   cell.bounds = kept;
   cell.corners = kept;
-  const auto sum = [&](const V& v) HWY_ATTR { return hn::GetLane(hn::SumOfLanes(d, v)); };
   cell.radius2 = hn::GetLane(hn::MaxOfLanes(d, sums.radius2));
-  const float gap_x = sum(sums.gap_x);
-  const float gap_y = sum(sums.gap_y);
+  const float gap_x = sums.gap_x.total();
+  const float gap_y = sums.gap_y.total();
   if (kept < 3 || !(gap_x * gap_x + gap_y * gap_y <= kLargestGap * kLargestGap * cell.radius2)) {
     return false;
   }
-  cell.area = sum(sums.area) / 2;
-  cell.xx = sum(sums.xx) / 24;
-  cell.xy = sum(sums.xy) / 24;
-  cell.yy = sum(sums.yy) / 24;
+  cell.area = sums.area.total() / 2;
+  cell.xx = sums.xx.total() / 24;
+  cell.xy = sums.xy.total() / 24;
+  cell.yy = sums.yy.total() / 24;
   return true;
 }
 
@@ -198,20 +197,20 @@ HWY_INLINE bool surrounded(float corner_x, float corner_y, const ClosedCell& cel
   const V zero = hn::Zero(d);
   const V cx = hn::Set(d, corner_x);
   const V cy = hn::Set(d, corner_y);
-  const V distance2 = hn::MulAdd(cx, cx, hn::Mul(cy, cy));
+  const V distance2 = mul_add(cx, cx, hn::Mul(cy, cy));
   const V root3 = hn::Set(d, kRoot3);
   bool beyond = false, left = false, right = false, far_left = false, far_right = false;
   for (std::size_t k = 0; k < cell.neighbors; k += hn::Lanes(d)) {
     const V x = hn::Load(d, cell.x + k);
     const V y = hn::Load(d, cell.y + k);
-    const V along = hn::Sub(hn::MulAdd(x, cx, hn::Mul(y, cy)), distance2);
-    const V across = hn::MulSub(cx, y, hn::Mul(cy, x));
+    const V along = hn::Sub(mul_add(x, cx, hn::Mul(y, cy)), distance2);
+    const V across = mul_sub(cx, y, hn::Mul(cy, x));
     const auto any = [&](const V& v) HWY_ATTR { return !hn::AllFalse(d, hn::Ge(v, zero)); };
     beyond |= any(along);
-    left |= any(hn::MulAdd(root3, along, across));
-    right |= any(hn::MulSub(root3, along, across));
-    far_left |= any(hn::MulAdd(root3, across, along));
-    far_right |= any(hn::NegMulAdd(root3, across, along));
+    left |= any(mul_add(root3, along, across));
+    right |= any(mul_sub(root3, along, across));
+    far_left |= any(mul_add(root3, across, along));
+    far_right |= any(neg_mul_add(root3, across, along));
   }
   return beyond && left && right && far_left && far_right;
 }

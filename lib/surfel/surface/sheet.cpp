@@ -1,13 +1,14 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/surface/sheet.h>
 
 namespace surfel {
 
 float SheetRules::least_cosine() const {
-  return static_cast<float>(std::cos(normal_angle * std::numbers::pi / 180));
+  return static_cast<float>(portable::cos(normal_angle * std::numbers::pi / 180));
 }
 
 std::vector<std::string> SheetRules::problems() const {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/types.h>
 
 namespace surfel {
@@ -37,9 +38,10 @@ struct PrincipalAxes {
 
 inline PrincipalAxes principal_axes(double xx, double xy, double yy) {
   const double mean = (xx + yy) / 2;
-  const double radius = std::hypot((xx - yy) / 2, xy);
-  const double angle = std::atan2(2 * xy, xx - yy) / 2;
-  return {{std::cos(angle), std::sin(angle)}, mean + radius, std::max(0.0, mean - radius)};
+  const double radius = portable::hypot((xx - yy) / 2, xy);
+  const double angle = portable::atan2(2 * xy, xx - yy) / 2;
+  return {
+      {portable::cos(angle), portable::sin(angle)}, mean + radius, std::max(0.0, mean - radius)};
 }
 
 }  // namespace surfel

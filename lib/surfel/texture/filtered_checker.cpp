@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/texture/filtered_checker.h>
 
 namespace surfel {
@@ -19,17 +20,17 @@ constexpr double kLineReach = 4;          ///< Standard deviations; 6e-5 lies be
 constexpr int kLargestHarmonic = 63;      ///< Terms fall with the product of three harmonics.
 constexpr double kLeastDamping = 12;      ///< exp(-12) = 6e-6.
 
-double normal_distribution(double x) { return 0.5 * std::erfc(-x * std::numbers::sqrt2 / 2); }
+double normal_distribution(double x) { return 0.5 * portable::erfc(-x * std::numbers::sqrt2 / 2); }
 
 /// Turns the axes, which leaves their Gaussian as it is, until they are orthogonal, the longer one
 /// first.
 KernelAxes principal_axes(const KernelAxes& axes) {
   const double uu = axes.col(0).squaredNorm();
   const double vv = axes.col(1).squaredNorm();
-  const double angle = 0.5 * std::atan2(2 * axes.col(0).dot(axes.col(1)), uu - vv);
+  const double angle = 0.5 * portable::atan2(2 * axes.col(0).dot(axes.col(1)), uu - vv);
   KernelAxes turned;
-  turned.col(0) = std::cos(angle) * axes.col(0) + std::sin(angle) * axes.col(1);
-  turned.col(1) = -std::sin(angle) * axes.col(0) + std::cos(angle) * axes.col(1);
+  turned.col(0) = portable::cos(angle) * axes.col(0) + portable::sin(angle) * axes.col(1);
+  turned.col(1) = -portable::sin(angle) * axes.col(0) + portable::cos(angle) * axes.col(1);
   return turned;
 }
 
@@ -53,7 +54,8 @@ double checker_series(const Vec3d& point, const KernelAxes& axes) {
       // Odd numbers within [best - range, best + range].
       for (double n = 2 * std::ceil((best - range - 1) / 2) + 1; n <= best + range; n += 2) {
         const double damping = pi * pi / 2 * (base + n * g2).squaredNorm();
-        sum += std::sin(pi * (l * p0 + m * p1 + n * p2)) * std::exp(-damping) / (l * m * n);
+        sum +=
+            portable::sin(pi * (l * p0 + m * p1 + n * p2)) * portable::exp(-damping) / (l * m * n);
       }
     }
   }
@@ -68,7 +70,7 @@ Vec2d crossing_direction(const KernelAxes& axes) {
   for (int k = 0; k < 3; ++k) {
     // A family parallel to the plane has no lines in it: another one counts twice.
     const auto row = axes.row(axes.row(k).isZero(0) ? longest : k);
-    const double along = std::atan2(row[0], -row[1]);
+    const double along = portable::atan2(row[0], -row[1]);
     angle[k] = along < 0 ? along + pi : along;
   }
   if (angle[0] > angle[1]) std::swap(angle[0], angle[1]);
@@ -82,7 +84,7 @@ Vec2d crossing_direction(const KernelAxes& axes) {
     widest = next - angle[k];
     middle = (next + angle[k]) / 2;
   }
-  return {std::cos(middle), std::sin(middle)};
+  return {portable::cos(middle), portable::sin(middle)};
 }
 
 /// Average along t of the checker at start + t step under the standard normal distribution.
@@ -138,7 +140,7 @@ double checker_by_lines(const Vec3d& point, const KernelAxes& axes) {
   double weights = 0;
   for (int j = -half; j < half; ++j) {
     const double x = (j + 0.5) * spacing;
-    const double weight = std::exp(-0.5 * x * x);
+    const double weight = portable::exp(-0.5 * x * x);
     sum += weight * checker_along_line(point + x * next, step, borders);
     weights += weight;
   }

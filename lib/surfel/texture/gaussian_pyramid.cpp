@@ -8,6 +8,7 @@
 #include <limits>
 #include <utility>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/parallel.h>
 #include <surfel/texture/gaussian_pyramid.h>
 
@@ -26,8 +27,6 @@ int wrapped(int i, int period) {
   return remainder < 0 ? remainder + period : remainder;
 }
 
-double squared(double x) { return x * x; }
-
 /// Without SSE 4.1, which not every x86-64 has, std::floor is a function of some twenty steps.
 int floor_to_int(double x) {
   const int i = static_cast<int>(x);
@@ -41,8 +40,9 @@ int ceil_to_int(double x) {
 /// Standard deviation, in texels of `fine`, of the filter that leads from it to a level of that
 /// pitch. Level 0 has not been filtered.
 double step_sigma(const TexelAxis& fine, double coarse_pitch, bool from_image) {
-  const double before = from_image ? 0 : squared(fine.pitch);
-  return std::sqrt(GaussianPyramid::kPrefilter * (squared(coarse_pitch) - before)) / fine.pitch;
+  const double before = from_image ? 0 : portable::squared(fine.pitch);
+  return std::sqrt(GaussianPyramid::kPrefilter * (portable::squared(coarse_pitch) - before)) /
+         fine.pitch;
 }
 
 /// The next level's texels. Periodic images keep whole periods. Other images grow by the filter's
@@ -82,7 +82,7 @@ std::vector<std::vector<Tap>> taps_between(const TexelAxis& fine, const TexelAxi
     double sum = 0;
     std::vector<double> weights;
     for (int i = begin; i <= end; ++i) {
-      weights.push_back(std::exp(-squared((i - center) / sigma) / 2));
+      weights.push_back(portable::exp(-portable::squared((i - center) / sigma) / 2));
       sum += weights.back();
     }
     for (int i = begin; i <= end; ++i) {
@@ -111,8 +111,8 @@ struct RowKernel {
   /// \param decay     1 / (2 variance) along the row. \param step  exp(-2 decay).
   /// \param exponent  at the kernel's centre in the row.
   RowKernel(double d, double decay, double step, double exponent) {
-    const double first = std::exp(-d * d * decay - exponent);
-    const double next = std::exp(-(2 * d + 1) * decay);
+    const double first = portable::exp(-d * d * decay - exponent);
+    const double next = portable::exp(-(2 * d + 1) * decay);
     value = {first, first * next};
     const double skip_one = next * next * step;
     ratio = {skip_one, skip_one * step * step};
@@ -340,7 +340,7 @@ int GaussianPyramid::level_for(double minor) {
   // Every pitch is at most 2^l.
   const double ratio = minor / (kPrefilter + kResidual);
   if (!(ratio >= 4)) return 0;
-  return std::min(kMaxLevel, static_cast<int>(std::floor(std::log2(ratio) / 2)));
+  return std::min(kMaxLevel, std::ilogb(ratio) / 2);
 }
 
 void GaussianPyramid::build(int level) {
@@ -384,8 +384,8 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
 
   // The kernel in the level's texels, without the variance that the level has been filtered with.
   const double prefilter = l > 0 ? kPrefilter : 0;
-  const double xx = kernel.variance(0, 0) / squared(level.x.pitch) - prefilter;
-  const double yy = kernel.variance(1, 1) / squared(level.y.pitch) - prefilter;
+  const double xx = kernel.variance(0, 0) / portable::squared(level.x.pitch) - prefilter;
+  const double yy = kernel.variance(1, 1) / portable::squared(level.y.pitch) - prefilter;
   const double xy = kernel.variance(0, 1) / (level.x.pitch * level.y.pitch);
   const double reach_x = std::sqrt(2 * kExponentCutoff * xx);
   const double reach_y = std::sqrt(2 * kExponentCutoff * yy);
@@ -395,7 +395,7 @@ GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_
   // A Gaussian is the product of its marginal in y and its conditional in x given y.
   const double conditional_variance = xx - xy * xy / yy;
   const double decay = 1 / (2 * conditional_variance);
-  const double step = std::exp(-2 * decay);
+  const double step = portable::exp(-2 * decay);
   const double marginal_decay = 1 / (2 * yy);
   const double slope = xy / yy;
   int y_begin = ceil_to_int(center_y - reach_y - 0.5);

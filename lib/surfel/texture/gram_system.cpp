@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include <surfel/base/box_tree.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/parallel.h>
 #include <surfel/texture/gram_system.h>
 
@@ -268,8 +269,8 @@ double overlap(std::size_t count) {
 /// cond(R) is measured to be about exp(0.9 + 15 kappa^2), and the error of the coefficients, over
 /// their largest, cond(R) exp(-reach^2 / 2) / 5. Beyond cond(R) = 1e6 there is no such accuracy.
 double overlap_reach2(double overlap) {
-  const double log_condition = std::min(0.9 + 15 * overlap, std::log(1e6));
-  return std::clamp(2 * (log_condition - std::log(5 * kAccuracy)), kMinReach * kMinReach,
+  const double log_condition = std::min(0.9 + 15 * overlap, portable::log(1e6));
+  return std::clamp(2 * (log_condition - portable::log(5 * kAccuracy)), kMinReach * kMinReach,
                     kMaxReach * kMaxReach);
 }
 
@@ -289,7 +290,7 @@ Reach choose_reach(PairSearch& search, std::size_t count) {
     const double reach2 = overlap_reach2(kappa2);
     reach.squared[k] = reach2;
     // Of a constant, the integral of the Gaussian beyond the reach.
-    reach.left_out[k] = 4 * std::numbers::pi * kappa2 * std::exp(-reach2 / 2);
+    reach.left_out[k] = 4 * std::numbers::pi * kappa2 * portable::exp(-reach2 / 2);
   });
   return reach;
 }

@@ -3,6 +3,7 @@
 #include <utility>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -102,8 +103,8 @@ NormalFitReport fit_normals(SurfelCloud& cloud, NormalMaps& maps, const TextureF
       cloud.shading_normal[k] = (*mean / std::max(1.0, length)).cast<float>();
       ++sums.mapped;
       const double cosine = mean->dot(cloud.normal[k].cast<double>()) / length;
-      sums.tilt += std::acos(std::clamp(cosine, -1.0, 1.0));
-      sums.variance -= std::log(std::min(1.0, length));
+      sums.tilt += portable::acos(std::clamp(cosine, -1.0, 1.0));
+      sums.variance -= portable::log(std::min(1.0, length));
     }
   });
   NormalSums all;

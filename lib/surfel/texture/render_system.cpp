@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/group_by_key.h>
 #include <surfel/base/option_check.h>
@@ -35,7 +36,7 @@ constexpr double kPointVariance = 0.25;
 /// \return the distance of its furthest corner.
 double reset_cell(const SurfelBasis::Function& f, VoronoiCell& cell) {
   const double half = kBorderReach * std::sqrt(f.area);
-  const double stretch = std::pow(f.variance_u / f.variance_v, 0.25);
+  const double stretch = portable::pow(f.variance_u / f.variance_v, 0.25);
   const Vec2d half_axes(half * stretch, half / stretch);
   cell.reset(half_axes.maxCoeff());
   cell.cut({2 * half_axes.x(), 0});
@@ -226,7 +227,7 @@ class Assembler {
         const double v = f.v.dot(at);
         const double beta = 0.5 * (u * u + v * v);
         if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
-        const double r = f.peak * std::exp(-beta);
+        const double r = f.peak * portable::exp(-beta);
         rows.add(f.index, entry_ == Entry::kNormalised ? r : beta);
         reaches[s] = 1;
         sum += r;
@@ -397,7 +398,7 @@ SymmetricMatrix normal_product(const RenderSystem& system, const Array<double>* 
 }
 
 /// Share of its variance that a Gaussian keeps where it is cut off at beta = cutoff.
-double kept_variance(double cutoff) { return 1 - cutoff / std::expm1(cutoff); }
+double kept_variance(double cutoff) { return 1 - cutoff / portable::expm1(cutoff); }
 
 /// The functions on screen where the pixel filter, truncated, is as wide as they.
 SurfelBasis minified(const SurfelBasis& basis, double cutoff) {

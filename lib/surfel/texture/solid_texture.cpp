@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/base/option_check.h>
@@ -69,7 +70,7 @@ struct SolidPhase {
 
 /// Mean of the normal distribution function over N(mean, variance).
 double soft_step(double mean, double variance) {
-  return 0.5 * std::erfc(-mean / std::sqrt(2 * (1 + variance)));
+  return 0.5 * portable::erfc(-mean / std::sqrt(2 * (1 + variance)));
 }
 
 /// Mean, over N(mean, variance), of Gaussian lines of height 1 and standard deviation `width` about
@@ -80,10 +81,10 @@ double filtered_lines(double mean, double variance, double width) {
   // Beyond, the first harmonic has the rest: exp(-2 pi^2 (0.5^2) 4) = 3e-9.
   if (wide2 > 0.25) {
     const double level = width * std::sqrt(2 * pi);
-    return level * (1 + 2 * std::exp(-2 * pi * pi * wide2) * std::cos(2 * pi * x));
+    return level * (1 + 2 * portable::exp(-2 * pi * pi * wide2) * portable::cos(2 * pi * x));
   }
   double sum = 0;
-  for (int k = -3; k <= 3; ++k) sum += std::exp(-(x - k) * (x - k) / (2 * wide2));
+  for (int k = -3; k <= 3; ++k) sum += portable::exp(-(x - k) * (x - k) / (2 * wide2));
   return width / std::sqrt(wide2) * sum;
 }
 
@@ -97,14 +98,14 @@ double filtered_rings(double mean, double variance) {
   constexpr int kTerms = 18;  // exp(-2 pi^2 18^2 kRingBorder^2) = 4e-5.
   const double exponent = 2 * pi * pi * (variance + kRingBorder * kRingBorder);
   const double angle = 2 * pi * (mean - std::round(mean));
-  const double c = std::cos(angle), s = std::sin(angle);
+  const double c = portable::cos(angle), s = portable::sin(angle);
   double cosine = 1, sine = 0;
   double sum = 1.0 / 3;
   for (int n = 1; n <= kTerms && exponent * n * n < 12; ++n) {
     const double turned = cosine * c - sine * s;
     sine = sine * c + cosine * s;
     cosine = turned;
-    sum += std::exp(-exponent * n * n) * (cosine / (pi * n) - sine) / (pi * n);
+    sum += portable::exp(-exponent * n * n) * (cosine / (pi * n) - sine) / (pi * n);
   }
   return sum;
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/elementary.h>
 #include <surfel/texture/texel_kernel.h>
 
 namespace surfel {
@@ -49,7 +50,7 @@ std::optional<TexelFrame> texel_frame(const SurfelCloud& cloud, std::size_t surf
 PrincipalVariances principal_variances(const Mat2d& variance) {
   const double mean = variance.trace() / 2;
   const double difference = (variance(0, 0) - variance(1, 1)) / 2;
-  const double major = mean + std::hypot(difference, variance(0, 1));
+  const double major = mean + portable::hypot(difference, variance(0, 1));
   if (!(major > 0)) return {};
   return {major, std::max(0.0, variance.determinant() / major)};
 }
@@ -131,8 +132,8 @@ double lattice_sum(const TexelKernel& kernel) {
   for (int y = -reach; y <= reach; ++y) {
     for (int x = -reach; x <= reach; ++x) {
       const Vec2d m(x, y);
-      sum += std::exp(-kTwoPi2 * m.dot(kernel.variance * m)) *
-             std::cos(2 * std::numbers::pi * m.dot(s));
+      sum += portable::exp(-kTwoPi2 * m.dot(kernel.variance * m)) *
+             portable::cos(2 * std::numbers::pi * m.dot(s));
     }
   }
   return sum;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -63,8 +64,8 @@ SurfelBasis scaled(const SurfelBasis& basis, const Array<double>& t) {
   for (std::size_t k = 0; k < basis.size(); ++k) {
     if (t[k] == 0) continue;
     SurfelBasis::Function& f = result.function[k];
-    f.variance_u = static_cast<double>(static_cast<float>(f.variance_u * std::exp(t[k])));
-    f.variance_v = static_cast<double>(static_cast<float>(f.variance_v * std::exp(t[k])));
+    f.variance_u = static_cast<double>(static_cast<float>(f.variance_u * portable::exp(t[k])));
+    f.variance_v = static_cast<double>(static_cast<float>(f.variance_v * portable::exp(t[k])));
   }
   return result;
 }
@@ -95,10 +96,10 @@ class Model {
         cutoff_(problem.options.cutoff),
         factor_(state.system.normal_matrix),
         exponent_(kernel_exponents(state.basis, problem.quadrature,
-                                   cutoff_ * (1 + kFade) * std::exp(range))) {
+                                   cutoff_ * (1 + kFade) * portable::exp(range))) {
     const std::size_t count = state.basis.size();
     range_.resize(count);
-    const double most = 2 * std::log(kMostSigmaChange);
+    const double most = 2 * portable::log(kMostSigmaChange);
     for (std::size_t k = 0; k < count; ++k) {
       range_[k] = std::max(0.0, std::min(range, most - std::abs(state.t[k])));
     }
@@ -245,7 +246,7 @@ class Model {
         chunk.cost = 0;
         worker.kernels.clear();
         for (const std::uint32_t k : chunk.function) {
-          const double factor = std::exp(-change_[k]);
+          const double factor = portable::exp(-change_[k]);
           worker.kernels.push_back({factor, factor * state_.basis.function[k].peak(), w_[k]});
         }
         for (std::size_t q = chunk.begin; q < chunk.end; ++q) {
@@ -268,7 +269,7 @@ class Model {
       const double beta = exponent_.value[e] * kernel.factor;
       if (beta >= end) continue;
       const Fade left = fade(beta, cutoff_);
-      const double whole = kernel.peak * std::exp(-beta);
+      const double whole = kernel.peak * portable::exp(-beta);
       const double r = whole * left.value;
       worker.values.push_back({place, r, (beta - 1) * r - beta * whole * left.slope});
       point.sum += r;
@@ -293,7 +294,7 @@ class Model {
       for (std::size_t c = 0; c < channels; ++c) {
         y_[k][static_cast<Eigen::Index>(c)] = static_cast<float>(x[k * channels + c]);
       }
-      change_[k] = range_[k] > 0 ? range_[k] * std::tanh(scale_[k] * z[k] / range_[k]) : 0;
+      change_[k] = range_[k] > 0 ? range_[k] * portable::tanh(scale_[k] * z[k] / range_[k]) : 0;
     }
     parallel_for(count, kFunctionGrain, [&](std::size_t begin, std::size_t end, int) {
       factor_.multiply_transposed(begin, end, y_.data(), product_.data() + begin);
@@ -349,7 +350,7 @@ class Model {
       for (std::size_t c = 0; c < channels; ++c) {
         gradient[k * channels + c] = static_cast<double>(product_[k][static_cast<Eigen::Index>(c)]);
       }
-      const double tanh = range_[k] > 0 ? std::tanh(scale_[k] * z[k] / range_[k]) : 1;
+      const double tanh = range_[k] > 0 ? portable::tanh(scale_[k] * z[k] / range_[k]) : 1;
       gradient[count * channels + k] = t_gradient_[k] * scale_[k] * (1 - tanh * tanh);
     }
   }
@@ -359,10 +360,10 @@ class Model {
     double sum = 0;
     for (std::size_t e = exponent_.row_begin[q]; e < exponent_.row_begin[q + 1]; ++e) {
       const std::uint32_t k = chunk.function[exponent_.column[e]];
-      const double factor = std::exp(-change[k]);
+      const double factor = portable::exp(-change[k]);
       const double beta = exponent_.value[e] * factor;
       if (beta < cutoff_) {
-        sum += factor * state_.basis.function[k].peak() * std::exp(-beta);
+        sum += factor * state_.basis.function[k].peak() * portable::exp(-beta);
       }
     }
     return sum;

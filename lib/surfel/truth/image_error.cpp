@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -142,7 +143,7 @@ PreparedPair prepare(const Image& tested, const Image& truth, const ImageErrorOp
   return pair;
 }
 
-double decibels(double rms) { return -20 * std::log10(rms); }
+double decibels(double rms) { return -20 * portable::log10(rms); }
 
 }  // namespace
 

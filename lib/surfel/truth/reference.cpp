@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/shading.h>
@@ -50,7 +51,7 @@ class RayCaster {
     const ViewRay axis = view_ray(camera_, pixel_x_ + 0.5, pixel_y_ + 0.5);
     Beam beam{camera_.eye - cloud_.origin() + axis.origin, axis.direction, 0, 0};
     // Half the diagonal of the square, and a little for the corner's rounding.
-    const double corner = 0.5001 * std::hypot(1 / camera_.focal_x, 1 / camera_.focal_y);
+    const double corner = 0.5001 * portable::hypot(1 / camera_.focal_x, 1 / camera_.focal_y);
     (camera_.orthographic ? beam.radius : beam.spread) = corner;
     candidates_.clear();
     hierarchy_.for_each(
@@ -67,8 +68,8 @@ class RayCaster {
     const double v = disc.bitangent.dot(offset) / disc.deviation_v;
     const double beta = 0.5 * (u * u + v * v);
     if (!(beta < options_.cutoff)) return std::nullopt;
-    const double weight =
-        disc.area * std::exp(-beta) / (2 * std::numbers::pi * disc.deviation_u * disc.deviation_v);
+    const double weight = disc.area * portable::exp(-beta) /
+                          (2 * std::numbers::pi * disc.deviation_u * disc.deviation_v);
     if (!(weight > 0)) return std::nullopt;
     const double reach = std::sqrt(2 * options_.cutoff) * disc.max_deviation();
     return RayHit{z, weight, options_.epsilon_share() * reach, disc.surfel, front};

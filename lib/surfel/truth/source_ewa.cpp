@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/shading.h>
@@ -65,7 +66,7 @@ class SourceKernels {
                         det_Sigma;
     if (!(beta < options_.cutoff)) return std::nullopt;
     const double rho =
-        disc.area * det_J * std::exp(-beta) / (2 * std::numbers::pi * std::sqrt(det_Sigma));
+        disc.area * det_J * portable::exp(-beta) / (2 * std::numbers::pi * std::sqrt(det_Sigma));
     if (!(rho > 0)) return std::nullopt;
 
     const double center_z = camera_.camera_from_world.row(2).dot(disc.center);
@@ -105,7 +106,7 @@ class SourceKernels {
                                       : disc.normal.dot(disc.center.normalized()));
     const double pixel_on_plane = pixel_ * (camera_.orthographic ? 1 : std::max(0.0, center_z)) /
                                   std::max(cosine, kLeastCosine);
-    return radius_ * std::hypot(disc.max_deviation(), pixel_on_plane);
+    return radius_ * portable::hypot(disc.max_deviation(), pixel_on_plane);
   }
 
   const RenderOptions& options_;

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/truth/supersample.h>
@@ -32,8 +33,9 @@ struct FilterTaps {
     double sum = 0;
     for (int i = 0; i < n + 2 * margin; ++i) {
       const double offset = (i - margin + 0.5) / n - 0.5;
-      weight.push_back(options.lowpass > 0 ? std::exp(-0.5 * std::pow(offset / options.lowpass, 2))
-                                           : 1);
+      weight.push_back(options.lowpass > 0
+                           ? portable::exp(-0.5 * portable::squared(offset / options.lowpass))
+                           : 1);
       sum += weight.back();
     }
     for (double& w : weight) w /= sum;
