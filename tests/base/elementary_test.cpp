@@ -12,8 +12,8 @@
 namespace surfel {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
 using Function = std::function<double(double)>;
 using Exact = std::function<long double(long double)>;
@@ -22,9 +22,9 @@ using Exact = std::function<long double(long double)>;
 double error_ulp(double value, long double truth) {
   const auto rounded = static_cast<double>(truth);
   if (std::isnan(value) || std::isnan(rounded)) {
-    return std::isnan(value) && std::isnan(rounded) ? 0 : kInfinity;
+    return std::isnan(value) && std::isnan(rounded) ? 0 : kInfinite;
   }
-  if (std::isinf(value) || std::isinf(rounded)) return value == rounded ? 0 : kInfinity;
+  if (std::isinf(value) || std::isinf(rounded)) return value == rounded ? 0 : kInfinite;
   int exponent = 0;
   std::frexp(rounded, &exponent);
   const double ulp = std::ldexp(1.0, std::max(exponent - 53, -1074));
@@ -148,8 +148,8 @@ TEST(Elementary, OtherFunctionsAreAccurate) {
 }
 
 TEST(Elementary, SpecialValuesAreTheStandards) {
-  const double values[] = {0.0,  -0.0, 1.0,   -1.0,      0.5,        -2.5, 3.0,
-                           -3.0, 4.0,  1e300, kInfinity, -kInfinity, kNan, -1e-300};
+  const double values[] = {0.0,  -0.0, 1.0,   -1.0,      0.5,        -2.5,        3.0,
+                           -3.0, 4.0,  1e300, kInfinite, -kInfinite, kNotANumber, -1e-300};
   const auto same = [](double a, double b) {
     return (std::isnan(a) && std::isnan(b)) || (a == b && std::signbit(a) == std::signbit(b));
   };
@@ -161,13 +161,13 @@ TEST(Elementary, SpecialValuesAreTheStandards) {
       }
       if (x == 0 || y == 0 || !std::isfinite(x) || !std::isfinite(y)) {
         EXPECT_TRUE(same(portable::atan2(y, x), std::atan2(y, x))) << y << ", " << x;
-        EXPECT_TRUE(
-            same(portable::hypot(x, y), std::isnan(x) && !std::isinf(y) ? kNan : std::hypot(x, y)))
+        EXPECT_TRUE(same(portable::hypot(x, y),
+                         std::isnan(x) && !std::isinf(y) ? kNotANumber : std::hypot(x, y)))
             << x << ", " << y;
       }
     }
   }
-  for (const double x : {0.0, -0.0, kInfinity, -kInfinity, kNan}) {
+  for (const double x : {0.0, -0.0, kInfinite, -kInfinite, kNotANumber}) {
     EXPECT_TRUE(same(portable::exp(x), std::exp(x))) << x;
     EXPECT_TRUE(same(portable::expm1(x), std::expm1(x))) << x;
     EXPECT_TRUE(same(portable::tanh(x), std::tanh(x))) << x;
@@ -176,17 +176,17 @@ TEST(Elementary, SpecialValuesAreTheStandards) {
     EXPECT_TRUE(same(portable::tan(x), std::tan(x)) || std::isinf(x)) << x;
     EXPECT_TRUE(same(portable::atan(x), std::atan(x))) << x;
   }
-  for (const double x : {kInfinity, -kInfinity, kNan}) {
+  for (const double x : {kInfinite, -kInfinite, kNotANumber}) {
     EXPECT_TRUE(std::isnan(portable::sin(x)) && std::isnan(portable::cos(x)) &&
                 std::isnan(portable::tan(x)));
     EXPECT_TRUE(std::isnan(portable::asin(x)) && std::isnan(portable::acos(x)));
   }
-  EXPECT_EQ(portable::log(0.0), -kInfinity);
-  EXPECT_EQ(portable::log(kInfinity), kInfinity);
-  EXPECT_TRUE(std::isnan(portable::log(-1.0)) && std::isnan(portable::log(kNan)));
+  EXPECT_EQ(portable::log(0.0), -kInfinite);
+  EXPECT_EQ(portable::log(kInfinite), kInfinite);
+  EXPECT_TRUE(std::isnan(portable::log(-1.0)) && std::isnan(portable::log(kNotANumber)));
   EXPECT_EQ(portable::acos(1.0), 0);
   EXPECT_EQ(portable::acos(-1.0), std::acos(-1.0));
-  EXPECT_EQ(portable::exp(1000.0), kInfinity);
+  EXPECT_EQ(portable::exp(1000.0), kInfinite);
   EXPECT_EQ(portable::exp(-1000.0), 0);
 }
 

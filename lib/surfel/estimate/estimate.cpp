@@ -209,18 +209,6 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   return out;
 }
 
-/// Throws if no splat has got a size.
-void require_sizes(const SplatSizes& sizes, const std::string& name) {
-  const bool any = std::any_of(sizes.of.begin(), sizes.of.end(), [](const SplatSize& size) {
-    return size.variance > 0 || size.variance_u > 0;
-  });
-  if (any) return;
-  throw_input(name, fmt::format("no size can be told for any of the {} points, as each one's "
-                                "neighbours are all at its own place; export the points again, "
-                                "without duplicates",
-                                sizes.of.size()));
-}
-
 /// The cloud's points, which are along the curve, as surfels in the order of the file; they stay
 /// where they are in the cloud if `points` have no positions.
 SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
@@ -304,7 +292,6 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   }
   const SurfelCloud& source = options.voxels ? fewer : cloud;
   const Estimates estimates = estimate_points(source, points, options, stage, r);
-  require_sizes(estimates.sizes, name);
   if (!options.smoothing) points.position = {};  // The surfels need the memory.
   SurfelCloud out = in_file_order(source, std::move(points), estimates);
   stage.end("gather");

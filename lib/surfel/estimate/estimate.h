@@ -64,8 +64,7 @@ struct EstimateReport {
 ///
 /// The work takes about 250 bytes a point besides the cloud; its result does not depend on the
 /// number of threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` if
-/// no finite point is left, their box is beyond require_float_extent(), or every point's neighbours
-/// are all at its own place.
+/// no finite point is left, or their box is beyond require_float_extent().
 SURFEL_API SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& options,
                                         EstimateReport* report = nullptr,
                                         const std::string& name = {});

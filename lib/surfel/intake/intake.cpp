@@ -236,6 +236,14 @@ void Intake::File::estimate(const CloudReadOptions& part, Made& made) {
   made.commands.push_back(estimate_command(cloud, path, part));
   EstimateReport report;
   cloud = estimate_surfels(cloud, options, &report, path);
+  const auto has_size = [](float variance) { return variance > 0; };
+  if (std::none_of(cloud.variance.begin(), cloud.variance.end(), has_size) &&
+      std::none_of(cloud.variance_u.begin(), cloud.variance_u.end(), has_size)) {
+    throw_input(path, fmt::format("no size can be told for any of the {} points, as each one's "
+                                  "neighbours are all at its own place; export the points again, "
+                                  "without duplicates",
+                                  cloud.size()));
+  }
   made.done.push_back(fmt::format(
       "{}: raw points, normals and sizes estimated{}: {} surfels ({})", path,
       report.nonfinite > 0 ? fmt::format(", {} of {} points are not finite and left out",
