@@ -36,7 +36,8 @@ struct Request {
 void declare(tool::Tool& tool, Request& r) {
   CLI::App& app = tool.app();
   app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF)")->required();
-  app.add_option("-o,--output", r.output, "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
+  app.add_option("-o,--output", r.output,
+                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
       ->required();
   app.add_option("--spacing", r.options.spacing,
                  "Mean spacing in scene units: the root of the area per sample");

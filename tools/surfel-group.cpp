@@ -28,7 +28,8 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
   OverlapOptions& overlap = s.grouping.overlap;
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")->required();
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
+      ->required();
   app.add_option("-o,--output", s.output,
                  "Surfels to write, with their group (- = standard output)");
   app.add_flag("--print-table", s.print_table,

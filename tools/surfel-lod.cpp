@@ -17,7 +17,8 @@ struct Settings {
 };
 
 void declare_options(CLI::App& app, Settings& s) {
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")->required();
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
+      ->required();
   app.add_option("-o,--output", s.output,
                  "Surfels of all levels to write (PLY; - = standard output)")
       ->required();

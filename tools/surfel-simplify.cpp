@@ -19,9 +19,11 @@ struct Settings {
 };
 
 void declare_options(CLI::App& app, Settings& s) {
-  app.add_option("surfels", s.input, "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input)")
+  app.add_option("surfels", s.input,
+                 "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input)")
       ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
+  app.add_option("-o,--output", s.output,
+                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
       ->required();
 
   app.option_defaults()->group("How few");

@@ -129,7 +129,8 @@ void declare_solid(CLI::App& app, Settings& s) {
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")->required();
+  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
+      ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
   app.add_option("--image", s.source.image,
                  "Image file, or checker, siemens, noise, each also as NAME:FREQUENCY; default: "

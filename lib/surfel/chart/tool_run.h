@@ -27,8 +27,8 @@ struct ToolRun {
   void require_success() const;
 };
 
-/// Runs tools in a folder, one process at a time. They read images of as many pixels as this process
-/// does (set_most_image_pixels()), unless their options say otherwise.
+/// Runs tools in a folder, one process at a time. They read images of as many pixels as this
+/// process does (set_most_image_pixels()), unless their options say otherwise.
 class ToolRunner {
  public:
   /// \param tools    Folder of the tools.

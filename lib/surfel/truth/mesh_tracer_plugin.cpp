@@ -85,8 +85,8 @@ struct MemoryLimit {
 };
 
 /// Embree's limit on threads holds for the whole process for as long as it has a device: it is set
-/// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet, and where
-/// oneTBB might fail to start a thread, which would end the process.
+/// only where fewer than all are wanted, as oneTBB complains of limits that it cannot meet, and
+/// where oneTBB might fail to start a thread, which would end the process.
 std::string device_configuration() {
 #ifdef __SANITIZE_THREAD__
   // The thread sanitizer does not see how Embree's workers synchronise: see base/parallel.cpp.
