@@ -272,7 +272,7 @@ LoadedCloud::LoadedCloud(const std::string& path, const CloudLoadOptions& option
   if (!impl_->load_records(input)) {
     // All levels are read even if the finest is drawn alone, so that all levels frame the picture
     // alike.
-    constexpr CloudReadOptions kLevels{.levels = true};
+    const CloudReadOptions kLevels{.levels = true};
     impl_->load_cloud(
         impl_->ply ? read_cloud(*impl_->ply, kLevels) : read_cloud(std::move(input), kLevels),
         name);
