@@ -19,8 +19,6 @@ constexpr double kEdgeOn = 1e-6;
 /// A disc that is nearer to the eye plane than this share of its radius is not bounded: the eye
 /// would have to be as near to the disc for it to be in the picture.
 constexpr double kNearest = 1e-6;
-/// Kernels with a smaller peak would leave fragments without weight.
-constexpr float kLeastAmplitude = 1e-30F;
 /// As in splat_setup.cpp: below this cosine the filter's footprint on the plane stops growing.
 constexpr double kLeastCosine = 0.1;
 

@@ -65,6 +65,10 @@ inline constexpr int kMaterialShift = 3;          ///< The bits above the flags 
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.
 inline constexpr float kGrazing = 0.25F;
 
+/// Kernels with a smaller peak, as of surfels seen edge-on, are dropped: fragments would be left
+/// without weight, or with one whose square is no number of single precision.
+inline constexpr float kLeastAmplitude = 1e-15F;
+
 /// Value of Splat::k that marks splats whose kernel is exact.
 inline constexpr float kExactKernel = -1.0F;
 

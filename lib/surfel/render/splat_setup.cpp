@@ -58,8 +58,6 @@ constexpr float kLeastCosine = 0.1F;
 /// keeps four digits of the cosine.
 constexpr float kLeastGradientCosine = 1e-3F;
 constexpr float kInvTwoPi = 0.15915494309189535F;  ///< 1 / (2 pi), of the normalised Gaussian.
-/// Splats with a smaller peak are seen edge-on: their fragments would have no weight.
-constexpr float kLeastAmplitude = 1e-30F;
 /// From the eye's plane, in radii: nearer discs may be seen anywhere.
 constexpr float kLeastDistance = 0.01F;
 
