@@ -107,6 +107,16 @@ TEST(NeighborSearch, SameAsBruteForceInClusters) {
   expect_same_as_brute_force(clustered_points(3000), 3e-4F);
 }
 
+TEST(NeighborSearch, SameAsBruteForceInShellsWithinEachOther) {
+  // Boxes of all scales overlap around the points of the inner shells.
+  Points p;
+  for (std::size_t i = 0; i < 4000; ++i) {
+    const Vec3f direction(uniform(i, 0) - 0.5F, uniform(i, 1) - 0.5F, uniform(i, 2) - 0.5F);
+    p.push_back(direction.normalized() * std::pow(0.01F, static_cast<float>(i % 8)));
+  }
+  expect_same_as_brute_force(p, 1e-6F);
+}
+
 TEST(NeighborSearch, SameAsBruteForceOnALineOfGrowingGaps) {
   Points p;  // A tree over it is as deep as they get.
   for (int i = 0; i < 120; ++i) p.emplace_back(std::ldexp(1.0F, i - 60), 0.0F, 0.0F);

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <bit>
+#include <compare>
 #include <limits>
 
 #include <surfel/base/parallel.h>
@@ -117,14 +118,28 @@ class Searcher {
   std::span<const Key> search_point(const Vec3f& query) {
     const Box box{query, query};
     float reach2 = limit2_;
-    if (!(reach2 < kInfinity) || !gather(box, reach2, most_leaves())) {
-      // The k-th distance within the smallest node around that holds k places is a bound.
-      gather_node(query);
-      const std::size_t near = scan(query, reach2);
-      if (near >= k_) reach2 = std::min(reach2, last_distance2(near));
-      gather(box, reach2, kNoMost);
+    if (reach2 < kInfinity && gather(box, reach2, most_leaves())) {
+      return select(scan(query, reach2));
     }
-    return select(scan(query, reach2));
+    // The k-th distance within the smallest node around that holds k places is a bound.
+    gather_node(query);
+    std::size_t near = scan(query, reach2);
+    if (near >= k_) reach2 = std::min(reach2, last_distance2(near));
+    // Where the density jumps the bound may reach far too much.
+    const float bound2 = reach2;
+    constexpr int kMostShrinks = 64;
+    int shrinks = 0;
+    while (!gather(box, reach2, shrinks < kMostShrinks ? most_leaves() : kNoMost)) {
+      reach2 /= 4;
+      ++shrinks;
+    }
+    near = scan(query, reach2);
+    while (near < k_ && reach2 < bound2) {
+      reach2 = std::min(widened(reach2), bound2);
+      gather(box, reach2, kNoMost);
+      near = scan(query, reach2);
+    }
+    return select(near);
   }
 
  private:
@@ -220,12 +235,23 @@ class Searcher {
     return leaves_.size() <= most;
   }
 
-  static float distance2(const PointTree::Node& node, std::size_t child, const Vec3f& query) {
+  /// How far a child's box is from a point and, where boxes overlap, how large it is: of boxes
+  /// around one point, as where clusters of many scales lie in each other, the smallest has the
+  /// point's neighbours.
+  struct Nearness {
+    float distance2, diagonal2;
+    auto operator<=>(const Nearness&) const = default;
+  };
+  static Nearness nearness(const PointTree::Node& node, std::size_t child, const Vec3f& query) {
     Vec3f gap;
+    Vec3f diagonal;
     for (int d = 0; d < 3; ++d) {
-      gap[d] = std::max({node.low[d][child] - query[d], query[d] - node.high[d][child], 0.0F});
+      const float low = node.low[d][child];
+      const float high = node.high[d][child];
+      gap[d] = std::max({low - query[d], query[d] - high, 0.0F});
+      diagonal[d] = high - low;
     }
-    return gap.squaredNorm();
+    return {gap.squaredNorm(), diagonal.squaredNorm()};
   }
 
   struct LeafRange {
@@ -250,7 +276,7 @@ class Searcher {
       const PointTree::Node& node = tree_.node(level, index);
       std::size_t nearest = 0;
       for (std::size_t c = 1; c < node.children; ++c) {
-        if (distance2(node, c, query) < distance2(node, nearest, query)) nearest = c;
+        if (nearness(node, c, query) < nearness(node, nearest, query)) nearest = c;
       }
       index = node.first_child + nearest;
       const LeafRange smaller = leaves_under(level - 1, index);
