@@ -239,9 +239,12 @@ void Intake::File::estimate(const CloudReadOptions& part, Made& made) {
   const auto has_size = [](float variance) { return variance > 0; };
   if (std::none_of(cloud.variance.begin(), cloud.variance.end(), has_size) &&
       std::none_of(cloud.variance_u.begin(), cloud.variance_u.end(), has_size)) {
-    throw_input(path, fmt::format("no size can be told for any of the {} points, as each one's "
-                                  "neighbours are all at its own place; export the points again, "
-                                  "without duplicates",
+    throw_input(path,
+                cloud.size() == 1
+                    ? "holds one point, of which no size can be told; give more points"
+                    : fmt::format("no size can be told of any of the {} points, as each one's "
+                                  "neighbours are all at its own place; export the points "
+                                  "again, without duplicates",
                                   cloud.size()));
   }
   made.done.push_back(fmt::format(
