@@ -102,7 +102,7 @@ TEST(Elementary, PowerIsAccurate) {
 }
 
 TEST(Elementary, TrigonometryIsAccurate) {
-  // The last two reach all numbers, also those whose whole turns take a thousand bits of pi.
+  // The last two reach all numbers, also numbers whose whole turns take a thousand bits of pi.
   for (const double high : {0.7, 4.0, 1e6}) {
     EXPECT_LT(worst_between(-high, high, SURFEL_PAIR(sin)), 0.8) << high;
     EXPECT_LT(worst_between(-high, high, SURFEL_PAIR(cos)), 0.8) << high;

@@ -21,9 +21,9 @@
 
 namespace {
 
-constexpr double kMostTime = 5;         ///< Times that of the benign case.
+constexpr double kMostTime = 5;         ///< Times the benign case's.
 constexpr double kMostRefusal = 1;      ///< Seconds until the input is refused.
-constexpr double kMostMemory = 2;       ///< Times that of the benign case, or ...
+constexpr double kMostMemory = 2;       ///< Times the benign case's, or ...
 constexpr double kMostMegabytes = 100;  ///< ... this.
 
 struct Command {

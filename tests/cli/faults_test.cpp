@@ -193,7 +193,7 @@ TEST_F(Faults, WhereNoThreadCanBeStartedToolsWorkOrSaySo) {
     const std::string right = command.output.empty() ? "" : read_text(path);
     const bool plugin =
         contains(words, "--mesh") || contains(words, ".exr") || contains(words, "surfel-chart");
-    // From the first thread on; else in the middle of those that a loop wants at once.
+    // From the first thread on; else in the middle of the threads that a loop wants at once.
     for (const int number : plugin ? std::vector{1} : std::vector{1, 5}) {
       const RunResult result = run_here(words, fault({"pthread_create", EAGAIN}, number, seen));
       const std::string what = words + ": " + result.errors;

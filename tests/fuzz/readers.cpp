@@ -17,7 +17,7 @@
 namespace surfel::fuzz {
 namespace {
 
-/// Files lie in a folder that there is not, so that those that they name are not found.
+/// Files lie in a folder that there is not, so that the files that they name are not found.
 InputFile file_of(Bytes bytes, const char* extension) {
   return {std::string("/fuzz/file") + extension, bytes};
 }

@@ -451,7 +451,7 @@ class CopcMaker {
     }
   }
 
-  /// \param change  may change an entry of the tree: those of the first page, then those of the
+  /// \param change  may change an entry of the tree: entries of the first page, then entries of the
   /// others
   std::string file(const std::function<void(std::size_t, std::string&)>& change = {}) {
     const std::string laszip = laszip_block(maker_.layout, ~std::uint32_t{0});

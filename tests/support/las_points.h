@@ -13,7 +13,7 @@ namespace surfel::test {
 
 /// How the bytes of made-up points go on.
 enum class PointKind {
-  kScan,   ///< Values change as those of a scanner do.
+  kScan,   ///< Values change as a scanner's do.
   kNoise,  ///< Any byte may change to any value.
   kSame    ///< All points are the first one.
 };

@@ -292,7 +292,8 @@ Angle reduce(double x) {
   constexpr double kLarge = 0x1p20;
   if (std::abs(x) <= std::numbers::pi / 4) return {0, {x}};
   if (!(std::abs(x) < kLarge)) return reduce_large(x);
-  // pi / 2 in parts whose products with numbers of 20 bits are exact, but for the last.
+  // The sum of these parts is pi / 2; products of all parts but the last with whole numbers of
+  // 20 bits are exact.
   constexpr double kPart[] = {0x1.921fb54400000p+0, 0x1.0b4611a600000p-34, 0x1.3198a2e000000p-69,
                               0x1.b839a252049c1p-104};
   const double k = whole(x / kHalfPi.hi);

@@ -6,10 +6,10 @@
 /// their code by the processor and differ in the last bit. They are built of sums, products,
 /// quotients and square roots in double precision, which IEEE 754 defines, none of them fused.
 ///
-/// Special values are those of the C standard. Errors, of all double arguments: below 0.53 units in
+/// Special values follow the C standard. Errors, of all double arguments: below 0.53 units in
 /// the last place for exp, log, log2, log10 and pow, 0.7 for atan, asin, acos and hypot, 0.8 for
 /// atan2, sin and cos, 0.9 for tan, 1.5 for expm1, 3 for tanh and 5 for erfc; where results are
-/// denormal, half a unit more. Results for floats are those for doubles, rounded.
+/// denormal, half a unit more. Results for floats are results for doubles, rounded.
 namespace surfel::portable {
 
 SURFEL_API double exp(double x) noexcept;

@@ -142,7 +142,7 @@ HWY_INLINE V mul_add_doubles(D d, V a, V b, V c) {
   const ExactSum<V> low(c, ab.rest);
   const ExactSum<V> high(ab.product, low.sum);
   const V sum = hn::Add(high.sum, add_to_odd(low.rest, high.rest));
-  // The sign of a zero is that of the plain sum.
+  // Where the product is zero the plain sum is exact, and a sum of zeros has the right sign.
   return hn::IfThenElse(nothing, hn::Add(ab.product, c), sum);
 }
 

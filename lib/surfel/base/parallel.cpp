@@ -90,7 +90,7 @@ void run_on_plain_threads(Loop& loop, int workers) {
       threads.emplace_back([&loop, worker] { loop.run_worker(worker); });
     }
   } catch (const std::exception&) {
-    // No memory for a thread, or too many of them: those that run do the work.
+    // No memory for a thread, or too many of them: the threads that run do the work.
   }
   loop.run_worker(0);
   for (std::thread& thread : threads) thread.join();

@@ -73,8 +73,8 @@ class SURFEL_API Intake {
   std::vector<std::string> images() const;
   /// Meshes are sampled and textured, by the options or, where they have uv, by their materials;
   /// points without sizes are estimated, on the side of the file's viewpoint or else of its
-  /// normals; several clouds are joined. Leaves nothing to be made again. \param spacing  of a
-  /// mesh's samples, scene units, > 0; rounded to three digits, as commands
+  /// normals; several clouds are joined. Leaves nothing to be made again.
+  /// \param spacing  of a mesh's samples, scene units, > 0; rounded to three digits, as commands
   ///     say it, and larger where a mesh would have more than 2^23 samples.
   /// Throws what these steps throw, and Error(kUsage) for options of maps that no mesh has.
   Made surfels(double spacing, const IntakeOptions& options = {});

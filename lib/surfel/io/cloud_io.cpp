@@ -301,7 +301,7 @@ SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
 
 namespace {
 
-/// Reads all points of a file, and of COPC those that the options ask for.
+/// Reads all points of a file, and of COPC the points that the options ask for.
 SurfelCloud read_whole(InputFile input, const CloudReadOptions& options) {
   const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");

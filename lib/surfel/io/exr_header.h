@@ -16,11 +16,11 @@ struct ExrSize {
   bool truncated = false;         ///< An attribute is longer than the rest of the file.
 };
 
-/// Reads the header of a file's first picture, and looks through those of further pictures for
-/// attributes that are cut short; nullopt for what is no OpenEXR file, or has none of the
-/// attributes that tell the size. OpenEXR takes memory for every attribute, and for the rows that
-/// are compressed together, as soon as it opens a file, whatever the file holds. Internal to the io
-/// module.
+/// Reads the header of a file's first picture, and looks through the headers of its further
+/// pictures for attributes that are cut short; nullopt for what is no OpenEXR file, or has none of
+/// the attributes that tell the size. OpenEXR takes memory for every attribute, and for the rows
+/// that are compressed together, as soon as it opens a file, whatever the file holds. Internal to
+/// the io module.
 std::optional<ExrSize> exr_size(const InputFile& file);
 
 }  // namespace surfel

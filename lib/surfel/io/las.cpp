@@ -65,7 +65,7 @@ class ExpandedPoints final : public RecordBlocks {
   mutable std::atomic<std::uint16_t> brightest_{0};
 };
 
-/// Makes 8-bit colours of those that were read as if they had 16 bits. Values up to 255 of
+/// Makes 8-bit colours of colours that were read as if they had 16 bits. Values up to 255 of
 /// 65,535 lie on the linear part of the sRGB curve, where they are told apart by their size.
 void narrow(SurfelCloud& cloud) {
   const float darkest = srgb16_to_linear(1);

@@ -42,8 +42,8 @@ class BlockReader {
  public:
   BlockReader(const InputFile& file, LasHeader& header) : file_(file), header_(header) {}
 
-  /// `count` blocks from `at` on that end before `end`; their headers have `late` blocks' length or
-  /// that of others.
+  /// `count` blocks from `at` on that end before `end`; the header of a block is longer
+  /// where blocks are `late`, behind the points.
   void read(std::uint64_t count, std::uint64_t at, std::uint64_t end, bool late) {
     const std::size_t size = late ? kLateBlockHeader : kBlockHeader;
     const auto fail = [&](const std::string& message) { throw_input(file_.name(), message); };

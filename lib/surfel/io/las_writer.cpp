@@ -123,7 +123,7 @@ class LasWriter {
     });
   }
 
-  /// Are all values of a column among those of a field?
+  /// Can a field hold all values of a column?
   bool fits(const RecordColumn& column, const LasField& field) const {
     if (column.type == field.type && field.bits == 0) return true;
     std::atomic<bool> all = true;

@@ -9,7 +9,8 @@ namespace {
 constexpr std::size_t kHead =
     8;  ///< Bytes of the version, which is 0, and of the number of chunks.
 
-/// Codes the chunks one by one: numbers by their differences from those of the chunk before.
+/// Codes the chunks one by one: numbers by their differences from the
+/// numbers of the chunk before.
 template <class Coder>
 void code_chunks(Coder& coder, bool variable, std::vector<ChunkSize>& chunks) {
   IntegerCoder numbers(32, 2);

@@ -11,7 +11,7 @@ namespace surfel::laz {
 
 /// Times of points, as the bits of doubles: of up to four interleaved sequences in turn, each by
 /// how many times its difference fits into the new one.
-/// \tparam kRepeats  a symbol stands for a time that is that of the point before (point formats up
+/// \tparam kRepeats  a symbol stands for the time of the point before (point formats up
 ///                   to 5); of other formats only times that differ are coded.
 template <bool kRepeats>
 class GpsTimeCoder {

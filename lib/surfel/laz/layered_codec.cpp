@@ -18,7 +18,7 @@ namespace {
 template <class Coder>
 struct Layer {
   Coder coder;
-  bool coded = true;     ///< Else all values are those of the first point.
+  bool coded = true;     ///< Else all points have the first one's values.
   bool changes = false;  ///< Some value that was coded differs from the one before.
 };
 
@@ -98,7 +98,7 @@ constexpr std::uint8_t kLongReturnPlaces[16][16] = {
     {5, 3, 3, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 5, 5, 5},
     {5, 3, 3, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 5, 5}};
 
-/// 1 for the first return of a pulse, 2 for the last, 3 for a single one, 0 for those between.
+/// 1 for the first return of a pulse, 2 for the last, 3 for a single one, 0 for returns between.
 unsigned kind_of_return(const LongPoint& point) {
   const unsigned r = point.return_number();
   return (r == 1 ? 1U : 0U) + (r >= point.number_of_returns() ? 2U : 0U);
@@ -185,7 +185,7 @@ class LongPointCoder {
            (step == 15 ? 2U : std::min(step, 3U) + (step == 2 ? 1U : 0U));
   }
 
-  /// Codes which values differ from those of the last point of the channel, and the channel.
+  /// Codes which values differ from the last point's of the channel, and the channel.
   unsigned code_changes(const LongPoint& now) {
     ChannelModels& m = *models_[channel_];
     Coder& coder = layers_[kPlace].coder;

@@ -10,8 +10,8 @@
 namespace surfel::laz {
 
 // Chunks of points of formats 6 to 10: the first point as it is, the number of points, then each
-// kind of values as a stream of bits of its own, or nothing where all values are those of the
-// first point (LASzip's items of versions 3 and 4).
+// kind of values as a stream of bits of its own, or nothing where all points have the first
+// one's values (LASzip's items of versions 3 and 4).
 
 /// Appends the chunk of `count` > 0 points to `chunk`.
 void encode_layered(const PointLayout& layout, const std::byte* points, std::size_t count,

@@ -18,7 +18,7 @@ inline constexpr std::uint64_t kMostPointsOfByte = 4096;
 /// 5, in layers for 6 to 10. `points` are LAS records, one after the other; `count` > 0.
 SURFEL_API std::vector<std::uint8_t> encode_chunk(const PointLayout& layout,
                                                   const std::byte* points, std::size_t count);
-/// Throws Damage where the bytes are not those of so many points. Takes time and memory in
+/// Throws Damage where the bytes do not hold so many points. Takes time and memory in
 /// proportion to the points alone.
 SURFEL_API void decode_chunk(const PointLayout& layout, std::span<const std::byte> chunk,
                              std::size_t count, std::byte* points);

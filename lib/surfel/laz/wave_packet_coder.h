@@ -35,7 +35,7 @@ struct WavePacket {
   bool operator==(const WavePacket&) const = default;
 };
 
-/// Wave packets: those of one scanner mostly follow one another.
+/// Wave packets: a scanner mostly writes one behind the other.
 class WavePacketCoder {
  public:
   /// Makes the packet that follows `last`, and, if it is encoded, is `now`; it is the new `last`.

@@ -242,8 +242,10 @@ struct PixelResult {
 /// splats are no larger than the pixel filter, the far side of a body is known by the pixels
 /// around, at any angle: a front is close by, and nowhere is the back the nearest surface with a
 /// whole sum. Where an edge, or a fragment, depends on another tile, the pixel is added to `open`
-/// instead. \param rest   a merged fragment that lies behind all others; of weight 0: none. \param
-/// waits  the fragments depend on other tiles.
+/// instead.
+///
+/// \param rest   a merged fragment that lies behind all others; of weight 0: none.
+/// \param waits  the fragments depend on other tiles.
 std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fragment& rest,
                                          bool waits, OpenPixels& open);
 

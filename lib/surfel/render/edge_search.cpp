@@ -41,7 +41,7 @@ class Continuation {
   float least_ = std::numeric_limits<float>::infinity();
   float weight_ = 0;
   float found_ = 0;  ///< Its depth.
-  /// Depths of all fragments of the pixel, and of those that show their fronts.
+  /// The nearest depth of all fragments of the pixel, and of the fragments that show their fronts.
   float nearest_ = -std::numeric_limits<float>::infinity();
   float nearest_front_ = -std::numeric_limits<float>::infinity();
 };
