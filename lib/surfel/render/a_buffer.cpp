@@ -68,7 +68,13 @@ SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float ed
 /// May a fragment, one of several in its pixel, be the far side of a body?
 bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragment) {
   return tile.layout.opaque && count > 1 && !is_merged(fragment) &&
-         is_filtered(fragment.channel[kTag]) && !shows_front(fragment.channel[kTag]);
+         !shows_front(fragment.channel[kTag]);
+}
+
+/// Does a fragment hide what lies behind it, at an edge, too?
+bool hides(const TileABuffer& tile, const Fragment& fragment) {
+  return tile.layout.opaque && fragment.channel[kWeight] >= tile.edge_weight &&
+         shows_front(fragment.channel[kTag]);
 }
 
 /// Is a back-facing fragment the far side of a body, at whose silhouette it reaches beyond the near
@@ -87,16 +93,19 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
 template <class At, class Look>
 std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at, const Look& look,
                                 std::array<SeenFragment, kMostLayers>& seen) {
+  bool hidden = false;
   for (int i = 0; i < count; ++i) {
     const Fragment& fragment = at(i);
     const bool may_end = may_be_at_edge(tile, fragment);
-    const bool may_be_far = may_be_far_side(tile, count, fragment);
+    const bool may_be_far = !hidden && may_be_far_side(tile, count, fragment);
+    hidden = hidden || hides(tile, fragment);
     float edge = 0;
     bool far_side = false;
     if (may_end || may_be_far) {
       const EdgeNeighbors around = look(fragment);
       far_side = may_be_far && is_far_side(tile, fragment, around);
-      edge = far_side ? 1 : may_end ? edge_of(tile, fragment, around) : 0;
+      const bool ends = far_side && is_filtered(fragment.channel[kTag]);
+      edge = ends ? 1 : may_end ? edge_of(tile, fragment, around) : 0;
     }
     seen[i] = seen_at(tile, fragment, edge, far_side);
   }
@@ -462,10 +471,13 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   const int x = tile.x0 + tile_pixel_x(pixel);
   const int y = tile.y0 + tile_pixel_y(pixel);
   bool look = false;
+  bool hidden = false;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    look = look || may_be_at_edge(tile, fragment) || may_be_far_side(tile, sorted.count, fragment);
+    look = look || may_be_at_edge(tile, fragment) ||
+           (!hidden && may_be_far_side(tile, sorted.count, fragment));
+    hidden = hidden || hides(tile, fragment);
   }
   if (waits || (look && sees_other_tiles(tile, pixel))) {
     const bool has_rest = waits || is_merged(rest);

@@ -196,6 +196,12 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
             hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kGrazingTag), hn::Zero(Tags())));
         const M loose = hn::Or(part, grazing);
         open = hn::AndNot(hn::And(loose_back, hn::And(loose, shows_front)), open);
+        // A back with less than a whole sum may be the far side of a body.
+        if (tile.layout.opaque) {
+          const M doubtful = hn::And(unmerged, hn::Lt(at.weight, edge_weight));
+          const M alone = hn::Eq(fragments.count, one);
+          open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(alone, doubtful)), open);
+        }
         // What is behind a back that covers the pixel is not looked at here.
         open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(part, grazing)), open);
         open = hn::AndNot(hn::And(rim, hn::AndNot(shows_front, grazing)), open);
