@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <set>
 #include <string>
 
@@ -18,16 +19,22 @@
 namespace surfel::test {
 namespace {
 
+Array<std::uint32_t> all_of(const SurfelCloud& cloud) {
+  Array<std::uint32_t> points(cloud.size());
+  std::iota(points.begin(), points.end(), 0U);
+  return points;
+}
+
 SurfelCloud averaged(const SurfelCloud& cloud, double size) {
   double edge = 0;
-  return average_voxels(cloud, {.edge = size}, "cloud", edge);
+  return average_voxels(cloud, all_of(cloud), {.edge = size}, "cloud", edge);
 }
 
 using Cell = std::array<int, 3>;
 
-Cell cell_of(const Vec3f& p, const Vec3f& low, float edge) {
+Cell cell_of(const Vec3f& p, double edge) {
   Cell cell;
-  for (int c = 0; c < 3; ++c) cell[c] = static_cast<int>(std::floor((p[c] - low[c]) * (1 / edge)));
+  for (int c = 0; c < 3; ++c) cell[c] = static_cast<int>(static_cast<double>(p[c]) / edge);
   return cell;
 }
 
@@ -47,8 +54,8 @@ SurfelCloud random_cloud(std::size_t count) {
 
 TEST(VoxelGrid, MeansOfEveryCell) {
   const SurfelCloud cloud = random_cloud(5000);
-  const float edge = 0.09F;
-  const SurfelCloud out = averaged(cloud, static_cast<double>(edge));
+  const double edge = 0.09;
+  const SurfelCloud out = averaged(cloud, edge);
   out.check_columns("");
   struct Sum {
     Vec3d position{0, 0, 0};
@@ -58,7 +65,7 @@ TEST(VoxelGrid, MeansOfEveryCell) {
   };
   std::map<Cell, Sum> sums;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    Sum& sum = sums[cell_of(cloud.position[i], Vec3f(0, 0, 0), edge)];
+    Sum& sum = sums[cell_of(cloud.position[i], edge)];
     sum.position += cloud.position[i].cast<double>();
     sum.color += cloud.color[i].cast<double>();
     sum.alpha += cloud.alpha[i];
@@ -67,7 +74,7 @@ TEST(VoxelGrid, MeansOfEveryCell) {
   ASSERT_EQ(out.size(), sums.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     // The point that the other columns come from lies in the cell.
-    const Sum& sum = sums.at(cell_of(cloud.position[out.material[i]], Vec3f(0, 0, 0), edge));
+    const Sum& sum = sums.at(cell_of(cloud.position[out.material[i]], edge));
     const double n = sum.count;
     EXPECT_LT((out.position[i].cast<double>() - sum.position / n).norm(), 1e-6);
     EXPECT_LT((out.color[i].cast<double>() - sum.color / n).norm(), 1e-6);
@@ -98,8 +105,8 @@ TEST(VoxelGrid, RefusesWhatItCannotDo) {
   }
   EXPECT_THROW(averaged(SurfelCloud{}, 1), Error);
   try {
-    averaged(cloud, 1e-6);
-    FAIL() << "10^18 cells";
+    averaged(cloud, 1e-7);
+    FAIL() << "10^21 cells";
   } catch (const Error& e) {
     EXPECT_EQ(e.kind(), ErrorKind::kInput);
     const std::string message = e.what();
@@ -111,8 +118,28 @@ TEST(VoxelGrid, RefusesWhatItCannotDo) {
   }
   SurfelCloud same;
   same.position.assign(20, Vec3f(1, 1, 1));
-  EXPECT_THROW(average_voxels(same, {}, "cloud", edge), Error);
+  EXPECT_THROW(average_voxels(same, all_of(same), {}, "cloud", edge), Error);
   EXPECT_EQ(averaged(same, 0.1).size(), 1U);
+}
+
+TEST(VoxelGrid, GridsOfMoreThan31BitsAreCounted) {
+  SurfelCloud cloud = random_cloud(3000);
+  const double edge = 2e-6;  // Half a million cells along each side.
+  EXPECT_EQ(averaged(cloud, edge).size(), cloud.size());
+  Bounds box;
+  for (const Vec3f& p : cloud.position) box.add(p.cast<double>());
+  EXPECT_TRUE(voxels_are_countable(box, edge));
+  EXPECT_FALSE(voxels_are_countable(box, 2e-7));
+  // Points at the same place are one, and stay where they are to the last bit.
+  const std::size_t count = cloud.size();
+  cloud.position.insert(cloud.position.end(), cloud.position.begin(), cloud.position.end());
+  cloud.color = {};
+  cloud.normal = {};
+  cloud.alpha = {};
+  cloud.material = {};
+  const SurfelCloud out = averaged(cloud, edge);
+  ASSERT_EQ(out.size(), count);
+  EXPECT_TRUE(std::equal(out.position.begin(), out.position.end(), cloud.position.begin()));
 }
 
 TEST(VoxelGrid, FarAndLargeCoordinatesKeepTheirPrecision) {

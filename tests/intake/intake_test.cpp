@@ -72,6 +72,25 @@ TEST_F(IntakeFiles, PointsAreEstimated) {
   EXPECT_EQ(made.file, "points-surfels.ply");
 }
 
+TEST_F(IntakeFiles, MorePointsThanAPictureShowsAreAveraged) {
+  // A square of 1050 points a side, and one point far away.
+  constexpr int kSide = 1050;
+  SurfelCloud cloud;
+  for (int i = 0; i < kSide * kSide; ++i) {
+    cloud.position.emplace_back(static_cast<float>(i % kSide), static_cast<float>(i / kSide), 0.0F);
+  }
+  cloud.position.emplace_back(-1e6F, 0.0F, 0.0F);
+  const std::string file = folder_ / "many.ply";
+  write_cloud(cloud, file);
+  Intake intake({file});
+  EXPECT_LE(intake.bounds().diagonal(), std::hypot(kSide, kSide));
+  EXPECT_GT(intake.bounds().diagonal(), 0.9 * std::hypot(kSide, kSide));
+  const Intake::Made made = intake.surfels(10);
+  EXPECT_EQ(made.cloud.size(), 105U * 105 + 1);
+  EXPECT_TRUE(contains(made.commands.at(0), " --voxel 10 ")) << made.commands.at(0);
+  EXPECT_TRUE(contains(made.done.at(0), "averaged in cells of 10")) << made.done.at(0);
+}
+
 TEST_F(IntakeFiles, ViewpointAndNormalsOfTheFileTellTheSide) {
   SurfelCloud raw = Intake({points_}).surfels(1).cloud;
   raw.variance.clear();

@@ -120,10 +120,8 @@ std::size_t remove_outliers(const OutlierOptions& options, const std::string& na
 /// The points of the cloud averaged in the cells of a grid, a cloud of its own.
 SurfelCloud thinned(const SurfelCloud& cloud, const VoxelOptions& options, const std::string& name,
                     OrderedPoints& points, EstimateReport& r) {
-  Array<std::uint32_t> order = points.order;
-  std::sort(order.begin(), order.end());
-  SurfelCloud out = average_voxels(cloud.gathered(order), options, name, r.voxel_edge);
-  r.averaged = order.size() - out.size();
+  SurfelCloud out = average_voxels(cloud, points.order, options, name, r.voxel_edge);
+  r.averaged = points.order.size() - out.size();
   points = finite_points(out, name);
   return out;
 }

@@ -3,16 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <exception>
 #include <limits>
-#include <utility>
-#include <vector>
 
-#include <pcl/PCLPointCloud2.h>
 #include <pcl/console/print.h>
 #include <pcl/filters/statistical_outlier_removal.h>
-#include <pcl/filters/voxel_grid.h>
 #include <pcl/point_types.h>
 // With the bodies of MLSResult, which are inline: libpcl_surface would load VTK.
 #include <pcl/surface/impl/mls.hpp>
@@ -20,7 +15,6 @@
 #include <surfel/estimate/filters_plugin.h>
 
 extern "C" SURFEL_API surfel::RemoveOutliers surfel_remove_outliers;
-extern "C" SURFEL_API surfel::AverageVoxels surfel_average_voxels;
 extern "C" SURFEL_API surfel::SmoothPoints surfel_smooth_points;
 
 namespace surfel {
@@ -34,46 +28,6 @@ pcl::PointCloud<pcl::PointXYZ>::Ptr to_cloud(const float* points, std::size_t co
     (*cloud)[i] = pcl::PointXYZ(p[0], p[1], p[2]);
   }
   return cloud;
-}
-
-/// The values as a cloud of PCL's with x, y, z and other fields, all of which are averaged.
-pcl::PCLPointCloud2::Ptr to_table(const VoxelWork& work) {
-  const char* const axes[] = {"x", "y", "z"};
-  pcl::PCLPointCloud2::Ptr table(new pcl::PCLPointCloud2);
-  for (std::size_t c = 0; c < work.columns; ++c) {
-    pcl::PCLPointField field;
-    field.name = c < 3 ? axes[c] : "column" + std::to_string(c);
-    field.offset = static_cast<pcl::uindex_t>(c * sizeof(float));
-    field.datatype = pcl::PCLPointField::FLOAT32;
-    field.count = 1;
-    table->fields.push_back(field);
-  }
-  table->height = 1;
-  table->width = static_cast<pcl::uindex_t>(work.count);
-  table->point_step = static_cast<pcl::uindex_t>(work.columns * sizeof(float));
-  table->row_step = table->point_step * table->width;
-  table->is_dense = 1;
-  table->data.resize(work.count * work.columns * sizeof(float));
-  std::memcpy(table->data.data(), work.values, table->data.size());
-  return table;
-}
-
-/// The row of each point's cell: PCL's filter writes cells by ascending index.
-void find_rows(const pcl::VoxelGrid<pcl::PCLPointCloud2>& filter, const VoxelWork& work) {
-  const Eigen::Vector3i low = filter.getMinBoxCoordinates();
-  const Eigen::Vector3i stride = filter.getDivisionMultiplier();
-  std::vector<std::pair<int, std::uint32_t>> points(work.count);
-  for (std::size_t i = 0; i < work.count; ++i) {
-    const float* p = work.values + i * work.columns;
-    const Eigen::Vector3i cell = filter.getGridCoordinates(p[0], p[1], p[2]) - low;
-    points[i] = {cell.dot(stride), static_cast<std::uint32_t>(i)};
-  }
-  std::sort(points.begin(), points.end());
-  std::uint32_t row = 0;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (i > 0 && points[i].first != points[i - 1].first) ++row;
-    work.cell_of[points[i].second] = row;
-  }
 }
 
 struct SmoothingContext {
@@ -115,25 +69,6 @@ extern "C" bool surfel_remove_outliers(surfel::OutlierWork& work) {
     pcl::Indices kept;
     filter.filter(kept);
     for (const pcl::index_t i : kept) work.inlier[i] = 1;
-    return true;
-  } catch (const std::exception&) {
-    return false;
-  }
-}
-
-extern "C" bool surfel_average_voxels(surfel::VoxelWork& work) {
-  pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
-  try {
-    pcl::VoxelGrid<pcl::PCLPointCloud2> filter;
-    filter.setInputCloud(surfel::to_table(work));
-    filter.setLeafSize(work.edge, work.edge, work.edge);
-    filter.setDownsampleAllData(true);
-    pcl::PCLPointCloud2 means;
-    filter.filter(means);
-    work.cells = static_cast<std::size_t>(means.width) * means.height;
-    if (means.data.size() != work.cells * work.columns * sizeof(float)) return false;
-    std::memcpy(work.means, means.data.data(), means.data.size());
-    surfel::find_rows(filter, work);
     return true;
   } catch (const std::exception&) {
     return false;

@@ -18,19 +18,6 @@ struct OutlierWork {
 using RemoveOutliers = bool(OutlierWork& work);
 inline constexpr char kRemoveOutliersSymbol[] = "surfel_remove_outliers";
 
-/// Means of the points of each cell of a grid.
-struct VoxelWork {
-  const float* values = nullptr;  ///< `columns` a point, x y z >= 0 first, `count` times.
-  std::size_t count = 0;
-  std::size_t columns = 3;
-  float edge = 0;          ///< Of a cell; the grid has less than 2^31.
-  float* means = nullptr;  ///< Place for `count` rows as in `values`: one a cell that has points.
-  std::size_t cells = 0;   ///< Rows written to `means`.
-  std::uint32_t* cell_of = nullptr;  ///< `count` values: the row of each point's cell.
-};
-using AverageVoxels = bool(VoxelWork& work);
-inline constexpr char kAverageVoxelsSymbol[] = "surfel_average_voxels";
-
 /// Points projected onto the polynomials that fit their neighbourhoods.
 struct SmoothingWork {
   /// Handles one point: `neighbor` are the `count` points nearest to it, itself included, the last

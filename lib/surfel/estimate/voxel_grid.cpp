@@ -1,13 +1,13 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <numeric>
+#include <utility>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/plugin.h>
-#include <surfel/estimate/filters_plugin.h>
+#include <surfel/base/radix_sort.h>
 #include <surfel/estimate/voxel_grid.h>
 #include <surfel/surface/point_spacing.h>
 
@@ -16,116 +16,113 @@ namespace {
 
 constexpr std::size_t kVoxelGrain = 1 << 14;
 constexpr double kAutoSpacings = 2;
+constexpr double kMostCells = 1 << 21;  ///< Along an axis, as Morton codes count them.
 
-/// Columns that are averaged, a row of floats a point: the position above the box's lower corner,
-/// then the others that the cloud has.
-struct AveragedColumns {
-  std::size_t count = 3;
-  std::vector<Array<Vec3f> SurfelCloud::*> vectors;
-  bool alpha = false;
-
-  explicit AveragedColumns(const SurfelCloud& cloud) {
-    for (const auto column :
-         {&SurfelCloud::normal, &SurfelCloud::color, &SurfelCloud::coefficient}) {
-      if ((cloud.*column).empty()) continue;
-      vectors.push_back(column);
-      count += 3;
-    }
-    alpha = !cloud.alpha.empty();
-    if (alpha) ++count;
-  }
-
-  void read(const SurfelCloud& cloud, const Vec3d& low, std::size_t i, float* row) const {
-    const Vec3f above = (cloud.position[i].cast<double>() - low).cast<float>();
-    row = std::copy_n(above.data(), 3, row);
-    for (const auto column : vectors) row = std::copy_n((cloud.*column)[i].data(), 3, row);
-    if (alpha) *row = cloud.alpha[i];
-  }
-
-  void write(const float* row, const Vec3d& low, std::size_t i, SurfelCloud& cloud) const {
-    const auto next = [&] {
-      const Vec3f v(row[0], row[1], row[2]);
-      row += 3;
-      return v;
-    };
-    cloud.position[i] = (next().cast<double>() + low).cast<float>();
-    for (const auto column : vectors) (cloud.*column)[i] = next();
-    if (alpha) cloud.alpha[i] = *row;
-    if (cloud.normal.empty()) return;
-    Vec3f& normal = cloud.normal[i];
-    const float length = normal.norm();
-    // Sides that cancel leave no direction.
-    constexpr float kLeast = 1e-3F;
-    normal = length > kLeast ? Vec3f(normal / length) : Vec3f(0, 0, 0);
-  }
-};
-
-struct Box {
-  Vec3d low{Vec3d::Constant(std::numeric_limits<double>::infinity())};
-  Vec3d high{-low};
-};
-
-Box box_of(const Array<Vec3f>& position) {
-  Box box;
-  for (const Vec3f& p : position) {
-    box.low = box.low.cwiseMin(p.cast<double>());
-    box.high = box.high.cwiseMax(p.cast<double>());
-  }
-  return box;
+/// Cells along the longest side of the grid. One more than fit, as the last point may lie on the
+/// end.
+double cells_along(const Bounds& box, double edge) {
+  return std::floor((box.max - box.min).maxCoeff() / edge) + 1;
 }
 
-/// Cells of the grid, which PCL counts by 31 bits.
-double cell_count(const Box& box, double edge) {
-  // One more on each axis, as rounding may put the last point beyond the end.
-  return ((box.high - box.low) / edge)
-      .array()
-      .floor()
-      .unaryExpr([](double n) { return n + 2; })
-      .prod();
+void require_countable(const Bounds& box, double edge, const std::string& name) {
+  if (voxels_are_countable(box, edge)) return;
+  const double least = (box.max - box.min).maxCoeff() / (kMostCells - 1) * 1.001;
+  throw_input(name, fmt::format("cells of {:.4g} make a grid of {:.3g} along a side, more than the "
+                                "2^21 that can be counted; take an `edge` of {:.4g} or more",
+                                edge, cells_along(box, edge), least));
 }
 
-void require_countable(const Box& box, double edge, const std::string& name) {
-  constexpr double kMostCells = std::numeric_limits<std::int32_t>::max();
-  if (cell_count(box, edge) < kMostCells) return;
-  double least = edge;
-  while (cell_count(box, least) >= kMostCells) least *= 1.01;
-  throw_input(name,
-              fmt::format("cells of {:.4g} make a grid of {:.3g}, more than the 2^31 that can "
-                          "be counted; take an `edge` of {:.4g} or more",
-                          edge, cell_count(box, edge), least));
-}
-
-double edge_for(const SurfelCloud& cloud, const VoxelOptions& options, const std::string& name) {
+double edge_for(const SurfelCloud& cloud, const Array<std::uint32_t>& points,
+                const VoxelOptions& options, const std::string& name) {
   if (options.edge > 0) return options.edge;
-  if (cloud.size() < 2) {
+  if (points.size() < 2) {
     throw_input(name, "one point has no spacing; give the `edge` of the cells");
   }
-  const auto search = make_neighbor_search(cloud.position);
-  const double edge = kAutoSpacings * point_spacing(cloud.position, *search);
+  Array<Vec3f> position(points.size());
+  parallel_each(points.size(), kVoxelGrain,
+                [&](std::size_t i) { position[i] = cloud.position[points[i]]; });
+  const auto search = make_neighbor_search(position);
+  const double edge = kAutoSpacings * point_spacing(position, *search);
   if (edge > 0) return edge;
   throw_input(name,
               "half of the points lie on others, so that their spacing cannot be told; give "
               "the `edge` of the cells");
 }
 
-/// Of each cell the point nearest to its mean, the first of several.
-Array<std::uint32_t> nearest_to_means(const Array<float>& values, const Array<float>& means,
-                                      const Array<std::uint32_t>& cell_of, std::size_t columns,
-                                      std::size_t cells) {
-  constexpr std::uint32_t kNoPoint = std::numeric_limits<std::uint32_t>::max();
-  Array<std::uint32_t> nearest;
-  nearest.assign(cells, kNoPoint);
-  Array<float> least(cells);
-  for (std::size_t i = 0; i < cell_of.size(); ++i) {
-    const std::uint32_t cell = cell_of[i];
-    const float* mean = means.data() + cell * columns;
-    const float* p = values.data() + i * columns;
-    const float distance2 = Vec3f(p[0] - mean[0], p[1] - mean[1], p[2] - mean[2]).squaredNorm();
-    if (nearest[cell] != kNoPoint && least[cell] <= distance2) continue;
-    nearest[cell] = static_cast<std::uint32_t>(i);
-    least[cell] = distance2;
+/// Points by the cell that they lie in.
+struct Cells {
+  Array<std::uint32_t> begin;  ///< The first place in `point` of every cell, then their number.
+  Array<std::uint32_t> point;
+
+  std::size_t size() const { return begin.size() - 1; }
+};
+
+Cells cells_of(const SurfelCloud& cloud, const Array<std::uint32_t>& points, const Vec3d& low,
+               double edge) {
+  Array<std::uint64_t> keys(points.size());
+  parallel_each(points.size(), kVoxelGrain, [&](std::size_t i) {
+    const Vec3d cell = (cloud.position[points[i]].cast<double>() - low) / edge;
+    keys[i] =
+        morton_code(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y()),
+                    static_cast<std::uint32_t>(cell.z()));
+  });
+  Cells cells;
+  cells.point = sort_keys(keys);
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    if (i == 0 || keys[i] != keys[i - 1]) cells.begin.push_back(static_cast<std::uint32_t>(i));
   }
+  cells.begin.push_back(static_cast<std::uint32_t>(keys.size()));
+  parallel_each(points.size(), kVoxelGrain,
+                [&](std::size_t i) { cells.point[i] = points[cells.point[i]]; });
+  return cells;
+}
+
+/// A value of a column as a vector to sum up, and back.
+Vec3d summand(const Vec3f& value) { return value.cast<double>(); }
+double summand(float value) { return static_cast<double>(value); }
+void assign(const Vec3d& mean, Vec3f& value) { value = mean.cast<float>(); }
+void assign(double mean, float& value) { value = static_cast<float>(mean); }
+
+/// The means of a column over cells; order[i] is the cell of the i-th.
+template <class T>
+void average(const Array<T>& values, const Cells& cells, const Array<std::uint32_t>& order,
+             Array<T>& means) {
+  if (values.empty()) return;
+  parallel_each(order.size(), kVoxelGrain, [&](std::size_t i) {
+    const std::uint32_t begin = cells.begin[order[i]];
+    const std::uint32_t end = cells.begin[order[i] + 1];
+    auto sum = summand(values[cells.point[begin]]);
+    for (std::uint32_t at = begin + 1; at < end; ++at) sum += summand(values[cells.point[at]]);
+    assign(sum / static_cast<double>(end - begin), means[i]);
+  });
+}
+
+/// Of each cell the point nearest to the mean of its positions, the first one of several.
+Array<std::uint32_t> nearest_to_means(const SurfelCloud& cloud, const Cells& cells) {
+  Array<std::uint32_t> nearest(cells.size());
+  parallel_each(cells.size(), kVoxelGrain, [&](std::size_t c) {
+    Vec3d mean(0, 0, 0);
+    for (std::uint32_t at = cells.begin[c]; at < cells.begin[c + 1]; ++at) {
+      mean += cloud.position[cells.point[at]].cast<double>();
+    }
+    mean /= static_cast<double>(cells.begin[c + 1] - cells.begin[c]);
+    auto least = std::make_pair(0.0, cells.point[cells.begin[c]]);
+    for (std::uint32_t at = cells.begin[c]; at < cells.begin[c + 1]; ++at) {
+      const std::uint32_t point = cells.point[at];
+      const auto candidate =
+          std::make_pair((cloud.position[point].cast<double>() - mean).squaredNorm(), point);
+      if (at == cells.begin[c] || candidate < least) least = candidate;
+    }
+    nearest[c] = least.second;
+  });
   return nearest;
+}
+
+/// Gives a mean of unit vectors unit length again; sides that cancel leave no direction.
+void normalize(Vec3f& normal) {
+  constexpr float kLeast = 1e-3F;
+  const float length = normal.norm();
+  normal = length > kLeast ? Vec3f(normal / length) : Vec3f(0, 0, 0);
 }
 
 }  // namespace
@@ -136,38 +133,32 @@ std::vector<std::string> VoxelOptions::problems() const {
   return found;
 }
 
-SurfelCloud average_voxels(const SurfelCloud& cloud, const VoxelOptions& options,
-                           const std::string& name, double& edge) {
-  require_usable(options);
-  if (cloud.empty()) throw_input(name, "there are no points");
-  edge = edge_for(cloud, options, name);
-  const Box box = box_of(cloud.position);
-  require_countable(box, edge, name);
-  const AveragedColumns columns(cloud);
-  Array<float> values(cloud.size() * columns.count);
-  parallel_each(cloud.size(), kVoxelGrain, [&](std::size_t i) {
-    columns.read(cloud, box.low, i, values.data() + i * columns.count);
-  });
-  Array<float> means(values.size());
-  Array<std::uint32_t> cell_of(cloud.size());
-  VoxelWork work;
-  work.values = values.data();
-  work.count = cloud.size();
-  work.columns = columns.count;
-  work.edge = static_cast<float>(edge);
-  work.means = means.data();
-  work.cell_of = cell_of.data();
-  static const auto average =
-      reinterpret_cast<AverageVoxels*>(plugin_symbol("filters", kAverageVoxelsSymbol));
-  if (!average(work)) throw Error(ErrorKind::kNumeric, "PCL failed to average the voxels");
+bool voxels_are_countable(const Bounds& box, double edge) {
+  return cells_along(box, edge) <= kMostCells;
+}
 
-  Array<std::uint32_t> nearest =
-      nearest_to_means(values, means, cell_of, columns.count, work.cells);
-  std::sort(nearest.begin(), nearest.end());
-  SurfelCloud out = cloud.gathered(nearest);
-  parallel_each(out.size(), kVoxelGrain, [&](std::size_t i) {
-    columns.write(means.data() + cell_of[nearest[i]] * columns.count, box.low, i, out);
-  });
+SurfelCloud average_voxels(const SurfelCloud& cloud, const Array<std::uint32_t>& points,
+                           const VoxelOptions& options, const std::string& name, double& edge) {
+  require_usable(options);
+  if (points.empty()) throw_input(name, "there are no points");
+  edge = edge_for(cloud, points, options, name);
+  Bounds box;
+  for (const std::uint32_t point : points) box.add(cloud.position[point].cast<double>());
+  require_countable(box, edge, name);
+  const Cells cells = cells_of(cloud, points, box.min, edge);
+  const Array<std::uint32_t> nearest = nearest_to_means(cloud, cells);
+
+  Array<std::uint64_t> by_point(nearest.begin(), nearest.end());
+  const Array<std::uint32_t> order = sort_keys(by_point);
+  Array<std::uint32_t> kept(order.size());
+  for (std::size_t i = 0; i < kept.size(); ++i) kept[i] = nearest[order[i]];
+  SurfelCloud out = cloud.gathered(kept);
+  average(cloud.position, cells, order, out.position);
+  average(cloud.normal, cells, order, out.normal);
+  average(cloud.color, cells, order, out.color);
+  average(cloud.coefficient, cells, order, out.coefficient);
+  average(cloud.alpha, cells, order, out.alpha);
+  parallel_each(out.normal.size(), kVoxelGrain, [&](std::size_t i) { normalize(out.normal[i]); });
   return out;
 }
 

@@ -1,9 +1,12 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
+#include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
+#include <surfel/base/types.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -14,19 +17,22 @@ struct VoxelOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
+/// Whether a grid of cells around a box can be counted: it has at most 2^21 along each axis.
+SURFEL_API bool voxels_are_countable(const Bounds& box, double edge);
+
 /// One point for every cell of a cubic grid that has points: position, normal, colour, opacity and
 /// coefficients are the mean of the cell's points (colours in linear light, normals of unit length
-/// again, or zero where they cancel), by PCL's VoxelGrid (in libsurfel_filters.so, loaded when
-/// first needed). All other columns are copied from the point nearest to the mean, whose index
-/// orders the result as well, so that the points stay in the order of the file. The grid begins at
-/// the lower corner of the cloud's box.
+/// again, or zero where they cancel). All other columns are copied from the point nearest to the
+/// mean, whose index orders the result as well, so that the points stay in the order of the file.
+/// The grid begins at the lower corner of the points' box.
 ///
-/// \param cloud  Its positions are finite.
-/// \param edge   Set to the edge that was taken.
-/// The result does not depend on the number of threads. Throws Error(kUsage) for bad options,
-/// Error(kInput) starting with `name` for a grid of 2^31 cells or more, and where no spacing can be
-/// told, Error(kIo) if the plug-in cannot be loaded.
-SURFEL_API SurfelCloud average_voxels(const SurfelCloud& cloud, const VoxelOptions& options,
-                                      const std::string& name, double& edge);
+/// \param points  The points of the cloud that are averaged, each once, all finite, in any order.
+/// \param edge    Set to the edge that was taken.
+/// The work takes about 60 bytes a point besides the result, which does not depend on the number of
+/// threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` for a grid
+/// that cannot be counted, and where no spacing can be told.
+SURFEL_API SurfelCloud average_voxels(const SurfelCloud& cloud, const Array<std::uint32_t>& points,
+                                      const VoxelOptions& options, const std::string& name,
+                                      double& edge);
 
 }  // namespace surfel

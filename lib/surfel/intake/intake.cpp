@@ -27,6 +27,8 @@ namespace {
 
 /// Most samples of a mesh, roughly.
 constexpr double kMostSamples = 1 << 23;
+/// Up to here all points are estimated, which takes a few seconds.
+constexpr std::size_t kFewPoints = 1 << 20;
 
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
@@ -39,8 +41,37 @@ double area_of(const TriangleMesh& mesh) {
   return area;
 }
 
+/// Bounds of the points without the outermost hundredth on each side, told from some of them.
+Bounds inner_bounds(const SurfelCloud& cloud) {
+  constexpr std::size_t kLooks = 1 << 16;
+  const std::size_t step = cloud.size() / kLooks + 1;
+  Bounds box;
+  std::vector<float> values;
+  for (int axis = 0; axis < 3; ++axis) {
+    values.clear();
+    for (std::size_t i = 0; i < cloud.size(); i += step) {
+      if (cloud.position[i].allFinite()) values.push_back(cloud.position[i][axis]);
+    }
+    if (values.empty()) return {};
+    const auto outer = static_cast<std::ptrdiff_t>(values.size() / 100);
+    std::nth_element(values.begin(), values.begin() + outer, values.end());
+    box.min[axis] = static_cast<double>(values[static_cast<std::size_t>(outer)]);
+    std::nth_element(values.begin(), values.end() - 1 - outer, values.end());
+    box.max[axis] = static_cast<double>(*(values.end() - 1 - outer));
+  }
+  box.min += cloud.origin;
+  box.max += cloud.origin;
+  return box;
+}
+
 /// A number as commands say it.
 std::string three_digits(double value) { return fmt::format("{:.3g}", value); }
+
+double number_of(const std::string& digits) {
+  double value = 0;
+  std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  return value;
+}
 
 /// The name of a file, without folder and extension, with another end.
 std::string named_after(const std::string& path, const std::string& end) {
@@ -135,9 +166,10 @@ bool holds_surfels(const std::string& path) {
 }
 
 std::string estimate_command(const SurfelCloud& points, const std::string& path,
-                             const CloudReadOptions& part) {
+                             const CloudReadOptions& part, const std::string& voxel) {
   const Orientation side = side_of(points);
-  return fmt::format("surfel-estimate {}{}{} -o {}", shell_file(path), part_words(part),
+  return fmt::format("surfel-estimate {}{}{}{} -o {}", shell_file(path), part_words(part),
+                     voxel.empty() ? "" : " --voxel " + voxel,
                      side == Orientation::kViewpoint ? " --orient viewpoint"
                      : side == Orientation::kAlign   ? " --orient align"
                                                      : "",
@@ -163,11 +195,11 @@ struct Intake::File {
   Bounds bounds() const;
   void sample(double spacing, const IntakeOptions& options, Made& made, ReliefKinds& kinds);
   bool texture(const IntakeOptions& options, ReliefKinds& kinds);
-  void estimate(const CloudReadOptions& part, Made& made);
+  void estimate(double spacing, const CloudReadOptions& part, Made& made);
 };
 
 Bounds Intake::File::bounds() const {
-  if (!mesh) return cloud.bounds();
+  if (!mesh) return inner_bounds(cloud);
   Bounds box;
   for (const auto& face : mesh->face) {
     for (const std::uint32_t vertex : face) {
@@ -204,7 +236,7 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
   const std::string digits =
       three_digits(std::max(spacing, std::sqrt(area_of(*mesh) / kMostSamples)));
   MeshSampleOptions samples;
-  std::from_chars(digits.data(), digits.data() + digits.size(), samples.spacing.emplace());
+  samples.spacing = number_of(digits);
   cloud = sample_mesh(*mesh, samples, nullptr, path);
   made.file = surfels_of(path);
   std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
@@ -225,15 +257,20 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
 }
 
 /// Makes surfels of raw points.
-void Intake::File::estimate(const CloudReadOptions& part, Made& made) {
+void Intake::File::estimate(double spacing, const CloudReadOptions& part, Made& made) {
   EstimateOptions options;
+  std::string voxel;
+  if (cloud.size() > kFewPoints && voxels_are_countable(cloud.bounds(), spacing)) {
+    voxel = three_digits(spacing);
+    options.voxels.emplace().edge = number_of(voxel);
+  }
   options.orientation.method = side_of(cloud);
   if (cloud.viewpoint) {
     options.orientation.viewpoint = cloud.viewpoint->position;
     options.normals.sensor = cloud.viewpoint->position;
   }
   made.file = surfels_of(path);
-  made.commands.push_back(estimate_command(cloud, path, part));
+  made.commands.push_back(estimate_command(cloud, path, part, voxel));
   EstimateReport report;
   cloud = estimate_surfels(cloud, options, &report, path);
   const auto has_size = [](float variance) { return variance > 0; };
@@ -248,7 +285,8 @@ void Intake::File::estimate(const CloudReadOptions& part, Made& made) {
                                   cloud.size()));
   }
   made.done.push_back(fmt::format(
-      "{}: raw points, normals and sizes estimated{}: {} surfels ({})", path,
+      "{}: raw points, {}normals and sizes estimated{}: {} surfels ({})", path,
+      voxel.empty() ? "" : fmt::format("averaged in cells of {}, ", voxel),
       report.nonfinite > 0 ? fmt::format(", {} of {} points are not finite and left out",
                                          report.nonfinite, report.points)
                            : "",
@@ -315,7 +353,7 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
     if (file.mesh) {
       file.sample(spacing, options, made, kinds);
     } else if (!has_variance(file.cloud)) {
-      file.estimate(part_, made);
+      file.estimate(spacing, part_, made);
     }
     clouds.push_back(std::move(file.cloud));
     names.push_back(file.path);

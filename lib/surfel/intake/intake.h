@@ -24,9 +24,11 @@ SURFEL_API bool holds_surfels(const std::string& path);
 
 /// The command that makes surfels of raw points, for a shell: normals look to the file's viewpoint,
 /// or else to the side of the file's normals.
-/// `part` is what was read of the file.
+/// \param part   what was read of the file
+/// \param voxel  the edge of cells in which points are averaged, as a command says it; empty: none
 SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path,
-                                        const CloudReadOptions& part = {});
+                                        const CloudReadOptions& part = {},
+                                        const std::string& voxel = {});
 
 /// The command that makes a first picture of a file of any kind, for a shell.
 SURFEL_API std::string picture_command(const std::string& path);
@@ -66,16 +68,19 @@ class SURFEL_API Intake {
   Intake(const Intake&) = delete;
   Intake& operator=(const Intake&) = delete;
 
-  /// Bounds of the vertices of faces and of the points, world coordinates.
+  /// What a picture shows, roughly: bounds of the vertices of faces, and of the points without the
+  /// outermost ones on each side, as stray points may lie anywhere. World coordinates.
   Bounds bounds() const;
   bool has_meshes() const;
   /// The image files that the meshes' materials name.
   std::vector<std::string> images() const;
   /// Meshes are sampled and textured, by the options or, where they have uv, by their materials;
   /// points without sizes are estimated, on the side of the file's viewpoint or else of its
-  /// normals; several clouds are joined. Leaves nothing to be made again.
-  /// \param spacing  of a mesh's samples, scene units, > 0; rounded to three digits, as commands
-  ///     say it, and larger where a mesh would have more than 2^23 samples.
+  /// normals, where there are more than 2^20 of them after they have been averaged in cells;
+  /// several clouds are joined. Leaves nothing to be made again.
+  /// \param spacing  of a mesh's samples and edge of points' cells, scene units, > 0; rounded to
+  ///     three digits, as commands say it, and larger where a mesh would have more than 2^23
+  ///     samples.
   /// Throws what these steps throw, and Error(kUsage) for options of maps that no mesh has.
   Made surfels(double spacing, const IntakeOptions& options = {});
 
