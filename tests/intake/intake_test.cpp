@@ -85,7 +85,7 @@ TEST_F(IntakeFiles, MorePointsThanAPictureShowsAreAveraged) {
   Intake intake({file});
   EXPECT_LE(intake.bounds().diagonal(), std::hypot(kSide, kSide));
   EXPECT_GT(intake.bounds().diagonal(), 0.9 * std::hypot(kSide, kSide));
-  const Intake::Made made = intake.surfels(10);
+  const Intake::Made made = intake.surfels(20);
   EXPECT_EQ(made.cloud.size(), 105U * 105 + 1);
   EXPECT_TRUE(contains(made.commands.at(0), " --voxel 10 ")) << made.commands.at(0);
   EXPECT_TRUE(contains(made.done.at(0), "averaged in cells of 10")) << made.done.at(0);

@@ -29,6 +29,9 @@ namespace {
 constexpr double kMostSamples = 1 << 23;
 /// Up to here all points are estimated, which takes a few seconds.
 constexpr std::size_t kFewPoints = 1 << 20;
+/// Edge of the cells in which more points are averaged, in spacings of a mesh's samples: splats
+/// reach over gaps that are as wide as a cell.
+constexpr double kCellSpacings = 0.5;
 
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
@@ -260,8 +263,9 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
 void Intake::File::estimate(double spacing, const CloudReadOptions& part, Made& made) {
   EstimateOptions options;
   std::string voxel;
-  if (cloud.size() > kFewPoints && voxels_are_countable(cloud.bounds(), spacing)) {
-    voxel = three_digits(spacing);
+  const double edge = kCellSpacings * spacing;
+  if (cloud.size() > kFewPoints && voxels_are_countable(cloud.bounds(), edge)) {
+    voxel = three_digits(edge);
     options.voxels.emplace().edge = number_of(voxel);
   }
   options.orientation.method = side_of(cloud);

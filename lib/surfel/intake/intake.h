@@ -78,9 +78,9 @@ class SURFEL_API Intake {
   /// points without sizes are estimated, on the side of the file's viewpoint or else of its
   /// normals, where there are more than 2^20 of them after they have been averaged in cells;
   /// several clouds are joined. Leaves nothing to be made again.
-  /// \param spacing  of a mesh's samples and edge of points' cells, scene units, > 0; rounded to
-  ///     three digits, as commands say it, and larger where a mesh would have more than 2^23
-  ///     samples.
+  /// \param spacing  of a mesh's samples, scene units, > 0, and twice the edge of points' cells;
+  ///     rounded to three digits, as commands say it, and larger where a mesh would have more than
+  ///     2^23 samples.
   /// Throws what these steps throw, and Error(kUsage) for options of maps that no mesh has.
   Made surfels(double spacing, const IntakeOptions& options = {});
 
