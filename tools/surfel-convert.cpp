@@ -1,6 +1,7 @@
 // surfel-convert: files of surfels in another format, moved, or joined into one.
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <numbers>
 
@@ -12,6 +13,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/scene/join.h>
+#include <surfel/scene/keep_columns.h>
 #include <surfel/scene/transform.h>
 
 #include "tools/support/options.h"
@@ -32,6 +34,8 @@ struct Settings {
   double scale = 1;
   std::optional<Eigen::Vector4d> rotation;
   surfel::Vec3d translation{0, 0, 0};
+  std::optional<std::array<double, 16>> transform;
+  std::string kept_columns;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -42,9 +46,13 @@ void declare_options(CLI::App& app, Settings& s) {
       ->default_str("")
       ->required();
   app.add_option("-o,--output", s.output,
-                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
+                 "Surfels to write (PLY, PCD, LAS, LAZ, XYZ, CSV, points of OBJ; - = standard "
+                 "output)")
       ->required();
   app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
+  app.add_option("--keep-columns", s.kept_columns,
+                 "Columns of the result beside the positions, parted by commas: names of the file "
+                 "format such as intensity, or normal, color, size; default: all");
 
   add_part(app, s.part);
   app.option_defaults()->group("Scans of one surface, before they are joined");
@@ -68,6 +76,9 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--scale", s.scale, "Factor of lengths, 1e-9..1e9");
   add_vector(app, "--rotate", s.rotation, "Axis and angle in degrees, right-handed: X,Y,Z,DEGREES");
   add_vector(app, "--translate", s.translation, "Offset, scene units (of the result): X,Y,Z");
+  add_vector(app, "--transform", s.transform,
+             "All at once: the 16 numbers of a matrix, row by row, that turns, scales by one "
+             "factor and moves column vectors");
   app.option_defaults()->group("Options");
 }
 
@@ -93,7 +104,42 @@ std::vector<int> parse_materials(const std::string& text, std::size_t files) {
   return rows;
 }
 
+/// The names between the commas.
+std::vector<std::string> parse_columns(const std::string& text) {
+  std::vector<std::string> names;
+  for (std::size_t begin = 0; begin <= text.size() && !text.empty();) {
+    const std::size_t end = std::min(text.find(',', begin), text.size());
+    names.push_back(text.substr(begin, end - begin));
+    if (names.back().empty()) {
+      surfel::throw_usage(fmt::format("--keep-columns is '{}'; it has an empty name", text));
+    }
+    begin = end + 1;
+  }
+  return names;
+}
+
+/// The similarity that a matrix is.
+surfel::Similarity similarity_of(const std::array<double, 16>& rows) {
+  using Matrix = Eigen::Matrix<double, 4, 4, Eigen::RowMajor | Eigen::DontAlign>;
+  const Matrix matrix(rows.data());
+  const Eigen::Matrix3d linear = matrix.topLeftCorner<3, 3>();
+  const double scale = linear.col(0).norm();
+  const Eigen::Matrix3d rotation = linear / scale;
+  constexpr double kTolerance = 1e-6;  // Matrices are written with some digits.
+  const bool last_row = matrix.row(3) == Eigen::RowVector4d(0, 0, 0, 1);
+  const Eigen::Matrix3d error = rotation * rotation.transpose() - Eigen::Matrix3d::Identity();
+  if (!last_row || !(linear.determinant() > 0) || !(error.cwiseAbs().maxCoeff() < kTolerance)) {
+    surfel::throw_usage(
+        "--transform is no rotation with one factor and an offset; its last row must be 0,0,0,1, "
+        "and it must not mirror or shear");
+  }
+  return {.scale = scale,
+          .rotation = surfel::Quaternion(rotation).normalized(),
+          .translation = matrix.topRightCorner<3, 1>()};
+}
+
 surfel::Similarity similarity(const Settings& s) {
+  if (s.transform) return similarity_of(*s.transform);
   surfel::Similarity out{.scale = s.scale, .translation = s.translation};
   if (s.rotation) {
     const surfel::Vec3d axis = s.rotation->head<3>();
@@ -117,12 +163,17 @@ void check(const CLI::App& app, Settings& s) {
     surfel::tool::append(problems,
                          surfel::tool::without_effect(app, {"--align-reach"}, "without --align"));
   }
+  if (s.transform) {
+    surfel::tool::append(problems,
+                         surfel::tool::without_effect(app, {"--scale", "--rotate", "--translate"},
+                                                      "beside --transform"));
+  }
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only; name files for the others");
   }
   const std::string extension = surfel::tool::lower_extension(s.output);
-  if (s.ascii && (extension == ".pcd" || extension == ".las" || extension == ".laz")) {
-    problems.emplace_back("--ascii has no effect on PCD, LAS and LAZ; leave it out");
+  if (s.ascii && !extension.empty() && extension != ".ply") {
+    problems.emplace_back("--ascii has no effect on formats other than PLY; leave it out");
   }
   surfel::tool::require_valid(problems);
 }
@@ -239,6 +290,9 @@ int main(int argc, char** argv) {
     report["rounding"] = joined.rounding;
 
     surfel::transform_cloud(cloud, similarity(s));
+    if (!s.kept_columns.empty()) {
+      surfel::keep_columns(cloud, parse_columns(s.kept_columns), s.inputs.front());
+    }
     surfel::tool::write_result(tool, cloud, s.output, s.ascii);
     report["surfels"] = cloud.size();
     tool.wrote(s.output, fmt::format("{} surfels", cloud.size()));

@@ -1,7 +1,13 @@
 // surfel-convert: formats, joined files, materials, places.
 
+#include <algorithm>
+#include <regex>
+#include <sstream>
+
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/color.h>
 #include <surfel/io/cloud_io.h>
 
 #include "support/run_tool.h"
@@ -51,6 +57,82 @@ TEST_F(SurfelConvert, EveryFormatReadsBackTheSame) {
   EXPECT_TRUE(contains(read_text(folder_ / "c.pcd"), "DATA binary"));
   write_text(folder_ / "points.xyz", "0 0 1\n1 2 3\n");
   EXPECT_EQ(converted({folder_ / "points.xyz"}).position[1], Vec3f(1, 2, 3));
+}
+
+TEST_F(SurfelConvert, TextHoldsEveryColumnAndObjSaysWhatIsLost) {
+  const SurfelCloud cloud = read_cloud(sphere_);
+  for (const char* const output : {"a.xyz", "a.csv", "a.txt", "a.asc"}) {
+    const SurfelCloud again = converted({sphere_}, output);
+    EXPECT_EQ(again.position, cloud.position) << output;
+    EXPECT_EQ(again.variance, cloud.variance) << output;
+    EXPECT_EQ(again.color, cloud.color) << output;
+    EXPECT_EQ(again.normal, cloud.normal) << output;
+  }
+  EXPECT_TRUE(read_text(folder_ / "a.csv").starts_with("x,y,z,nx,ny,nz,"));
+  const RunResult obj = convert({sphere_}, "a.obj");
+  EXPECT_EQ(obj.exit_code, 0) << obj.errors;
+  EXPECT_TRUE(contains(obj.errors, "has no place for them: variance")) << obj.errors;
+  const std::string text = read_text(folder_ / "a.obj");
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 600);
+  std::istringstream words(text);
+  std::string v;
+  Vec3f position;
+  Vec3f color;
+  words >> v >> position.x() >> position.y() >> position.z() >> color.x() >> color.y() >> color.z();
+  EXPECT_EQ(v, "v");
+  EXPECT_EQ(position, cloud.position[0]);
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(color[c] * 255, linear_to_srgb8(cloud.color[0][c]), 0.5) << c;
+  }
+}
+
+TEST_F(SurfelConvert, DecimalCoordinatesStayAsTheyAre) {
+  // Millimetres of a country, in metres: more digits than a float has.
+  std::string text = "x,y,z,time\n";
+  for (int i = 0; i < 2000; ++i) {
+    text += fmt::format("{}.{:03},{}.{:03},{}.{:03},{}.5\n", 455000 + i * 7 % 9000, i * 37 % 1000,
+                        5401000 + i * 13 % 9000, i * 411 % 1000, 200 + i % 50, i * 17 % 1000,
+                        300000000 + i);
+  }
+  // The shortest way to write them has no zeros at the end.
+  text = std::regex_replace(text, std::regex(R"((\.\d*?)0+(,|\n))"), "$1$2");
+  text = std::regex_replace(text, std::regex(R"(\.(,|\n))"), "$1");
+  write_text(folder_ / "utm.csv", text);
+  std::string from = folder_ / "utm.csv";
+  for (const char* const output :
+       {"utm.ply", "utm.las", "utm.laz", "utm.pcd", "utm.xyz", "again.csv"}) {
+    // LAS has fields of its own.
+    ASSERT_EQ(convert({from, "--keep-columns", "time"}, output).exit_code, 0) << output;
+    from = folder_ / output;
+  }
+  EXPECT_EQ(read_text(folder_ / "again.csv"), text);
+}
+
+TEST_F(SurfelConvert, TakesPartsOfFiles) {
+  const SurfelCloud cloud = read_cloud(sphere_);
+  const SurfelCloud tenth = converted({sphere_, "--every", "10"});
+  ASSERT_EQ(tenth.size(), 30U);
+  EXPECT_EQ(tenth.position[3], cloud.position[30]);
+  const SurfelCloud half = converted({sphere_, "--bounds=-9,-9,0,9,9,9", "--every", "2"});
+  EXPECT_LT(half.size(), 100U);
+  EXPECT_GT(half.size(), 50U);
+  const SurfelCloud bare = converted({sphere_, "--keep-columns", "color,ny"});
+  EXPECT_EQ(bare.color, cloud.color);
+  EXPECT_EQ(bare.normal, cloud.normal);
+  EXPECT_TRUE(bare.variance.empty());
+  EXPECT_TRUE(bare.area.empty());
+}
+
+TEST_F(SurfelConvert, MatrixIsTheSameAsItsParts) {
+  const SurfelCloud parts =
+      converted({sphere_, "--scale", "2", "--rotate=0,0,1,90", "--translate=1,0,-3"});
+  const SurfelCloud matrix = converted({sphere_, "--transform=0,-2,0,1,2,0,0,0,0,0,2,-3,0,0,0,1"});
+  ASSERT_EQ(matrix.size(), parts.size());
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    EXPECT_LT((matrix.world(i) - parts.world(i)).norm(), 1e-6);
+    EXPECT_LT((matrix.normal[i] - parts.normal[i]).norm(), 1e-6F);
+  }
+  EXPECT_EQ(matrix.variance, parts.variance);
 }
 
 TEST_F(SurfelConvert, JoinsFilesWithMaterialsOfTheirOwn) {
@@ -116,7 +198,17 @@ TEST_F(SurfelConvert, RefusesWhatMakesNoSense) {
     const RunResult result = convert(words);
     EXPECT_EQ(result.exit_code, 2) << words.back() << result.errors;
   }
-  EXPECT_EQ(convert({sphere_}, "out.xyz").exit_code, 2);
+  EXPECT_EQ(convert({sphere_}, "out.xyzn").exit_code, 2);
+  for (const char* const matrix :
+       {"1,0,0,0,0,1,0,0,0,0,1,0,0,0,1,1", "-1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1",
+        "1,0.1,0,0,0,1,0,0,0,0,1,0,0,0,0,1", "0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,1"}) {
+    EXPECT_EQ(convert({sphere_, std::string("--transform=") + matrix}).exit_code, 2) << matrix;
+  }
+  EXPECT_EQ(convert({sphere_, "--every", "0"}).exit_code, 2);
+  EXPECT_EQ(convert({sphere_, "--keep-columns", "nx,,ny"}).exit_code, 2);
+  const RunResult unknown = convert({sphere_, "--keep-columns", "intensity"});
+  EXPECT_EQ(unknown.exit_code, 1);
+  EXPECT_TRUE(contains(unknown.errors, "no column 'intensity' to keep")) << unknown.errors;
   EXPECT_EQ(convert({sphere_, "--ascii"}, "out.pcd").exit_code, 2);
   write_text(folder_ / "points.xyz", "0 0 1\n1 2 3\n");
   const RunResult sizeless = convert({sphere_, folder_ / "points.xyz"});

@@ -138,15 +138,15 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
   const auto other = [&](const std::string& command, const std::string& message) {
     expect_refused(command, message);
   };
-  const std::string surfels = "q.obj: surfels are not written as '.obj'; use .ply or .pcd";
-  other("surfel-convert cloud.ply -o q.obj", surfels);
-  other("surfel-estimate cloud.ply -o q.obj", surfels);
-  other("surfel-texture cloud.ply --image checker -o q.obj", surfels);
-  other("surfel-group cloud.ply -o q.obj", surfels);
-  other("surfel-simplify cloud.ply --count 2 -o q.obj", surfels);
-  other("surfel-from-mesh mesh.obj --count 3 -o q.obj", surfels);
-  other("surfel-generate sphere -o q.obj", surfels);
-  other("surfel-generate --case layers -o q.obj", surfels);
+  const std::string surfels = "q.stl: surfels are not written as '.stl'; use .ply or .pcd";
+  other("surfel-convert cloud.ply -o q.stl", surfels);
+  other("surfel-estimate cloud.ply -o q.stl", surfels);
+  other("surfel-texture cloud.ply --image checker -o q.stl", surfels);
+  other("surfel-group cloud.ply -o q.stl", surfels);
+  other("surfel-simplify cloud.ply --count 2 -o q.stl", surfels);
+  other("surfel-from-mesh mesh.obj --count 3 -o q.stl", surfels);
+  other("surfel-generate sphere -o q.stl", surfels);
+  other("surfel-generate --case layers -o q.stl", surfels);
   other("surfel-lod cloud.ply -o q.pcd", "not written as '.pcd'; use .ply");
   other("surfel-generate sphere --mesh q.stl",
         "meshes are not written as '.stl'; use .obj or .ply");

@@ -78,7 +78,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   }
   if (s.print_commands) {
     std::vector<std::string> done{"keep", "print-commands"};
-    if (!commands.empty()) done.insert(done.end(), {"level", "bounds"});
+    if (!commands.empty()) done.insert(done.end(), {"level", "bounds", "every"});
     if (s.mesh.empty()) {
       for (const std::string& option : texture_options()) done.push_back(option.substr(2));
     }

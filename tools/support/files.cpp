@@ -26,7 +26,8 @@ struct Formats {
 Formats formats_of(Writes what) {
   switch (what) {
     case Writes::kSurfels:
-      return {"surfels", {".ply", ".pcd", ".las", ".laz", ""}};
+      return {"surfels",
+              {".ply", ".pcd", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv", ".obj", ""}};
     case Writes::kLevels:
       return {"surfels with levels of detail", {".ply", ""}};
     case Writes::kMesh:

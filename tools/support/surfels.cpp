@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
@@ -60,7 +61,7 @@ void tell_not_finite(const Tool& tool, const std::string& path, const SurfelClou
 }
 
 CloudReadOptions PartSettings::options() const {
-  CloudReadOptions options{.level = level};
+  CloudReadOptions options{.level = level, .every = every};
   if (bounds) options.bounds = Bounds{Vec3d(bounds->data()), Vec3d(bounds->data() + 3)};
   return options;
 }
@@ -74,6 +75,8 @@ void add_part(CLI::App& app, PartSettings& part) {
   add_vector(app, "--bounds", part.bounds,
              "Points inside this box alone, its lowest and its highest corner: X,Y,Z,X,Y,Z; of a "
              "COPC file little more is read");
+  app.add_option("--every", part.every,
+                 "Of the points that are left one in so many, the first one on");
   app.option_defaults()->group("Options");
 }
 
@@ -101,6 +104,11 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
 
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path, bool ascii) {
   cloud.provenance.push_back(tool.provenance());
+  const std::vector<std::string> lost = columns_left_out(cloud, path);
+  if (!lost.empty()) {
+    tool.note(fmt::format("{}: left out, as the format has no place for them: {}", path,
+                          fmt::join(lost, ", ")));
+  }
   write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii});
 }
 

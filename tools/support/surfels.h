@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -27,11 +28,12 @@ void tell_not_finite(const Tool& tool, const std::string& path, const SurfelClou
 struct PartSettings {
   std::optional<int> level;
   std::optional<std::array<double, 6>> bounds;
+  std::uint64_t every = 1;
 
-  bool whole() const { return !level && !bounds; }
+  bool whole() const { return !level && !bounds && every == 1; }
   CloudReadOptions options() const;
 };
-/// Declares --level and --bounds.
+/// Declares --level, --bounds and --every.
 void add_part(CLI::App& app, PartSettings& part);
 
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes

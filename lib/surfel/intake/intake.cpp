@@ -121,6 +121,7 @@ std::string part_words(const CloudReadOptions& part) {
     words += fmt::format(" --bounds={},{}", fmt::join(part.bounds->min, ","),
                          fmt::join(part.bounds->max, ","));
   }
+  if (part.every > 1) words += fmt::format(" --every={}", part.every);
   return words;
 }
 
@@ -358,6 +359,10 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
       file.sample(spacing, options, made, kinds);
     } else if (!has_variance(file.cloud)) {
       file.estimate(spacing, part_, made);
+    } else if (const std::string words = part_words(part_); files_.size() > 1 && !words.empty()) {
+      made.file = named_after(file.path, "-part.ply");
+      made.commands.push_back(fmt::format("surfel-convert {}{} -o {}", shell_file(file.path), words,
+                                          shell_file(made.file)));
     }
     clouds.push_back(std::move(file.cloud));
     names.push_back(file.path);
@@ -380,8 +385,8 @@ Intake::Made Intake::surfels(double spacing, const IntakeOptions& options) {
     made.filled.emplace_back(names[filled.cloud], filled.column);
   }
   made.file = "joined-surfels.ply";
-  made.commands.push_back(fmt::format("surfel-convert {}{} -o {}", fmt::join(joined, " "),
-                                      part_words({.bounds = part_.bounds}), made.file));
+  made.commands.push_back(
+      fmt::format("surfel-convert {} -o {}", fmt::join(joined, " "), made.file));
   made.done.push_back(fmt::format("{} files joined: {} surfels ({})", names.size(),
                                   made.cloud.size(), made.commands.back()));
   return made;

@@ -46,6 +46,7 @@ class Reader {
   Vec3d origin_for(const Bounds& box) const {
     return table_.stepped ? central_origin(box) : float_origin(box);
   }
+  void keep_decimals(int decimals, const Bounds& box);
   void run();
 
   const RecordTable& table_;
@@ -119,10 +120,26 @@ void Reader::add_columns() {
   }
 }
 
+/// Finds an origin from which offsets tell coordinates of so many decimals apart, if there is one.
+void Reader::keep_decimals(int decimals, const Bounds& box) {
+  if (decimals >= kManyDecimals) return;
+  const auto tells_apart = [&](const Vec3d& origin) {
+    const double reach = std::max((box.max - origin).maxCoeff(), (origin - box.min).maxCoeff());
+    return reach * 0x1p-23 * power_of_ten(decimals) < 1;
+  };
+  for (const Vec3d& origin : {decoder_.origin(), central_origin(box)}) {
+    if (!tells_apart(origin)) continue;
+    decoder_.set_origin(origin);
+    cloud_.decimals = decimals;
+    return;
+  }
+}
+
 /// Fills the columns, then the positions again if they lie so far from the origin that was assumed
 /// that it must move.
 void Reader::run() {
   std::vector<Bounds> boxes(table_.pieces(kReadBlock));
+  std::vector<int> decimals(table_.stepped || !decoder_.double_positions() ? 0 : boxes.size());
   const auto pass = [&](std::span<const Column> columns) {
     ProgressStage stage("reading " + file_, table_.count, "points");
     table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
@@ -131,6 +148,7 @@ void Reader::run() {
       for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
         const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
         decoder_.measure(records, count, box);
+        if (!decimals.empty()) decoder_.count_decimals(records, count, decimals[piece]);
         for (const Column& column : columns) column(records, i, count);
         records += count * table_.stride;
       }
@@ -148,6 +166,7 @@ void Reader::run() {
   if (table_.said_bounds && about_the_same(*table_.said_bounds, all)) return;
   const Vec3d assumed = decoder_.origin();
   decoder_.set_origin(origin_for(all));
+  if (!decimals.empty()) keep_decimals(*std::max_element(decimals.begin(), decimals.end()), all);
   if (decoder_.origin() != assumed) pass(std::span(columns_).first(1));
 }
 

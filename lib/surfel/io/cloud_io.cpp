@@ -9,6 +9,7 @@
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
+#include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/version.h>
@@ -23,7 +24,7 @@
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/range_grid.h>
-#include <surfel/io/record_writer.h>
+#include <surfel/io/text_records.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
 #include <surfel/io/xyz.h>
@@ -155,17 +156,6 @@ std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t cou
   return header + "end_header\n";
 }
 
-/// A record as a line of text; every value reads back as it was.
-void append_text(const std::byte* record, const std::vector<RecordColumn>& columns,
-                 std::string& text) {
-  for (const RecordColumn& column : columns) {
-    visit_type(column.type, [&]<class T>(T) {
-      append_number(text, load_scalar<T, false>(record + column.offset));
-    });
-    text += &column == &columns.back() ? '\n' : ' ';
-  }
-}
-
 /// Records that one thread makes at a time: they fit into its cache.
 constexpr std::size_t kWriteBlock = 4096;
 
@@ -184,26 +174,34 @@ void write_binary(const CloudRecords& records, std::size_t count, OutputFile& fi
   });
 }
 
-/// Writes some blocks of records at a time: threads make their text, then it is written in order.
-void write_text(const CloudRecords& records, std::size_t count, OutputFile& file) {
+/// Writes some blocks of surfels at a time: threads make their text, then it is written in order.
+/// \param text_of  text_of(begin, end) is the text of the surfels [begin, end).
+template <class TextOf>
+void write_text(std::size_t count, const TextOf& text_of, OutputFile& file) {
   constexpr std::size_t kChunk = 64 * kWriteBlock;  // Blocks for all threads, in little memory.
-  const std::size_t stride = records.stride();
   std::vector<std::string> texts(kChunk / kWriteBlock);
   ProgressStage stage("writing", count, "surfels");
   for (std::size_t first = 0; first < count; first += kChunk) {
     const std::size_t chunk = std::min(kChunk, count - first);
     parallel_for(chunk, kWriteBlock, [&](std::size_t begin, std::size_t end, int) {
-      Array<std::byte> bytes((end - begin) * stride);
-      records.encode(first + begin, first + end, bytes.data());
-      std::string& text = texts[begin / kWriteBlock];
-      text.clear();
-      for (std::size_t i = 0; i < end - begin; ++i) {
-        append_text(bytes.data() + i * stride, records.columns(), text);
-      }
+      texts[begin / kWriteBlock] = text_of(first + begin, first + end);
     });
     for (std::size_t k = 0; k * kWriteBlock < chunk; ++k) file.write(texts[k]);
     stage.add(chunk);
   }
+}
+
+void write_text(const CloudRecords& records, std::size_t count, char separator, OutputFile& file) {
+  const auto text_of = [&](std::size_t begin, std::size_t end) {
+    Array<std::byte> bytes((end - begin) * records.stride());
+    records.encode(begin, end, bytes.data());
+    std::string text;
+    for (std::size_t i = 0; i < end - begin; ++i) {
+      append_record(bytes.data() + i * records.stride(), records.columns(), separator, text);
+    }
+    return text;
+  };
+  write_text(count, text_of, file);
 }
 
 void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
@@ -213,7 +211,7 @@ void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
   const std::size_t stride = bytes.size() / cloud.tree.size();
   std::string text;
   for (std::size_t i = 0; i < cloud.tree.size(); ++i) {
-    append_text(bytes.data() + i * stride, columns, text);
+    append_record(bytes.data() + i * stride, columns, ' ', text);
   }
   file.write(text);
 }
@@ -327,11 +325,14 @@ SurfelCloud read_whole(InputFile input, const CloudReadOptions& options) {
                   converter_advice(name));
 }
 
-/// Leaves out the points outside of a box.
-SurfelCloud inside(const SurfelCloud& cloud, const Bounds& bounds, const std::string& file) {
+/// Leaves out what the options do not ask for.
+SurfelCloud part_of(const SurfelCloud& cloud, const CloudReadOptions& options,
+                    const std::string& file) {
   Array<std::uint32_t> order;
+  std::uint64_t inside = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    if (bounds.contains(cloud.world(i))) order.push_back(static_cast<std::uint32_t>(i));
+    if (options.bounds && !options.bounds->contains(cloud.world(i))) continue;
+    if (inside++ % options.every == 0) order.push_back(static_cast<std::uint32_t>(i));
   }
   if (order.empty()) throw_input(file, "holds no points within the `bounds`");
   return cloud.gathered(order);
@@ -342,6 +343,7 @@ SurfelCloud inside(const SurfelCloud& cloud, const Bounds& bounds, const std::st
 std::vector<std::string> CloudReadOptions::problems() const {
   std::vector<std::string> found;
   if (level) check_option(found, *level >= 0, "level", *level, ">= 0");
+  check_option(found, every >= 1, "every", every, ">= 1");
   if (bounds && !((bounds->max - bounds->min).minCoeff() > 0)) {
     found.emplace_back("`bounds` has no inside; give the lowest corner, then the highest");
   }
@@ -352,19 +354,34 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   require_usable(options);
   const std::string name = input.name();
   SurfelCloud cloud = read_whole(std::move(input), options);
-  if (!options.bounds) return cloud;
-  return inside(cloud, *options.bounds, name);
+  if (!options.bounds && options.every == 1) return cloud;
+  return part_of(cloud, options, name);
 }
 
 SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {
   return read_cloud(InputFile(path), options);
 }
 
+namespace {
+
+/// How a file holds surfels, as its name says.
+enum class CloudFormat { kPly, kPcd, kLas, kText, kObj };
+
+CloudFormat format_of(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  if (extension == ".pcd") return CloudFormat::kPcd;
+  if (is_las_name(path)) return CloudFormat::kLas;
+  if (extension == ".obj") return CloudFormat::kObj;
+  return is_xyz_name(path) ? CloudFormat::kText : CloudFormat::kPly;
+}
+
+}  // namespace
+
 struct CloudWriter::Impl {
   std::string path;
   std::size_t count;
   CloudWriteOptions options;
-  bool pcd;
+  CloudFormat format;
   OutputFile file;
   std::vector<RecordColumn> columns;
   std::size_t written = 0;
@@ -373,11 +390,27 @@ struct CloudWriter::Impl {
       : path(std::move(to)),
         count(n),
         options(o),
-        pcd(lower_extension(path) == ".pcd"),
+        format(format_of(path)),
         file(path, o.no_clobber) {
-    if (is_las_name(path)) {
+    if (format == CloudFormat::kLas) {
       throw_usage(fmt::format("{}: LAS files are written whole, not in pieces; give a .ply", path));
     }
+  }
+
+  bool text() const {
+    return format == CloudFormat::kText || (format == CloudFormat::kPly && options.ascii);
+  }
+  char separator() const {
+    return format == CloudFormat::kText && lower_extension(path) == ".csv" ? ',' : ' ';
+  }
+  std::string header(const SurfelCloud& first) const {
+    if (format == CloudFormat::kText) return column_line(columns, separator());
+    if (format == CloudFormat::kObj) return {};
+    const bool pcd = format == CloudFormat::kPcd;
+    std::vector<std::string> comments = write_comments(first, pcd);
+    if (first.las) comments.push_back(las_comment(*first.las));
+    return pcd ? pcd_header(columns, count, first.viewpoint, comments)
+               : ply_header(columns, count, first.tree, options.ascii, comments);
   }
 };
 
@@ -390,20 +423,17 @@ void CloudWriter::append(const SurfelCloud& piece) {
   Impl& w = *impl_;
   piece.check_columns(w.path);
   const bool levels = !piece.tree.empty();
-  if (levels && w.pcd) {
+  if (levels && w.format != CloudFormat::kPly) {
     throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", w.path));
   }
   if (levels && piece.size() != w.count) {
     throw_input(w.path, "a cloud with levels of detail cannot be written in pieces");
   }
-  const bool ascii = w.options.ascii && !w.pcd;
-  const CloudRecords records(piece, {.pcl_names = w.pcd, .for_text = ascii});
+  const CloudRecords records(piece,
+                             {.pcl_names = w.format == CloudFormat::kPcd, .for_text = w.text()});
   if (w.columns.empty()) {
     w.columns = records.columns();
-    std::vector<std::string> comments = write_comments(piece, w.pcd);
-    if (piece.las) comments.push_back(las_comment(*piece.las));
-    w.file.write(w.pcd ? pcd_header(w.columns, w.count, piece.viewpoint, comments)
-                       : ply_header(w.columns, w.count, piece.tree, ascii, comments));
+    w.file.write(w.header(piece));
   }
   const bool same =
       std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
@@ -411,12 +441,16 @@ void CloudWriter::append(const SurfelCloud& piece) {
                    return a.name == b.name && a.type == b.type;
                  });
   if (!same) throw_input(w.path, "pieces of the cloud differ in their columns");
-  if (ascii) {
-    write_text(records, piece.size(), w.file);
+  if (w.format == CloudFormat::kObj) {
+    write_text(
+        piece.size(),
+        [&](std::size_t begin, std::size_t end) { return obj_points(piece, begin, end); }, w.file);
+  } else if (w.text()) {
+    write_text(records, piece.size(), w.separator(), w.file);
   } else {
     write_binary(records, piece.size(), w.file);
   }
-  if (levels) write_tree(piece, ascii, w.file);
+  if (levels) write_tree(piece, w.options.ascii, w.file);
   w.written += piece.size();
 }
 
@@ -428,10 +462,15 @@ void CloudWriter::commit() {
   impl_->file.commit();
 }
 
+std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::string& path) {
+  return format_of(path) == CloudFormat::kObj ? columns_without_place_in_obj(cloud)
+                                              : std::vector<std::string>();
+}
+
 void write_cloud(const SurfelCloud& cloud, const std::string& path,
                  const CloudWriteOptions& options) {
   cloud.check_columns(path);
-  if (is_las_name(path)) {
+  if (format_of(path) == CloudFormat::kLas) {
     if (!cloud.tree.empty()) {
       throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", path));
     }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,6 +21,8 @@ struct CloudReadOptions {
   std::optional<int> level = {};
   /// The points inside alone, world coordinates; of a COPC file little more is read. Unset: all.
   std::optional<Bounds> bounds = {};
+  /// Of the points that are left one in so many, the first one on; >= 1.
+  std::uint64_t every = 1;
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
@@ -51,15 +54,21 @@ struct CloudWriteOptions {
   bool ascii = false;  ///< PLY ascii instead of binary little-endian.
 };
 
-/// Writes binary little-endian PLY or, by the name's extension, binary PCD (.pcd), LAS (.las) or
-/// LAZ
-/// (.laz); "-" is standard output, as PLY. The file appears whole or not at all (OutputFile).
+/// Writes binary little-endian PLY or, by the name's extension, binary PCD (.pcd), LAS (.las), LAZ
+/// (.laz), text (.xyz, .txt, .asc: blanks between the columns, which a comment names; .csv: commas,
+/// and a first line of names) or the vertices of OBJ (.obj); "-" is standard output, as PLY. The
+/// file appears whole or not at all (OutputFile). Text has the columns of PLY, OBJ has positions,
+/// normals and colours alone (columns_left_out()).
 /// `radius` is written beside every variance, for other viewers. Levels of detail are written to
 /// PLY only, with their tree in an element of its own (tree_records.h). LAS gets the steps of
 /// SurfelCloud::las, and columns that it has no field for as extra bytes. Throws Error(kIo), and
 /// Error(kUsage) for levels of detail in other formats.
 SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
                             const CloudWriteOptions& options = {});
+
+/// The columns of a cloud that a file of that name has no place for.
+SURFEL_API std::vector<std::string> columns_left_out(const SurfelCloud& cloud,
+                                                     const std::string& path);
 
 /// Writes a cloud that need not be in memory at once, as write_cloud() would.
 class SURFEL_API CloudWriter {

@@ -20,6 +20,7 @@
 #include <surfel/io/las_layout.h>
 #include <surfel/io/las_writer.h>
 #include <surfel/io/laz_points.h>
+#include <surfel/io/surfel_decoder.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/laz/chunk_table.h>
 #include <surfel/laz/laz_chunk.h>
@@ -196,6 +197,11 @@ class LasWriter {
       scale_ = cloud_.las->scale;
       offset_ = cloud_.las->offset;
       if (box.empty() || reaches(scale_, offset_, box)) return;
+    }
+    if (cloud_.decimals && !box.empty()) {
+      scale_ = Vec3d::Constant(1 / power_of_ten(*cloud_.decimals));
+      offset_ = cloud_.origin.array().round();
+      if (reaches(scale_, offset_, box)) return;
     }
     // Floats that far from the origin have 24 bits.
     const double reach = box.empty() ? 0

@@ -13,11 +13,10 @@ namespace surfel {
 /// the cloud came from such a file (SurfelCloud::las). Columns with the names of las_fields() fill
 /// these fields where all their values fit; all others are extra bytes under their names. Colours
 /// have 16 bits, but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset
-/// of SurfelCloud::las where that reaches; else the scale is the power of ten that is finer than
-/// the cloud's positions. The file appears whole or not at all (OutputFile).
-/// \param comments  lines that are stored in a block of their own
-/// Throws Error(kIo), and Error(kInput) for positions that are not finite. Internal to the io
-/// module.
+/// of SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power
+/// of ten that is finer than the cloud's positions. The file appears whole or not at all
+/// (OutputFile). \param comments  lines that are stored in a block of their own Throws Error(kIo),
+/// and Error(kInput) for positions that are not finite. Internal to the io module.
 void write_las(const SurfelCloud& cloud, const std::string& path, bool no_clobber,
                const std::vector<std::string>& comments);
 

@@ -323,6 +323,27 @@ void SurfelDecoder::measure(const std::byte* records, std::size_t count, Bounds&
   }
 }
 
+void SurfelDecoder::count_decimals(const std::byte* records, std::size_t count,
+                                   int& decimals) const {
+  // A decimal number is rounded to a double, and so is its product.
+  constexpr double kRounding = 2 * std::numeric_limits<double>::epsilon();
+  double power = power_of_ten(decimals);
+  for (const RecordColumn* column : fields_[index(kPosition)].columns) {
+    visit_column(*column, table_.swapped, [&](auto load) {
+      const std::byte* at = records + column->offset;
+      for (std::size_t i = 0; i < count && decimals < kManyDecimals; ++i, at += table_.stride) {
+        const auto value = static_cast<double>(load(at));
+        if (!std::isfinite(value)) continue;
+        const auto is_whole = [&] {
+          const double scaled = value * power;
+          return std::abs(scaled - std::round(scaled)) <= kRounding * std::abs(scaled);
+        };
+        while (decimals < kManyDecimals && !is_whole()) power = power_of_ten(++decimals);
+      }
+    });
+  }
+}
+
 const float* srgb8_table() {
   static const std::vector<float> table = decoded_codes<std::uint8_t>(srgb8_to_linear);
   return table.data();

@@ -86,6 +86,9 @@ class SurfelDecoder {
               std::byte* to) const;
   /// Extends the box by the finite coordinates of `count` records, in world coordinates.
   void measure(const std::byte* records, std::size_t count, Bounds& box) const;
+  /// Raises `decimals` to the digits behind the decimal point that the finite coordinates of
+  /// `count` records have; kManyDecimals if they have so many or more.
+  void count_decimals(const std::byte* records, std::size_t count, int& decimals) const;
 
  private:
   /// The properties of an attribute's components, null where it has none, and how to decode them.
@@ -121,6 +124,14 @@ class SurfelDecoder {
   bool alpha_as_uint8_ = false;
   Vec3d origin_{0, 0, 0};
 };
+
+/// 10^decimals, for decimals in 0..kManyDecimals.
+constexpr int kManyDecimals = 7;
+constexpr double power_of_ten(int decimals) {
+  double power = 1;
+  for (int i = 0; i < decimals; ++i) power *= 10;
+  return power;
+}
 
 /// Linear light of every 8-bit sRGB value.
 const float* srgb8_table();

@@ -199,6 +199,25 @@ class XyzReader {
     return largest <= 65535 ? ScalarType::kUint16 : ScalarType::kFloat32;
   }
 
+  /// Has the number so few digits that a float tells it?
+  static bool fits_float(double value) {
+    constexpr double kMost = 1e7;
+    if (!std::isfinite(value) || value == static_cast<double>(static_cast<float>(value)))
+      return true;
+    for (double scaled = value; std::abs(scaled) < kMost && scaled != 0; scaled *= 10) {
+      if (std::abs(scaled - std::round(scaled)) <= 1e-14 * std::abs(scaled)) return true;
+    }
+    return false;
+  }
+
+  /// Columns of many digits, such as times, are double.
+  ScalarType number_type(std::size_t column) const {
+    for (std::size_t i = column; i < values_.size(); i += columns_) {
+      if (!fits_float(values_[i])) return ScalarType::kFloat64;
+    }
+    return ScalarType::kFloat32;
+  }
+
   SurfelCloud to_cloud(std::size_t rows) {
     RecordTable table;
     const ScalarType color = color_type();
@@ -207,7 +226,7 @@ class XyzReader {
       const bool coordinate = names_[k] == "x" || names_[k] == "y" || names_[k] == "z";
       const ScalarType type = coordinate    ? ScalarType::kFloat64
                               : is_color(k) ? color
-                                            : ScalarType::kFloat32;
+                                            : number_type(k);
       table.columns.push_back({names_[k], type, table.stride});
       table.stride += scalar_size(type);
     }

@@ -134,7 +134,10 @@ class Joiner {
     out_.viewpoint = clouds_.front().viewpoint;
     out_.up = clouds_.front().up;
     out_.las = clouds_.front().las;
+    out_.decimals = clouds_.front().decimals;
     for (const SurfelCloud& cloud : clouds_) {
+      if (!cloud.decimals) out_.decimals.reset();
+      if (out_.decimals) out_.decimals = std::max(*out_.decimals, *cloud.decimals);
       append_new(out_.provenance, cloud.provenance);
       append_new(out_.comments, cloud.comments);
       out_.double_positions = out_.double_positions || cloud.double_positions;

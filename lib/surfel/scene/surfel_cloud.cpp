@@ -41,6 +41,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   // File-wide values first; the columns are filled below.
   out.origin = origin;
   out.double_positions = double_positions;
+  out.decimals = decimals;
   out.color_encoding = color_encoding;
   out.alpha_as_uint8 = alpha_as_uint8;
   out.color_light = color_light;

@@ -77,6 +77,10 @@ struct SURFEL_API SurfelCloud {
   Vec3d origin{0, 0, 0};  ///< World position = origin + position, so that far-away scenes keep
                           ///< their precision in float.
   bool double_positions = false;  ///< Write x y z as double whatever the origin.
+  /// Digits behind the decimal point of the file's coordinates, where these have double precision
+  /// and so few digits that offsets from the origin tell them apart: coordinates are written with
+  /// the same digits. Unset: not so, or moved since.
+  std::optional<int> decimals;
 
   Array<Vec3f> position;  ///< Scene units, relative to `origin`.
   Array<Vec3f> normal;    ///< Unit length; all zero = unknown. The disc lies across it.

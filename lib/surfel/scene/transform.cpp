@@ -87,6 +87,7 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   }
   if (cloud.up) cloud.up = rotation * *cloud.up;
   cloud.las.reset();
+  cloud.decimals.reset();
 }
 
 }  // namespace surfel

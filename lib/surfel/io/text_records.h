@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include <surfel/io/record_table.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+/// Appends a record as a line of text; every value reads back as it was. Internal to the io module.
+/// \param separator  between two values
+void append_record(const std::byte* record, const std::vector<RecordColumn>& columns,
+                   char separator, std::string& text);
+
+/// The line above the points of a text file that names the columns, as read_xyz() reads it: a
+/// comment, or with commas as CSV has it. Characters that would end a name become underscores.
+std::string column_line(const std::vector<RecordColumn>& columns, char separator);
+
+/// The points [begin, end) as vertices of OBJ: positions, colours as sRGB in 0..1 behind them,
+/// where MeshLab and others expect them, and normals.
+std::string obj_points(const SurfelCloud& cloud, std::size_t begin, std::size_t end);
+
+/// The columns of a cloud that OBJ has no place for.
+std::vector<std::string> columns_without_place_in_obj(const SurfelCloud& cloud);
+
+}  // namespace surfel
