@@ -382,18 +382,21 @@ struct CloudWriter::Impl {
   std::size_t count;
   CloudWriteOptions options;
   CloudFormat format;
-  OutputFile file;
+  std::optional<CloudSurvey> survey;
+  std::optional<LasWriter> las;
+  std::optional<OutputFile> file;
   std::vector<RecordColumn> columns;
   std::size_t written = 0;
 
-  Impl(std::string to, std::size_t n, const CloudWriteOptions& o)
-      : path(std::move(to)),
-        count(n),
-        options(o),
-        format(format_of(path)),
-        file(path, o.no_clobber) {
-    if (format == CloudFormat::kLas) {
-      throw_usage(fmt::format("{}: LAS files are written whole, not in pieces; give a .ply", path));
+  Impl(std::string to, std::size_t n, std::optional<CloudSurvey> all, const CloudWriteOptions& o)
+      : path(std::move(to)), count(n), options(o), format(format_of(path)), survey(std::move(all)) {
+    if (format != CloudFormat::kLas) {
+      file.emplace(path, o.no_clobber);
+    } else if (survey) {
+      las.emplace(path, *survey, o.no_clobber);
+    } else {
+      throw_usage(fmt::format(
+          "{}: LAS files are not written before all points are known; give a .ply", path));
     }
   }
 
@@ -415,7 +418,9 @@ struct CloudWriter::Impl {
 };
 
 CloudWriter::CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options)
-    : impl_(std::make_unique<Impl>(std::move(path), count, options)) {}
+    : impl_(std::make_unique<Impl>(std::move(path), count, std::nullopt, options)) {}
+CloudWriter::CloudWriter(std::string path, CloudSurvey survey, const CloudWriteOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(path), survey.count, std::move(survey), options)) {}
 CloudWriter::~CloudWriter() = default;
 
 void CloudWriter::append(const SurfelCloud& piece) {
@@ -429,11 +434,12 @@ void CloudWriter::append(const SurfelCloud& piece) {
   if (levels && piece.size() != w.count) {
     throw_input(w.path, "a cloud with levels of detail cannot be written in pieces");
   }
+  if (w.las) return w.las->append(piece, write_comments(piece, false));
   const CloudRecords records(piece,
                              {.pcl_names = w.format == CloudFormat::kPcd, .for_text = w.text()});
   if (w.columns.empty()) {
     w.columns = records.columns();
-    w.file.write(w.header(piece));
+    w.file->write(w.header(piece));
   }
   const bool same =
       std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
@@ -444,22 +450,23 @@ void CloudWriter::append(const SurfelCloud& piece) {
   if (w.format == CloudFormat::kObj) {
     write_text(
         piece.size(),
-        [&](std::size_t begin, std::size_t end) { return obj_points(piece, begin, end); }, w.file);
+        [&](std::size_t begin, std::size_t end) { return obj_points(piece, begin, end); }, *w.file);
   } else if (w.text()) {
-    write_text(records, piece.size(), w.separator(), w.file);
+    write_text(records, piece.size(), w.separator(), *w.file);
   } else {
-    write_binary(records, piece.size(), w.file);
+    write_binary(records, piece.size(), *w.file);
   }
-  if (levels) write_tree(piece, w.options.ascii, w.file);
+  if (levels) write_tree(piece, w.options.ascii, *w.file);
   w.written += piece.size();
 }
 
 void CloudWriter::commit() {
+  if (impl_->las) return impl_->las->commit();
   if (impl_->written != impl_->count) {
     throw_input(impl_->path, fmt::format("{} surfels were promised and {} written", impl_->count,
                                          impl_->written));
   }
-  impl_->file.commit();
+  impl_->file->commit();
 }
 
 std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::string& path) {
@@ -470,14 +477,9 @@ std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::s
 void write_cloud(const SurfelCloud& cloud, const std::string& path,
                  const CloudWriteOptions& options) {
   cloud.check_columns(path);
-  if (format_of(path) == CloudFormat::kLas) {
-    if (!cloud.tree.empty()) {
-      throw_usage(fmt::format("{}: levels of detail are written to PLY only; give a .ply", path));
-    }
-    write_las(cloud, path, options.no_clobber, write_comments(cloud, false));
-    return;
-  }
-  CloudWriter writer(path, cloud.size(), options);
+  CloudSurvey survey(path);
+  survey.add(cloud);
+  CloudWriter writer(path, std::move(survey), options);
   writer.append(cloud);
   writer.commit();
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/io/cloud_survey.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -73,8 +74,12 @@ SURFEL_API std::vector<std::string> columns_left_out(const SurfelCloud& cloud,
 /// Writes a cloud that need not be in memory at once, as write_cloud() would.
 class SURFEL_API CloudWriter {
  public:
-  /// Opens a file that will hold `count` surfels. Throws Error(kUsage) for LAS and LAZ.
+  /// Opens a file that will hold `count` surfels. Throws Error(kUsage) for LAS and LAZ, whose
+  /// header and fields depend on all points.
   CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
+  /// Opens a file of any format.
+  /// \param survey  of all pieces that will be written
+  CloudWriter(std::string path, CloudSurvey survey, const CloudWriteOptions& options = {});
   ~CloudWriter();
   CloudWriter(const CloudWriter&) = delete;
   CloudWriter& operator=(const CloudWriter&) = delete;

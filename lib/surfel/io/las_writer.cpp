@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -63,43 +63,88 @@ struct Extra {
   std::size_t offset;  ///< In a point.
 };
 
-class LasWriter {
+}  // namespace
+
+class LasWriter::Impl {
  public:
-  LasWriter(const SurfelCloud& cloud, const std::string& path, bool no_clobber,
-            const std::vector<std::string>& comments)
-      : cloud_(cloud),
-        path_(path),
-        compressed_(lower_extension(path) == ".laz"),
-        records_(cloud, {}),
-        file_(path, no_clobber) {
-    choose_format();
-    place_columns();
-    choose_steps();
-    add_blocks(comments);
+  Impl(std::string path, const CloudSurvey& survey, bool no_clobber)
+      : path_(std::move(path)),
+        compressed_(lower_extension(path_) == ".laz"),
+        survey_(survey),
+        file_(path_, no_clobber) {
+    if (!survey_.nowhere) return;
+    throw_input(path_,
+                fmt::format("surfel {} has a position that is not finite, which LAS cannot tell; "
+                            "leave it out or write PLY",
+                            *survey_.nowhere));
   }
 
-  void write() {
-    const std::size_t begin = header_bytes() + blocks_.all().size();
-    file_.reserve(begin);
-    compressed_ ? write_chunks(begin) : write_points();
-    const std::string head = header(begin) + blocks_.all();
+  void append(const SurfelCloud& piece, const std::vector<std::string>& comments) {
+    const CloudRecords records(piece, {});
+    if (!open_) open(piece, records, comments);
+    require_same(records.columns());
+    constexpr std::size_t kAtOnce = 64 * std::size_t{kChunkPoints};
+    ProgressStage stage("writing", piece.size(), "surfels");
+    for (std::size_t begin = 0; begin < piece.size(); begin += kAtOnce) {
+      const std::size_t end = std::min(begin + kAtOnce, piece.size());
+      const std::size_t made = points_.size();
+      points_.resize(made + (end - begin) * record_);
+      make_points(records, begin, end, points_.data() + made);
+      if (points_.size() >= kAtOnce * record_) write_whole_chunks();
+      stage.add(end - begin);
+    }
+    written_ += piece.size();
+  }
+
+  void commit() {
+    if (written_ != survey_.count) {
+      throw_input(path_,
+                  fmt::format("{} surfels were promised and {} written", survey_.count, written_));
+    }
+    write_chunks(points_.size() / record_);
+    if (compressed_) write_chunk_table();
+    const std::string head = header() + blocks_.all();
     file_.write_at(0, head.data(), head.size());
     file_.commit();
   }
 
  private:
+  /// Decides on what is the same for all points.
+  void open(const SurfelCloud& first, const CloudRecords& records,
+            const std::vector<std::string>& comments) {
+    las_ = first.las;
+    columns_ = records.columns();
+    choose_format(!first.color.empty());
+    place_columns();
+    choose_steps(first);
+    add_blocks(comments);
+    begin_ = header_bytes() + blocks_.all().size();
+    file_.reserve(begin_);
+    table_ = begin_;
+    if (compressed_) table_ = begin_ + sizeof(std::uint64_t);
+    file_.reserve(table_ - begin_);
+    open_ = true;
+  }
+
+  void require_same(const std::vector<RecordColumn>& columns) const {
+    const bool same = std::equal(columns_.begin(), columns_.end(), columns.begin(), columns.end(),
+                                 [](const RecordColumn& a, const RecordColumn& b) {
+                                   return a.name == b.name && a.type == b.type;
+                                 });
+    if (!same) throw_input(path_, "pieces of the cloud differ in their columns");
+  }
+
   bool extended() const { return format_ >= 6; }
   std::size_t header_bytes() const { return extended() ? 375 : 227; }
   bool has(std::string_view name) const {
-    return std::any_of(records_.columns().begin(), records_.columns().end(),
+    return std::any_of(columns_.begin(), columns_.end(),
                        [&](const RecordColumn& column) { return column.name == name; });
   }
 
-  void choose_format() {
-    const int was = cloud_.las ? cloud_.las->point_format : 0;
-    const bool was_colored = las_color_offset(was) > 0;
-    const bool colored = !cloud_.color.empty() || was_colored;
-    const bool wide = cloud_.size() > std::numeric_limits<std::uint32_t>::max();
+  void choose_format(bool colored) {
+    const int was = las_ ? las_->point_format : 0;
+    colored = colored || las_color_offset(was) > 0;
+    const bool wide = survey_.count > std::numeric_limits<std::uint32_t>::max();
     const bool more = was >= 6 || wide || has("nir") || has("scan_angle") || has("overlap") ||
                       has("scanner_channel");
     if (more) {
@@ -109,40 +154,26 @@ class LasWriter {
     }
   }
 
-  /// Calls visit(values) for all values of a column, some thousands at a time, in parallel.
-  template <class Visit>
-  void visit_values(const RecordColumn& column, const Visit& visit) const {
-    parallel_for(cloud_.size(), kBlock, [&](std::size_t begin, std::size_t end, int) {
-      Array<std::byte> bytes((end - begin) * records_.stride());
-      records_.encode(begin, end, bytes.data());
-      visit_type(column.type, [&]<class T>(T) {
-        const std::byte* at = bytes.data() + column.offset;
-        for (std::size_t i = begin; i < end; ++i, at += records_.stride()) {
-          visit(load_scalar<T, false>(at));
-        }
-      });
-    });
-  }
-
   /// Can a field hold all values of a column?
   bool fits(const RecordColumn& column, const LasField& field) const {
     if (column.type == field.type && field.bits == 0) return true;
-    std::atomic<bool> all = true;
+    const auto found = survey_.range.find(column.name);
+    if (found == survey_.range.end()) return false;
+    const CloudSurvey::Range& range = found->second;
+    bool fit = false;
     visit_type(field.type, [&]<class Field>(Field) {
-      visit_values(column, [&](auto value) {
-        const bool fit = representable<Field>(value) &&
-                         (field.bits == 0 || static_cast<double>(value) < (1 << field.bits));
-        if (!fit) all = false;
-      });
+      const bool whole = range.whole || std::is_floating_point_v<Field>;
+      fit = whole && representable<Field>(range.least) && representable<Field>(range.most) &&
+            (field.bits == 0 || range.most < (1 << field.bits));
     });
-    return all;
+    return fit;
   }
 
   /// Finds a field or extra bytes for each column.
   void place_columns() {
     const std::vector<LasField> fields = las_fields(format_);
     record_ = layout().format_bytes();
-    for (const RecordColumn& column : records_.columns()) {
+    for (const RecordColumn& column : columns_) {
       const std::string_view name = column.name;
       if (name == "x" || name == "y" || name == "z") continue;
       if (name == "red" || name == "green" || name == "blue") {
@@ -162,7 +193,7 @@ class LasWriter {
       throw_input(path_, "a point has more than the 65,535 bytes that LAS allows; write PLY");
     }
     const auto find = [&](std::string_view name) -> const RecordColumn* {
-      for (const RecordColumn& column : records_.columns()) {
+      for (const RecordColumn& column : columns_) {
         if (column.name == name) return &column;
       }
       return nullptr;
@@ -184,33 +215,26 @@ class LasWriter {
     return in_reach(box.min) && in_reach(box.max);
   }
 
-  void choose_steps() {
-    for (std::size_t i = 0; i < cloud_.size(); ++i) {
-      if (cloud_.position[i].allFinite()) continue;
-      throw_input(path_,
-                  fmt::format("surfel {} has a position that is not finite, which LAS cannot "
-                              "tell; leave it out or write PLY",
-                              i));
-    }
-    const Bounds box = cloud_.bounds();
-    if (cloud_.las) {
-      scale_ = cloud_.las->scale;
-      offset_ = cloud_.las->offset;
+  void choose_steps(const SurfelCloud& first) {
+    const Bounds& box = survey_.box;
+    if (las_) {
+      scale_ = las_->scale;
+      offset_ = las_->offset;
       if (box.empty() || reaches(scale_, offset_, box)) return;
     }
-    if (cloud_.decimals && !box.empty()) {
-      scale_ = Vec3d::Constant(1 / power_of_ten(*cloud_.decimals));
-      offset_ = cloud_.origin.array().round();
+    if (first.decimals && !box.empty()) {
+      scale_ = Vec3d::Constant(1 / power_of_ten(*first.decimals));
+      offset_ = first.origin.array().round();
       if (reaches(scale_, offset_, box)) return;
     }
     // Floats that far from the origin have 24 bits.
     const double reach = box.empty() ? 0
-                                     : std::max((box.max - cloud_.origin).cwiseAbs().maxCoeff(),
-                                                (box.min - cloud_.origin).cwiseAbs().maxCoeff());
+                                     : std::max((box.max - first.origin).cwiseAbs().maxCoeff(),
+                                                (box.min - first.origin).cwiseAbs().maxCoeff());
     const double step =
         reach > 0 ? portable::pow(10.0, std::floor(portable::log10(reach * 0x1p-24))) : 1e-3;
     scale_ = Vec3d::Constant(step);
-    offset_ = cloud_.origin;
+    offset_ = first.origin;
   }
 
   void add_block(std::string_view user, int id, std::string_view description,
@@ -240,8 +264,8 @@ class LasWriter {
   }
 
   void add_blocks(const std::vector<std::string>& comments) {
-    if (cloud_.las) {
-      for (const LasRecord& block : cloud_.las->records) {
+    if (las_) {
+      for (const LasRecord& block : las_->records) {
         add_block(block.user, block.id, block.description, block.bytes);
       }
     }
@@ -286,28 +310,37 @@ class LasWriter {
     }
   }
 
-  /// Makes the points [begin, end) and counts them.
-  void make_points(std::size_t begin, std::size_t end, std::byte* points, Counts& counts) const {
-    static thread_local Array<std::byte> scratch;
-    if (scratch.size() < (end - begin) * records_.stride()) {
-      scratch.resize((end - begin) * records_.stride());
-    }
-    records_.encode(begin, end, scratch.data());
-    std::memset(points, 0, (end - begin) * record_);
-    const std::byte* record = scratch.data();
+  /// Makes the points [first, last) and counts them.
+  void make_points(const CloudRecords& records, std::size_t first, std::size_t last,
+                   std::byte* points) {
+    std::vector<Counts> counts((last - first) / kBlock + 1);
+    PerWorker<Array<std::byte>> buffers;
+    parallel_for(last - first, kBlock, [&](std::size_t begin, std::size_t end, int worker) {
+      Array<std::byte>& bytes = buffers[worker];
+      bytes.resize(kBlock * records.stride());
+      records.encode(first + begin, first + end, bytes.data());
+      make_points(bytes.data(), records.stride(), end - begin, points + begin * record_,
+                  counts[begin / kBlock]);
+    });
+    for (const Counts& part : counts) merge(part);
+  }
+
+  void make_points(const std::byte* record, std::size_t stride, std::size_t count,
+                   std::byte* points, Counts& counts) const {
+    std::memset(points, 0, count * record_);
     const std::size_t color = las_color_offset(format_);
-    for (std::size_t i = begin; i < end; ++i, record += records_.stride(), points += record_) {
+    for (std::size_t i = 0; i < count; ++i, record += stride, points += record_) {
       make_position(record, points, counts);
       if (!returns_) points[14] = extended() ? std::byte{0x11} : std::byte{0x09};
       for (const Filled& filled : filled_) fill(filled, record, points);
       for (std::size_t k = 0; k < colors_.size(); ++k) {
         const auto code =
-            static_cast<std::uint16_t>(color_code(colors_[k], record, cloud_.las.has_value()));
+            static_cast<std::uint16_t>(color_code(colors_[k], record, las_.has_value()));
         std::memcpy(points + color + 2 * k, &code, sizeof(code));
       }
-      for (std::size_t k = 0; k < extra_.size(); ++k) {
-        std::memcpy(points + extra_[k].offset, record + extra_[k].column.offset,
-                    scalar_size(extra_[k].column.type));
+      for (const Extra& extra : extra_) {
+        std::memcpy(points + extra.offset, record + extra.column.offset,
+                    scalar_size(extra.column.type));
       }
       ++counts.returns[std::to_integer<std::size_t>(points[14]) & (extended() ? 15 : 7)];
     }
@@ -353,55 +386,43 @@ class LasWriter {
     }
   }
 
-  void write_points() {
-    const std::uint64_t begin = file_.reserve(std::uint64_t{cloud_.size()} * record_);
-    std::vector<Counts> counts(cloud_.size() / kBlock + 1);
-    PerWorker<Array<std::byte>> buffers;
-    ProgressStage stage("writing", cloud_.size(), "surfels");
-    parallel_for(cloud_.size(), kBlock, [&](std::size_t first, std::size_t end, int worker) {
-      Array<std::byte>& points = buffers[worker];
-      points.resize(kBlock * record_);
-      make_points(first, end, points.data(), counts[first / kBlock]);
-      file_.write_at(begin + first * record_, points.data(), (end - first) * record_);
-      stage.add(end - first);
-    });
-    for (const Counts& part : counts) merge(part);
+  /// Writes what has been made but for the points of a chunk that is not full.
+  void write_whole_chunks() {
+    const std::size_t made = points_.size() / record_;
+    write_chunks(compressed_ ? made / kChunkPoints * kChunkPoints : made);
   }
 
-  /// Writes some chunks at a time: threads compress them, then they are written in order.
-  void write_chunks(std::uint64_t begin) {
-    constexpr std::size_t kAtOnce = 64;
-    std::vector<laz::ChunkSize> sizes;
-    std::uint64_t table = begin + sizeof(std::uint64_t);
-    file_.reserve(sizeof(table));
-    ProgressStage stage("writing", cloud_.size(), "surfels");
-    for (std::size_t first = 0; first < cloud_.size(); first += kAtOnce * kChunkPoints) {
-      const std::size_t part = std::min<std::size_t>(kAtOnce * kChunkPoints, cloud_.size() - first);
-      std::vector<std::vector<std::uint8_t>> chunks((part + kChunkPoints - 1) / kChunkPoints);
-      std::vector<Counts> counts(chunks.size());
-      parallel_for(part, kChunkPoints, [&](std::size_t from, std::size_t to, int) {
-        static thread_local Array<std::byte> points;
-        points.resize((to - from) * record_);
-        const std::size_t k = from / kChunkPoints;
-        make_points(first + from, first + to, points.data(), counts[k]);
-        chunks[k] = laz::encode_chunk(layout(), points.data(), to - from);
-        stage.add(to - from);
+  /// Writes the first points that have been made and were not written yet.
+  void write_chunks(std::size_t count) {
+    if (count == 0) return;
+    if (compressed_) {
+      std::vector<std::vector<std::uint8_t>> chunks((count + kChunkPoints - 1) / kChunkPoints);
+      parallel_for(count, kChunkPoints, [&](std::size_t begin, std::size_t end, int) {
+        chunks[begin / kChunkPoints] =
+            laz::encode_chunk(layout(), points_.data() + begin * record_, end - begin);
       });
-      for (std::size_t k = 0; k < chunks.size(); ++k) {
-        merge(counts[k]);
-        file_.write(chunks[k].data(), chunks[k].size());
-        sizes.push_back({kChunkPoints, static_cast<std::uint32_t>(chunks[k].size())});
-        table += chunks[k].size();
+      for (const std::vector<std::uint8_t>& chunk : chunks) {
+        file_.write(chunk.data(), chunk.size());
+        sizes_.push_back({kChunkPoints, static_cast<std::uint32_t>(chunk.size())});
+        table_ += chunk.size();
       }
+    } else {
+      file_.write(points_.data(), count * record_);
     }
-    const std::vector<std::uint8_t> bytes = laz::encode_chunk_table(sizes, false);
-    file_.write(bytes.data(), bytes.size());
-    file_.write_at(begin, &table, sizeof(table));
+    std::copy(points_.begin() + static_cast<std::ptrdiff_t>(count * record_), points_.end(),
+              points_.begin());
+    points_.resize(points_.size() - count * record_);
   }
 
-  std::string header(std::size_t begin) const {
+  void write_chunk_table() {
+    const std::vector<std::uint8_t> bytes = laz::encode_chunk_table(sizes_, false);
+    file_.write(bytes.data(), bytes.size());
+    file_.write_at(begin_, &table_, sizeof(table_));
+  }
+
+  std::string header() const {
     const bool narrow_count =
-        !extended() && cloud_.size() <= std::numeric_limits<std::uint32_t>::max();
+        !extended() && survey_.count <= std::numeric_limits<std::uint32_t>::max();
     Bytes out;
     out.add_text("LASF", 4);
     out.add(std::uint16_t{0});
@@ -413,11 +434,11 @@ class LasWriter {
     out.add_text(std::string("surfelkit ") + version(), 32);
     out.add(std::uint32_t{0});  // The day of its making: the same bytes every day.
     out.add(static_cast<std::uint16_t>(header_bytes()));
-    out.add(static_cast<std::uint32_t>(begin));
+    out.add(static_cast<std::uint32_t>(begin_));
     out.add(block_count_);
     out.add(static_cast<std::uint8_t>(format_ | (compressed_ ? 0x80 : 0)));
     out.add(static_cast<std::uint16_t>(record_));
-    out.add(static_cast<std::uint32_t>(narrow_count ? cloud_.size() : 0));
+    out.add(static_cast<std::uint32_t>(narrow_count ? survey_.count : 0));
     for (std::size_t k = 1; k <= 5; ++k) {
       out.add(static_cast<std::uint32_t>(narrow_count ? counts_.returns[k] : 0));
     }
@@ -428,14 +449,14 @@ class LasWriter {
       const auto axis = static_cast<Eigen::Index>(k);
       const auto world = [&](std::int32_t step) { return step * scale_[axis] + offset_[axis]; };
       // A negative scale turns the order around.
-      const double a = cloud_.empty() ? 0 : world(counts_.most[k]);
-      const double b = cloud_.empty() ? 0 : world(counts_.least[k]);
+      const double a = survey_.count == 0 ? 0 : world(counts_.most[k]);
+      const double b = survey_.count == 0 ? 0 : world(counts_.least[k]);
       out.add(std::max(a, b));
       out.add(std::min(a, b));
     }
     if (!extended()) return out.all();
     out.add_text("", 20);  // No waveforms, no blocks behind the points.
-    out.add(std::uint64_t{cloud_.size()});
+    out.add(survey_.count);
     for (std::size_t k = 1; k <= 15; ++k) out.add(counts_.returns[k]);
     return out.all();
   }
@@ -443,22 +464,24 @@ class LasWriter {
   std::uint16_t global_encoding() const {
     constexpr unsigned kWkt = 16;
     constexpr unsigned kWaveforms = 6;
-    unsigned bits = cloud_.las ? cloud_.las->global_encoding & ~kWaveforms : 0;
-    const bool wkt = cloud_.las && std::any_of(cloud_.las->records.begin(),
-                                               cloud_.las->records.end(), [](const LasRecord& r) {
-                                                 return r.user == "LASF_Projection" && r.id == 2112;
-                                               });
+    unsigned bits = las_ ? las_->global_encoding & ~kWaveforms : 0;
+    const bool wkt =
+        las_ && std::any_of(las_->records.begin(), las_->records.end(), [](const LasRecord& r) {
+          return r.user == "LASF_Projection" && r.id == 2112;
+        });
     if (extended() && wkt) bits |= kWkt;
     return static_cast<std::uint16_t>(bits);
   }
 
   static constexpr std::size_t kBlock = 4096;  ///< Points that one thread makes at a time.
 
-  const SurfelCloud& cloud_;
-  const std::string& path_;
+  const std::string path_;
   bool compressed_;
-  CloudRecords records_;
+  const CloudSurvey& survey_;
   OutputFile file_;
+  bool open_ = false;
+  std::optional<LasStorage> las_;
+  std::vector<RecordColumn> columns_;
   int format_ = 0;
   std::size_t record_ = 0;  ///< Bytes of a point.
   std::array<RecordColumn, 3> position_;
@@ -471,13 +494,21 @@ class LasWriter {
   Bytes blocks_;
   std::uint32_t block_count_ = 0;
   Counts counts_;
+  Array<std::byte> points_;  ///< Made, and not written yet.
+  std::uint64_t written_ = 0;
+  std::uint64_t begin_ = 0;  ///< Where the points begin.
+  std::uint64_t table_ = 0;  ///< Where the chunks that are written end.
+  std::vector<laz::ChunkSize> sizes_;
 };
 
-}  // namespace
+LasWriter::LasWriter(std::string path, const CloudSurvey& survey, bool no_clobber)
+    : impl_(std::make_unique<Impl>(std::move(path), survey, no_clobber)) {}
+LasWriter::~LasWriter() = default;
 
-void write_las(const SurfelCloud& cloud, const std::string& path, bool no_clobber,
-               const std::vector<std::string>& comments) {
-  LasWriter(cloud, path, no_clobber, comments).write();
+void LasWriter::append(const SurfelCloud& piece, const std::vector<std::string>& comments) {
+  impl_->append(piece, comments);
 }
+
+void LasWriter::commit() { impl_->commit(); }
 
 }  // namespace surfel

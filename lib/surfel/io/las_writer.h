@@ -1,8 +1,10 @@
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
+#include <surfel/io/cloud_survey.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -14,11 +16,27 @@ namespace surfel {
 /// these fields where all their values fit; all others are extra bytes under their names. Colours
 /// have 16 bits, but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset
 /// of SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power
-/// of ten that is finer than the cloud's positions. The file appears whole or not at all
-/// (OutputFile). \param comments  lines that are stored in a block of their own Throws Error(kIo),
-/// and Error(kInput) for positions that are not finite. Internal to the io module.
-void write_las(const SurfelCloud& cloud, const std::string& path, bool no_clobber,
-               const std::vector<std::string>& comments);
+/// of ten that is finer than the cloud's positions. How pieces are cut does not change the file,
+/// which appears whole or not at all (OutputFile). Internal to the io module.
+class LasWriter {
+ public:
+  /// \param survey  of all pieces that will be written
+  /// Throws Error(kIo), and Error(kInput) for positions that are not finite.
+  LasWriter(std::string path, const CloudSurvey& survey, bool no_clobber);
+  ~LasWriter();
+  LasWriter(const LasWriter&) = delete;
+  LasWriter& operator=(const LasWriter&) = delete;
+
+  /// Writes the next surfels. The first piece decides on the columns, the steps of coordinates and
+  /// the blocks of the file.
+  /// \param comments  lines that are stored in a block of their own; the first piece's count
+  void append(const SurfelCloud& piece, const std::vector<std::string>& comments);
+  void commit();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 /// Who defines the block of comments, and its number.
 inline constexpr const char* kCommentUser = "surfelkit";

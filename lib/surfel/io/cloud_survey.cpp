@@ -1,0 +1,86 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string_view>
+#include <vector>
+
+#include <surfel/base/parallel.h>
+#include <surfel/io/cloud_survey.h>
+#include <surfel/io/cloud_to_records.h>
+#include <surfel/io/file_kind.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kSurveyBlock = 4096;
+
+void merge(CloudSurvey::Range& range, const CloudSurvey::Range& other) {
+  range.least = std::min(range.least, other.least);
+  range.most = std::max(range.most, other.most);
+  range.whole = range.whole && other.whole;
+}
+
+bool is_placed_apart(std::string_view name) {
+  constexpr std::array<std::string_view, 6> kNames{"x", "y", "z", "red", "green", "blue"};
+  return std::find(kNames.begin(), kNames.end(), name) != kNames.end();
+}
+
+}  // namespace
+
+CloudSurvey::CloudSurvey(const std::string& path) : with_ranges_(is_las_name(path)) {}
+
+void CloudSurvey::add(const SurfelCloud& piece) {
+  const Bounds bounds = piece.bounds();
+  if (!bounds.empty()) {
+    box.add(bounds.min);
+    box.add(bounds.max);
+  }
+  if (!nowhere) {
+    const auto first = std::find_if(piece.position.begin(), piece.position.end(),
+                                    [](const Vec3f& position) { return !position.allFinite(); });
+    if (first != piece.position.end()) {
+      nowhere = count + static_cast<std::uint64_t>(first - piece.position.begin());
+    }
+  }
+  count += piece.size();
+  if (with_ranges_) {
+    add_ranges(piece);
+  } else if (float_positions) {
+    const CloudRecords records(piece, {});
+    float_positions = records.columns().front().type == ScalarType::kFloat32;
+  }
+}
+
+void CloudSurvey::add_ranges(const SurfelCloud& piece) {
+  const CloudRecords records(piece, {});
+  std::vector<RecordColumn> columns;
+  for (const RecordColumn& column : records.columns()) {
+    if (!is_placed_apart(column.name)) columns.push_back(column);
+  }
+  PerWorker<std::vector<Range>> ranges;
+  PerWorker<Array<std::byte>> buffers;
+  parallel_for(piece.size(), kSurveyBlock, [&](std::size_t begin, std::size_t end, int worker) {
+    std::vector<Range>& part = ranges[worker];
+    part.resize(columns.size());
+    Array<std::byte>& bytes = buffers[worker];
+    bytes.resize(kSurveyBlock * records.stride());
+    records.encode(begin, end, bytes.data());
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      visit_type(columns[k].type, [&]<class T>(T) {
+        const std::byte* at = bytes.data() + columns[k].offset;
+        for (std::size_t i = begin; i < end; ++i, at += records.stride()) {
+          const auto value = static_cast<double>(load_scalar<T, false>(at));
+          merge(part[k], {.least = value, .most = value, .whole = value == std::trunc(value)});
+        }
+      });
+    }
+  });
+  for (std::size_t k = 0; k < columns.size(); ++k) {
+    Range& all = range[columns[k].name];
+    ranges.for_each([&](const std::vector<Range>& seen) {
+      if (!seen.empty()) merge(all, seen[k]);
+    });
+  }
+}
+
+}  // namespace surfel

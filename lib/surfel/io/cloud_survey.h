@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+
+#include <surfel/base/bounds.h>
+#include <surfel/base/export.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+/// What must be known of all surfels before the first is written: how many there are, and which
+/// types hold their values. Pieces are added in their order.
+class SURFEL_API CloudSurvey {
+ public:
+  /// Values of a column that is neither a coordinate nor a colour.
+  struct Range {
+    double least = std::numeric_limits<double>::infinity();
+    double most = -std::numeric_limits<double>::infinity();
+    bool whole = true;  ///< All are whole numbers.
+  };
+
+  /// \param path  the file that will be written: its format decides what is looked at.
+  explicit CloudSurvey(const std::string& path);
+  void add(const SurfelCloud& piece);
+
+  std::uint64_t count = 0;
+  Bounds box;  ///< Of the finite positions, world coordinates.
+  /// The first surfel whose position is not finite.
+  std::optional<std::uint64_t> nowhere;
+  bool float_positions = true;         ///< All coordinates are floats, wherever the origins lie.
+  std::map<std::string, Range> range;  ///< By the column's name in files; for LAS alone.
+
+ private:
+  void add_ranges(const SurfelCloud& piece);
+  bool with_ranges_;
+};
+
+}  // namespace surfel
