@@ -248,6 +248,95 @@ void tell_rounding(const surfel::tool::Tool& tool, const Settings& s, double rou
                   s.output, rounding));
 }
 
+/// What is done to a cloud, or to each piece of it, before it is written.
+class Changes {
+ public:
+  explicit Changes(const Settings& s)
+      : file_(s.inputs.front()), moves_(similarity(s)), columns_(parse_columns(s.kept_columns)) {}
+
+  void apply(surfel::SurfelCloud& cloud) const {
+    surfel::transform_cloud(cloud, moves_);
+    if (!columns_.empty()) surfel::keep_columns(cloud, columns_, file_);
+  }
+
+ private:
+  const std::string& file_;
+  surfel::Similarity moves_;
+  std::vector<std::string> columns_;
+};
+
+/// Converts one file piece by piece: it is read twice, first to know how many surfels there will be
+/// and which types hold their values.
+std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
+  const std::string& input = s.inputs.front();
+  const Changes changes(s);
+  const surfel::CloudReader reader(input, s.part.options());
+  const auto changed = [&](surfel::SurfelCloud&& piece) {
+    std::vector<surfel::SurfelCloud> one;
+    one.push_back(std::move(piece));
+    surfel::SurfelCloud out = surfel::join_clouds(std::move(one), s.join, s.inputs);
+    changes.apply(out);
+    return out;
+  };
+  const surfel::Timer timer;
+  surfel::CloudSurvey survey(s.output);
+  surfel::tool::NotFinite not_finite;
+  reader.for_each([&](surfel::SurfelCloud piece) {
+    if (survey.count == 0) surfel::tool::tell_skipped(tool, input, piece);
+    not_finite.add(piece);
+    survey.add(changed(std::move(piece)));
+  });
+  surfel::tool::tell_not_finite(tool, input, not_finite);
+  tool.report()["inputs"].push_back({{"file", input}, {"surfels", survey.count}});
+  tool.report()["survey_ms"] = timer.milliseconds();
+
+  surfel::CloudWriter writer(s.output, survey,
+                             {.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
+  bool first = true;
+  reader.for_each([&](surfel::SurfelCloud piece) {
+    surfel::SurfelCloud out = changed(std::move(piece));
+    survey.settle(out);
+    out.provenance.push_back(tool.provenance());
+    if (std::exchange(first, false)) surfel::tool::tell_lost_columns(tool, out, s.output);
+    writer.append(out);
+  });
+  writer.commit();
+  return survey.count;
+}
+
+/// Converts files that are joined, in memory.
+std::size_t convert_joined(surfel::tool::Tool& tool, const Settings& s) {
+  nlohmann::json& report = tool.report();
+  const surfel::Timer timer;
+  std::vector<surfel::SurfelCloud> clouds;
+  double least_extent = std::numeric_limits<double>::infinity();
+  for (const std::string& input : s.inputs) {
+    clouds.push_back(surfel::read_cloud(input, s.part.options()));
+    surfel::tool::tell_skipped(tool, input, clouds.back());
+    surfel::tool::NotFinite not_finite;
+    not_finite.add(clouds.back());
+    surfel::tool::tell_not_finite(tool, input, not_finite);
+    report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
+    least_extent = std::min(least_extent, clouds.back().bounds().diagonal());
+  }
+  report["load_ms"] = timer.milliseconds();
+
+  if (s.align) align(tool, s, clouds);
+  surfel::JoinReport joined;
+  surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
+  tell(tool, s, joined);
+  tell_rounding(tool, s, joined.rounding, least_extent);
+  for (const auto& [k, column] : joined.filled) {
+    report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
+  }
+  report["dropped"] = joined.dropped;
+  report["rounding"] = joined.rounding;
+
+  Changes(s).apply(cloud);
+  surfel::tool::write_result(tool, cloud, s.output, s.ascii);
+  return cloud.size();
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -265,36 +354,9 @@ int main(int argc, char** argv) {
   tool.name_fields({{"reach", "--align-reach"}, {"rotation", "--rotate"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), s);
-    nlohmann::json& report = tool.report();
-    const surfel::Timer timer;
-    std::vector<surfel::SurfelCloud> clouds;
-    double least_extent = std::numeric_limits<double>::infinity();
-    for (const std::string& input : s.inputs) {
-      clouds.push_back(surfel::read_cloud(input, s.part.options()));
-      surfel::tool::tell_skipped(tool, input, clouds.back());
-      surfel::tool::tell_not_finite(tool, input, clouds.back());
-      report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
-      least_extent = std::min(least_extent, clouds.back().bounds().diagonal());
-    }
-    report["load_ms"] = timer.milliseconds();
-
-    if (s.align) align(tool, s, clouds);
-    surfel::JoinReport joined;
-    surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
-    tell(tool, s, joined);
-    tell_rounding(tool, s, joined.rounding, least_extent);
-    for (const auto& [k, column] : joined.filled) {
-      report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
-    }
-    report["dropped"] = joined.dropped;
-    report["rounding"] = joined.rounding;
-
-    surfel::transform_cloud(cloud, similarity(s));
-    if (!s.kept_columns.empty()) {
-      surfel::keep_columns(cloud, parse_columns(s.kept_columns), s.inputs.front());
-    }
-    surfel::tool::write_result(tool, cloud, s.output, s.ascii);
-    report["surfels"] = cloud.size();
-    tool.wrote(s.output, fmt::format("{} surfels", cloud.size()));
+    const std::size_t surfels =
+        s.inputs.size() == 1 ? convert_pieces(tool, s) : convert_joined(tool, s);
+    tool.report()["surfels"] = surfels;
+    tool.wrote(s.output, fmt::format("{} surfels", surfels));
   });
 }

@@ -46,18 +46,26 @@ void tell_unusable_colors(const Tool& tool, const std::string& path, const Surfe
                         shown_name(path), colors, cloud.size()));
 }
 
-void tell_not_finite(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
+void NotFinite::add(const SurfelCloud& cloud) {
+  surfels += cloud.size();
+  positions += not_finite(cloud.position);
+  normals += not_finite(cloud.normal);
+  variances += not_finite(cloud.variance) + not_finite(cloud.variance_u);
+  colors += not_finite(cloud.color);
+}
+
+void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite& found) {
   std::string counts;
   const auto add = [&](std::size_t count, const char* what) {
     if (count > 0) counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", count, what);
   };
-  add(not_finite(cloud.position), "positions");
-  add(not_finite(cloud.normal), "normals");
-  add(not_finite(cloud.variance) + not_finite(cloud.variance_u), "variances");
-  add(not_finite(cloud.color), "colours");
+  add(found.positions, "positions");
+  add(found.normals, "normals");
+  add(found.variances, "variances");
+  add(found.colors, "colours");
   if (counts.empty()) return;
   tool.note(fmt::format("{}: {} of {} surfels are not finite: kept as they are", shown_name(path),
-                        counts, cloud.size()));
+                        counts, found.surfels));
 }
 
 CloudReadOptions PartSettings::options() const {
@@ -102,13 +110,16 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
                   name, left_out.total(), left_out.position, left_out.variance, left_out.color));
 }
 
+void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path) {
+  const std::vector<std::string> lost = columns_left_out(cloud, path);
+  if (lost.empty()) return;
+  tool.note(fmt::format("{}: left out, as the format has no place for them: {}", path,
+                        fmt::join(lost, ", ")));
+}
+
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path, bool ascii) {
   cloud.provenance.push_back(tool.provenance());
-  const std::vector<std::string> lost = columns_left_out(cloud, path);
-  if (!lost.empty()) {
-    tool.note(fmt::format("{}: left out, as the format has no place for them: {}", path,
-                          fmt::join(lost, ", ")));
-  }
+  tell_lost_columns(tool, cloud, path);
   write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii});
 }
 

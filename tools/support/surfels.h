@@ -21,8 +21,18 @@ std::string shown_name(const std::string& path);
 void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
 /// Tells how many colours of an input are not finite, where nothing else is kept of it as it is.
 void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+/// How many values of a cloud are NaN or infinite.
+struct NotFinite {
+  std::size_t surfels = 0;
+  std::size_t positions = 0;
+  std::size_t normals = 0;
+  std::size_t variances = 0;
+  std::size_t colors = 0;
+
+  void add(const SurfelCloud& cloud);
+};
 /// Tells how many values of an input that is kept as it is are not finite.
-void tell_not_finite(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite& found);
 
 /// Which part of a file to read.
 struct PartSettings {
@@ -42,6 +52,9 @@ SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOpti
 
 /// Tells how many surfels of an input are left out and why, if there are some.
 void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);
+
+/// Tells which columns of a cloud a file of that name does not get.
+void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path);
 
 /// Writes the surfels that a tool made, with its line of provenance; `ascii` makes PLY a text.
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,

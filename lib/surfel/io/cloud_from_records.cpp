@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cstring>
 #include <functional>
 
 #include <fmt/format.h>
@@ -26,8 +28,9 @@ bool about_the_same(const Bounds& said, const Bounds& box) {
 
 class Reader {
  public:
-  Reader(const RecordTable& table, const std::string& file)
-      : table_(table), file_(file), decoder_(table, file) {}
+  /// \param decoder  of a table with the same columns
+  Reader(const RecordTable& table, const SurfelDecoder& decoder, const std::string& file)
+      : table_(table), file_(file), decoder_(decoder) {}
 
   SurfelCloud read(bool double_positions);
 
@@ -184,7 +187,59 @@ SurfelCloud Reader::read(bool double_positions) {
 
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
                                bool double_positions) {
-  return Reader(table, file).read(double_positions);
+  return Reader(table, SurfelDecoder(table, file), file).read(double_positions);
+}
+
+SurfelCloud PointRecords::read_all() const {
+  SurfelCloud cloud = cloud_from_records(table(), file(), double_positions());
+  describe(cloud);
+  return cloud;
+}
+
+struct PieceReader::Impl {
+  const PointRecords& points;
+  SurfelDecoder decoder;
+
+  explicit Impl(const PointRecords& of) : points(of), decoder(of.table(), of.file()) {}
+};
+
+PieceReader::PieceReader(const PointRecords& points) : impl_(std::make_unique<Impl>(points)) {}
+PieceReader::~PieceReader() = default;
+
+std::size_t PieceReader::parts() const { return impl_->points.table().pieces(kReadBlock); }
+
+std::size_t PieceReader::first(std::size_t part) const {
+  const RecordTable& table = impl_->points.table();
+  return table.blocks ? table.blocks->first(part) : std::min(part * kReadBlock, table.count);
+}
+
+SurfelCloud PieceReader::read(std::size_t begin, std::size_t end) const {
+  RecordTable part = impl_->points.table();
+  Array<std::byte> records;
+  part.count = first(end) - first(begin);
+  part.said_bounds.reset();
+  if (part.blocks) {
+    // Made once, as the records are read twice where the origin has to move.
+    records.resize(part.count * part.stride);
+    parallel_for(end - begin, 1, [&](std::size_t k, std::size_t, int) {
+      static thread_local Array<std::byte> scratch;
+      const std::size_t from = first(begin + k);
+      const std::size_t bytes = (first(begin + k + 1) - from) * part.stride;
+      if (bytes == 0) return;
+      std::memcpy(records.data() + (from - first(begin)) * part.stride,
+                  part.blocks->read(begin + k, scratch), bytes);
+    });
+    part.blocks = nullptr;
+    part.data = records.data();
+  } else if (part.file) {
+    part.offset += first(begin) * part.stride;
+  } else {
+    part.data += first(begin) * part.stride;
+  }
+  SurfelCloud piece =
+      Reader(part, impl_->decoder, impl_->points.file()).read(impl_->points.double_positions());
+  impl_->points.describe(piece);
+  return piece;
 }
 
 }  // namespace surfel

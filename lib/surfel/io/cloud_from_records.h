@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <memory>
 #include <string>
 
 #include <surfel/io/record_table.h>
@@ -16,5 +18,39 @@ namespace surfel {
 /// suffice. Internal to the io module.
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
                                bool double_positions);
+
+/// A file's points as records, and what the file says of all of them. Internal to the io module.
+class PointRecords {
+ public:
+  virtual ~PointRecords() = default;
+  /// Stays as it is.
+  virtual const RecordTable& table() const = 0;
+  virtual const std::string& file() const = 0;
+  virtual bool double_positions() const = 0;
+  /// Sets what holds for all points of the file in a cloud of all or some of its points.
+  virtual void describe(SurfelCloud& cloud) const = 0;
+
+  /// All points.
+  SurfelCloud read_all() const;
+};
+
+/// Points of a file piece by piece. The columns are the same for all pieces; each piece has an
+/// origin of its own. Keeps a reference to the points. Internal to the io module.
+class PieceReader {
+ public:
+  explicit PieceReader(const PointRecords& points);
+  ~PieceReader();
+  PieceReader(const PieceReader&) = delete;
+  PieceReader& operator=(const PieceReader&) = delete;
+
+  /// How many parts the file has, of some thousand points each, which can be read together.
+  std::size_t parts() const;
+  std::size_t first(std::size_t part) const;  ///< Points before a part; of part parts() all.
+  SurfelCloud read(std::size_t begin, std::size_t end) const;  ///< The points of some parts.
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace surfel

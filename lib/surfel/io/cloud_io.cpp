@@ -2,6 +2,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <numeric>
 #include <span>
 #include <utility>
 
@@ -110,30 +111,93 @@ LasStorage parse_las_comment(std::string_view text, const std::string& file) {
           .records = {}};
 }
 
-/// Reads LAS or LAZ; comments that this program wrote are in a block of their own.
-SurfelCloud read_las_cloud(const InputFile& input, const CloudReadOptions& options) {
-  SurfelCloud cloud = read_las(input, options);
-  std::vector<LasRecord>& blocks = cloud.las->records;
-  for (std::size_t k = 0; k < blocks.size(); ++k) {
-    if (blocks[k].user != kCommentUser || blocks[k].id != kCommentId) continue;
-    TextScanner in({}, blocks[k].bytes);
-    std::vector<std::string> lines;
-    for (; !in.at_end(); in.next_line()) lines.emplace_back(in.rest_of_line());
-    read_comments(lines, input.name(), cloud);
-    blocks.erase(blocks.begin() + static_cast<std::ptrdiff_t>(k));
-    break;
-  }
-  return cloud;
-}
+class PcdPoints final : public PointRecords {
+ public:
+  explicit PcdPoints(InputFile input) : name_(input.name()), pcd_(std::move(input)) {}
 
-SurfelCloud read_pcd(InputFile input) {
-  const std::string name = input.name();
-  const PcdFile pcd(std::move(input));
-  SurfelCloud cloud = cloud_from_records(pcd.records(), name, pcd.double_positions());
-  cloud.viewpoint = pcd.viewpoint();
-  read_comments(pcd.comments(), name, cloud);
-  return cloud;
-}
+  const RecordTable& table() const override { return pcd_.records(); }
+  const std::string& file() const override { return name_; }
+  bool double_positions() const override { return pcd_.double_positions(); }
+  void describe(SurfelCloud& cloud) const override {
+    cloud.viewpoint = pcd_.viewpoint();
+    read_comments(pcd_.comments(), name_, cloud);
+  }
+
+ private:
+  std::string name_;
+  PcdFile pcd_;
+};
+
+/// The points of a PLY file; without its coarser levels of detail unless the options ask for them.
+class PlyPoints final : public PointRecords {
+ public:
+  /// Keeps a reference to the file.
+  PlyPoints(PlyFile& ply, const CloudReadOptions& options) : ply_(ply) {
+    const PlyElement* vertex = ply.header().find("vertex");
+    if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
+    const PlyProperty* x = vertex->find("x");
+    double_positions_ = x && x->type == ScalarType::kFloat64;
+    table_ = ply.scalars("vertex", {"x", "y", "z"});
+    if (ply.header().find(kTreeElement)) {
+      levels_ = tree_from_records(ply.scalars(kTreeElement), table_.count, ply.name());
+      if (!options.levels) coarser_ = levels_->tree[first_leaf(levels_->tree)].begin;
+    }
+    // The finest level is the last.
+    table_.skip(coarser_);
+    table_.stepped =
+        std::any_of(ply.header().comments.begin(), ply.header().comments.end(),
+                    [](const std::string& comment) { return comment.starts_with(kLasComment); });
+    all_levels_ = levels_ && options.levels;
+  }
+
+  const RecordTable& table() const override { return table_; }
+  const std::string& file() const override { return ply_.name(); }
+  bool double_positions() const override { return double_positions_; }
+  void describe(SurfelCloud& cloud) const override {
+    if (levels_ && !all_levels_) {
+      cloud.level = {};
+      cloud.coarser_skipped = coarser_;
+    }
+    read_comments(ply_.header().comments, ply_.name(), cloud);
+    for (const PlyElement& element : ply_.header().elements) {
+      const bool read =
+          element.name == "vertex" || element.name == kTreeElement || element.name == "range_grid";
+      if (!read && element.count > 0) {
+        cloud.skipped_elements.emplace_back(element.name, element.count);
+      }
+    }
+  }
+  SurfelCloud read_all() {
+    SurfelCloud cloud = PointRecords::read_all();
+    if (all_levels_) cloud.tree = recentered_tree(*std::move(levels_), cloud.origin);
+    if (!cloud.viewpoint) cloud.viewpoint = range_grid_viewpoint(ply_, cloud);
+    return cloud;
+  }
+
+ private:
+  PlyFile& ply_;
+  RecordTable table_;
+  std::optional<TreeRecords> levels_;
+  std::size_t coarser_ = 0;
+  bool double_positions_ = false;
+  bool all_levels_ = false;
+};
+
+/// The points of a PLY file of its own, which can be read in pieces.
+class OwnPlyPoints final : public PointRecords {
+ public:
+  OwnPlyPoints(PlyFile ply, const CloudReadOptions& options)
+      : ply_(std::move(ply)), points_(ply_, options) {}
+
+  const RecordTable& table() const override { return points_.table(); }
+  const std::string& file() const override { return points_.file(); }
+  bool double_positions() const override { return points_.double_positions(); }
+  void describe(SurfelCloud& cloud) const override { points_.describe(cloud); }
+
+ private:
+  PlyFile ply_;
+  PlyPoints points_;
+};
 
 std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
                         std::size_t count) {
@@ -262,61 +326,41 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
 }
 
 SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options) {
-  const PlyElement* vertex = ply.header().find("vertex");
-  if (!vertex) throw_input(ply.name(), "holds no points: it has no element 'vertex'");
-  const PlyProperty* x = vertex->find("x");
-  const bool double_positions = x && x->type == ScalarType::kFloat64;
-  RecordTable records = ply.scalars("vertex", {"x", "y", "z"});
-  std::optional<TreeRecords> levels;
-  std::size_t coarser = 0;
-  if (ply.header().find(kTreeElement)) {
-    levels = tree_from_records(ply.scalars(kTreeElement), records.count, ply.name());
-    if (!options.levels) coarser = levels->tree[first_leaf(levels->tree)].begin;
-  }
-  // The finest level is the last.
-  records.skip(coarser);
-  records.stepped =
-      std::any_of(ply.header().comments.begin(), ply.header().comments.end(),
-                  [](const std::string& comment) { return comment.starts_with(kLasComment); });
-  SurfelCloud cloud = cloud_from_records(records, ply.name(), double_positions);
-  if (levels && options.levels) {
-    cloud.tree = recentered_tree(std::move(*levels), cloud.origin);
-  } else if (levels) {
-    cloud.level = {};
-    cloud.coarser_skipped = coarser;
-  }
-  read_comments(ply.header().comments, ply.name(), cloud);
-  if (!cloud.viewpoint) cloud.viewpoint = range_grid_viewpoint(ply, cloud);
-  for (const PlyElement& element : ply.header().elements) {
-    const bool read =
-        &element == vertex || element.name == kTreeElement || element.name == "range_grid";
-    if (!read && element.count > 0) {
-      cloud.skipped_elements.emplace_back(element.name, element.count);
-    }
-  }
-  return cloud;
+  return PlyPoints(ply, options).read_all();
 }
 
 namespace {
 
-/// Reads all points of a file, and of COPC the points that the options ask for.
-SurfelCloud read_whole(InputFile input, const CloudReadOptions& options) {
+/// Where a scanner stood may be told by all points only.
+bool needs_all_points(const PlyFile& ply) { return ply.header().find("range_grid") != nullptr; }
+
+/// Opens a file and hands its points to one of two functions.
+/// \param in_records  gets a pointer to PointRecords, where points can be read in pieces
+/// \param whole       gets all points as a cloud
+template <class InRecords, class Whole>
+void open_points(InputFile input, const CloudReadOptions& options, const InRecords& in_records,
+                 const Whole& whole) {
   const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
-  if (LasHeader::matches(input.head(4))) return read_las_cloud(input, options);
+  if (LasHeader::matches(input.head(4))) {
+    return in_records(std::make_unique<LasPoints>(std::move(input), options));
+  }
   if (options.level) {
     throw_input(name, "is no COPC file, whose points have levels; leave out `level`");
   }
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
-    return read_cloud(ply, options);
+    if (options.levels || needs_all_points(ply)) return whole(read_cloud(ply, options));
+    return in_records(std::make_unique<OwnPlyPoints>(std::move(ply), options));
   }
-  if (PcdFile::matches(input.head(PcdFile::kMatched))) return read_pcd(std::move(input));
+  if (PcdFile::matches(input.head(PcdFile::kMatched))) {
+    return in_records(std::make_unique<PcdPoints>(std::move(input)));
+  }
   if (lower_extension(name) == ".ply")
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
   if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_las_name(name)) throw_input(name, "is not a LAS file: it does not start with 'LASF'");
-  if (is_xyz_name(name)) return read_xyz(input);
+  if (is_xyz_name(name)) return whole(read_xyz(input));
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   throw_input(name,
@@ -325,17 +369,22 @@ SurfelCloud read_whole(InputFile input, const CloudReadOptions& options) {
                   converter_advice(name));
 }
 
-/// Leaves out what the options do not ask for.
-SurfelCloud part_of(const SurfelCloud& cloud, const CloudReadOptions& options,
-                    const std::string& file) {
+/// The surfels of a cloud that the options ask for.
+/// \param inside  counts the surfels within the bounds, of all pieces so far
+Array<std::uint32_t> asked_for(const SurfelCloud& cloud, const CloudReadOptions& options,
+                               std::uint64_t& inside) {
   Array<std::uint32_t> order;
-  std::uint64_t inside = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (options.bounds && !options.bounds->contains(cloud.world(i))) continue;
     if (inside++ % options.every == 0) order.push_back(static_cast<std::uint32_t>(i));
   }
-  if (order.empty()) throw_input(file, "holds no points within the `bounds`");
-  return cloud.gathered(order);
+  return order;
+}
+
+bool takes_all(const CloudReadOptions& options) { return !options.bounds && options.every == 1; }
+
+[[noreturn]] void throw_nothing_inside(const std::string& file) {
+  throw_input(file, "holds no points within the `bounds`");
 }
 
 }  // namespace
@@ -353,13 +402,93 @@ std::vector<std::string> CloudReadOptions::problems() const {
 SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
   require_usable(options);
   const std::string name = input.name();
-  SurfelCloud cloud = read_whole(std::move(input), options);
-  if (!options.bounds && options.every == 1) return cloud;
-  return part_of(cloud, options, name);
+  SurfelCloud cloud;
+  open_points(
+      std::move(input), options,
+      [&](const std::unique_ptr<PointRecords>& points) { cloud = points->read_all(); },
+      [&](SurfelCloud&& whole) { cloud = std::move(whole); });
+  if (takes_all(options)) return cloud;
+  std::uint64_t inside = 0;
+  const Array<std::uint32_t> order = asked_for(cloud, options, inside);
+  if (order.empty()) throw_nothing_inside(name);
+  return cloud.gathered(order);
 }
 
 SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {
   return read_cloud(InputFile(path), options);
+}
+
+struct CloudReader::Impl {
+  std::string name;
+  CloudReadOptions options;
+  std::unique_ptr<PointRecords> points;
+  std::unique_ptr<PieceReader> pieces;
+  SurfelCloud whole;  ///< Of a file that is not read in pieces.
+
+  std::size_t size() const { return pieces ? pieces->first(pieces->parts()) : whole.size(); }
+  void for_each(FunctionRef<void(SurfelCloud&& piece)> visit) const;
+};
+
+/// Do offsets from the piece's origin tell all steps of a LAS file apart?
+bool keeps_steps(const SurfelCloud& piece) {
+  if (!piece.las) return true;
+  const Bounds box = piece.bounds();
+  return box.empty() ||
+         ((box.max - box.min).array() / piece.las->scale.array()).abs().maxCoeff() < 0x1p24;
+}
+
+void CloudReader::Impl::for_each(FunctionRef<void(SurfelCloud&& piece)> visit) const {
+  constexpr std::size_t kPiece = std::size_t{1} << 18;  // Points, roughly.
+  if (!pieces) {
+    for (std::size_t begin = 0; begin < whole.size(); begin += kPiece) {
+      Array<std::uint32_t> order(std::min(kPiece, whole.size() - begin));
+      std::iota(order.begin(), order.end(), static_cast<std::uint32_t>(begin));
+      visit(whole.gathered(order));
+    }
+    return;
+  }
+  std::size_t most = kPiece;
+  for (std::size_t begin = 0; begin < pieces->parts();) {
+    std::size_t end = begin + 1;
+    while (end < pieces->parts() && pieces->first(end + 1) - pieces->first(begin) <= most) ++end;
+    SurfelCloud piece = pieces->read(begin, end);
+    if (end - begin > 1 && !keeps_steps(piece)) {
+      most = piece.size() / 2;
+      continue;
+    }
+    begin = end;
+    visit(std::move(piece));
+  }
+}
+
+CloudReader::CloudReader(const std::string& path, const CloudReadOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  require_usable(options);
+  InputFile input(path);
+  impl_->name = input.name();
+  impl_->options = options;
+  open_points(
+      std::move(input), options,
+      [&](std::unique_ptr<PointRecords> points) { impl_->points = std::move(points); },
+      [&](SurfelCloud&& whole) { impl_->whole = std::move(whole); });
+  if (impl_->points) impl_->pieces = std::make_unique<PieceReader>(*impl_->points);
+}
+CloudReader::~CloudReader() = default;
+
+void CloudReader::for_each(FunctionRef<void(SurfelCloud piece)> visit) const {
+  std::uint64_t inside = 0;
+  ProgressStage stage("reading " + impl_->name, impl_->size(), "points");
+  impl_->for_each([&](SurfelCloud&& piece) {
+    const std::size_t count = piece.size();
+    if (takes_all(impl_->options)) {
+      visit(std::move(piece));
+    } else {
+      const Array<std::uint32_t> order = asked_for(piece, impl_->options, inside);
+      if (!order.empty()) visit(piece.gathered(order));
+    }
+    stage.add(count);
+  });
+  if (!takes_all(impl_->options) && inside == 0) throw_nothing_inside(impl_->name);
 }
 
 namespace {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/io/cloud_survey.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
@@ -44,6 +45,27 @@ SURFEL_API SurfelCloud read_cloud(const std::string& path, const CloudReadOption
 /// Reads surfels or points from a file that is open.
 SURFEL_API SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options = {});
 SURFEL_API SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options = {});
+
+/// The surfels or points of a file, piece by piece in the order of the file. Binary PLY and PCD
+/// files, LAS and LAZ are read piece by piece; other formats are held in memory.
+class SURFEL_API CloudReader {
+ public:
+  /// Opens a file. Throws as read_cloud() does.
+  explicit CloudReader(const std::string& path, const CloudReadOptions& options = {});
+  ~CloudReader();
+  CloudReader(const CloudReader&) = delete;
+  CloudReader& operator=(const CloudReader&) = delete;
+
+  /// Hands on what the options ask for, some 2^18 surfels at a time, each piece with an origin of
+  /// its own and with all that the file says of the whole cloud. What only all points tell, namely
+  /// how many bits the colours of a LAS file have, is right from the second call on. Throws as
+  /// read_cloud() does.
+  void for_each(FunctionRef<void(SurfelCloud piece)> visit) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 /// Sorts a header's comments into the fields of the cloud: values that apply to the whole cloud,
 /// provenance, and all other comments. `file` is its name, for messages.

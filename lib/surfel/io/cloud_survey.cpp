@@ -42,6 +42,9 @@ void CloudSurvey::add(const SurfelCloud& piece) {
       nowhere = count + static_cast<std::uint64_t>(first - piece.position.begin());
     }
   }
+  if (count == 0) decimals = piece.decimals;
+  decimals = decimals && piece.decimals ? std::optional(std::max(*decimals, *piece.decimals))
+                                        : std::nullopt;
   count += piece.size();
   if (with_ranges_) {
     add_ranges(piece);
@@ -49,6 +52,11 @@ void CloudSurvey::add(const SurfelCloud& piece) {
     const CloudRecords records(piece, {});
     float_positions = records.columns().front().type == ScalarType::kFloat32;
   }
+}
+
+void CloudSurvey::settle(SurfelCloud& piece) const {
+  piece.decimals = decimals;
+  piece.double_positions = piece.double_positions || !float_positions;
 }
 
 void CloudSurvey::add_ranges(const SurfelCloud& piece) {

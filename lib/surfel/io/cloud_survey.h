@@ -26,11 +26,14 @@ class SURFEL_API CloudSurvey {
   /// \param path  the file that will be written: its format decides what is looked at.
   explicit CloudSurvey(const std::string& path);
   void add(const SurfelCloud& piece);
+  /// Gives a piece the types of coordinates that fit all pieces.
+  void settle(SurfelCloud& piece) const;
 
   std::uint64_t count = 0;
   Bounds box;  ///< Of the finite positions, world coordinates.
   /// The first surfel whose position is not finite.
   std::optional<std::uint64_t> nowhere;
+  std::optional<int> decimals;         ///< SurfelCloud::decimals, the most of all pieces.
   bool float_positions = true;         ///< All coordinates are floats, wherever the origins lie.
   std::map<std::string, Range> range;  ///< By the column's name in files; for LAS alone.
 

@@ -11,7 +11,9 @@
 #include <surfel/io/las.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/las_layout.h>
+#include <surfel/io/las_writer.h>
 #include <surfel/io/laz_points.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
@@ -81,41 +83,69 @@ void narrow(SurfelCloud& cloud) {
 
 }  // namespace
 
-SurfelCloud read_las(const InputFile& file, const CloudReadOptions& options) {
-  const LasHeader header(file);
-  const LasLayout layout(header, file.name());
+struct LasPoints::Impl {
+  InputFile input;
+  LasHeader header;
+  LasLayout layout;
   std::unique_ptr<RecordBlocks> points;
-  std::uint64_t count = header.count;
-  if (options.level || (options.bounds && header.copc)) {
-    CopcPart part = copc_part(file, header, options.level, options.bounds);
-    count = part.count;
-    if (count == 0 && options.bounds) {
-      throw_input(file.name(), "holds no points within the `bounds`");
-    }
-    points = std::make_unique<LazPoints>(file, header, std::move(part.chunks), count);
-  } else if (header.compressed) {
-    points = std::make_unique<LazPoints>(file, header, laz_chunks(file, header), count);
-  } else {
-    points = std::make_unique<PlainPoints>(file, header);
-  }
-  const ExpandedPoints records(*points, layout);
+  std::unique_ptr<ExpandedPoints> records;
   RecordTable table;
-  table.blocks = &records;
-  table.count = count;
-  table.stride = layout.stride();
-  table.columns = layout.columns();
-  table.stepped = true;
-  if (header.bounds.min.allFinite() && header.bounds.max.allFinite()) {
-    table.said_bounds = header.bounds;
+
+  explicit Impl(InputFile file)
+      : input(std::move(file)), header(input), layout(header, input.name()) {}
+
+  void open(const CloudReadOptions& options) {
+    table.count = header.count;
+    if (options.level || (options.bounds && header.copc)) {
+      CopcPart part = copc_part(input, header, options.level, options.bounds);
+      table.count = part.count;
+      if (part.count == 0 && options.bounds) {
+        throw_input(input.name(), "holds no points within the `bounds`");
+      }
+      points = std::make_unique<LazPoints>(input, header, std::move(part.chunks), part.count);
+    } else if (header.compressed) {
+      points = std::make_unique<LazPoints>(input, header, laz_chunks(input, header), header.count);
+    } else {
+      points = std::make_unique<PlainPoints>(input, header);
+    }
+    records = std::make_unique<ExpandedPoints>(*points, layout);
+    table.blocks = records.get();
+    table.stride = layout.stride();
+    table.columns = layout.columns();
+    table.stepped = true;
+    if (header.bounds.min.allFinite() && header.bounds.max.allFinite()) {
+      table.said_bounds = header.bounds;
+    }
   }
-  SurfelCloud cloud = cloud_from_records(table, file.name(), true);
+};
+
+LasPoints::LasPoints(InputFile file, const CloudReadOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(file))) {
+  impl_->open(options);
+}
+LasPoints::~LasPoints() = default;
+
+const RecordTable& LasPoints::table() const { return impl_->table; }
+const std::string& LasPoints::file() const { return impl_->input.name(); }
+
+void LasPoints::describe(SurfelCloud& cloud) const {
   cloud.up = Vec3d::UnitZ();
-  cloud.las = header.storage;
-  if (cloud.color_encoding == ColorEncoding::kUint16Srgb && records.brightest() <= 255) {
+  cloud.las = impl_->header.storage;
+  if (cloud.color_encoding == ColorEncoding::kUint16Srgb && impl_->records->brightest() <= 255) {
     narrow(cloud);
-    if (records.brightest() == 0) cloud.color = {};
+    if (impl_->records->brightest() == 0) cloud.color = {};
   }
-  return cloud;
+  // Comments that this program wrote are in a block of their own.
+  std::vector<LasRecord>& blocks = cloud.las->records;
+  const auto comments = std::find_if(blocks.begin(), blocks.end(), [](const LasRecord& block) {
+    return block.user == kCommentUser && block.id == kCommentId;
+  });
+  if (comments == blocks.end()) return;
+  TextScanner in({}, comments->bytes);
+  std::vector<std::string> lines;
+  for (; !in.at_end(); in.next_line()) lines.emplace_back(in.rest_of_line());
+  blocks.erase(comments);
+  read_comments(lines, impl_->input.name(), cloud);
 }
 
 }  // namespace surfel

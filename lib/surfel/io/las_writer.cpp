@@ -83,7 +83,7 @@ class LasWriter::Impl {
     const CloudRecords records(piece, {});
     if (!open_) open(piece, records, comments);
     require_same(records.columns());
-    constexpr std::size_t kAtOnce = 64 * std::size_t{kChunkPoints};
+    constexpr std::size_t kAtOnce = 16 * std::size_t{kChunkPoints};
     ProgressStage stage("writing", piece.size(), "surfels");
     for (std::size_t begin = 0; begin < piece.size(); begin += kAtOnce) {
       const std::size_t end = std::min(begin + kAtOnce, piece.size());
