@@ -127,6 +127,7 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   json["surfels"] = cloud.size();
   json["faces"] = report.faces;
   json["degenerate_faces"] = report.degenerate_faces;
+  json["repeated_faces"] = report.repeated_faces;
   json["flat_uv_faces"] = report.flat_uv_faces;
   json["components"] = report.components;
   json["border_edges"] = report.edges.border;
@@ -158,6 +159,10 @@ void tell(const tool::Tool& tool, const Request& r, const SurfelCloud& cloud,
           const MeshSampleReport& report) {
   if (report.degenerate_faces > 0) {
     tool.note(fmt::format("{}: {} faces without area skipped", r.mesh, report.degenerate_faces));
+  }
+  if (report.repeated_faces > 0) {
+    tool.note(
+        fmt::format("{}: {} faces that repeat another skipped", r.mesh, report.repeated_faces));
   }
   const std::string unsound = unsound_edges(r.mesh, report.edges);
   if (!unsound.empty()) tool.note(unsound);

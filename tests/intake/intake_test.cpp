@@ -63,6 +63,27 @@ TEST_F(IntakeFiles, MeshesAreSampledAndTextured) {
   EXPECT_TRUE(contains(made.done[0], mesh_)) << made.done[0];
 }
 
+TEST_F(IntakeFiles, SamplesOfTrianglesBehindEachOtherAreBounded) {
+  // Halves of unit squares above each other, in a unit cube, whose surface is 6.
+  const auto stack = [&](const std::string& name, int floors) {
+    std::string text;
+    for (int i = 0; i < floors; ++i) {
+      const std::string z = std::to_string(static_cast<double>(i) / (floors - 1));
+      text += "v 0 0 " + z + "\nv 1 0 " + z + "\nv 0 1 " + z + "\nf -3 -2 -1\n";
+    }
+    write_text(folder_ / name, text);
+    return folder_ / name;
+  };
+  const double spacing = 0.05;
+  const Intake::Made made = Intake({stack("few.obj", 100)}).surfels(spacing);
+  // Instead of 50 / spacing^2.
+  EXPECT_NEAR(static_cast<double>(made.cloud.size()) * spacing * spacing, 4 * 6, 5);
+  EXPECT_TRUE(contains(made.done[0], "8.33 times the area of the box")) << made.done[0];
+  const std::string many = stack("many.obj", 3200);
+  const std::string message = message_of([&] { Intake({many}).surfels(spacing); });
+  EXPECT_EQ(message.find(many + ": its triangles have 267 times the area"), 0U) << message;
+}
+
 TEST_F(IntakeFiles, PointsAreEstimated) {
   Intake intake({points_});
   const Intake::Made made = intake.surfels(1);

@@ -49,6 +49,20 @@ TEST(EdgeRings, OfTooManyFacesAreCutIntoBorders) {
   }
 }
 
+TEST(RepeatedFaces, HaveTheSameCornersInTheSameDirection) {
+  const Vec3f a(0, 0, 0), b(1, 0, 0), c(0, 1, 0), d(0, 0, 1);
+  TriangleMesh mesh;
+  add_triangle(mesh, a, b, c);
+  add_triangle(mesh, b, c, a);  // Repeats face 0.
+  add_triangle(mesh, c, b, a);  // Its other side.
+  add_triangle(mesh, a, b, d);
+  add_triangle(mesh, c, a, b);  // Repeats face 0.
+  add_triangle(mesh, b, a, c);  // Repeats face 2.
+  add_triangle(mesh, a, a, d);
+  add_triangle(mesh, a, a, d);
+  EXPECT_TRUE(repeated_faces(welded_faces(mesh)) == (Array<std::uint32_t>{1, 4, 5}));
+}
+
 TEST(EdgeCounts, OfAnOpenBoxWithAFinAndATurnedFace) {
   TriangleMesh mesh = box(Vec3f(1, 1, 2));
   const EdgeCounts closed = count_edges(mesh, edge_rings(mesh));

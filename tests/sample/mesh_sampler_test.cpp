@@ -217,6 +217,33 @@ TEST(SampleMesh, NonManifoldAndDegenerateFaces) {
   }
 }
 
+TEST(SampleMesh, FacesThatRepeatAnotherAreSampledOnce) {
+  TriangleMesh mesh = surface("plane", 7);
+  mesh.face_material.resize(mesh.face.size());
+  mesh.material.resize(2);
+  for (std::size_t f = 0; f < mesh.face.size(); ++f) mesh.face_material[f] = f % 2;
+  TriangleMesh tenfold = mesh;
+  const auto repeat = [](auto& column) {
+    const auto once = column;
+    column.clear();
+    for (const auto& value : once) column.insert(column.end(), 10, value);
+  };
+  repeat(tenfold.face);
+  repeat(tenfold.wedge_uv);
+  repeat(tenfold.wedge_normal);
+  repeat(tenfold.face_material);
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(tenfold, by_spacing(0.1), &report);
+  EXPECT_EQ(report.repeated_faces, 9 * mesh.face.size());
+  EXPECT_EQ(report.faces, tenfold.face.size());
+  const SurfelCloud expected = sample_mesh(mesh, by_spacing(0.1));
+  EXPECT_TRUE(cloud.position == expected.position);
+  EXPECT_TRUE(cloud.area == expected.area);
+  EXPECT_TRUE(cloud.uv == expected.uv);
+  EXPECT_TRUE(cloud.normal == expected.normal);
+  EXPECT_TRUE(cloud.material == expected.material);
+}
+
 TEST(SampleMesh, InterpolatesAttributesOnThePlane) {
   TriangleMesh mesh = surface("plane", 7);
   mesh.origin = Vec3d(1e7, 0, -5);

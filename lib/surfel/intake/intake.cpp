@@ -32,6 +32,12 @@ constexpr std::size_t kFewPoints = 1 << 20;
 /// Edge of the cells in which more points are averaged, in spacings of a mesh's samples: splats
 /// reach over gaps that are as wide as a cell.
 constexpr double kCellSpacings = 0.5;
+/// Most samples of a mesh in units of what the surface of the box around it would have. Scans and
+/// parts have about one; triangles that fill space, one behind the other, have any number.
+constexpr double kMostOfBox = 4;
+/// Largest area of a mesh in units of the surface of the box around it. Samples of more are further
+/// apart than four pixels, where they were to be half a pixel apart.
+constexpr double kLargestOfBox = 64 * kMostOfBox;
 
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
@@ -65,6 +71,11 @@ Bounds inner_bounds(const SurfelCloud& cloud) {
   box.min += cloud.origin;
   box.max += cloud.origin;
   return box;
+}
+
+double surface_of(const Bounds& box) {
+  const Vec3d side = box.max - box.min;
+  return 2 * (side.x() * side.y() + side.y() * side.z() + side.z() * side.x());
 }
 
 /// A number as commands say it.
@@ -237,8 +248,16 @@ bool Intake::File::texture(const IntakeOptions& options, ReliefKinds& kinds) {
 /// Makes surfels of the mesh.
 void Intake::File::sample(double spacing, const IntakeOptions& options, Made& made,
                           ReliefKinds& kinds) {
-  const std::string digits =
-      three_digits(std::max(spacing, std::sqrt(area_of(*mesh) / kMostSamples)));
+  const double area = area_of(*mesh);
+  const double of_box = area / surface_of(bounds());
+  if (of_box > kLargestOfBox) {
+    throw_input(path, fmt::format("its triangles have {:.3g} times the area of the box around "
+                                  "them, more than {}, and hide each other; remove those that "
+                                  "nobody sees, or make surfels of them with surfel-from-mesh",
+                                  of_box, kLargestOfBox));
+  }
+  const std::string digits = three_digits(std::max(
+      {spacing, spacing * std::sqrt(of_box / kMostOfBox), std::sqrt(area / kMostSamples)}));
   MeshSampleOptions samples;
   samples.spacing = number_of(digits);
   cloud = sample_mesh(*mesh, samples, nullptr, path);
@@ -253,9 +272,15 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
                                    shell_file(path), texture_words(options),
                                    shell_file(made.file)));
   }
-  made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}{}: {} surfels ({})", path, digits,
-                                  textured ? " and textured" : "", missing_texture(*mesh, textured),
-                                  cloud.size(), fmt::join(commands, "; ")));
+  const std::string crowded =
+      of_box > kMostOfBox
+          ? fmt::format(" as its triangles have {:.3g} times the area of the box around them",
+                        of_box)
+          : "";
+  made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}{}{}: {} surfels ({})", path,
+                                  digits, crowded, textured ? " and textured" : "",
+                                  missing_texture(*mesh, textured), cloud.size(),
+                                  fmt::join(commands, "; ")));
   made.commands.insert(made.commands.end(), commands.begin(), commands.end());
   mesh.reset();
 }

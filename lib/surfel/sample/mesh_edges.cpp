@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <vector>
 
@@ -38,14 +39,45 @@ Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position) {
   return welded;
 }
 
-Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) {
+Array<std::array<std::uint32_t, 3>> welded_faces(const TriangleMesh& mesh) {
   const Array<std::uint32_t> welded = welded_vertices(mesh.position);
   Array<std::array<std::uint32_t, 3>> face(mesh.face.size());
   parallel_each(face.size(), kEdgeGrain, [&](std::size_t f) {
     for (int k = 0; k < 3; ++k) face[f][k] = welded[mesh.face[f][k]];
   });
-  return edge_rings(face);
+  return face;
 }
+
+Array<std::uint32_t> repeated_faces(const Array<std::array<std::uint32_t, 3>>& welded) {
+  const auto from_lowest = [&](std::uint32_t f) {
+    std::array<std::uint32_t, 3> face = welded[f];
+    std::rotate(face.begin(), std::min_element(face.begin(), face.end()), face.end());
+    return face;
+  };
+  Array<std::uint64_t> keys(welded.size());
+  parallel_each(welded.size(), kEdgeGrain, [&](std::size_t f) {
+    const std::array<std::uint32_t, 3> face = from_lowest(static_cast<std::uint32_t>(f));
+    keys[f] = random_bits(face[0], face[1], face[2]);
+  });
+  const Array<std::uint32_t> order = sort_keys(keys);
+  Array<std::uint32_t> repeats;
+  for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
+    for (end = begin + 1; end < order.size() && keys[end] == keys[begin]; ++end) {
+    }
+    // All faces of a run are alike, unless hashes collide.
+    for (std::size_t i = begin + 1; i < end; ++i) {
+      const std::array<std::uint32_t, 3> face = from_lowest(order[i]);
+      if (face[0] == face[1] || face[1] == face[2]) continue;
+      std::size_t first = begin;
+      while (first < i && from_lowest(order[first]) != face) ++first;
+      if (first < i) repeats.push_back(order[i]);
+    }
+  }
+  std::sort(repeats.begin(), repeats.end());
+  return repeats;
+}
+
+Array<std::uint32_t> edge_rings(const TriangleMesh& mesh) { return edge_rings(welded_faces(mesh)); }
 
 Array<std::uint32_t> edge_rings(const Array<std::array<std::uint32_t, 3>>& face) {
   const std::size_t edges = 3 * face.size();

@@ -17,6 +17,13 @@ inline constexpr std::uint32_t kBorderEdge = std::numeric_limits<std::uint32_t>:
 /// For every vertex the lowest one at the same position.
 SURFEL_API Array<std::uint32_t> welded_vertices(const Array<Vec3f>& position);
 
+/// The faces' vertices as welded_vertices() numbers them.
+SURFEL_API Array<std::array<std::uint32_t, 3>> welded_faces(const TriangleMesh& mesh);
+
+/// Faces, in ascending order, that have the three corners of a lower face in the same direction
+/// around. Faces that name a corner twice are no repeats.
+SURFEL_API Array<std::uint32_t> repeated_faces(const Array<std::array<std::uint32_t, 3>>& welded);
+
 /// Which faces meet at an edge, vertices at the same position counting as one: element 3 f + k is
 /// 3 * face + edge of the next face around edge k of face f (from corner k to corner k + 1), or
 /// kBorderEdge. Two faces at an edge point at each other; more form a ring in ascending order.

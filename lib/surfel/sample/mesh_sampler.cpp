@@ -4,8 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/option_check.h>
@@ -151,10 +153,11 @@ struct Sampling {
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
 std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spacing) const {
   const auto wanted = static_cast<double>(count);
-  constexpr int kTrials = 14;  ///< Halving alone finds the spacing to 1e-4 of itself.
-  // Bounds of the spacing: too fine for the count, and coarse enough.
-  double fine = 0;
-  double coarse = std::numeric_limits<double>::infinity();
+  constexpr int kTrials = 14;       ///< Halving alone finds the spacing to 1e-4 of itself.
+  constexpr int kInterpolated = 6;  ///< Trials between which the number is taken for a power.
+  // Bounds of the spacing: too fine for the count, and coarse enough; and what each made.
+  double fine = 0, made_fine = 0;
+  double coarse = std::numeric_limits<double>::infinity(), made_coarse = 0;
   std::unique_ptr<PoissonDisk> disk;
   spacing = 1.01 * std::sqrt(area / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
@@ -163,8 +166,15 @@ std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spa
     const auto made = static_cast<double>(disk->size());
     if (made <= wanted && made >= 0.97 * wanted - 1) break;
     (made > wanted ? fine : coarse) = spacing;
+    (made > wanted ? made_fine : made_coarse) = made;
     double next = spacing * std::sqrt(made / (0.99 * wanted));
-    if (next <= fine || next >= coarse) {
+    if (fine > 0 && !std::isinf(coarse) && trial < kInterpolated) {
+      // Crowded triangles have a number that follows no square of the spacing.
+      const double share =
+          portable::log(made_fine / (0.985 * wanted)) / portable::log(made_fine / made_coarse);
+      next = fine * portable::exp(share * portable::log(coarse / fine));
+    }
+    if (!(next > fine && next < coarse)) {
       next = std::isinf(coarse) ? 2 * fine : (fine + coarse) / 2;
     }
     spacing = next;
@@ -175,6 +185,29 @@ std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spa
   }
   disk->fill(count);
   return disk;
+}
+
+/// The mesh without some of its faces, in ascending order.
+TriangleMesh without_faces(const TriangleMesh& mesh, const Array<std::uint32_t>& left_out) {
+  TriangleMesh rest = mesh;
+  const auto keep_others = [&](auto& column) {
+    if (column.empty()) return;
+    std::size_t kept = 0;
+    auto next = left_out.begin();
+    for (std::size_t f = 0; f < column.size(); ++f) {
+      if (next != left_out.end() && *next == f) {
+        ++next;
+      } else {
+        column[kept++] = column[f];
+      }
+    }
+    column.resize(kept);
+  };
+  keep_others(rest.face);
+  keep_others(rest.wedge_uv);
+  keep_others(rest.wedge_normal);
+  keep_others(rest.face_material);
+  return rest;
 }
 
 /// Area of each component, by its lowest face. It is the largest variance that a component's
@@ -316,7 +349,7 @@ void require_sampleable(const TriangleMesh& mesh, const std::string& name) {
   }
 }
 
-SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
+SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& options,
                         MeshSampleReport* report, const std::string& name) {
   require_usable(options);
   MeshSampleReport unused;
@@ -324,14 +357,23 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
   out = {};
   StageTimer stage(out.times);
 
-  mesh.check_columns(name);
-  require_sampleable(mesh, name);
+  whole.check_columns(name);
+  require_sampleable(whole, name);
+  Array<std::array<std::uint32_t, 3>> welded = welded_faces(whole);
+  const Array<std::uint32_t> repeated = repeated_faces(welded);
+  std::optional<TriangleMesh> once;
+  if (!repeated.empty()) {
+    once = without_faces(whole, repeated);
+    welded = welded_faces(*once);
+  }
+  const TriangleMesh& mesh = once ? *once : whole;
   const FaceMeasures faces = measure(mesh);
   if (!(faces.total_area > 0)) {
     throw_input(name, fmt::format("the mesh has no area ({} faces); there is nothing to sample",
-                                  mesh.face.size() + mesh.degenerate_faces));
+                                  whole.face.size() + mesh.degenerate_faces));
   }
-  Array<std::uint32_t> rings = edge_rings(mesh);
+  Array<std::uint32_t> rings = edge_rings(welded);
+  welded = {};
   const Array<std::uint32_t> component = face_components(rings);
   out.edges = count_edges(mesh, rings);
   cut_crowded_edges(rings, kMostFacesAtEdge);
@@ -382,7 +424,8 @@ SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& optio
 
   if (options.field)
     out.spacing = std::sqrt(faces.total_area / static_cast<double>(samples.size()));
-  out.faces = mesh.face.size();
+  out.faces = whole.face.size();
+  out.repeated_faces = repeated.size();
   out.degenerate_faces = mesh.degenerate_faces + faces.degenerate;
   out.flat_uv_faces = count_flat_uv(mesh);
   for (std::size_t f = 0; f < component.size(); ++f) out.components += component[f] == f;

@@ -42,10 +42,12 @@ struct SURFEL_API MeshSampleOptions {
 struct MeshSampleReport {
   std::size_t faces = 0;
   std::size_t degenerate_faces = 0;  ///< Faces without area: dropped on reading, or skipped.
+  std::size_t repeated_faces = 0;    ///< Faces left out, as a lower face has the same corners in
+                                     ///< the same direction around.
   std::size_t flat_uv_faces = 0;     ///< Faces whose uv span no area: dpdu = dpdv = 0 there.
   std::size_t components = 0;        ///< Parts that no edge connects.
   EdgeCounts edges;
-  double area = 0;            ///< Area of the mesh.
+  double area = 0;            ///< Area of the mesh, every face once.
   double spacing = 0;         ///< Spacing asked for, or found for the count.
   double least_distance = 0;  ///< Least distance between samples of one sheet; infinity if no
                               ///< two samples are near each other.
@@ -61,7 +63,8 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 
 /// Blue-noise samples over the whole surface: samples of one sheet (poisson_disk.h) are at least
 /// 0.62 spacings apart, 0.82 where the surface does not bend sharply, and no point of the surface
-/// is further than 0.98 spacings from a sample. Every component has at least one sample.
+/// is further than 0.98 spacings from a sample. Every component has at least one sample. Of faces
+/// with the same corners in the same direction the lowest is sampled: the others show nothing else.
 ///
 /// With a count, a spacing is searched for at which slightly fewer samples come out; random samples
 /// that keep 0.62 spacings from all others fill the number up exactly. Where this cannot be (more
