@@ -67,7 +67,7 @@ struct Subject {
 
 /// Reads what is to be drawn, and reports what it is.
 void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scene,
-          const std::vector<surfel::CameraOptions>& asked, Subject& subject) {
+          const std::vector<AskedView>& asked, Subject& subject) {
   const surfel::Timer timer;
   if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked, subject.legend);
   if (!s.mesh.empty()) subject.mesh.emplace(tool, s, scene);
@@ -86,15 +86,18 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
 /// The cameras to render from: what the user left open is guessed from what is drawn. The sky of
 /// the scene is up in the (first) picture unless the scene says otherwise.
 std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings& s,
-                                       const Subject& subject,
-                                       std::vector<surfel::CameraOptions> asked,
+                                       const Subject& subject, std::vector<AskedView> asked,
                                        surfel::Scene& scene) {
   if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
     aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
   } else if (needs_guess(s, asked)) {
     aim(tool, s, surfel::sample_surface(subject.mesh->mesh()), {}, asked);
   }
-  if (scene.sky && !scene.sky->up) scene.sky->up = asked.front().up_or_y();
+  if (scene.sky && !scene.sky->up) {
+    const AskedView& first = asked.front();
+    scene.sky->up =
+        first.known ? first.options.up.value_or(first.likely_up) : first.options.up_or_y();
+  }
   const surfel::SceneExtent extent = subject.extent();
   tool.report()["stray_points"] = extent.stray;
   return cameras(tool, s, asked, extent);
@@ -102,40 +105,40 @@ std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings&
 
 /// Makes the pictures of all views, each in several steps where that is asked for, and writes them.
 void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
-          const std::vector<Paint>& steps, const std::vector<surfel::Camera>& views) {
-  const std::size_t pictures = views.size() * steps.size();
+          const std::vector<Paint>& steps, const std::vector<surfel::Camera>& views,
+          const std::vector<Shot>& shots) {
+  const std::size_t pictures = shots.size() * steps.size();
   const surfel::Legend* legend = subject.legend && wants_legend(s) ? &*subject.legend : nullptr;
   if (s.legend == LegendChoice::kOn) require_room(views);
   // The writer adds to the report, so what is said of frames is kept apart until it is done.
   std::vector<nlohmann::json> frames(pictures);
   std::uint64_t pixels = 0;
-  for (const surfel::Camera& view : views) {
+  for (const Shot& shot : shots) {
+    const surfel::Camera& view = views[shot.number];
     pixels += static_cast<std::uint64_t>(view.width) * static_cast<std::uint64_t>(view.height);
   }
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
   for (std::size_t i = 0; i < pictures; ++i) {
-    const std::size_t view = i / steps.size();
+    const Shot& shot = shots[i / steps.size()];
+    const surfel::Camera& view = views[shot.number];
     const std::size_t step = i % steps.size();
     surfel::FrameStatistics frame;
     const auto progress = [&](double share) {
       stage.set_share((static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
-    surfel::Image image = steps[step](views[view], frame, progress);
+    surfel::Image image = steps[step](view, frame, progress);
     if (legend) surfel::draw_legend(*legend, image);
-    warn(tool, s, view, frame);
-    if (s.explain && view == 0 && step + 1 == steps.size()) {
-      explain(tool, s, *subject.loaded, views[view], frame);
-    }
+    warn(tool, s, shot.number, frame);
+    if (s.explain && i + 1 == steps.size()) explain(tool, s, *subject.loaded, view, frame);
     frames[i] = to_json(frame);
     // Only the first step must find no file: the others find its.
-    const std::string file = is_pattern(s.output) ? picture_name(s.output, view) : s.output;
-    if (step == 0) files.push_back(file);
-    queue.write(std::move(image), file,
+    if (step == 0) files.push_back(shot.file);
+    queue.write(std::move(image), shot.file,
                 {.no_clobber = tool.common().no_clobber && step == 0,
                  .metadata = {{"Software", "surfel-render"}},
-                 .world_to_camera = surfel::world_to_camera_matrix(views[view])});
+                 .world_to_camera = surfel::world_to_camera_matrix(view)});
     progress(1);
   }
   queue.finish();
@@ -143,7 +146,8 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = std::move(frames);
-  const std::string size = fmt::format("{}x{} pixels", views[0].width, views[0].height);
+  const surfel::Camera& first = views[shots.front().number];
+  const std::string size = fmt::format("{}x{} pixels", first.width, first.height);
   tool.wrote(s.output,
              files.size() == 1 ? size : fmt::format("{} pictures of {}", files.size(), size),
              files);
@@ -164,7 +168,7 @@ int main(int argc, char** argv) {
                  "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.reads_images();
   tool.files().reads(
-      {"files", "--camera", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
+      {"files", "--camera", "--views", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);
   tool.files().writes("--keep", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"y_down", "--normal-y"}});
@@ -172,7 +176,12 @@ int main(int argc, char** argv) {
   return tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
     surfel::Scene scene = load_scene(tool, s);
-    const std::vector<surfel::CameraOptions> asked = asked_views(s);
+    const std::vector<AskedView> asked = asked_views(s);
+    const std::vector<Shot> shots = asked_shots(tool, s, asked);
+    if (shots.empty()) return;
+    for (const Shot& shot : shots) {
+      if (shot.file != s.output) tool.files().write_also("--output", shot.file);
+    }
     Subject subject;
     load(tool, s, scene, asked, subject);
     if (!subject.mesh) {
@@ -180,11 +189,8 @@ int main(int argc, char** argv) {
       choose_light(tool, s, *subject.loaded, named || subject.legend);
     }
     const std::vector<surfel::Camera> views = find_views(tool, s, subject, asked, scene);
-    for (std::size_t i = 0; is_pattern(s.output) && i < views.size(); ++i) {
-      tool.files().write_also("--output", picture_name(s.output, i));
-    }
     const std::vector<Paint> steps =
         subject.mesh ? std::vector{subject.mesh->paint()} : surfel_steps(s, *subject.loaded, scene);
-    draw(tool, s, subject, steps, views);
+    draw(tool, s, subject, steps, views, shots);
   });
 }

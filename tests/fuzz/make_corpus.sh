@@ -8,7 +8,7 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera colmap_text colmap_binary views \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
@@ -70,6 +70,23 @@ printf 'ambient = [0.2, 0.2, 0.2]\nrefraction = "multi"\n[sky]\nup = [0, 1, 0]\n
 printf '[environment]\nimage = "sky.exr"\nintensity = 2.0\nrotation = 90\nvisible = false\n[sky]\ncolor = [1, 1, 1]\nground = [0.1, 0.1, 0.1]\n[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\n[[light]]\ntype = "headlight"\n[[material]]\nambient = 0.1\ndiffuse = 0.5\nspecular = 0.3\nshininess = 20\nopacity = 0.5\nreflectivity = 0.1\nior = 1.3\ndispersion = 0.01\nroughness = 0.2\nabsorption = 0.1\n' > scene/all.toml
 printf '[[camera]]\neye = [0, 0, 3]\ntarget = [0, 0, 0]\nfov = 30\nwidth = 64\nheight = 48\n[[camera]]\northo = 2.0\n' > camera/cameras.toml
 printf 'from = [0, 0, 3]\nup = [0, 1, 0]\nsize = [640, 480]\nnear = 0.1\nzoom = 2\nframe-all = true\n' > camera/one.toml
+printf '# cameras\n1 SIMPLE_PINHOLE 8 6 9 4 3\n2 OPENCV 8 6 9 9 4 3 0 0 0 0\n' > colmap_text/cameras.txt
+printf '# images\n3 1 0 0 0 0.5 0 2 1 b c.jpg\n1 2 -1 3 4 5\n2 0 1 0 0 0 0 0 1 a.jpg\n\n' > colmap_text/images.txt
+{
+  printf '\1\0\0\0\0\0\0\0\2\0\0\0\0\0\0\0\10\0\0\0\0\0\0\0\6\0\0\0\0\0\0\0'
+  printf '\0\0\0\0\0\0\x20\x40\0\0\0\0\0\0\x10\x40\0\0\0\0\0\0\x10\x40'
+} > colmap_binary/cameras.bin
+{
+  printf '\1\0\0\0\0\0\0\0\1\0\0\0\0\0\0\0\0\0\xf0\x3f'
+  head -c 48 /dev/zero
+  printf '\1\0\0\0a.jpg\0\1\0\0\0\0\0\0\0'
+  head -c 24 /dev/zero
+} > colmap_binary/images.bin
+unit='[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]'
+printf '{"fl_x": 9, "w": 8, "h": 6, "frames": [{"file_path": "a.jpg", "transform_matrix": %s}]}' "$unit" > views/transforms.json
+printf '{"camera_angle_x": 0.7, "applied_transform": %s, "applied_scale": 2, "frames": [{"cx": 3, "cy": 2, "camera_angle_y": 1, "k1": 0, "camera_model": "OPENCV", "transform_matrix": %s}]}' "$unit" "$unit" > views/angles.json
+printf '[{"name": "a", "width": 8, "height": 6, "intrinsics": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "world_to_camera": %s}, {"width": 8, "height": 6, "fx": 9, "axes": "opengl", "near": 0.1, "camera_to_world": %s}]' "$unit" "$unit" > views/poses.json
+printf '{"views": [{"id": 0, "img_name": "a", "width": 8, "height": 6, "fx": 9, "fy": 9, "position": [0, 0, 1], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}]}' > views/gaussians.json
 printf 'newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 1 none.png\nbump -bm 0.1 none.png\nnewmtl b\nd 0.5\nnorm n.png\nmap_bump -imfchan r -clamp on -mm 0 1 "a b.png"\n' > material/two.mtl
 printf '1,2,3' > options/numbers
 printf '640x480' > options/size

@@ -1,15 +1,21 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include <surfel/base/error.h>
 #include <surfel/io/camera_file.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/colmap.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mtl.h>
 #include <surfel/io/scene_file.h>
+#include <surfel/io/view_file.h>
+#include <surfel/scene/view.h>
 
 #include "fuzz/checks.h"
 #include "fuzz/fuzzers.h"
@@ -99,6 +105,48 @@ void camera(Bytes bytes) {
   });
 }
 
+std::span<const std::byte> bytes_of(std::string_view text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+void require_usable(const std::vector<View>& views) {
+  for (const View& view : views) {
+    require(view.camera.problems().empty(), "a view that was read has problems");
+  }
+}
+
+/// The bytes are the cameras of a valid file of images, then the images of valid cameras.
+void colmap(Bytes bytes, const char* extension, std::string_view cameras, std::string_view images) {
+  const auto file = [&](Bytes contents) { return file_of(contents, extension); };
+  read_or_refuse([&] { require_usable(read_colmap(file(bytes), file(bytes_of(images)))); });
+  read_or_refuse([&] { require_usable(read_colmap(file(bytes_of(cameras)), file(bytes))); });
+}
+
+void colmap_text(Bytes bytes) {
+  colmap(bytes, ".txt", "1 PINHOLE 8 6 9 9 4 3\n", "1 1 0 0 0 0 0 0 1 a.jpg\n\n");
+}
+
+void colmap_binary(Bytes bytes) {
+  using namespace std::string_view_literals;
+  colmap(bytes, ".bin",
+         // One camera, number 1, of model 1, 8 x 6 pixels: 8, 8, 4, 4.
+         "\1\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0\x8\0\0\0\0\0\0\0\6\0\0\0\0\0\0\0"
+         "\0\0\0\0\0\0\x20\x40\0\0\0\0\0\0\x20\x40"
+         "\0\0\0\0\0\0\x10\x40\0\0\0\0\0\0\x10\x40"sv,
+         // One image, number 1, not turned, of camera 1, without points.
+         "\1\0\0\0\0\0\0\0\1\0\0\0\0\0\0\0\0\0\xf0\x3f"
+         "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"
+         "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"
+         "\1\0\0\0\x61\0\0\0\0\0\0\0\0\0"sv);
+}
+
+void views(Bytes bytes) {
+  read_or_refuse([&] {
+    const ViewFileOptions options{.width = 8, .height = 6};
+    require_usable(read_views(file_of(bytes, ".json"), options));
+  });
+}
+
 constexpr Fuzzer kReaders[] = {
     {"cloud_ply", [](Bytes bytes) { cloud(bytes, ".ply"); }},
     {"cloud_levels", [](Bytes bytes) { cloud(bytes, ".ply", true); }},
@@ -116,6 +164,9 @@ constexpr Fuzzer kReaders[] = {
     {"material", material},
     {"scene", scene},
     {"camera", camera},
+    {"colmap_text", colmap_text},
+    {"colmap_binary", colmap_binary},
+    {"views", views},
 };
 
 }  // namespace

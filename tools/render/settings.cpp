@@ -25,8 +25,18 @@ void declare_camera(CLI::App& app, Settings& s) {
   app.add_option(
       "--camera", s.camera_file,
       "Camera file (TOML); its keys win over the options above; [[camera]] = one view each");
+  app.add_option("--views", s.views_file,
+                 "Views to make pictures of: a folder that COLMAP wrote, a transforms.json (NeRF, "
+                 "nerfstudio, instant-ngp), JSON of intrinsics and poses, or a camera file; --size "
+                 "scales their pictures, --up says where a sky is");
+  app.add_flag("--original-world", s.original_world,
+               "Of --views: undo the applied_transform of a transforms.json");
   app.add_option("--turntable", s.turntable,
                  "That many pictures around the target, 1..100000; 0 = one picture");
+  add_text(app, "--frames", "A-B", "",
+           "Of several pictures those from number A to number B, the first of which is 0",
+           [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
+  app.add_flag("--skip-existing", s.skip_existing, "Leave pictures alone that are there already");
 }
 
 void declare_kernel(CLI::App& app, Settings& s) {
@@ -242,6 +252,27 @@ void finish(Settings& s) {
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
 
+/// Known views leave nothing of a camera open but its near plane.
+void check_views(const CLI::App& app, Settings& s) {
+  if (s.views_file.empty()) {
+    tool::require_valid(tool::without_effect(app, {"--original-world"}, "without --views"));
+    return;
+  }
+  if (!s.camera_file.empty()) throw_usage("--camera and --views exclude each other");
+  s.resize = app.get_option("--size")->count() > 0;
+  if (tool::lower_extension(s.views_file) == ".toml") {
+    s.camera_file = std::exchange(s.views_file, {});
+    tool::require_valid(
+        tool::without_effect(app, {"--original-world"}, "on the cameras of a TOML file"));
+    return;
+  }
+  tool::require_valid(tool::without_effect(app,
+                                           {"--eye", "--from", "--view", "--target", "--fov",
+                                            "--ortho", "--zoom", "--frame-all", "--turntable"},
+                                           "on the views of --views"));
+  if (s.view.guess_up) throw_usage("--up auto has no effect on the views of --views; leave it out");
+}
+
 /// Refuses options that the chosen renderer or method does not heed.
 void require_effect(const CLI::App& app, const Settings& s) {
   const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
@@ -333,7 +364,8 @@ void declare_options(CLI::App& app, Settings& s) {
       "and textured, and raw points, which are estimated; several files are joined. With "
       "--mesh surfels only frame the picture, and may be left out");
   app.add_option("-o,--output", s.output,
-                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d)")
+                 "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d, their "
+                 "number, or {name}, their name)")
       ->required();
   add_part(app, s.part);
   declare_camera(app, s);
@@ -379,6 +411,7 @@ bool wants_levels(const Settings& s) {
 
 void settle(const CLI::App& app, Settings& s) {
   finish(s);
+  check_views(app, s);
   require_effect(app, s);
   check_levels(app, s);
   check(s);

@@ -36,6 +36,11 @@ struct Settings {
   std::string keep;
   bool print_commands = false;
   std::string camera_file;
+  std::string views_file;  ///< Folder or JSON of known views; one of TOML is the camera file.
+  bool original_world = false;
+  bool resize = false;  ///< The size was given, so that known views are scaled to it.
+  std::optional<std::array<std::size_t, 2>> frames;  ///< First and last picture; unset: all.
+  bool skip_existing = false;
   std::string scene_file;
   Refractions refraction = Refractions::kScene;
   CameraOptions camera;

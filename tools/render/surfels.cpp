@@ -9,7 +9,6 @@
 #include <surfel/intake/intake.h>
 
 #include "tools/render/coloring.h"
-#include "tools/render/views.h"
 #include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
@@ -32,7 +31,7 @@ IntakeOptions intake_options(const Settings& s) {
 }
 
 /// Makes surfels of files of any kind.
-Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<CameraOptions>& views) {
+Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<AskedView>& views) {
   Intake intake(s.inputs, s.part.options());
   if (s.mesh.empty() && !intake.has_meshes()) {
     tool::require_valid(
@@ -51,7 +50,7 @@ Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<Came
 
 /// The surfels of the files, made where they are no surfels yet.
 std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
-                                        const std::vector<CameraOptions>& views,
+                                        const std::vector<AskedView>& views,
                                         CloudLoadOptions& options, Coloring& coloring) {
   const std::string& first = s.inputs.front();
   std::vector<std::string> commands;
@@ -91,7 +90,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
 }  // namespace
 
 std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
-                                          const std::vector<CameraOptions>& views,
+                                          const std::vector<AskedView>& views,
                                           std::optional<Legend>& legend) {
   const std::string name = tool::shown_name(s.inputs.front());
   CloudLoadOptions options{
@@ -103,7 +102,7 @@ std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
   options.columns.levels = wants_levels(s);
   Coloring coloring;
   coloring.file = name;
-  coloring.up = views.front().up;
+  coloring.up = views.front().options.up;
   auto loaded = load_files(tool, s, views, options, coloring);
   legend = std::move(coloring.legend);
   if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,28 +16,40 @@
 
 namespace surfel::render_tool {
 
-/// The cameras as they are asked for.
-std::vector<CameraOptions> asked_views(const Settings& s);
+/// A view as it is asked for.
+struct AskedView {
+  CameraOptions options;
+  std::optional<Camera> known;  ///< Stands for the options, but for their `up` and `name`.
+  Vec3d likely_up{0, 1, 0};     ///< Up in the scene, where neither the options nor the file say it.
+};
+
+/// The views as they are asked for.
+std::vector<AskedView> asked_views(const Settings& s);
 
 /// Is a guess needed for one of them?
-bool needs_guess(const Settings& s, const std::vector<CameraOptions>& views);
+bool needs_guess(const Settings& s, const std::vector<AskedView>& views);
+
+/// A picture to be made.
+struct Shot {
+  std::size_t number;  ///< Among all that the settings ask for, from 0 on.
+  std::string file;
+};
+
+/// The pictures to be made, but for those that --frames leaves out and those that are there
+/// already, if they are to be skipped. Throws Error(kUsage) where there are several and one file.
+std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s,
+                              const std::vector<AskedView>& views);
 
 /// Completes the views by guesses, and says the first.
 void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewHints hints,
-         std::vector<CameraOptions>& views);
+         std::vector<AskedView>& views);
 
-/// The cameras to render from. Throws Error(kUsage) where there are several and one picture.
+/// The cameras of all pictures.
 std::vector<Camera> cameras(const tool::Tool& tool, const Settings& s,
-                            const std::vector<CameraOptions>& views, const SceneExtent& scene);
+                            const std::vector<AskedView>& views, const SceneExtent& scene);
 
 /// Half a pixel of the pictures that are asked for, scene units in the middle of what is seen: the
 /// least of them.
-double half_a_pixel(const std::vector<CameraOptions>& views, const Bounds& box);
-
-/// Is the name of a picture a pattern, with a %d or %04d to be replaced by its number?
-bool is_pattern(const std::string& name);
-
-/// Name of the i-th picture by a pattern.
-std::string picture_name(const std::string& pattern, std::size_t i);
+double half_a_pixel(const std::vector<AskedView>& views, const Bounds& box);
 
 }  // namespace surfel::render_tool

@@ -149,7 +149,11 @@ void RunFiles::add_output(const File& file) {
     if (same_file(input.path, file.path)) refuse(input, file, file.name + " another name");
   }
   for (const File& output : outputs_) {
-    if (same_target(output.path, file.path)) refuse(output, file, "each a name of its own");
+    // One option's files have names that differ; comparing thousands of them with each other would
+    // take minutes.
+    if (output.name != file.name && same_target(output.path, file.path)) {
+      refuse(output, file, "each a name of its own");
+    }
   }
   outputs_.push_back(file);
 }

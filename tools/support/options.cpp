@@ -154,6 +154,17 @@ std::uint64_t parse_bytes(const std::string& option, const std::string& text) {
   return static_cast<std::uint64_t>(bytes);
 }
 
+std::array<std::size_t, 2> parse_range(const std::string& option, const std::string& text) {
+  const std::size_t dash = text.find('-');
+  if (dash != std::string::npos) {
+    const char* end = text.data() + text.size();
+    const auto first = parse_number<std::size_t>(text.data(), text.data() + dash);
+    const auto last = parse_number<std::size_t>(text.data() + dash + 1, end);
+    if (first && last && *first <= *last) return {*first, *last};
+  }
+  throw_conversion(option, text, "two whole numbers such as 0-99, the smaller one first");
+}
+
 CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,
                       const std::string& value, const std::string& description,
                       const std::function<void(const std::string&)>& assign) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -31,6 +32,9 @@ std::pair<int, int> parse_size(const std::string& option, const std::string& tex
 
 /// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
 std::uint64_t parse_bytes(const std::string& option, const std::string& text);
+
+/// "A-B", whole numbers with A <= B. Throws CLI::ConversionError.
+std::array<std::size_t, 2> parse_range(const std::string& option, const std::string& text);
 
 /// Names of options by the fields that they set, where an option's name is not its field's.
 using FieldNames = std::map<std::string, std::string>;

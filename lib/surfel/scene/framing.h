@@ -28,6 +28,7 @@ struct CameraOptions {
   int height = 512;
   double near = 0;         ///< Scene units, >= 0.
   double zoom = 1;         ///< Enlarges the picture about its centre, once framed; > 0.
+  std::string name;        ///< Of the picture, for its file; has no effect on what is seen.
   bool frame_all = false;  ///< Move the eye along its line of sight (orthographic: set the
                            ///< height) until the whole scene is just seen, with stray points.
 
