@@ -382,7 +382,9 @@ class Sizer {
     const double mean = (xx + yy) / 2;
     const double half = (xx - yy) / 2;
     const double r = std::sqrt(half * half + xy * xy);
-    const double across = std::max((mean - r) / (mean + r), 1 / (kMostElongated * kMostElongated));
+    // A cell that has shrunk to a point is round.
+    const double across =
+        mean > 0 ? std::max((mean - r) / (mean + r), 1 / (kMostElongated * kMostElongated)) : 1;
     if (r > 0) shape.axis = (half > 0 ? Vec2d(half + r, xy) : Vec2d(xy, r - half)).normalized();
     const double stretch = 1 / across;
     double along2 = 0;
