@@ -98,16 +98,19 @@ LasLayout::LasLayout(const LasHeader& header, const std::string& file)
               [&](const std::string& message) { throw_input(file, message); });
 }
 
-/// Adds a column; a name that is taken gets a number.
+/// Adds a column; a name that is taken, case aside, gets a number.
 void LasLayout::add(std::string name, ScalarType type, std::size_t offset) {
-  const auto taken = [&](const std::string& text) {
-    return std::any_of(columns_.begin(), columns_.end(),
-                       [&](const RecordColumn& column) { return same_name(column.name, text); });
+  const auto lower = [](std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) {
+      return c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : static_cast<char>(c);
+    });
+    return text;
   };
-  if (taken(name)) {
-    int number = 2;
-    while (taken(fmt::format("{}_{}", name, number))) ++number;
+  int& number = names_[lower(name)];
+  if (++number > 1) {
+    while (names_.contains(lower(fmt::format("{}_{}", name, number)))) ++number;
     name += fmt::format("_{}", number);
+    names_[lower(name)] = 1;
   }
   columns_.push_back({std::move(name), type, offset});
 }

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -70,6 +71,8 @@ class LasLayout {
   std::size_t stride_;
   std::vector<RecordColumn> columns_;
   std::vector<Made> made_;
+  /// The names of columns in lower case, each with the last number that was tried behind it.
+  std::map<std::string, int> names_;
 };
 
 }  // namespace surfel
