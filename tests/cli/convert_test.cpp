@@ -69,6 +69,17 @@ TEST_F(SurfelConvert, TextHoldsEveryColumnAndObjSaysWhatIsLost) {
     EXPECT_EQ(again.normal, cloud.normal) << output;
   }
   EXPECT_TRUE(read_text(folder_ / "a.csv").starts_with("x,y,z,nx,ny,nz,"));
+  EXPECT_TRUE(read_text(folder_ / "a.xyz").starts_with("# x y z nx ny nz "));
+  for (const char* const columns : {"normal", "color", "normal,color"}) {
+    // Programs that know these columns often read no other lines.
+    const SurfelCloud bare = converted({sphere_, "--keep-columns", columns}, "bare.xyz");
+    EXPECT_NE(read_text(folder_ / "bare.xyz").front(), '#') << columns;
+    EXPECT_EQ(bare.position, cloud.position) << columns;
+    const bool no_color = columns == std::string("normal");
+    const bool no_normal = columns == std::string("color");
+    EXPECT_EQ(bare.color, no_color ? Array<Vec3f>() : cloud.color) << columns;
+    EXPECT_EQ(bare.normal, no_normal ? Array<Vec3f>() : cloud.normal) << columns;
+  }
   const RunResult obj = convert({sphere_}, "a.obj");
   EXPECT_EQ(obj.exit_code, 0) << obj.errors;
   EXPECT_TRUE(contains(obj.errors, "has no place for them: variance")) << obj.errors;

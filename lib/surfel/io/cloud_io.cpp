@@ -536,7 +536,10 @@ struct CloudWriter::Impl {
     return format == CloudFormat::kText && lower_extension(path) == ".csv" ? ',' : ' ';
   }
   std::string header(const SurfelCloud& first) const {
-    if (format == CloudFormat::kText) return column_line(columns, separator());
+    if (format == CloudFormat::kText) {
+      const bool bare = lower_extension(path) == ".xyz" && are_known_columns(columns);
+      return bare ? std::string() : column_line(columns, separator());
+    }
     if (format == CloudFormat::kObj) return {};
     const bool pcd = format == CloudFormat::kPcd;
     std::vector<std::string> comments = write_comments(first, pcd);

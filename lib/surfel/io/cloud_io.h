@@ -78,14 +78,14 @@ struct CloudWriteOptions {
 };
 
 /// Writes binary little-endian PLY or, by the name's extension, binary PCD (.pcd), LAS (.las), LAZ
-/// (.laz), text (.xyz, .txt, .asc: blanks between the columns, which a comment names; .csv: commas,
-/// and a first line of names) or the vertices of OBJ (.obj); "-" is standard output, as PLY. The
-/// file appears whole or not at all (OutputFile). Text has the columns of PLY, OBJ has positions,
-/// normals and colours alone (columns_left_out()).
-/// `radius` is written beside every variance, for other viewers. Levels of detail are written to
-/// PLY only, with their tree in an element of its own (tree_records.h). LAS gets the steps of
-/// SurfelCloud::las, and columns that it has no field for as extra bytes. Throws Error(kIo), and
-/// Error(kUsage) for levels of detail in other formats.
+/// (.laz), text (.xyz, .txt, .asc: blanks between the columns, which a comment names, in .xyz only
+/// where other programs would not know them; .csv: commas, and a first line of names) or the
+/// vertices of OBJ (.obj); "-" is standard output, as PLY. The file appears whole or not at all
+/// (OutputFile). Text has the columns of PLY, OBJ has positions, normals and colours alone
+/// (columns_left_out()). `radius` is written beside every variance, for other viewers. Levels of
+/// detail are written to PLY only, with their tree in an element of its own (tree_records.h). LAS
+/// gets the steps of SurfelCloud::las, and columns that it has no field for as extra bytes. Throws
+/// Error(kIo), and Error(kUsage) for levels of detail in other formats.
 SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
                             const CloudWriteOptions& options = {});
 

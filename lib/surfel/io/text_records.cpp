@@ -39,6 +39,18 @@ void append_record(const std::byte* record, const std::vector<RecordColumn>& col
   }
 }
 
+bool are_known_columns(const std::vector<RecordColumn>& columns) {
+  std::string names;
+  for (const RecordColumn& column : columns) {
+    const bool is_normal = column.name.starts_with('n');
+    const bool is_place = column.name == "x" || column.name == "y" || column.name == "z";
+    if (column.type >= ScalarType::kFloat32 && !is_normal && !is_place) return false;
+    names += column.name + ' ';
+  }
+  return names == "x y z " || names == "x y z nx ny nz " || names == "x y z red green blue " ||
+         names == "x y z nx ny nz red green blue ";
+}
+
 std::string column_line(const std::vector<RecordColumn>& columns, char separator) {
   std::string line = separator == ',' ? "" : "# ";
   for (const RecordColumn& column : columns) {
