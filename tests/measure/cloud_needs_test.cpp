@@ -73,6 +73,8 @@ TEST(CloudNeeds, HolesNameTheCutoffThatClosesThem) {
   EXPECT_TRUE(contains(found.measure, "at cutoff 1, 0 % at 1.5")) << found.measure;
   EXPECT_TRUE(contains(found.command, "surfel-render a.ply --cutoff 1.5")) << found.command;
   EXPECT_TRUE(contains(found.command, "surfel-estimate")) << found.command;
+  EXPECT_TRUE(contains(need(grid(30, 0.45F), "holes").measure, "0 % at 3"));
+  EXPECT_TRUE(contains(need(grid(30, 0.38F), "holes").measure, "0 % at 4"));
   // Discs that no cutoff up to 4 makes large enough.
   EXPECT_EQ(need(grid(30, 0.2F), "holes").command, "surfel-estimate a.ply -o OUT");
   EXPECT_TRUE(need(grid(30, 0.6F), "holes", {.cutoff = 2}).topic.empty());

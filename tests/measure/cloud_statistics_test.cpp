@@ -220,5 +220,17 @@ TEST(CloudStatistics, DiscsOverEachOtherAreMeasuredAtFewerPlaces) {
   EXPECT_NEAR(crowded.overlap, 1024, 1);
 }
 
+TEST(CloudStatistics, ALargeDiscDoesNotMakeTheSmallOnesFewerPlaces) {
+  SurfelCloud cloud = grid(50, 1, 0.3F);
+  const Coverage alike = coverage_of(cloud);
+  cloud.variance[1275] = 1e6F;
+  cloud.variance[0] = 0;
+  const Coverage covered = coverage_of(cloud);
+  EXPECT_EQ(covered.cells, alike.cells);
+  EXPECT_EQ(covered.hole_share, 0);
+  // The large disc lies over all points, instead of one that lay over its share of them.
+  EXPECT_NEAR(covered.overlap, alike.overlap + 1, 2e-3);
+}
+
 }  // namespace
 }  // namespace surfel

@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
+#include <vector>
 
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -137,26 +139,40 @@ class Spreader {
       float weight;
       std::uint32_t from, to;
     };
-    std::vector<std::vector<Join>> found((count + kOrientationGrain - 1) / kOrientationGrain);
-    parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int) {
-      std::vector<Neighbor> near;
-      for (std::size_t i = begin; i < end; ++i) {
-        if (!known(i) || part_[i] == largest) continue;
-        search_.nearest(position_[i], kJoinNeighbors, near);
-        Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
-        for (const Neighbor& n : near) {
-          if (!known(n.index) || part_[n.index] == part_[i]) continue;
-          const float w = weight(i, n.index);
-          if (w < best.weight) {
-            best.weight = w;
-            best.to = n.index;
-          }
+    PerWorker<std::vector<Join>> found;
+    const auto comes = [&](std::size_t i) { return known(i) && part_[i] != largest; };
+    const auto look = [&](std::size_t i, std::span<const Neighbor> near, int worker) {
+      Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
+      for (const Neighbor& n : near) {
+        if (!known(n.index) || part_[n.index] == part_[i]) continue;
+        const float w = weight(i, n.index);
+        if (w < best.weight) {
+          best.weight = w;
+          best.to = n.index;
         }
-        if (best.to != kNone) found[begin / kOrientationGrain].push_back(best);
       }
-    });
+      if (best.to != kNone) found[worker].push_back(best);
+    };
+    if (2 * count_where(count, comes) > count) {
+      // A search for all points takes less time than one for each of most of them.
+      search_.for_each_nearest(kJoinNeighbors,
+                               [&](std::size_t i, std::span<const Neighbor> near, int worker) {
+                                 if (comes(i)) look(i, near, worker);
+                               });
+    } else {
+      PerWorker<std::vector<Neighbor>> scratch;
+      parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int worker) {
+        for (std::size_t i = begin; i < end; ++i) {
+          if (!comes(i)) continue;
+          search_.nearest(position_[i], kJoinNeighbors, scratch[worker]);
+          look(i, scratch[worker], worker);
+        }
+      });
+    }
     std::vector<Join> joins;
-    for (const auto& some : found) joins.insert(joins.end(), some.begin(), some.end());
+    found.for_each([&](const std::vector<Join>& some) {
+      joins.insert(joins.end(), some.begin(), some.end());
+    });
     std::sort(joins.begin(), joins.end(), [](const Join& a, const Join& b) {
       return a.weight != b.weight ? a.weight < b.weight : a.from < b.from;
     });

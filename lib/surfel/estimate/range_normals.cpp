@@ -35,6 +35,9 @@ constexpr std::size_t kRangeGroups = 16;
 /// consists of.
 constexpr double kRangeRounding = 1e-5;
 constexpr double kMostExponent = 2;
+/// Largest noise of the range, in ranges. No camera has as much; shells around the sensor, some
+/// behind the others, have any.
+constexpr double kMostNoise = 0.5;
 /// Standard error that windows are made for, radians.
 constexpr double kWindowError = 0.05;
 constexpr std::size_t kLeastWindow = 16;
@@ -120,7 +123,8 @@ class RangeImage {
     return low > kEvenness * middle && median(fourth) < kSquareness * middle;
   }
 
-  void measure_noise() {
+  /// False where the residuals are too large to be noise.
+  bool measure_noise() {
     struct Residual {
       double range, relative;
     };
@@ -149,7 +153,7 @@ class RangeImage {
       groups.emplace_back(portable::log(found[(begin + end) / 2].range), portable::log(middle));
     }
     noise_ = {kRangeRounding, 0};
-    if (groups.empty()) return;
+    if (groups.empty()) return true;
     std::vector<double> slopes;
     for (std::size_t a = 0; a < groups.size(); ++a) {
       for (std::size_t b = a + 1; b < groups.size(); ++b) {
@@ -161,6 +165,7 @@ class RangeImage {
     std::vector<double> heights;
     for (const Vec2d& g : groups) heights.push_back(g.y() - noise_.exponent * g.x());
     noise_.factor = portable::exp(median(heights));
+    return noise_.at(found[count / 2].range) <= kMostNoise;
   }
 
   void remake(NormalEstimate& out) {
@@ -312,7 +317,7 @@ bool remake_range_normals(const Array<Vec3f>& points, const Vec3d& sensor, Norma
   }
   RangeImage image(points, sensor);
   if (!image.even()) return false;
-  image.measure_noise();
+  if (!image.measure_noise()) return false;
   out.noise.resize(points.size());
   image.remake(out);
   out.remade = points.size();

@@ -11,6 +11,7 @@ namespace surfel {
 /// their directions from there are not spread as evenly as pixels are. (A twentieth of the pixels
 /// has its nearest neighbour nearer than 0.85 to 0.95 of the median distance; of points of a
 /// surface seen from anywhere else, than 0.1 to 0.3 of it; and its four nearest are about as far.)
+/// Nor are they one if the noise comes out larger than half the range.
 ///
 /// With image coordinates u, w in a plane across the line of sight at depth 1, a plane n x = d of
 /// space is a linear function of them in inverse depth, 1 / z = a + b u + c w, with n parallel to

@@ -85,6 +85,8 @@ class Needs {
   double holes_at(double cutoff) const {
     CloudStatisticsOptions at = options_;
     at.cutoff = cutoff;
+    // Whether a hundredth is open needs fewer cells than how much is.
+    at.samples = std::max<std::size_t>(1, at.samples / 4);
     const CloudStatistics s = cloud_statistics(cloud_, at);
     return s.coverage ? s.coverage->hole_share : 1;
   }
@@ -96,15 +98,27 @@ class Needs {
       const std::string measure =
           fmt::format("{:.2g} % of the surface is under no disc at cutoff {:g}", 100 * c.hole_share,
                       options_.cutoff);
-      for (const double cutoff : kCutoffs) {
-        if (cutoff <= options_.cutoff) continue;
-        const double left = holes_at(cutoff);
-        if (left > kFewHoles) continue;
-        add("holes", fmt::format("{}, {:.2g} % at {:g}", measure, 100 * left, cutoff),
-            fmt::format("surfel-render {} --cutoff {:g}, or {}", file_, cutoff, estimate()));
-        return;
+      // Larger cutoffs leave fewer holes: the least that leaves few is found by halving.
+      const double* low =
+          std::upper_bound(std::begin(kCutoffs), std::end(kCutoffs), options_.cutoff);
+      const double* high = std::end(kCutoffs);
+      double left = 0;
+      while (low < high) {
+        const double* middle = low + (high - low - 1) / 2;
+        const double holes = holes_at(*middle);
+        if (holes > kFewHoles) {
+          low = middle + 1;
+        } else {
+          high = middle;
+          left = holes;
+        }
       }
-      add("holes", measure, estimate());
+      if (high == std::end(kCutoffs)) {
+        add("holes", measure, estimate());
+      } else {
+        add("holes", fmt::format("{}, {:.2g} % at {:g}", measure, 100 * left, *high),
+            fmt::format("surfel-render {} --cutoff {:g}, or {}", file_, *high, estimate()));
+      }
     } else if (c.overlap > kMuchOverlap) {
       add("overlap",
           fmt::format("{:.2g} discs over a point at cutoff {:g}, where 2 to 3 close a surface: "

@@ -2,8 +2,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <optional>
 #include <type_traits>
 
+#include <surfel/base/box_tree.h>
+#include <surfel/base/median.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
@@ -29,6 +34,9 @@ constexpr int kPointsPerCell = 16;  ///< 20,000 cells tell a share to 0.1 % then
 /// surface take a quarter of it; thousands over each other would take all the time there is.
 constexpr std::size_t kRounds = 16;
 constexpr std::size_t kDiscsPerCell = 48;
+/// Where the largest radius is more than this times the median one, what lies over a place is
+/// looked for by each disc's own radius.
+constexpr float kLikeRadii = 4;
 /// Normals within 60 degrees show the same surface (surface/sheet.h says why no more). The rule
 /// that sizes are estimated by is another on purpose: coverage is a second opinion on the sizes.
 constexpr float kAgreeingCosine = 0.5F;
@@ -106,13 +114,73 @@ double exponent(const SurfelCloud& cloud, std::size_t i, const Vec3d& offset) {
          v * v / (2 * static_cast<double>(cloud.variance_v[i]));
 }
 
+/// Finds discs that may lie over places near a place by the radius of each, so that small ones
+/// around a large one do not all count.
+class DiscsAround {
+ public:
+  DiscsAround(const Discs& discs, float largest_radius)
+      : discs_(discs), reach_(discs.radius), order_(morton_order(discs.position)) {
+    // A place over a disc is no further from its plane and from its axis than the radius.
+    for (float& r : reach_) r = std::min(r * std::numbers::sqrt2_v<float>, largest_radius);
+    tree_ = BoxTree<Box, 4, 2>(order_.size(), [&](std::size_t place) {
+      const std::uint32_t disc = order_[place];
+      if (!(reach_[disc] > 0)) return Box();
+      const Eigen::Array3f center = discs_.position[disc].array();
+      return Box{center - reach_[disc], center + reach_[disc]};
+    });
+  }
+
+  /// The discs that may lie over places in the ball; false if there are more than kMostDiscs.
+  bool within(const Vec3f& center, double radius, std::vector<Neighbor>& out) const {
+    out.clear();
+    const float reach = static_cast<float>(radius) * kRounding;
+    tree_.for_each_leaf(
+        [&](const Box& box) {
+          return box.distance2(center.array()) <= reach * reach && out.size() <= kMostDiscs;
+        },
+        [&](std::size_t leaf) {
+          tree_.for_each_item(leaf, [&](std::size_t place) {
+            const std::uint32_t disc = order_[place];
+            const float distance2 = (discs_.position[disc] - center).squaredNorm();
+            const float limit = reach + reach_[disc] * kRounding;
+            if (reach_[disc] > 0 && distance2 <= limit * limit) out.push_back({disc, distance2});
+          });
+        });
+    return out.size() <= kMostDiscs;
+  }
+
+ private:
+  static constexpr float kRounding = 1.0001F;
+
+  /// Box around what the discs reach.
+  struct Box {
+    Eigen::Array3f low = Eigen::Array3f::Constant(std::numeric_limits<float>::max());
+    Eigen::Array3f high = Eigen::Array3f::Constant(-std::numeric_limits<float>::max());
+
+    void add(const Box& other) {
+      low = low.min(other.low);
+      high = high.max(other.high);
+    }
+    float distance2(const Eigen::Array3f& p) const {
+      return (low - p).max(p - high).max(0).matrix().squaredNorm();
+    }
+  };
+
+  const Discs& discs_;
+  Array<float> reach_;
+  Array<std::uint32_t> order_;
+  BoxTree<Box, 4, 2> tree_;
+};
+
 /// Measures the coverage around one surfel after the other.
 class CoverageProbe {
  public:
   CoverageProbe(const SurfelCloud& cloud, const CloudStatisticsOptions& options, const Discs& discs,
                 const NeighborSearch& neighbors)
       : cloud_(cloud), options_(options), discs_(discs), neighbors_(neighbors) {
-    for (const float r : discs.radius) largest_radius_ = std::max(largest_radius_, r);
+    std::vector<float> radius(discs.radius.begin(), discs.radius.end());
+    largest_radius_ = *std::max_element(radius.begin(), radius.end());
+    if (largest_radius_ > kLikeRadii * median(radius)) around_.emplace(discs, largest_radius_);
   }
 
   struct Cell {
@@ -133,9 +201,12 @@ class CoverageProbe {
     if (!closed_cell(disc, frame, cell)) return out;
     out.area = cell.area();
 
-    const double reach = largest_radius_ + cell.radius();
+    const Vec3f& center = discs_.position[disc];
     std::vector<Neighbor> near;
-    neighbors_.within(discs_.position[disc], static_cast<float>(reach) * 1.0001F, kMostDiscs, near);
+    if (!around_ || !around_->within(center, cell.radius(), near)) {
+      const double reach = largest_radius_ + cell.radius();
+      neighbors_.within(center, static_cast<float>(reach) * 1.0001F, kMostDiscs, near);
+    }
     out.looked_at = near.size();
     for (int point = 0; point < kPointsPerCell; ++point) {
       const double s = random_uniform(options_.seed, k, 2 * point + 1);
@@ -186,6 +257,7 @@ class CoverageProbe {
   const Discs& discs_;
   const NeighborSearch& neighbors_;
   float largest_radius_ = 0;
+  std::optional<DiscsAround> around_;  ///< Where the radii differ much.
 };
 
 /// `samples` of [0, count), spread evenly, one from each of equal stretches; all if there are
