@@ -31,7 +31,8 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
   using tool::add_choice;
-  app.add_option("cloud", s.input, "Points (PLY, PCD, LAS, LAZ, XYZ, PTS, TXT; - = standard input)")
+  app.add_option("cloud", s.input,
+                 "Points (PLY, PCD, LAS, LAZ, E57, PTX, XYZ, PTS, TXT; - = standard input)")
       ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
 
@@ -85,8 +86,9 @@ void declare_options(CLI::App& app, Settings& s) {
               {"none", Orientation::kNone}},
              "Side of the normals: consistent along the surface (mst), out of closed surfaces, "
              "towards the viewpoint or up, that of the normals in the file (align), any (none)");
-  tool::add_vector(app, "--viewpoint", s.viewpoint,
-                   "Where the scanner stood, world coordinates; default: what the file says");
+  tool::add_vector(
+      app, "--viewpoint", s.viewpoint,
+      "Where the scanner stood, world coordinates; default: what the file says, of each scan");
   tool::add_text(
       app, "--up", "DIRECTION", fmt::format("{}", fmt::join(s.estimate.orientation.up, ",")),
       "Direction for --orient up: x, y, z, -x, -y, -z or X,Y,Z", [&s](const std::string& text) {
@@ -111,13 +113,15 @@ void declare_options(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Options");
 }
 
-/// Fills in the viewpoint, which the file may tell.
+/// Fills in where the scanner stood, which the file may tell.
 void finish(Settings& s, const surfel::SurfelCloud& cloud) {
-  if (!s.viewpoint && cloud.viewpoint) s.viewpoint = cloud.viewpoint->position;
+  s.estimate.orientation.viewpoint = s.viewpoint;
   if (s.viewpoint) {
-    s.estimate.orientation.viewpoint = *s.viewpoint;
     s.estimate.normals.sensor = s.viewpoint;
-  } else if (s.estimate.orientation.method == surfel::Orientation::kViewpoint) {
+  } else if (cloud.viewpoint) {
+    s.estimate.normals.sensor = cloud.viewpoint->position;
+  } else if (s.estimate.orientation.method == surfel::Orientation::kViewpoint &&
+             cloud.sensors().empty()) {
     surfel::throw_usage(
         fmt::format("{} does not say where the scanner stood; give --viewpoint X,Y,Z", s.input));
   }

@@ -135,6 +135,45 @@ TEST(Estimate, CoverClosesASphereAtAnySizeOnScreen) {
   }
 }
 
+/// Two parts of a plane, one seen from above and one from below, in one cloud.
+TEST(Estimate, NormalsLookToTheScannerOfEachScan) {
+  SurfelCloud cloud;
+  cloud.origin = Vec3d(1000, 0, 0);
+  ExtraProperty scan{"scan", ScalarType::kUint16, {}};
+  for (int i = 0; i < 800; ++i) {
+    const auto number = static_cast<std::uint16_t>(i / 400);
+    cloud.position.emplace_back(static_cast<float>(i % 20 + 20 * number),
+                                static_cast<float>(i / 20 % 20), 0.0F);
+    scan.data.resize(scan.data.size() + sizeof(number));
+    std::memcpy(scan.data.data() + sizeof(number) * static_cast<std::size_t>(i), &number,
+                sizeof(number));
+  }
+  cloud.extra.push_back(scan);
+  cloud.scan_viewpoints = {{.position = {1010, 10, 5}}, {.position = {1030, 10, -5}}};
+  EstimateOptions options;
+  options.orientation.method = Orientation::kViewpoint;
+  const SurfelCloud seen = estimate_surfels(cloud, options);
+  ASSERT_EQ(seen.size(), 800U);
+  for (std::size_t i = 0; i < 800; ++i) {
+    ASSERT_EQ(seen.normal[i], Vec3f(0, 0, i < 400 ? 1 : -1)) << i;
+  }
+  EXPECT_EQ(seen.scan_viewpoints.size(), 2U);
+  options.voxels.emplace().edge = 2;
+  const SurfelCloud fewer = estimate_surfels(cloud, options);
+  const Array<Vec3d> sensors = fewer.sensors();
+  ASSERT_EQ(sensors.size(), fewer.size());
+  for (std::size_t i = 0; i < fewer.size(); ++i) {
+    EXPECT_EQ(fewer.normal[i][2] > 0, sensors[i][2] > 0) << i;
+  }
+  // A viewpoint of the options wins; a scan without one leaves nothing to look to.
+  options.voxels.reset();
+  options.orientation.viewpoint = Vec3d(1020, 10, -5);
+  EXPECT_EQ(estimate_surfels(cloud, options).normal[0], Vec3f(0, 0, -1));
+  options.orientation.viewpoint.reset();
+  cloud.scan_viewpoints.pop_back();
+  EXPECT_THROW(estimate_surfels(cloud, options), Error);
+}
+
 TEST(Estimate, RefusesBadOptions) {
   const SurfelCloud cloud = points_of("sphere", 50);
   const auto refused = [&](auto change) {

@@ -239,7 +239,7 @@ TEST(Orientation, FewPointsAndBadOptions) {
   const auto search = make_neighbor_search(position);
   for (const OrientationOptions& bad :
        {OrientationOptions{.up = {0, 0, 0}},
-        OrientationOptions{.viewpoint = {std::numeric_limits<double>::infinity(), 0, 0}}}) {
+        OrientationOptions{.viewpoint = Vec3d(std::numeric_limits<double>::infinity(), 0, 0)}}) {
     EXPECT_EQ(bad.problems().size(), 1U);
     EXPECT_THROW(orient_normals(position, {0, 0, 0}, *search, {}, bad, normal), Error);
   }

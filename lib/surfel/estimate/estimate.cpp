@@ -138,6 +138,24 @@ void smooth(const EstimateOptions& options, OrderedPoints& points, EstimateRepor
   r.largest_shift = smoothed.largest_shift;
 }
 
+/// Directions from the points to the sensors of their scans; those of a cloud with one viewpoint
+/// lead to that. Throws Error(kUsage) for a cloud that tells neither.
+Array<Vec3f> directions_to_sensors(const SurfelCloud& cloud, const OrderedPoints& points,
+                                   const std::string& name) {
+  const Array<Vec3d> sensors = cloud.sensors();
+  if (sensors.empty() && !cloud.viewpoint) {
+    throw_usage((name.empty() ? "the cloud" : name) +
+                " does not say where its scanner stood; give the `viewpoint`");
+  }
+  Array<Vec3f> directions(points.order.size());
+  parallel_each(directions.size(), kCloudGrain, [&](std::size_t i) {
+    const Vec3d& sensor = sensors.empty() ? cloud.viewpoint->position : sensors[points.order[i]];
+    const Vec3d to = sensor - cloud.origin - points.position[i].cast<double>();
+    directions[i] = to.cast<float>();
+  });
+  return directions;
+}
+
 /// How many neighbours are kept for all stages, which go over the same neighbourhoods; large or
 /// adaptive neighbourhoods of the normals are searched for on their own.
 std::size_t shared_neighbors(const NormalOptions& normals) {
@@ -153,7 +171,8 @@ struct Estimates {
 };
 
 Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
-                          const EstimateOptions& options, StageTimer& stage, EstimateReport& r) {
+                          const EstimateOptions& options, const std::string& name,
+                          StageTimer& stage, EstimateReport& r) {
   const Array<Vec3f>& position = points.position;
   const auto tree = make_neighbor_search(position, options.search);
   const NeighborLists search(*tree, position, shared_neighbors(options.normals));
@@ -184,6 +203,9 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   Array<Vec3f> previous;
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
     previous = gathered(cloud.normal, points.order);
+  }
+  if (options.orientation.method == Orientation::kViewpoint && !options.orientation.viewpoint) {
+    previous = directions_to_sensors(cloud, points, name);
   }
   r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
                                  out.normals.normal);
@@ -289,7 +311,7 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     stage.end("smoothing");
   }
   const SurfelCloud& source = options.voxels ? fewer : cloud;
-  const Estimates estimates = estimate_points(source, points, options, stage, r);
+  const Estimates estimates = estimate_points(source, points, options, name, stage, r);
   if (!options.smoothing) points.position = {};  // The surfels need the memory.
   SurfelCloud out = in_file_order(source, std::move(points), estimates);
   stage.end("gather");

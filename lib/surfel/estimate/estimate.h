@@ -63,8 +63,9 @@ struct EstimateReport {
 /// told is zero, its splat a disc that looks at the eye.
 ///
 /// The work takes about 250 bytes a point besides the cloud; its result does not depend on the
-/// number of threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` if
-/// no finite point is left, or their box is beyond require_float_extent().
+/// number of threads. Throws Error(kUsage) for bad options and for kViewpoint where neither they
+/// nor the cloud tell a viewpoint, Error(kInput) starting with `name` if no finite point is left,
+/// or their box is beyond require_float_extent().
 SURFEL_API SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& options,
                                         EstimateReport* report = nullptr,
                                         const std::string& name = {});

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
@@ -266,7 +267,8 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
 
 std::vector<std::string> OrientationOptions::problems() const {
   std::vector<std::string> found;
-  if (!viewpoint.allFinite()) found.emplace_back("`viewpoint` must be three finite numbers");
+  if (viewpoint && !viewpoint->allFinite())
+    found.emplace_back("`viewpoint` must be three finite numbers");
   if (!up.allFinite() || up.isZero(0)) found.emplace_back("`up` must be finite and not zero");
   return found;
 }
@@ -287,10 +289,16 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
       break;
     case Orientation::kViewpoint:
     case Orientation::kUp: {
-      const bool towards_point = options.method == Orientation::kViewpoint;
-      const Vec3d eye = options.viewpoint - origin;
+      const bool up = options.method == Orientation::kUp;
+      const bool several = !up && !options.viewpoint;
+      if (several && previous.size() != count) {
+        throw_usage("`viewpoint` is not given, and the points do not tell it; give three numbers");
+      }
+      const Vec3d eye = options.viewpoint.value_or(Vec3d(0, 0, 0)) - origin;
       parallel_each(count, kOrientationGrain, [&](std::size_t i) {
-        const Vec3d to = towards_point ? Vec3d(eye - position[i].cast<double>()) : options.up;
+        const Vec3d to = up        ? options.up
+                         : several ? Vec3d(previous[i].cast<double>())
+                                   : Vec3d(eye - position[i].cast<double>());
         if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
       });
       break;

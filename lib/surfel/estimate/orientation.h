@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,7 @@ namespace surfel {
 enum class Orientation : std::uint8_t {
   kMst,        ///< Consistent along the surface; of each part the highest point looks up.
   kOutward,    ///< Consistent along the surface; of each part the outermost points look outward.
-  kViewpoint,  ///< Towards OrientationOptions::viewpoint.
+  kViewpoint,  ///< Towards OrientationOptions::viewpoint, or towards each point's own sensor.
   kUp,         ///< Towards OrientationOptions::up.
   kAlign,      ///< To the side of given normals. Points without a given normal follow the surface
                ///< from the nearest points that have one; parts of the surface without any are
@@ -25,7 +26,8 @@ enum class Orientation : std::uint8_t {
 
 struct OrientationOptions {
   Orientation method = Orientation::kMst;
-  Vec3d viewpoint{0, 0, 0};                              ///< World coordinates.
+  /// World coordinates. Unset: the viewpoint that the cloud tells, or each of its scans.
+  std::optional<Vec3d> viewpoint;
   Vec3d up{0, 0, 1};                                     ///< Any length but zero.
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
@@ -57,8 +59,10 @@ struct OrientationReport {
 ///
 /// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.
 /// \param search    searches `position`.
-/// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty.
-/// Sides do not depend on the number of threads. Throws Error(kUsage) for bad options.
+/// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty;
+///                  for kViewpoint, where the options have none, directions to the points' sensors.
+/// Sides do not depend on the number of threads. Throws Error(kUsage) for bad options, and for
+/// kViewpoint where neither options nor `previous` tell a direction.
 SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                             const NeighborSearch& search,
                                             const Array<Vec3f>& previous,

@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 
@@ -36,6 +38,27 @@ Bounds SurfelCloud::bounds() const {
   return box;
 }
 
+Array<Vec3d> SurfelCloud::sensors() const {
+  const auto scan = std::find_if(extra.begin(), extra.end(),
+                                 [](const ExtraProperty& p) { return p.name == "scan"; });
+  if (scan_viewpoints.empty() || scan == extra.end()) return {};
+  Array<Vec3d> found(size());
+  std::atomic<bool> all = true;
+  parallel_for(size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t i = begin; i < end; ++i) {
+      double number = 0;
+      load_scalars(scan->type, scan->data.data() + i * scalar_size(scan->type), 1, &number);
+      if (!(number >= 0 && number < static_cast<double>(scan_viewpoints.size()))) {
+        all = false;
+        return;
+      }
+      found[i] = scan_viewpoints[static_cast<std::size_t>(number)].position;
+    }
+  });
+  if (!all) return {};
+  return found;
+}
+
 SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   SurfelCloud out;
   // File-wide values first; the columns are filled below.
@@ -49,6 +72,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
   out.provenance = provenance;
   out.comments = comments;
   out.viewpoint = viewpoint;
+  out.scan_viewpoints = scan_viewpoints;
   out.up = up;
   out.las = las;
 

@@ -114,12 +114,17 @@ struct SURFEL_API SurfelCloud {
   std::optional<double> basis_cutoff;   ///< Cutoff c of the truncated basis that w_k was fitted in.
   std::vector<std::string> provenance;  ///< One line a tool that made or changed the cloud.
   std::vector<std::string> comments;    ///< The file's other comments.
-  std::optional<Viewpoint> viewpoint;   ///< Unset: unknown.
-  std::optional<Vec3d> up;              ///< Upward direction, where the file says it.
+  std::optional<Viewpoint> viewpoint;   ///< Unset: unknown, or several.
+  /// Of a cloud of several scans each one's viewpoint: the property `scan` of a point tells which.
+  /// Empty where there is one viewpoint, or where that of a scan is unknown.
+  std::vector<Viewpoint> scan_viewpoints;
+  std::optional<Vec3d> up;  ///< Upward direction, where the file says it.
   /// Unset: not of a LAS file, or moved since. Of several files the first one's.
   std::optional<LasStorage> las;
   /// Surfels of coarser levels of detail that the file holds as well and that were not asked for.
   std::size_t coarser_skipped = 0;
+  /// Points of the file that were not measured, as the file itself says, and were left out.
+  std::size_t unmeasured_skipped = 0;
   /// Elements of the file that are no points and were not read, such as faces, by their number.
   std::vector<std::pair<std::string, std::size_t>> skipped_elements;
 
@@ -131,6 +136,10 @@ struct SURFEL_API SurfelCloud {
   static Vec3f colorless() { return {0.55F, 0.55F, 0.55F}; }
   /// Column of linear colours to render: `coefficient`, else `color`, else null.
   const Array<Vec3f>* render_color() const;
+
+  /// The viewpoint of the scan that each surfel belongs to, by scan_viewpoints and the property
+  /// `scan`, in world coordinates; empty where they do not tell it of every surfel.
+  Array<Vec3d> sensors() const;
 
   Vec3d world(std::size_t i) const { return origin + position[i].cast<double>(); }
   /// Bounds of the finite positions, in world coordinates.

@@ -78,13 +78,15 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   change(cloud.variance_v, times(square));
   change(cloud.area, times(square));
   change(cloud.group_radius, times(similarity.scale));
-  if (cloud.viewpoint) {
-    Vec4d& q = cloud.viewpoint->orientation;
+  const auto move_view = [&](Viewpoint& view) {
+    Vec4d& q = view.orientation;
     const Eigen::Quaterniond turned_view =
         similarity.rotation * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
     q = {turned_view.w(), turned_view.x(), turned_view.y(), turned_view.z()};
-    cloud.viewpoint->position = moved(cloud.viewpoint->position);
-  }
+    view.position = moved(view.position);
+  };
+  if (cloud.viewpoint) move_view(*cloud.viewpoint);
+  for (Viewpoint& view : cloud.scan_viewpoints) move_view(view);
   if (cloud.up) cloud.up = rotation * *cloud.up;
   cloud.las.reset();
   cloud.decimals.reset();
