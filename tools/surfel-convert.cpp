@@ -40,9 +40,9 @@ struct Settings {
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
-  app.add_option(
-         "surfels", s.inputs,
-         "Surfels or points (PLY, PCD, LAS, LAZ, text), one file or several (- = standard input)")
+  app.add_option("surfels", s.inputs,
+                 "Surfels or points (PLY, PCD, LAS, LAZ, E57, PTX, text), one file or several (- = "
+                 "standard input)")
       ->default_str("")
       ->required();
   app.add_option("-o,--output", s.output,

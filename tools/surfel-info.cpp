@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/intake/intake.h>
@@ -22,6 +23,8 @@
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/store/attribute_values.h>
 
+#include "tools/support/options.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -55,8 +58,9 @@ Json describe(const surfel::ViewGuess& view) {
 }
 
 /// The command to run next: raw points become surfels, and surfels a picture.
-std::string next_command(const surfel::SurfelCloud& cloud, const std::string& file) {
-  if (!surfel::has_variance(cloud)) return surfel::estimate_command(cloud, file);
+std::string next_command(const surfel::SurfelCloud& cloud, const std::string& file,
+                         const surfel::CloudReadOptions& part) {
+  if (!surfel::has_variance(cloud)) return surfel::estimate_command(cloud, file, part);
   const std::string command = surfel::picture_command(file);
   const double fitted = cloud.basis_cutoff.value_or(surfel::RenderOptions().cutoff);
   if (fitted == surfel::RenderOptions().cutoff) return command;
@@ -80,8 +84,20 @@ Json describe_attributes(const surfel::SurfelCloud& cloud, const surfel::Vec3d& 
   return attributes;
 }
 
-Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOptions& options) {
-  const surfel::SurfelCloud cloud = surfel::read_cloud(file);
+/// Where the scanner stood, or of several scans the scanners.
+Json describe_viewpoint(const surfel::SurfelCloud& cloud) {
+  if (cloud.viewpoint) return describe(cloud.viewpoint->position);
+  if (cloud.scan_viewpoints.empty()) return nullptr;
+  Json views = Json::array();
+  for (const surfel::Viewpoint& view : cloud.scan_viewpoints) {
+    views.push_back(describe(view.position));
+  }
+  return views;
+}
+
+Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& part,
+                    const surfel::CloudStatisticsOptions& options) {
+  const surfel::SurfelCloud cloud = surfel::read_cloud(file, part);
   const surfel::CloudStatistics s = surfel::cloud_statistics(cloud, options);
   Json properties = Json::array();
   for (const auto& [name, type] : surfel::cloud_properties(cloud)) {
@@ -89,6 +105,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   }
   Json out = {{"file", file}, {"kind", "surfels"}, {"count", s.count}, {"properties", properties}};
   out["coarser_levels"] = cloud.coarser_skipped;
+  out["unmeasured_points"] = cloud.unmeasured_skipped;
   out["bounds"] = describe(s.bounds);
   out["origin"] = describe(cloud.origin);
   out["spacing"] = describe(s.spacing);
@@ -105,7 +122,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
   const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
                                                     {.up = cloud.up, .viewpoint = cloud.viewpoint});
   out["view"] = describe(view);
-  out["viewpoint"] = cloud.viewpoint ? describe(cloud.viewpoint->position) : Json(nullptr);
+  out["viewpoint"] = describe_viewpoint(cloud);
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
   out["comments"] = cloud.comments;
@@ -115,7 +132,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudStatisticsOption
     out["needs"].push_back(
         {{"topic", need.topic}, {"measure", need.measure}, {"command", need.command}});
   }
-  out["next"] = next_command(cloud, file);
+  out["next"] = next_command(cloud, file, part);
   return out;
 }
 
@@ -185,9 +202,13 @@ Json describe_image(const std::string& file) {
           {"next", fmt::format("surfel-compare {} OTHER.png", surfel::shell_file(file))}};
 }
 
-Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions& options,
-                   const Tool& tool) {
-  switch (surfel::file_kind(file)) {
+Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
+                   const surfel::CloudStatisticsOptions& options, const Tool& tool) {
+  const surfel::FileKind kind = surfel::file_kind(file);
+  if (kind != surfel::FileKind::kCloud && !part.columns.empty()) {
+    surfel::throw_usage("--columns has no effect on meshes and images; leave it out");
+  }
+  switch (kind) {
     case surfel::FileKind::kMesh:
       return describe_mesh(file, tool);
     case surfel::FileKind::kImage:
@@ -195,7 +216,7 @@ Json describe_file(const std::string& file, const surfel::CloudStatisticsOptions
     case surfel::FileKind::kCloud:
       break;
   }
-  return describe_cloud(file, options);
+  return describe_cloud(file, part, options);
 }
 
 /// A value for people: "mean 0.01, min 0.008" for an object, "1 2 3" for numbers.
@@ -270,10 +291,12 @@ int main(int argc, char** argv) {
   std::string file;
   bool json = false;
   surfel::CloudStatisticsOptions options;
+  surfel::tool::PartSettings part;
   tool.app()
       .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
       ->required();
   tool.app().add_flag("--json", json, "Print JSON");
+  surfel::tool::add_columns(tool.app(), part);
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
   tool.app().add_option("--samples", options.samples,
@@ -284,8 +307,10 @@ int main(int argc, char** argv) {
   tool.reads_images();
   tool.files().reads({"file"});
   return tool.run(argc, argv, [&] {
-    surfel::tool::require_valid(options.problems());
-    const Json description = describe_file(file, options, tool);
+    std::vector<std::string> problems = options.problems();
+    surfel::tool::append(problems, part.options().problems());
+    surfel::tool::require_valid(problems);
+    const Json description = describe_file(file, part.options(), options, tool);
     const auto replace = Json::error_handler_t::replace;
     surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
                              : for_people(description));

@@ -510,14 +510,14 @@ TEST(CloudIo, UnusableInputSaysWhatIsMissing) {
             "holds no points: it has no element 'vertex'");
   EXPECT_EQ(error_of(""), "is empty; make it anew");
   EXPECT_EQ(error_of("FSAL and so on"),
-            "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ and text "
-            "(XYZ, PTS)");
+            "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ, E57 and "
+            "text (PTX, XYZ, PTS)");
 }
 
 TEST(CloudIo, UnreadFormatsNameAConverter) {
   const TemporaryFolder folder;
   for (const auto& [name, program] :
-       {std::pair("a b.e57", "`CloudCompare "), std::pair("c.glb", "`assimp export "),
+       {std::pair("a b.fbx", "`assimp export "), std::pair("c.glb", "`assimp export "),
         std::pair("d.splat", "`splat-transform ")}) {
     const std::string path = folder / name;
     std::ofstream(path) << "something";

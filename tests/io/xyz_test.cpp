@@ -1,3 +1,4 @@
+#include <cmath>
 #include <fstream>
 
 #include <gtest/gtest.h>
@@ -5,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_io.h>
 
+#include "support/message_of.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -52,7 +54,6 @@ TEST(Xyz, ColumnsByNumber) {
   const SurfelCloud colors = read_text("1 2 3 0 128 255\n1 2 3 1 0 0\n");
   EXPECT_EQ(colors.color.at(0), Vec3f(0, srgb8_to_linear(128), 1));
   EXPECT_EQ(colors.color_encoding, ColorEncoding::kUint8Srgb);
-  EXPECT_EQ(read_text("1 2 3 0 0.25 0.5\n").color.at(0), Vec3f(0, 0.25F, 0.5F));
   EXPECT_EQ(read_text("1 2 3 0 65535 0\n").color.at(0), Vec3f(0, 1, 0));
   EXPECT_EQ(read_text("1 2 3 -1035\n").extra.at(0).name, "intensity");
   EXPECT_EQ(read_text("1 2 3 -1035 255 0 0\n").color.at(0), Vec3f(1, 0, 0));
@@ -60,6 +61,65 @@ TEST(Xyz, ColumnsByNumber) {
     const SurfelCloud both = read_text(text);
     EXPECT_EQ(both.normal.at(0), Vec3f(0, 0, 1)) << text;
     EXPECT_EQ(both.color.at(0), Vec3f(1, 0, 0)) << text;
+  }
+}
+
+TEST(Xyz, ColorsThatAreNoWholeCodes) {
+  const auto color = [](const std::string& text) { return read_text(text).color.at(0); };
+  const Vec3f halves(0, srgb_to_linear(0.25F), srgb_to_linear(0.5F));
+  EXPECT_EQ(color("1 2 3 0 0.25 0.5\n"), halves);
+  EXPECT_EQ(color("# light\n1 2 3 0 0.25 0.5\n"), halves);
+  EXPECT_EQ(color("# colours are linear\n1 2 3 0 0.25 0.5\n"), Vec3f(0, 0.25F, 0.5F));
+  EXPECT_EQ(color("x y z r g b\n1 2 3 0 0.25 0.5\n"), halves);
+  // Black and white of 0..1, since no picture has codes 0 and 1 alone.
+  EXPECT_EQ(color("1 2 3 0 1 0\n1 2 3 1 1 1\n"), Vec3f(0, 1, 0));
+  EXPECT_EQ(color("1 2 3 0 127.5 255\n"), Vec3f(0, srgb_to_linear(0.5F), 1));
+  EXPECT_EQ(color("1 2 3 0 0.5 65535\n")[2], 1.0F);
+  EXPECT_EQ(color("# linear\n1 2 3 0 1 2\n"), Vec3f(0, 1, 2));
+  EXPECT_TRUE(std::isnan(color("1 2 3 0 nan 0.5\n")[1]));
+}
+
+TEST(Xyz, ColumnsThatTheCallerNames) {
+  const auto read = [](const std::string& text, const std::vector<std::string>& columns) {
+    return read_cloud(InputFile("points.xyz", std::as_bytes(std::span(text))),
+                      {.columns = columns});
+  };
+  const std::vector<std::string> columns{"Y", "x", "z", "-", "r", "g", "b", "-", "time"};
+  for (const char* names : {"", "a,b,c,d,e,f,g,h,i\n", "x,y,z,r,g,b,u,v,w\n", "//x y z\n"}) {
+    const SurfelCloud cloud =
+        read(std::string(names) + "2,1,3,9,255,0,0,8,7.5\n5,4,6,9,0,255,0,8,8.5\n", columns);
+    ASSERT_EQ(cloud.size(), 2U) << names;
+    EXPECT_EQ(cloud.world(1), Vec3d(4, 5, 6)) << names;
+    EXPECT_EQ(cloud.color.at(0), Vec3f(1, 0, 0)) << names;
+    ASSERT_EQ(cloud.extra.size(), 1U) << names;
+    EXPECT_EQ(cloud.extra[0].name, "time") << names;
+  }
+  EXPECT_EQ(read("2\n1 2 3 4\n1 2 3 4\n", {"-", "x", "y", "z"}).world(0), Vec3d(2, 3, 4));
+  const auto fails = [&](const std::string& text, const std::vector<std::string>& names) {
+    return message_of([&] { read(text, names); });
+  };
+  EXPECT_NE(fails("1 2 3 4\n", {"x", "y", "z"}).find("4 values, and `columns` names 3"),
+            std::string::npos);
+  EXPECT_NE(fails("1 2 3\n", {"x", "y", "-"}).find("does not name z"), std::string::npos);
+  EXPECT_NE(fails("1 2 3\n", {"x", "y", "z", "X"}).find("'x' twice"), std::string::npos);
+  EXPECT_NE(fails("1 2 3\n", {"x", "y", "z", ""}).find("empty name"), std::string::npos);
+  EXPECT_NE(fails("ply\n", {"x", "y", "z"}), "");
+  const std::string ply = "ply\nformat ascii 1.0\nelement vertex 1\nend_header\n";
+  EXPECT_NE(
+      message_of([&] {
+        read_cloud(InputFile("a.ply", std::as_bytes(std::span(ply))), {.columns = {"x", "y", "z"}});
+      }).find("is no text file"),
+      std::string::npos);
+}
+
+TEST(Xyz, DecimalCommasAreRefused) {
+  for (const char* text : {"1,5 2,25 -3,0\n", "1 2,5 3\n", "1,5;2,25;3,0\n", "1,5\t23\t3,5\n",
+                           "x;y;z\n1,5;2,5;3,5\n", "1 2 3\n1,5 2,5 3\n", "4,5 1e-3 1,25e-3\n"}) {
+    EXPECT_NE(failure_of(text).find("has decimal commas"), std::string::npos) << text;
+  }
+  for (const char* text : {"1, 2, 3\n", "1,2,3\n", "1 ,2 ,3\n", "1,2 3\n", "1.5, 2.5, 3\n",
+                           "0,0,0 255,0,0\n", "1,\t2,\t3\n"}) {
+    EXPECT_FALSE(read_text(text).empty()) << text;
   }
 }
 

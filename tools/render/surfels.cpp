@@ -77,7 +77,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   }
   if (s.print_commands) {
     std::vector<std::string> done{"keep", "print-commands"};
-    if (!commands.empty()) done.insert(done.end(), {"level", "bounds", "every"});
+    if (!commands.empty()) done.insert(done.end(), {"columns", "level", "bounds", "every"});
     if (s.mesh.empty()) {
       for (const std::string& option : texture_options()) done.push_back(option.substr(2));
     }

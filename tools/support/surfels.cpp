@@ -1,5 +1,6 @@
 #include "tools/support/surfels.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -29,6 +30,10 @@ std::size_t not_finite(const Array<T>& column) {
 std::string shown_name(const std::string& path) { return path == "-" ? "standard input" : path; }
 
 void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
+  if (cloud.unmeasured_skipped > 0) {
+    tool.note(fmt::format("{}: {} points were not measured, as the file says: left out",
+                          shown_name(path), cloud.unmeasured_skipped));
+  }
   for (const auto& [element, count] : cloud.skipped_elements) {
     const bool faces = element == "face" || element == "tristrips";
     tool.note(fmt::format("{}: its {} {} not used, the vertices alone are{}", shown_name(path),
@@ -69,13 +74,28 @@ void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite&
 }
 
 CloudReadOptions PartSettings::options() const {
-  CloudReadOptions options{.level = level, .every = every};
+  CloudReadOptions options{.level = level, .every = every, .columns = columns};
   if (bounds) options.bounds = Bounds{Vec3d(bounds->data()), Vec3d(bounds->data() + 3)};
   return options;
 }
 
+void add_columns(CLI::App& app, PartSettings& part) {
+  add_text(app, "--columns", "NAME,...", "",
+           "Names of the columns of a text file, - for one to be left out: x,y,z,r,g,b,-; they win "
+           "over what the file says",
+           [&part](const std::string& text) {
+             part.columns.clear();
+             for (std::size_t at = 0; at <= text.size();) {
+               const std::size_t end = std::min(text.find(',', at), text.size());
+               part.columns.push_back(text.substr(at, end - at));
+               at = end + 1;
+             }
+           });
+}
+
 void add_part(CLI::App& app, PartSettings& part) {
   app.option_defaults()->group("Part of a file");
+  add_columns(app, part);
   app.add_option(
       "--level", part.level,
       "Of a COPC file the points of this level and the coarser ones, 0 = the coarsest; no "

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <surfel/io/cloud_io.h>
 #include <surfel/scene/image.h>
@@ -36,14 +37,17 @@ void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite&
 
 /// Which part of a file to read.
 struct PartSettings {
+  std::vector<std::string> columns;
   std::optional<int> level;
   std::optional<std::array<double, 6>> bounds;
   std::uint64_t every = 1;
 
-  bool whole() const { return !level && !bounds && every == 1; }
+  bool whole() const { return columns.empty() && !level && !bounds && every == 1; }
   CloudReadOptions options() const;
 };
-/// Declares --level, --bounds and --every.
+/// Declares --columns.
+void add_columns(CLI::App& app, PartSettings& part);
+/// Declares --columns, --level, --bounds and --every.
 void add_part(CLI::App& app, PartSettings& part);
 
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes

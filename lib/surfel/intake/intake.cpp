@@ -113,7 +113,7 @@ const char* missing_texture(const TriangleMesh& mesh, bool textured) {
 
 /// The side that estimating takes for a cloud's normals.
 Orientation side_of(const SurfelCloud& points) {
-  if (points.viewpoint) return Orientation::kViewpoint;
+  if (points.viewpoint || !points.sensors().empty()) return Orientation::kViewpoint;
   // Some programs write normals that are all zero.
   const bool known =
       std::any_of(points.normal.begin(), points.normal.end(),
@@ -127,6 +127,7 @@ std::string surfels_of(const std::string& path) { return named_after(path, "-sur
 /// The options that ask for the same part of a file, each after a blank.
 std::string part_words(const CloudReadOptions& part) {
   std::string words;
+  if (!part.columns.empty()) words += fmt::format(" --columns={}", fmt::join(part.columns, ","));
   if (part.level) words += fmt::format(" --level={}", *part.level);
   if (part.bounds) {
     words += fmt::format(" --bounds={},{}", fmt::join(part.bounds->min, ","),
@@ -295,13 +296,11 @@ void Intake::File::estimate(double spacing, const CloudReadOptions& part, Made& 
     options.voxels.emplace().edge = number_of(voxel);
   }
   options.orientation.method = side_of(cloud);
-  if (cloud.viewpoint) {
-    options.orientation.viewpoint = cloud.viewpoint->position;
-    options.normals.sensor = cloud.viewpoint->position;
-  }
+  if (cloud.viewpoint) options.normals.sensor = cloud.viewpoint->position;
   made.file = surfels_of(path);
   made.commands.push_back(estimate_command(cloud, path, part, voxel));
   EstimateReport report;
+  const std::size_t unmeasured = cloud.unmeasured_skipped;
   cloud = estimate_surfels(cloud, options, &report, path);
   const auto has_size = [](float variance) { return variance > 0; };
   if (std::none_of(cloud.variance.begin(), cloud.variance.end(), has_size) &&
@@ -315,8 +314,11 @@ void Intake::File::estimate(double spacing, const CloudReadOptions& part, Made& 
                                   cloud.size()));
   }
   made.done.push_back(fmt::format(
-      "{}: raw points, {}normals and sizes estimated{}: {} surfels ({})", path,
+      "{}: raw points, {}normals and sizes estimated{}{}: {} surfels ({})", path,
       voxel.empty() ? "" : fmt::format("averaged in cells of {}, ", voxel),
+      unmeasured > 0
+          ? fmt::format(", {} were not measured, as the file says, and are left out", unmeasured)
+          : "",
       report.nonfinite > 0 ? fmt::format(", {} of {} points are not finite and left out",
                                          report.nonfinite, report.points)
                            : "",

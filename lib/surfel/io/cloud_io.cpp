@@ -17,6 +17,9 @@
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_to_records.h>
+#include <surfel/io/e57.h>
+#include <surfel/io/e57_header.h>
+#include <surfel/io/expe.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/las.h>
@@ -24,6 +27,7 @@
 #include <surfel/io/las_writer.h>
 #include <surfel/io/pcd.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/ptx.h>
 #include <surfel/io/range_grid.h>
 #include <surfel/io/text_records.h>
 #include <surfel/io/text_scanner.h>
@@ -37,6 +41,7 @@ constexpr std::string_view kVersionComment = "surfel ";
 constexpr std::string_view kBasisComment = "surfel_basis ";
 constexpr std::string_view kProvenanceComment = "surfel_provenance ";
 constexpr std::string_view kViewpointComment = "surfel_viewpoint ";
+constexpr std::string_view kScanViewpointComment = "surfel_scan_viewpoint ";
 constexpr std::string_view kUpComment = "surfel_up ";
 constexpr std::string_view kColorComment = "surfel_color ";
 constexpr std::string_view kLasComment = "surfel_las ";
@@ -68,12 +73,12 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool pcd) {
   const bool with_viewpoint = !pcd || (cloud.viewpoint && is_default(*cloud.viewpoint));
   std::vector<std::string> lines{std::string(kVersionComment) + version()};
   if (cloud.basis_cutoff) lines.push_back(fmt::format("{}{}", kBasisComment, *cloud.basis_cutoff));
-  if (with_viewpoint && cloud.viewpoint) {
-    const Vec3d& t = cloud.viewpoint->position;
-    const Vec4d& q = cloud.viewpoint->orientation;
-    lines.push_back(fmt::format("{}{} {} {} {} {} {} {}", kViewpointComment, t[0], t[1], t[2], q[0],
-                                q[1], q[2], q[3]));
-  }
+  const auto add_view = [&](std::string_view name, const Viewpoint& view) {
+    lines.push_back(fmt::format("{}{} {}", name, fmt::join(view.position, " "),
+                                fmt::join(view.orientation, " ")));
+  };
+  if (with_viewpoint && cloud.viewpoint) add_view(kViewpointComment, *cloud.viewpoint);
+  for (const Viewpoint& view : cloud.scan_viewpoints) add_view(kScanViewpointComment, view);
   if (cloud.up) {
     lines.push_back(fmt::format("{}{}", kUpComment, fmt::join(*cloud.up, " ")));
   }
@@ -109,6 +114,15 @@ LasStorage parse_las_comment(std::string_view text, const std::string& file) {
           .point_format = static_cast<int>(numbers[6]),
           .global_encoding = static_cast<std::uint16_t>(numbers[7]),
           .records = {}};
+}
+
+/// \param name  The words of the comment before its numbers.
+Viewpoint parse_viewpoint(std::string_view text, std::string_view name, const std::string& file) {
+  double view[7];
+  if (!parse_numbers(text.substr(name.size()), view)) {
+    throw_input(file, "the header comment " + quoted_excerpt(text) + " has not seven numbers");
+  }
+  return {Vec3d(view), Eigen::Vector4d(view + 3)};
 }
 
 class PcdPoints final : public PointRecords {
@@ -295,11 +309,9 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
       }
       cloud.basis_cutoff = cutoff;
     } else if (text.starts_with(kViewpointComment)) {
-      double view[7];
-      if (!parse_numbers(text.substr(kViewpointComment.size()), view)) {
-        throw_input(file, "the header comment " + quoted_excerpt(text) + " has not seven numbers");
-      }
-      cloud.viewpoint = Viewpoint{Vec3d(view), Eigen::Vector4d(view + 3)};
+      cloud.viewpoint = parse_viewpoint(text, kViewpointComment, file);
+    } else if (text.starts_with(kScanViewpointComment)) {
+      cloud.scan_viewpoints.push_back(parse_viewpoint(text, kScanViewpointComment, file));
     } else if (text.starts_with(kUpComment)) {
       double up[3];
       const bool numbers = parse_numbers(text.substr(kUpComment.size()), up);
@@ -342,12 +354,20 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
                  const Whole& whole) {
   const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
+  const bool text = is_xyz_name(name) && !is_expe(input);
+  if (!options.columns.empty() && !text) {
+    throw_input(name, "is no text file, whose columns can be named; leave out `columns`");
+  }
   if (LasHeader::matches(input.head(4))) {
     return in_records(std::make_unique<LasPoints>(std::move(input), options));
   }
   if (options.level) {
     throw_input(name, "is no COPC file, whose points have levels; leave out `level`");
   }
+  if (E57Header::matches(input.head(8))) {
+    return in_records(std::make_unique<E57Points>(std::move(input)));
+  }
+  if (is_expe(input)) return whole(read_expe(input));
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
     if (options.levels || needs_all_points(ply)) return whole(read_cloud(ply, options));
@@ -360,12 +380,14 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
     throw_input(name, "is not a PLY file: it does not start with 'ply'");
   if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_las_name(name)) throw_input(name, "is not a LAS file: it does not start with 'LASF'");
-  if (is_xyz_name(name)) return whole(read_xyz(input));
+  if (is_e57_name(name)) throw_input(name, "is not an E57 file: it does not start with 'ASTM-E57'");
+  if (is_ptx_name(name)) return whole(read_ptx(input));
+  if (text) return whole(read_xyz(input, options.columns));
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   throw_input(name,
-              "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ and text "
-              "(XYZ, PTS)" +
+              "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ, E57 "
+              "and text (PTX, XYZ, PTS)" +
                   converter_advice(name));
 }
 
@@ -395,6 +417,19 @@ std::vector<std::string> CloudReadOptions::problems() const {
   check_option(found, every >= 1, "every", every, ">= 1");
   if (bounds && !((bounds->max - bounds->min).minCoeff() > 0)) {
     found.emplace_back("`bounds` has no inside; give the lowest corner, then the highest");
+  }
+  for (auto name = columns.begin(); name != columns.end(); ++name) {
+    const auto again = [&](const std::string& other) { return same_name(*name, other); };
+    if (name->empty()) {
+      found.emplace_back("`columns` has an empty name; give - for a column to be left out");
+    } else if (*name != "-" && std::any_of(name + 1, columns.end(), again)) {
+      found.push_back("`columns` has " + quoted_excerpt(*name) + " twice; name each column once");
+    }
+  }
+  for (const char* needed : {"x", "y", "z"}) {
+    const auto same = [&](const std::string& name) { return same_name(name, needed); };
+    if (columns.empty() || std::any_of(columns.begin(), columns.end(), same)) continue;
+    found.push_back(fmt::format("`columns` does not name {}; x, y and z are needed", needed));
   }
   return found;
 }
@@ -537,6 +572,11 @@ struct CloudWriter::Impl {
   }
   std::string header(const SurfelCloud& first) const {
     if (format == CloudFormat::kText) {
+      // Without this word numbers up to 1 are read as sRGB.
+      const bool linear =
+          !first.color.empty() && first.color_encoding == ColorEncoding::kFloatLinear;
+      if (linear) return "# colors are linear light
+" + column_line(columns, separator());
       const bool bare = lower_extension(path) == ".xyz" && are_known_columns(columns);
       return bare ? std::string() : column_line(columns, separator());
     }

@@ -26,14 +26,18 @@ struct CloudReadOptions {
   /// Of the points that are left one in so many, the first one on; >= 1.
   std::uint64_t every = 1;
 
+  /// Names of the columns of a text file, as PLY names its properties, "-" for one to be left out:
+  /// they win over names in the file. Empty: by the file's names or else by their number.
+  std::vector<std::string> columns = {};
+
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;
 };
 
 /// Reads surfels or points from PLY (ascii, binary of either byte order), PCD (ascii, binary,
-/// binary_compressed, organised) or LAS and LAZ (1.0 to 1.4, all point formats), which are told
-/// apart by content, or from text (XYZ, PTS, CSV), which is known by the file's name. "-" is
-/// standard input, any but text. Properties may have any
+/// binary_compressed, organised), LAS and LAZ (1.0 to 1.4, all point formats), E57 or binary Expe
+/// point sets, which are told apart by content, or from text (PTX, XYZ, PTS, CSV), which is known
+/// by the file's name. "-" is standard input, any but text. Properties may have any
 /// order and type; list properties and other elements are skipped, and unknown scalar properties
 /// are kept in `extra`. Integer colours are decoded from sRGB. Positions that are not finite are
 /// kept; the tools count or drop them. The origin is (0, 0, 0) unless the points lie so far from it

@@ -5,10 +5,12 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/shell_quote.h>
+#include <surfel/io/e57_header.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/ply.h>
+#include <surfel/io/ptx.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
 
@@ -26,8 +28,7 @@ struct Converter {
   std::string_view result;
   std::string_view program;
 };
-constexpr std::array<Converter, 3> kConverters = {{
-    {" .e57 .ptx ", "CloudCompare -SILENT -O ", " -C_EXPORT_FMT PLY -SAVE_CLOUDS", "CloudCompare"},
+constexpr std::array<Converter, 2> kConverters = {{
     {" .3ds .dae .fbx .glb .gltf .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
     {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
 }};
@@ -67,6 +68,8 @@ bool is_las_name(const std::string& path) {
   return extension == ".las" || extension == ".laz";
 }
 
+bool is_e57_name(const std::string& path) { return lower_extension(path) == ".e57"; }
+
 bool is_mesh_name(const std::string& path) { return contains(kMeshes, lower_extension(path)); }
 bool is_image_name(const std::string& path) { return contains(kImages, lower_extension(path)); }
 
@@ -77,15 +80,16 @@ FileKind file_kind(const std::string& path) {
   if (PlyFile::matches(file.head(4))) return ply_kind(std::move(file));
   const std::string extension = lower_extension(path);
   if (LasHeader::matches(file.head(4)) || is_las_name(path)) return FileKind::kCloud;
-  if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path)) return FileKind::kCloud;
+  if (E57Header::matches(file.head(8)) || is_e57_name(path)) return FileKind::kCloud;
+  if (extension == ".pcd" || extension == ".ply" || is_xyz_name(path) || is_ptx_name(path)) {
+    return FileKind::kCloud;
+  }
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
-  throw_input(
-      path,
-      std::string(
-          "format not supported; known are PLY, PCD, LAS, LAZ and text such as XYZ (surfels), PLY, "
-          "OBJ, OFF and STL (meshes) and images") +
-          converter_advice(path));
+  throw_input(path, std::string("format not supported; known are PLY, PCD, LAS, LAZ, E57, PTX and "
+                                "text such as XYZ (surfels), "
+                                "PLY, OBJ, OFF and STL (meshes) and images") +
+                        converter_advice(path));
 }
 
 }  // namespace surfel

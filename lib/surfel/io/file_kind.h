@@ -20,9 +20,10 @@ SURFEL_API FileKind file_kind(const std::string& path);
 /// not read; empty where no converter is known.
 std::string converter_advice(const std::string& path);
 
-/// Whether a name has the extension of LAS or LAZ files, of a format that holds meshes alone, or
-/// pictures alone.
+/// Whether a name has the extension of LAS or LAZ files, of E57 files, of a format that holds
+/// meshes alone, or pictures alone.
 bool is_las_name(const std::string& path);
+bool is_e57_name(const std::string& path);
 bool is_mesh_name(const std::string& path);
 SURFEL_API bool is_image_name(const std::string& path);
 

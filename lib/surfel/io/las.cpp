@@ -1,11 +1,8 @@
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <memory>
 
-#include <surfel/base/color.h>
 #include <surfel/base/error.h>
-#include <surfel/base/parallel.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/copc.h>
 #include <surfel/io/las.h>
@@ -13,6 +10,7 @@
 #include <surfel/io/las_layout.h>
 #include <surfel/io/las_writer.h>
 #include <surfel/io/laz_points.h>
+#include <surfel/io/narrow_colors.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -67,20 +65,6 @@ class ExpandedPoints final : public RecordBlocks {
   mutable std::atomic<std::uint16_t> brightest_{0};
 };
 
-/// Makes 8-bit colours of colours that were read as if they had 16 bits. Values up to 255 of
-/// 65,535 lie on the linear part of the sRGB curve, where they are told apart by their size.
-void narrow(SurfelCloud& cloud) {
-  const float darkest = srgb16_to_linear(1);
-  const auto code = [&](float linear) {
-    return static_cast<std::uint8_t>(std::lround(linear / darkest));
-  };
-  constexpr std::size_t kGrain = std::size_t{1} << 15;
-  parallel_each(cloud.size(), kGrain, [&](std::size_t i) {
-    for (float& channel : cloud.color[i]) channel = srgb8_to_linear(code(channel));
-  });
-  cloud.color_encoding = ColorEncoding::kUint8Srgb;
-}
-
 }  // namespace
 
 struct LasPoints::Impl {
@@ -131,10 +115,7 @@ const std::string& LasPoints::file() const { return impl_->input.name(); }
 void LasPoints::describe(SurfelCloud& cloud) const {
   cloud.up = Vec3d::UnitZ();
   cloud.las = impl_->header.storage;
-  if (cloud.color_encoding == ColorEncoding::kUint16Srgb && impl_->records->brightest() <= 255) {
-    narrow(cloud);
-    if (impl_->records->brightest() == 0) cloud.color = {};
-  }
+  narrow_colors(cloud, impl_->records->brightest());
   // Comments that this program wrote are in a block of their own.
   std::vector<LasRecord>& blocks = cloud.las->records;
   const auto comments = std::find_if(blocks.begin(), blocks.end(), [](const LasRecord& block) {

@@ -106,6 +106,10 @@ std::optional<double> parse_number(std::string_view text);
 /// Parses all of `text` as a number of things.
 std::optional<std::size_t> parse_count(std::string_view text);
 
+/// The end of a message about numbers with decimal commas, after the excerpt.
+inline constexpr const char* kDecimalCommas =
+    " has decimal commas, which are not read; write numbers with decimal points";
+
 /// At most 40 characters of `text` in quotes, unprintable ones replaced: for messages.
 std::string quoted_excerpt(std::string_view text);
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/color.h>
 #include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_from_records.h>
@@ -17,19 +18,51 @@
 namespace surfel {
 namespace {
 
+/// Is the word a number once a comma between two of its digits is a point? Sets `comma` if it has
+/// one.
+bool has_decimal_comma(std::string_view word, bool& comma) {
+  const std::size_t at = word.find(',');
+  if (word.find('.') != std::string_view::npos) return false;
+  if (at == std::string_view::npos) return parse_number(word).has_value();
+  const auto digit = [&](std::size_t place) {
+    return place < word.size() && word[place] >= '0' && word[place] <= '9';
+  };
+  if (at == 0 || !digit(at - 1) || !digit(at + 1)) return false;
+  comma = true;
+  return parse_number(std::string(word).replace(at, 1, ".")).has_value();
+}
+
+/// Do blanks, tabs or semicolons part the line into numbers with decimal commas? At least three,
+/// all of which may have one, since "1, 2, 3" and "1,2,3 4,5,6" are numbers parted by commas.
+bool has_decimal_commas(std::string_view line) {
+  TextScanner in({}, line, {.separators = " \t;"});
+  std::vector<std::string_view> words;
+  in.rest_of_words(words);
+  bool comma = false;
+  return words.size() >= 3 &&
+         std::all_of(words.begin(), words.end(),
+                     [&](std::string_view word) { return has_decimal_comma(word, comma); }) &&
+         comma;
+}
+
 class XyzReader {
  public:
-  explicit XyzReader(const InputFile& file)
-      : name_(file.name()), in_(name_, as_text(file.bytes()), {.separators = " \t,;"}) {}
+  XyzReader(const InputFile& file, const std::vector<std::string>& columns)
+      : name_(file.name()),
+        in_(name_, as_text(file.bytes()), {.separators = " \t,;"}),
+        given_(!columns.empty()),
+        names_(columns) {
+    for (std::string& name : names_) name = lower_case(name);
+  }
 
   SurfelCloud read() {
     std::optional<std::size_t> count;
     while (next_line()) {
       const bool complete = count && rows() == *count;
-      if (words_.size() == 1 && (complete || (names_.empty() && values_.empty() && !count))) {
+      if (words_.size() == 1 && (complete || (!named_ && values_.empty() && !count))) {
         // Several scans in a file follow one another, each with its count.
         count = count.value_or(0) + read_count();
-      } else if (names_.empty() && values_.empty() && !parse_number(words_.front())) {
+      } else if (!named_ && values_.empty() && !parse_number(words_.front())) {
         read_names();
       } else if (complete) {
         in_.fail(fmt::format("more points than the {} that the count promises", *count));
@@ -87,6 +120,7 @@ class XyzReader {
   void note_names() {
     if (!values_.empty()) return;
     std::vector<std::string> names = to_names();
+    linear_ = linear_ || std::find(names.begin(), names.end(), "linear") != names.end();
     if (has_coordinates(names)) comment_names_ = std::move(names);
   }
 
@@ -108,6 +142,8 @@ class XyzReader {
 
   void read_names() {
     require_few(words_.size(), "columns", fails());
+    named_ = true;
+    if (given_) return;
     names_ = to_names();
     columns_ = names_.size();
     if (!has_coordinates(names_)) {
@@ -117,9 +153,15 @@ class XyzReader {
   }
 
   void read_values() {
+    const bool first = values_.empty();
+    if (first || words_.size() != columns_) refuse_decimal_commas();
     if (columns_ == 0) {
       columns_ = words_.size();
-      if (comment_names_.size() == columns_) names_ = comment_names_;
+      if (!given_ && comment_names_.size() == columns_) names_ = comment_names_;
+    }
+    if (given_ && words_.size() != names_.size()) {
+      in_.fail(fmt::format("{} values, and `columns` names {}; name all of them, - leaves one out",
+                           words_.size(), names_.size()));
     }
     if (words_.size() != columns_) {
       in_.fail(fmt::format("{} values; the lines before have {}", words_.size(), columns_));
@@ -131,6 +173,13 @@ class XyzReader {
                              quoted_excerpt(word)));
       values_.push_back(*value);
     }
+  }
+
+  void refuse_decimal_commas() const {
+    const char* begin = words_.front().data();
+    const char* end = words_.back().data() + words_.back().size();
+    const std::string_view line(begin, static_cast<std::size_t>(end - begin));
+    if (has_decimal_commas(line)) in_.fail(quoted_excerpt(line) + kDecimalCommas);
   }
 
   /// Do the three columns from `first` on have length 1 in some line, and length 1 or 0 (an unknown
@@ -186,17 +235,27 @@ class XyzReader {
     return std::find(kNames.begin(), kNames.end(), names_[column]) != kNames.end();
   }
 
-  /// The type of the colour columns: sRGB of 8 or 16 bits if all their values are whole numbers
-  /// that fit, else float.
-  ScalarType color_type() const {
+  /// The type of the colour columns: sRGB codes of 8 or 16 bits if all their values are whole
+  /// numbers that fit, but not 0 and 1 alone, else float. Makes floats linear light.
+  ScalarType make_colors() {
     double largest = 0;
-    for (std::size_t i = 0; i < values_.size(); ++i) {
-      if (!is_color(i % columns_)) continue;
-      if (!(values_[i] >= 0) || values_[i] != std::trunc(values_[i])) return ScalarType::kFloat32;
-      largest = std::max(largest, values_[i]);
-    }
-    if (largest <= 255) return ScalarType::kUint8;
-    return largest <= 65535 ? ScalarType::kUint16 : ScalarType::kFloat32;
+    bool whole = true;
+    const auto each = [&](const auto& visit) {
+      for (std::size_t i = 0; i < values_.size(); ++i) {
+        if (is_color(i % columns_)) visit(values_[i]);
+      }
+    };
+    each([&](double value) {
+      whole = whole && value >= 0 && value == std::trunc(value);
+      if (std::isfinite(value)) largest = std::max(largest, value);
+    });
+    if (linear_ || largest > 65535) return ScalarType::kFloat32;
+    if (whole && largest != 1) return largest <= 255 ? ScalarType::kUint8 : ScalarType::kUint16;
+    const double white = largest <= 1 ? 1 : largest <= 255 ? 255 : 65535;
+    each([&](double& value) {
+      value = static_cast<double>(srgb_to_linear(static_cast<float>(value / white)));
+    });
+    return ScalarType::kFloat32;
   }
 
   /// Has the number so few digits that a float tells it?
@@ -220,8 +279,11 @@ class XyzReader {
 
   SurfelCloud to_cloud(std::size_t rows) {
     RecordTable table;
-    const ScalarType color = color_type();
+    const ScalarType color = make_colors();
+    std::vector<std::size_t> from;  // Columns of the file.
     for (std::size_t k = 0; k < columns_; ++k) {
+      if (given_ && names_[k] == "-") continue;
+      from.push_back(k);
       // Coordinates are double, because coordinates of maps have more digits than float.
       const bool coordinate = names_[k] == "x" || names_[k] == "y" || names_[k] == "z";
       const ScalarType type = coordinate    ? ScalarType::kFloat64
@@ -232,10 +294,10 @@ class XyzReader {
     }
     Array<std::byte> records(rows * table.stride);
     for (std::size_t i = 0; i < rows; ++i) {
-      for (std::size_t k = 0; k < columns_; ++k) {
+      for (std::size_t k = 0; k < from.size(); ++k) {
         const RecordColumn& column = table.columns[k];
         visit_type(column.type, [&]<class T>(T) {
-          const T value = static_cast<T>(values_[i * columns_ + k]);
+          const T value = static_cast<T>(values_[i * columns_ + from[k]]);
           std::memcpy(records.data() + i * table.stride + column.offset, &value, sizeof(T));
         });
       }
@@ -248,7 +310,10 @@ class XyzReader {
   const std::string name_;
   TextScanner in_;
   std::vector<std::string_view> words_;
-  std::vector<std::string> names_;
+  const bool given_;                ///< The caller names the columns.
+  bool named_ = false;              ///< A line of names was read.
+  bool linear_ = false;             ///< Colours are linear light.
+  std::vector<std::string> names_;  ///< Of the columns, "-" where one is left out.
   std::vector<std::string> comment_names_;
   std::size_t columns_ = 0;
   Array<double> values_;
@@ -263,6 +328,8 @@ bool is_xyz_name(const std::string& path) {
   return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
 }
 
-SurfelCloud read_xyz(const InputFile& file) { return XyzReader(file).read(); }
+SurfelCloud read_xyz(const InputFile& file, const std::vector<std::string>& columns) {
+  return XyzReader(file, columns).read();
+}
 
 }  // namespace surfel

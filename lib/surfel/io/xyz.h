@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <surfel/io/input_file.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -29,10 +30,14 @@ bool is_xyz_name(const std::string& path);
 /// - 9: x y z nx ny nz r g b, if the middle triple of every line has a length of 1 or 0 likewise;
 ///   else x y z r g b nx ny nz
 ///
-/// Colours that are all whole numbers are sRGB codes of 8 bits (none above 255) or 16 bits; other
-/// colours are linear light in 0..1. Throws Error(kInput) naming the line for a word that is no
-/// number, for a line with another number of columns than the lines before, and for more or fewer
-/// points than the count. Internal to the io module.
-SurfelCloud read_xyz(const InputFile& file);
+/// `columns` wins over all of that: the names of the columns, "-" for one to be left out.
+///
+/// Colours are sRGB codes: of 8 bits or of 16 where all are whole numbers, as the largest tells;
+/// otherwise, and where none is above 1, 0..1, 0..255 or 0..65535 by the largest. They are linear
+/// light where a comment above the points has the word "linear". Numbers with decimal commas are
+/// refused where a line cannot be taken for numbers that commas part. Throws Error(kInput) naming
+/// the line for a word that is no number, for a line with another number of columns than the lines
+/// before, and for more or fewer points than the count. Internal to the io module.
+SurfelCloud read_xyz(const InputFile& file, const std::vector<std::string>& columns = {});
 
 }  // namespace surfel
