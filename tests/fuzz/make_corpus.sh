@@ -8,7 +8,7 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera colmap_text colmap_binary views \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera colmap_text colmap_binary views \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
@@ -38,6 +38,62 @@ printf 'VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z curvature\nSIZE 8 8
 printf '0 0 0\n1 0 0.5\n0 1 0\n' > cloud_text/plain.xyz
 printf 'x,y,z,r,g,b\n0,0,0,255,0,0\n1,2,3,0,255,0\n' > cloud_text/names.xyz
 printf '2\n0 0 0 10 1 2 3\n1 1 1 20 4 5 6\n' > cloud_text/count.xyz
+printf '0,0,0,7,255,0,0\n1,2,3,8,0,255,0\n' > cloud_columns/seven.csv
+printf '# colors are linear\na;b;c;d;e;f;g\n1;2;3;4;0.5;0;1\n' > cloud_columns/linear.csv
+printf '1,5 2,5 3,5 0 1 2 3\n' > cloud_columns/commas.csv
+printf '2\n2\n1 2 3\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n1 2 3 1\n1 0 0 0.5 255 0 0\n0 0 0 0 0 0 0\n1 2 3 1 0 255 0\n4 5 nan 0 1 2 3\n' > cloud_ptx/grid.ptx
+printf '1\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 0.5\n1\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 4 0.5\n' > cloud_ptx/scans.ptx
+{
+  printf '[Expe/PointSet/Binary/0.1]\nproperty position 12\nproperty radius 4\nproperty normal 12\nproperty color 4\nnofpoints 2\ndata\n'
+  printf '\0\0\x80\x3f\0\0\0\x40\0\0\0\0\0\0\0\x3f\0\0\0\0\0\0\0\0\0\0\x80\x3f\xff\x80\0\0'
+  printf '\0\0\0\x40\0\0\0\x40\0\0\0\0\0\0\x80\x3f\0\0\0\0\0\0\0\0\0\0\x80\x3f\0\xff\0\0'
+} > cloud_expe/two.pts
+
+# number VALUE BYTES: a number of so many bytes, the lowest first.
+number() {
+  local i
+  for ((i = 0; i < $2; ++i)); do printf "\\x$(printf %02x $((($1 >> (8 * i)) & 255)))"; done
+}
+# e57 PACKET XML: what the pages of an E57 file hold; its points are at byte 48.
+e57() {
+  local packet=$1 xml=$2
+  printf 'ASTM-E57'
+  number 1 4
+  number 0 4
+  number 1024 8
+  number $((80 + packet)) 8
+  number ${#xml} 8
+  number 1024 8
+  number 1 8
+  number $((32 + packet)) 8
+  number 80 8
+  number 0 8
+  cat
+  printf %s "$xml"
+}
+{
+  number 1 2
+  number 51 2
+  number 7 2
+  number 8 2
+  number 8 2
+  number 8 2
+  number 2 2
+  number 2 2
+  number 2 2
+  number 1 2
+  printf '\0\0\x80\x3f\0\0\0\x40\0\0\x80\x3f\0\0\0\0\0\0\x80\x3f\0\0\0\x40\xff\0\0\xff\x80\0\x02\0'
+} | e57 52 '<e57Root><data3D><v><pose><rotation><w>1</w></rotation><translation><x>5</x></translation></pose><points type="CompressedVector" fileOffset="48" recordCount="2"><prototype><cartesianX type="Float" precision="single"/><cartesianY type="Float" precision="single"/><cartesianZ type="Float" precision="single"/><colorRed type="Integer" minimum="0" maximum="255"/><colorGreen type="Integer" minimum="0" maximum="255"/><colorBlue type="Integer" minimum="0" maximum="255"/><cartesianInvalidState type="Integer" minimum="0" maximum="1"/></prototype></points></v></data3D></e57Root>' > cloud_e57/cartesian.e57
+{
+  number 1 2
+  number 27 2
+  number 4 2
+  number 2 2
+  number 8 2
+  number 1 2
+  number 2 2
+  printf '\x10\x20\0\0\0\0\0\0\x80\x3f\x05\x64\x65\0'
+} | e57 28 '<e57Root><data3D><v><points type="CompressedVector" fileOffset="48" recordCount="2"><prototype><sphericalRange type="ScaledInteger" minimum="0" maximum="255" scale="0.1" offset="1"/><sphericalAzimuth type="Float" precision="single"/><sphericalElevation type="Integer" minimum="-1" maximum="1"/><intensity type="Integer" minimum="0" maximum="255"/></prototype></points></v><v><name>a</name><points type="CompressedVector" fileOffset="48" recordCount="1"><prototype><cartesianX type="ScaledInteger" minimum="0" maximum="255"/><cartesianY type="Float" precision="single"/><cartesianZ type="Integer" minimum="0" maximum="3"/><rowIndex type="Integer" minimum="0" maximum="200"/></prototype></points></v></data3D></e57Root>' > cloud_e57/spherical.e57
 
 quad='1 2 3 4'
 printf 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0 0\nf %s\nf -4 -3 -2\nf 1/1/1 2/1/1 3/1/1\n' "$quad" > mesh_obj/quad.obj

@@ -19,6 +19,7 @@
 
 #include "fuzz/checks.h"
 #include "fuzz/fuzzers.h"
+#include "support/e57_file.h"
 
 namespace surfel::fuzz {
 namespace {
@@ -72,6 +73,19 @@ void copc(Bytes bytes) {
   const Bounds box{Vec3d(-1, -1, -1), Vec3d(700, 700, 700)};
   read_or_refuse([&] {
     read_cloud(file_of(bytes, ".laz"), {.level = 2, .bounds = box}).check_columns("the cloud");
+  });
+}
+
+/// The bytes are what the pages of a file hold, since no fuzzer guesses checksums.
+void e57(Bytes bytes) {
+  const std::string file = test::with_checksums(std::string(as_text(bytes)));
+  cloud(std::as_bytes(std::span(file)), ".e57");
+}
+
+void named_columns(Bytes bytes) {
+  read_or_refuse([&] {
+    read_cloud(file_of(bytes, ".csv"), {.columns = {"x", "y", "z", "-", "r", "g", "b"}})
+        .check_columns("the cloud");
   });
 }
 
@@ -155,6 +169,10 @@ constexpr Fuzzer kReaders[] = {
     {"cloud_laz", [](Bytes bytes) { las(bytes, ".laz"); }},
     {"cloud_copc", copc},
     {"cloud_text", [](Bytes bytes) { cloud(bytes, ".xyz"); }},
+    {"cloud_columns", named_columns},
+    {"cloud_e57", e57},
+    {"cloud_expe", [](Bytes bytes) { cloud(bytes, ".pts"); }},
+    {"cloud_ptx", [](Bytes bytes) { cloud(bytes, ".ptx"); }},
     {"mesh_ply", [](Bytes bytes) { mesh(bytes, ".ply"); }},
     {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},
     {"mesh_stl", [](Bytes bytes) { mesh(bytes, ".stl"); }},

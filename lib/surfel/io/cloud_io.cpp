@@ -575,8 +575,7 @@ struct CloudWriter::Impl {
       // Without this word numbers up to 1 are read as sRGB.
       const bool linear =
           !first.color.empty() && first.color_encoding == ColorEncoding::kFloatLinear;
-      if (linear) return "# colors are linear light
-" + column_line(columns, separator());
+      if (linear) return "# colors are linear light\n" + column_line(columns, separator());
       const bool bare = lower_extension(path) == ".xyz" && are_known_columns(columns);
       return bare ? std::string() : column_line(columns, separator());
     }
