@@ -1,6 +1,7 @@
 // surfel-render: pictures of surfels by EWA splatting, and the truths to measure them against.
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,17 +11,22 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/output_file.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
+#include <surfel/render/contact_sheet.h>
 #include <surfel/render/legend.h>
 #include <surfel/scene/camera.h>
+#include <surfel/scene/map_place.h>
 #include <surfel/scene/surface_sample.h>
 
 #include "tools/render/coloring.h"
 #include "tools/render/frame_report.h"
 #include "tools/render/light.h"
+#include "tools/render/movie.h"
 #include "tools/render/painters.h"
 #include "tools/render/settings.h"
 #include "tools/render/surfels.h"
@@ -85,9 +91,9 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
 
 /// The cameras to render from: what the user left open is guessed from what is drawn. The sky of
 /// the scene is up in the (first) picture unless the scene says otherwise.
-std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings& s,
-                                       const Subject& subject, std::vector<AskedView> asked,
-                                       surfel::Scene& scene) {
+std::vector<surfel::View> find_views(surfel::tool::Tool& tool, const Settings& s,
+                                     const Subject& subject, std::vector<AskedView> asked,
+                                     surfel::Scene& scene) {
   if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
     aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
   } else if (needs_guess(s, asked)) {
@@ -100,45 +106,76 @@ std::vector<surfel::Camera> find_views(surfel::tool::Tool& tool, const Settings&
   }
   const surfel::SceneExtent extent = subject.extent();
   tool.report()["stray_points"] = extent.stray;
-  return cameras(tool, s, asked, extent);
+  return complete_views(tool, s, asked, extent);
 }
 
-/// Makes the pictures of all views, each in several steps where that is asked for, and writes them.
-void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
-          const std::vector<Paint>& steps, const std::vector<surfel::Camera>& views,
-          const std::vector<Shot>& shots) {
+/// Where a map's pixels lie.
+std::optional<surfel::MapPlace> map_of(const Settings& s, const surfel::Camera& camera) {
+  if (!s.map) return std::nullopt;
+  return surfel::map_place(camera);
+}
+
+void write_world_file(const surfel::tool::Tool& tool, const Settings& s,
+                      const surfel::Camera& camera) {
+  surfel::OutputFile file(surfel::world_file_name(s.output), tool.common().no_clobber);
+  file.write(surfel::world_file(surfel::map_place(camera)));
+  file.commit();
+}
+
+/// The picture with what it is made of, in one.
+surfel::Image explained(const Settings& s, const surfel::LoadedCloud& loaded,
+                        const surfel::View& view, const surfel::Image& image) {
+  if (view.lens) {
+    surfel::throw_usage(
+        "--contact-sheet is of cameras without distortion; see colmap "
+        "image_undistorter");
+  }
+  const auto& color = s.sheet_background;
+  return surfel::contact_sheet(image, surfel::surfels_per_pixel(loaded.store(), view.camera),
+                               {color[0], color[1], color[2]});
+}
+
+/// Makes the pictures of all views, each in several steps where that is asked for, and writes them;
+/// returns their files.
+std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
+                              surfel::Scene& scene, const std::vector<Paint>& steps,
+                              const std::vector<surfel::View>& views,
+                              const std::vector<Shot>& shots) {
   const std::size_t pictures = shots.size() * steps.size();
-  const surfel::Legend* legend = subject.legend && wants_legend(s) ? &*subject.legend : nullptr;
+  const surfel::Legend* legend =
+      subject.legend && wants_legend(s) && !s.contact_sheet ? &*subject.legend : nullptr;
   if (s.legend == LegendChoice::kOn) require_room(views);
   // The writer adds to the report, so what is said of frames is kept apart until it is done.
   std::vector<nlohmann::json> frames(pictures);
   std::uint64_t pixels = 0;
   for (const Shot& shot : shots) {
-    const surfel::Camera& view = views[shot.number];
-    pixels += static_cast<std::uint64_t>(view.width) * static_cast<std::uint64_t>(view.height);
+    const surfel::Camera& camera = views[shot.number].camera;
+    pixels += static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);
   }
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
   for (std::size_t i = 0; i < pictures; ++i) {
     const Shot& shot = shots[i / steps.size()];
-    const surfel::Camera& view = views[shot.number];
+    const surfel::View& view = views[shot.number];
     const std::size_t step = i % steps.size();
     surfel::FrameStatistics frame;
     const auto progress = [&](double share) {
       stage.set_share((static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
-    surfel::Image image = steps[step](view, frame, progress);
+    surfel::Image image = paint_view(s, steps[step], view, scene, frame, progress);
     if (legend) surfel::draw_legend(*legend, image);
+    if (s.contact_sheet) image = explained(s, *subject.loaded, view, image);
     warn(tool, s, shot.number, frame);
-    if (s.explain && i + 1 == steps.size()) explain(tool, s, *subject.loaded, view, frame);
+    if (s.explain && i + 1 == steps.size()) explain(tool, s, *subject.loaded, view.camera, frame);
     frames[i] = to_json(frame);
     // Only the first step must find no file: the others find its.
     if (step == 0) files.push_back(shot.file);
     queue.write(std::move(image), shot.file,
                 {.no_clobber = tool.common().no_clobber && step == 0,
                  .metadata = {{"Software", "surfel-render"}},
-                 .world_to_camera = surfel::world_to_camera_matrix(view)});
+                 .world_to_camera = surfel::world_to_camera_matrix(view.camera),
+                 .map = map_of(s, view.camera)});
     progress(1);
   }
   queue.finish();
@@ -146,10 +183,14 @@ void draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = std::move(frames);
-  const surfel::Camera& first = views[shots.front().number];
-  const std::string size = fmt::format("{}x{} pixels", first.width, first.height);
-  tool.wrote(s.output,
-             files.size() == 1 ? size : fmt::format("{} pictures of {}", files.size(), size),
+  return files;
+}
+
+/// Says what was written.
+void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::Camera& camera,
+          std::size_t pictures, const std::vector<std::string>& files) {
+  const std::string size = fmt::format("{}x{} pixels", camera.width, camera.height);
+  tool.wrote(s.output, pictures == 1 ? size : fmt::format("{} pictures of {}", pictures, size),
              files);
 }
 
@@ -167,9 +208,9 @@ int main(int argc, char** argv) {
                  "800x600 --background navy",
                  "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.reads_images();
-  tool.files().reads(
-      {"files", "--camera", "--views", "--scene", "--mesh", "--image", "--normal-map", "--bump"});
-  tool.files().writes("--output", surfel::tool::Writes::kPicture);
+  tool.files().reads({"files", "--camera", "--views", "--path", "--scene", "--mesh", "--image",
+                      "--normal-map", "--bump"});
+  tool.files().writes("--output", surfel::tool::Writes::kFilm);
   tool.files().writes("--keep", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"y_down", "--normal-y"}});
   std::vector<char*> words = with_output(argc, argv);
@@ -177,20 +218,37 @@ int main(int argc, char** argv) {
     settle(tool.app(), s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
-    const std::vector<Shot> shots = asked_shots(tool, s, asked);
+    std::optional<Movie> movie;
+    if (wants_film(s)) {
+      if (s.skip_existing && std::filesystem::exists(s.output)) {
+        tool.note(s.output + " is there already");
+        return;
+      }
+      movie.emplace(s.output, s.fps, tool.common().no_clobber);
+    }
+    const std::string output = movie ? movie->pattern() : s.output;
+    const std::vector<Shot> shots = asked_shots(tool, s, output, asked);
     if (shots.empty()) return;
     for (const Shot& shot : shots) {
-      if (shot.file != s.output) tool.files().write_also("--output", shot.file);
+      if (!movie && shot.file != s.output) tool.files().write_also("--output", shot.file);
     }
+    if (s.map) tool.files().write_also("the world file", surfel::world_file_name(s.output));
     Subject subject;
     load(tool, s, scene, asked, subject);
     if (!subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
       choose_light(tool, s, *subject.loaded, named || subject.legend);
     }
-    const std::vector<surfel::Camera> views = find_views(tool, s, subject, asked, scene);
+    const std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
     const std::vector<Paint> steps =
         subject.mesh ? std::vector{subject.mesh->paint()} : surfel_steps(s, *subject.loaded, scene);
-    draw(tool, s, subject, steps, views, shots);
+    std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots);
+    if (movie) {
+      movie->join();
+      files = {s.output};
+    }
+    const surfel::Camera& first = views[shots.front().number].camera;
+    if (s.map) write_world_file(tool, s, first);
+    tell(tool, s, first, shots.size(), files);
   });
 }

@@ -1,6 +1,7 @@
 // What holds for every tool: usage, bad input, bad output, interruption, number of threads.
 
 #include <algorithm>
+#include <map>
 #include <sstream>
 
 #include <gtest/gtest.h>
@@ -305,17 +306,19 @@ TEST(Tools, ShippedConfigurationsWork) {
   const TemporaryFolder folder;
   int loaded = 0;
   for (const auto& entry : fs::directory_iterator(fs::path(SURFEL_SOURCE_DIR) / "configs")) {
-    // configs/TOOL-WHAT.toml is for surfel-TOOL --config, scene-WHAT.toml for surfel-render
-    // --scene.
+    // configs/TOOL-WHAT.toml is for surfel-TOOL --config, the others are for options of
+    // surfel-render.
+    const std::map<std::string, std::string> options{
+        {"render", "--config"}, {"scene", "--scene"}, {"views", "--views"}, {"path", "--path"}};
     const std::string name = entry.path().filename().string();
-    const bool scene = name.starts_with("scene-");
-    ASSERT_TRUE(scene || name.starts_with("render-")) << name << ": say here how it is used";
-    const std::string picture = folder / (name + ".png");
-    const RunResult result =
-        run({tool("surfel-render"), Inputs::get().surfels, scene ? "--scene" : "--config",
-             entry.path().string(), "--size", "32x32", "-o", picture});
+    const auto option = options.find(name.substr(0, name.find('-')));
+    ASSERT_TRUE(option != options.end()) << name << ": say here how it is used";
+    const bool known = name.ends_with(".json");  // Such pictures have a shape.
+    const RunResult result = run({tool("surfel-render"), Inputs::get().surfels, option->second,
+                                  entry.path().string(), "--size", known ? "32x24" : "32x32", "-o",
+                                  folder / (name + "_%04d.png"), "--frames", "0-0"});
     EXPECT_EQ(result.exit_code, 0) << name << ": " << result.errors;
-    EXPECT_TRUE(fs::exists(picture)) << name;
+    EXPECT_TRUE(fs::exists(folder / (name + "_0000.png"))) << name;
     ++loaded;
   }
   EXPECT_GE(loaded, 6);

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <surfel/chart/process.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/framing.h>
 
@@ -143,6 +144,187 @@ TEST(Views, SizeScalesKnownViews) {
       render(folder, {"--views", folder / "colmap", "--size", "48", "-o", folder / "wrong.png"});
   EXPECT_EQ(wrong.exit_code, 2);
   EXPECT_TRUE(contains(wrong.errors, "such as 48x32")) << wrong.errors;
+}
+
+TEST(Views, LensesBendTheSameScene) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  write_colmap(folder, 1);
+  ASSERT_EQ(
+      render(folder, {"--views", folder / "colmap", "--cutoff", "4", "-o", folder / "plain.exr"})
+          .exit_code,
+      0);
+  const Camera camera = make_camera(known_options(), {});
+  // Next to no distortion: what the resampling alone changes.
+  write_text(folder / "colmap/cameras.txt",
+             fmt::format("1 SIMPLE_RADIAL 96 64 {} 48 32 1e-12\n", camera.focal_x));
+  RunResult result =
+      render(folder, {"--views", folder / "colmap", "--cutoff", "4", "-o", folder / "lens.exr"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const Image plain = read_premultiplied_image(folder / "plain.exr");
+  const Image lens = read_premultiplied_image(folder / "lens.exr");
+  double sum = 0;
+  for (std::size_t i = 0; i < plain.data.size(); ++i) {
+    const double difference = plain.data[i] - lens.data[i];
+    sum += difference * difference;
+  }
+  const double psnr = -10 * std::log10(sum / static_cast<double>(plain.data.size()));
+  EXPECT_GT(psnr, 42);
+  write_text(folder / "colmap/cameras.txt", "1 FOV 96 64 90 90 48 32 0.5\n");
+  result = render(folder, {"--views", folder / "colmap", "-o", folder / "lens.exr"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "colmap image_undistorter")) << result.errors;
+}
+
+TEST(Views, PanoramasShowTheInsideOfABallAllAround) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const RunResult result =
+      render(folder, {"--projection", "equirectangular", "--eye", "0.1,0,0", "--size", "128x64",
+                      "--shading", "none", "-o", folder / "around.exr"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const Image image = read_image(folder / "around.exr", true);
+  ASSERT_EQ(image.channels[4], "Z");
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      EXPECT_NEAR(image.pixel(x, y)[3], 1, 1e-3) << x << " " << y;
+    }
+  }
+  // Without a target the middle looks along -z, and the right quarter along x.
+  EXPECT_NEAR(image.pixel(64, 32)[4], std::sqrt(1 - 0.01), 0.02);
+  EXPECT_NEAR(image.pixel(96, 32)[4], 0.9, 0.02);
+  EXPECT_NEAR(image.pixel(32, 32)[4], 1.1, 0.02);
+  const auto refused = [&](const Words& words) {
+    Words all{"--projection", "equirectangular", "-o", folder / "wrong.png"};
+    all.insert(all.end(), words.begin(), words.end());
+    return render(folder, all).exit_code;
+  };
+  EXPECT_EQ(refused({}), 2);
+  EXPECT_EQ(refused({"--eye", "0,0,0", "--size", "64x64"}), 2);
+  EXPECT_EQ(refused({"--eye", "0,0,0", "--fov", "30"}), 2);
+}
+
+TEST(Views, ContactSheetsHaveSixPanels) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const auto sheet = [&](const Words& words) {
+    Words all{"--contact-sheet", "--size", "64x48", "--from", "0,0,1", "-o", folder / "sheet.png"};
+    all.insert(all.end(), words.begin(), words.end());
+    return render(folder, all).exit_code;
+  };
+  ASSERT_EQ(sheet({}), 0);
+  const Image image = read_image(folder / "sheet.png");
+  EXPECT_EQ(image.width, 3 * 64);
+  EXPECT_EQ(image.height, 2 * 48);
+  EXPECT_EQ(image.pixel(2, 46)[2], 1);               // White where nothing is,
+  EXPECT_GT(image.pixel(64 + 32, 24)[2], 0.95F);     // and the normal towards the eye, z.
+  EXPECT_EQ(sheet({"--method", "transparent"}), 2);  // It knows no depths.
+  EXPECT_EQ(sheet({"--reference"}), 2);
+  EXPECT_EQ(sheet({"--legend", "on"}), 2);
+}
+
+TEST(Views, MapsSayWhereTheyLie) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  RunResult result = render(folder, {"--map", "0.125", "-o", folder / "map.tif"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const Image image = read_image(folder / "map.tif");
+  const std::string world = read_text(folder / "map.tfw");
+  EXPECT_TRUE(world.starts_with("0.125\n0\n0\n-0.125\n")) << world;
+  // The ball and the discs around it reach a little beyond 1.
+  EXPECT_EQ(image.width % 2, 0);
+  EXPECT_NEAR(image.width, 18, 2);
+  const std::string left = fmt::format("\n{}\n", -image.width / 2 * 0.125 + 0.0625);
+  EXPECT_TRUE(contains(world, left)) << world;
+  const std::string bytes = read_text(folder / "map.tif");
+  const double scale[] = {0.125, 0.125, 0};
+  EXPECT_TRUE(contains(bytes, std::string(reinterpret_cast<const char*>(scale), sizeof(scale))));
+  result = render(folder, {"--map", "0.125", "-o", folder / "map.png"});
+  EXPECT_EQ(read_text(folder / "map.pgw"), world);
+  EXPECT_EQ(render(folder, {"--map", "0", "-o", folder / "no.png"}).exit_code, 2);
+  EXPECT_EQ(render(folder, {"--map", "1e-9", "-o", folder / "no.png"}).exit_code, 2);
+  EXPECT_EQ(render(folder, {"--map", "1", "--fov", "3", "-o", folder / "no.png"}).exit_code, 2);
+}
+
+TEST(Views, PathsGoThroughTheirViews) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  write_text(folder / "path.toml",
+             "[[camera]]\ntime = 0\neye = [0, 0, 3]\ntarget = [0, 0, 0]\n"
+             "[[camera]]\ntime = 1\neye = [2, 1, 2]\ntarget = [0, 0, 0]\n"
+             "[[camera]]\ntime = 1.5\neye = [3, 0, 0]\ntarget = [0, 0, 0]\n");
+  const auto fly = [&](const Words& words) {
+    Words all{"--path", folder / "path.toml", "--size", "32", "-o", folder / "fly_%02d.png"};
+    all.insert(all.end(), words.begin(), words.end());
+    return render(folder, all);
+  };
+  RunResult result = fly({"--fps", "2"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(std::filesystem::exists(folder / "fly_03.png"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "fly_04.png"));
+  ASSERT_EQ(render(folder, {"--eye", "2,1,2", "--target", "0,0,0", "--size", "32", "-o",
+                            folder / "key.png"})
+                .exit_code,
+            0);
+  const Image key = read_image(folder / "key.png");
+  const Image there = read_image(folder / "fly_02.png");
+  ASSERT_EQ(key.data.size(), there.data.size());
+  for (std::size_t i = 0; i < key.data.size(); ++i) {
+    ASSERT_NEAR(key.data[i], there.data[i], 0.02) << i;
+  }
+  EXPECT_EQ(fly({"--path-pictures", "1"}).exit_code, 2);
+  EXPECT_EQ(fly({"--turntable", "3"}).exit_code, 2);
+  EXPECT_EQ(fly({"--views", folder / "path.toml"}).exit_code, 2);
+  write_text(folder / "path.toml", "[[camera]]\neye = [0, 0, 3]\ntarget = [0, 0, 0]\n");
+  result = fly({"--path-pictures", "5"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "two key frames")) << result.errors;
+}
+
+TEST(Views, WithoutFfmpegThePicturesStayAndTheCommandIsSaid) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const RunResult result =
+      run({"/usr/bin/env", "PATH=" + folder / "", tool("surfel-render"), folder / "ball.ply",
+           "--turntable", "3", "--size", "32", "-o", folder / "turn.mp4"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "ffmpeg -y")) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "turn_frames")) << result.errors;
+  EXPECT_EQ(entries(folder / "turn_frames"), (Words{"000000.png", "000001.png", "000002.png"}));
+  EXPECT_FALSE(std::filesystem::exists(folder / "turn.mp4"));
+}
+
+TEST(Views, FilmsAreMadeWholeOrNotAtAll) {
+  SURFEL_REQUIRE_PROGRAM("ffmpeg");
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const auto film = [&](const std::string& name, const Words& words) {
+    Words all{"--turntable", "4", "--size", "33x32", "-o", folder / name};
+    all.insert(all.end(), words.begin(), words.end());
+    return render(folder, all);
+  };
+  for (const char* name : {"a.mp4", "a.webm", "a.gif", "a.webp"}) {
+    const RunResult result = film(name, {});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_GT(std::filesystem::file_size(folder / name), 500U) << name;
+  }
+  const std::string before = read_text(folder / "a.mp4");
+  ASSERT_EQ(film("a.mp4", {"--threads", "1"}).exit_code, 0);
+  EXPECT_EQ(read_text(folder / "a.mp4"), before);
+  EXPECT_EQ(entries(folder / ""), (Words{"a.gif", "a.mp4", "a.webm", "a.webp", "ball.ply"}));
+  EXPECT_EQ(film("a.mp4", {"--no-clobber"}).exit_code, 1);
+  EXPECT_EQ(film("a_%d.mp4", {}).exit_code, 2);
+  EXPECT_EQ(film("none/a.mp4", {}).exit_code, 1);
+  // An ffmpeg that fails leaves no film and no pictures.
+  std::filesystem::create_directory(folder / "bin");
+  write_text(folder / "bin/ffmpeg", "#!/bin/sh\necho no such codec >&2\nexit 1\n");
+  std::filesystem::permissions(folder / "bin/ffmpeg", std::filesystem::perms::owner_all);
+  const RunResult failed =
+      run({"/usr/bin/env", "PATH=" + folder / "bin", tool("surfel-render"), folder / "ball.ply",
+           "--turntable", "2", "--size", "32", "-o", folder / "b.mp4"});
+  EXPECT_EQ(failed.exit_code, 1);
+  EXPECT_TRUE(contains(failed.errors, "no such codec")) << failed.errors;
+  EXPECT_EQ(entries(folder / "").size(), 6U);
 }
 
 }  // namespace

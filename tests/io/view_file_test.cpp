@@ -215,8 +215,9 @@ TEST(Views, ColmapIsRefusedWithThePlaceOfTheFault) {
   };
   const std::string image = "1 1 0 0 0 0 0 0 1 a.jpg\n\n";
   for (const auto& [cameras, images, expected] : std::vector<std::array<std::string, 3>>{
-           {"1 SIMPLE_RADIAL 8 8 9 4 4 0.1\n", image, "colmap image_undistorter"},
-           {"\n1 OPENCV_FISHEYE 8 8 9 9 4 4 0 0 0 0\n", image, "line 2: the camera model OPENCV_F"},
+           {"1 FOV 8 8 9 9 4 4 0.1\n", image, "colmap image_undistorter"},
+           {"\n1 THIN_PRISM_FISHEYE 8 8 9 9 4 4 0 0 0 0 0 0 0 0\n", image,
+            "line 2: the camera model"},
            {"1 PINHOLES 8 8 9 9 4 4\n", image, "'PINHOLES' is not known"},
            {"1 PINHOLE 8 8 9 9 4\n", image, "cameras.txt: line 1: a parameter"},
            {"1 PINHOLE 8 8 9 9 4 4 4\n", image, "more than the 4 parameters of PINHOLE"},
@@ -283,8 +284,7 @@ TEST(Views, JsonIsRefusedWithThePlaceOfTheFault) {
            {error("{\"frames\": [{\"transform_matrix\": " + unit + "}]}"), "no w and h"},
            {error("{\"w\": 8, \"h\": 8, \"frames\": [{}]}"), "neither fl_x nor camera_angle_x"},
            {frame(""), "frames[0] has no transform_matrix"},
-           {frame("\"k1\": 0.1, \"transform_matrix\": " + unit), "colmap image_undistorter"},
-           {frame("\"camera_model\": \"OPENCV_FISHEYE\""), "OPENCV_FISHEYE"},
+           {frame("\"camera_model\": \"FOV\""), "colmap image_undistorter"},
            {frame("\"transform_matrix\": [[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]"),
             "scales lengths by 2"},
            {frame("\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]"), "mirrors"},
@@ -299,8 +299,41 @@ TEST(Views, JsonIsRefusedWithThePlaceOfTheFault) {
       written(folder, "blender.json",
               "{\"camera_angle_x\": 1, \"frames\": [{\"transform_matrix\": " + unit + "}]}");
   EXPECT_EQ(read_views(blender, {.width = 80, .height = 60})[0].camera.center_y, 30);
-  EXPECT_NE(message_of([&] { read_views(folder / "none.ply"); }).find("no file of views"),
+  EXPECT_NE(message_of([&] { read_views(folder / "none.ply"); }).find("cannot be opened"),
             std::string::npos);
+}
+
+TEST(Views, LensesAreReadInEveryConvention) {
+  const TemporaryFolder folder;
+  written(folder, "c/images.txt",
+          "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 2 b\n\n3 1 0 0 0 0 0 0 3 c\n\n"
+          "4 1 0 0 0 0 0 0 4 d\n\n");
+  written(folder, "c/cameras.txt",
+          "1 FULL_OPENCV 8 8 9 9 4 4 .1 .2 .3 .4 .5 .6 .7 .8\n2 OPENCV_FISHEYE 8 8 9 9 4 4 .1 .2 "
+          ".3 .4\n3 RADIAL 8 8 9 4 4 .1 .2\n4 OPENCV 8 8 9 9 4 4 0 0 0 0\n");
+  const std::vector<View> views = read_views(folder / "c");
+  ASSERT_TRUE(views[0].lens && views[1].lens && views[2].lens);
+  EXPECT_FALSE(views[3].lens);
+  using K = std::array<double, 6>;
+  EXPECT_EQ(views[0].lens->k, (K{.1, .2, .5, .6, .7, .8}));
+  EXPECT_EQ(views[0].lens->p, (std::array<double, 2>{.3, .4}));
+  EXPECT_EQ(views[1].lens->model, Lens::Model::kFisheye);
+  EXPECT_EQ(views[1].lens->k, (K{.1, .2, .3, .4, 0, 0}));
+  EXPECT_EQ(views[2].lens->k, (K{.1, .2, 0, 0, 0, 0}));
+
+  const auto transforms = [&](const std::string& members) {
+    return read_views(
+        written(folder, "t.json",
+                "{\"w\": 8, \"h\": 4, \"fl_x\": 9, " + members +
+                    ", \"frames\": [{\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"))[0];
+  };
+  const View opencv = transforms(R"("k1": 0.1, "k2": 0.2, "p1": 0.3, "p2": 0.4)");
+  EXPECT_EQ(opencv.lens->k, (K{.1, .2, 0, 0, 0, 0}));
+  EXPECT_EQ(opencv.lens->p, (std::array<double, 2>{.3, .4}));
+  EXPECT_FALSE(transforms(R"("k1": 0, "camera_model": "OPENCV")").lens);
+  EXPECT_EQ(transforms(R"("is_fisheye": true)").lens->model, Lens::Model::kFisheye);
+  EXPECT_EQ(transforms(R"("camera_model": "EQUIRECTANGULAR")").lens->model,
+            Lens::Model::kEquirectangular);
 }
 
 TEST(Views, RotationsOfFewDigitsAreMadeRotations) {

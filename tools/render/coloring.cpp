@@ -158,8 +158,9 @@ std::unique_ptr<SurfelSource> Coloring::wrap(tool::Tool& tool, const Settings& s
   return std::make_unique<ColoredSource>(facts.source, values, colors);
 }
 
-void require_room(const std::vector<Camera>& views) {
-  for (const Camera& view : views) {
+void require_room(const std::vector<View>& views) {
+  for (const View& one : views) {
+    const Camera& view = one.camera;
     if (std::min(view.width, view.height) >= Legend::kLeastPixels) continue;
     throw_usage(
         fmt::format("--legend on needs pictures of {0}x{0} pixels at least, not {1}x{2}; "

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <surfel/render/legend.h>
-#include <surfel/scene/camera.h>
+#include <surfel/scene/view.h>
 #include <surfel/store/cloud_loader.h>
 
 #include "tools/render/settings.h"
@@ -30,6 +30,6 @@ struct Coloring {
 };
 
 /// Throws Error(kUsage) if one of the pictures is too small for a legend.
-void require_room(const std::vector<Camera>& views);
+void require_room(const std::vector<View>& views);
 
 }  // namespace surfel::render_tool

@@ -1,6 +1,7 @@
 #include "tools/render/painters.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -8,6 +9,7 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
 #include <surfel/render/environment_map.h>
+#include <surfel/render/lens_picture.h>
 #include <surfel/truth/reference.h>
 #include <surfel/truth/source_ewa.h>
 
@@ -45,6 +47,23 @@ Paint surfel_painter(const Settings& s, const RenderOptions& options, const Load
   };
 }
 
+/// Adds what is counted of one picture to the numbers of several.
+void add_up(const FrameStatistics& one, FrameStatistics& all) {
+  all.milliseconds += one.milliseconds;
+  all.clusters += one.clusters;
+  all.splats += one.splats;
+  all.exact_splats += one.exact_splats;
+  all.thinned_splats += one.thinned_splats;
+  all.geometry_passes = std::max(all.geometry_passes, one.geometry_passes);
+  all.fragments += one.fragments;
+  all.merged += one.merged;
+  all.late_weight_share = std::max(all.late_weight_share, one.late_weight_share);
+  all.groups = one.groups;
+  all.culled += one.culled;
+  all.peeled_layers = std::max(all.peeled_layers, one.peeled_layers);
+  all.unpeeled_pixels += one.unpeeled_pixels;
+}
+
 }  // namespace
 
 Scene load_scene(tool::Tool& tool, const Settings& s) {
@@ -68,6 +87,33 @@ std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, c
   }
   steps.push_back(surfel_painter(s, s.render, surfels, scene));
   return steps;
+}
+
+Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene& scene,
+                 FrameStatistics& statistics, const std::function<void(double)>& progress) {
+  if (!view.lens) return paint(view.camera, statistics, progress);
+  const std::vector<Light> lights = scene.lights;
+  if (needs_cube(view.camera, *view.lens)) {
+    for (Light& light : scene.lights) {
+      if (light.type != Light::Type::kHeadlight) continue;
+      light.type = Light::Type::kPoint;
+      light.vector = view.camera.eye;
+    }
+  }
+  const auto draw = [&](const Camera& camera) {
+    FrameStatistics one;
+    Image image = paint(camera, one, progress);
+    add_up(one, statistics);
+    return image;
+  };
+  const std::array<float, 4>& color = s.render.background;
+  LensPictureOptions options{.lowpass = s.render.lowpass};
+  for (std::size_t c = 0; c < 4; ++c) {
+    options.background[c] = c < 3 ? color[c] * color[3] : color[3];
+  }
+  Image image = draw_through_lens(view.camera, *view.lens, draw, options);
+  scene.lights = lights;
+  return image;
 }
 
 MeshPainter::MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene)

@@ -11,6 +11,7 @@
 #include <surfel/scene/image.h>
 #include <surfel/scene/scene.h>
 #include <surfel/scene/triangle_mesh.h>
+#include <surfel/scene/view.h>
 #include <surfel/store/cloud_loader.h>
 #include <surfel/texture/normal_maps.h>
 #include <surfel/texture/texture_source.h>
@@ -30,6 +31,12 @@ Scene load_scene(tool::Tool& tool, const Settings& s);
 
 /// The renderers of a picture's steps, coarsest first. They refer to the surfels and the scene.
 std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene);
+
+/// Makes the picture of a view. One through a lens is made of one or more pictures of pinholes,
+/// whose numbers are added up; where these look in several directions, lights that move with the
+/// camera stand in its eye meanwhile, for `scene` is the one that `paint` draws.
+Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene& scene,
+                 FrameStatistics& statistics, const std::function<void(double)>& progress);
 
 /// A mesh with its textures, and its renderer.
 class MeshPainter {

@@ -1,6 +1,7 @@
 #include "tools/render/settings.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <utility>
 
@@ -9,6 +10,8 @@
 #include <surfel/io/image_io.h>
 #include <surfel/store/attribute_values.h>
 
+#include "tools/render/movie.h"
+#include "tools/render/views.h"
 #include "tools/support/color.h"
 #include "tools/support/options.h"
 #include "tools/support/tool.h"
@@ -31,8 +34,33 @@ void declare_camera(CLI::App& app, Settings& s) {
                  "scales their pictures, --up says where a sky is");
   app.add_flag("--original-world", s.original_world,
                "Of --views: undo the applied_transform of a transforms.json");
+  add_choice(app, "--projection", s.projection,
+             {{"pinhole", Projection::kPinhole}, {"equirectangular", Projection::kEquirectangular}},
+             "What the picture shows: what a pinhole sees, or, 360 by 180 degrees, all around the "
+             "--eye, twice as wide as high (--ortho: neither)");
   app.add_option("--turntable", s.turntable,
                  "That many pictures around the target, 1..100000; 0 = one picture");
+  add_text(app, "--path", "FILE", "",
+           "Key frames to fly along, in any file that --views takes; those of a camera file and of "
+           "JSON may have a time, in seconds, else they are a second apart",
+           [&s](const std::string& text) {
+             s.views_file = text;
+             s.path = true;
+           })
+      ->excludes(app.get_option("--views"));
+  app.add_option("--path-pictures", s.path_pictures,
+                 "Of --path: that many pictures, 2..1000000; 0 = by time and --fps");
+  add_choice(app, "--ease", s.ease,
+             {{"none", PathEase::kNone},
+              {"in", PathEase::kIn},
+              {"out", PathEase::kOut},
+              {"both", PathEase::kBoth}},
+             "Of --path: begin at rest, come to rest, or both");
+  app.add_option("--fps", s.fps, "Pictures a second of films, and of --path, 0.1..1000");
+  app.add_option("--map", s.map,
+                 "Map of all that there is from above, z up: pixels of that many scene units, > 0, "
+                 "at multiples of it; a world file is written beside the picture, and TIFF gets "
+                 "the tags of GeoTIFF");
   add_text(app, "--frames", "A-B", "",
            "Of several pictures those from number A to number B, the first of which is 0",
            [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
@@ -241,24 +269,58 @@ void finish(Settings& s) {
   s.normals.maps.charts = false;
   s.normals.maps.wrap = s.texture.wrap;
   s.render.cull_back = s.cull == Cull::kBack;
-  s.render.aovs = tool::lower_extension(s.output) == ".exr" && !blends_layers(s);
+  s.render.aovs =
+      (s.contact_sheet || tool::lower_extension(s.output) == ".exr") && !blends_layers(s);
   constexpr std::array<float, 4> kWhite{1, 1, 1, 1};
   if (s.background) {
     s.render.background = *s.background;
-  } else if (!image_format_has_alpha(s.output)) {
+  } else if (wants_film(s) || !image_format_has_alpha(s.output)) {
     s.render.background = kWhite;
+  }
+  if (s.contact_sheet) {
+    s.sheet_background = s.background.value_or(kWhite);
+    s.render.background = {0, 0, 0, 0};  // Holes are found where nothing is behind them.
   }
   if (s.filter == Filter::kCircular) s.render.filter = surfel::Filter::kCircular;
   if (s.filter == Filter::kNone) s.render.filter = surfel::Filter::kNone;
 }
 
+/// Panoramas show all directions from a place, by degrees.
+void check_projection(const CLI::App& app, Settings& s) {
+  if (s.projection != Projection::kEquirectangular) return;
+  tool::require_valid(tool::without_effect(
+      app, {"--fov", "--ortho", "--zoom", "--frame-all", "--turntable", "--from", "--view"},
+      "with --projection equirectangular"));
+  if (s.camera_file.empty() && s.views_file.empty() && !s.camera.eye) {
+    throw_usage("--projection equirectangular needs the place that all is seen from: give --eye");
+  }
+  if (app.get_option("--size")->count() == 0) {
+    s.camera.width = 1024;
+    s.camera.height = 512;
+  }
+  if (s.views_file.empty() && s.camera.width != 2 * s.camera.height) {
+    throw_usage(
+        fmt::format("--size is {}x{}; with --projection equirectangular pictures are "
+                    "twice as wide as high",
+                    s.camera.width, s.camera.height));
+  }
+}
+
 /// Known views leave nothing of a camera open but its near plane.
 void check_views(const CLI::App& app, Settings& s) {
+  if (!s.path) {
+    tool::require_valid(tool::without_effect(app, {"--path-pictures", "--ease"}, "without --path"));
+  }
+  if (!s.path && !wants_film(s)) {
+    tool::require_valid(tool::without_effect(app, {"--fps"}, "without --path and films"));
+  }
+  if (s.path) tool::require_valid(tool::without_effect(app, {"--turntable"}, "with --path"));
   if (s.views_file.empty()) {
     tool::require_valid(tool::without_effect(app, {"--original-world"}, "without --views"));
     return;
   }
-  if (!s.camera_file.empty()) throw_usage("--camera and --views exclude each other");
+  const std::string option = s.path ? "--path" : "--views";
+  if (!s.camera_file.empty()) throw_usage("--camera and " + option + " exclude each other");
   s.resize = app.get_option("--size")->count() > 0;
   if (tool::lower_extension(s.views_file) == ".toml") {
     s.camera_file = std::exchange(s.views_file, {});
@@ -269,8 +331,24 @@ void check_views(const CLI::App& app, Settings& s) {
   tool::require_valid(tool::without_effect(app,
                                            {"--eye", "--from", "--view", "--target", "--fov",
                                             "--ortho", "--zoom", "--frame-all", "--turntable"},
-                                           "on the views of --views"));
-  if (s.view.guess_up) throw_usage("--up auto has no effect on the views of --views; leave it out");
+                                           "on the views of " + option));
+  if (s.view.guess_up) {
+    throw_usage("--up auto has no effect on the views of " + option + "; leave it out");
+  }
+}
+
+/// Maps have their own camera.
+void check_map(const CLI::App& app, const Settings& s) {
+  if (!s.map) return;
+  if (!(*s.map > 0 && std::isfinite(*s.map))) {
+    throw_usage(fmt::format("--map is {:g}; it must be > 0", *s.map));
+  }
+  if (s.output == "-") throw_usage("--map writes a world file beside the picture; name a file");
+  tool::require_valid(tool::without_effect(
+      app,
+      {"--eye", "--from", "--view", "--target", "--up", "--fov", "--ortho", "--size", "--zoom",
+       "--near", "--camera", "--views", "--path", "--turntable", "--projection"},
+      "with --map"));
 }
 
 /// Refuses options that the chosen renderer or method does not heed.
@@ -285,8 +363,13 @@ void require_effect(const CLI::App& app, const Settings& s) {
     }
     refuse(renderer, options);
   };
-  if (s.reference) refuse_fast("--reference", {"--filter"});
-  if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {});
+  if (s.contact_sheet) refuse("--contact-sheet", {"--legend"});
+  if (s.reference) refuse_fast("--reference", {"--filter", "--contact-sheet"});
+  if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {"--contact-sheet"});
+  if (blends_layers(s)) refuse("methods that blend layers", {"--contact-sheet"});
+  if (s.projection == Projection::kEquirectangular) {
+    refuse("--projection equirectangular", {"--contact-sheet"});
+  }
   static const std::map<Method, std::pair<const char*, std::vector<std::string>>> kMethods{
       {Method::kABuffer, {"abuffer", {"--voronoi", "--layers-by", "--peel"}}},
       {Method::kDeferred, {"deferred", {"--layers-by", "--peel"}}},
@@ -302,7 +385,8 @@ void require_effect(const CLI::App& app, const Settings& s) {
   }
   if (!s.mesh.empty()) {
     refuse("--mesh", {"--color-by", "--color-map", "--color-range", "--legend"});
-    refuse_fast("--mesh", {"--filter", "--cutoff", "--depth-epsilon", "--coverage-threshold"});
+    refuse_fast("--mesh", {"--contact-sheet", "--filter", "--cutoff", "--depth-epsilon",
+                           "--coverage-threshold"});
   } else if (s.inputs.empty()) {
     throw_usage("there are neither surfels nor --mesh; give one");
   }
@@ -344,6 +428,21 @@ void check(const Settings& s) {
     problems.push_back(fmt::format("--color-range is {:g},{:g}; the first must be the smaller one",
                                    (*s.color_range)[0], (*s.color_range)[1]));
   }
+  if (is_film_name(s.output) && is_pattern(s.output)) {
+    problems.push_back(fmt::format(
+        "--output is \"{}\", but one film is made of all views; leave out %d and {{name}}",
+        s.output));
+  }
+  if (s.progressive > 1 && wants_film(s)) {
+    problems.emplace_back("--progressive has no effect on films; leave it out");
+  }
+  if (s.path_pictures != 0 && (s.path_pictures < 2 || s.path_pictures > 1000000)) {
+    problems.push_back(
+        fmt::format("--path-pictures is {}; it must be 0 or 2..1000000", s.path_pictures));
+  }
+  if (!(s.fps >= 0.1 && s.fps <= 1000)) {
+    problems.push_back(fmt::format("--fps is {:g}; it must be in 0.1..1000", s.fps));
+  }
   if (s.progressive > 1 && s.output == "-") {
     problems.emplace_back("--progressive writes its steps over one another; give --output a file");
   }
@@ -365,7 +464,8 @@ void declare_options(CLI::App& app, Settings& s) {
       "are joined. With --mesh surfels only frame the picture, and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d, their "
-                 "number, or {name}, their name)")
+                 "number, or {name}, their name), or film of several views (MP4, WebM, GIF, WebP; "
+                 "ffmpeg makes it)")
       ->required();
   add_part(app, s.part);
   declare_camera(app, s);
@@ -377,6 +477,8 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_shading(app, s);
   declare_colors(app, s);
   app.option_defaults()->group("Options");
+  app.add_flag("--contact-sheet", s.contact_sheet,
+               "Six pictures in one: colour, normals, depth, surfels a pixel, holes and weight");
   app.add_option("--keep", s.keep, "Surfels to write, as they were made of the files");
   app.add_flag("--print-commands", s.print_commands,
                "Write the commands that do the same, one by one, to standard output");
@@ -391,6 +493,12 @@ void declare_options(CLI::App& app, Settings& s) {
              s.memory.reset();
              if (text != "auto") s.memory = parse_bytes("--memory", text);
            });
+}
+
+bool wants_film(const Settings& s) {
+  // What is one picture as WebP is a film where there are several to be joined.
+  const bool several = (s.turntable > 0 || s.path) && !is_pattern(s.output);
+  return is_film_name(s.output) || (several && tool::lower_extension(s.output) == ".webp");
 }
 
 bool wants_legend(const Settings& s) {
@@ -412,6 +520,8 @@ bool wants_levels(const Settings& s) {
 void settle(const CLI::App& app, Settings& s) {
   finish(s);
   check_views(app, s);
+  check_projection(app, s);
+  check_map(app, s);
   require_effect(app, s);
   check_levels(app, s);
   check(s);

@@ -9,6 +9,7 @@
 #include <CLI/CLI.hpp>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/renderer.h>
+#include <surfel/scene/camera_path.h>
 #include <surfel/scene/framing.h>
 #include <surfel/sp06/methods.h>
 #include <surfel/texture/texture_source.h>
@@ -23,6 +24,7 @@ enum class Shading { kAuto, kPhong, kNone };
 enum class ReliefChoice { kAuto, kNone, kEyeDome, kOcclusion };
 enum class Cull { kNone, kBack };
 enum class Refractions { kScene, kSingle, kMulti };
+enum class Projection { kPinhole, kEquirectangular };
 enum class Lod { kAuto, kOn, kOff };
 enum class LegendChoice { kAuto, kOn, kOff };
 /// A colour map, or a colour for each whole number.
@@ -48,9 +50,17 @@ struct Settings {
   RenderOptions render;
   Method method = Method::kABuffer;
   MethodOptions method_options;
+  Projection projection = Projection::kPinhole;
   int turntable = 0;
+  bool path = false;      ///< The views are key frames of a path.
+  int path_pictures = 0;  ///< Of a path; 0 = by its time.
+  PathEase ease = PathEase::kNone;
+  double fps = 30;            ///< Pictures a second, of films and of paths by their time.
+  std::optional<double> map;  ///< Side of a map's pixels, scene units.
+  bool contact_sheet = false;
   bool explain = false;
   std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
+  std::array<float, 4> sheet_background{};         ///< Of a contact sheet; its alpha has no effect.
   Shading shading = Shading::kAuto;
   ReliefChoice relief = ReliefChoice::kAuto;
   std::string color_by = "auto";  ///< Attribute, or auto or none.
@@ -77,6 +87,9 @@ void declare_options(CLI::App& app, Settings& s);
 /// Fills in what follows from several options. Throws Error(kUsage) where they do not go together,
 /// or where one has no effect beside the others.
 void settle(const CLI::App& app, Settings& s);
+
+/// Do the pictures become a film?
+bool wants_film(const Settings& s);
 
 /// Does a legend belong in the pictures, where there is something to say in it?
 bool wants_legend(const Settings& s);

@@ -1,6 +1,7 @@
 #include "tools/render/views.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <string_view>
@@ -10,6 +11,8 @@
 #include <surfel/base/error.h>
 #include <surfel/io/camera_file.h>
 #include <surfel/io/view_file.h>
+#include <surfel/scene/camera_path.h>
+#include <surfel/scene/map_place.h>
 #include <surfel/scene/view.h>
 
 namespace surfel::render_tool {
@@ -37,6 +40,53 @@ std::string with_number(const std::string& pattern, std::size_t number) {
          pattern.substr(d + 1);
 }
 
+/// When a path is at a view: as the view says, else a second after the one before it.
+double time_of(const AskedView& view, std::size_t number) {
+  const std::optional<double> time = view.known ? view.known->time : view.options.time;
+  return time.value_or(static_cast<double>(number));
+}
+
+/// Number of the pictures of a path.
+std::size_t path_pictures(const Settings& s, const std::vector<AskedView>& views) {
+  if (s.path_pictures > 0) return static_cast<std::size_t>(s.path_pictures);
+  constexpr double kMost = 1e6;
+  const double seconds = time_of(views.back(), views.size() - 1) - time_of(views.front(), 0);
+  const double count = std::round(seconds * s.fps) + 1;
+  if (!(count >= 2 && count <= kMost)) {
+    throw_usage(
+        fmt::format("--path takes {:g} seconds, at --fps {:g} {:.0f} pictures, which must "
+                    "be 2 to 1000000; give --path-pictures",
+                    seconds, s.fps, count));
+  }
+  return static_cast<std::size_t>(count);
+}
+
+/// The views of a path's pictures.
+std::vector<View> along_path(const Settings& s, const std::vector<AskedView>& asked,
+                             const std::vector<View>& views) {
+  std::vector<PathKey> keys;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    if (views[i].lens) {
+      throw_usage(
+          "--path is flown along by cameras without distortion; see colmap "
+          "image_undistorter, or leave out --projection");
+    }
+    PathKey& key = keys.emplace_back();
+    key.time = time_of(asked[i], i);
+    key.camera = views[i].camera;
+    if (!asked[i].known) key.target = asked[i].options.target;
+    key.up = asked[i].options.up_or_y();
+  }
+  if (const std::vector<std::string> problems = path_problems(keys); !problems.empty()) {
+    throw_input(s.camera_file.empty() ? s.views_file : s.camera_file, problems.front());
+  }
+  std::vector<View> all;
+  for (const Camera& camera : camera_path(keys, path_pictures(s, asked), s.ease)) {
+    all.push_back({views.front().name, camera});
+  }
+  return all;
+}
+
 /// Name of a picture by a pattern. The view's name may hold a % itself.
 std::string picture_name(const std::string& pattern, std::size_t number, const std::string& name) {
   std::string file = has_number(pattern) ? with_number(pattern, number) : pattern;
@@ -56,10 +106,34 @@ std::vector<AskedView> known_views(const Settings& s) {
   std::vector<AskedView> asked;
   for (View& view : views) {
     if (o.near > 0) view.camera.near = o.near;
-    AskedView& added = asked.emplace_back(AskedView{o, view.camera, up});
+    AskedView& added = asked.emplace_back(AskedView{o, view, up});
     added.options.name = view.name;
   }
   return asked;
+}
+
+/// Makes the horizon of a panorama level: its middle lies on it, towards the target, or, where
+/// there is none, along -z, along y where z is up.
+void level(CameraOptions& view) {
+  if (!view.eye) {
+    throw_usage("--projection equirectangular needs the place that all is seen from: give an eye");
+  }
+  if (view.ortho || view.frame_all) {
+    throw_usage("ortho and frame-all do not go with --projection equirectangular; leave them out");
+  }
+  const Vec3d up = view.up_or_y().normalized();
+  Vec3d ahead = view.target              ? Vec3d(*view.target - *view.eye)
+                : std::abs(up.z()) > 0.5 ? Vec3d(0, 1, 0)
+                                         : Vec3d(0, 0, -1);
+  ahead -= ahead.dot(up) * up;
+  if (!(ahead.norm() > 1e-9 * (1 + view.eye->norm()))) ahead = up.unitOrthogonal();
+  view.target = *view.eye + ahead.normalized() * (1 + view.eye->norm());
+}
+
+/// The same view, of all directions.
+View panorama(View view) {
+  view.lens.emplace().model = Lens::Model::kEquirectangular;
+  return view;
 }
 
 /// Names for the files of the views' pictures.
@@ -70,16 +144,28 @@ std::vector<std::string> names_of(const std::vector<AskedView>& asked) {
 }
 
 Camera camera_of(const AskedView& view, const SceneExtent& scene) {
-  return view.known ? *view.known : make_camera(view.options, scene);
+  return view.known ? view.known->camera : make_camera(view.options, scene);
 }
 
 }  // namespace
 
+bool is_pattern(const std::string& name) {
+  return has_number(name) || name.find(kName) != std::string::npos;
+}
+
 std::vector<AskedView> asked_views(const Settings& s) {
   if (!s.views_file.empty()) return known_views(s);
-  if (s.camera_file.empty()) return {{s.camera, {}}};
+  std::vector<CameraOptions> cameras{s.camera};
+  if (s.map) {
+    // Stands for the map's camera, whose pixels it has, until the scene's extent is known.
+    cameras[0].from = Vec3d(0, 0, 1);
+    cameras[0].up = Vec3d(0, 1, 0);
+    cameras[0].ortho = *s.map * cameras[0].height;
+  }
+  if (!s.camera_file.empty()) cameras = read_cameras(s.camera_file, s.camera);
   std::vector<AskedView> asked;
-  for (const CameraOptions& camera : read_cameras(s.camera_file, s.camera)) {
+  for (CameraOptions& camera : cameras) {
+    if (s.projection == Projection::kEquirectangular) level(camera);
     asked.push_back({camera, {}});
   }
   return asked;
@@ -91,33 +177,35 @@ bool needs_guess(const Settings& s, const std::vector<AskedView>& views) {
   });
 }
 
-std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s,
+std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const std::string& output,
                               const std::vector<AskedView>& views) {
   const std::size_t turns = s.turntable > 0 ? static_cast<std::size_t>(s.turntable) : 1;
-  const std::size_t count = views.size() * turns;
+  const std::size_t count = s.path ? path_pictures(s, views) : views.size() * turns;
   const std::size_t first = s.frames ? (*s.frames)[0] : 0;
   const std::size_t last = s.frames ? (*s.frames)[1] : count - 1;
   if (last >= count) {
     throw_usage(
         fmt::format("--frames is {}-{} but the last picture is {}", first, last, count - 1));
   }
-  const bool named = s.output.find(kName) != std::string::npos;
-  if (named && turns > 1 && !has_number(s.output)) {
+  const bool named = output.find(kName) != std::string::npos;
+  if (named && (turns > 1 || s.path) && !has_number(output)) {
     throw_usage(
-        fmt::format("--output is \"{}\" but --turntable makes {} pictures of each view; give "
-                    "a pattern such as {{name}}_%04d.png",
-                    s.output, turns));
+        fmt::format("--output is \"{}\" but several pictures have the same name; give a "
+                    "pattern such as {{name}}_%04d.png",
+                    output));
   }
-  if (first != last && !named && !has_number(s.output)) {
+  if (first != last && !is_pattern(output)) {
     throw_usage(
         fmt::format("--output is \"{}\" but there are {} views; give a pattern such "
                     "as view_%04d.png",
-                    s.output, last - first + 1));
+                    output, last - first + 1));
   }
   const std::vector<std::string> names = names_of(views);
   std::vector<Shot> shots;
   for (std::size_t i = first; i <= last; ++i) {
-    const std::string file = picture_name(s.output, i, names[i / turns]);
+    // Films are joined from pictures that are numbered from 0 on.
+    const std::size_t number = wants_film(s) ? i - first : i;
+    const std::string file = picture_name(output, number, names[s.path ? 0 : i / turns]);
     std::error_code none;
     if (s.skip_existing && std::filesystem::exists(file, none)) continue;
     shots.push_back({i, file});
@@ -139,24 +227,30 @@ void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewH
     hints.up = view.up ? view.up : up_of_file;
     hints.up_reason = view.up ? "as given" : "as the file says";
     const std::string done = aim_camera(view, s.view, guess_view(sample, hints));
+    if (s.projection == Projection::kEquirectangular) level(view);
     if (!said) tool.note(done);
     if (!said) tool.report()["view"] = done;
     said = true;
   }
 }
 
-std::vector<Camera> cameras(const tool::Tool& tool, const Settings& s,
-                            const std::vector<AskedView>& views, const SceneExtent& scene) {
-  std::vector<Camera> all;
+std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
+                                 const std::vector<AskedView>& views, const SceneExtent& scene) {
+  std::vector<View> all;
+  if (s.map) return {{"map", map_camera(framed_extent(s.camera, scene).box, *s.map)}};
   bool strays_left_out = false;
   for (const AskedView& view : views) {
     const bool framed = !view.known && (!view.options.eye || !view.options.target);
     strays_left_out = strays_left_out || (framed && scene.stray > 0 && !view.options.frame_all);
     if (s.turntable > 0) {
-      for (const Camera& c : turntable(view.options, scene, s.turntable)) all.push_back(c);
+      for (const Camera& camera : turntable(view.options, scene, s.turntable)) {
+        all.push_back({view.options.name, camera});
+      }
     } else {
-      all.push_back(camera_of(view, scene));
+      all.push_back(view.known ? *view.known
+                               : View{view.options.name, make_camera(view.options, scene)});
     }
+    if (s.projection == Projection::kEquirectangular) all.back() = panorama(all.back());
   }
   if (strays_left_out) {
     tool.note(
@@ -164,7 +258,7 @@ std::vector<Camera> cameras(const tool::Tool& tool, const Settings& s,
                     "--frame-all takes them in",
                     scene.stray));
   }
-  return all;
+  return s.path ? along_path(s, views, all) : all;
 }
 
 double half_a_pixel(const std::vector<AskedView>& views, const Bounds& box) {

@@ -7,9 +7,9 @@
 
 #include <surfel/base/bounds.h>
 #include <surfel/measure/view_guess.h>
-#include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/surface_sample.h>
+#include <surfel/scene/view.h>
 
 #include "tools/render/settings.h"
 #include "tools/support/tool.h"
@@ -19,8 +19,8 @@ namespace surfel::render_tool {
 /// A view as it is asked for.
 struct AskedView {
   CameraOptions options;
-  std::optional<Camera> known;  ///< Stands for the options, but for their `up` and `name`.
-  Vec3d likely_up{0, 1, 0};     ///< Up in the scene, where neither the options nor the file say it.
+  std::optional<View> known;  ///< Stands for the options, but for their `up` and `name`.
+  Vec3d likely_up{0, 1, 0};   ///< Up in the scene, where neither the options nor the file say it.
 };
 
 /// The views as they are asked for.
@@ -37,16 +37,22 @@ struct Shot {
 
 /// The pictures to be made, but for those that --frames leaves out and those that are there
 /// already, if they are to be skipped. Throws Error(kUsage) where there are several and one file.
-std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s,
+/// \param output  the picture, or a pattern of their names.
+std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const std::string& output,
                               const std::vector<AskedView>& views);
 
 /// Completes the views by guesses, and says the first.
 void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewHints hints,
          std::vector<AskedView>& views);
 
-/// The cameras of all pictures.
-std::vector<Camera> cameras(const tool::Tool& tool, const Settings& s,
-                            const std::vector<AskedView>& views, const SceneExtent& scene);
+/// The views of all pictures, along the path where one is asked for. Throws Error where the views
+/// are no key frames of a path.
+std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
+                                 const std::vector<AskedView>& views, const SceneExtent& scene);
+
+/// Is the name of a picture a pattern, with a %d or %04d to be replaced by its number, or a {name}
+/// by the view's?
+bool is_pattern(const std::string& name);
 
 /// Half a pixel of the pictures that are asked for, scene units in the middle of what is seen: the
 /// least of them.

@@ -37,6 +37,7 @@ Formats formats_of(Writes what) {
     case Writes::kReport:
       return {"reports", {".json", ""}};
     case Writes::kPicture:
+    case Writes::kFilm:
     case Writes::kAny:
       break;
   }
@@ -75,7 +76,9 @@ void require_format(const std::string& path, Writes what) {
     throw_usage(fmt::format("{}: is the name of a folder; name a file", path));
   }
   if (path == "-" && what != Writes::kSky) return;
-  if (what == Writes::kPicture) {
+  const std::string as = lower_extension(path);
+  if (what == Writes::kFilm && (as == ".mp4" || as == ".webm" || as == ".gif")) return;
+  if (what == Writes::kPicture || what == Writes::kFilm) {
     image_format_has_alpha(path);
     return;
   }

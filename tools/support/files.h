@@ -13,6 +13,7 @@ enum class Writes {
   kLevels,   ///< Surfels with levels of detail: .ply; a name without extension is PLY.
   kMesh,     ///< .obj, .ply.
   kPicture,  ///< What write_image() writes.
+  kFilm,     ///< The same, or .mp4, .webm, .gif.
   kSky,      ///< Pictures of unbounded values: .exr, .hdr.
   kReport,   ///< .json, or no extension.
   kAny       ///< A folder, or what is known only later: any name.

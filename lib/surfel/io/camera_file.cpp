@@ -24,6 +24,7 @@ std::vector<CameraOptions> read_cameras(const InputFile& file, const CameraOptio
     table.read("zoom", options.zoom);
     table.read("frame-all", options.frame_all);
     table.read("name", options.name);
+    table.read("time", options.time);
     table.reject_unread();
     for (std::string& problem : options.problems()) {
       std::erase(problem, '`');  // The fields are keys of the file, not options of a tool.

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -25,22 +26,23 @@ struct ColmapModel {
   const char* name;
   int parameters;
   int focals;
-  bool pinhole_at_zero;  ///< With all coefficients zero it is a pinhole.
+  enum Lens { kNone, kPolynomial, kFisheye, kOther } lens;
 };
 
 /// By COLMAP's numbers of the models.
-constexpr std::array<ColmapModel, 12> kModels{{{"SIMPLE_PINHOLE", 3, 1, true},
-                                               {"PINHOLE", 4, 2, true},
-                                               {"SIMPLE_RADIAL", 4, 1, true},
-                                               {"RADIAL", 5, 1, true},
-                                               {"OPENCV", 8, 2, true},
-                                               {"OPENCV_FISHEYE", 8, 2, false},
-                                               {"FULL_OPENCV", 12, 2, true},
-                                               {"FOV", 5, 2, false},
-                                               {"SIMPLE_RADIAL_FISHEYE", 4, 1, false},
-                                               {"RADIAL_FISHEYE", 5, 1, false},
-                                               {"THIN_PRISM_FISHEYE", 12, 2, false},
-                                               {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, false}}};
+constexpr std::array<ColmapModel, 12> kModels{
+    {{"SIMPLE_PINHOLE", 3, 1, ColmapModel::kNone},
+     {"PINHOLE", 4, 2, ColmapModel::kNone},
+     {"SIMPLE_RADIAL", 4, 1, ColmapModel::kPolynomial},
+     {"RADIAL", 5, 1, ColmapModel::kPolynomial},
+     {"OPENCV", 8, 2, ColmapModel::kPolynomial},
+     {"OPENCV_FISHEYE", 8, 2, ColmapModel::kFisheye},
+     {"FULL_OPENCV", 12, 2, ColmapModel::kPolynomial},
+     {"FOV", 5, 2, ColmapModel::kOther},
+     {"SIMPLE_RADIAL_FISHEYE", 4, 1, ColmapModel::kFisheye},
+     {"RADIAL_FISHEYE", 5, 1, ColmapModel::kFisheye},
+     {"THIN_PRISM_FISHEYE", 12, 2, ColmapModel::kOther},
+     {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, ColmapModel::kOther}}};
 
 /// The folder whose files are read; empty if there is none.
 std::string files_folder(const std::string& folder, const char* extension) {
@@ -55,25 +57,45 @@ std::string files_folder(const std::string& folder, const char* extension) {
   return {};
 }
 
-/// Turns the numbers of a camera into a Camera without its pose; fail(message) says where they are.
+/// The lens of a model; nullopt where it bends nothing.
+std::optional<Lens> lens_of(const ColmapModel& model, const std::array<double, 16>& values) {
+  const std::size_t first = static_cast<std::size_t>(model.focals) + 2;
+  const std::size_t count = static_cast<std::size_t>(model.parameters) - first;
+  Lens lens;
+  if (model.lens == ColmapModel::kFisheye) lens.model = Lens::Model::kFisheye;
+  // Polynomials have k1, k2, p1, p2, k3 ...; fisheye lenses k1, k2, k3, k4.
+  std::size_t next_k = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool tangential = model.lens == ColmapModel::kPolynomial && (i == 2 || i == 3);
+    (tangential ? lens.p[i - 2] : lens.k[next_k++]) = values[first + i];
+  }
+  const auto zero = [](double k) { return k == 0; };
+  const bool pinhole = model.lens != ColmapModel::kFisheye &&
+                       std::all_of(lens.k.begin(), lens.k.end(), zero) &&
+                       std::all_of(lens.p.begin(), lens.p.end(), zero);
+  return pinhole ? std::nullopt : std::optional<Lens>(lens);
+}
+
+/// Turns the numbers of a camera into a view without its pose; fail(message) says where they are.
 template <class Fail>
-Camera camera_of(const ColmapModel& model, std::int64_t width, std::int64_t height,
-                 const std::array<double, 16>& values, const std::string& folder,
-                 const Fail& fail) {
+View camera_of(const ColmapModel& model, std::int64_t width, std::int64_t height,
+               const std::array<double, 16>& values, const std::string& folder, const Fail& fail) {
   if (width < 1 || height < 1 || width > Camera::kMostSide || height > Camera::kMostSide) {
     fail(fmt::format("the picture has {}x{} pixels; each side must be in 1..{}", width, height,
                      Camera::kMostSide));
   }
-  const auto* first = values.begin() + model.focals + 2;
-  const auto* last = values.begin() + model.parameters;
-  if (!model.pinhole_at_zero || std::any_of(first, last, [](double k) { return k != 0; })) {
+  if (model.lens == ColmapModel::kOther) {
     fail(
-        fmt::format("the camera model {} bends straight lines, which surfels are not drawn with; "
-                    "make pictures and cameras without distortion: colmap image_undistorter "
-                    "--image_path IMAGES --input_path {} --output_path undistorted",
+        fmt::format("the camera model {} is not supported; make pictures and cameras without "
+                    "distortion: colmap image_undistorter --image_path IMAGES --input_path {} "
+                    "--output_path undistorted",
                     model.name, shell_file(folder)));
   }
-  Camera camera;
+  if (!std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
+    fail("a parameter of the camera is not finite");
+  }
+  View view;
+  Camera& camera = view.camera;
   camera.width = static_cast<int>(width);
   camera.height = static_cast<int>(height);
   camera.focal_x = values[0];
@@ -81,7 +103,8 @@ Camera camera_of(const ColmapModel& model, std::int64_t width, std::int64_t heig
   camera.center_x = values[static_cast<std::size_t>(model.focals)];
   camera.center_y = values[static_cast<std::size_t>(model.focals) + 1];
   for (const std::string& problem : camera.problems()) fail(problem);
-  return camera;
+  view.lens = lens_of(model, values);
+  return view;
 }
 
 /// Gives a camera its pose: a rotation as quaternion w x y z and a translation, from world to
@@ -101,10 +124,11 @@ void pose(Camera& camera, const std::array<double, 7>& values, const Fail& fail)
   camera.eye = -(camera.camera_from_world.transpose() * translation);
 }
 
-using Cameras = std::map<std::int64_t, Camera>;
+/// Views without pose and name, by the number of their camera.
+using Cameras = std::map<std::int64_t, View>;
 
 template <class Fail>
-Camera camera_by_number(const Cameras& cameras, std::int64_t number, const Fail& fail) {
+View camera_by_number(const Cameras& cameras, std::int64_t number, const Fail& fail) {
   const auto found = cameras.find(number);
   if (found == cameras.end()) fail(fmt::format("there is no camera {}", number));
   return found->second;
@@ -151,8 +175,7 @@ std::vector<View> read_text_images(const InputFile& file, const Cameras& cameras
     text.integer("the image's number");
     std::array<double, 7> values{};
     for (double& value : values) value = text.number("a number of the pose");
-    View view;
-    view.camera = camera_by_number(cameras, text.integer("the camera's number"), fail);
+    View view = camera_by_number(cameras, text.integer("the camera's number"), fail);
     pose(view.camera, values, fail);
     view.name = text.rest_of_line();
     if (view.name.empty()) text.fail("the image has no name");
@@ -264,8 +287,7 @@ std::vector<View> read_binary_images(const InputFile& file, const Cameras& camer
     bytes.take<std::uint32_t>();  // The image's number.
     std::array<double, 7> values{};
     for (double& value : values) value = bytes.take<double>();
-    View view;
-    view.camera = camera_by_number(cameras, bytes.take<std::uint32_t>(), fail);
+    View view = camera_by_number(cameras, bytes.take<std::uint32_t>(), fail);
     view.name = bytes.take_text();
     pose(view.camera, values, fail);
     if (view.name.empty()) bytes.fail("the image has no name");

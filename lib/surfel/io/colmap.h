@@ -15,9 +15,9 @@ namespace surfel {
 /// all that is needed, so that rigs and frames (COLMAP 3.12) are not read. Views come by their
 /// names.
 ///
-/// Cameras without distortion are taken: SIMPLE_PINHOLE, PINHOLE, and models of distorted pinholes
-/// whose coefficients are all zero. Throws Error (kIo, kInput) naming file and line, or image; for
-/// other cameras with the command that undistorts the pictures.
+/// Cameras are SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE,
+/// SIMPLE_RADIAL_FISHEYE or RADIAL_FISHEYE. Throws Error (kIo, kInput) naming file and line, or
+/// image; for other cameras with the command that undistorts the pictures.
 SURFEL_API std::vector<View> read_colmap(const std::string& folder);
 /// Reads files that are open, or in memory. They are binary where their names end with .bin.
 SURFEL_API std::vector<View> read_colmap(const InputFile& cameras, const InputFile& images);

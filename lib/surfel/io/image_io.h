@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -10,6 +11,7 @@
 #include <surfel/base/export.h>
 #include <surfel/io/input_file.h>
 #include <surfel/scene/image.h>
+#include <surfel/scene/map_place.h>
 
 namespace surfel {
 
@@ -78,6 +80,8 @@ struct ImageWriteOptions {
   /// Row-major 4x4 matrix that takes column vectors from world to camera, or empty. Written to EXR
   /// as `worldToCamera`, transposed as OpenEXR's matrices act on row vectors.
   std::vector<float> world_to_camera;
+  /// Written to TIFF as the tags of GeoTIFF.
+  std::optional<MapPlace> map = {};
 };
 
 /// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF

@@ -20,6 +20,7 @@
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/exr_header.h>
+#include <surfel/io/geo_tiff.h>
 #include <surfel/io/image_decoding.h>
 #include <surfel/io/image_encoding.h>
 #include <surfel/io/image_io.h>
@@ -474,7 +475,10 @@ SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std:
   output->threads(thread_count());
   // Before the work is done, so that a target that cannot be written is found at once.
   OutputFile file(path, options.no_clobber);
-  const std::vector<unsigned char> bytes = encode_image(*output, image, path, options);
+  std::vector<unsigned char> bytes = encode_image(*output, image, path, options);
+  if (options.map && output->format_name() == std::string_view("tiff")) {
+    add_geo_tags(bytes, *options.map, path);
+  }
   file.write(bytes.data(), bytes.size());
   file.commit();
 }

@@ -83,6 +83,7 @@ View read_view(const JsonValue& json, std::size_t number) {
   view.camera.height = *height;
   read_intrinsics(json, view.camera);
   read_pose(json, view.camera);
+  view.time = json.number("time");
   view.camera.near = json.number("near").value_or(0);
   for (const std::string& problem : view.camera.problems()) json.fail("is not usable: " + problem);
   json.reject_unread();

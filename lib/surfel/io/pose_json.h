@@ -16,7 +16,8 @@ namespace surfel {
 ///   world_to_camera or camera_to_world   4x4, as rows; takes columns of x y z 1
 ///   axes             of the camera: "opencv" (x right, y down, z forward, the default) or "opengl"
 ///                    (x right, y up, z back)
-///   near             nothing nearer is drawn; default: 0.
+///   near             nothing nearer is drawn; default: 0
+///   time             seconds, for paths
 /// Also the cameras.json of 3D Gaussian Splatting: img_name, width, height, position, rotation
 /// (camera to world), fx, fy. Throws Error(kInput) for what is missing, and for other keys.
 /// Internal to the io module.

@@ -1,4 +1,5 @@
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -32,20 +33,33 @@ class FrameMembers {
   const JsonValue& frame_;
 };
 
-void refuse_distortion(const JsonValue& json, const FrameMembers& frame) {
-  const char* const what =
-      "bends straight lines, which surfels are not drawn with; make pictures and cameras without "
-      "distortion (colmap image_undistorter) and a transforms.json of these";
-  const std::string model = frame.text("camera_model").value_or("PINHOLE");
-  if (model != "PINHOLE" && model != "SIMPLE_PINHOLE" && model != "OPENCV" && model != "RADIAL" &&
-      model != "SIMPLE_RADIAL") {
-    json.fail(fmt::format("has the camera model {}, which {}", model, what));
+/// The lens of a frame; nullopt where it bends nothing.
+std::optional<Lens> read_lens(const JsonValue& json, const FrameMembers& frame, bool fisheye) {
+  const std::string model = frame.text("camera_model").value_or("OPENCV");
+  Lens lens;
+  if (model == "EQUIRECTANGULAR") {
+    lens.model = Lens::Model::kEquirectangular;
+    return lens;
   }
-  for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}) {
-    if (frame.number(key).value_or(0) != 0) {
-      json.fail(fmt::format("has a coefficient {}, which {}", key, what));
-    }
+  if (model == "OPENCV_FISHEYE" || fisheye) {
+    lens.model = Lens::Model::kFisheye;
+  } else if (model != "PINHOLE" && model != "SIMPLE_PINHOLE" && model != "OPENCV" &&
+             model != "RADIAL" && model != "SIMPLE_RADIAL" && model != "FULL_OPENCV") {
+    json.fail(
+        fmt::format("has the camera model {}, which is not supported; make pictures and "
+                    "cameras without distortion (colmap image_undistorter) and a "
+                    "transforms.json of these",
+                    model));
   }
+  constexpr std::array<const char*, 6> kRadial{"k1", "k2", "k3", "k4", "k5", "k6"};
+  bool bends = lens.model == Lens::Model::kFisheye;
+  for (std::size_t i = 0; i < kRadial.size(); ++i) {
+    lens.k[i] = frame.number(kRadial[i]).value_or(0);
+    bends = bends || lens.k[i] != 0;
+  }
+  lens.p = {frame.number("p1").value_or(0), frame.number("p2").value_or(0)};
+  bends = bends || lens.p[0] != 0 || lens.p[1] != 0;
+  return bends ? std::optional<Lens>(lens) : std::nullopt;
 }
 
 /// Focal length of a field of view over a picture's side.
@@ -56,8 +70,8 @@ double focal_of(const JsonValue& json, double angle, int side) {
   return side / (2 * portable::tan(angle / 2));
 }
 
-Camera read_camera(const JsonValue& json, const FrameMembers& frame,
-                   const ViewFileOptions& options) {
+Camera read_camera(const JsonValue& json, const FrameMembers& frame, const ViewFileOptions& options,
+                   bool equirectangular) {
   Camera camera;
   const auto width = frame.side("w");
   const auto height = frame.side("h");
@@ -66,6 +80,12 @@ Camera read_camera(const JsonValue& json, const FrameMembers& frame,
   }
   camera.width = width && height ? *width : options.width;
   camera.height = width && height ? *height : options.height;
+  if (equirectangular) {
+    // All directions are seen, so that no focal length is needed, nor said.
+    camera.center_x = camera.width / 2.0;
+    camera.center_y = camera.height / 2.0;
+    return camera;
+  }
   const auto fl_x = frame.number("fl_x");
   const auto fl_y = frame.number("fl_y");
   const auto angle_x = frame.number("camera_angle_x");
@@ -110,11 +130,7 @@ std::vector<View> read_transforms(const JsonValue& json, const ViewFileOptions& 
                       key));
     }
   }
-  if (json.flag("is_fisheye").value_or(false)) {
-    json.fail(
-        "the key is_fisheye says that the camera bends straight lines; make pictures without "
-        "distortion (colmap image_undistorter) and a transforms.json of these");
-  }
+  const bool fisheye = json.flag("is_fisheye").value_or(false);
   const AppliedTransform applied = read_applied(json);
   if (options.original_world && !json.find("applied_transform")) {
     json.fail("there is no applied_transform to be undone");
@@ -129,8 +145,9 @@ std::vector<View> read_transforms(const JsonValue& json, const ViewFileOptions& 
     const FrameMembers frame(json, object);
     View view;
     view.name = object.text("file_path").value_or(fmt::format("view_{}", i));
-    refuse_distortion(object, frame);
-    view.camera = read_camera(object, frame, options);
+    view.lens = read_lens(object, frame, fisheye);
+    const bool all_round = view.lens && view.lens->model == Lens::Model::kEquirectangular;
+    view.camera = read_camera(object, frame, options, all_round);
     const auto found = object.find("transform_matrix");
     if (!found) object.fail("has no transform_matrix");
     Eigen::MatrixXd matrix = found->matrix(found->size() == 3 ? 3 : 4, 4);

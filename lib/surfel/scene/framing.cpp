@@ -52,6 +52,7 @@ std::vector<std::string> CameraOptions::problems() const {
   check_rule(found, !from || (from->allFinite() && from->norm() > 0),
              "`from` must be a finite direction, not zero");
   check_rule(found, !eye || !from, "eye and from exclude each other");
+  check_rule(found, !time || std::isfinite(*time), "`time` must be finite");
   check_rule(found, !target || target->allFinite(), "`target` must be finite");
   return found;
 }

@@ -26,11 +26,12 @@ struct CameraOptions {
   std::optional<double> ortho;  ///< Orthographic instead: visible height in scene units, > 0.
   int width = 512;              ///< Pixels, 1..65536.
   int height = 512;
-  double near = 0;         ///< Scene units, >= 0.
-  double zoom = 1;         ///< Enlarges the picture about its centre, once framed; > 0.
-  std::string name;        ///< Of the picture, for its file; has no effect on what is seen.
-  bool frame_all = false;  ///< Move the eye along its line of sight (orthographic: set the
-                           ///< height) until the whole scene is just seen, with stray points.
+  double near = 0;             ///< Scene units, >= 0.
+  double zoom = 1;             ///< Enlarges the picture about its centre, once framed; > 0.
+  std::string name;            ///< Of the picture, for its file; has no effect on what is seen.
+  std::optional<double> time;  ///< Seconds, for paths; has no effect on what is seen.
+  bool frame_all = false;      ///< Move the eye along its line of sight (orthographic: set the
+                               ///< height) until the whole scene is just seen, with stray points.
 
   Vec3d up_or_y() const { return up.value_or(Vec3d(0, 1, 0)); }
   /// Empty if usable, else one sentence per violated rule.

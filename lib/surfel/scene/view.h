@@ -1,10 +1,12 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/scene/camera.h>
+#include <surfel/scene/lens.h>
 
 namespace surfel {
 
@@ -12,6 +14,8 @@ namespace surfel {
 struct View {
   std::string name;  ///< Of its picture; a file's name, which other programs wrote.
   Camera camera;
+  std::optional<Lens> lens = {};    ///< Unset: a pinhole, or an orthographic camera.
+  std::optional<double> time = {};  ///< Seconds, for paths.
 };
 
 /// The direction that is up in the views' pictures in the mean, a unit vector; y where the views

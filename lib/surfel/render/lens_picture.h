@@ -1,0 +1,39 @@
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/image.h>
+#include <surfel/scene/lens.h>
+
+namespace surfel {
+
+struct LensPictureOptions {
+  double lowpass = 1;  ///< Standard deviation of the pixel filter with which pinhole pictures are
+                       ///< drawn, in their pixels, > 0, and with which the result is filtered.
+  std::array<float, 4> background{};  ///< Premultiplied, where the lens shows nothing.
+};
+
+/// The picture of a camera with a lens, from pictures of pinholes in its place: of one with the
+/// camera's axes where it sees all that the lens does, else of the faces of a cube that are seen.
+///
+/// Their pixels are finer than the result's everywhere, by a quarter at least. Each pixel of the
+/// result is a sum over them under the Gaussian that is left to do of the pixel filter:
+/// h^2 J J^T - h^2 I, J the derivative of the pinhole's picture by the result's, so that the whole
+/// filter is that of EWA splatting with lens and projection together (no variance of it below 1/4
+/// pixel^2, lest the pinhole's pixels show). Channels other than R G B A come from the nearest
+/// pixel. Z is the depth along the camera's axis, with kEquirectangular the distance from the eye.
+///
+/// \param draw  draws the picture of a pinhole camera; it is called once or up to six times.
+/// Memory: 12 bytes a pixel, and a picture of a pinhole beside the result. The result does not
+/// depend on the number of threads.
+SURFEL_API Image draw_through_lens(const Camera& camera, const Lens& lens,
+                                   const std::function<Image(const Camera&)>& draw,
+                                   const LensPictureOptions& options);
+
+/// Does draw_through_lens() draw several pictures, whose axes are not the camera's?
+SURFEL_API bool needs_cube(const Camera& camera, const Lens& lens);
+
+}  // namespace surfel

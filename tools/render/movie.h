@@ -1,0 +1,39 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tools/support/tool.h"
+
+namespace surfel::render_tool {
+
+/// Is this the name of a film, which several pictures become: .mp4, .webm, .gif?
+bool is_film_name(const std::string& path);
+
+/// The pictures of a film, and the film that ffmpeg makes of them. The pictures lie in a folder of
+/// their own beside it, which is removed with this object; without ffmpeg it is kept.
+class Movie {
+ public:
+  /// Throws Error(kIo) where the film or the folder cannot be written.
+  Movie(std::string film, double pictures_a_second, bool no_clobber);
+  ~Movie();
+  Movie(const Movie&) = delete;
+  Movie& operator=(const Movie&) = delete;
+
+  /// Pattern of the pictures' names, for numbers from 0 on.
+  std::string pattern() const { return folder_ + "/%06d.png"; }
+  /// Joins the pictures, all of which have been written. Throws Error(kIo) with what ffmpeg says,
+  /// or, where there is none, with the command that joins them.
+  void join();
+
+ private:
+  std::vector<std::string> command(const std::string& pictures, const std::string& film) const;
+
+  std::string film_;
+  double pictures_a_second_;
+  bool no_clobber_;
+  std::string ffmpeg_;  ///< Empty if there is none.
+  std::string folder_;
+};
+
+}  // namespace surfel::render_tool
