@@ -14,14 +14,14 @@
 namespace surfel::test {
 namespace {
 
-constexpr std::size_t kCount = 600000;  // More than two pieces.
+constexpr std::size_t kLargeCount = 600000;  // More than two pieces.
 
 SurfelCloud large_cloud() {
   SurfelCloud cloud;
   cloud.origin = Vec3d(455000, 5401000, 200);
   ExtraProperty& classes =
       cloud.extra.emplace_back(ExtraProperty{"classification", ScalarType::kUint8, {}});
-  for (std::size_t i = 0; i < kCount; ++i) {
+  for (std::size_t i = 0; i < kLargeCount; ++i) {
     const auto random = [&](int d) { return static_cast<float>(random_uniform(5, i, d)); };
     cloud.position.emplace_back(static_cast<float>(i) * 0.01F, 100 * random(0), 10 * random(1));
     cloud.color.push_back(Vec3f::Constant(srgb8_to_linear(static_cast<std::uint8_t>(i % 251))));
@@ -69,9 +69,9 @@ TEST(CloudReader, PiecesAreTheCloudInOrder) {
     const Pieces pieces(reader);
     EXPECT_GT(pieces.count, 1U) << name;
     EXPECT_EQ(first.world, pieces.world) << name;
-    ASSERT_EQ(pieces.world.size(), kCount) << name;
+    ASSERT_EQ(pieces.world.size(), kLargeCount) << name;
     double error = 0;
-    for (std::size_t i = 0; i < kCount; ++i) {
+    for (std::size_t i = 0; i < kLargeCount; ++i) {
       error = std::max(error, (pieces.world[i] - whole.world(i)).norm());
     }
     // An offset of up to 6000 units is a float.
@@ -137,8 +137,8 @@ TEST(CloudWriter, PiecesMakeTheSameFile) {
     write_cloud(cloud, whole);
     CloudSurvey survey(name);
     std::vector<SurfelCloud> pieces;
-    for (std::size_t begin = 0; begin < kCount;) {
-      const std::size_t end = std::min(kCount, begin + 70001 + begin / 3);
+    for (std::size_t begin = 0; begin < kLargeCount;) {
+      const std::size_t end = std::min(kLargeCount, begin + 70001 + begin / 3);
       Array<std::uint32_t> order;
       for (std::size_t i = begin; i < end; ++i) order.push_back(static_cast<std::uint32_t>(i));
       pieces.push_back(cloud.gathered(order));

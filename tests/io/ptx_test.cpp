@@ -9,12 +9,12 @@
 namespace surfel::test {
 namespace {
 
-SurfelCloud read_text(const std::string& text) {
+SurfelCloud cloud_of_text(const std::string& text) {
   return read_cloud(InputFile("scan.ptx", std::as_bytes(std::span(text))));
 }
 
-std::string failure_of(const std::string& text) {
-  return message_of([&] { read_text(text); });
+std::string failure_of_text(const std::string& text) {
+  return message_of([&] { cloud_of_text(text); });
 }
 
 constexpr const char* kUnmoved = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
@@ -35,7 +35,7 @@ std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name)
 
 TEST(Ptx, GridsColorsAndLinesOfSightWithoutReturn) {
   const SurfelCloud cloud =
-      read_text(std::string("2\n3\n") + kMoved +
+      cloud_of_text(std::string("2\n3\n") + kMoved +
                 "1 2 3 0.5 255 0 10\n0 0 0 0.5 0 0 0\r\n4 5 6 0.25 0 255 0\n\n"
                 "0 0 0 0 0 0 0\n7 8 9 1 1 2 3\n10 0 0 0 4 5 6");
   ASSERT_EQ(cloud.size(), 4U);
@@ -57,7 +57,7 @@ TEST(Ptx, ScansFollowOneAnother) {
   const std::string first = std::string("1\n2\n") + kMoved + "1 2 3 0.5\n4 5 6 0.25\n";
   const std::string second = std::string("2\n2\n") + kUnmoved +
                              "1 0 0 0 255 255 255\n2 0 0 0 0 0 0\n3 0 0 0 0 0 0\n4 0 0 0 0 0 0\n";
-  const SurfelCloud cloud = read_text(first + second);
+  const SurfelCloud cloud = cloud_of_text(first + second);
   ASSERT_EQ(cloud.size(), 6U);
   EXPECT_EQ(values_of(cloud, "scan"), (std::vector<double>{0, 0, 1, 1, 1, 1}));
   EXPECT_NEAR(cloud.color[0][0], SurfelCloud::colorless()[0], 3e-3);  // Without colours.
@@ -68,8 +68,8 @@ TEST(Ptx, ScansFollowOneAnother) {
   EXPECT_EQ(cloud.scan_viewpoints[1].position, Vec3d(0, 0, 0));
   // Points that neither a matrix nor a grid ties to a place.
   const std::string list = std::string("3\n1\n") + kUnmoved + "1 0 0 0\n2 0 0 0\n3 0 0 0\n";
-  EXPECT_FALSE(read_text(list).viewpoint);
-  EXPECT_TRUE(read_text(first + list).scan_viewpoints.empty());
+  EXPECT_FALSE(cloud_of_text(list).viewpoint);
+  EXPECT_TRUE(cloud_of_text(first + list).scan_viewpoints.empty());
 }
 
 TEST(Ptx, FilesOfOtherPrograms) {
@@ -94,11 +94,11 @@ TEST(Ptx, FilesOfOtherPrograms) {
 TEST(Ptx, FilesCutAnywhereAreRefused) {
   const std::string text =
       std::string("2\n2\n") + kMoved + "1 2 3 0.5\n0 0 0 0.5\n4 5 6 0.25\n7 8 9 1\n";
-  EXPECT_EQ(read_text(text).size(), 3U);
+  EXPECT_EQ(cloud_of_text(text).size(), 3U);
   // The last value may lose digits and the line its end, which no reader can tell.
   const std::size_t whole = text.size() - 2;
   for (std::size_t size = 1; size < whole; ++size) {
-    ASSERT_NE(failure_of(text.substr(0, size)).find("scan.ptx: "), std::string::npos) << size;
+    ASSERT_NE(failure_of_text(text.substr(0, size)).find("scan.ptx: "), std::string::npos) << size;
   }
 }
 
@@ -119,9 +119,9 @@ TEST(Ptx, WhatIsWrongIsNamed) {
            {head + "1,5 2 3 4\n1 2 3 4\n", "'1,5' has decimal commas"},
            {head + "0 0 0 1\n0 0 0 1\n", "none of its 2 points was measured"},
            {"\n\n", "holds no scans"}}) {
-    EXPECT_NE(failure_of(text).find(says), std::string::npos) << failure_of(text);
+    EXPECT_NE(failure_of_text(text).find(says), std::string::npos) << failure_of_text(text);
   }
-  EXPECT_EQ(read_text(head + "1 2 nan 4\n1 2 3 4\n").size(), 2U);
+  EXPECT_EQ(cloud_of_text(head + "1 2 nan 4\n1 2 3 4\n").size(), 2U);
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ enum class Orientation : std::uint8_t {
 struct OrientationOptions {
   Orientation method = Orientation::kMst;
   /// World coordinates. Unset: the viewpoint that the cloud tells, or each of its scans.
-  std::optional<Vec3d> viewpoint;
+  std::optional<Vec3d> viewpoint = {};
   Vec3d up{0, 0, 1};                                     ///< Any length but zero.
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
