@@ -15,7 +15,7 @@ void set_pose(Camera& camera, const Eigen::MatrixXd& world_from_camera, CameraAx
     fail("has a last row other than 0 0 0 1; the matrix may be transposed");
   }
   Eigen::Matrix3d rotation = world_from_camera.topLeftCorner<3, 3>();
-  const double size = std::cbrt(std::abs(rotation.determinant()));
+  const double size = std::sqrt(rotation.squaredNorm() / 3);
   const double off = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm();
   constexpr double kMostOff = 1e-3;
   if (!(off < kMostOff)) {
