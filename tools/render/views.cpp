@@ -237,12 +237,13 @@ void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewH
 std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
                                  const std::vector<AskedView>& views, const SceneExtent& scene) {
   std::vector<View> all;
-  if (s.map) return {{"map", map_camera(framed_extent(s.camera, scene).box, *s.map)}};
   bool strays_left_out = false;
   for (const AskedView& view : views) {
     const bool framed = !view.known && (!view.options.eye || !view.options.target);
     strays_left_out = strays_left_out || (framed && scene.stray > 0 && !view.options.frame_all);
-    if (s.turntable > 0) {
+    if (s.map) {
+      all.push_back({"map", map_camera(framed_extent(view.options, scene).box, *s.map)});
+    } else if (s.turntable > 0) {
       for (const Camera& camera : turntable(view.options, scene, s.turntable)) {
         all.push_back({view.options.name, camera});
       }
