@@ -43,16 +43,27 @@ struct Bounds2 {
   bool empty() const { return !(x0 <= x1); }
 };
 
+/// Cosine and sine of the polygon's angles.
+std::array<Vec2d, kCorners> make_directions() {
+  std::array<Vec2d, kCorners> directions;
+  for (int i = 0; i < kCorners; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kCorners;
+    directions[i] = {portable::cos(angle), portable::sin(angle)};
+  }
+  return directions;
+}
+
 /// Bounds of the part of a disc beyond z = near: its polygon is clipped in camera space.
 Bounds2 bounds_of(const SurfelInCamera& surfel, const Eigen::Vector3d& bitangent, double cutoff,
                   double near, const Camera& camera) {
-  const double around = std::sqrt(2 * cutoff) / portable::cos(std::numbers::pi / kCorners);
+  static const std::array<Vec2d, kCorners> directions = make_directions();
+  static const double half_angle_cosine = portable::cos(std::numbers::pi / kCorners);
+  const double around = std::sqrt(2 * cutoff) / half_angle_cosine;
   std::array<Eigen::Vector3d, kCorners> corner;
   for (int i = 0; i < kCorners; ++i) {
-    const double angle = 2 * std::numbers::pi * i / kCorners;
     corner[i] = surfel.position +
-                around * (portable::cos(angle) * std::sqrt(surfel.variance_u) * surfel.tangent +
-                          portable::sin(angle) * std::sqrt(surfel.variance_v) * bitangent);
+                around * (directions[i].x() * std::sqrt(surfel.variance_u) * surfel.tangent +
+                          directions[i].y() * std::sqrt(surfel.variance_v) * bitangent);
   }
   Bounds2 bounds;
   for (int i = 0; i < kCorners; ++i) {

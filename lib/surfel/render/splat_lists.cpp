@@ -25,10 +25,11 @@ constexpr std::size_t kLeastBlocks = 64;
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
 /// Splats of a block for which there is room at once, if it may have as many.
 constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
+/// Most splats larger than a tile that a tile draws, so that its time is bounded, and how many are
+/// left where there are more. Surfaces of a hundred layers have fewer.
+constexpr std::size_t kMostLarge = 2048;
+constexpr std::size_t kKeptLarge = 1024;
 /// A group that enlarges a disc by less than this factor leaves it as it was, within rounding.
-/// Most splats larger than a tile that a tile draws, so that its time is bounded. Surfaces of
-/// hundreds of layers have fewer.
-constexpr std::size_t kMostLarge = 4096;
 constexpr float kLeastEnlargement = 1 + 1e-3F;
 constexpr float kNoSplat = std::numeric_limits<float>::quiet_NaN();
 
@@ -525,22 +526,24 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   }
 }
 
-/// Leaves every n-th large splat of a tile in the worker's order, with n times its amplitude: their
-/// sum stays nearly as it is, whatever their number, at a bounded cost. The splats are taken evenly
-/// along the order of depth, so that tiles that show the same splats leave the same. Returns how
-/// many splats the order has then.
-std::size_t SplatLists::thin_out(const TileList& list, Worker& worker) const {
-  const std::size_t step = (list.large + kMostLarge - 1) / kMostLarge;
-  const std::size_t kept = (list.large + step - 1 - step / 2) / step;
-  const float factor = static_cast<float>(list.large) / static_cast<float>(kept);
-  const std::size_t count = list.count;
-  reserve(worker, kept, 0);
+/// Leaves kKeptLarge of a tile's large splats, with so much more amplitude: their sum stays nearly
+/// as it is, whatever their number, at a bounded cost. One is taken from each of equal stretches of
+/// the list, in which neighbours in space follow each other, so that the splats that stay are
+/// spread evenly in space; tiles that show the same splats leave the same. (Of 10,000 discs as
+/// large as the sphere that they touch the picture is like the whole one to 51 dB, and to 40 dB
+/// where as many are taken evenly by depth.)
+void SplatLists::thin_out(TileList& list, Worker& worker) const {
+  const float factor = static_cast<float>(list.large) / static_cast<float>(kKeptLarge);
+  reserve(worker, kKeptLarge, 0);
   std::size_t large = 0;
+  std::size_t kept = 0;
   std::size_t left = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    std::uint32_t at = worker.order[i];
+  for (std::size_t i = 0; i < list.count; ++i) {
+    std::uint32_t at = list.splats[i];
     if (is_large(worker.splats[at].box)) {
-      if (large++ % step != step / 2) continue;
+      const std::size_t middle = (2 * kept + 1) * list.large / (2 * kKeptLarge);
+      if (large++ != middle) continue;
+      ++kept;
       // A splat of its own, as other tiles draw the splat with another amplitude.
       const std::size_t copy = worker.count++;
       worker.splats[copy] = worker.splats[at];
@@ -553,26 +556,28 @@ std::size_t SplatLists::thin_out(const TileList& list, Worker& worker) const {
       if (lists_.groups) worker.groups[copy] = worker.groups[at];
       at = static_cast<std::uint32_t>(copy);
     }
-    worker.order[left++] = at;
+    list.splats[left] = at;
+    list.depths[left++] = list.depths[i];
   }
-  worker.thinned += count - left;
-  return left;
+  worker.thinned += list.count - left;
+  list.count = left;
+  list.large = kept;
 }
 
 TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
-  const TileList& list = w.tiles[(y << frame_->grid.shift) + x];
+  TileList& list = w.tiles[(y << frame_->grid.shift) + x];
+  if (list.large > kMostLarge) thin_out(list, w);
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
-  const std::size_t count = list.large > kMostLarge ? thin_out(list, w) : list.count;
   return {.rules = &rules_,
           .splats = w.splats.data(),
           .normals = layout_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),
           .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
-          .count = count,
+          .count = list.count,
           .box_x = x * kTileSize,
           .box_y = y * kTileSize,
           .load = w.loads};

@@ -104,7 +104,7 @@ class SplatLists {
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
-  std::size_t thin_out(const TileList& list, Worker& worker) const;
+  void thin_out(TileList& list, Worker& worker) const;
   void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 
   const RenderCloud& cloud_;
