@@ -35,7 +35,7 @@ struct Request {
 
 void declare(tool::Tool& tool, Request& r) {
   CLI::App& app = tool.app();
-  app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF)")->required();
+  app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF, glTF)")->required();
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
       ->required();
@@ -70,7 +70,8 @@ void declare(tool::Tool& tool, Request& r) {
   tool::add_choice(
       app, "--wrap", r.texture.wrap,
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
-      "Of --adaptive: what lies beyond the image's borders");
+      "Of --adaptive: what lies beyond the image's borders; default: as the mesh's materials say, "
+      "else repeat");
   app.option_defaults()->group("Options");
 }
 
@@ -155,8 +156,9 @@ std::string unsound_edges(const std::string& mesh, const EdgeCounts& edges) {
                      mesh, found, shell_file(mesh));
 }
 
-void tell(const tool::Tool& tool, const Request& r, const SurfelCloud& cloud,
-          const MeshSampleReport& report) {
+void tell(const tool::Tool& tool, const Request& r, const TriangleMesh& mesh,
+          const SurfelCloud& cloud, const MeshSampleReport& report) {
+  for (const std::string& note : mesh.notes) tool.note(r.mesh + ": " + note);
   if (report.degenerate_faces > 0) {
     tool.note(fmt::format("{}: {} faces without area skipped", r.mesh, report.degenerate_faces));
   }
@@ -217,6 +219,6 @@ int main(int argc, char** argv) {
     timer.restart();
     tool::write_result(tool, cloud, request.output);
     tool.report()["write_ms"] = timer.milliseconds();
-    tell(tool, request, cloud, report);
+    tell(tool, request, mesh, cloud, report);
   });
 }

@@ -158,6 +158,7 @@ void describe_topology(const surfel::TriangleMesh& mesh, Json& out) {
 
 Json describe_mesh(const std::string& file, const Tool& tool) {
   const surfel::TriangleMesh mesh = surfel::read_mesh(file);
+  for (const std::string& note : mesh.notes) tool.note(file + ": " + note);
   const surfel::MeshStatistics s = surfel::mesh_statistics(mesh);
   Json materials = Json::array();
   for (const surfel::MeshMaterial& material : mesh.material) {
@@ -179,7 +180,8 @@ Json describe_mesh(const std::string& file, const Tool& tool) {
               {"normals", !mesh.wedge_normal.empty()},
               {"colors", !mesh.color.empty()},
               {"materials", materials},
-              {"view", describe(surfel::guess_view(surfel::sample_surface(mesh)))}};
+              {"view", describe(surfel::guess_view(surfel::sample_surface(mesh),
+                                                   {.up = mesh.up, .viewpoint = {}}))}};
   if (surfel::has_plugin("openmesh")) {
     describe_topology(mesh, out);
   } else {

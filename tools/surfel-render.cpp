@@ -97,7 +97,8 @@ std::vector<surfel::View> find_views(surfel::tool::Tool& tool, const Settings& s
   if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
     aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
   } else if (needs_guess(s, asked)) {
-    aim(tool, s, surfel::sample_surface(subject.mesh->mesh()), {}, asked);
+    const surfel::TriangleMesh& mesh = subject.mesh->mesh();
+    aim(tool, s, surfel::sample_surface(mesh), {.up = mesh.up, .viewpoint = {}}, asked);
   }
   if (scene.sky && !scene.sky->up) {
     const AskedView& first = asked.front();

@@ -142,7 +142,7 @@ void declare_options(CLI::App& app, Settings& s) {
   tool::add_choice(
       app, "--wrap", s.source.wrap,
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
-      "What lies beyond the image's borders; OBJ files mean repeat");
+      "What lies beyond the image's borders; default: as the mesh's materials say, else repeat");
   tool::add_choice(app, "--from", s.from, {{"texture", From::kTexture}, {"colors", From::kColors}},
                    "What the coefficients are fitted to: an image, or the surfels' own colours");
   tool::add_choice(app, "--fit", s.fit.kind,
@@ -438,7 +438,10 @@ int main(int argc, char** argv) {
     const surfel::Timer timer;
     surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
     std::optional<surfel::TriangleMesh> mesh;
-    if (!settings.mesh.empty()) mesh = surfel::read_mesh(settings.mesh);
+    if (!settings.mesh.empty()) {
+      mesh = surfel::read_mesh(settings.mesh);
+      for (const std::string& note : mesh->notes) tool.note(settings.mesh + ": " + note);
+    }
     if (mesh) check_mesh(cloud, *mesh, settings, tool);
     if (mesh && cloud.uv.empty()) locate(cloud, *mesh, settings, tool, tool.report());
     tool.report()["load_ms"] = timer.milliseconds();

@@ -13,6 +13,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/triangulate.h>
+#include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
@@ -196,6 +197,53 @@ TEST(ReadObj, MaterialsAndTheirTexturesAreFound) {
   EXPECT_EQ(mesh.material[3].diffuse, Vec3f::Constant(0.5F));
   EXPECT_EQ(mesh.material[3].texture, folder / "not there.png");
   EXPECT_EQ(mesh.material[4].texture, "");
+  EXPECT_EQ(mesh.material[1].wrap, WrapMode::kClamp);
+  EXPECT_FALSE(mesh.material[2].wrap);
+  EXPECT_EQ(mesh.material[1].named_by, folder / "two words.mtl");
+}
+
+TEST(ReadObj, MissingMaterialFilesAreToldAndTheirMaterialsGrey) {
+  const std::string corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  const TriangleMesh missing = read_text("mtllib some paint.mtl\n" + corners +
+                                         "usemtl red\nf 1 2 3\nusemtl blue\nf 1 2 3\n");
+  EXPECT_EQ(missing.notes,
+            (std::vector<std::string>{
+                "names the material file 'some paint.mtl', which is not there; put it beside "
+                "this file",
+                "the material 'red', like 1 others, is in no material file; its faces are grey"}));
+  EXPECT_EQ(missing.material.at(0).diffuse, SurfelCloud::colorless());
+  EXPECT_TRUE(read_text(corners + "f 1 2 3\n").notes.empty());
+}
+
+TEST(ReadObj, FilesAreFoundInOtherCase) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directory(folder / "maps");
+  write_file(folder / "Paint.MTL",
+             "newmtl a\nmap_Kd D:\\work\\MAPS\\wood.png\n"
+             "newmtl b\nmap_Kd maps\\BARK.png\n");
+  write_file(folder / "Wood.PNG", "");
+  write_file(folder / "maps/bark.PNG", "");
+  const TriangleMesh mesh = read_mesh(write_file(folder / "mesh.obj",
+                                                 "mtllib paint.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n"
+                                                 "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n"));
+  ASSERT_EQ(mesh.material.size(), 2U);
+  EXPECT_EQ(mesh.material[0].texture, folder / "Wood.PNG");
+  EXPECT_EQ(mesh.material[1].texture, folder / "maps/bark.PNG");
+  EXPECT_TRUE(mesh.notes.empty());
+}
+
+TEST(ReadObj, TextureOptionsMoveTheCoordinates) {
+  const TemporaryFolder folder;
+  write_file(folder / "m.mtl",
+             "newmtl a\nmap_Kd -s 2 3 -o 0.5 0.25 a.png\nnewmtl b\n"
+             "map_Kd -s nan 1 b.png\n");
+  const TriangleMesh mesh =
+      read_mesh(write_file(folder / "mesh.obj",
+                           "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 1 1\n"
+                           "usemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 2/1 3/1\n"));
+  ASSERT_EQ(mesh.wedge_uv.size(), 2U);
+  EXPECT_EQ(mesh.wedge_uv[0][0], Vec2f(2.5F, 3.25F));
+  EXPECT_EQ(mesh.wedge_uv[1][0], Vec2f(1, 1));
 }
 
 TEST(ReadObj, MaterialsHaveNormalAndBumpMaps) {

@@ -1,5 +1,6 @@
 #include <cmath>
 #include <fstream>
+#include <memory>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -107,6 +108,106 @@ TEST(LoadTextures, SaysWhatIsMissing) {
   mesh.wedge_uv.clear();
   EXPECT_TRUE(contains(failure([&] { load_textures({.image = "checker"}, &mesh, "m.obj"); }),
                        "m.obj: the mesh has no texture coordinates"));
+}
+
+/// A mesh whose one material has an image of 2 x 2 texels (left half alpha 1, right half 0.25)
+/// inside of the mesh.
+TriangleMesh with_embedded_image() {
+  const test::TemporaryFolder folder;
+  write_image(test::make_image(2, 2,
+                               [](int x, int) {
+                                 const float alpha = x == 0 ? 1 : 0.25F;
+                                 return Eigen::Vector4f(alpha, alpha, alpha, alpha);
+                               }),
+              folder / "white.png");
+  const InputFile file(folder / "white.png");
+  TriangleMesh mesh = one_triangle();
+  mesh.embedded = {{"m.glb: images[0]",
+                    std::make_shared<Array<std::byte>>(file.bytes().begin(), file.bytes().end())}};
+  mesh.material.resize(1);
+  mesh.material[0].texture = mesh.embedded[0].name;
+  mesh.face_material = {0};
+  return mesh;
+}
+
+/// The mean of the material's map; the same for maps in memory and for those that are streamed.
+TextureSample mean_of(const TriangleMesh& mesh) {
+  const TextureSet whole = load_textures({.whole = true}, &mesh, "m.glb");
+  const TextureSet streamed = load_textures({.whole = false}, &mesh, "m.glb");
+  const TextureSample mean = whole.maps.at(0).mean();
+  const TextureSample other = streamed.maps.at(0).mean();
+  EXPECT_TRUE(mean.color.isApprox(other.color, 1e-5F)) << mean.color << " " << other.color;
+  EXPECT_NEAR(mean.alpha, other.alpha, 1e-5);
+  return mean;
+}
+
+TEST(LoadTextures, MaterialsMakeOpacityOfAlphaAsTheySay) {
+  TriangleMesh mesh = with_embedded_image();
+  MeshMaterial& material = mesh.material[0];
+  EXPECT_NEAR(mean_of(mesh).alpha, 0.625, 0.01);
+  material.opacity = 0.5F;
+  EXPECT_NEAR(mean_of(mesh).alpha, 0.3125, 0.01);
+  material.opacity = 1;
+  material.texture_alpha = TextureAlpha::kNothing;
+  EXPECT_EQ(mean_of(mesh).alpha, 1);
+  material.texture_alpha = TextureAlpha::kMask;
+  EXPECT_EQ(mean_of(mesh).alpha, 0.5F);
+  material.alpha_cutoff = 0.2F;
+  EXPECT_EQ(mean_of(mesh).alpha, 1);
+}
+
+TEST(LoadTextures, FactorsMultiplyTheTexture) {
+  TriangleMesh mesh = with_embedded_image();
+  mesh.material[0].texture_factor = Vec3f(0.5F, 0.25F, 2);
+  EXPECT_TRUE(mean_of(mesh).color.isApprox(Vec3f(0.5F, 0.25F, 2), 1e-3F));
+}
+
+TEST(LoadTextures, ImagesAreContinuedAsTheMaterialSaysUnlessAsked) {
+  TriangleMesh mesh = with_embedded_image();
+  const auto wrap = [&](const TextureSourceOptions& options) {
+    return load_textures(options, &mesh, "m.glb").maps.at(0).pyramid().wrap();
+  };
+  EXPECT_EQ(wrap({}), WrapMode::kRepeat);
+  mesh.material[0].wrap = WrapMode::kClamp;
+  EXPECT_EQ(wrap({}), WrapMode::kClamp);
+  EXPECT_EQ(wrap({.wrap = WrapMode::kMirror}), WrapMode::kMirror);
+}
+
+TEST(LoadTextures, VertexColorsMultiplyTheMapsThatAskForThem) {
+  TriangleMesh mesh = with_embedded_image();
+  EXPECT_FALSE(load_textures({}, &mesh, "m.glb").takes_colors(0));
+  mesh.color.assign(3, Vec3f(1, 0, 0));
+  EXPECT_FALSE(load_textures({}, &mesh, "m.glb").takes_colors(0));
+  mesh.material[0].vertex_factor = true;
+  EXPECT_TRUE(load_textures({}, &mesh, "m.glb").takes_colors(0));
+}
+
+TEST(LoadTextures, UnlitMaterialsHaveTheColorsOfLight) {
+  TriangleMesh mesh = with_embedded_image();
+  EXPECT_EQ(load_textures({}, &mesh, "m.glb").light, ColorLight::kReflectance);
+  mesh.material[0].unlit = true;
+  EXPECT_EQ(load_textures({}, &mesh, "m.glb").light, ColorLight::kRecorded);
+  mesh.material.resize(2);
+  EXPECT_EQ(load_textures({}, &mesh, "m.glb").light, ColorLight::kMixed);
+}
+
+TEST(MissingImages, AreToldByTheFileThatNamesThem) {
+  TriangleMesh mesh = one_triangle();
+  mesh.face_material = {0};
+  mesh.material.resize(2);
+  mesh.material[0] = {.name = "bark", .texture = "/nowhere/bark.png", .named_by = "tree.mtl"};
+  mesh.material[1] = mesh.material[0];
+  EXPECT_EQ(failure([&] { load_textures({}, &mesh, "tree.obj"); }),
+            "tree.mtl: names the image /nowhere/bark.png, which is not there; put it beside this "
+            "file, or give an image with `image`");
+  TriangleMesh replaced = mesh;
+  EXPECT_TRUE(leave_out_missing_images(replaced, "tree.obj", "other.png").empty());
+  EXPECT_EQ(leave_out_missing_images(mesh, "tree.obj"),
+            std::vector<std::string>{
+                "tree.mtl: names the image /nowhere/bark.png, which is not there; the material "
+                "bark is shown without it; `image` gives another"});
+  EXPECT_TRUE(mesh.material[0].texture.empty());
+  EXPECT_TRUE(mesh.material[1].texture.empty());
 }
 
 }  // namespace

@@ -118,14 +118,13 @@ Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene&
 
 MeshPainter::MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene)
     : mesh_(read_mesh(s.mesh)) {
+  for (const std::string& note : mesh_.notes) tool.note(s.mesh + ": " + note);
   const bool named = std::any_of(mesh_.material.begin(), mesh_.material.end(),
                                  [](const auto& m) { return !m.texture.empty(); });
   if (!s.texture.image.empty() || named) textures_ = load_textures(s.texture, &mesh_, s.mesh);
   if (s.render.lit) normals_ = tool::load_normal_maps(tool.app(), s.normals, &mesh_, s.mesh);
-  for (const MeshMaterial& material : mesh_.material) {
-    for (const std::string& map : {material.texture, material.normal_map, material.bump_map}) {
-      tool.files().read_also("the mesh's image", map);
-    }
+  for (const std::string& image : image_files(mesh_)) {
+    tool.files().read_also("the mesh's image", image);
   }
   renderer_ = std::make_shared<MeshRenderer>(
       mesh_, textures_ ? &*textures_ : nullptr, scene,

@@ -153,7 +153,7 @@ void declare_texture(CLI::App& app, Settings& s) {
   add_choice(
       app, "--wrap", s.texture.wrap,
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
-      "What lies beyond the image's borders");
+      "What lies beyond the image's borders; default: as the mesh's materials say, else repeat");
   add_normal_maps(app, s.normals);
 }
 
@@ -165,7 +165,7 @@ void declare_truth(CLI::App& app, Settings& s) {
                    "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
                    "other pictures against (R G B A only)");
   app.add_option("--mesh", s.mesh,
-                 "Ray-trace this mesh instead (OBJ, PLY, STL, OFF): the truth "
+                 "Ray-trace this mesh instead (OBJ, PLY, STL, OFF, glTF): the truth "
                  "to measure surfels made from it against (R G B A only)")
       ->excludes(reference);
   app.add_option("--samples", s.rays.samples,

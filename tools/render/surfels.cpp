@@ -9,6 +9,7 @@
 #include <surfel/intake/intake.h>
 
 #include "tools/render/coloring.h"
+#include "tools/support/options.h"
 #include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
@@ -66,6 +67,9 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   } else {
     Intake::Made made = take_in(tool, s, views);
     for (const std::string& line : made.done) tool.note(line);
+    for (const std::string& line : made.warnings) {
+      tool.note(tool::with_option_names(line, tool.app(), {}));
+    }
     commands = std::move(made.commands);
     file = made.file;
     coloring.filled = std::move(made.filled);

@@ -144,6 +144,7 @@ std::string texture_words(const IntakeOptions& options) {
     if (!value.empty()) words += fmt::format(" --{}={}", option, shell_quoted(value));
   };
   add("image", options.image);
+  if (options.wrap == WrapMode::kRepeat) add("wrap", "repeat");
   if (options.wrap == WrapMode::kMirror) add("wrap", "mirror");
   if (options.wrap == WrapMode::kClamp) add("wrap", "clamp");
   add("normal-map", options.relief.normal_map);
@@ -249,6 +250,10 @@ bool Intake::File::texture(const IntakeOptions& options, ReliefKinds& kinds) {
 /// Makes surfels of the mesh.
 void Intake::File::sample(double spacing, const IntakeOptions& options, Made& made,
                           ReliefKinds& kinds) {
+  for (const std::string& note : mesh->notes) made.warnings.push_back(path + ": " + note);
+  for (std::string& missing : leave_out_missing_images(*mesh, path, options.image)) {
+    made.warnings.push_back(std::move(missing));
+  }
   const double area = area_of(*mesh);
   const double of_box = area / surface_of(bounds());
   if (of_box > kLargestOfBox) {
@@ -365,11 +370,7 @@ std::vector<std::string> Intake::images() const {
   std::vector<std::string> names;
   for (const File& file : files_) {
     if (!file.mesh) continue;
-    for (const MeshMaterial& material : file.mesh->material) {
-      for (const std::string& map : {material.texture, material.normal_map, material.bump_map}) {
-        if (!map.empty()) names.push_back(map);
-      }
-    }
+    for (std::string& image : image_files(*file.mesh)) names.push_back(std::move(image));
   }
   return names;
 }

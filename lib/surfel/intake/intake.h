@@ -3,6 +3,7 @@
 // Surfels of any files that can be read: what surfel-from-mesh, surfel-texture, surfel-estimate and
 // surfel-convert do by default, in memory.
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,7 +39,7 @@ struct IntakeOptions {
   /// Image for all meshes, as load_texture_image() takes it; empty = the images that the materials
   /// of each mesh name.
   std::string image{};
-  WrapMode wrap = WrapMode::kRepeat;  ///< Of all images, as TextureSourceOptions::wrap.
+  std::optional<WrapMode> wrap{};  ///< Of all images, as TextureSourceOptions::wrap.
   /// Normal or bump map for all meshes; empty = those that the materials of each mesh name. Its
   /// `wrap` and `charts` are not heeded: `wrap` above counts, and kernels stay within charts.
   NormalMapOptions relief{};
@@ -51,7 +52,9 @@ class SURFEL_API Intake {
   /// Surfels, and how they were made.
   struct Made {
     SurfelCloud cloud;
-    std::vector<std::string> done;      ///< A line for each file that was not surfels already.
+    std::vector<std::string> done;  ///< A line for each file that was not surfels already.
+    /// What meshes hold or name that could not be taken into account, a line each.
+    std::vector<std::string> warnings;
     std::vector<std::string> commands;  ///< Commands that do the same, for a shell.
     std::string file;                   ///< What the last command writes, or the only file.
     bool textured = false;              ///< A mesh has got an image, or a normal or bump map.

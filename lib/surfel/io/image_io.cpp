@@ -35,6 +35,14 @@ Image read_form(InputFile file, const std::string& path, ImageForm form) {
   return image;
 }
 
+std::shared_ptr<ImageReader> open_any(InputFile file, const std::string& path) {
+  if (is_png(file)) return open_png(std::move(file));
+  const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
+  std::shared_ptr<ImageReader> reader;
+  open(file, path, reader);
+  return reader;
+}
+
 }  // namespace
 
 std::uint64_t most_image_pixels() noexcept { return g_most_pixels; }
@@ -56,17 +64,22 @@ Image read_data_image(const std::string& path) {
   return read_form(InputFile(path), path, ImageForm::kData);
 }
 
+Image read_data_image(InputFile file) {
+  const std::string name = file.name();
+  return read_form(std::move(file), name, ImageForm::kData);
+}
+
 Image read_premultiplied_image(const std::string& path) {
   return read_form(InputFile(path), path, ImageForm::kPremultiplied);
 }
 
 std::shared_ptr<ImageReader> open_image(const std::string& path) {
-  InputFile file(path);
-  if (is_png(file)) return open_png(std::move(file));
-  const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
-  std::shared_ptr<ImageReader> reader;
-  open(file, path, reader);
-  return reader;
+  return open_any(InputFile(path), path);
+}
+
+std::shared_ptr<ImageReader> open_image(InputFile file) {
+  const std::string name = file.name();
+  return open_any(std::move(file), name);
 }
 
 void write_image(const Image& image, const std::string& path, const ImageWriteOptions& options) {

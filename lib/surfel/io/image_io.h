@@ -29,13 +29,15 @@ SURFEL_API void set_most_image_pixels(std::uint64_t pixels) noexcept;
 /// files still decoded. Of files with several images the first, of EXR the data window. Throws
 /// Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
-/// Reads an image from a file that is open; in memory, PNG, EXR, TIFF, JPEG or HDR.
+/// Reads an image from a file that is open; in memory, PNG, EXR, TIFF, JPEG, WebP or HDR.
 SURFEL_API Image read_image(InputFile file, bool raw = false);
 
 /// Reads an image whose values are no colours, such as a normal map: channels come as stored,
 /// integers as fractions of full scale and not decoded, under the names that read_image() gives
 /// them with `raw`; grey is one channel. Throws as read_image() does.
 SURFEL_API Image read_data_image(const std::string& path);
+/// Reads such an image from a file that is open, or in memory.
+SURFEL_API Image read_data_image(InputFile file);
 
 /// Reads an image as linear R G B A with premultiplied alpha, as write_image() takes it. The values
 /// of a premultiplied float file (EXR) are not changed, even light where alpha is 0.
@@ -72,6 +74,8 @@ class SURFEL_API ImageReader {
 /// but not more than 256 GiB in the file's own format, and not more than most_image_pixels().
 /// Throws as read_image() does.
 SURFEL_API std::shared_ptr<ImageReader> open_image(const std::string& path);
+/// Takes over a file that is open, or in memory.
+SURFEL_API std::shared_ptr<ImageReader> open_image(InputFile file);
 
 struct ImageWriteOptions {
   bool no_clobber = false;

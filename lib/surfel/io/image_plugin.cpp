@@ -133,9 +133,12 @@ bool jpeg_is_whole(std::span<const std::byte> bytes) {
 /// for a format that is not known here.
 std::string format_of(std::span<const std::byte> bytes) {
   const std::string_view start(reinterpret_cast<const char*>(bytes.data()),
-                               std::min<std::size_t>(bytes.size(), 4));
-  if (start == "\x76\x2f\x31\x01") return "openexr";
-  if (start == std::string_view("II*\0", 4) || start == std::string_view("MM\0*", 4)) return "tiff";
+                               std::min<std::size_t>(bytes.size(), 12));
+  const std::string_view magic = start.substr(0, 4);
+  if (magic == "\x76\x2f\x31\x01") return "openexr";
+  if (magic == std::string_view("II*\0", 4) || magic == std::string_view("MM\0*", 4)) return "tiff";
+  // A container of chunks, each after its length: WebP is the kind.
+  if (magic == "RIFF" && start.ends_with("WEBP")) return "webp";
   if (start.starts_with("\xff\xd8")) return "jpeg";
   return start.starts_with("#?") ? "hdr" : "";
 }
@@ -144,7 +147,7 @@ std::string format_of(std::span<const std::byte> bytes) {
 std::unique_ptr<OIIO::ImageInput> open_piped(const InputFile& file, const OIIO::ImageSpec& hints,
                                              OIIO::Filesystem::IOMemReader& memory) {
   const std::string format = format_of(file.bytes());
-  if (format.empty()) throw_input(file.name(), "is no PNG, EXR, TIFF, JPEG or HDR image");
+  if (format.empty()) throw_input(file.name(), "is no PNG, EXR, TIFF, JPEG, WebP or HDR image");
   auto input = OIIO::ImageInput::create(format);
   OIIO::ImageSpec spec;
   if (!input || !input->set_ioproxy(&memory) || !input->open("memory", spec, hints)) {

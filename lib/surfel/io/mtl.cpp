@@ -16,10 +16,13 @@ float finite_or_one(const std::optional<double>& value) {
 struct NamedImage {
   std::string_view name;  ///< Without the options in front of it.
   float multiplier = 1;   ///< Value of the option -bm.
+  Vec2f scale{1, 1};      ///< -s, of u and v.
+  Vec2f offset{0, 0};     ///< -o.
+  bool clamped = false;   ///< -clamp on.
 };
 
 /// Takes the name of a file from "-s 1 1 1 -clamp on wood 1.png". The options -o, -s and -t take up
-/// to three numbers, -mm two values, the others one.
+/// to three numbers, -mm two values, the others one. Numbers that are not finite are not heeded.
 NamedImage named_image(std::string_view text) {
   NamedImage image;
   TextScanner words({}, text);
@@ -27,11 +30,19 @@ NamedImage named_image(std::string_view text) {
   while (words.peek() == '-') {
     const std::string_view option = words.word();
     if (option == "-o" || option == "-s" || option == "-t") {
-      for (int i = 0; i < 3 && parse_number(words.peek_word()); ++i) words.word();
+      for (int i = 0; i < 3; ++i) {
+        const auto value = parse_number(words.peek_word());
+        if (!value) break;
+        words.word();
+        if (i == 2 || !std::isfinite(static_cast<float>(*value))) continue;
+        if (option == "-s") image.scale[i] = static_cast<float>(*value);
+        if (option == "-o") image.offset[i] = static_cast<float>(*value);
+      }
     } else {
       const std::string_view value = words.word();
       if (option == "-bm") image.multiplier = finite_or_one(parse_number(value));
       if (option == "-mm") words.word();
+      if (option == "-clamp") image.clamped = value == "on";
     }
     if (words.at_line_end()) break;  // A name that starts with a dash.
     name = words.position();
@@ -42,6 +53,24 @@ NamedImage named_image(std::string_view text) {
   }
   image.name = text;
   return image;
+}
+
+/// The name of a regular file in a folder that equals `name` but for the case of its letters; the
+/// first in order of the alphabet.
+std::optional<std::string> in_other_case(const std::filesystem::path& folder,
+                                         const std::string& name) {
+  std::optional<std::string> found;
+  if (name.empty()) return found;
+  const std::string wanted = lower_case(name);
+  std::error_code error;
+  for (std::filesystem::directory_iterator file(folder.empty() ? "." : folder, error), end;
+       !error && file != end; file.increment(error)) {
+    std::string there = file->path().filename().string();
+    std::error_code ignored;
+    if (lower_case(there) != wanted || !file->is_regular_file(ignored)) continue;
+    if (!found || there < *found) found = std::move(there);
+  }
+  return found;
 }
 
 /// Is the statement "bump"? Programs also write it like the names of maps, with either letter.
@@ -74,7 +103,13 @@ std::optional<std::string> find_beside(const std::filesystem::path& folder, std:
   if (auto found = regular(turned)) return found;
   std::replace(turned.begin(), turned.end(), '\\', '/');
   if (auto found = regular(turned)) return found;
-  return regular(std::filesystem::path(turned).filename().string());
+  const std::filesystem::path path(turned);
+  if (auto found = regular(path.filename().string())) return found;
+  for (const std::filesystem::path& in : {(folder / path).parent_path(), folder}) {
+    const std::optional<std::string> name_there = in_other_case(in, path.filename().string());
+    if (name_there) return (in / *name_there).lexically_normal().string();
+  }
+  return std::nullopt;
 }
 
 std::string resolve_texture(const std::filesystem::path& folder, std::string_view name) {
@@ -89,27 +124,33 @@ std::string texture_name_from(const std::filesystem::path& folder, const std::st
   return relative.empty() || *relative.begin() == ".." ? file.string() : relative.string();
 }
 
-std::vector<MeshMaterial> read_mtl(const InputFile& file) {
+std::vector<MtlMaterial> read_mtl(const InputFile& file) {
   const std::filesystem::path folder = std::filesystem::path(file.name()).parent_path();
-  std::vector<MeshMaterial> materials;
+  std::vector<MtlMaterial> materials;
   TextScanner in(file.name(), as_text(file.bytes()), kMeshText);
   for (; in.skip_to_content(); in.next_line()) {
     const std::string_view keyword = in.word();
     if (keyword == "newmtl") {
-      materials.push_back({.name = std::string(in.rest_of_line()), .texture = {}});
+      MeshMaterial& material = materials.emplace_back().material;
+      material.name = std::string(in.rest_of_line());
+      material.named_by = file.name();
     } else if (materials.empty()) {
       continue;
     } else if (keyword == "Kd") {
-      read_diffuse(in, materials.back().diffuse);
+      read_diffuse(in, materials.back().material.diffuse);
     } else if (keyword == "map_Kd" || keyword == "norm" || names_bump(keyword)) {
       const NamedImage image = named_image(in.rest_of_line());
       if (image.name.empty()) continue;
-      MeshMaterial& material = materials.back();
+      MeshMaterial& material = materials.back().material;
       std::string& path = keyword == "map_Kd" ? material.texture
                           : keyword == "norm" ? material.normal_map
                                               : material.bump_map;
       path = resolve_texture(folder, image.name);
       if (names_bump(keyword)) material.bump_scale = image.multiplier;
+      if (image.clamped) material.wrap = WrapMode::kClamp;
+      if (keyword != "map_Kd") continue;
+      materials.back().uv_scale = image.scale;
+      materials.back().uv_offset = image.offset;
     }
   }
   return materials;

@@ -14,14 +14,24 @@ namespace surfel {
 
 // All functions are internal to the io module.
 
-/// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd, norm, and bump
-/// (also map_bump) with its option -bm. The images' names are resolved
+/// A material of an MTL file, and how it moves texture coordinates: uv * scale + offset.
+struct MtlMaterial {
+  MeshMaterial material;
+  Vec2f uv_scale{1, 1};   ///< map_Kd's -s.
+  Vec2f uv_offset{0, 0};  ///< map_Kd's -o.
+
+  bool moves_uv() const { return uv_scale != Vec2f(1, 1) || !uv_offset.isZero(0); }
+};
+
+/// Reads the materials of a Wavefront MTL file: name, Kd, map_Kd with its options -s, -o and
+/// -clamp, norm, and bump (also map_bump) with its option -bm. The images' names are resolved
 /// against the file's folder. Exported for tests.
-SURFEL_API std::vector<MeshMaterial> read_mtl(const InputFile& file);
+SURFEL_API std::vector<MtlMaterial> read_mtl(const InputFile& file);
 
 /// The path of a regular file that `name` means as seen from `folder`: the name as it is written,
 /// with a Windows path's backslashes turned, or its last part alone, because files are often moved
-/// without their folders. Nullopt if none of the three exists.
+/// without their folders; or, as Windows does not tell them apart, either of the last two with
+/// letters of another case in the file's name. Nullopt if none exists.
 std::optional<std::string> find_beside(const std::filesystem::path& folder, std::string_view name);
 
 /// find_beside(), or the path of `name` in the folder if there is no file.

@@ -38,14 +38,44 @@ class ObjReader {
     check_reach(uv_reach_, mesh_.uv.size(), "texture coordinate", "texture coordinates");
     check_reach(normal_reach_, mesh_.normal.size(), "normal", "normals");
     if (!mesh_.color.empty()) mesh_.color.resize(mesh_.position.size(), Vec3f::Constant(kWhite));
-    for (MeshMaterial& material : mesh_.material) {
-      const auto defined = library_.find(material.name);
-      if (defined != library_.end()) material = defined->second;
-    }
-    return mesh_.finish();
+    define_materials();
+    TriangleMesh mesh = mesh_.finish();
+    move_uv(mesh);
+    mesh.notes = std::move(notes_);
+    return mesh;
   }
 
  private:
+  /// Materials that no file defines are grey: white would look as if the file said so.
+  void define_materials() {
+    std::string missing;
+    std::size_t count = 0;
+    for (MeshMaterial& material : mesh_.material) {
+      const auto defined = library_.find(material.name);
+      if (defined != library_.end()) {
+        material = defined->second.material;
+        moved_.push_back(defined->second);
+        continue;
+      }
+      moved_.emplace_back();
+      if (material.name.empty()) continue;
+      material.diffuse = SurfelCloud::colorless();
+      if (count++ == 0) missing = material.name;
+    }
+    if (count == 0) return;
+    notes_.push_back(fmt::format("the material {}{} is in no material file; its faces are grey",
+                                 quoted_excerpt(missing),
+                                 count > 1 ? fmt::format(", like {} others,", count - 1) : ""));
+  }
+
+  void move_uv(TriangleMesh& mesh) const {
+    for (std::size_t f = 0; f < mesh.wedge_uv.size() && !mesh.face_material.empty(); ++f) {
+      const MtlMaterial& by = moved_[mesh.face_material[f]];
+      if (!by.moves_uv()) continue;
+      for (Vec2f& uv : mesh.wedge_uv[f]) uv = uv.cwiseProduct(by.uv_scale) + by.uv_offset;
+    }
+  }
+
   /// The largest index of a kind that a face names, and where. Faces may name vertices that follow
   /// them, so that only the end of the file tells whether the index exists.
   struct Reach {
@@ -162,15 +192,31 @@ class ObjReader {
   /// One file whose name may hold blanks, or several with blanks between them.
   void read_libraries(std::string_view names) {
     if (read_library(names)) return;
-    for (TextScanner words({}, names); !words.at_line_end();) read_library(words.word());
+    std::vector<std::string_view> missing;
+    std::size_t found = 0;
+    for (TextScanner words({}, names); !words.at_line_end();) {
+      const std::string_view name = words.word();
+      if (read_library(name)) {
+        ++found;
+      } else {
+        missing.push_back(name);
+      }
+    }
+    if (found == 0) missing = {names};
+    for (const std::string_view name : missing) {
+      notes_.push_back(
+          fmt::format("names the material file {}, which is not there; put it beside "
+                      "this file",
+                      quoted_excerpt(name)));
+    }
   }
 
   bool read_library(std::string_view name) {
     const auto path = find_beside(folder_, name);
     if (!path) return false;
     if (!libraries_read_.insert(*path).second) return true;
-    for (MeshMaterial& material : read_mtl(InputFile(*path))) {
-      library_.try_emplace(material.name, std::move(material));
+    for (MtlMaterial& material : read_mtl(InputFile(*path))) {
+      library_.try_emplace(material.material.name, std::move(material));
     }
     return true;
   }
@@ -192,8 +238,10 @@ class ObjReader {
   Reach normal_reach_;
   std::optional<std::uint16_t> material_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
-  std::unordered_map<std::string, MeshMaterial> library_;
+  std::unordered_map<std::string, MtlMaterial> library_;
   std::unordered_set<std::string> libraries_read_;  ///< Paths.
+  std::vector<MtlMaterial> moved_;                  ///< By material of the mesh.
+  std::vector<std::string> notes_;
 };
 
 }  // namespace

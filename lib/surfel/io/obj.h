@@ -11,8 +11,8 @@ namespace surfel {
 ///
 /// The lines v (a fourth number is a weight, which polygons do not use; three more are a colour),
 /// vt, vn, f (polygons; indices count from either end), usemtl and mtllib are read, and Kd and
-/// map_Kd of the MTL. All other lines are skipped. A missing material file is no error: its
-/// materials have no texture.
+/// map_Kd of the MTL. All other lines are skipped. A missing material file is no error, but a note:
+/// its materials are grey and have no texture.
 TriangleMesh read_obj(const InputFile& file);
 
 }  // namespace surfel

@@ -251,10 +251,13 @@ class AttributeTransfer {
       cloud.dpdu.resize(n);
       cloud.dpdv.resize(n);
     }
-    const bool untextured = std::any_of(mesh.material.begin(), mesh.material.end(),
-                                        [](const MeshMaterial& m) { return m.texture.empty(); });
-    material_color_ = mesh.color.empty() && untextured && !mesh.face_material.empty();
-    if (!mesh.color.empty() || material_color_) cloud.color.resize(n);
+    const auto some_material = [&](const auto& has) {
+      return !mesh.face_material.empty() &&
+             std::any_of(mesh.material.begin(), mesh.material.end(), has);
+    };
+    const bool untextured = some_material([](const auto& m) { return m.texture.empty(); });
+    if (!mesh.color.empty() || untextured) cloud.color.resize(n);
+    if (some_material([](const auto& m) { return m.opacity < 1; })) cloud.alpha.resize(n);
     if (mesh.material.size() > 1 && !mesh.face_material.empty()) cloud.material.resize(n);
   }
 
@@ -268,8 +271,9 @@ class AttributeTransfer {
       cloud_.dpdu[i] = frame.dpdu.cast<float>();
       cloud_.dpdv[i] = frame.dpdv.cast<float>();
     }
-    if (!cloud_.color.empty()) cloud_.color[i] = color(face, b);
+    if (!cloud_.color.empty()) cloud_.color[i] = mesh_.color_at(face, b.cast<float>());
     if (!cloud_.material.empty()) cloud_.material[i] = mesh_.face_material[face];
+    if (!cloud_.alpha.empty()) cloud_.alpha[i] = mesh_.material[mesh_.face_material[face]].opacity;
   }
 
  private:
@@ -283,21 +287,19 @@ class AttributeTransfer {
     return area_vector(corner).normalized().cast<float>();
   }
 
-  Vec3f color(std::uint32_t face, const Vec3d& b) const {
-    if (!material_color_) {
-      const auto& vertex = mesh_.face[face];
-      return interpolated<Vec3f>(
-          {mesh_.color[vertex[0]], mesh_.color[vertex[1]], mesh_.color[vertex[2]]}, b);
-    }
-    const MeshMaterial& material = mesh_.material[mesh_.face_material[face]];
-    return material.texture.empty() ? material.diffuse : Vec3f(1, 1, 1);
-  }
-
   const TriangleMesh& mesh_;
   const Array<std::array<Vec3f, 3>>& wedge_normal_;
   SurfelCloud& cloud_;
-  bool material_color_ = false;
 };
+
+/// The light in the colours of the faces' materials.
+ColorLight color_light(const TriangleMesh& mesh) {
+  if (mesh.material.empty()) return ColorLight::kReflectance;
+  std::size_t unlit = 0;
+  for (const std::uint16_t material : mesh.face_material) unlit += mesh.material[material].unlit;
+  if (unlit == 0) return ColorLight::kReflectance;
+  return unlit == mesh.face.size() ? ColorLight::kRecorded : ColorLight::kMixed;
+}
 
 void report_distances(const Array<SurfaceSample>& samples, MeshSampleReport& report) {
   report.least_distance = std::numeric_limits<double>::infinity();
@@ -358,6 +360,7 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
   StageTimer stage(out.times);
 
   whole.check_columns(name);
+  if (!whole.material.empty()) whole.check_materials(name);
   require_sampleable(whole, name);
   Array<std::array<std::uint32_t, 3>> welded = welded_faces(whole);
   const Array<std::uint32_t> repeated = repeated_faces(welded);
@@ -394,7 +397,8 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
 
   SurfelCloud cloud;
   cloud.origin = mesh.origin;
-  cloud.color_light = ColorLight::kReflectance;
+  cloud.color_light = color_light(mesh);
+  cloud.up = mesh.up;
   cloud.position.resize(samples.size());
   cloud.area.resize(samples.size());
   cloud.variance.resize(samples.size());

@@ -73,7 +73,8 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 /// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller
 /// than spacing^2: its area instead), area (the areas sum to the mesh's area), uv, dpdu and
 /// dpdv where the mesh has uv; color where it has vertex colours or materials without texture;
-/// material where it has more than one. The mesh's origin is kept.
+/// alpha where a material is see-through; material where it has more than one. The mesh's origin
+/// and its upward direction are kept.
 ///
 /// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would

@@ -15,6 +15,20 @@ void check_index(const std::string& name, std::size_t face, const char* field, s
 
 }  // namespace
 
+Vec3f TriangleMesh::color_at(std::size_t face_index, const Vec3f& b) const {
+  const MeshMaterial* const of =
+      face_material.empty() || material.empty() ? nullptr : &material[face_material[face_index]];
+  Vec3f result(1, 1, 1);
+  if (!color.empty()) {
+    const auto& [v0, v1, v2] = face[face_index];
+    result = b[0] * color[v0] + b[1] * color[v1] + b[2] * color[v2];
+  }
+  if (of && of->texture.empty() && (color.empty() || of->vertex_factor)) {
+    result = result.cwiseProduct(of->diffuse);
+  }
+  return result;
+}
+
 void TriangleMesh::check_columns(const std::string& name) const {
   const auto check = [&](std::size_t size, std::size_t expected, const char* field) {
     if (size == 0 || size == expected) return;

@@ -6,18 +6,11 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/scene/wrap_mode.h>
 #include <surfel/texture/texel_kernel.h>
 #include <surfel/texture/texel_tiles.h>
 
 namespace surfel {
-
-/// The continuation of an image beyond its borders.
-enum class WrapMode {
-  kRepeat,   ///< The image again.
-  kMirror,   ///< The image mirrored at each border.
-  kClamp,    ///< The border texels, without end.
-  kNothing,  ///< Nothing: no colour and no weight.
-};
 
 /// Texels of a level along one axis: texel i, of `count` from `first` on, has its centre at
 /// (i + 1/2) pitch.

@@ -40,7 +40,9 @@ std::pair<TextureMap, TextureMap> make_maps(const Image& size, WrapMode wrap, co
   return {TextureMap(std::move(first), wrap), TextureMap(std::move(second), wrap)};
 }
 
-/// Reads the maps of images and adds them to a set.
+WrapMode wrap_of(const std::optional<WrapMode>& said) { return said.value_or(WrapMode::kRepeat); }
+
+/// Makes the maps of images and adds them to a set.
 class ReliefReader {
  public:
   explicit ReliefReader(const NormalMapOptions& options) : options_(options) {}
@@ -49,8 +51,8 @@ class ReliefReader {
     add(ReliefKind::kNone, TextureMap::constant({0, 0, 1}), TextureMap::constant({0, 0, 0}));
   }
 
-  void add_normals(const std::string& path) {
-    const Image image = read_data_image(path);
+  /// \param path  for messages.
+  void add_normals(const Image& image, const std::string& path, WrapMode wrap) {
     const std::array<int, 3> rgb = channels(image, {"R", "G", "B"});
     if (*std::min_element(rgb.begin(), rgb.end()) < 0) {
       throw_input(path, fmt::format("a normal map needs the channels R, G and B, and this image "
@@ -67,14 +69,12 @@ class ReliefReader {
       n = std::isfinite(length) && length > 0 ? Vec3f(n / length) : Vec3f(0, 0, 1);
       std::copy_n(n.data(), 3, first);
     };
-    auto [first, second] = make_maps(image, options_.wrap, set);
+    auto [first, second] = make_maps(image, wrap, set);
     add(ReliefKind::kNormals, std::move(first), TextureMap::constant({0, 0, 0}));
   }
 
   /// \param scale  height of white above black.
-  void add_heights(const std::string& name, float scale) {
-    const Image image =
-        is_procedural_image(name) ? load_texture_image(name) : read_data_image(name);
+  void add_heights(const Image& image, float scale, WrapMode wrap) {
     std::array<int, 3> rgb = channels(image, {"R", "G", "B"});
     if (*std::min_element(rgb.begin(), rgb.end()) < 0) rgb.fill(channels(image, {"Y", "", ""})[0]);
     if (rgb[0] < 0) rgb.fill(0);
@@ -85,8 +85,8 @@ class ReliefReader {
     };
     const TexelAxis across{.count = image.width};
     const TexelAxis down{.count = image.height};
-    const auto column = [&](int x) { return stored_offset(x, across, options_.wrap); };
-    const auto row = [&](int y) { return stored_offset(y, down, options_.wrap); };
+    const auto column = [&](int x) { return stored_offset(x, across, wrap); };
+    const auto row = [&](int y) { return stored_offset(y, down, wrap); };
     const auto set = [&](int x, int y, float* first, float* second) {
       const float h_x = (height(column(x + 1), y) - height(column(x - 1), y)) / 2;
       const float h_y = (height(x, row(y + 1)) - height(x, row(y - 1))) / 2;
@@ -96,29 +96,35 @@ class ReliefReader {
       second[0] = h_y * h_y;
       second[1] = h_x * h_y;
     };
-    auto [first, second] = make_maps(image, options_.wrap, set);
+    auto [first, second] = make_maps(image, wrap, set);
     add(ReliefKind::kHeights, std::move(first), std::move(second));
   }
 
   /// One map per image and height, however many materials share it.
-  void add_materials(const std::vector<MeshMaterial>& materials) {
-    std::map<std::tuple<ReliefKind, std::string, float>, std::size_t> known;
-    for (const MeshMaterial& material : materials) {
-      std::tuple<ReliefKind, std::string, float> key{ReliefKind::kNone, "", 0};
+  void add_materials(const TriangleMesh& mesh, const std::string& mesh_name) {
+    std::map<std::tuple<ReliefKind, std::string, float, WrapMode>, std::size_t> known;
+    for (const MeshMaterial& material : mesh.material) {
+      std::tuple<ReliefKind, std::string, float, WrapMode> key{ReliefKind::kNone, "", 0,
+                                                               WrapMode::kRepeat};
+      const WrapMode said = wrap_of(options_.wrap ? options_.wrap : material.wrap);
       if (!material.normal_map.empty()) {
-        key = {ReliefKind::kNormals, material.normal_map, 0};
+        key = {ReliefKind::kNormals, material.normal_map, 0, said};
       } else if (!material.bump_map.empty()) {
         const double scale = options_.bump_scale.value_or(material.bump_scale);
-        key = {ReliefKind::kHeights, material.bump_map, static_cast<float>(scale)};
+        key = {ReliefKind::kHeights, material.bump_map, static_cast<float>(scale), said};
       }
       const auto [place, is_new] = known.try_emplace(key, maps_.kind.size());
       maps_.first.map_of_material.push_back(place->second);
       maps_.second.map_of_material.push_back(place->second);
       if (!is_new) continue;
-      const auto& [kind, path, scale] = key;
-      if (kind == ReliefKind::kNone) add_none();
-      if (kind == ReliefKind::kNormals) add_normals(path);
-      if (kind == ReliefKind::kHeights) add_heights(path, scale);
+      const auto& [kind, path, scale, wrap] = key;
+      if (kind == ReliefKind::kNone) {
+        add_none();
+        continue;
+      }
+      const Image image = read_data_image(material_image(mesh, material, path, mesh_name));
+      if (kind == ReliefKind::kNormals) add_normals(image, path, wrap);
+      if (kind == ReliefKind::kHeights) add_heights(image, scale, wrap);
     }
   }
 
@@ -190,11 +196,15 @@ NormalMaps load_normal_maps(const NormalMapOptions& options, const TriangleMesh*
   }
   ReliefReader reader(options);
   if (!options.normal_map.empty()) {
-    reader.add_normals(options.normal_map);
+    reader.add_normals(read_data_image(options.normal_map), options.normal_map,
+                       wrap_of(options.wrap));
   } else if (!options.bump.empty()) {
-    reader.add_heights(options.bump, static_cast<float>(options.bump_scale.value_or(1)));
+    const Image heights = is_procedural_image(options.bump) ? load_texture_image(options.bump)
+                                                            : read_data_image(options.bump);
+    reader.add_heights(heights, static_cast<float>(options.bump_scale.value_or(1)),
+                       wrap_of(options.wrap));
   } else {
-    reader.add_materials(mesh->material);
+    reader.add_materials(*mesh, mesh_name);
   }
   NormalMaps maps = reader.take();
   if (maps.empty() || !mesh) return maps;

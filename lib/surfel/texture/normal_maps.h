@@ -32,8 +32,8 @@ struct SURFEL_API NormalMapOptions {
   std::optional<double> bump_scale{};
   /// Green of normal maps points to the image's bottom, as Direct3D has it, not to its top.
   bool y_down = false;
-  WrapMode wrap = WrapMode::kRepeat;  ///< As TextureSourceOptions::wrap.
-  bool charts = true;                 ///< Keep kernels within the mesh's charts.
+  std::optional<WrapMode> wrap{};  ///< As TextureSourceOptions::wrap.
+  bool charts = true;              ///< Keep kernels within the mesh's charts.
 
   bool empty() const { return normal_map.empty() && bump.empty(); }
   std::vector<std::string> problems() const;  ///< Empty if usable.

@@ -60,6 +60,17 @@ void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
   }
 }
 
+/// The surfels whose colours multiply the texture.
+Array<std::uint32_t> multiplied_surfels(const SurfelCloud& cloud, const TextureSet& textures) {
+  Array<std::uint32_t> found;
+  if (textures.multiplied.empty()) return found;
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    const std::uint16_t material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[k];
+    if (textures.takes_colors(material)) found.push_back(static_cast<std::uint32_t>(k));
+  }
+  return found;
+}
+
 /// The range of the coefficients.
 void measure(const SurfelCloud& cloud, TextureFitReport& report) {
   if (cloud.empty()) return;
@@ -170,7 +181,13 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
   require_usable(options);
   check_textured(cloud, textures, name);
 
-  cloud.color_light = ColorLight::kReflectance;
+  const Array<std::uint32_t> multiplied = multiplied_surfels(cloud, textures);
+  if (!multiplied.empty() && (cloud.color.empty() || !cloud.coefficient.empty())) {
+    throw_input(name,
+                "the mesh's vertex colours multiply its texture, and the surfels do not have "
+                "them, or not any more; sample them anew with surfel-from-mesh");
+  }
+  cloud.color_light = textures.light;
   TextureFitReport report;
   report.surfels = cloud.size();
   if (options.kind == TextureFitKind::kEwa) {
@@ -192,6 +209,9 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
       fit_ewa(cloud, textures, options, report, &colors);
       fit_render(cloud, std::move(colors), render_options(options), options, report);
     }
+  }
+  for (const std::uint32_t k : multiplied) {
+    cloud.coefficient[k] = cloud.coefficient[k].cwiseProduct(cloud.color[k]);
   }
   measure(cloud, report);
   return report;

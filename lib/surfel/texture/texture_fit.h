@@ -122,6 +122,13 @@ struct TextureSet {
   std::vector<TextureMap> maps;
   std::vector<std::size_t> map_of_material{};  ///< Index into maps; empty: maps[0] for all surfels.
   std::optional<UvCharts> charts{};            ///< Kernels take no colour from beyond their chart.
+  /// By material: the surfels' own colours multiply the map's. Empty: none.
+  std::vector<bool> multiplied{};
+  ColorLight light = ColorLight::kReflectance;  ///< What the colours that surfels get are.
+
+  bool takes_colors(std::size_t material) const {
+    return material < multiplied.size() && multiplied[material];
+  }
 
   /// Index of a surfel's map.
   std::size_t map_index(const SurfelCloud& cloud, std::size_t surfel) const {

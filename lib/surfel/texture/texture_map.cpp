@@ -256,9 +256,9 @@ TextureMap::TextureMap(std::shared_ptr<ImageReader> reader, WrapMode wrap)
   if (width() == 1 && height() == 1) tiles_->want(0, 0);  // There are no coarser levels.
 }
 
-TextureMap TextureMap::constant(const Vec3f& color) {
+TextureMap TextureMap::constant(const Vec3f& color, float alpha) {
   Image image = rgba_image(1, 1);
-  image.data = {color.x(), color.y(), color.z(), 1.0F};
+  image.data = {color.x(), color.y(), color.z(), alpha};
   return {std::move(image), WrapMode::kRepeat};
 }
 

@@ -37,8 +37,8 @@ class SURFEL_API TextureMap {
   TextureMap(Image image, WrapMode wrap);
   /// A file's image, as ImageReader gives it out. Copies of the map share the rows kept of it.
   TextureMap(std::shared_ptr<ImageReader> reader, WrapMode wrap);
-  /// One colour everywhere.
-  static TextureMap constant(const Vec3f& color);
+  /// One colour and opacity everywhere.
+  static TextureMap constant(const Vec3f& color, float alpha = 1);
 
   int width() const { return pyramid_.image().x.count; }
   int height() const { return pyramid_.image().y.count; }

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/texture_fit.h>
@@ -17,11 +20,26 @@ SURFEL_API Image load_texture_image(const std::string& name);
 /// Does load_texture_image() make the image of this name instead of reading a file?
 SURFEL_API bool is_procedural_image(const std::string& name);
 
+/// An image that a material of the mesh names, in its file or in the mesh's. Throws Error(kInput)
+/// naming the file that names the image where there is no such file, else as InputFile does.
+/// \param mesh_name  the mesh's file.
+SURFEL_API InputFile material_image(const TriangleMesh& mesh, const MeshMaterial& material,
+                                    const std::string& image, const std::string& mesh_name);
+
+/// Takes the images that are not there off the mesh's materials, which are left with their colours.
+/// Returns a sentence for each, which starts with the name of the file that names the image; for
+/// none that `image`, if it is not empty, replaces.
+SURFEL_API std::vector<std::string> leave_out_missing_images(TriangleMesh& mesh,
+                                                             const std::string& mesh_name,
+                                                             const std::string& image = {});
+/// The files among the images that the mesh's materials name.
+SURFEL_API std::vector<std::string> image_files(const TriangleMesh& mesh);
+
 struct TextureSourceOptions {
   /// Image for all surfels; empty = the images that the mesh's materials name.
   std::string image{};
-  /// Not kNothing. OBJ and MTL files repeat images where they do not say "-clamp on".
-  WrapMode wrap = WrapMode::kRepeat;
+  /// Not kNothing. Unset: as each material says, or kRepeat.
+  std::optional<WrapMode> wrap{};
   bool charts = true;  ///< Keep kernels within the mesh's charts.
   bool whole = true;   ///< Image files in memory; else opened, for TextureMap::load().
 };

@@ -176,16 +176,17 @@ Eigen::Array4f MeshRenderer::Impl::texel(const TextureMap& image, std::uint32_t 
 
 /// Premultiplied.
 Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& b) const {
-  if (textures) return texel(textures->maps[map_index(*textures, face)], face, b);
-  Vec3f opaque = SurfelCloud::colorless();
-  if (!mesh.color.empty()) {
-    const auto& v = mesh.face[face];
-    opaque = interpolated<Vec3f>({mesh.color[v[0]], mesh.color[v[1]], mesh.color[v[2]]}, b);
-  } else if (!mesh.face_material.empty()) {
-    const MeshMaterial& named = mesh.material[material(face)];
-    if (named.texture.empty()) opaque = named.diffuse;
+  if (textures) {
+    Eigen::Array4f color = texel(textures->maps[map_index(*textures, face)], face, b);
+    if (textures->takes_colors(material(face))) color.head<3>() *= mesh.color_at(face, b).array();
+    return color;
   }
-  return {opaque.x(), opaque.y(), opaque.z(), 1};
+  const MeshMaterial* const named =
+      mesh.face_material.empty() ? nullptr : &mesh.material[material(face)];
+  const bool known = !mesh.color.empty() || (named && named->texture.empty());
+  const Vec3f color = known ? mesh.color_at(face, b) : SurfelCloud::colorless();
+  const float alpha = named ? named->opacity : 1;
+  return {alpha * color.x(), alpha * color.y(), alpha * color.z(), alpha};
 }
 
 /// Normals of a face's corners that cancel say nothing; the face's own does.
