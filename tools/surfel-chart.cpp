@@ -34,9 +34,9 @@ struct Settings {
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   surfel::ChartOptions& c = s.chart;
-  app.add_option(
-         "input", c.input,
-         "Surfels or points (PLY, PCD, LAS, LAZ, E57), or a mesh to sample (OBJ, PLY, STL, OFF)")
+  app.add_option("input", c.input,
+                 "Surfels or points (PLY, PCD, LAS, LAZ, E57), or a mesh to sample (OBJ, PLY, STL, "
+                 "OFF, glTF)")
       ->required();
   app.add_option("-o,--output", s.output,
                  "Folder for report.html, report.csv and report.json; an interrupted run is taken "

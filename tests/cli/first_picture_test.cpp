@@ -83,6 +83,47 @@ TEST_F(FirstPicture, OptionsOfTexturesAreThoseOfTheMeshAndOfTheCommandsToldForIt
   }
 }
 
+TEST_F(FirstPicture, TellsOfAnImageThatIsMissingAndTakesAnother) {
+  std::filesystem::remove(folder_ / "head.png");
+  const std::string picture = folder_ / "p.png";
+  const RunResult result = render({mesh_, "--size", "32", "-o", picture});
+  EXPECT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(
+      contains(result.errors, "names the image " + (folder_ / "head.png") + ", which is not there"))
+      << result.errors;
+  EXPECT_TRUE(contains(result.errors, "--image gives another")) << result.errors;
+  const RunResult other = render({mesh_, "--size", "32", "--image", "checker", "-o", picture});
+  EXPECT_EQ(other.exit_code, 0) << other.errors;
+  EXPECT_FALSE(contains(other.errors, "head.png")) << other.errors;
+}
+
+TEST_F(FirstPicture, GltfIsTexturedUprightAndMadeBySameCommands) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const std::string duck = test::data_folder() / "formats/gltf/Duck.glb";
+  const std::string bin = std::filesystem::path(tool("surfel-render")).parent_path();
+  const std::string one = folder_ / "one.png";
+  const std::string same = folder_ / "same.png";
+  const RunResult told = render({duck, "--size", "64", "-o", one, "--print-commands"});
+  ASSERT_EQ(told.exit_code, 0) << told.errors;
+  EXPECT_TRUE(contains(told.errors, "and textured")) << told.errors;
+  EXPECT_TRUE(contains(told.errors, "up y")) << told.errors;
+  // The duck is yellow where it is seen.
+  const Image image = read_image(one);
+  Vec3f mean(0, 0, 0);
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x)
+      mean += image.pixel(x, y)[3] * Eigen::Map<const Vec3f>(image.pixel(x, y));
+  }
+  EXPECT_GT(mean.x(), 4 * mean.z());
+  EXPECT_GT(mean.y(), 3 * mean.z());
+  std::string script = told.output;
+  script.replace(script.rfind(one), one.size(), same);
+  const RunResult result = run(
+      {"/bin/sh", "-c", "set -e\nPATH=" + bin + ":$PATH\ncd " + (folder_ / ".") + "\n" + script});
+  ASSERT_EQ(result.exit_code, 0) << script << result.errors;
+  EXPECT_EQ(read_text(one), read_text(same)) << script;
+}
+
 TEST_F(FirstPicture, OptionsOfTexturesNeedAMeshThatTheyServe) {
   const std::string picture = folder_ / "p.png";
   EXPECT_EQ(render({points_, "--image", "checker", "-o", picture}).exit_code, 2);

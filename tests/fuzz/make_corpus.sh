@@ -8,7 +8,7 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx mesh_ply mesh_obj mesh_stl mesh_off image_png image_exr scene camera colmap_text colmap_binary views \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
@@ -118,6 +118,21 @@ printf 'ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty floa
 } > mesh_ply/binary.ply
 
 printf 'ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float u\nproperty float v\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0 0 0 1 2 3\n1 0 0 1 0 1 2 3\n1 1 0 1 1 1 2 3\n0 1 0 0 1 1 2 3\n6 0 1 2 -1 1 2\n' > mesh_ply/strips.ply
+
+# A number as four bytes, and a GLB of a JSON text and the bytes of a triangle.
+u32() { printf "$(printf '\\x%02x\\x%02x\\x%02x\\x%02x' $(($1 & 255)) $(($1 >> 8 & 255)) $(($1 >> 16 & 255)) $(($1 >> 24)))"; }
+glb() {
+  local json=$1
+  while [ $((${#json} % 4)) -ne 0 ]; do json+=' '; done
+  printf 'glTF'; u32 2; u32 $((28 + ${#json} + 40))
+  u32 ${#json}; printf 'JSON%s' "$json"
+  u32 40; printf 'BIN\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x80\x3f\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x80\x3f\0\0\0\0\0\1\2\1'
+}
+start='{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"buffers":[{"byteLength":40}],"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":4}],'
+vertices='{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}'
+glb "$start"'"nodes":[{"mesh":0}],"accessors":['"$vertices"',{"bufferView":1,"componentType":5121,"count":3,"type":"SCALAR"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}]}' > mesh_gltf/indexed.glb
+glb "$start"'"nodes":[{"children":[1],"rotation":[0,0,1,0]},{"mesh":0,"skin":0,"scale":[1,-1,2],"weights":[0.5]}],"skins":[{"joints":[0]}],"accessors":['"$vertices"',{"count":3,"type":"VEC3","componentType":5126,"sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}}],"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0,"NORMAL":0,"COLOR_0":0},"targets":[{"POSITION":1}]}]}],"animations":[{"channels":[{"sampler":0,"target":{"node":1,"path":"translation"}}],"samplers":[{"input":0,"output":0}]}]}' > mesh_gltf/moved.glb
+printf '%s' '{"asset":{"version":"2.0"},"extensionsRequired":["KHR_texture_transform"],"nodes":[{"mesh":0,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}],"buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}],"bufferViews":[{"buffer":0,"byteLength":36}],"accessors":['"$vertices"',{"bufferView":0,"componentType":5126,"count":3,"type":"VEC2"}],"images":[{"uri":"a.png"}],"samplers":[{"wrapS":33648}],"textures":[{"source":0,"sampler":0}],"materials":[{"alphaMode":"MASK","normalTexture":{"index":0},"pbrMetallicRoughness":{"baseColorFactor":[1,0,0,1],"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[2,2],"rotation":1}}}}}],"meshes":[{"primitives":[{"mode":6,"material":0,"attributes":{"POSITION":0,"TEXCOORD_0":1}}]}]}' > mesh_gltf/textured.gltf
 
 surfel-render cloud_ply/binary.ply -o image_png/8.png --size 9x7 --quiet
 surfel-render cloud_ply/binary.ply -o image_exr/plain.exr --size 3x2 --quiet

@@ -177,6 +177,7 @@ constexpr Fuzzer kReaders[] = {
     {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},
     {"mesh_stl", [](Bytes bytes) { mesh(bytes, ".stl"); }},
     {"mesh_off", [](Bytes bytes) { mesh(bytes, ".off"); }},
+    {"mesh_gltf", [](Bytes bytes) { mesh(bytes, ".gltf"); }},
     {"image_png", [](Bytes bytes) { image(bytes, ".png", "\x89PNG\r\n\x1a\n"); }},
     {"image_exr", [](Bytes bytes) { image(bytes, ".exr", "\x76\x2f\x31\x01"); }},
     {"material", material},

@@ -517,7 +517,7 @@ TEST(CloudIo, UnusableInputSaysWhatIsMissing) {
 TEST(CloudIo, UnreadFormatsNameAConverter) {
   const TemporaryFolder folder;
   for (const auto& [name, program] :
-       {std::pair("a b.fbx", "`assimp export "), std::pair("c.glb", "`assimp export "),
+       {std::pair("a b.fbx", "`assimp export "), std::pair("c.dae", "`assimp export "),
         std::pair("d.splat", "`splat-transform ")}) {
     const std::string path = folder / name;
     std::ofstream(path) << "something";

@@ -12,8 +12,8 @@ surfel_demo_packages=(
 surfel_packages=(
   "${surfel_demo_packages[@]}"
   # The plug-ins. CMake finds OpenImageIO only where its tools are, too.
-  libceres-dev libembree-dev libflann-dev libimath-dev liblz4-dev libopenimageio-dev libopenmesh-dev libpcl-dev
-  openimageio-tools
+  libceres-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
+  libopenimageio-dev libopenmesh-dev libpcl-dev openimageio-tools
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # Tests and checks.

@@ -17,7 +17,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::array<std::string_view, 3> kMeshes = {".obj", ".off", ".stl"};
+constexpr std::array<std::string_view, 5> kMeshes = {".glb", ".gltf", ".obj", ".off", ".stl"};
 constexpr std::array<std::string_view, 11> kImages = {
     ".bmp", ".exr", ".hdr", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tga", ".tif", ".tiff"};
 
@@ -29,7 +29,7 @@ struct Converter {
   std::string_view program;
 };
 constexpr std::array<Converter, 2> kConverters = {{
-    {" .3ds .dae .fbx .glb .gltf .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
+    {" .3ds .dae .fbx .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
     {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
 }};
 
@@ -88,7 +88,7 @@ FileKind file_kind(const std::string& path) {
   if (is_image_name(path)) return FileKind::kImage;
   throw_input(path, std::string("format not supported; known are PLY, PCD, LAS, LAZ, E57, PTX and "
                                 "text such as XYZ (surfels), "
-                                "PLY, OBJ, OFF and STL (meshes) and images") +
+                                "PLY, OBJ, OFF, STL and glTF (meshes) and images") +
                         converter_advice(path));
 }
 

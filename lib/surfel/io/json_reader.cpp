@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -7,6 +6,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/io/json_reader.h>
+#include <surfel/io/json_view.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -122,23 +122,9 @@ void JsonValue::reject_unread() const {
 }
 
 JsonValue read_json(const InputFile& file) {
-  const std::string_view text = as_text(file.bytes());
   auto tree = std::make_shared<JsonValue::Tree>();
   tree->file = file.name();
-  try {
-    tree->root = Json::parse(text.begin(), text.end());
-  } catch (const Json::parse_error& error) {
-    const std::string_view before = text.substr(0, std::min(error.byte, text.size()));
-    throw_input(file.name(),
-                fmt::format("line {}: is not valid JSON at {}",
-                            1 + std::count(before.begin(), before.end(), '\n'),
-                            before.size() == text.size()
-                                ? "the file's end; it is truncated"
-                                : quoted_excerpt(before.substr(
-                                      before.size() - std::min<std::size_t>(before.size(), 20)))));
-  } catch (const Json::exception&) {
-    throw_input(file.name(), "holds a number that is beyond all bounds");
-  }
+  tree->root = parse_json(as_text(file.bytes()), file.name());
   const Json* root = &tree->root;
   return {std::move(tree), root, ""};
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/io/gltf.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mesh_writers.h>
@@ -15,9 +16,10 @@
 namespace surfel {
 namespace {
 
-/// Standard input has no extension; of the formats only OBJ has no mark of its own.
+/// Standard input has no extension; OBJ has no mark of its own.
 std::string extension_of_content(const InputFile& file) {
   const std::string_view text = as_text(file.head(5));
+  if (text.starts_with("glTF") || text.starts_with("{")) return ".gltf";
   if (PlyFile::matches(file.head(4))) return ".ply";
   if (text == "solid") return ".stl";
   return text.find("OFF") != std::string_view::npos ? ".off" : ".obj";
@@ -30,6 +32,11 @@ void check(const TriangleMesh& mesh, const std::string& path) {
   if (!mesh.material.empty() && !mesh.face.empty() && mesh.face_material.empty()) {
     throw_input(path, "the mesh has materials, but no `face_material`");
   }
+  for (const EmbeddedImage& image : mesh.embedded) {
+    throw_input(path, fmt::format("the mesh holds {} itself, and files of this format name images; "
+                                  "write the image to a file of its own and name that",
+                                  image.name));
+  }
 }
 
 TriangleMesh read_format(InputFile file, const std::string& extension) {
@@ -38,9 +45,10 @@ TriangleMesh read_format(InputFile file, const std::string& extension) {
   if (extension == ".ply") return read_ply_mesh(std::move(file));
   if (extension == ".stl") return read_stl(file);
   if (extension == ".off") return read_off(file);
+  if (extension == ".gltf" || extension == ".glb") return read_gltf(std::move(file));
   throw_input(file.name(),
-              fmt::format("'{}' is not a mesh format that is supported; use .obj, .ply, .stl "
-                          "or .off",
+              fmt::format("'{}' is not a mesh format that is supported; use .obj, .ply, .stl, "
+                          ".off, .gltf or .glb",
                           extension));
 }
 

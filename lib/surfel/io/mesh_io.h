@@ -9,9 +9,9 @@
 namespace surfel {
 
 /// Reads OBJ (with MTL, uv and normals per corner), PLY (faces, triangle strips, uv per vertex or
-/// per corner), STL or OFF. Throws Error (kIo, kInput) naming the file and the line or element for
-/// an index out of range, a face with fewer than three corners, a coordinate that is not finite,
-/// and a mesh without faces.
+/// per corner), STL, OFF, or glTF 2.0 (gltf.h; text or GLB). Throws Error (kIo, kInput) naming the
+/// file and the line or element for an index out of range, a face with fewer than three corners, a
+/// coordinate that is not finite, and a mesh without faces.
 SURFEL_API TriangleMesh read_mesh(const std::string& path);
 /// Reads a mesh from a file that is open, or in memory; its name tells the format.
 SURFEL_API TriangleMesh read_mesh(InputFile file);
