@@ -36,8 +36,8 @@ std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name)
 TEST(Ptx, GridsColorsAndLinesOfSightWithoutReturn) {
   const SurfelCloud cloud =
       cloud_of_text(std::string("2\n3\n") + kMoved +
-                "1 2 3 0.5 255 0 10\n0 0 0 0.5 0 0 0\r\n4 5 6 0.25 0 255 0\n\n"
-                "0 0 0 0 0 0 0\n7 8 9 1 1 2 3\n10 0 0 0 4 5 6");
+                    "1 2 3 0.5 255 0 10\n0 0 0 0.5 0 0 0\r\n4 5 6 0.25 0 255 0\n\n"
+                    "0 0 0 0 0 0 0\n7 8 9 1 1 2 3\n10 0 0 0 4 5 6");
   ASSERT_EQ(cloud.size(), 4U);
   EXPECT_EQ(cloud.unmeasured_skipped, 2U);
   EXPECT_EQ(cloud.world(0), Vec3d(8, 21, 33));

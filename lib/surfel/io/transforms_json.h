@@ -13,7 +13,8 @@ namespace surfel {
 /// to the world, and `file_path`, the name of its picture. Each of `fl_x`, `fl_y`, `cx`, `cy`, `w`,
 /// `h`, `camera_angle_x`, `camera_angle_y` (fields of view, radians) holds for all views, or stands
 /// in a frame, as do `camera_model` (OPENCV, OPENCV_FISHEYE, EQUIRECTANGULAR, PINHOLE, ...) and its
-/// coefficients k1 ..., p1, p2. Without fl_y it is fl_x; the principal point is the middle unless it is said.
+/// coefficients k1 ..., p1, p2. Without fl_y it is fl_x; the principal point is the middle unless
+/// it is said.
 ///
 /// `applied_transform` and `applied_scale` of nerfstudio moved the poses, and its point cloud with
 /// them; they are undone with ViewFileOptions::original_world. `scale`, `offset` and `aabb_scale`
