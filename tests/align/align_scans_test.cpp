@@ -92,6 +92,20 @@ TEST(AlignScans, DoesNotDependOnThreads) {
   }
 }
 
+TEST(AlignScans, ScansThatLieRightTakeFewRoundsWhateverTheirSpacing) {
+  // Sheets of which each is a hundredth of the next one: the median spacing is far below the reach.
+  SurfelCloud sheets = sheet(0, 1);
+  float scale = 1;
+  for (Vec3f& p : sheets.position) {
+    p *= scale;
+    scale = scale < 1e-6F ? 1 : 0.01F * scale;
+  }
+  const std::vector<SurfelCloud> scans = {sheets, sheets};
+  const AlignReport report = align_scans(scans, {}, names_of(2));
+  EXPECT_TRUE(report.converged);
+  EXPECT_LE(report.rounds, 4);
+}
+
 TEST(AlignScans, RefusesWhatCannotBeAligned) {
   const auto refused = [](const std::vector<SurfelCloud>& scans, const std::string& part) {
     try {

@@ -195,8 +195,10 @@ void solve_bundles(Placement& p, AlignReport& report) {
   while (report.rounds < kMostRounds && !report.converged) {
     const double moved = solve_bundle(p, reach);
     ++report.rounds;
-    report.converged = reach <= spacing && moved <= kStill * spacing;
-    reach = std::max(kShrink * reach, 0.5 * spacing);
+    const bool still = moved <= kStill * spacing;
+    report.converged = reach <= spacing && still;
+    // Nearer matches are for scans that move; where none does the nearest are tried at once.
+    reach = still ? 0.5 * spacing : std::max(kShrink * reach, 0.5 * spacing);
   }
 }
 
