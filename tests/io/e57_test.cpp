@@ -372,6 +372,7 @@ TEST(E57, DescriptionsThatAreWrongAreNamed) {
       {with(R"(fileOffset="48")", R"(fileOffset="52")"), "there are no points where"},
       {with("CompressedVector", "Vector"), "not a CompressedVector"},
       {with("cartesianZ", "height"), "neither cartesianX"},
+      {with("Float\" precision=\"single", "String"), "neither cartesianX"},
       {with("cartesianZ", "cartesianX"), "two fields 'cartesianX'"},
       {with("prototype type=\"Structure\"", "proto"), "broken"},
       {with("Float", "Structure"), "'Structure'; Float, Integer"},

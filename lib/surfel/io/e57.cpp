@@ -187,7 +187,8 @@ void E57Blocks::lay_out(std::size_t number) {
   };
   const auto take_all = [&](const FieldNames& names) -> std::optional<std::array<std::size_t, 3>> {
     for (const char* name : names) {
-      if (!scan.find(name)) return std::nullopt;
+      const E57Field* field = scan.find(name);
+      if (!field || field->type == E57Type::kText) return std::nullopt;
     }
     return std::array{take(names[0]), take(names[1]), take(names[2])};
   };
