@@ -91,6 +91,7 @@ TEST(E57, FilesOfOtherPrograms) {
   }
   const SurfelCloud two = read_cloud(folder / "A_B.e57");
   ASSERT_EQ(two.size(), 6U);
+  EXPECT_FALSE(read_cloud(folder / "bunnyInt32.e57").up);
   EXPECT_EQ(column_of(two, "scan"), (std::vector<double>{0, 0, 1, 1, 1, 1}));
   EXPECT_EQ(two.color[0], Vec3f(1, 1, 0));
   EXPECT_EQ(two.color[5], Vec3f(0, 1, 0));
@@ -230,6 +231,7 @@ TEST(E57, PosesMovePointsAndAreViewpoints) {
   EXPECT_TRUE(one.normal[0].isApprox(Vec3f(0, 1, 0), 1e-6F));
   ASSERT_TRUE(one.viewpoint);
   EXPECT_EQ(one.viewpoint->position, Vec3d(100, 200, 300));
+  EXPECT_EQ(one.up, std::optional<Vec3d>(Vec3d::UnitZ()));
   EXPECT_NEAR(one.viewpoint->orientation[3], std::sqrt(0.5), 1e-12);
   EXPECT_TRUE(one.scan_viewpoints.empty());
 

@@ -519,6 +519,8 @@ void set_e57_viewpoints(const E57Header& header, const E57Blocks& points, Surfel
   } else {
     cloud.scan_viewpoints = std::move(views);
   }
+  // Scanners on a tripod are levelled; objects whose scans have no place lie in any way.
+  cloud.up = Vec3d::UnitZ();
 }
 
 }  // namespace

@@ -24,7 +24,8 @@ namespace surfel {
 /// A scan's pose tells where its scanner stood, as do coordinates that are spherical or in rows
 /// where there is no pose: that is the cloud's viewpoint, or SurfelCloud::scan_viewpoints. An
 /// identity pose of Cartesian points without rows tells nothing, because programs write it around
-/// points from anywhere. Internal to the io module.
+/// points from anywhere. Up is z where it is known where the scanners stood. Internal to the io
+/// module.
 class E57Points final : public PointRecords {
  public:
   /// Throws Error(kInput) naming the file, as reading the points does.
