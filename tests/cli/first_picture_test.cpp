@@ -158,15 +158,19 @@ TEST_F(FirstPicture, SaysWhatItDoesAndWritesAndNothingIfQuiet) {
 
 /// Colours of scans are shown as they are, colours of meshes are lit, and either can be changed.
 TEST_F(FirstPicture, RecordedColoursAreNotLit) {
-  std::string points =
-      "ply\nformat ascii 1.0\nelement vertex 400\nproperty float x\n"
-      "property float y\nproperty float z\nproperty uchar red\n"
-      "property uchar green\nproperty uchar blue\nend_header\n";
-  for (int i = 0; i < 400; ++i) {
-    points += std::to_string(i % 20) + ' ' + std::to_string(i / 20) + " 0 200 100 50\n";
-  }
-  const std::string scan = folder_ / "scan.ply";
-  write_text(scan, points);
+  const auto scan_of = [&](const std::string& name, int colors) {
+    std::string points =
+        "ply\nformat ascii 1.0\nelement vertex 400\nproperty float x\n"
+        "property float y\nproperty float z\nproperty uchar red\n"
+        "property uchar green\nproperty uchar blue\nend_header\n";
+    for (int i = 0; i < 400; ++i) {
+      points += std::to_string(i % 20) + ' ' + std::to_string(i / 20) + " 0 200 100 " +
+                std::to_string(i % colors) + "\n";
+    }
+    write_text(folder_ / name, points);
+    return folder_ / name;
+  };
+  const std::string scan = scan_of("scan.ply", 50);
   const std::string image = folder_ / "p.png";
   const auto picture = [&](const std::string& file, std::vector<std::string> options) {
     options.insert(options.begin(), {file, "--size", "32", "--from", "1,1,1", "-o", image});
@@ -178,6 +182,8 @@ TEST_F(FirstPicture, RecordedColoursAreNotLit) {
   EXPECT_NE(said.find("--shading phong lights them"), std::string::npos) << said;
   EXPECT_EQ(shown, picture(scan, {"--shading", "none"}).first);
   EXPECT_NE(shown, picture(scan, {"--shading", "phong"}).first);
+  // One colour for all is no record of light.
+  EXPECT_EQ(picture(scan_of("plain.ply", 1), {}).second.find("recorded"), std::string::npos);
   const std::string surfels = folder_ / "head.ply";
   EXPECT_NE(picture(mesh_, {"--keep", surfels}).second.find("a mesh"), std::string::npos);
   EXPECT_EQ(picture(surfels, {}).second.find("recorded"), std::string::npos);

@@ -90,7 +90,7 @@ struct LoadedCloud::Impl {
   const char* why_in_memory() const;
   SurfelSource& source() const { return wrapped ? *wrapped : *records; }
   void make_stream(std::uint64_t memory);
-  void take_header(const SurfelCloud& header, bool colors);
+  void take_header(const SurfelCloud& header, const SurfelSource& from);
   void wrap(SurfelSource& inner, const ClusterTree& levels);
   void sample_resident();
 };
@@ -147,7 +147,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   if (!open_records()) return false;
   SurfelCloud header;
   read_comments(ply->header().comments, ply->name(), header);
-  take_header(header, records->attributes().color);
+  take_header(header, *records);
   has_levels = !tree.empty();
   if (options.sample && has_levels) {
     const auto [begin, end] = sampled_level(tree);
@@ -205,12 +205,16 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   }
 }
 
-/// \param colors  The surfels have colours.
-void LoadedCloud::Impl::take_header(const SurfelCloud& header, bool colors) {
+void LoadedCloud::Impl::take_header(const SurfelCloud& header, const SurfelSource& from) {
   basis_cutoff = header.basis_cutoff;
   viewpoint = header.viewpoint;
   up = header.up;
-  color_light = meaning_of_colors(header.color_light, colors);
+  color_light = meaning_of_colors(header.color_light, from.attributes().color);
+  // Recorded light differs from place to place; some programs write a colour that nobody chose.
+  const bool unsaid = header.color_light == ColorLight::kUnsaid;
+  if (unsaid && from.attributes().color && CloudStream::have_one_color(from)) {
+    color_light = ColorLight::kReflectance;
+  }
 }
 
 /// Lets the caller put another source in place of one.
@@ -243,9 +247,9 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }
-  take_header(cloud, cloud.render_color() != nullptr);
   has_levels = !cloud.tree.empty();
   CloudSource all(cloud, name);
+  take_header(cloud, all);
   wrap(all, cloud.tree);
   SurfelSource& drawn = wrapped ? *wrapped : all;
   if (has_levels) {

@@ -80,7 +80,7 @@ class SURFEL_API LoadedCloud {
   const std::optional<Viewpoint>& viewpoint() const;
   /// SurfelCloud::up of the file.
   const std::optional<Vec3d>& up() const;
-  /// meaning_of_colors() of the file.
+  /// meaning_of_colors() of the file; reflectance where it says nothing and there is one colour.
   ColorLight color_light() const;
   /// A sample of the surface, if the options ask for it: of the coarsest level of detail that has
   /// as many surfels as a sample holds, so that little is read of a file with levels. The sample is

@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -82,6 +84,25 @@ SurfaceSample CloudStream::sample(const SurfelSource& source, std::size_t begin,
   SurfaceSampler all(count);
   parts.for_each([&](const SurfaceSampler& part) { all.add(part); });
   return all.sample(source.origin());
+}
+
+bool CloudStream::have_one_color(const SurfelSource& source) {
+  constexpr std::size_t kPlaces = 64;
+  constexpr std::size_t kEach = 64;
+  RenderCloud rows;
+  rows.allocate(kEach, source.attributes(), {}, "");
+  std::optional<std::array<float, 3>> first;
+  for (std::size_t place = 0; place < kPlaces; ++place) {
+    const std::size_t begin = source.size() * place / kPlaces;
+    const std::size_t count = std::min(kEach, source.size() - begin);
+    source.fill(begin, begin + count, rows, 0);
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::array<float, 3> color{rows.red[i], rows.green[i], rows.blue[i]};
+      if (color != first.value_or(color)) return false;
+      first = color;
+    }
+  }
+  return true;
 }
 
 /// Allocates the columns of a batch.

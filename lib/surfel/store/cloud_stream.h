@@ -47,6 +47,9 @@ class SURFEL_API CloudStream final : public ClusterStore {
 
   /// A sample of surfels [begin, end) of a source, which reads them once.
   static SurfaceSample sample(const SurfelSource& source, std::size_t begin, std::size_t end);
+  /// Do the surfels have one colour? Some thousand are looked at, spread evenly; true where there
+  /// are none.
+  static bool have_one_color(const SurfelSource& source);
 
   /// All clusters, and columns that hold the surfels of the clusters fetched last, at the rows
   /// Cluster::begin to Cluster::end, and of as many other clusters as there is room for.
