@@ -33,6 +33,7 @@ TEST(Expe, SurfelsWithRadiiNormalsAndColors) {
   EXPECT_EQ(cloud.normal[1], Vec3f(0, 0, 1));
   EXPECT_EQ(cloud.variance[1], 1.5F * 1.5F / 2);
   EXPECT_EQ(cloud.color[0], Vec3f(1, srgb8_to_linear(128), 0));
+  EXPECT_EQ(cloud.color_light, ColorLight::kReflectance);
   EXPECT_TRUE(cloud.alpha.empty() && cloud.extra.empty());
 }
 

@@ -86,7 +86,10 @@ SurfelCloud read_expe(const InputFile& file) {
   table.file = &file;
   table.offset = begin;
   table.count = table.stride == 0 ? 0 : count;
-  return cloud_from_records(table, file.name(), false);
+  SurfelCloud cloud = cloud_from_records(table, file.name(), false);
+  // They were made of meshes: white surfels shown unlit would not be seen on a white picture.
+  if (!cloud.color.empty()) cloud.color_light = ColorLight::kReflectance;
+  return cloud;
 }
 
 }  // namespace surfel
