@@ -181,8 +181,8 @@ Eigen::Array4f MeshRenderer::Impl::color(std::uint32_t face, const Barycentric& 
     if (textures->takes_colors(material(face))) color.head<3>() *= mesh.color_at(face, b).array();
     return color;
   }
-  const MeshMaterial* const named =
-      mesh.face_material.empty() ? nullptr : &mesh.material[material(face)];
+  const bool has_materials = !mesh.face_material.empty() && !mesh.material.empty();
+  const MeshMaterial* const named = has_materials ? &mesh.material[material(face)] : nullptr;
   const bool known = !mesh.color.empty() || (named && named->texture.empty());
   const Vec3f color = known ? mesh.color_at(face, b) : SurfelCloud::colorless();
   const float alpha = named ? named->opacity : 1;
