@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes the tables of docs/formats.md, section "With other programs": files of other programs read here, and files
+# Prints the tables of docs/formats.md, section "With other programs": files of other programs read here, and files
 # written here read there. Needs a build in build/release, and the programs (Debian: cloudcompare meshlab xvfb
-# assimp-utils colmap); rows of a program that is not installed are left out. Takes a minute.
+# assimp-utils); rows of a program that is not installed are left out. Takes a minute.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bin=$PWD/build/release/bin
@@ -35,26 +35,29 @@ same() {
     END { printf "%d of %d points, places within %.4f%s\n", b, a, far, colors ? sprintf(", colours within %d of 255", off) : "" }'
 }
 
-row() { echo "| $1 | \`$2\` | $3 | $4 |"; }
+row() { echo "| $1 | $2 | $3 | $4 |"; }
 
 "$bin/surfel-from-mesh" "$samples/lee_perry_smith.obj" --count 20000 -o bare.ply --quiet
 "$bin/surfel-texture" bare.ply --mesh "$samples/lee_perry_smith.obj" -o head.ply --quiet
 for file in head.xyz head.csv head.txt head.obj; do "$bin/surfel-convert" head.ply -o "$file" --quiet 2>/dev/null; done
-"$bin/surfel-convert" head.ply --keep-columns normal -o normals.xyz --quiet
+"$bin/surfel-convert" head.ply --keep-columns normal -o normals.ply --quiet
+"$bin/surfel-convert" normals.ply -o normals.xyz --quiet
 
-echo "| file | format | read by | what is there |"
+echo "| written by | format | read by | what is there |"
 echo "|---|---|---|---|"
 if has CloudCompare; then
   for file in head.ply head.xyz head.csv head.txt head.obj; do
     cloudcompare -O "$file" -C_EXPORT_FMT ASC -PREC 8 -ADD_HEADER -SAVE_CLOUDS FILE back.asc
-    row ours "${file##*.}" CloudCompare "$(same head.ply back.asc)"
+    row Surfelkit "${file##*.}" CloudCompare "$(same head.ply back.asc)"
     rm -f back.asc
   done
 fi
 if has meshlabserver; then
   for file in head.ply normals.xyz head.obj; do
     meshlab -i "$file" -o back.ply -m vc vn
-    row ours "${file##*.}" MeshLab "$(same head.ply back.ply)"
+    "$bin/surfel-convert" back.ply --keep-columns normal -o plain.ply --quiet
+    if [ "$file" = normals.xyz ]; then mv plain.ply back.ply; fi
+    row Surfelkit "${file##*.}" MeshLab "$(same "${file/head.*/head.ply}" back.ply)"
     rm -f back.ply
   done
 fi
@@ -62,12 +65,47 @@ if has CloudCompare; then
   for format in ASC PLY; do
     file=cc.${format,,}
     cloudcompare -O head.ply -C_EXPORT_FMT "$format" -PREC 8 -ADD_HEADER -SAVE_CLOUDS FILE "$file"
-    row CloudCompare "${format,,}" ours "$(same head.ply "$file")"
+    row CloudCompare "${format,,}" Surfelkit "$(same head.ply "$file")"
   done
 fi
 if has meshlabserver; then
   for format in ply xyz; do
     meshlab -i head.ply -o "ml.$format" -m vc vn
-    row MeshLab "$format" ours "$(same head.ply "ml.$format")"
+    row MeshLab "$format" Surfelkit "$(same head.ply "ml.$format")"
+  done
+fi
+
+# picture FILE PICTURE: the mesh from the front.
+picture() { "$bin/surfel-render" "$1" -o "$2" --size 256 --view front --up y --quiet --shading phong --relief none; }
+# picture_row PROGRAM FORMAT FILE ORIGINAL: how the picture of a mesh that a program wrote differs from another picture.
+picture_row() {
+  if picture "$3" back.png 2>error.txt; then
+    row "$1" "$2" Surfelkit "$("$bin/surfel-compare" back.png "$4.png" |
+      sed -n "s/^psnr *\([0-9.]*\|inf\).*/picture within \1 dB of the original's/p")"
+  else
+    row "$1" "$2" Surfelkit "refused: $(head -n 1 error.txt | cut -d: -f 4-)"
+  fi
+}
+cp "$samples"/lee_perry_smith* .
+grep -v '^mtllib' lee_perry_smith.obj > untextured.obj
+echo
+echo "| mesh written by | format | read by | what is there |"
+echo "|---|---|---|---|"
+picture lee_perry_smith.obj original.png
+picture untextured.obj untextured.png
+if has assimp; then
+  for format in glb2 gltf2 obj; do
+    assimp export lee_perry_smith.obj "ai.${format%2}" "-f$format" >ai.log 2>&1 || true
+    picture_row Assimp "${format%2}" "ai.${format%2}" original
+  done
+  for format in ply stl; do
+    assimp export untextured.obj "ai.$format" "-f$format" >ai.log 2>&1 || true
+    picture_row Assimp "$format, without texture" "ai.$format" untextured
+  done
+fi
+if has meshlabserver && [ -f ai.ply ]; then
+  for format in obj ply off stl; do
+    meshlab -i ai.ply -o "mesh.$format"
+    picture_row MeshLab "$format, without texture" "mesh.$format" untextured
   done
 fi
