@@ -16,6 +16,8 @@ surfel_packages=(
   libopenimageio-dev libopenmesh-dev libpcl-dev openimageio-tools
   # surfel-chart draws its plots with it.
   gnuplot-nox
+  # surfel-render joins pictures to films with it.
+  ffmpeg
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
   # The benchmarks, which CI builds.
