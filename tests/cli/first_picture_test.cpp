@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/image_io.h>
 
 #include "support/run_tool.h"
 

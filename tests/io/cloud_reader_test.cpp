@@ -3,6 +3,7 @@
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/base/random.h>
 #include <surfel/io/cloud_io.h>
