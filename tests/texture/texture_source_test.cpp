@@ -130,7 +130,7 @@ TriangleMesh with_embedded_image() {
   return mesh;
 }
 
-/// The mean of the material's map; the same for maps in memory and for those that are streamed.
+/// The mean of the material's map; the same for maps in memory and for streamed maps.
 TextureSample mean_of(const TriangleMesh& mesh) {
   const TextureSet whole = load_textures({.whole = true}, &mesh, "m.glb");
   const TextureSet streamed = load_textures({.whole = false}, &mesh, "m.glb");

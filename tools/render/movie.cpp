@@ -20,7 +20,8 @@ namespace fs = std::filesystem;
 
 /// What ffmpeg is told of a film's kind.
 std::vector<std::string> encoder(const std::string& extension) {
-  // 4:2:0 wants even sides; players take pictures without a note on colours for those of BT.601.
+  // 4:2:0 wants even sides; players assume the colours of BT.601 where a film does not say which it
+  // has.
   const std::string even =
       "scale=out_color_matrix=bt709:out_range=tv,pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white";
   const std::vector<std::string> colors{"-pix_fmt",         "yuv420p", "-colorspace", "bt709",

@@ -41,8 +41,8 @@ void declare_camera(CLI::App& app, Settings& s) {
   app.add_option("--turntable", s.turntable,
                  "That many pictures around the target, 1..100000; 0 = one picture");
   add_text(app, "--path", "FILE", "",
-           "Key frames to fly along, in any file that --views takes; those of a camera file and of "
-           "JSON may have a time, in seconds, else they are a second apart",
+           "Key frames to fly along, in any file that --views takes; in a camera file and in JSON "
+           "they may have a time, in seconds, else they are a second apart",
            [&s](const std::string& text) {
              s.views_file = text;
              s.path = true;

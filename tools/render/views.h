@@ -35,8 +35,8 @@ struct Shot {
   std::string file;
 };
 
-/// The pictures to be made, but for those that --frames leaves out and those that are there
-/// already, if they are to be skipped. Throws Error(kUsage) where there are several and one file.
+/// The pictures to be made: --frames leaves some out, and pictures that are there already may be
+/// skipped. Throws Error(kUsage) where there are several and one file.
 /// \param output  the picture, or a pattern of their names.
 std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const std::string& output,
                               const std::vector<AskedView>& views);

@@ -138,8 +138,8 @@ void smooth(const EstimateOptions& options, OrderedPoints& points, EstimateRepor
   r.largest_shift = smoothed.largest_shift;
 }
 
-/// Directions from the points to the sensors of their scans; those of a cloud with one viewpoint
-/// lead to that. Throws Error(kUsage) for a cloud that tells neither.
+/// Directions from the points to the sensors of their scans, or to the cloud's one viewpoint.
+/// Throws Error(kUsage) for a cloud that tells neither.
 Array<Vec3f> directions_to_sensors(const SurfelCloud& cloud, const OrderedPoints& points,
                                    const std::string& name) {
   const Array<Vec3d> sensors = cloud.sensors();

@@ -9,8 +9,8 @@
 namespace surfel {
 
 /// An E57 file consists of pages of 1024 bytes, whose last four are the CRC-32C of the others. What
-/// the file holds runs on from page to page, past these checksums: its addresses there are logical,
-/// and those that count the checksums physical. Internal to the io module.
+/// the file holds runs on from page to page, past these checksums: addresses there are logical; an
+/// address that counts the checksums is physical. Internal to the io module.
 class E57Pages {
  public:
   static constexpr std::size_t kPage = 1024;

@@ -20,7 +20,7 @@ constexpr auto kDataPacket = std::byte{1};
 constexpr auto kIgnoredPacket = std::byte{2};
 /// Before the lengths of a data packet's streams.
 constexpr std::size_t kPacketHeaderBytes = 6;
-/// Bytes behind those of the values, so that eight can be read from anywhere.
+/// Bytes behind the values, so that eight can be read from anywhere.
 constexpr std::size_t kStreamPadding = 8;
 
 /// Values of `bits` bits each, the lowest bit first, as unsigned numbers.

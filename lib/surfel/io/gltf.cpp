@@ -232,7 +232,7 @@ class GltfReader {
         primitive.face.push_back({corner(i), corner(i + 1), corner(i + 2)});
       }
     } else {
-      // Every second triangle of a strip is turned; those of a fan share their first corner.
+      // Every second triangle of a strip is turned; all triangles of a fan share one corner.
       for (std::size_t i = 2; i < corners; ++i) {
         const std::size_t first = mode == kTriangleFan ? 0 : i - 2;
         const bool turned = mode == kTriangleStrip && i % 2 == 1;

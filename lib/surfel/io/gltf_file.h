@@ -67,7 +67,7 @@ class GltfFile {
     std::unordered_map<std::string, GltfAccessor> attribute{};
     GltfAccessor indices{};
   };
-  /// Decodes a KHR_draco_mesh_compression, of its attributes those that are named.
+  /// Decodes the named attributes of a KHR_draco_mesh_compression.
   Draco decode_draco(const JsonView& extension, std::span<const std::string_view> names);
 
   /// The file that a relative URI names, beside this one. Throws Error(kInput) at `uri`'s place

@@ -116,7 +116,7 @@ void GltfNodes::read_channel(const JsonView& animation, const JsonView& channel)
   }
 }
 
-/// The nodes that the default scene starts from; without scenes, those that are no one's child.
+/// The nodes that the default scene starts from; without scenes, the nodes that are no one's child.
 std::vector<std::size_t> GltfNodes::roots() {
   const JsonView scenes = file_.root()["scenes"];
   std::vector<std::size_t> found;

@@ -10,7 +10,7 @@
 namespace surfel {
 namespace {
 
-/// A frame, whose members stand for those of the whole file.
+/// A frame, whose members stand for the file's members of the same name.
 class FrameMembers {
  public:
   FrameMembers(const JsonValue& root, const JsonValue& frame) : root_(root), frame_(frame) {}

@@ -30,7 +30,7 @@ struct Face {
   Eigen::Vector2d high{0, 0};  ///< Largest.
 };
 
-/// The rays of all pixels; those that the lens does not show are zero.
+/// The rays of all pixels; zero where the lens shows nothing.
 class RayTable {
  public:
   RayTable(const Camera& camera, const Lens& lens) : width_(camera.width), height_(camera.height) {

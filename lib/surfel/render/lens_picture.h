@@ -21,10 +21,11 @@ struct LensPictureOptions {
 ///
 /// Their pixels are finer than the result's everywhere, by a quarter at least. Each pixel of the
 /// result is a sum over them under the Gaussian that is left to do of the pixel filter:
-/// h^2 J J^T - h^2 I, J the derivative of the pinhole's picture by the result's, so that the whole
-/// filter is that of EWA splatting with lens and projection together (no variance of it below 1/4
-/// pixel^2, lest the pinhole's pixels show). Channels other than R G B A come from the nearest
-/// pixel. Z is the depth along the camera's axis, with kEquirectangular the distance from the eye.
+/// h^2 J J^T - h^2 I, J the derivative of the pinhole's picture by the result's, so that both
+/// filters together are EWA splatting's filter for lens and projection as one (no variance of it is
+/// below 1/4 pixel^2, lest the pinhole's pixels show). Channels other than R G B A come from the
+/// nearest pixel. Z is the depth along the camera's axis, with kEquirectangular the distance from
+/// the eye.
 ///
 /// \param draw  draws the picture of a pinhole camera; it is called once or up to six times.
 /// Memory: 12 bytes a pixel, and a picture of a pinhole beside the result. The result does not

@@ -49,7 +49,7 @@ T hermite(const T& a, const T& b, const T& from, const T& to, double s) {
          (s3 - s2) * to;
 }
 
-/// Points of the keys, on a spline whose slopes are those of the parabolas through three keys.
+/// Points of the keys, on a spline that has the slopes of the parabolas through three keys.
 Vec3d spline(const std::vector<PathKey>& keys, const PathPlace& at,
              const std::function<Vec3d(const PathKey&)>& point) {
   const auto step = [&](std::size_t k) { return keys[k + 1].time - keys[k].time; };

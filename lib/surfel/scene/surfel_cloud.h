@@ -116,7 +116,7 @@ struct SURFEL_API SurfelCloud {
   std::vector<std::string> comments;    ///< The file's other comments.
   std::optional<Viewpoint> viewpoint;   ///< Unset: unknown, or several.
   /// Of a cloud of several scans each one's viewpoint: the property `scan` of a point tells which.
-  /// Empty where there is one viewpoint, or where that of a scan is unknown.
+  /// Empty where there is one viewpoint, or where the viewpoint of a scan is unknown.
   std::vector<Viewpoint> scan_viewpoints;
   std::optional<Vec3d> up;  ///< Upward direction, where the file says it.
   /// Unset: not of a LAS file, or moved since. Of several files the first one's.

@@ -10,7 +10,7 @@
 
 namespace surfel {
 
-/// A view whose camera is wholly known, such as that of a photograph.
+/// A view whose camera is wholly known, as a photograph's may be.
 struct View {
   std::string name;  ///< Of its picture; a file's name, which other programs wrote.
   Camera camera;
