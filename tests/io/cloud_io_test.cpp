@@ -518,7 +518,7 @@ TEST(CloudIo, UnreadFormatsNameAConverter) {
   const TemporaryFolder folder;
   for (const auto& [name, program] :
        {std::pair("a b.fbx", "`assimp export "), std::pair("c.dae", "`assimp export "),
-        std::pair("d.splat", "`splat-transform ")}) {
+        std::pair("d.splat", "`splat-transform "), std::pair("e.3mf", "`assimp export ")}) {
     const std::string path = folder / name;
     std::ofstream(path) << "something";
     for (const std::string& message : {test::message_of([&] { read_cloud(path); }),

@@ -29,7 +29,7 @@ struct Converter {
   std::string_view program;
 };
 constexpr std::array<Converter, 2> kConverters = {{
-    {" .3ds .dae .fbx .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
+    {" .3ds .3mf .dae .fbx .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
     {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
 }};
 
