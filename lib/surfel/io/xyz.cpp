@@ -322,10 +322,11 @@ class XyzReader {
 }  // namespace
 
 bool is_xyz_name(const std::string& path) {
-  constexpr std::array<std::string_view, 7> kExtensions{".xyz", ".txt",  ".pts",   ".asc",
-                                                        ".csv", ".xyzn", ".xyzrgb"};
+  constexpr std::array<std::string_view, 7> kTextExtensions{".xyz", ".txt",  ".pts",   ".asc",
+                                                            ".csv", ".xyzn", ".xyzrgb"};
   const std::string extension = lower_extension(path);
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+  return std::find(kTextExtensions.begin(), kTextExtensions.end(), extension) !=
+         kTextExtensions.end();
 }
 
 SurfelCloud read_xyz(const InputFile& file, const std::vector<std::string>& columns) {
