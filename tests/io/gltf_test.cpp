@@ -400,7 +400,7 @@ Document textured(const json& material) {
                               {"bufferView", document.view("no image, but bytes")}}};
   document.root["samplers"] = {{{"wrapS", 33071}, {"wrapT", 33071}}};
   document.root["textures"] = {{{"source", 0}, {"sampler", 0}}};
-  document.root["materials"] = {material};
+  document.root["materials"] = json::array({material});
   return document;
 }
 
