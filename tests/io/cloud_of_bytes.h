@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -26,6 +27,18 @@ inline std::string error_of(const std::string& bytes) {
     return message.substr(file.path().size() + 2);
   }
   return "no error";
+}
+
+/// A column's values as numbers.
+inline std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name) {
+  for (const ExtraProperty& property : cloud.extra) {
+    if (property.name != name) continue;
+    std::vector<double> values(cloud.size());
+    load_scalars(property.type, property.data.data(), values.size(), values.data());
+    return values;
+  }
+  ADD_FAILURE() << "no column " << name;
+  return std::vector<double>(cloud.size());
 }
 
 }  // namespace surfel::test

@@ -61,17 +61,6 @@ std::string file_of(const std::vector<Field>& fields, const std::string& more = 
   return maker.file({more + points});
 }
 
-std::vector<double> column_of(const SurfelCloud& cloud, const std::string& name) {
-  for (const ExtraProperty& property : cloud.extra) {
-    if (property.name != name) continue;
-    std::vector<double> values(cloud.size());
-    load_scalars(property.type, property.data.data(), values.size(), values.data());
-    return values;
-  }
-  ADD_FAILURE() << "no column " << name;
-  return std::vector<double>(cloud.size());
-}
-
 TEST(E57, FilesOfOtherPrograms) {
   SURFEL_REQUIRE_TEST_DATA();
   const auto folder = data_folder() / "formats/e57";
@@ -92,10 +81,10 @@ TEST(E57, FilesOfOtherPrograms) {
   const SurfelCloud two = read_cloud(folder / "A_B.e57");
   ASSERT_EQ(two.size(), 6U);
   EXPECT_FALSE(read_cloud(folder / "bunnyInt32.e57").up);
-  EXPECT_EQ(column_of(two, "scan"), (std::vector<double>{0, 0, 1, 1, 1, 1}));
+  EXPECT_EQ(values_of(two, "scan"), (std::vector<double>{0, 0, 1, 1, 1, 1}));
   EXPECT_EQ(two.color[0], Vec3f(1, 1, 0));
   EXPECT_EQ(two.color[5], Vec3f(0, 1, 0));
-  EXPECT_FLOAT_EQ(static_cast<float>(column_of(two, "intensity")[5]), 257.89603F);
+  EXPECT_FLOAT_EQ(static_cast<float>(values_of(two, "intensity")[5]), 257.89603F);
   EXPECT_EQ(read_cloud(folder / "ColourRepresentation.e57").size(), 153U);
   for (const auto& [name, says] :
        {std::pair("ZeroPoints.e57", "holds no points"), std::pair("empty.e57", "holds no scans"),
@@ -159,7 +148,7 @@ TEST(E57, FieldsOfAllTypesRunOnOverPackets) {
     for (std::size_t k = 0; k < ranges.size(); ++k) {
       const std::string name = "some_value" + std::to_string(k);
       EXPECT_EQ(cloud.extra[k].type, ranges[k].type) << name;
-      const std::vector<double> values = column_of(cloud, name);
+      const std::vector<double> values = values_of(cloud, name);
       for (std::size_t i = 0; i < kCount; ++i) {
         const auto truth = static_cast<double>(static_cast<std::int64_t>(
             static_cast<std::uint64_t>(ranges[k].min) + fields[3 + k].values[i]));
@@ -191,7 +180,7 @@ TEST(E57, ManyBlocksByAnyNumberOfThreads) {
   EXPECT_EQ(one.unmeasured_skipped, kCount - left);
   EXPECT_EQ(one.position, four.position);
   EXPECT_TRUE(one.extra.at(0).data == four.extra.at(0).data);
-  EXPECT_EQ(column_of(one, "row_index").at(3), 4);
+  EXPECT_EQ(values_of(one, "row_index").at(3), 4);
 }
 
 TEST(E57, SphericalCoordinates) {
@@ -306,13 +295,13 @@ TEST(E57, InvalidIntensitiesAndFieldsThatScansLack) {
   b.push_back(integers("returnIndex", 0, 7, 1, [](std::size_t) { return 2; }));
   const std::string first = maker.points(a);
   const SurfelCloud cloud = cloud_of(maker.file({first, maker.points(b)}));
-  const std::vector<double> intensity = column_of(cloud, "intensity");
+  const std::vector<double> intensity = values_of(cloud, "intensity");
   EXPECT_EQ(intensity[0], 100);
   EXPECT_TRUE(std::isnan(intensity[1]) && std::isnan(intensity[2]));
-  const std::vector<double> time = column_of(cloud, "time_stamp");
+  const std::vector<double> time = values_of(cloud, "time_stamp");
   EXPECT_TRUE(std::isnan(time[0]));
   EXPECT_EQ(time[2], 0.25);
-  EXPECT_EQ(column_of(cloud, "return_index"), (std::vector<double>{0, 0, 2}));
+  EXPECT_EQ(values_of(cloud, "return_index"), (std::vector<double>{0, 0, 2}));
   EXPECT_EQ(cloud.extra.size(), 4U);  // And `scan`.
 }
 

@@ -81,18 +81,6 @@ std::string bytes_in(const std::string& path) {
   return bytes.str();
 }
 
-/// A column's values as numbers.
-std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name) {
-  for (const ExtraProperty& property : cloud.extra) {
-    if (property.name != name) continue;
-    std::vector<double> values(cloud.size());
-    load_scalars(property.type, property.data.data(), values.size(), values.data());
-    return values;
-  }
-  ADD_FAILURE() << "no column " << name;
-  return std::vector<double>(cloud.size());
-}
-
 void expect_same(const SurfelCloud& a, const SurfelCloud& b, const std::string& what) {
   ASSERT_EQ(a.size(), b.size()) << what;
   for (std::size_t i = 0; i < a.size(); ++i) ASSERT_EQ(a.world(i), b.world(i)) << what;

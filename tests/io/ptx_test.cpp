@@ -3,6 +3,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
 
+#include "io/cloud_of_bytes.h"
 #include "support/message_of.h"
 #include "support/test_data.h"
 
@@ -21,17 +22,6 @@ constexpr const char* kUnmoved = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n
 /// A quarter turn about z, then (10, 20, 30).
 constexpr const char* kMoved =
     "10 20 30\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 30 1\n";
-
-std::vector<double> values_of(const SurfelCloud& cloud, const std::string& name) {
-  for (const ExtraProperty& property : cloud.extra) {
-    if (property.name != name) continue;
-    std::vector<double> values(cloud.size());
-    load_scalars(property.type, property.data.data(), values.size(), values.data());
-    return values;
-  }
-  ADD_FAILURE() << "no column " << name;
-  return std::vector<double>(cloud.size());
-}
 
 TEST(Ptx, GridsColorsAndLinesOfSightWithoutReturn) {
   const SurfelCloud cloud =

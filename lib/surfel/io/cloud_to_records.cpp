@@ -35,7 +35,8 @@ struct Grid {
   double offset = 0;
   double per_unit = 0;  ///< Steps in a unit, where that is a whole number and there is no offset.
 
-  /// The multiple that a coordinate is but for so much rounding, if it is one.
+  /// The multiple next to a coordinate if they differ by no more than the rounding, else the
+  /// coordinate itself.
   double nearest(double x, double rounding) const {
     const double multiple = per_unit > 0 ? std::round(x * per_unit) / per_unit
                                          : std::round((x - offset) / step) * step + offset;

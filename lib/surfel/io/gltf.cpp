@@ -52,7 +52,7 @@ struct Primitive {
   std::vector<std::optional<GltfAccessor>> moved_position{};  ///< By morph target.
   std::vector<std::optional<GltfAccessor>> moved_normal{};
   GltfMaterials::Use use{};
-  Array<std::uint32_t> vertex{};               ///< Those of the faces, once each.
+  Array<std::uint32_t> vertex{};               ///< Vertices of faces, each once.
   Array<std::array<std::uint32_t, 3>> face{};  ///< Places in `vertex`.
 };
 

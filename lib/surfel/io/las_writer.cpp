@@ -386,7 +386,7 @@ class LasWriter::Impl {
     }
   }
 
-  /// Writes what has been made but for the points of a chunk that is not full.
+  /// Writes the points that have been made, without the points of a last chunk that is not full.
   void write_whole_chunks() {
     const std::size_t made = points_.size() / record_;
     write_chunks(compressed_ ? made / kChunkPoints * kChunkPoints : made);

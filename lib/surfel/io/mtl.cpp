@@ -55,7 +55,7 @@ NamedImage named_image(std::string_view text) {
   return image;
 }
 
-/// The name of a regular file in a folder that equals `name` but for the case of its letters; the
+/// The name of a regular file in a folder that equals `name` if case is ignored; the
 /// first in order of the alphabet.
 std::optional<std::string> in_other_case(const std::filesystem::path& folder,
                                          const std::string& name) {
