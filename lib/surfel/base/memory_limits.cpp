@@ -50,15 +50,16 @@ constexpr GroupFiles kVersion1{"memory.limit_in_bytes", "memory.usage_in_bytes",
                                "total_inactive_file "};
 constexpr GroupFiles kVersion2{"memory.max", "memory.current", "inactive_file "};
 
-/// Bytes that a group and all groups above it leave. A group that a container cannot see has no
-/// folder.
-std::uint64_t left_by_groups(const std::string& mount, std::string group, const GroupFiles& files) {
-  std::uint64_t least = kUnlimited;
+/// The least of the bytes given and those that a group and all groups above it leave. A group that
+/// a container cannot see has no folder.
+std::uint64_t left_by_groups(const std::string& mount, std::string group, const GroupFiles& files,
+                             std::uint64_t least) {
   for (;;) {
     const std::string folder = mount + group + "/";
     const auto limit = number_after(whole_file(folder + files.limit), "");
     const auto used = number_after(whole_file(folder + files.used), "");
-    if (limit && used) {
+    // The kernel takes a while to write memory.stat, which only adds to what is left.
+    if (limit && used && left_of(*limit, *used) < least) {
       const std::uint64_t free_pages =
           number_after(whole_file(folder + "memory.stat"), files.unused_file_pages).value_or(0);
       least = std::min(least, left_of(*limit, left_of(*used, free_pages)));
@@ -68,10 +69,10 @@ std::uint64_t left_by_groups(const std::string& mount, std::string group, const 
   }
 }
 
-/// Lines of /proc/self/cgroup are "number:controllers:group"; version 2 has "0::group".
-std::uint64_t left_by_all_groups(const std::string& root) {
+/// The least of the bytes given and those that the control groups of the process leave. Lines of
+/// /proc/self/cgroup are "number:controllers:group"; version 2 has "0::group".
+std::uint64_t left_by_all_groups(const std::string& root, std::uint64_t least) {
   const std::string mount = root + "/sys/fs/cgroup";
-  std::uint64_t least = kUnlimited;
   std::istringstream lines(whole_file(root + "/proc/self/cgroup"));
   for (std::string line; std::getline(lines, line);) {
     const std::size_t first = line.find(':');
@@ -80,9 +81,9 @@ std::uint64_t left_by_all_groups(const std::string& root) {
     const std::string controllers = fmt::format(",{},", line.substr(first + 1, second - first - 1));
     const std::string group = line.substr(second + 1);
     if (controllers == ",,") {
-      least = std::min(least, left_by_groups(mount, group, kVersion2));
+      least = left_by_groups(mount, group, kVersion2, least);
     } else if (controllers.find(",memory,") != std::string::npos) {
-      least = std::min(least, left_by_groups(mount + "/memory", group, kVersion1));
+      least = left_by_groups(mount + "/memory", group, kVersion1, least);
     }
   }
   return least;
@@ -92,9 +93,8 @@ std::uint64_t left_by_all_groups(const std::string& root) {
 
 std::uint64_t available_memory_below(const std::string& root) {
   const std::string process = root + "/proc/self/";
-  std::uint64_t least =
-      std::min(kernel_bytes(root + "/proc/meminfo", "MemAvailable:").value_or(kUnlimited),
-               left_by_all_groups(root));
+  std::uint64_t least = left_by_all_groups(
+      root, kernel_bytes(root + "/proc/meminfo", "MemAvailable:").value_or(kUnlimited));
   if (const auto space = number_after(whole_file(process + "limits"), "Max address space ")) {
     least =
         std::min(least, left_of(*space, kernel_bytes(process + "status", "VmSize:").value_or(0)));
