@@ -176,7 +176,8 @@ class FacePicture {
   }
 
  private:
-  /// What is left of the pixel filter.
+  /// Variance of the part of the pixel filter that the face's own filter has not done: the wanted
+  /// one in the face's pixels less the one that drew the face.
   Eigen::Matrix2d filter_of(const Eigen::Matrix2d& j) const {
     constexpr double kLeast = 0.25;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(variance_ * j * j.transpose());
@@ -185,8 +186,8 @@ class FacePicture {
   }
 
   void add_colors(const Eigen::Vector2d& center, const Eigen::Matrix2d& variance, float* to) const {
-    constexpr double kFilterReach =
-        3;  // Standard deviations; what is beyond is 1 percent of the sum.
+    // Standard deviations; the filter beyond them is 1 percent of the sum.
+    constexpr double kFilterReach = 3;
     const Eigen::Matrix2d inverse = variance.inverse();
     const int first_x = first(center.x(), kFilterReach * std::sqrt(variance(0, 0)), image_.width);
     const int first_y = first(center.y(), kFilterReach * std::sqrt(variance(1, 1)), image_.height);
