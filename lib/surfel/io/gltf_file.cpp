@@ -25,9 +25,9 @@ constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
 constexpr std::uint32_t kBinaryChunk = 0x004E4942;
 constexpr bool kSwappedGltf = std::endian::native == std::endian::big;
 
-/// A byte of compressed attributes stands for at most so many bytes: meshopt's codec spends two bits
-/// or more on sixteen bytes, which is a ratio of 64. A file that claims more than the constant is
-/// refused before anything is allocated.
+/// A byte of compressed attributes stands for at most so many bytes: meshopt's codec spends two
+/// bits or more on sixteen bytes, which is a ratio of 64. A file that claims more than the constant
+/// is refused before anything is allocated.
 constexpr std::uint64_t kMostAttributeRatio = 256;
 
 /// Extensions without which a file may not be read, and that are. Others of materials
