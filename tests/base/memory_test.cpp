@@ -56,6 +56,12 @@ class AvailableMemory : public testing::Test {
   test::TemporaryFolder root_;
 };
 
+/// Nobody who wants little is told that it is not there.
+TEST(AvailableMemoryFor, IsEnoughForALittleAndTheMachinesForMore) {
+  EXPECT_GE(available_memory_for(1000), 1000U);
+  EXPECT_LT(available_memory_for(std::uint64_t{1} << 60), std::uint64_t{1} << 60);
+}
+
 TEST_F(AvailableMemory, IsUnlimitedWhereNothingIsTold) { EXPECT_EQ(available(), kUnlimited); }
 
 TEST_F(AvailableMemory, IsWhatTheMachineHas) {

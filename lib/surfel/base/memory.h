@@ -15,6 +15,10 @@ SURFEL_API std::uint64_t peak_memory_bytes() noexcept;
 /// The largest value where the system does not tell.
 SURFEL_API std::uint64_t available_memory_bytes() noexcept;
 
+/// As available_memory_bytes(), for somebody who wants at most so many bytes: the system, whose
+/// answer takes a tenth of a millisecond, is not asked about less than every process has, 4 MB.
+SURFEL_API std::uint64_t available_memory_for(std::uint64_t wanted) noexcept;
+
 /// Memory for large arrays of plain values, which begins at a cache line, as SIMD code wants it.
 /// An array of at least a huge page begins at the border of one and consists of huge pages, where
 /// the system gives them: millions of values are then filled with hundreds of page faults instead

@@ -115,4 +115,9 @@ std::uint64_t available_memory_bytes() noexcept try {
   return kUnlimited;
 }
 
+std::uint64_t available_memory_for(std::uint64_t wanted) noexcept {
+  constexpr std::uint64_t kAlwaysThere = 4 << 20;
+  return wanted <= kAlwaysThere ? kAlwaysThere : available_memory_bytes();
+}
+
 }  // namespace surfel

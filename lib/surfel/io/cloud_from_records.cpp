@@ -18,6 +18,9 @@ using enum SurfelAttribute;
 /// Records that one thread takes at a time.
 constexpr std::size_t kReadBlock = 16 * SurfelDecoder::kPiece;
 
+/// More points than any memory holds, so that their bytes can be counted.
+constexpr std::uint64_t kManyPoints = std::uint64_t{1} << 40;
+
 /// Is a header's box as good as the points' own to place an origin by?
 bool about_the_same(const Bounds& said, const Bounds& box) {
   if (box.empty()) return false;
@@ -30,7 +33,11 @@ class Reader {
  public:
   /// \param decoder  of a table with the same columns
   Reader(const RecordTable& table, const SurfelDecoder& decoder, const std::string& file)
-      : table_(table), file_(file), decoder_(decoder) {}
+      : table_(table),
+        file_(file),
+        decoder_(decoder),
+        available_(available_memory_for(std::min<std::uint64_t>(table.count, kManyPoints) *
+                                        table.columns.size() * sizeof(double))) {}
 
   SurfelCloud read(bool double_positions);
 
@@ -57,7 +64,7 @@ class Reader {
   SurfelDecoder decoder_;
   std::vector<Column> columns_;
   std::uint64_t allocated_ = 0;
-  const std::uint64_t available_ = available_memory_bytes();
+  const std::uint64_t available_;
   SurfelCloud cloud_;
 };
 

@@ -253,7 +253,7 @@ E57Header::E57Header(const InputFile& file) : pages(e57_pages_of(file)) {
       pages.logical(load_scalar<std::uint64_t, false>(head.data() + 24), "its XML");
   const auto length = load_scalar<std::uint64_t, false>(head.data() + 32);
   require_room(length, 1, pages.size() - begin, kTheHeader, "bytes of XML", fail);
-  if (length > available_memory_bytes() / kXmlTreeBytes) {
+  if (const std::uint64_t tree = length * kXmlTreeBytes; tree > available_memory_for(tree)) {
     fail("describes its scans in more XML than this machine's memory can hold");
   }
   Array<std::byte> text(length);

@@ -29,6 +29,8 @@ constexpr std::uint64_t kTriangleFan = 6;
 
 /// Bytes that a triangle takes while a mesh is made, roughly.
 constexpr std::uint64_t kTriangleBytes = 256;
+/// More corners than any memory holds, where counting them ends.
+constexpr std::uint64_t kManyCorners = std::uint64_t{1} << 50;
 
 bool has_triangles(const JsonView& primitive) {
   const std::uint64_t mode = primitive["mode"].count(kTriangles);
@@ -117,7 +119,6 @@ class GltfReader {
       same.push_back(&instance);
     }
     std::uint64_t corners = 0;
-    const std::uint64_t most = available_memory_bytes() / kTriangleBytes * 3;
     for_each_primitive([&](const JsonView& primitive) {
       if (!has_triangles(primitive)) {
         ++left_out_;
@@ -125,13 +126,14 @@ class GltfReader {
       }
       const JsonView indices = primitive["indices"];
       const JsonView counted = indices ? indices : primitive["attributes"]["POSITION"];
-      corners += file_.referred("accessors", counted)["count"].count();
-      if (corners > most) {
-        throw_input(file_.name(), fmt::format("the scene's more than {} triangles do not fit into "
-                                              "memory",
-                                              corners / 3));
-      }
+      corners += std::min<std::uint64_t>(file_.referred("accessors", counted)["count"].count(),
+                                         kManyCorners - corners);
     });
+    if (const std::uint64_t bytes = corners / 3 * kTriangleBytes;
+        bytes > available_memory_for(bytes)) {
+      throw_input(file_.name(),
+                  fmt::format("the scene's {} triangles do not fit into memory", corners / 3));
+    }
   }
 
   std::uint64_t number_of(const GltfNodes::Instance& instance) const {

@@ -52,7 +52,8 @@ inline void check_fits(PixelSize size, int channels, const std::string& name) {
   check_pixel_count(size, name);
   const double bytes = static_cast<double>(size.width) * static_cast<double>(size.height) *
                        std::max(4, channels) * 2 * sizeof(float);
-  if (bytes > static_cast<double>(available_memory_bytes())) {
+  const auto wanted = static_cast<std::uint64_t>(std::min(bytes, 0x1p63));
+  if (bytes > static_cast<double>(available_memory_for(wanted))) {
     throw_input(name, fmt::format("{} x {} pixels of {} channels do not fit into memory",
                                   size.width, size.height, channels));
   }

@@ -82,7 +82,7 @@ std::span<const std::byte> InputFile::head(std::size_t size) const {
   size = std::min(size, size_);
   const std::size_t held = start_.size();
   if (held < size) {
-    if (size > available_memory_bytes()) {
+    if (size > available_memory_for(size)) {
       throw_io(name_, "is too large for this machine's memory");
     }
     start_.resize(size);
@@ -141,7 +141,7 @@ void InputFile::read_pipe(int descriptor) {
   for (;;) {
     if (size_ == start_.size()) {
       const std::size_t grown = std::max(kFirst, 2 * size_);
-      if (grown > available_memory_bytes()) {
+      if (grown > available_memory_for(grown)) {
         throw_io(name_, "is too large for this machine's memory; store it in a file");
       }
       start_.resize(grown);
