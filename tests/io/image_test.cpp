@@ -472,15 +472,17 @@ TEST(Image, AbsurdHeadersAreRefused) {
   }
 }
 
+std::string number(std::int32_t value) {
+  return {reinterpret_cast<const char*>(&value), sizeof(value)};
+}
+
+/// An attribute of a header of OpenEXR.
+std::string attribute(const std::string& name, const std::string& type, const std::string& value) {
+  return name + '\0' + type + '\0' + number(static_cast<std::int32_t>(value.size())) + value;
+}
+
 /// A header of OpenEXR, and 300 bytes after it.
 std::string exr_header(std::int32_t width, std::int32_t height, char compression) {
-  const auto number = [](std::int32_t value) {
-    return std::string(reinterpret_cast<const char*>(&value), sizeof(value));
-  };
-  const auto attribute = [&](const std::string& name, const std::string& type,
-                             const std::string& value) {
-    return name + '\0' + type + '\0' + number(static_cast<std::int32_t>(value.size())) + value;
-  };
   std::string channels;
   for (const char* name : {"B", "G", "R"}) {
     channels += name + (std::string(1, '\0') + number(2) + number(0) + number(1) + number(1));
@@ -532,10 +534,21 @@ TEST(Image, SizesBeyondTheLimitOrTheFileAreRefusedBeforeTheyTakeMemory) {
   // picture.
   const std::string text = std::string("owner\0string\0\xff\xff\xff\x7f", 17) + "abc";
   const std::string header = exr_header(20, 10, 0);
-  expect(error("text.exr", header.substr(0, 8) + text), "its header is longer than the file");
+  expect(error("text.exr", header.substr(0, 8) + text), "another length than its value");
   std::string parts = header.substr(0, header.size() - 300) + text;
   parts[5] = 0x10;  // The flag of files of several pictures.
-  expect(error("parts.exr", parts), "its header is longer than the file");
+  expect(error("parts.exr", parts), "another length than its value");
+  // Values that do not end where their attributes end: a preview of 2^30 pixels, a list of channels
+  // that goes on, a text of 2 GB in a list of texts, and a box of three numbers.
+  const std::string preview(8, '\x10');
+  const std::string endless = std::string("R\0\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0", 18);
+  for (const std::string& damaged :
+       {attribute("preview", "preview", preview), attribute("channels", "chlist", endless),
+        attribute("views", "stringvector", std::string("\xff\xff\xff\x7f", 4)),
+        attribute("dataWindow", "box2i", std::string(12, '\0'))}) {
+    expect(error("attribute.exr", header.substr(0, 8) + damaged + header.substr(8)),
+           "another length than its value");
+  }
   const Image image = random_image(20, 10, {"R", "G", "B", "A"});
   for (const char* name : {"a.exr", "a.png"}) write_image(image, folder / name);
   const std::uint64_t before = most_image_pixels();

@@ -50,6 +50,51 @@ std::uint64_t pixel_bytes(ExrBytes list) {
   return bytes;
 }
 
+struct FixedSize {
+  std::string_view type;
+  std::size_t bytes;
+};
+/// Types of attributes whose values have one size.
+constexpr std::array kFixedSizes{
+    FixedSize{"box2f", 16},         FixedSize{"box2i", 16}, FixedSize{"chromaticities", 32},
+    FixedSize{"compression", 1},    FixedSize{"double", 8}, FixedSize{"envmap", 1},
+    FixedSize{"deepImageState", 1}, FixedSize{"float", 4},  FixedSize{"int", 4},
+    FixedSize{"keycode", 28},       FixedSize{"m33d", 72},  FixedSize{"m33f", 36},
+    FixedSize{"lineOrder", 1},      FixedSize{"m44d", 128}, FixedSize{"m44f", 64},
+    FixedSize{"rational", 8},       FixedSize{"v2d", 16},   FixedSize{"v2f", 8},
+    FixedSize{"tiledesc", 9},       FixedSize{"v2i", 8},    FixedSize{"v3d", 24},
+    FixedSize{"timecode", 8},       FixedSize{"v3f", 12},   FixedSize{"v3i", 12}};
+
+/// Does a value of that type end where its attribute ends?
+bool fills_attribute(std::string_view type, ExrBytes value) {
+  const std::size_t length = value.left();
+  if (type == "chlist") {
+    // A name of no characters ends the list; type, linearity and subsampling follow other names.
+    while (value.left() > 0) {
+      if (value.name().empty()) return value.left() == 0;
+      if (value.take(16).size() < 16) return false;
+    }
+    return false;
+  }
+  if (type == "preview") {
+    const auto width = static_cast<std::uint32_t>(value.number());
+    const auto height = static_cast<std::uint32_t>(value.number());
+    return length >= 8 && value.left() % 4 == 0 &&
+           std::uint64_t{width} * height == value.left() / 4;
+  }
+  if (type == "stringvector") {
+    while (value.left() > 0) {
+      const auto text = static_cast<std::uint32_t>(value.number());
+      if (text > value.left()) return false;
+      value.take(text);
+    }
+    return true;
+  }
+  const auto fixed = std::find_if(kFixedSizes.begin(), kFixedSizes.end(),
+                                  [&](const FixedSize& size) { return size.type == type; });
+  return fixed == kFixedSizes.end() || fixed->bytes == length;
+}
+
 struct Compression {
   std::uint64_t rows;        ///< Compressed together.
   std::uint64_t best_ratio;  ///< Deflate's is 1032; DWA keeps of empty blocks one value of 64.
@@ -85,10 +130,15 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
     bool any = false;
     for (std::string_view name = in.name(); !name.empty(); name = in.name()) {
       any = true;
-      in.name();  // Type.
+      const std::string_view type = in.name();
       const auto length = static_cast<std::uint32_t>(in.number());
-      if (length > in.left() + unread) size.truncated = true;
-      visit(name, ExrBytes(in.take(length)));
+      const ExrBytes value(in.take(length));
+      // Of a header that is longer than what was read of it the rest is not known.
+      const bool whole = value.left() == length;
+      if (length > value.left() + unread || (whole && !fills_attribute(type, value))) {
+        size.damaged = true;
+      }
+      visit(name, value);
     }
     return any;
   };
@@ -110,7 +160,7 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
   });
   // An empty header is the last.
   while (multipart && attributes([](std::string_view, const ExrBytes&) {})) continue;
-  if (size.truncated) return size;
+  if (size.damaged) return size;
   if (bytes == 0 || size.pixels.width == 0 || size.pixels.height == 0) return std::nullopt;
   const std::uint64_t rows = std::min<std::uint64_t>(compression.rows, size.pixels.height);
   if (!tiled) size.piece_bytes = rows * size.pixels.width * bytes;

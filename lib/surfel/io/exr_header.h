@@ -13,14 +13,15 @@ struct ExrSize {
   PixelSize pixels;               ///< Of the data window.
   std::uint64_t piece_bytes = 0;  ///< Rows that are compressed together, decoded; 0 for tiles.
   std::uint64_t best_ratio = 1;   ///< Bytes that a byte of the file can stand for.
-  bool truncated = false;         ///< An attribute is longer than the rest of the file.
+  bool damaged = false;           ///< An attribute is longer than the rest of the file, or its
+                                  ///< value is not as long as the attribute.
 };
 
 /// Reads the header of a file's first picture, and looks through the headers of its further
-/// pictures for attributes that are cut short; nullopt for what is no OpenEXR file, or has none of
-/// the attributes that tell the size. OpenEXR takes memory for every attribute, and for the rows
-/// that are compressed together, as soon as it opens a file, whatever the file holds. Internal to
-/// the io module.
+/// pictures for damaged attributes; nullopt for what is no OpenEXR file, or has none of the
+/// attributes that tell the size. OpenEXR takes memory for every attribute, and for the rows that
+/// are compressed together, as soon as it opens a file, whatever the file holds; and it reads on
+/// behind the end of a value, wherever the attribute ends. Internal to the io module.
 std::optional<ExrSize> exr_size(const InputFile& file);
 
 }  // namespace surfel

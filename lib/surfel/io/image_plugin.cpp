@@ -182,8 +182,10 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
 void check_exr(const InputFile& file) {
   const std::optional<ExrSize> exr = exr_size(file);
   if (!exr) return;
-  if (exr->truncated) {
-    throw_input(file.name(), "damaged image: its header is longer than the file; export it again");
+  if (exr->damaged) {
+    throw_input(file.name(),
+                "damaged image: an attribute of its header has another length than its value; "
+                "export it again");
   }
   check_pixel_count(exr->pixels, file.name());
   if (exr->piece_bytes / exr->best_ratio <= file.size()) return;

@@ -123,9 +123,12 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
     std::fill_n(cloud.blue.data() + row, count, grey.z());
   }
   if (cloud.alpha.empty()) return;
+  // Shading divides by opacities: the least of single precision would make infinite colours.
+  constexpr float kLeastOpacity = 1e-6F;
   float* alpha = cloud.alpha.data() + row;
   for (std::size_t i = 0; i < count; ++i) {
-    alpha[i] = std::clamp(alpha[i], 0.0F, 1.0F) + (alpha[i] - alpha[i]);
+    const float opacity = alpha[i] < kLeastOpacity ? 0.0F : std::min(alpha[i], 1.0F);
+    alpha[i] = opacity + (alpha[i] - alpha[i]);
   }
 }
 

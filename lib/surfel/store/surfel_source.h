@@ -69,7 +69,8 @@ class SurfelSource {
  protected:
   /// Turns raw attributes, as a cloud or file stores them, into the values that fill() promises, in
   /// `count` rows from `row` on. The columns of deviations hold variances before the call. Columns
-  /// of attributes that are not known are filled with defaults.
+  /// of attributes that are not known are filled with defaults. An opacity that nobody sees, below
+  /// a millionth, becomes zero.
   static void make_drawable(const SurfelAttributes& known, RenderCloud& cloud, std::size_t row,
                             std::size_t count);
 };
