@@ -35,7 +35,7 @@ SurfelCloud estimated(const SurfelCloud& points, const EstimateOptions& options,
 }  // namespace
 
 /// Estimates surfels of points that the bytes are: all numbers of the result are finite, and three
-/// threads give the bytes that one gives.
+/// threads give the bytes that one gives, where they are asked (on_three_threads()).
 void estimate(Bytes bytes) {
   CloudNumbers numbers(bytes);
   SurfelCloud points;
@@ -53,6 +53,7 @@ void estimate(Bytes bytes) {
     require(finite(one.normal) && finite(one.variance) && finite(one.area) && finite(one.tangent) &&
                 finite(one.variance_u) && finite(one.variance_v),
             "a number that is not finite");
+    if (!on_three_threads(bytes)) return;
     const SurfelCloud three = estimated(points, options, 3);
     require(same_bytes(one.position, three.position) && same_bytes(one.normal, three.normal) &&
                 same_bytes(one.variance, three.variance) && same_bytes(one.area, three.area) &&

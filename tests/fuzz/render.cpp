@@ -29,7 +29,7 @@ Image rendered(const SurfelCloud& cloud, const RenderOptions& options, double zo
 }  // namespace
 
 /// Renders surfels that the bytes are: pixels are finite, opacities from 0 to 1, and three threads
-/// give the bytes that one gives.
+/// give the bytes that one gives, where they are asked (on_three_threads()).
 void render(Bytes bytes) {
   CloudNumbers numbers(bytes);
   const int way = numbers.choice() / 16;
@@ -79,6 +79,7 @@ void render(Bytes bytes) {
       const bool opacity = i % one.channels.size() == 3;
       require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F), "an opacity beyond 1");
     }
+    if (!on_three_threads(bytes)) return;
     const Image three = rendered(cloud, options, zoom, 3);
     require(
         one.data.size() == three.data.size() &&
