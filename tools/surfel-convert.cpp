@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <memory>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -15,6 +16,7 @@
 #include <surfel/scene/join.h>
 #include <surfel/scene/keep_columns.h>
 #include <surfel/scene/transform.h>
+#include <sys/resource.h>
 
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
@@ -218,7 +220,7 @@ void align(surfel::tool::Tool& tool, const Settings& s, std::vector<surfel::Surf
 }
 
 /// Tells what joining made up or left out.
-void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport& r) {
+void tell(surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport& r) {
   for (std::size_t k = 0; k < s.inputs.size(); ++k) {
     std::string columns;
     for (const auto& [cloud, column] : r.filled) {
@@ -235,17 +237,16 @@ void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::JoinR
     tool.note(
         fmt::format("{}: the files' coefficients were fitted for different cutoffs", s.output));
   }
-}
-
-/// Tells of a loss of precision that somebody may see, where files lie far from one another.
-void tell_rounding(const surfel::tool::Tool& tool, const Settings& s, double rounding,
-                   double extent) {
-  constexpr double kVisible = 1e-5;  ///< A hundredth of a pixel of 1000.
-  if (rounding <= kVisible * extent) return;
-  tool.note(
-      fmt::format("{}: the files lie so far apart that positions were rounded, by {:.2g} at most; "
-                  "move them closer",
-                  s.output, rounding));
+  if (r.viewpoints_dropped) {
+    tool.note(fmt::format(
+        "{}: has no viewpoints, as not all files tell where their scans were taken from",
+        s.output));
+  }
+  nlohmann::json& report = tool.report();
+  for (const auto& [k, column] : r.filled) {
+    report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
+  }
+  report["dropped"] = r.dropped;
 }
 
 /// What is done to a cloud, or to each piece of it, before it is written.
@@ -265,36 +266,67 @@ class Changes {
   std::vector<std::string> columns_;
 };
 
-/// Converts one file piece by piece: it is read twice, first to know how many surfels there will be
-/// and which types hold their values.
+/// Lets the process keep so many files open, where the system's hard limit allows it.
+void allow_open_files(std::size_t files) {
+  constexpr rlim_t kOthers = 64;  // Standard streams, the result, libraries.
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= files + kOthers) return;
+  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, files + kOthers);
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+/// Converts and joins files piece by piece: they are read twice, first to know how many surfels
+/// there will be and which types hold their values.
 std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
-  const std::string& input = s.inputs.front();
   const Changes changes(s);
-  const surfel::CloudReader reader(input, s.part.options());
-  const auto changed = [&](surfel::SurfelCloud&& piece) {
-    std::vector<surfel::SurfelCloud> one;
-    one.push_back(std::move(piece));
-    surfel::SurfelCloud out = surfel::join_clouds(std::move(one), s.join, s.inputs);
-    changes.apply(out);
-    return out;
-  };
   const surfel::Timer timer;
+  allow_open_files(s.inputs.size());
+  std::vector<std::unique_ptr<surfel::CloudReader>> readers;
+  std::vector<surfel::SurfelCloud> heads;
+  for (const std::string& input : s.inputs) {
+    readers.push_back(std::make_unique<surfel::CloudReader>(input, s.part.options()));
+    heads.push_back(readers.back()->first());
+  }
+  /// Hands on the pieces of all files as they are, and joined and moved.
+  const auto for_each = [&](const auto& visit) {
+    surfel::CloudJoiner joiner(heads, s.join, s.inputs);
+    for (std::size_t k = 0; k < readers.size(); ++k) {
+      readers[k]->for_each([&](surfel::SurfelCloud piece) {
+        const auto changed = [&] {
+          surfel::SurfelCloud out = joiner.joined(k, std::move(piece));
+          changes.apply(out);
+          return out;
+        };
+        visit(k, piece, changed);
+      });
+    }
+    return joiner.report();
+  };
+
   surfel::CloudSurvey survey(s.output);
-  surfel::tool::NotFinite not_finite;
-  reader.for_each([&](surfel::SurfelCloud piece) {
-    if (survey.count == 0) surfel::tool::tell_skipped(tool, input, piece);
-    not_finite.add(piece);
-    survey.add(changed(std::move(piece)));
-  });
-  surfel::tool::tell_not_finite(tool, input, not_finite);
-  tool.report()["inputs"].push_back({{"file", input}, {"surfels", survey.count}});
+  std::vector<surfel::tool::NotFinite> not_finite(readers.size());
+  std::vector<std::uint64_t> counts(readers.size());
+  const surfel::JoinReport joined =
+      for_each([&](std::size_t k, const surfel::SurfelCloud& piece, const auto& changed) {
+        if (counts[k] == 0) surfel::tool::tell_skipped(tool, s.inputs[k], piece);
+        counts[k] += piece.size();
+        not_finite[k].add(piece);
+        // How many bits the colours of a LAS file have is known once it was read.
+        heads[k] = surfel::CloudJoiner::head(piece);
+        survey.add(changed());
+      });
+  for (std::size_t k = 0; k < readers.size(); ++k) {
+    surfel::tool::tell_not_finite(tool, s.inputs[k], not_finite[k]);
+    tool.report()["inputs"].push_back({{"file", s.inputs[k]}, {"surfels", counts[k]}});
+  }
+  tell(tool, s, joined);
   tool.report()["survey_ms"] = timer.milliseconds();
 
   surfel::CloudWriter writer(s.output, survey,
                              {.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
   bool first = true;
-  reader.for_each([&](surfel::SurfelCloud piece) {
-    surfel::SurfelCloud out = changed(std::move(piece));
+  for_each([&](std::size_t, const surfel::SurfelCloud&, const auto& changed) {
+    surfel::SurfelCloud out = changed();
     survey.settle(out);
     out.provenance.push_back(tool.provenance());
     if (std::exchange(first, false)) surfel::tool::tell_lost_columns(tool, out, s.output);
@@ -304,12 +336,11 @@ std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   return survey.count;
 }
 
-/// Converts files that are joined, in memory.
-std::size_t convert_joined(surfel::tool::Tool& tool, const Settings& s) {
+/// Moves scans onto one another, which needs all of them in memory, and joins them.
+std::size_t convert_aligned(surfel::tool::Tool& tool, const Settings& s) {
   nlohmann::json& report = tool.report();
   const surfel::Timer timer;
   std::vector<surfel::SurfelCloud> clouds;
-  double least_extent = std::numeric_limits<double>::infinity();
   for (const std::string& input : s.inputs) {
     clouds.push_back(surfel::read_cloud(input, s.part.options()));
     surfel::tool::tell_skipped(tool, input, clouds.back());
@@ -317,20 +348,13 @@ std::size_t convert_joined(surfel::tool::Tool& tool, const Settings& s) {
     not_finite.add(clouds.back());
     surfel::tool::tell_not_finite(tool, input, not_finite);
     report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
-    least_extent = std::min(least_extent, clouds.back().bounds().diagonal());
   }
   report["load_ms"] = timer.milliseconds();
 
-  if (s.align) align(tool, s, clouds);
+  align(tool, s, clouds);
   surfel::JoinReport joined;
   surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
   tell(tool, s, joined);
-  tell_rounding(tool, s, joined.rounding, least_extent);
-  for (const auto& [k, column] : joined.filled) {
-    report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
-  }
-  report["dropped"] = joined.dropped;
-  report["rounding"] = joined.rounding;
 
   Changes(s).apply(cloud);
   surfel::tool::write_result(tool, cloud, s.output, s.ascii);
@@ -354,8 +378,7 @@ int main(int argc, char** argv) {
   tool.name_fields({{"reach", "--align-reach"}, {"rotation", "--rotate"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), s);
-    const std::size_t surfels =
-        s.inputs.size() == 1 ? convert_pieces(tool, s) : convert_joined(tool, s);
+    const std::size_t surfels = s.align ? convert_aligned(tool, s) : convert_pieces(tool, s);
     tool.report()["surfels"] = surfels;
     tool.wrote(s.output, fmt::format("{} surfels", surfels));
   });

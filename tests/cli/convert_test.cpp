@@ -176,10 +176,74 @@ TEST_F(SurfelConvert, SaysWhatItMadeUpAndLeftOut) {
   EXPECT_EQ(result.exit_code, 0);
   EXPECT_TRUE(contains(result.errors, "sphere.ply: has no alpha")) << result.errors;
   EXPECT_TRUE(contains(result.errors, "not all files have them: group")) << result.errors;
-  EXPECT_FALSE(contains(result.errors, "rounded")) << result.errors;
-  convert({layers_, "--translate", "1e9,0,0"}, "far.ply");
-  const RunResult far = convert({sphere_, folder_ / "far.ply"});
-  EXPECT_TRUE(contains(far.errors, "rounded")) << far.errors;
+}
+
+TEST_F(SurfelConvert, JoinedFilesKeepTheirPlacesHoweverFarApart) {
+  const SurfelCloud sphere = read_cloud(sphere_);
+  const SurfelCloud far = converted({layers_, "--translate", "1e9,0,0"}, "far.ply");
+  EXPECT_EQ(convert({sphere_, folder_ / "far.ply"}, "both.csv").exit_code, 0);
+  std::istringstream lines(read_text(folder_ / "both.csv"));
+  std::string line;
+  std::getline(lines, line);
+  for (std::size_t i = 0; i < 600; ++i) {
+    ASSERT_TRUE(std::getline(lines, line));
+    const double x = std::stod(line);
+    EXPECT_EQ(x, (i < 300 ? sphere.world(i) : far.world(i - 300)).x()) << i;
+  }
+}
+
+TEST_F(SurfelConvert, JoinedFilesAreConvertedInPieces) {
+  // Two pieces of the first file, of which only the second tells that it has colours of 16 bits.
+  constexpr int kPoints = (1 << 18) + 9000;
+  std::string lines = "x,y,z,red,green,blue,intensity\n";
+  for (int i = 0; i < kPoints; ++i) {
+    lines += fmt::format("{},{},{},{},7,200,{}\n", i % 512, i / 512, i % 7,
+                         i == kPoints - 1 ? 40000 : i % 256, i % 1000);
+  }
+  write_text(folder_ / "many.csv", lines);
+  ASSERT_EQ(convert({folder_ / "many.csv"}, "many.las").exit_code, 0);
+  write_text(folder_ / "few.csv", "x,y,z,confidence\n0.5,0,0,0.25\n1,0,0,0.75\n");
+  const SurfelCloud many = read_cloud(folder_ / "many.las");
+  ASSERT_EQ(convert({folder_ / "few.csv", folder_ / "many.las"}, "joined.las").exit_code, 0);
+  const SurfelCloud joined = read_cloud(folder_ / "joined.las");
+  ASSERT_EQ(joined.size(), many.size() + 2);
+  EXPECT_EQ(joined.world(0), Vec3d(0.5, 0, 0));
+  EXPECT_EQ(joined.color_encoding, ColorEncoding::kUint16Srgb);
+  for (std::size_t i = 0; i < many.size(); i += 997) {
+    ASSERT_EQ(joined.world(i + 2), many.world(i)) << i;
+    ASSERT_EQ(joined.color[i + 2], many.color[i]) << i;
+  }
+  EXPECT_EQ(joined.color.back(), many.color.back());
+  EXPECT_TRUE(std::any_of(joined.extra.begin(), joined.extra.end(),
+                          [](const ExtraProperty& p) { return p.name == "confidence"; }));
+}
+
+TEST_F(SurfelConvert, JoinedScansKeepTheirViewpoints) {
+  const auto scan = [&](const std::string& name, double x) {
+    write_text(
+        folder_ / name,
+        fmt::format("2\n2\n{0} 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{0} 0 0 1\n"
+                    "1 0 0 0.5\n1 1 0 0.5\n1 0 1 0.5\n1 1 1 0.5\n",
+                    x));
+    return read_text(folder_ / name);
+  };
+  write_text(folder_ / "two.ptx", scan("a.ptx", 3) + scan("b.ptx", 6));
+  scan("c.ptx", 9);
+  const SurfelCloud joined =
+      converted({folder_ / "c.ptx", folder_ / "two.ptx", "--translate=0,0,1"});
+  EXPECT_FALSE(joined.viewpoint.has_value());
+  ASSERT_EQ(joined.scan_viewpoints.size(), 3U);
+  const Array<Vec3d> sensors = joined.sensors();
+  ASSERT_EQ(sensors.size(), 12U);
+  for (std::size_t i = 0; i < 12; ++i) {
+    EXPECT_EQ(sensors[i], Vec3d(i < 4 ? 9 : i < 8 ? 3 : 6, 0, 1)) << i;
+  }
+  const RunResult unknown = convert({folder_ / "c.ptx", sphere_});
+  EXPECT_TRUE(contains(unknown.errors, "no variance")) << unknown.errors;
+  write_text(folder_ / "raw.xyz", "0 0 0\n1 0 0\n");
+  const RunResult lost = convert({folder_ / "c.ptx", folder_ / "raw.xyz"});
+  EXPECT_EQ(lost.exit_code, 0) << lost.errors;
+  EXPECT_TRUE(contains(lost.errors, "has no viewpoints")) << lost.errors;
 }
 
 TEST_F(SurfelConvert, MovesFiles) {

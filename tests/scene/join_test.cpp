@@ -237,6 +237,70 @@ TEST(JoinClouds, HeadersAreJoined) {
   EXPECT_TRUE(report.basis_differs);
 }
 
+ExtraProperty scans(const std::vector<std::uint8_t>& numbers) {
+  ExtraProperty property{"scan", ScalarType::kUint8, {}};
+  for (const std::uint8_t number : numbers) property.data.push_back(std::byte{number});
+  return property;
+}
+
+TEST(JoinClouds, ScansAreNumberedAnewWithTheirViewpoints) {
+  SurfelCloud a = surfels();
+  a.extra = {scans({1, 0})};
+  a.scan_viewpoints = {{.position = Vec3d(1, 0, 0)}, {.position = Vec3d(2, 0, 0)}};
+  a.comments = {"scan 0: Hall", "scan 1: Door", "scanned in spring"};
+  SurfelCloud b = surfels();
+  b.viewpoint = Viewpoint{.position = Vec3d(3, 0, 0)};
+  SurfelCloud c = a;
+  c.scan_viewpoints[1].position.y() = 5;
+  JoinReport report;
+  const SurfelCloud joined = join({a, b, c}, {}, &report);
+  EXPECT_FALSE(joined.viewpoint.has_value());
+  EXPECT_FALSE(report.viewpoints_dropped);
+  EXPECT_TRUE(report.filled.empty());
+  ASSERT_EQ(joined.scan_viewpoints.size(), 5U);
+  EXPECT_EQ(joined.sensors(),
+            (Array<Vec3d>{{2, 0, 0}, {1, 0, 0}, {3, 0, 0}, {3, 0, 0}, {2, 5, 0}, {1, 0, 0}}));
+  EXPECT_EQ(joined.comments,
+            (std::vector<std::string>{"scan 0: Hall", "scan 1: Door", "scanned in spring",
+                                      "scan 3: Hall", "scan 4: Door"}));
+
+  // Parts of one file keep its numbers.
+  const SurfelCloud parts = join({a, a}, {}, &report);
+  EXPECT_EQ(parts.scan_viewpoints.size(), 2U);
+  EXPECT_EQ(parts.sensors(), (Array<Vec3d>{{2, 0, 0}, {1, 0, 0}, {2, 0, 0}, {1, 0, 0}}));
+
+  const SurfelCloud unknown = join({a, surfels()}, {}, &report);
+  EXPECT_TRUE(unknown.scan_viewpoints.empty());
+  EXPECT_TRUE(report.viewpoints_dropped);
+
+  // A scan without a viewpoint would get the number of another file's scan.
+  a.extra = {scans({0, 2})};
+  EXPECT_THROW(join({a, b}), Error);
+}
+
+TEST(JoinClouds, PiecesAreJoinedAsWholes) {
+  SurfelCloud a = surfels();
+  a.source = {9, 3};
+  a.material = {0, 4};
+  SurfelCloud b = surfels();
+  b.color.assign(2, Vec3f(0.25F, 0.5F, 1));
+  b.source = {3, 3};
+  b.origin = Vec3d(1e6, 0, 0);
+  const JoinOptions options{.material = {}, .separate_materials = true};
+  const SurfelCloud whole = join({a, b}, options);
+  CloudJoiner joiner({CloudJoiner::head(a), CloudJoiner::head(b)}, options,
+                     std::span(kNames).first(2));
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    const SurfelCloud& from = i < 2 ? a : b;
+    const SurfelCloud piece = joiner.joined(i / 2, from.gathered(Array<std::uint32_t>{i % 2}));
+    ASSERT_EQ(piece.size(), 1U);
+    EXPECT_EQ(piece.world(0), from.world(i % 2));
+    EXPECT_EQ(piece.source[0], whole.source[i]) << i;
+    EXPECT_EQ(piece.material[0], whole.material[i]) << i;
+    EXPECT_EQ(piece.color[0], whole.color[i]) << i;
+  }
+}
+
 TEST(JoinClouds, ColoursAreRecordedWhereAllAre) {
   const auto colored = [](ColorLight said) {
     SurfelCloud cloud = surfels();

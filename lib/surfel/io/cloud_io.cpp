@@ -510,6 +510,15 @@ CloudReader::CloudReader(const std::string& path, const CloudReadOptions& option
 }
 CloudReader::~CloudReader() = default;
 
+SurfelCloud CloudReader::first() const {
+  const Array<std::uint32_t> order{0};
+  if (!impl_->pieces) return impl_->whole.gathered(order);
+  const PieceReader& pieces = *impl_->pieces;
+  std::size_t part = 0;
+  while (pieces.first(part + 1) == 0) ++part;
+  return pieces.read(part, part + 1).gathered(order);
+}
+
 void CloudReader::for_each(FunctionRef<void(SurfelCloud piece)> visit) const {
   std::uint64_t inside = 0;
   ProgressStage stage("reading " + impl_->name, impl_->size(), "points");

@@ -60,6 +60,10 @@ class SURFEL_API CloudReader {
   CloudReader(const CloudReader&) = delete;
   CloudReader& operator=(const CloudReader&) = delete;
 
+  /// The first surfel of the file, whether the options ask for it or not, with all columns and all
+  /// that the file says of the whole cloud. Throws as read_cloud() does.
+  SurfelCloud first() const;
+
   /// Hands on what the options ask for, some 2^18 surfels at a time, each piece with an origin of
   /// its own and with all that the file says of the whole cloud. What only all points tell, namely
   /// how many bits the colours of a LAS file have, is right from the second call on. Throws as

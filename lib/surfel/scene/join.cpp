@@ -1,15 +1,16 @@
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
+#include <charconv>
 #include <cstring>
 #include <limits>
-#include <numeric>
+#include <optional>
 #include <unordered_map>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/column_pairs.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/surfel_variance.h>
 
@@ -30,299 +31,476 @@ void append_new(std::vector<std::string>& to, const std::vector<std::string>& li
   }
 }
 
-void use_materials(std::vector<SurfelCloud>& clouds, const JoinOptions& options,
-                   std::span<const std::string> names) {
-  for (std::size_t k = 0; k < options.material.size(); ++k) {
-    if (options.material[k] < 0) continue;
-    clouds[k].material.assign(clouds[k].size(), static_cast<std::uint16_t>(options.material[k]));
+template <class Has>
+bool any_of(const std::vector<SurfelCloud>& clouds, const Has& has) {
+  return std::any_of(clouds.begin(), clouds.end(), has);
+}
+
+/// A property by its name; null where there is none.
+template <class Cloud>
+auto* find_extra(Cloud& cloud, const std::string& name) {
+  const auto found = std::find_if(cloud.extra.begin(), cloud.extra.end(),
+                                  [&](const ExtraProperty& p) { return p.name == name; });
+  return found == cloud.extra.end() ? nullptr : &*found;
+}
+
+bool same_view(const Viewpoint& a, const Viewpoint& b) {
+  return a.position == b.position && a.orientation == b.orientation;
+}
+
+/// The viewpoints of a cloud's scans, in the order of their numbers; empty where they are unknown.
+std::vector<Viewpoint> views_of(const SurfelCloud& cloud) {
+  if (!cloud.scan_viewpoints.empty() && find_extra(cloud, "scan")) return cloud.scan_viewpoints;
+  if (cloud.viewpoint) return {*cloud.viewpoint};
+  return {};
+}
+
+/// Comments "scan 0: Hall" name scans by their number, which is another one in the joined cloud.
+std::vector<std::string> renumbered(std::vector<std::string> comments, std::size_t first) {
+  constexpr std::string_view kScan = "scan ";
+  for (std::string& comment : comments) {
+    const std::size_t colon = comment.find(':');
+    if (!comment.starts_with(kScan) || colon == std::string::npos) continue;
+    std::size_t number = 0;
+    const char* const end = comment.data() + colon;
+    const auto [stop, error] = std::from_chars(comment.data() + kScan.size(), end, number);
+    if (error != std::errc{} || stop != end) continue;
+    comment = fmt::format("{}{}{}", kScan, number + first, comment.substr(colon));
   }
-  if (!options.separate_materials) return;
-  std::size_t first = 0;
-  for (std::size_t k = 0; k < clouds.size(); ++k) {
-    Array<std::uint16_t>& rows = clouds[k].material;
-    if (rows.empty()) rows.assign(clouds[k].size(), 0);
-    if (rows.empty()) continue;
-    const std::size_t last = first + *std::max_element(rows.begin(), rows.end());
-    if (last >= kMostMaterials) {
-      throw_input(names[k], fmt::format("its materials would take rows {} to {}, and there are "
-                                        "65536; give rows as `material`",
-                                        first, last));
-    }
-    for (std::uint16_t& row : rows) row = static_cast<std::uint16_t>(row + first);
-    first = last + 1;
+  return comments;
+}
+
+}  // namespace
+
+struct CloudJoiner::Impl {
+  std::vector<SurfelCloud> heads;
+  JoinOptions options;
+  std::vector<std::string> names;
+  JoinReport report;
+  SurfelCloud header;  ///< What holds for the joined cloud as a whole; of `extra` names and types.
+  /// Of each cloud the number that its first scan gets; empty where scans keep their numbers.
+  std::vector<std::size_t> first_scan;
+  // What the clouds before the one that is being joined have taken, and this one so far.
+  std::size_t current = 0;
+  std::size_t first_row = 0;  ///< Of the material table.
+  std::size_t next_row = 0;
+  std::unordered_map<std::uint32_t, std::uint32_t> source_number;
+  std::uint32_t next_source = 0;
+  /// Where names of columns that are filled go, while the report is made.
+  std::vector<JoinReport::Filled>* noted = nullptr;
+
+  Impl(std::vector<SurfelCloud> of, JoinOptions how, std::vector<std::string> called);
+  SurfelCloud join(std::size_t k, SurfelCloud cloud);
+
+  bool any(auto SurfelCloud::*column) const {
+    return any_of(heads, [&](const SurfelCloud& c) { return !(c.*column).empty(); });
+  }
+  bool all(auto SurfelCloud::*column) const {
+    return !any_of(heads, [&](const SurfelCloud& c) { return (c.*column).empty() && !c.empty(); });
+  }
+  bool anisotropic() const { return any(&SurfelCloud::tangent); }
+
+  void plan_views();
+  void plan_color_light();
+  void plan_colors();
+  void plan_extra();
+  void require_variances() const;
+  void report_columns();
+
+  void use_material(std::size_t k, SurfelCloud& cloud);
+  template <class T, class Value>
+  void fill(std::size_t k, SurfelCloud& cloud, const char* name, Array<T> SurfelCloud::*column,
+            const Value& value) const;
+  void fill_columns(std::size_t k, SurfelCloud& cloud) const;
+  Array<std::byte> numbered_scans(std::size_t k, const SurfelCloud& cloud, ScalarType type) const;
+  void fill_extra(std::size_t k, SurfelCloud& cloud) const;
+  void number_sources(SurfelCloud& cloud);
+};
+
+CloudJoiner::Impl::Impl(std::vector<SurfelCloud> of, JoinOptions how,
+                        std::vector<std::string> called)
+    : heads(std::move(of)), options(std::move(how)), names(std::move(called)) {
+  for (const std::string& problem : options.problems(heads.size())) throw_usage(problem);
+  if (heads.size() < 2) return;
+  for (std::size_t k = 0; k < heads.size(); ++k) {
+    const bool given = !options.material.empty() && options.material[k] >= 0;
+    if (given || options.separate_materials) heads[k].material.assign(heads[k].size(), 0);
+  }
+  require_variances();
+  header.up = heads.front().up;
+  header.las = heads.front().las;
+  plan_views();
+  for (std::size_t k = 0; k < heads.size(); ++k) {
+    const SurfelCloud& cloud = heads[k];
+    append_new(header.provenance, cloud.provenance);
+    append_new(header.comments,
+               first_scan.empty() ? cloud.comments : renumbered(cloud.comments, first_scan[k]));
+    header.double_positions = header.double_positions || cloud.double_positions;
+    if (cloud.up != header.up) header.up.reset();
+  }
+  plan_color_light();
+  plan_colors();
+  plan_extra();
+  report_columns();
+}
+
+/// Decides on the viewpoints: as they are where all clouds have the same, else one for each scan of
+/// each cloud.
+void CloudJoiner::Impl::plan_views() {
+  std::vector<std::vector<Viewpoint>> views;
+  for (const SurfelCloud& cloud : heads) views.push_back(views_of(cloud));
+  const auto same = [&](const std::vector<Viewpoint>& other) {
+    return std::equal(other.begin(), other.end(), views[0].begin(), views[0].end(), same_view);
+  };
+  if (std::all_of(views.begin(), views.end(), same)) {
+    header.viewpoint = heads.front().viewpoint;
+    header.scan_viewpoints = heads.front().scan_viewpoints;
+    return;
+  }
+  const auto unknown = [](const std::vector<Viewpoint>& of) { return of.empty(); };
+  if (std::any_of(views.begin(), views.end(), unknown)) {
+    report.viewpoints_dropped = true;
+    return;
+  }
+  for (const std::vector<Viewpoint>& of : views) {
+    first_scan.push_back(header.scan_viewpoints.size());
+    header.scan_viewpoints.insert(header.scan_viewpoints.end(), of.begin(), of.end());
   }
 }
 
-class Joiner {
- public:
-  Joiner(const std::vector<SurfelCloud>& clouds, std::span<const std::string> names,
-         JoinReport& report)
-      : clouds_(clouds), names_(names), report_(report) {
-    for (const SurfelCloud& cloud : clouds) {
-      first_.push_back(total_);
-      total_ += cloud.size();
-    }
-    if (total_ > std::numeric_limits<std::uint32_t>::max()) {
-      throw_input("", fmt::format("together there are {} surfels, more than 2^32 - 1", total_));
-    }
+/// What the colours of all clouds are. Colourless surfels get a grey to be lit.
+void CloudJoiner::Impl::plan_color_light() {
+  std::optional<ColorLight> common;
+  std::optional<ColorLight> meaning;
+  bool said_alike = true;
+  bool alike = true;
+  for (const SurfelCloud& cloud : heads) {
+    if (cloud.empty()) continue;
+    const ColorLight means = cloud.render_color() ? meaning_of_colors(cloud.color_light, true)
+                                                  : ColorLight::kReflectance;
+    said_alike = said_alike && common.value_or(cloud.color_light) == cloud.color_light;
+    alike = alike && meaning.value_or(means) == means;
+    common = cloud.color_light;
+    meaning = means;
   }
+  const auto colored = [](const SurfelCloud& c) { return c.render_color() != nullptr; };
+  if (!common || !any_of(heads, colored)) {
+    if (said_alike) header.color_light = common.value_or(ColorLight::kUnsaid);
+  } else if (!alike) {
+    header.color_light = ColorLight::kMixed;
+  } else {
+    header.color_light = said_alike ? *common : *meaning;
+  }
+}
 
-  SurfelCloud join() {
-    join_file();
-    join_color_light();
-    join_positions();
-    const auto unknown = [](const auto&, std::size_t) { return Vec3f(0, 0, 0); };
-    fill("normal", &SurfelCloud::normal, unknown);
-    fill("shading_normal", &SurfelCloud::shading_normal, unknown);
-    join_variances();
-    join_colors();
-    keep("uv", &SurfelCloud::uv);
-    keep("dpdu", &SurfelCloud::dpdu);
-    keep("dpdv", &SurfelCloud::dpdv);
-    const auto zero = [](const auto&, std::size_t) { return 0; };
-    fill("material", &SurfelCloud::material, zero);
-    keep("group", &SurfelCloud::group);
-    keep("group_radius", &SurfelCloud::group_radius);
-    join_sources();
-    fill("level", &SurfelCloud::level, zero);
-    join_extra();
-    return std::move(out_);
+void CloudJoiner::Impl::plan_colors() {
+  bool floats = false;
+  bool wide = false;
+  header.alpha_as_uint8 = true;
+  const std::optional<double>* basis = nullptr;
+  for (const SurfelCloud& cloud : heads) {
+    if (!cloud.color.empty()) {
+      floats = floats || cloud.color_encoding == ColorEncoding::kFloatLinear;
+      wide = wide || cloud.color_encoding == ColorEncoding::kUint16Srgb;
+    }
+    if (!cloud.alpha.empty()) header.alpha_as_uint8 = header.alpha_as_uint8 && cloud.alpha_as_uint8;
+    if (cloud.coefficient.empty()) continue;
+    if (basis && *basis != cloud.basis_cutoff) report.basis_differs = true;
+    basis = &cloud.basis_cutoff;
   }
-
- private:
-  template <class Has>
-  bool any(Has&& has) const {
-    return std::any_of(clouds_.begin(), clouds_.end(), has);
-  }
-  template <class Has>
-  bool all(Has&& has) const {
-    return std::all_of(clouds_.begin(), clouds_.end(), has);
-  }
-
-  /// A column that some clouds have; surfel i of another cloud gets value(cloud, i).
-  template <class T, class Value>
-  void fill(const char* name, Array<T> SurfelCloud::*column, Value&& value) {
-    if (!any([&](const SurfelCloud& c) { return !(c.*column).empty(); })) return;
-    (out_.*column).resize(total_);
-    for (std::size_t k = 0; k < clouds_.size(); ++k) {
-      const SurfelCloud& cloud = clouds_[k];
-      const Array<T>& from = cloud.*column;
-      T* to = (out_.*column).data() + first_[k];
-      if (from.empty() && !cloud.empty()) report_.filled.push_back({k, name});
-      parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t i = begin; i < end; ++i) {
-          to[i] = from.empty() ? static_cast<T>(value(cloud, i)) : from[i];
-        }
-      });
-    }
-  }
-
-  /// A column that stays where all clouds have it.
-  template <class T>
-  void keep(const char* name, Array<T> SurfelCloud::*column) {
-    const auto has = [&](const SurfelCloud& c) { return !(c.*column).empty() || c.empty(); };
-    if (!all(has)) {
-      if (any([&](const SurfelCloud& c) { return !(c.*column).empty(); })) {
-        report_.dropped.emplace_back(name);
-      }
-      return;
-    }
-    fill(name, column, [](const SurfelCloud&, std::size_t) { return T{}; });
-  }
-
-  void join_file() {
-    out_.viewpoint = clouds_.front().viewpoint;
-    out_.up = clouds_.front().up;
-    out_.las = clouds_.front().las;
-    out_.decimals = clouds_.front().decimals;
-    for (const SurfelCloud& cloud : clouds_) {
-      if (!cloud.decimals) out_.decimals.reset();
-      if (out_.decimals) out_.decimals = std::max(*out_.decimals, *cloud.decimals);
-      append_new(out_.provenance, cloud.provenance);
-      append_new(out_.comments, cloud.comments);
-      out_.double_positions = out_.double_positions || cloud.double_positions;
-      if (cloud.up != out_.up) out_.up.reset();
-      const auto& v = cloud.viewpoint;
-      if (!v || !out_.viewpoint || v->position != out_.viewpoint->position ||
-          v->orientation != out_.viewpoint->orientation) {
-        out_.viewpoint.reset();
-      }
-    }
-  }
-
-  /// What the colours of all clouds are. Colourless surfels get a grey to be lit.
-  void join_color_light() {
-    std::optional<ColorLight> common;
-    std::optional<ColorLight> meaning;
-    bool said_alike = true;
-    bool alike = true;
-    for (const SurfelCloud& cloud : clouds_) {
-      if (cloud.empty()) continue;
-      const ColorLight means = cloud.render_color() ? meaning_of_colors(cloud.color_light, true)
-                                                    : ColorLight::kReflectance;
-      said_alike = said_alike && common.value_or(cloud.color_light) == cloud.color_light;
-      alike = alike && meaning.value_or(means) == means;
-      common = cloud.color_light;
-      meaning = means;
-    }
-    if (!common || !any([](const SurfelCloud& c) { return c.render_color() != nullptr; })) {
-      if (said_alike) out_.color_light = common.value_or(ColorLight::kUnsaid);
-    } else if (!alike) {
-      out_.color_light = ColorLight::kMixed;
-    } else {
-      out_.color_light = said_alike ? *common : *meaning;
-    }
-  }
-
-  void join_positions() {
-    Bounds box;
-    for (const SurfelCloud& cloud : clouds_) {
-      const Bounds b = cloud.bounds();
-      if (b.empty()) continue;
-      box.add(b.min);
-      box.add(b.max);
-    }
-    out_.origin = float_origin(box);
-    out_.position.resize(total_);
-    for (std::size_t k = 0; k < clouds_.size(); ++k) {
-      const SurfelCloud& cloud = clouds_[k];
-      const Vec3d shift = cloud.origin - out_.origin;
-      Vec3f* to = out_.position.data() + first_[k];
-      std::vector<double> rounding(cloud.size() / kJoinGrain + 1, 0);
-      parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t i = begin; i < end; ++i) {
-          const Vec3d offset = shift + cloud.position[i].cast<double>();
-          to[i] = offset.cast<float>();
-          const double change = (to[i].cast<double>() - offset).cwiseAbs().maxCoeff();
-          if (change > rounding[begin / kJoinGrain]) rounding[begin / kJoinGrain] = change;
-        }
-      });
-      report_.rounding =
-          std::max(report_.rounding, *std::max_element(rounding.begin(), rounding.end()));
-    }
-  }
-
-  void join_variances() {
-    if (!any(has_variance)) {
-      fill("area", &SurfelCloud::area, [](const auto&, std::size_t) { return 0; });
-      return;
-    }
-    for (std::size_t k = 0; k < clouds_.size(); ++k) {
-      if (clouds_[k].empty() || has_variance(clouds_[k])) continue;
-      throw_input(names_[k],
-                  "has no variance (nor radius), and others do; run surfel-estimate on it");
-    }
-    if (!any([](const SurfelCloud& c) { return c.anisotropic(); })) {
-      keep("variance", &SurfelCloud::variance);
-    } else {
-      // Where a cloud has both kinds of variances, the anisotropic ones win.
-      if (all([](const SurfelCloud& c) { return !c.variance.empty(); })) {
-        keep("variance", &SurfelCloud::variance);
-      }
-      const auto isotropic = [](const SurfelCloud& c, std::size_t i) { return c.variance[i]; };
-      fill("tangent", &SurfelCloud::tangent, any_tangent);
-      fill("variance_u", &SurfelCloud::variance_u, isotropic);
-      fill("variance_v", &SurfelCloud::variance_v, isotropic);
-    }
-    fill("area", &SurfelCloud::area, root_of_determinant<>);
-  }
-
-  void join_colors() {
-    bool floats = false;
-    bool wide = false;
-    out_.alpha_as_uint8 = true;
-    const std::optional<double>* basis = nullptr;
-    for (const SurfelCloud& cloud : clouds_) {
-      if (!cloud.color.empty()) {
-        floats = floats || cloud.color_encoding == ColorEncoding::kFloatLinear;
-        wide = wide || cloud.color_encoding == ColorEncoding::kUint16Srgb;
-      }
-      if (!cloud.alpha.empty()) out_.alpha_as_uint8 = out_.alpha_as_uint8 && cloud.alpha_as_uint8;
-      if (cloud.coefficient.empty()) continue;
-      if (basis && *basis != cloud.basis_cutoff) report_.basis_differs = true;
-      basis = &cloud.basis_cutoff;
-    }
-    out_.color_encoding = floats ? ColorEncoding::kFloatLinear
+  header.color_encoding = floats ? ColorEncoding::kFloatLinear
                           : wide ? ColorEncoding::kUint16Srgb
                                  : ColorEncoding::kUint8Srgb;
-    if (basis && !report_.basis_differs) out_.basis_cutoff = *basis;
-    fill("color", &SurfelCloud::color,
-         [](const auto&, std::size_t) { return SurfelCloud::colorless(); });
-    fill("alpha", &SurfelCloud::alpha, [](const auto&, std::size_t) { return 1; });
-    fill("coefficient", &SurfelCloud::coefficient, [](const SurfelCloud& c, std::size_t i) {
-      return c.color.empty() ? SurfelCloud::colorless() : c.color[i];
+  if (basis && !report.basis_differs) header.basis_cutoff = *basis;
+}
+
+void CloudJoiner::Impl::plan_extra() {
+  for (const SurfelCloud& cloud : heads) {
+    for (const ExtraProperty& property : cloud.extra) {
+      ExtraProperty* const known = find_extra(header, property.name);
+      if (!known) {
+        header.extra.push_back({property.name, property.type, {}});
+      } else if (known->type != property.type) {
+        known->type = ScalarType::kFloat64;
+      }
+    }
+  }
+  if (first_scan.empty()) return;
+  std::erase_if(header.extra, [](const ExtraProperty& p) { return p.name == "scan"; });
+  const bool few = header.scan_viewpoints.size() <= std::size_t{1} << 16;
+  header.extra.push_back({"scan", few ? ScalarType::kUint16 : ScalarType::kUint32, {}});
+}
+
+void CloudJoiner::Impl::require_variances() const {
+  if (!any_of(heads, has_variance)) return;
+  for (std::size_t k = 0; k < heads.size(); ++k) {
+    if (heads[k].empty() || has_variance(heads[k])) continue;
+    throw_input(names[k], "has no variance (nor radius), and others do; run surfel-estimate on it");
+  }
+}
+
+/// Tells which columns are filled and which are dropped.
+void CloudJoiner::Impl::report_columns() {
+  noted = &report.filled;
+  for (std::size_t k = 0; k < heads.size(); ++k) {
+    SurfelCloud head = heads[k];
+    fill_columns(k, head);
+    fill_extra(k, head);
+  }
+  noted = nullptr;
+  const auto drops = [&](const char* name, auto SurfelCloud::*column) {
+    if (any(column) && !all(column)) report.dropped.emplace_back(name);
+  };
+  drops("uv", &SurfelCloud::uv);
+  drops("dpdu", &SurfelCloud::dpdu);
+  drops("dpdv", &SurfelCloud::dpdv);
+  drops("group", &SurfelCloud::group);
+  drops("group_radius", &SurfelCloud::group_radius);
+}
+
+void CloudJoiner::Impl::use_material(std::size_t k, SurfelCloud& cloud) {
+  if (!options.material.empty() && options.material[k] >= 0) {
+    cloud.material.assign(cloud.size(), static_cast<std::uint16_t>(options.material[k]));
+  }
+  if (!options.separate_materials || cloud.empty()) return;
+  Array<std::uint16_t>& rows = cloud.material;
+  if (rows.empty()) rows.assign(cloud.size(), 0);
+  const std::size_t last = first_row + *std::max_element(rows.begin(), rows.end());
+  if (last >= kMostMaterials) {
+    throw_input(names[k], fmt::format("its materials would take rows {} to {}, and there are "
+                                      "65536; give rows as `material`",
+                                      first_row, last));
+  }
+  for (std::uint16_t& row : rows) row = static_cast<std::uint16_t>(row + first_row);
+  next_row = std::max(next_row, last + 1);
+}
+
+/// Gives a cloud a column that another one has: surfel i gets value(i).
+template <class T, class Value>
+void CloudJoiner::Impl::fill(std::size_t k, SurfelCloud& cloud, const char* name,
+                             Array<T> SurfelCloud::*column, const Value& value) const {
+  Array<T>& to = cloud.*column;
+  if (!to.empty() || cloud.empty() || !any(column)) return;
+  if (noted) noted->push_back({k, name});
+  to.resize(cloud.size());
+  parallel_each(to.size(), kJoinGrain, [&](std::size_t i) { to[i] = static_cast<T>(value(i)); });
+}
+
+void CloudJoiner::Impl::fill_columns(std::size_t k, SurfelCloud& cloud) const {
+  const auto unknown = [](std::size_t) { return Vec3f(0, 0, 0); };
+  const auto zero = [](std::size_t) { return 0; };
+  fill(k, cloud, "normal", &SurfelCloud::normal, unknown);
+  fill(k, cloud, "shading_normal", &SurfelCloud::shading_normal, unknown);
+  // The area comes before the variances, which may become those of ellipses.
+  fill(k, cloud, "area", &SurfelCloud::area,
+       [&](std::size_t i) { return has_variance(cloud) ? root_of_determinant<>(cloud, i) : 0; });
+  if (anisotropic()) {
+    const auto isotropic = [&](std::size_t i) { return cloud.variance[i]; };
+    fill(k, cloud, "tangent", &SurfelCloud::tangent,
+         [&](std::size_t i) { return any_tangent(cloud, i); });
+    fill(k, cloud, "variance_u", &SurfelCloud::variance_u, isotropic);
+    fill(k, cloud, "variance_v", &SurfelCloud::variance_v, isotropic);
+  }
+  fill(k, cloud, "color", &SurfelCloud::color,
+       [](std::size_t) { return SurfelCloud::colorless(); });
+  fill(k, cloud, "alpha", &SurfelCloud::alpha, [](std::size_t) { return 1; });
+  fill(k, cloud, "coefficient", &SurfelCloud::coefficient, [&](std::size_t i) {
+    return cloud.color.empty() ? SurfelCloud::colorless() : cloud.color[i];
+  });
+  fill(k, cloud, "material", &SurfelCloud::material, zero);
+  fill(k, cloud, "level", &SurfelCloud::level, zero);
+
+  const auto keep = [&](auto SurfelCloud::*column) {
+    if (!all(column)) cloud.*column = {};
+  };
+  // Where a cloud has both kinds of variances, the anisotropic ones win.
+  keep(&SurfelCloud::variance);
+  keep(&SurfelCloud::uv);
+  keep(&SurfelCloud::dpdu);
+  keep(&SurfelCloud::dpdv);
+  keep(&SurfelCloud::group);
+  keep(&SurfelCloud::group_radius);
+}
+
+/// The numbers of a cloud's scans in the joined cloud.
+Array<std::byte> CloudJoiner::Impl::numbered_scans(std::size_t k, const SurfelCloud& cloud,
+                                                   ScalarType type) const {
+  const std::size_t scans = views_of(heads[k]).size();
+  const ExtraProperty* const from =
+      heads[k].scan_viewpoints.empty() ? nullptr : find_extra(cloud, "scan");
+  const std::size_t bytes = scalar_size(type);
+  Array<std::byte> to(cloud.size() * bytes);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    double own = 0;
+    if (from) load_scalars(from->type, from->data.data() + i * scalar_size(from->type), 1, &own);
+    if (!(own >= 0 && own < static_cast<double>(scans))) {
+      throw_input(names[k],
+                  fmt::format("has a surfel of scan {}, and viewpoints of {} scans, which "
+                              "are numbered from 0; leave out its column scan",
+                              own, scans));
+    }
+    const std::size_t number = first_scan[k] + static_cast<std::size_t>(own);
+    visit_type(type, [&]<class T>(T) {
+      const T stored = static_cast<T>(number);
+      std::memcpy(to.data() + i * bytes, &stored, bytes);
     });
   }
+  return to;
+}
 
-  /// Numbers of its own for every cloud, in the order in which the splats come.
-  void join_sources() {
-    if (!any([](const SurfelCloud& c) { return !c.source.empty(); })) return;
-    out_.source.resize(total_);
-    std::uint32_t next = 0;
-    for (std::size_t k = 0; k < clouds_.size(); ++k) {
-      const Array<std::uint32_t>& from = clouds_[k].source;
-      std::uint32_t* to = out_.source.data() + first_[k];
-      std::unordered_map<std::uint32_t, std::uint32_t> number;
-      for (std::size_t i = 0; i < clouds_[k].size(); ++i) {
-        if (from.empty()) {
-          to[i] = next++;
-          continue;
-        }
-        const auto [entry, is_new] = number.try_emplace(from[i], next);
-        if (is_new) ++next;
-        to[i] = entry->second;
-      }
+void CloudJoiner::Impl::fill_extra(std::size_t k, SurfelCloud& cloud) const {
+  std::vector<ExtraProperty> all;
+  for (const ExtraProperty& wanted : header.extra) {
+    ExtraProperty& to = all.emplace_back(wanted);
+    if (!first_scan.empty() && wanted.name == "scan") {
+      to.data = numbered_scans(k, cloud, wanted.type);
+      continue;
+    }
+    ExtraProperty* const from = find_extra(cloud, wanted.name);
+    if (from && from->type == wanted.type) {
+      to.data = std::move(from->data);
+      continue;
+    }
+    const std::size_t bytes = scalar_size(wanted.type);
+    to.data.assign(cloud.size() * bytes, std::byte{0});
+    if (!from) {
+      if (noted) noted->push_back({k, wanted.name});
+      continue;
+    }
+    // Types that differ have become double.
+    const std::size_t stride = scalar_size(from->type);
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      double value = 0;
+      load_scalars(from->type, from->data.data() + i * stride, 1, &value);
+      std::memcpy(to.data.data() + i * bytes, &value, bytes);
     }
   }
+  cloud.extra = std::move(all);
+}
 
-  void join_extra() {
-    for (const SurfelCloud& cloud : clouds_) {
-      for (const ExtraProperty& property : cloud.extra) {
-        const auto same = [&](const ExtraProperty& p) { return p.name == property.name; };
-        const auto known = std::find_if(out_.extra.begin(), out_.extra.end(), same);
-        if (known == out_.extra.end()) {
-          out_.extra.push_back({property.name, property.type, {}});
-        } else if (known->type != property.type) {
-          known->type = ScalarType::kFloat64;
-        }
-      }
+/// Numbers of its own for every cloud, in the order in which the splats come.
+void CloudJoiner::Impl::number_sources(SurfelCloud& cloud) {
+  if (!any(&SurfelCloud::source)) return;
+  const bool own = cloud.source.empty();
+  cloud.source.resize(cloud.size());
+  for (std::uint32_t& source : cloud.source) {
+    if (own) {
+      source = next_source++;
+      continue;
     }
-    for (ExtraProperty& property : out_.extra) fill_extra(property);
+    const auto [entry, is_new] = source_number.try_emplace(source, next_source);
+    if (is_new) ++next_source;
+    source = entry->second;
   }
+}
 
-  void fill_extra(ExtraProperty& property) {
-    const std::size_t bytes = scalar_size(property.type);
-    property.data.assign(total_ * bytes, std::byte{0});
-    for (std::size_t k = 0; k < clouds_.size(); ++k) {
-      const std::vector<ExtraProperty>& extra = clouds_[k].extra;
-      const auto from = std::find_if(extra.begin(), extra.end(), [&](const ExtraProperty& p) {
-        return p.name == property.name;
-      });
-      if (from == extra.end()) {
-        report_.filled.push_back({k, property.name});
-        continue;
+SurfelCloud CloudJoiner::Impl::join(std::size_t k, SurfelCloud cloud) {
+  if (k != current) {
+    first_row = next_row;
+    source_number.clear();
+    current = k;
+  }
+  use_material(k, cloud);
+  if (heads.size() == 1) return cloud;
+  fill_columns(k, cloud);
+  fill_extra(k, cloud);
+  number_sources(cloud);
+  SurfelCloud out = header;
+  visit_column_pairs(cloud, out, [](auto& from, auto& to) { to = std::move(from); });
+  out.extra = std::move(cloud.extra);
+  out.origin = cloud.origin;
+  out.decimals = cloud.decimals;
+  return out;
+}
+
+CloudJoiner::CloudJoiner(std::vector<SurfelCloud> heads, const JoinOptions& options,
+                         std::span<const std::string> names)
+    : impl_(std::make_unique<Impl>(std::move(heads), options,
+                                   std::vector<std::string>(names.begin(), names.end()))) {}
+CloudJoiner::~CloudJoiner() = default;
+
+const JoinReport& CloudJoiner::report() const { return impl_->report; }
+
+SurfelCloud CloudJoiner::joined(std::size_t k, SurfelCloud piece) {
+  return impl_->join(k, std::move(piece));
+}
+
+SurfelCloud CloudJoiner::head(const SurfelCloud& cloud) {
+  return cloud.gathered(cloud.empty() ? Array<std::uint32_t>{} : Array<std::uint32_t>{0});
+}
+
+namespace {
+
+/// Appends the positions, about an origin for all. Returns the largest change of a coordinate.
+double append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out) {
+  Bounds box;
+  for (const SurfelCloud& cloud : clouds) {
+    const Bounds b = cloud.bounds();
+    if (b.empty()) continue;
+    box.add(b.min);
+    box.add(b.max);
+  }
+  out.origin = float_origin(box);
+  double rounding = 0;
+  Vec3f* to = out.position.data();
+  for (const SurfelCloud& cloud : clouds) {
+    const Vec3d shift = cloud.origin - out.origin;
+    std::vector<double> changes(cloud.size() / kJoinGrain + 1, 0);
+    parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const Vec3d offset = shift + cloud.position[i].cast<double>();
+        to[i] = offset.cast<float>();
+        const double change = (to[i].cast<double>() - offset).cwiseAbs().maxCoeff();
+        if (change > changes[begin / kJoinGrain]) changes[begin / kJoinGrain] = change;
       }
-      std::byte* to = property.data.data() + first_[k] * bytes;
-      if (from->type == property.type) {
-        std::copy(from->data.begin(), from->data.end(), to);
-        continue;
-      }
-      const std::size_t stride = scalar_size(from->type);
-      for (std::size_t i = 0; i < clouds_[k].size(); ++i) {
-        double value = 0;
-        load_scalars(from->type, from->data.data() + i * stride, 1, &value);
-        std::memcpy(to + i * bytes, &value, bytes);
-      }
+    });
+    rounding = std::max(rounding, *std::max_element(changes.begin(), changes.end()));
+    to += cloud.size();
+  }
+  return rounding;
+}
+
+/// Clouds with the same columns, one after the other.
+SurfelCloud concatenated(std::vector<SurfelCloud> clouds, double& rounding) {
+  std::size_t total = 0;
+  bool decimals = true;
+  SurfelCloud out = CloudJoiner::head(clouds.front());
+  for (const SurfelCloud& cloud : clouds) {
+    total += cloud.size();
+    decimals = decimals && cloud.decimals;
+    out.decimals = std::max(out.decimals, cloud.decimals);
+  }
+  if (!decimals) out.decimals.reset();
+  if (total > std::numeric_limits<std::uint32_t>::max()) {
+    throw_input("", fmt::format("together there are {} surfels, more than 2^32 - 1", total));
+  }
+  for (const SurfelCloud& cloud : clouds) {
+    visit_column_pairs(cloud, out, [&](const auto& from, auto& to) {
+      if (!from.empty()) to.resize(total);
+    });
+  }
+  for (ExtraProperty& property : out.extra) {
+    property.data.resize(total * scalar_size(property.type));
+  }
+  rounding = append_positions(clouds, out);
+  std::size_t first = 0;
+  for (SurfelCloud& cloud : clouds) {
+    const std::size_t count = cloud.size();
+    cloud.position = {};  // The positions are there already.
+    visit_column_pairs(cloud, out, [&](const auto& from, auto& to) {
+      std::copy(from.begin(), from.end(), to.begin() + static_cast<std::ptrdiff_t>(first));
+    });
+    for (std::size_t e = 0; e < out.extra.size(); ++e) {
+      const Array<std::byte>& from = cloud.extra[e].data;
+      std::copy(from.begin(), from.end(),
+                out.extra[e].data.begin() +
+                    static_cast<std::ptrdiff_t>(first * scalar_size(out.extra[e].type)));
     }
+    first += count;
+    cloud = {};
   }
-
-  const std::vector<SurfelCloud>& clouds_;
-  std::span<const std::string> names_;
-  JoinReport& report_;
-  std::vector<std::size_t> first_;
-  std::size_t total_ = 0;
-  SurfelCloud out_;
-};
+  return out;
+}
 
 }  // namespace
 
@@ -345,13 +523,19 @@ std::vector<std::string> JoinOptions::problems(std::size_t clouds) const {
 
 SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& options,
                         std::span<const std::string> names, JoinReport* report) {
-  for (const std::string& problem : options.problems(clouds.size())) throw_usage(problem);
   for (std::size_t k = 0; k < clouds.size(); ++k) clouds[k].check_columns(names[k]);
-  use_materials(clouds, options, names);
+  std::vector<SurfelCloud> heads;
+  for (const SurfelCloud& cloud : clouds) heads.push_back(CloudJoiner::head(cloud));
+  CloudJoiner joiner(std::move(heads), options, names);
   if (clouds.empty()) return {};
-  if (clouds.size() == 1) return std::move(clouds.front());
-  JoinReport unused;
-  return Joiner(clouds, names, report ? *report : unused).join();
+  for (std::size_t k = 0; k < clouds.size(); ++k) {
+    clouds[k] = joiner.joined(k, std::move(clouds[k]));
+  }
+  JoinReport told = joiner.report();
+  SurfelCloud out = clouds.size() == 1 ? std::move(clouds.front())
+                                       : concatenated(std::move(clouds), told.rounding);
+  if (report) *report = std::move(told);
+  return out;
 }
 
 }  // namespace surfel

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,9 +32,39 @@ struct JoinReport {
   std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
   std::vector<std::string> dropped;  ///< Columns that not every cloud had.
   /// Largest change of a coordinate by rounding, scene units: clouds far from one another share an
-  /// origin.
+  /// origin. Joined piece by piece they do not, and nothing is rounded.
   double rounding = 0;
-  bool basis_differs = false;  ///< Coefficients were fitted for different cutoffs.
+  bool basis_differs = false;       ///< Coefficients were fitted for different cutoffs.
+  bool viewpoints_dropped = false;  ///< Not all clouds know where their scans were taken from.
+};
+
+/// Joins clouds piece by piece, so that they need not be in memory at once: what join_clouds()
+/// makes of the surfels, each piece about an origin of its own.
+class SURFEL_API CloudJoiner {
+ public:
+  /// \param heads  head() of each cloud, or of any piece of it
+  /// \param names  one for each cloud, for messages
+  /// Throws Error(kUsage) for unusable options, and Error(kInput) where a cloud has no variance and
+  /// others do.
+  CloudJoiner(std::vector<SurfelCloud> heads, const JoinOptions& options,
+              std::span<const std::string> names);
+  ~CloudJoiner();
+  CloudJoiner(const CloudJoiner&) = delete;
+  CloudJoiner& operator=(const CloudJoiner&) = delete;
+
+  /// What joining does to the columns; its `rounding` is 0.
+  const JoinReport& report() const;
+  /// Surfels of cloud `k` with the columns and the header of the joined cloud. Pieces of a cloud
+  /// come in its order, after those of the clouds before it. Throws Error(kInput) where separate
+  /// materials need more than 65,536 rows, and for a scan whose viewpoint is missing.
+  SurfelCloud joined(std::size_t k, SurfelCloud piece);
+
+  /// What the constructor needs of a cloud: its first surfel with all columns, and its header.
+  static SurfelCloud head(const SurfelCloud& cloud);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 /// The surfels of several clouds in one, in their order. A single cloud keeps all that it has; of
@@ -47,15 +78,17 @@ struct JoinReport {
 ///    none. Groups stay as they are: where bodies overlap, splats of one group may;
 ///  - `source` is numbered anew, so that splats of different clouds never share it;
 ///  - properties whose types differ become double; colours the wider of their encodings;
-///  - provenance and comments follow one another, each line once; the viewpoint and `up`
-///    stay if all have the same, as does the basis' cutoff of those that have coefficients;
+///  - provenance and comments follow one another, each line once; `up` stays if all have the same,
+///    as does the basis' cutoff of those that have coefficients;
+///  - viewpoints stay as they are if all have the same. Else, where they are known of all clouds,
+///    each cloud's are scan_viewpoints of the joined cloud, and the property `scan` is numbered
+///    anew in the order of the clouds; a cloud with one viewpoint is one scan. Where a cloud does
+///    not know them there are none;
 ///  - colours of which some are recorded light and some are not (meaning_of_colors())
 ///    are ColorLight::kMixed; the grey of colourless surfels is not recorded;
 ///  - positions move to an origin for all.
 /// \param names  one for each cloud, for messages.
-/// Throws Error(kUsage) for unusable options, Error(kInput) where a cloud has no variance and
-/// others do, for more than 2^32 - 1 surfels, and where separate materials need more than 65,536
-/// rows.
+/// Throws what CloudJoiner throws, and Error(kInput) for more than 2^32 - 1 surfels.
 SURFEL_API SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& options,
                                    std::span<const std::string> names,
                                    JoinReport* report = nullptr);

@@ -5,6 +5,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/scene/column_pairs.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -83,25 +84,7 @@ SurfelCloud SurfelCloud::gathered(const Array<std::uint32_t>& order) const {
       for (std::size_t i = begin; i < end; ++i) to[i] = from[order[i]];
     });
   };
-  gather(position, out.position);
-  gather(normal, out.normal);
-  gather(shading_normal, out.shading_normal);
-  gather(variance, out.variance);
-  gather(tangent, out.tangent);
-  gather(variance_u, out.variance_u);
-  gather(variance_v, out.variance_v);
-  gather(area, out.area);
-  gather(color, out.color);
-  gather(alpha, out.alpha);
-  gather(coefficient, out.coefficient);
-  gather(uv, out.uv);
-  gather(dpdu, out.dpdu);
-  gather(dpdv, out.dpdv);
-  gather(material, out.material);
-  gather(group, out.group);
-  gather(group_radius, out.group_radius);
-  gather(source, out.source);
-  gather(level, out.level);
+  visit_column_pairs(*this, out, gather);
   for (const ExtraProperty& property : extra) {
     ExtraProperty to{property.name, property.type, {}};
     const std::size_t bytes = scalar_size(property.type);
