@@ -131,6 +131,7 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   json["repeated_faces"] = report.repeated_faces;
   json["flat_uv_faces"] = report.flat_uv_faces;
   json["components"] = report.components;
+  json["eliminated"] = report.eliminated;
   json["border_edges"] = report.edges.border;
   json["non_manifold_edges"] = report.edges.non_manifold;
   json["inconsistent_edges"] = report.edges.inconsistent;

@@ -76,8 +76,8 @@ TEST_F(IntakeFiles, SamplesOfTrianglesBehindEachOtherAreBounded) {
   };
   const double spacing = 0.05;
   const Intake::Made made = Intake({stack("few.obj", 100)}).surfels(spacing);
-  // Instead of 50 / spacing^2.
-  EXPECT_NEAR(static_cast<double>(made.cloud.size()) * spacing * spacing, 4 * 6, 5);
+  // Instead of 50 / spacing^2: 4 / 8.33 of 4 times the cube's surface.
+  EXPECT_NEAR(static_cast<double>(made.cloud.size()) * spacing * spacing, 11.5, 2.5);
   EXPECT_TRUE(contains(made.done[0], "8.33 times the area of the box")) << made.done[0];
   const std::string many = stack("many.obj", 3200);
   const std::string message = message_of([&] { Intake({many}).surfels(spacing); });

@@ -397,6 +397,128 @@ TEST(SampleMesh, CountInAFieldIsExactAndTheSameForAnyThreads) {
   EXPECT_EQ(0, std::memcmp(one.area.data(), five.area.data(), one.size() * sizeof(float)));
 }
 
+/// A disc of radius 1 in the plane z, of triangles around its centre, facing up or down.
+void add_fan(TriangleMesh& mesh, int triangles, float z, bool up) {
+  const auto center = static_cast<std::uint32_t>(mesh.position.size());
+  mesh.position.emplace_back(0.0f, 0.0f, z);
+  for (int i = 0; i < triangles; ++i) {
+    const double angle = 2 * std::numbers::pi * i / triangles;
+    mesh.position.emplace_back(static_cast<float>(std::cos(angle)),
+                               static_cast<float>(std::sin(angle)), z);
+  }
+  for (int i = 0; i < triangles; ++i) {
+    const std::uint32_t a = center + 1 + static_cast<std::uint32_t>(i);
+    const std::uint32_t b = center + 1 + static_cast<std::uint32_t>((i + 1) % triangles);
+    mesh.face.push_back({center, up ? a : b, up ? b : a});
+  }
+}
+
+/// Largest distance of a point of the unit disc from the nearest sample that faces up or down.
+double largest_gap(const SurfelCloud& cloud, bool up) {
+  double largest = 0;
+  for (double y = -1; y <= 1; y += 0.02) {
+    for (double x = -1; x <= 1; x += 0.02) {
+      if (x * x + y * y > 1) continue;
+      double nearest = INFINITY;
+      for (std::size_t i = 0; i < cloud.size(); ++i) {
+        if ((cloud.normal[i].z() > 0) != up) continue;
+        nearest = std::min<double>(
+            nearest, std::hypot(cloud.position[i].x() - x, cloud.position[i].y() - y));
+      }
+      largest = std::max(largest, nearest);
+    }
+  }
+  return largest;
+}
+
+TEST(SampleMesh, FanOfNeedlesIsSampledLikeItsDisc) {
+  TriangleMesh mesh;
+  constexpr int kTriangles = 2000;
+  add_fan(mesh, kTriangles, 0, true);
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_count(1500), &report);
+  EXPECT_TRUE(report.eliminated);
+  EXPECT_EQ(cloud.size(), 1500U);
+  EXPECT_NEAR(total(cloud.area), std::numbers::pi, 1e-4);
+  const double spacing = std::sqrt(std::numbers::pi / 1500);
+  EXPECT_NEAR(report.spacing, spacing, 1e-4 * spacing);
+  EXPECT_GE(report.least_distance, 0.65 * spacing);
+  EXPECT_LE(largest_gap(cloud, true), 1.05 * spacing);
+  // No sample has much more of the surface than others have.
+  EXPECT_LE(*std::max_element(cloud.area.begin(), cloud.area.end()), 3 * spacing * spacing);
+
+  set_thread_count(3);
+  const SurfelCloud again = sample_mesh(mesh, by_count(1500));
+  set_thread_count(0);
+  EXPECT_EQ(again.position, cloud.position);
+  EXPECT_EQ(again.area, cloud.area);
+
+  const SurfelCloud spaced = sample_mesh(mesh, by_spacing(spacing));
+  EXPECT_NEAR(samples(spaced), 1500, 2);
+  MeshSampleOptions few = by_spacing(spacing);
+  few.most_eliminated = 1000;
+  EXPECT_TRUE(sample_mesh(mesh, few, &report).empty());
+  few.spacing = report.spacing;
+  EXPECT_EQ(sample_mesh(mesh, few).size(), 1000U);
+}
+
+TEST(SampleMesh, FansOfAThinPlateAndTinyPartsHaveSamplesOfTheirOwn) {
+  TriangleMesh mesh;
+  add_fan(mesh, 2000, 0, true);
+  add_fan(mesh, 2000, -1e-4f, false);
+  add_triangle(mesh, Vec3f(2, 0, 0), Vec3f(2.001f, 0, 0), Vec3f(2, 0.001f, 0));
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_count(3001), &report);
+  EXPECT_TRUE(report.eliminated);
+  EXPECT_EQ(report.components, 3U);
+  const double spacing = std::sqrt(std::numbers::pi / 1500);
+  for (const bool up : {false, true}) EXPECT_LE(largest_gap(cloud, up), 1.25 * spacing) << up;
+  std::size_t apart = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (cloud.position[i].x() < 1.5f) continue;
+    ++apart;
+    EXPECT_GT(cloud.area[i], 0);
+    EXPECT_LE(cloud.variance[i], 0.5e-6f);
+  }
+  EXPECT_EQ(apart, 1U);
+}
+
+TEST(SampleMesh, LooseNeedlesAreCoveredAlongTheirLength) {
+  // Many more pieces than triangles and samples, of which an even choice of points covers few.
+  TriangleMesh mesh;
+  for (int i = 0; i < 400; ++i) {
+    const auto y = static_cast<float>(i);
+    add_triangle(mesh, Vec3f(0, y, 0), Vec3f(2, y, 0), Vec3f(1.3f, y + 0.002f, 0));
+  }
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05), &report);
+  EXPECT_FALSE(report.eliminated);
+  EXPECT_GE(cloud.size(), 400U * 20);
+}
+
+TEST(SampleMesh, FanOfNeedlesFollowsAField) {
+  TriangleMesh mesh;
+  add_fan(mesh, 2000, 0, true);
+  const SizingField field({{Vec3f(-1, -1, -1), Vec3f(-0.2f, 1, 1), 0.02f}}, 0.2, 0.06);
+  MeshSampleOptions options = by_spacing(1);
+  options.field = &field;
+  MeshSampleReport report;
+  const SurfelCloud cloud = sample_mesh(mesh, options, &report);
+  EXPECT_TRUE(report.eliminated);
+  double fine = 0, coarse = 0;
+  for (const Vec3f& p : cloud.position) {
+    const bool within = p.head<2>().norm() < 0.95f;
+    fine += within && p.x() < -0.2f;
+    coarse += within && p.x() > 0.1f;
+  }
+  // Parts of a disc of radius 0.95 cut off at 0.2 and 0.1 from the centre.
+  const auto cut_off = [](double r, double d) {
+    return r * r * std::acos(d / r) - d * std::sqrt(r * r - d * d);
+  };
+  EXPECT_NEAR(fine * 0.02 * 0.02 / cut_off(0.95, 0.2), 1, 0.05);
+  EXPECT_NEAR(coarse * 0.06 * 0.06 / cut_off(0.95, 0.1), 1, 0.1);
+}
+
 TEST(SampleMesh, MessagesNameTheFile) {
   try {
     sample_mesh(surface("plane", 3), by_spacing(1e-7), nullptr, "plane.obj");

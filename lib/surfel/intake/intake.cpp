@@ -33,11 +33,16 @@ constexpr std::size_t kFewPoints = 1 << 20;
 /// reach over gaps that are as wide as a cell.
 constexpr double kCellSpacings = 0.5;
 /// Most samples of a mesh in units of what the surface of the box around it would have. Scans and
-/// parts have about one; triangles that fill space, one behind the other, have any number.
+/// parts have about one; triangles that fill space, one behind the other, have any number. The more
+/// of them there are the more are hidden, and the fewer samples are needed, down to kLeastOfBox.
 constexpr double kMostOfBox = 4;
+constexpr double kLeastOfBox = 1;
 /// Largest area of a mesh in units of the surface of the box around it. Samples of more are further
-/// apart than four pixels, where they were to be half a pixel apart.
-constexpr double kLargestOfBox = 64 * kMostOfBox;
+/// apart than eight pixels, where they were to be half a pixel apart.
+constexpr double kLargestOfBox = 256;
+/// As kMostOfBox, of samples by elimination, each of which takes several times the time and memory
+/// of others.
+constexpr double kMostEliminatedOfBox = 0.25;
 
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
@@ -255,18 +260,35 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
     made.warnings.push_back(std::move(missing));
   }
   const double area = area_of(*mesh);
-  const double of_box = area / surface_of(bounds());
+  const double box_area = surface_of(bounds());
+  const double of_box = area / box_area;
   if (of_box > kLargestOfBox) {
     throw_input(path, fmt::format("its triangles have {:.3g} times the area of the box around "
                                   "them, more than {}, and hide each other; remove those that "
                                   "nobody sees, or make surfels of them with surfel-from-mesh",
                                   of_box, kLargestOfBox));
   }
-  const std::string digits = three_digits(std::max(
-      {spacing, spacing * std::sqrt(of_box / kMostOfBox), std::sqrt(area / kMostSamples)}));
+  std::string why =
+      of_box > kMostOfBox
+          ? fmt::format(" as its triangles have {:.3g} times the area of the box around them",
+                        of_box)
+          : "";
+  const double most_of_box = std::clamp(kMostOfBox * kMostOfBox / of_box, kLeastOfBox, kMostOfBox);
+  std::string digits = three_digits(std::max(
+      {spacing, spacing * std::sqrt(of_box / most_of_box), std::sqrt(area / kMostSamples)}));
   MeshSampleOptions samples;
   samples.spacing = number_of(digits);
-  cloud = sample_mesh(*mesh, samples, nullptr, path);
+  samples.most_eliminated = static_cast<std::size_t>(
+      std::max(1.0, kMostEliminatedOfBox * box_area / (spacing * spacing)));
+  MeshSampleReport report;
+  cloud = sample_mesh(*mesh, samples, &report, path);
+  if (cloud.empty()) {
+    why = " as its triangles are long and thin";
+    digits = three_digits(report.spacing);
+    samples.spacing = number_of(digits);
+    samples.most_eliminated = MeshSampleOptions{}.most_eliminated;
+    cloud = sample_mesh(*mesh, samples, &report, path);
+  }
   made.file = surfels_of(path);
   std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
                                                 shell_file(path), digits, shell_file(made.file))};
@@ -278,13 +300,8 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
                                    shell_file(path), texture_words(options),
                                    shell_file(made.file)));
   }
-  const std::string crowded =
-      of_box > kMostOfBox
-          ? fmt::format(" as its triangles have {:.3g} times the area of the box around them",
-                        of_box)
-          : "";
   made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}{}{}: {} surfels ({})", path,
-                                  digits, crowded, textured ? " and textured" : "",
+                                  digits, why, textured ? " and textured" : "",
                                   missing_texture(*mesh, textured), cloud.size(),
                                   fmt::join(commands, "; ")));
   made.commands.insert(made.commands.end(), commands.begin(), commands.end());

@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/elementary.h>
@@ -17,6 +18,7 @@
 #include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
 #include <surfel/sample/poisson_disk.h>
+#include <surfel/sample/sample_elimination.h>
 #include <surfel/sample/smooth_normals.h>
 
 namespace surfel {
@@ -89,81 +91,185 @@ constexpr std::size_t kMostFacesAtEdge = 64;
 /// Most chunks for each triangle and sample: memory stays in proportion to them, however long
 /// triangles are that have hardly any area.
 constexpr double kMostPieces = 64;
+/// Where triangles are cut into more chunks than these, samples by elimination are tried first,
+/// whose cost does not depend on the triangles' shape. Fewer chunks than kFewChunks take no time.
+constexpr double kChunksPerFace = 2;
+constexpr double kChunksPerSample = 1;
+constexpr double kGradedChunksPerSample = 6;
+constexpr double kFewChunks = 1 << 14;
+/// Samples by elimination are taken where they leave no more of the surface uncovered: loose
+/// slivers, narrower than the spacing, need samples in proportion to their length.
+constexpr double kMostUncovered = 0.03;
+/// Bytes of a sample and of a chunk, all tables of PoissonDisk and the cloud's columns together.
+constexpr double kSampleBytes = 300;
+constexpr double kChunkBytes = 150;
 
-/// Inputs of Poisson-disk sampling, at whatever spacing.
+/// Samples of a mesh: by dart throwing, which has yet to tell their areas, or by elimination.
+struct Sampled {
+  std::unique_ptr<PoissonDisk> darts;
+  Array<SurfaceSample> eliminated;
+  bool too_many = false;  ///< There are none, as elimination would have made too many.
+
+  Array<SurfaceSample> samples() { return darts ? darts->samples() : std::move(eliminated); }
+};
+
+/// Inputs of sampling, at whatever spacing. Spacings are in units of the field's.
 struct Sampling {
   const TriangleMesh& mesh;
   const Array<std::uint32_t>& rings;
+  const Array<std::uint32_t>& component;
   const FaceMeasures& faces;
   const SizingField& field;
   double area;  ///< Area in units of the field's spacing squared.
   std::uint64_t seed;
   const std::string& name;
 
-  /// Throws where samples at this spacing, in units of the field's, are beyond memory or precision.
-  void check_feasible(double factor) const {
-    const double spacing = factor * field.least();
-    const double samples = area / (factor * factor);
-    // Chunks have edges of 2.5 to 5 spacings, of 1 to 2 where it varies; a face is one at least, a
-    // sliver a row of them.
-    const double chunks_per_sample = field.gradient() > 0 ? 2 : 0.4;
-    const double chunks = static_cast<double>(faces.area.size()) + samples * chunks_per_sample +
-                          faces.total_edge / (1.25 * factor * field.largest());
-    // Bytes of a sample and of a chunk, all tables of PoissonDisk and the cloud's columns together.
-    const double bytes = 300 * samples + 150 * chunks;
-    const bool too_many = samples > static_cast<double>(kMostSamples);
-    if (too_many || bytes > static_cast<double>(available_memory_bytes())) {
-      throw_input(
-          name,
-          fmt::format(
-              "a spacing of {:.3g} makes about {:.3g} samples, more than {}; ask for a larger "
-              "spacing",
-              spacing, samples,
-              too_many ? fmt::format("the {} that one run makes", kMostSamples)
-                       : "fit into memory"));
-    }
-    if (spacing < kLeastSpacing) {
-      throw_input(name, fmt::format("a spacing of {:.3g} is below {:.0e}, the least that single "
-                                    "precision can square; scale the mesh up",
-                                    spacing, kLeastSpacing));
-    }
-    const double pieces_per_input = chunks / (static_cast<double>(faces.area.size()) + samples);
-    if (pieces_per_input > kMostPieces) {
-      throw_input(
-          name,
-          fmt::format("its triangles are so long and thin that a spacing of {:.3g} cuts each "
-                      "into {:.3g} pieces, more than {}; ask for a larger spacing, or remesh it",
-                      spacing, pieces_per_input, kMostPieces));
-    }
-    if (spacing < 32 * faces.largest_coordinate * std::numeric_limits<float>::epsilon()) {
-      throw_input(name,
-                  fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
-                              "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
-                              spacing, faces.largest_coordinate));
-    }
-  }
+  Sampled with_spacing(double& spacing, std::size_t most_eliminated) const;
+  Sampled with_count(std::size_t count, double& spacing) const;
 
-  std::unique_ptr<PoissonDisk> with_spacing(double spacing) const {
-    check_feasible(spacing);
-    return std::make_unique<PoissonDisk>(mesh, rings, field, spacing, seed);
+ private:
+  /// Chunks that are made without further ado.
+  double chunks_at_ease(double samples) const {
+    const double per_sample = field.gradient() > 0 ? kGradedChunksPerSample : kChunksPerSample;
+    return std::max(kFewChunks,
+                    kChunksPerFace * static_cast<double>(faces.area.size()) + per_sample * samples);
   }
-  std::unique_ptr<PoissonDisk> with_count(std::size_t count, double& spacing) const;
+  void check_precision(double factor) const;
+  void check_memory(double spacing, double samples, double bytes) const;
+  double estimated_chunks(double factor) const;
+  double pieces_per_input(double factor) const;
+  void check_chunks(double factor) const;
+  std::unique_ptr<PoissonDisk> dart_throwing(double spacing) const;
+  std::unique_ptr<PoissonDisk> short_dart_throwing(double spacing) const;
+  Array<SurfaceSample> elimination(double spacing, std::size_t count) const;
 };
 
+/// Throws where the spacing is beyond the precision of the samples.
+void Sampling::check_precision(double factor) const {
+  const double spacing = factor * field.least();
+  const double samples = area / (factor * factor);
+  if (samples > static_cast<double>(kMostSamples)) {
+    throw_input(name, fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than the "
+                                  "{} that one run makes; ask for a larger spacing",
+                                  spacing, samples, kMostSamples));
+  }
+  if (spacing < kLeastSpacing) {
+    throw_input(name, fmt::format("a spacing of {:.3g} is below {:.0e}, the least that single "
+                                  "precision can square; scale the mesh up",
+                                  spacing, kLeastSpacing));
+  }
+  if (spacing < 32 * faces.largest_coordinate * std::numeric_limits<float>::epsilon()) {
+    throw_input(name,
+                fmt::format("a spacing of {:.3g} is below the precision of coordinates as large "
+                            "as {:.3g}; ask for a larger spacing, or move the mesh to the origin",
+                            spacing, faces.largest_coordinate));
+  }
+}
+
+void Sampling::check_memory(double spacing, double samples, double bytes) const {
+  if (bytes > static_cast<double>(available_memory_bytes())) {
+    throw_input(name, fmt::format("a spacing of {:.3g} makes about {:.3g} samples, more than fit "
+                                  "into memory; ask for a larger spacing",
+                                  spacing, samples));
+  }
+}
+
+/// Chunks of dart throwing, roughly.
+double Sampling::estimated_chunks(double factor) const {
+  // Chunks have edges of 2.5 to 5 spacings, of 1 to 2 where it varies; a face is one at least, a
+  // sliver a row of them.
+  const double chunks_per_sample = field.gradient() > 0 ? 2 : 0.4;
+  return static_cast<double>(faces.area.size()) + area / (factor * factor) * chunks_per_sample +
+         faces.total_edge / (1.25 * factor * field.largest());
+}
+
+double Sampling::pieces_per_input(double factor) const {
+  return estimated_chunks(factor) /
+         (static_cast<double>(faces.area.size()) + area / (factor * factor));
+}
+
+/// Throws where the chunks of dart throwing are beyond memory or proportion.
+void Sampling::check_chunks(double factor) const {
+  const double spacing = factor * field.least();
+  const double samples = area / (factor * factor);
+  const double pieces = pieces_per_input(factor);
+  if (pieces > kMostPieces) {
+    throw_input(name,
+                fmt::format("its triangles are so long and thin that a spacing of {:.3g} cuts each "
+                            "into {:.3g} pieces, more than {}; ask for a larger spacing, or "
+                            "remesh it",
+                            spacing, pieces, kMostPieces));
+  }
+  check_memory(spacing, samples, kSampleBytes * samples + kChunkBytes * estimated_chunks(factor));
+}
+
+std::unique_ptr<PoissonDisk> Sampling::dart_throwing(double spacing) const {
+  check_chunks(spacing);
+  return PoissonDisk::make(mesh, rings, field, spacing, seed,
+                           std::numeric_limits<std::size_t>::max());
+}
+
+/// Dart throwing where it takes few chunks; null otherwise.
+std::unique_ptr<PoissonDisk> Sampling::short_dart_throwing(double spacing) const {
+  check_precision(spacing);
+  if (pieces_per_input(spacing) > kMostPieces) return nullptr;
+  const double samples = area / (spacing * spacing);
+  const double chunks = chunks_at_ease(samples);
+  check_memory(spacing * field.least(), samples, kSampleBytes * samples + kChunkBytes * chunks);
+  return PoissonDisk::make(mesh, rings, field, spacing, seed, static_cast<std::size_t>(chunks));
+}
+
+/// Samples by elimination, or none where they leave the surface uncovered.
+Array<SurfaceSample> Sampling::elimination(double spacing, std::size_t count) const {
+  const auto samples = static_cast<double>(count);
+  check_memory(spacing * field.least(), samples, kEliminationBytes * samples);
+  EliminatedSamples found = eliminate_samples(mesh, component, field, spacing, count, seed);
+  if (found.uncovered > kMostUncovered) return {};
+  return std::move(found.sample);
+}
+
+/// Sets the spacing where it makes too many samples.
+Sampled Sampling::with_spacing(double& spacing, std::size_t most_eliminated) const {
+  Sampled out;
+  out.darts = short_dart_throwing(spacing);
+  if (out.darts) return out;
+  const double samples = std::max(1.0, std::round(area / (spacing * spacing)));
+  const auto most = static_cast<double>(most_eliminated);
+  if (samples > most) {
+    spacing = std::sqrt(area / most);
+    out.too_many = true;
+    return out;
+  }
+  out.eliminated = elimination(spacing, static_cast<std::size_t>(samples));
+  if (out.eliminated.empty()) out.darts = dart_throwing(spacing);
+  return out;
+}
+
 /// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
-std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spacing) const {
+Sampled Sampling::with_count(std::size_t count, double& spacing) const {
   const auto wanted = static_cast<double>(count);
   constexpr int kTrials = 14;       ///< Halving alone finds the spacing to 1e-4 of itself.
   constexpr int kInterpolated = 6;  ///< Trials between which the number is taken for a power.
   // Bounds of the spacing: too fine for the count, and coarse enough; and what each made.
   double fine = 0, made_fine = 0;
   double coarse = std::numeric_limits<double>::infinity(), made_coarse = 0;
-  std::unique_ptr<PoissonDisk> disk;
+  Sampled out;
+  bool tried_elimination = false;
   spacing = 1.01 * std::sqrt(area / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
-    disk.reset();
-    disk = with_spacing(spacing);
-    const auto made = static_cast<double>(disk->size());
+    out.darts.reset();
+    out.darts = short_dart_throwing(spacing);
+    if (!out.darts && !tried_elimination) {
+      tried_elimination = true;
+      const double exact = std::sqrt(area / wanted);
+      out.eliminated = elimination(exact, count);
+      if (!out.eliminated.empty()) {
+        spacing = exact;
+        return out;
+      }
+    }
+    if (!out.darts) out.darts = dart_throwing(spacing);
+    const auto made = static_cast<double>(out.darts->size());
     if (made <= wanted && made >= 0.97 * wanted - 1) break;
     (made > wanted ? fine : coarse) = spacing;
     (made > wanted ? made_fine : made_coarse) = made;
@@ -179,12 +285,14 @@ std::unique_ptr<PoissonDisk> Sampling::with_count(std::size_t count, double& spa
     }
     spacing = next;
   }
-  if (static_cast<double>(disk->size()) > wanted && !std::isinf(coarse)) {
+  if (static_cast<double>(out.darts->size()) > wanted && !std::isinf(coarse)) {
     spacing = coarse;
-    disk = with_spacing(spacing);
+    out.darts.reset();
+    check_precision(spacing);
+    out.darts = dart_throwing(spacing);
   }
-  disk->fill(count);
-  return disk;
+  out.darts->fill(count);
+  return out;
 }
 
 /// The mesh without some of its faces, in ascending order.
@@ -384,15 +492,16 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
 
   const SizingField uniform(1);
   const SizingField& field = options.field ? *options.field : uniform;
-  const Sampling sampling{mesh,         rings, faces, field, area_in_field(mesh, faces, field),
-                          options.seed, name};
+  const Sampling sampling{
+      mesh, rings, component, faces, field, area_in_field(mesh, faces, field), options.seed, name};
   out.spacing = options.spacing.value_or(0);
-  std::unique_ptr<PoissonDisk> disk = options.count
-                                          ? sampling.with_count(*options.count, out.spacing)
-                                          : sampling.with_spacing(out.spacing);
+  Sampled sampled = options.count ? sampling.with_count(*options.count, out.spacing)
+                                  : sampling.with_spacing(out.spacing, options.most_eliminated);
   stage.end("sample");
-  const Array<SurfaceSample> samples = disk->samples();
-  disk.reset();
+  if (sampled.too_many) return {};
+  out.eliminated = !sampled.darts;
+  const Array<SurfaceSample> samples = sampled.samples();
+  sampled.darts.reset();
   stage.end("areas");
 
   SurfelCloud cloud;

@@ -3,6 +3,8 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
@@ -84,15 +86,12 @@ Facing facing(const Vec3f& normal, const Vec3f& other) {
 
 class PoissonDisk::Impl {
  public:
-  Impl(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor, const SizingField& field,
-       double spacing, std::uint64_t seed)
+  Impl(SurfaceChunks surface, const SizingField& field, double spacing, std::uint64_t seed)
       : seed_(seed),
         spacing_(spacing),
         largest_(static_cast<float>(field.largest())),
         gap_((kCoverageRadius - kConflictRadius) / (1 + spacing * field.gradient())),
-        surface_(make_surface_chunks(
-            mesh, neighbor, field, (field.gradient() > 0 ? kGradedChunkEdge : kChunkEdge) * spacing,
-            kBlockSide * field.largest() * spacing)) {
+        surface_(std::move(surface)) {
     prepare_chunks(field);
     std::size_t all = 0;
     for (const std::vector<std::uint32_t>& blocks : surface_.phase) all += blocks.size();
@@ -536,9 +535,19 @@ class PoissonDisk::Impl {
                                                    ///< kAsideBit where they face aside.
 };
 
-PoissonDisk::PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
-                         const SizingField& field, double spacing, std::uint64_t seed)
-    : impl_(std::make_unique<Impl>(mesh, neighbor, field, spacing, seed)) {}
+std::unique_ptr<PoissonDisk> PoissonDisk::make(const TriangleMesh& mesh,
+                                               const Array<std::uint32_t>& neighbor,
+                                               const SizingField& field, double spacing,
+                                               std::uint64_t seed, std::size_t most_chunks) {
+  std::optional<SurfaceChunks> surface = make_surface_chunks(
+      mesh, neighbor, field, (field.gradient() > 0 ? kGradedChunkEdge : kChunkEdge) * spacing,
+      kBlockSide * field.largest() * spacing, most_chunks);
+  if (!surface) return nullptr;
+  return std::unique_ptr<PoissonDisk>(
+      new PoissonDisk(std::make_unique<Impl>(std::move(*surface), field, spacing, seed)));
+}
+
+PoissonDisk::PoissonDisk(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PoissonDisk::~PoissonDisk() = default;
 std::size_t PoissonDisk::size() const { return impl_->size(); }
 void PoissonDisk::fill(std::size_t count) { impl_->fill(count); }

@@ -61,12 +61,16 @@ class SURFEL_API PoissonDisk {
   /// Largest change of the spacing by distance at which samples see each other.
   static constexpr double kMaxGradient = 0.42;
 
-  /// Samples the whole surface. The samples do not depend on the number of threads.
+  /// Samples the whole surface, unless its triangles are so long and thin that they would have to
+  /// be cut into more than `most_chunks` chunks (surface_chunks.h): null then. The samples do not
+  /// depend on the number of threads.
   /// \param neighbor  edge_rings() of the mesh.
   /// \param field     spacing by place, in units of `spacing`; its gradient times `spacing` is
   ///                  kMaxGradient at most.
-  PoissonDisk(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
-              const SizingField& field, double spacing, std::uint64_t seed);
+  static std::unique_ptr<PoissonDisk> make(const TriangleMesh& mesh,
+                                           const Array<std::uint32_t>& neighbor,
+                                           const SizingField& field, double spacing,
+                                           std::uint64_t seed, std::size_t most_chunks);
   ~PoissonDisk();
   PoissonDisk(const PoissonDisk&) = delete;
   PoissonDisk& operator=(const PoissonDisk&) = delete;
@@ -80,6 +84,7 @@ class SURFEL_API PoissonDisk {
 
  private:
   class Impl;
+  explicit PoissonDisk(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
 

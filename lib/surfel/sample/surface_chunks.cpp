@@ -104,7 +104,8 @@ class RefinementRound {
     first_child_[n] = sum;
   }
 
-  bool anything_to_do() const { return first_child_.back() > chunks_.size(); }
+  std::size_t count() const { return first_child_.back(); }
+  bool anything_to_do() const { return count() > chunks_.size(); }
 
   Array<SurfaceChunk> children() const {
     Array<SurfaceChunk> out(first_child_.back());
@@ -203,14 +204,16 @@ double SurfaceChunk::area() const { return area_vector(*this).norm(); }
 
 Vec3f SurfaceChunk::normal() const { return area_vector(*this).normalized().cast<float>(); }
 
-SurfaceChunks make_surface_chunks(const TriangleMesh& mesh, const Array<std::uint32_t>& neighbor,
-                                  const SizingField& spacing, double edge_spacings,
-                                  double block_side) {
+std::optional<SurfaceChunks> make_surface_chunks(const TriangleMesh& mesh,
+                                                 const Array<std::uint32_t>& neighbor,
+                                                 const SizingField& spacing, double edge_spacings,
+                                                 double block_side, std::size_t most_chunks) {
   Array<SurfaceChunk> chunks = whole_faces(mesh, neighbor);
   const EdgeLimit limit(spacing, edge_spacings);
   for (;;) {
     const RefinementRound round(chunks, limit);
     if (!round.anything_to_do()) break;
+    if (round.count() > most_chunks) return std::nullopt;
     Array<SurfaceChunk> children = round.children();
     chunks = std::move(children);
   }

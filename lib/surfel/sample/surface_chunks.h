@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -38,11 +39,13 @@ struct SurfaceChunks {
 /// Refines `mesh` until no edge is longer than `edge_spacings` times the spacing at its ends and
 /// its middle (edges are halved, alike on both sides, so that neighbours fit), and sorts the chunks
 /// by the block of side `block_side` that holds their centroid. Chunks of zero area are kept: they
-/// connect their neighbours.
+/// connect their neighbours. Nothing where more than `most_chunks` would come out, which long thin
+/// triangles do; they are counted before they are made.
 /// \param neighbor  edge_rings() of the mesh.
-SURFEL_API SurfaceChunks make_surface_chunks(const TriangleMesh& mesh,
-                                             const Array<std::uint32_t>& neighbor,
-                                             const SizingField& spacing, double edge_spacings,
-                                             double block_side);
+SURFEL_API std::optional<SurfaceChunks> make_surface_chunks(const TriangleMesh& mesh,
+                                                            const Array<std::uint32_t>& neighbor,
+                                                            const SizingField& spacing,
+                                                            double edge_spacings, double block_side,
+                                                            std::size_t most_chunks);
 
 }  // namespace surfel
