@@ -1,5 +1,9 @@
+#include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <memory>
 #include <numbers>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -279,6 +283,38 @@ TEST(SplatSize, SameForAnyNumberOfThreads) {
     EXPECT_TRUE(one.of == many.of);
   }
   set_thread_count(0);
+}
+
+/// Notes the largest neighbourhood that is searched for.
+class NotingSearch final : public NeighborSearch {
+ public:
+  explicit NotingSearch(const Array<Vec3f>& points) : search_(make_neighbor_search(points)) {}
+  std::size_t size() const override { return search_->size(); }
+  void search(const Vec3f& query, std::size_t most, float limit2,
+              std::vector<Neighbor>& out) const override {
+    most_searched = std::max(most_searched.load(), most);
+    search_->search(query, most, limit2, out);
+  }
+  void for_each(std::size_t most, float limit2, Body body) const override {
+    search_->for_each(most, limit2, body);
+  }
+
+  mutable std::atomic<std::size_t> most_searched = 0;
+
+ private:
+  std::unique_ptr<NeighborSearch> search_;
+};
+
+TEST(SplatSize, PointsOnALineLookNoFurtherThanTheirSpacing) {
+  OrientedPoints points;
+  for (int i = 0; i < 500; ++i) points.add(0.01 * i, 0, 0, Vec3f::Zero());
+  const NotingSearch search(points.position);
+  const SplatSizes sizes = estimate_splat_sizes(points.position, points.normal, false, search, {});
+  EXPECT_LE(search.most_searched, kSplatNeighbors);
+  EXPECT_EQ(sizes.border, 500U);
+  // The mean distance to the two nearest points on either side.
+  EXPECT_NEAR(sizes.of[250].spacing, 0.015, 1e-6);
+  EXPECT_GT(sizes.of[250].variance, 0);
 }
 
 }  // namespace

@@ -142,6 +142,13 @@ class Sizer {
   void size_point(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
     Neighborhood around(near);
     if (size_closed(i, around, worker)) return;
+    const bool known = !normal_[i].isZero(0);
+    if (!known && near.size() >= around.coincident + kSpacingNeighbors) {
+      // Without a tangent plane the spacing is all that can be told; more points do not change it.
+      kind_[i] = CellKind::kBorder;
+      store_unknown(i, around.spacing);
+      return;
+    }
     std::size_t doublings = 0;
     if (near.size() < search_.size()) {
       // Of random points 3 in 100 need this many to see that the surface goes on around them.
@@ -150,7 +157,6 @@ class Sizer {
       if (size_closed(i, around, worker)) return;
       doublings = 1;
     }
-    const bool known = !normal_[i].isZero(0);
     const TangentFrame frame =
         tangent_frame(known ? Vec3d(normal_[i].cast<double>()) : Vec3d(Vec3d::UnitZ()));
     bool settled = false;  // Do the neighbours suffice to know the cell?
