@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <surfel/base/color.h>
 #include <surfel/io/cloud_io.h>
@@ -5,6 +6,7 @@
 
 #include "io/cloud_of_bytes.h"
 #include "support/message_of.h"
+#include "support/run_tool.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -112,6 +114,41 @@ TEST(Ptx, WhatIsWrongIsNamed) {
     EXPECT_NE(failure_of_text(text).find(says), std::string::npos) << failure_of_text(text);
   }
   EXPECT_EQ(cloud_of_text(head + "1 2 nan 4\n1 2 3 4\n").size(), 2U);
+}
+
+TEST(Ptx, BlocksOfLargeFilesAreOne) {
+  constexpr int kColumns = 300;
+  constexpr int kRows = 250;  // Two blocks or so for each scan.
+  const auto scan = [&](const char* header) {
+    std::string text = fmt::format("{}\n{}\n{}", kColumns, kRows, header);
+    for (int i = 0; i < kColumns * kRows; ++i) {
+      text += i % 7 == 0 ? "0 0 0 0\n" : fmt::format("{} {} 1 0.5\n", i, i % 1000);
+    }
+    return text;
+  };
+  const std::string text = scan(kUnmoved) + scan(kMoved);
+  const SurfelCloud cloud = cloud_of_text(text);
+  constexpr int kUnmeasured = (kColumns * kRows + 6) / 7;
+  constexpr int kMeasured = kColumns * kRows - kUnmeasured;
+  ASSERT_EQ(cloud.size(), 2 * kMeasured);
+  EXPECT_EQ(cloud.unmeasured_skipped, 2 * kUnmeasured);
+  const std::vector<double> rows = values_of(cloud, "row_index");
+  const std::vector<double> columns = values_of(cloud, "column_index");
+  const std::vector<double> scans = values_of(cloud, "scan");
+  for (int k = 0, i = 0; i < kColumns * kRows; ++i) {
+    if (i % 7 == 0) continue;
+    for (const int s : {0, 1}) {
+      const auto at = static_cast<std::size_t>(k + s * kMeasured);
+      ASSERT_EQ(cloud.world(at), s == 0 ? Vec3d(i, i % 1000, 1) : Vec3d(10 - i % 1000, 20 + i, 31));
+      ASSERT_EQ(scans[at], s);
+      ASSERT_EQ(rows[at], i % kRows);
+      ASSERT_EQ(columns[at], i / kRows);
+    }
+    ++k;
+  }
+  EXPECT_EQ(failure_of_text(text.substr(0, text.rfind('\n', text.size() - 2) + 1)),
+            "scan.ptx: scan 2 has 74999 of 75000 points; it is truncated");
+  EXPECT_TRUE(contains(failure_of_text(text + "1 2 3 4\n"), "line 150021:"));
 }
 
 }  // namespace

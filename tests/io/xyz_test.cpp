@@ -1,12 +1,15 @@
 #include <cmath>
 #include <fstream>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/surfel_decoder.h>
 
 #include "support/message_of.h"
+#include "support/run_tool.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -166,6 +169,40 @@ TEST(Xyz, RealFiles) {
   const SurfelCloud pts = read("malformed/tricky/pdal_points.pts");
   EXPECT_EQ(pts.size(), 19U);
   EXPECT_EQ(pts.color.at(0).x(), srgb8_to_linear(97));
+}
+
+/// Lines of `count` points, the last of which ends with `last`.
+std::string many_points(std::size_t count, const std::string& last) {
+  std::string text;
+  for (std::size_t i = 0; i < count; ++i) {
+    text += fmt::format("{} {} {}.5 {}\r\n", i, i % 1000, i % 7,
+                        i + 1 == count ? last : fmt::format("{} 2 3", i % 200));
+  }
+  return text;
+}
+
+TEST(Xyz, BlocksOfLargeFilesAreOne) {
+  constexpr std::size_t kCount = 100000;  // Three blocks or so.
+  const std::string list = std::to_string(kCount) + "\r\n" + many_points(kCount, "256 2 3");
+  const SurfelCloud cloud = read_text("# made\r\n" + list + "\r\n" + list);
+  ASSERT_EQ(cloud.size(), 2 * kCount);
+  EXPECT_EQ(cloud.color_encoding, ColorEncoding::kUint16Srgb) << "the last line has a larger code";
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const std::size_t k = i % kCount;
+    ASSERT_EQ(cloud.world(i), Vec3d(static_cast<double>(k), static_cast<double>(k % 1000),
+                                    static_cast<double>(k % 7) + 0.5))
+        << i;
+    const std::size_t code = k + 1 == kCount ? 256 : k % 200;
+    ASSERT_EQ(cloud.color[i].x(), srgb16_table()[code]) << i;
+  }
+  const std::string points = many_points(kCount, "1 2 3");
+  EXPECT_TRUE(contains(failure_of("x y z r g b\r\n" + many_points(kCount, "1 2 three")),
+                       "line 100001: 'three' is not a number"));
+  EXPECT_TRUE(
+      contains(failure_of("99999\r\n" + points), "line 100001: more points than the 99999"));
+  EXPECT_TRUE(contains(failure_of(points + "5\r\n"), "line 100001: 1 values"));
+  EXPECT_TRUE(contains(failure_of("100000\n" + points + "2\n0 0 0 1 2 3\n"),
+                       "promises 100002 points, but 100001 follow"));
 }
 
 }  // namespace

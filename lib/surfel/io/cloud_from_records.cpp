@@ -173,7 +173,7 @@ void Reader::run() {
     all.max = all.max.cwiseMax(box.max);
   }
   require_float_extent(all, file_);
-  if (table_.said_bounds && about_the_same(*table_.said_bounds, all)) return;
+  if (table_.said_bounds && decimals.empty() && about_the_same(*table_.said_bounds, all)) return;
   const Vec3d assumed = decoder_.origin();
   decoder_.set_origin(origin_for(all));
   if (!decimals.empty()) keep_decimals(*std::max_element(decimals.begin(), decimals.end()), all);

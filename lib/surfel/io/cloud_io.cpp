@@ -381,8 +381,8 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (lower_extension(name) == ".pcd") throw_input(name, "is not a PCD file: it has no PCD header");
   if (is_las_name(name)) throw_input(name, "is not a LAS file: it does not start with 'LASF'");
   if (is_e57_name(name)) throw_input(name, "is not an E57 file: it does not start with 'ASTM-E57'");
-  if (is_ptx_name(name)) return whole(read_ptx(input));
-  if (text) return whole(read_xyz(input, options.columns));
+  if (is_ptx_name(name)) return in_records(std::make_unique<PtxPoints>(std::move(input)));
+  if (text) return in_records(std::make_unique<XyzPoints>(std::move(input), options.columns));
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   throw_input(name,

@@ -51,7 +51,8 @@ SURFEL_API SurfelCloud read_cloud(InputFile input, const CloudReadOptions& optio
 SURFEL_API SurfelCloud read_cloud(PlyFile& ply, const CloudReadOptions& options = {});
 
 /// The surfels or points of a file, piece by piece in the order of the file. Binary PLY and PCD
-/// files, LAS and LAZ are read piece by piece; other formats are held in memory.
+/// files, LAS, LAZ, E57 and text but PLY and PCD are read piece by piece; other files are held in
+/// memory.
 class SURFEL_API CloudReader {
  public:
   /// Opens a file. Throws as read_cloud() does.

@@ -14,11 +14,11 @@ namespace surfel {
 void append_record(const std::byte* record, const std::vector<RecordColumn>& columns,
                    char separator, std::string& text);
 
-/// Does read_xyz() know the columns without their names, as other programs do? So are coordinates,
+/// Does XyzPoints know the columns without their names, as other programs do? So are coordinates,
 /// alone or with normals, with colours that are codes, or with both.
 bool are_known_columns(const std::vector<RecordColumn>& columns);
 
-/// The line above the points of a text file that names the columns, as read_xyz() reads it: a
+/// The line above the points of a text file that names the columns, as XyzPoints reads it: a
 /// comment, or with commas as CSV has it. Characters that would end a name become underscores.
 std::string column_line(const std::vector<RecordColumn>& columns, char separator);
 

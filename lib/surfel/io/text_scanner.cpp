@@ -258,7 +258,7 @@ void TextScanner::fail(const std::string& message) const {
 }
 
 void TextScanner::fail_at(std::size_t position, const std::string& message) const {
-  std::size_t line = 1;
+  std::size_t line = lines_before_ ? lines_before_() + 1 : 1;
   for (const char* c = first_; c != first_ + position; ++c)
     line += kind_of(*c) == kLineEnd && !is_pair(c);
   throw_input(name_, fmt::format("line {}: {}", line, message));

@@ -3,9 +3,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/function_ref.h>
@@ -38,6 +40,9 @@ class TextScanner {
               std::size_t begin = 0);
   TextScanner(std::string name, std::string&& text, const TextFormat& format = {},
               std::size_t begin = 0) = delete;
+
+  /// Of a text that is a part of a file: counts the lines before it, for messages.
+  void count_lines_before(std::function<std::size_t()> count) { lines_before_ = std::move(count); }
 
   bool at_end() const { return at_ == end_; }
   /// Skips separators; true if nothing but a comment is left in the line.
@@ -96,6 +101,7 @@ class TextScanner {
   const char* at_;
   const char* end_;
   const char* token_;  ///< Start of the last word or number.
+  std::function<std::size_t()> lines_before_;
 };
 
 /// Parses all of `text`: decimal, exponent, leading + and ., nan and inf in C's spellings and in

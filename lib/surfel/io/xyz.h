@@ -1,19 +1,20 @@
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
+#include <surfel/io/cloud_from_records.h>
 #include <surfel/io/input_file.h>
-#include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 
 /// Does the name end like a text file of points (.xyz .txt .pts .asc .csv .xyzn .xyzrgb)?
 bool is_xyz_name(const std::string& path);
 
-/// Reads points from text, one point a line (which ends in LF, CR LF or CR). Numbers are separated
-/// by blanks, tabs, commas or semicolons. Empty lines and lines that start with # or // are
-/// skipped.
+/// The points of a text file, one point a line (which ends in LF, CR LF or CR). Numbers are
+/// separated by blanks, tabs, commas or semicolons. Empty lines and lines that start with # or //
+/// are skipped.
 ///
 /// A first line of one whole number is the count of the points that follow (PTS). After as many
 /// points, a line of one whole number starts a further list with its own count. A line of names
@@ -37,7 +38,23 @@ bool is_xyz_name(const std::string& path);
 /// light where a comment above the points has the word "linear". Numbers with decimal commas are
 /// refused where a line cannot be taken for numbers that commas part. Throws Error(kInput) naming
 /// the line for a word that is no number, for a line with another number of columns than the lines
-/// before, and for more or fewer points than the count. Internal to the io module.
-SurfelCloud read_xyz(const InputFile& file, const std::vector<std::string>& columns = {});
+/// before, and for more or fewer points than the count.
+///
+/// The text is read block by block, in parallel: once to know its lines and the values of its
+/// columns, and again whenever points are asked for. Internal to the io module.
+class XyzPoints final : public PointRecords {
+ public:
+  explicit XyzPoints(InputFile file, const std::vector<std::string>& columns = {});
+  ~XyzPoints() override;
+
+  const RecordTable& table() const override;
+  const std::string& file() const override;
+  bool double_positions() const override { return false; }
+  void describe(SurfelCloud&) const override {}
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace surfel
