@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Prints the tables of docs/formats.md, section "With other programs": files of other programs read here, and files
 # written here read there. Needs a build in build/release, and the programs (Debian: cloudcompare meshlab xvfb
-# assimp-utils); rows of a program that is not installed are left out. Takes a minute.
+# assimp-utils blender); rows of a program that is not installed are left out. Takes two minutes.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bin=$PWD/build/release/bin
@@ -14,6 +14,42 @@ cd "$work"
 has() { command -v "$1" >/dev/null; }
 cloudcompare() { CloudCompare -SILENT "$@" >cc.log 2>&1 || true; }
 meshlab() { xvfb-run -a meshlabserver "$@" >ml.log 2>&1 || true; }
+
+# blender_run FILE...: opens each file, a mesh or points, and writes what it holds under all names that follow it, parted by
+# commas: "in.obj=a.glb,b.stl". Text gets the vertices. All files keep the axes of the first, y up.
+cat > blender.py <<'END'
+import os
+import sys
+
+import bpy
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+for addon in ("io_mesh_ply", "io_mesh_stl", "io_scene_gltf2"):
+    bpy.ops.preferences.addon_enable(module=addon)
+AXES = {"axis_forward": "-Z", "axis_up": "Y"}
+READ = {"obj": bpy.ops.wm.obj_import, "ply": bpy.ops.import_mesh.ply}
+WRITE = {
+    "glb": lambda path: bpy.ops.export_scene.gltf(filepath=path, export_format="GLB"),
+    "gltf": lambda path: bpy.ops.export_scene.gltf(filepath=path, export_format="GLTF_SEPARATE"),
+    "obj": lambda path: bpy.ops.wm.obj_export(filepath=path, path_mode="COPY"),
+    "ply": lambda path: bpy.ops.export_mesh.ply(filepath=path, **AXES),
+    "stl": lambda path: bpy.ops.export_mesh.stl(filepath=path, **AXES),
+}
+for task in sys.argv[sys.argv.index("--") + 1:]:
+    source, targets = task.split("=")
+    bpy.ops.object.select_all(action="SELECT")
+    bpy.ops.object.delete()
+    READ[source.rsplit(".", 1)[1]](filepath=source)
+    for target in map(os.path.abspath, targets.split(",")):
+        kind = target.rsplit(".", 1)[1]
+        if kind != "xyz":
+            WRITE[kind](target)
+            continue
+        with open(target, "w") as text:
+            for vertex in bpy.context.object.data.vertices:
+                text.write("%.6f %.6f %.6f\n" % vertex.co[:])
+END
+blender_run() { blender -b --factory-startup --python blender.py -- "$@" >bl.log 2>&1 || true; }
 
 # points FILE: its points, one a line, x y z [red green blue] with four digits, in the order of the file.
 points() {
@@ -60,6 +96,11 @@ if has meshlabserver; then
     row Surfelkit "${file##*.}" MeshLab "$(same "${file/head.*/head.ply}" back.ply)"
     rm -f back.ply
   done
+fi
+if has blender; then
+  blender_run head.ply=back.xyz
+  row Surfelkit ply Blender "$(same head.ply back.xyz)"
+  rm -f back.xyz
 fi
 if has CloudCompare; then
   for format in ASC PLY; do
@@ -108,4 +149,12 @@ if has meshlabserver && [ -f ai.ply ]; then
     meshlab -i ai.ply -o "mesh.$format"
     picture_row MeshLab "$format, without texture" "mesh.$format" untextured
   done
+fi
+if has blender; then
+  "$bin/surfel-generate" head --count 10 -o unused.ply --mesh made.obj --image texture.png --quiet
+  picture made.obj made.png
+  blender_run lee_perry_smith.obj=bl.glb,bl.gltf,bl.obj untextured.obj=bl.ply,bl.stl made.obj=made.glb
+  for format in glb gltf obj; do picture_row Blender "$format" "bl.$format" original; done
+  for format in ply stl; do picture_row Blender "$format, without texture" "bl.$format" untextured; done
+  picture_row "Surfelkit, as OBJ, then Blender" glb made.glb made
 fi
