@@ -32,7 +32,7 @@ struct PtxPoint {
 };
 
 constexpr TextFormat kPtxText{.separators = " \t"};
-constexpr std::size_t kShortestLine = 8;  // "0 0 0 0\n"
+constexpr std::size_t kShortestPtxLine = 8;  // "0 0 0 0\n"
 
 using Words = std::vector<std::string_view>;
 
@@ -245,9 +245,9 @@ void PtxBlocks::read_scan() {
     require_room(
         count, least, left, [&] { return scan; }, things, fails);
   };
-  room(columns, kShortestLine, "columns");
+  room(columns, kShortestPtxLine, "columns");
   // The product of both fits into 64 bits where one of them is below the file's size.
-  room(rows, columns * kShortestLine, "rows");
+  room(rows, columns * kShortestPtxLine, "rows");
   Vec3d scanner;
   Eigen::Matrix3d axes;
   PtxScan& made = scans_.emplace_back();
