@@ -474,8 +474,8 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   std::optional<OutputFile> stats;
   if (proceed) {
     outcome = impl_->attempt([&] {
+      set_thread_count(impl_->common.threads);  // Plug-ins that the check loads see to it.
       impl_->files.check();
-      set_thread_count(impl_->common.threads);
       set_most_image_pixels(impl_->most_pixels);
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {

@@ -5,6 +5,7 @@
 
 #include <dlfcn.h>
 #include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/thread_limits.h>
 #include <unistd.h>
@@ -36,10 +37,15 @@ void* open_plugin(const std::string& path) {
   if (access(path.c_str(), F_OK) != 0) {
     throw_io(path, "is missing; build or install Surfelkit with this plug-in (SURFEL_PLUGINS)");
   }
-  // OpenImageIO, OpenBLAS and others end the process where a thread of theirs fails to start.
-  if (!can_start_threads(static_cast<int>(std::thread::hardware_concurrency()))) {
+  // Libraries that plug-ins load end the process, or wait for ever, where a thread of theirs fails
+  // to start: OpenBLAS has one for each core, OpenEXR and oneTBB as many as loops have, log4cplus
+  // four.
+  constexpr int kFurtherThreads = 6;
+  if (!can_start_threads(static_cast<int>(std::thread::hardware_concurrency()) + thread_count() +
+                         kFurtherThreads)) {
     throw_io(path,
-             "needs threads, and none can be started; raise the limits of threads and memory");
+             "needs more threads than can be started; use fewer threads, or raise the limits of "
+             "threads and memory");
   }
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (!handle) {
