@@ -71,7 +71,7 @@ TEST(CrowdedSurfels, LargeOnesOverEachOtherCostABoundedTimeAPixel) {
     const Image image = render_unlit(discs(30000), camera, options, &many);
     EXPECT_EQ(few.thinned_splats, 0U);
     EXPECT_GT(many.thinned_splats, 0U);
-    EXPECT_LE(many.fragments, 1024U * 32 * 32);
+    EXPECT_LE(many.fragments, 384U * 32 * 32);
     for (int y = 0; y < 32; ++y) {
       for (int x = 0; x < 32; ++x) {
         for (int c = 0; c < 4; ++c) {
