@@ -531,7 +531,8 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
 /// the list, in which neighbours in space follow each other, so that the splats that stay are
 /// spread evenly in space; tiles that show the same splats leave the same. (Of 10,000 discs as
 /// large as the sphere that they touch the picture is like the whole one to 45.6 dB: to 52 dB with
-/// 1024 discs, which take 1.6 times as long, and to 42.7 dB with 256, which take 0.9 times as long.)
+/// 1024 discs, which take 1.6 times as long, and to 42.7 dB with 256, which take 0.9 times as
+/// long.)
 void SplatLists::thin_out(TileList& list, Worker& worker) const {
   const float factor = static_cast<float>(list.large) / static_cast<float>(kKeptLarge);
   reserve(worker, kKeptLarge, 0);
