@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Prints the tables of docs/formats.md, section "With other programs": files of other programs read here, and files
 # written here read there. Needs a build in build/release, and the programs (Debian: cloudcompare meshlab xvfb
-# assimp-utils blender); rows of a program that is not installed are left out. Takes two minutes.
+# assimp-utils blender gdal-bin); rows of a program that is not installed are left out. Takes two minutes.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bin=$PWD/build/release/bin
@@ -157,4 +157,22 @@ if has blender; then
   for format in glb gltf obj; do picture_row Blender "$format" "bl.$format" original; done
   for format in ply stl; do picture_row Blender "$format, without texture" "bl.$format" untextured; done
   picture_row "Surfelkit, as OBJ, then Blender" glb made.glb made
+fi
+
+if has gdalinfo; then
+  "$bin/surfel-generate" terrain --count 100000 -o terrain.ply --quiet
+  "$bin/surfel-convert" terrain.ply --scale 500 --translate 450000,5200000,100 --epsg 25832 -o terrain.laz --quiet
+  "$bin/surfel-render" terrain.laz --map 2 -o map.tif --quiet
+  gdalinfo map.tif > info.txt
+  # The world file, which has the middle of the first pixel, as gdalinfo says it: corner and sides.
+  awk '{ v[NR] = $1 } END { printf "Origin = (%.15f,%.15f)\nPixel Size = (%.15f,%.15f)\n", v[5] - v[1] / 2, v[6] - v[4] / 2, v[1], v[4] }' \
+    map.tfw > expected.txt
+  place=differs
+  if grep -E '^(Origin|Pixel Size)' info.txt | cmp -s - expected.txt && grep -q 'AREA_OR_POINT=Area' info.txt; then
+    place="as in the world file, pixels are areas"
+  fi
+  echo
+  echo "| map written by | from | read by | place | coordinate system |"
+  echo "|---|---|---|---|---|"
+  echo "| Surfelkit, \`--map\` | LAZ of EPSG:25832 | GDAL | $place | $(gdalsrsinfo -e map.tif | sed -n 's/^EPSG:/EPSG:/p') |"
 fi

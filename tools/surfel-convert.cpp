@@ -13,6 +13,7 @@
 #include <surfel/base/rotation.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/keep_columns.h>
 #include <surfel/scene/transform.h>
@@ -38,6 +39,7 @@ struct Settings {
   surfel::Vec3d translation{0, 0, 0};
   std::optional<std::array<double, 16>> transform;
   std::string kept_columns;
+  std::optional<int> epsg;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -81,6 +83,10 @@ void declare_options(CLI::App& app, Settings& s) {
   add_vector(app, "--transform", s.transform,
              "All at once: the 16 numbers of a matrix, row by row, that turns, scales by one "
              "factor and moves column vectors");
+  app.add_option(
+      "--epsg", s.epsg,
+      "Code of the coordinate system that the result is in, 1024..32766; default: as the "
+      "files say, where nothing is moved");
   app.option_defaults()->group("Options");
 }
 
@@ -158,6 +164,9 @@ void check(const CLI::App& app, Settings& s) {
   surfel::tool::append(problems, similarity(s).problems());
   surfel::tool::append(problems, s.alignment.problems());
   surfel::tool::append(problems, s.part.options().problems());
+  if (s.epsg) {
+    surfel::tool::append(problems, surfel::coordinate_system_of_code(*s.epsg).problems());
+  }
   if (s.align && s.inputs.size() < 2) {
     problems.emplace_back("--align needs two files or more, of overlapping scans");
   }
@@ -253,10 +262,13 @@ void tell(surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport&
 class Changes {
  public:
   explicit Changes(const Settings& s)
-      : file_(s.inputs.front()), moves_(similarity(s)), columns_(parse_columns(s.kept_columns)) {}
+      : file_(s.inputs.front()), moves_(similarity(s)), columns_(parse_columns(s.kept_columns)) {
+    if (s.epsg) system_ = surfel::coordinate_system_of_code(*s.epsg);
+  }
 
   void apply(surfel::SurfelCloud& cloud) const {
     surfel::transform_cloud(cloud, moves_);
+    if (system_) surfel::set_coordinate_system(cloud, system_);
     if (!columns_.empty()) surfel::keep_columns(cloud, columns_, file_);
   }
 
@@ -264,6 +276,7 @@ class Changes {
   const std::string& file_;
   surfel::Similarity moves_;
   std::vector<std::string> columns_;
+  std::optional<surfel::CoordinateSystem> system_;
 };
 
 /// Lets the process keep so many files open, where the system's hard limit allows it.

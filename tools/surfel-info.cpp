@@ -205,10 +205,11 @@ Json describe_image(const std::string& file) {
 }
 
 Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
-                   const surfel::CloudStatisticsOptions& options, const Tool& tool) {
+                   const surfel::CloudStatisticsOptions& options, Tool& tool) {
   const surfel::FileKind kind = surfel::file_kind(file);
-  if (kind != surfel::FileKind::kCloud && !part.columns.empty()) {
-    surfel::throw_usage("--columns has no effect on meshes and images; leave it out");
+  if (kind != surfel::FileKind::kCloud) {
+    surfel::tool::require_valid(surfel::tool::without_effect(
+        tool.app(), {"--columns", "--level", "--bounds", "--every"}, "on meshes and images"));
   }
   switch (kind) {
     case surfel::FileKind::kMesh:
@@ -298,7 +299,7 @@ int main(int argc, char** argv) {
       .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
       ->required();
   tool.app().add_flag("--json", json, "Print JSON");
-  surfel::tool::add_columns(tool.app(), part);
+  surfel::tool::add_part(tool.app(), part);
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
   tool.app().add_option("--samples", options.samples,

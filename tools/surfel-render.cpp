@@ -15,11 +15,13 @@
 #include <surfel/base/output_file.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/timing.h>
+#include <surfel/io/coordinate_file.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
 #include <surfel/render/contact_sheet.h>
 #include <surfel/render/legend.h>
 #include <surfel/scene/camera.h>
+#include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/map_place.h>
 #include <surfel/scene/surface_sample.h>
 
@@ -110,10 +112,24 @@ std::vector<surfel::View> find_views(surfel::tool::Tool& tool, const Settings& s
   return complete_views(tool, s, asked, extent);
 }
 
+/// The coordinate system of a map: as asked for, or what the files say alike.
+std::optional<surfel::CoordinateSystem> map_system(const Settings& s) {
+  if (s.epsg) return surfel::coordinate_system_of_code(*s.epsg);
+  std::optional<surfel::CoordinateSystem> known;
+  for (const std::string& input : s.inputs) {
+    const auto system = surfel::read_coordinate_system(input);
+    if (system && known && *system != *known) return std::nullopt;
+    if (system) known = system;
+  }
+  return known;
+}
+
 /// Where a map's pixels lie.
 std::optional<surfel::MapPlace> map_of(const Settings& s, const surfel::Camera& camera) {
   if (!s.map) return std::nullopt;
-  return surfel::map_place(camera);
+  surfel::MapPlace place = surfel::map_place(camera);
+  place.system = map_system(s);
+  return place;
 }
 
 void write_world_file(const surfel::tool::Tool& tool, const Settings& s,

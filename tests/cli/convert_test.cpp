@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/color.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/coordinate_file.h>
 
 #include "support/run_tool.h"
 
@@ -244,6 +245,48 @@ TEST_F(SurfelConvert, JoinedScansKeepTheirViewpoints) {
   const RunResult lost = convert({folder_ / "c.ptx", folder_ / "raw.xyz"});
   EXPECT_EQ(lost.exit_code, 0) << lost.errors;
   EXPECT_TRUE(contains(lost.errors, "has no viewpoints")) << lost.errors;
+}
+
+TEST_F(SurfelConvert, CoordinateSystemsGoFromFileToFile) {
+  const auto system_of = [&](const std::string& name) {
+    return read_coordinate_system(folder_ / name).value_or(CoordinateSystem{}).epsg;
+  };
+  for (const auto& [from, to] : {std::pair{sphere_, "a.las"},
+                                 {folder_ / "a.las", "b.ply"},
+                                 {folder_ / "b.ply", "c.pcd"},
+                                 {folder_ / "c.pcd", "d.laz"}}) {
+    Words words{from};
+    if (from == sphere_) words.insert(words.end(), {"--epsg", "25832"});
+    ASSERT_EQ(convert(words, to).exit_code, 0);
+    EXPECT_EQ(system_of(to), 25832) << to;
+  }
+  EXPECT_EQ(read_cloud(folder_ / "d.laz").comments,
+            std::vector<std::string>{"surfel_crs EPSG:25832"});
+  ASSERT_EQ(convert({folder_ / "d.laz", "--epsg", "4326"}, "e.laz").exit_code, 0);
+  EXPECT_EQ(system_of("e.laz"), 4326);
+  EXPECT_EQ(read_cloud(folder_ / "e.laz").las->records.size(), 1U);
+  ASSERT_EQ(convert({folder_ / "d.laz", "--translate=1,0,0"}, "f.laz").exit_code, 0);
+  EXPECT_EQ(system_of("f.laz"), 0) << "moved points are in no system";
+  ASSERT_EQ(convert({folder_ / "d.laz", folder_ / "e.laz"}, "g.laz").exit_code, 0);
+  EXPECT_EQ(system_of("g.laz"), 0);
+  EXPECT_EQ(convert({sphere_, "--epsg", "99999"}).exit_code, 2);
+}
+
+TEST_F(SurfelConvert, ColumnsOfTextAreNamed) {
+  write_text(folder_ / "points.txt", "# x y z red green blue\n7 1 2 3 255 0\n8 4 5 6 0 255\n");
+  const SurfelCloud cloud = converted({folder_ / "points.txt", "--columns", "time,x,y,z,r,-"});
+  EXPECT_EQ(cloud.world(1), Vec3d(4, 5, 6));
+  ASSERT_EQ(cloud.extra.size(), 2U) << "r alone is no colour";
+  EXPECT_EQ(cloud.extra[0].name, "time");
+  const RunResult few = convert({folder_ / "points.txt", "--columns", "x,y,z"});
+  EXPECT_EQ(few.exit_code, 1);
+  EXPECT_TRUE(contains(few.errors, "line 2: 6 values, and --columns names 3")) << few.errors;
+  const RunResult other = convert({sphere_, "--columns", "x,y,z"});
+  EXPECT_EQ(other.exit_code, 1);
+  EXPECT_TRUE(contains(other.errors, "no text file")) << other.errors;
+  for (const char* columns : {"x,y", "x,y,z,x", "x,y,,z"}) {
+    EXPECT_EQ(convert({folder_ / "points.txt", "--columns", columns}).exit_code, 2) << columns;
+  }
 }
 
 TEST_F(SurfelConvert, MovesFiles) {

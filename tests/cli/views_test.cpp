@@ -239,6 +239,17 @@ TEST(Views, MapsSayWhereTheyLie) {
   const std::string bytes = read_text(folder / "map.tif");
   const double scale[] = {0.125, 0.125, 0};
   EXPECT_TRUE(contains(bytes, std::string(reinterpret_cast<const char*>(scale), sizeof(scale))));
+  // A key says that pixels are areas, and no key names a coordinate system.
+  const auto keys = [](std::vector<std::uint16_t> numbers) {
+    return std::string(reinterpret_cast<const char*>(numbers.data()), 2 * numbers.size());
+  };
+  EXPECT_TRUE(contains(bytes, keys({1, 1, 1, 1, 1025, 0, 1, 1})));
+  ASSERT_EQ(
+      render(folder, {"--map", "0.125", "--epsg", "25832", "-o", folder / "utm.tif"}).exit_code, 0);
+  EXPECT_TRUE(contains(read_text(folder / "utm.tif"),
+                       keys({1, 1, 1, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 25832})));
+  EXPECT_EQ(render(folder, {"--epsg", "25832", "-o", folder / "no.png"}).exit_code, 2);
+  EXPECT_EQ(render(folder, {"--map", "1", "--epsg", "7", "-o", folder / "no.png"}).exit_code, 2);
   result = render(folder, {"--map", "0.125", "-o", folder / "map.png"});
   EXPECT_EQ(read_text(folder / "map.pgw"), world);
   EXPECT_EQ(render(folder, {"--map", "0", "-o", folder / "no.png"}).exit_code, 2);

@@ -11,6 +11,7 @@
 #include <surfel/base/color.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/coordinate_file.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/laz_points.h>
@@ -617,6 +618,43 @@ TEST(Las, BoundsLeaveOutOthersInEveryFormat) {
             std::string::npos);
   EXPECT_THROW(read_cloud(folder / "a.las", {.bounds = Bounds{}}), Error);
   EXPECT_THROW(read_cloud(folder / "a.las", {.level = -1}), Error);
+}
+
+/// The code of the system that well-known text in a LAS file names; 0: none.
+int code_of_text(const std::string& text) {
+  const TemporaryFolder folder;
+  SurfelCloud cloud;
+  cloud.position.assign(1, Vec3f(1, 2, 3));
+  cloud.las.emplace().records = {
+      {.user = "LASF_Projection", .id = 2112, .description = "", .bytes = text}};
+  write_cloud(cloud, folder / "a.las");
+  return read_coordinate_system(folder / "a.las").value_or(CoordinateSystem{}).epsg;
+}
+
+TEST(Las, CoordinateSystemsHaveTheirCodes) {
+  const std::string geographic =
+      "GEOGCS[\"WGS 84\",UNIT[\"degree\",1,AUTHORITY[\"EPSG\",\"9122\"]]";
+  EXPECT_EQ(code_of_text(geographic + ",AUTHORITY[\"EPSG\",\"4326\"]]"), 4326);
+  EXPECT_EQ(code_of_text("PROJCS[\"a]\"," + geographic +
+                         ",AUTHORITY[\"EPSG\",\"4326\"]],AUTHORITY[\"EPSG\",\"25832\"]]"),
+            25832);
+  EXPECT_EQ(code_of_text("PROJCS[\"a\"," + geographic + ",AUTHORITY[\"EPSG\",\"4326\"]]]"), 0)
+      << "the code is that of the degrees below the projection";
+  EXPECT_EQ(code_of_text("COMPOUNDCRS[\"a\",PROJCRS[\"b\",ID[\"EPSG\",25832]],"
+                         "VERTCRS[\"c\",ID[\"EPSG\",5703]],ID[\"EPSG\",9999]]"),
+            25832);
+  for (const char* text :
+       {"", "PROJCS[", "PROJCS[\"a", "PROJCS[AUTHORITY[\"EPSG\",\"x\"]]", "]]]"}) {
+    EXPECT_EQ(code_of_text(text), 0) << text;
+  }
+  SURFEL_REQUIRE_TEST_DATA();
+  const auto code_of_file = [](const char* name) {
+    return read_coordinate_system(data_folder() / name).value_or(CoordinateSystem{}).epsg;
+  };
+  EXPECT_EQ(code_of_file("lidar/autzen-bmx-2010.las"), 2991);        // Text.
+  EXPECT_EQ(code_of_file("formats/laz/point-time.las.laz"), 26910);  // GeoTIFF's keys.
+  EXPECT_EQ(code_of_file("lidar/autzen_trim.las"), 0);               // No code.
+  EXPECT_EQ(code_of_file("lidar/1.2-with-color.las"), 0);
 }
 
 TEST(Las, NamesAndContentsTellTheKind) {

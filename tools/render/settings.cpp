@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
+#include <surfel/scene/coordinate_system.h>
 #include <surfel/store/attribute_values.h>
 
 #include "tools/render/movie.h"
@@ -61,6 +62,9 @@ void declare_camera(CLI::App& app, Settings& s) {
                  "Map of all that there is from above, z up: pixels of that many scene units, > 0, "
                  "at multiples of it; a world file is written beside the picture, and TIFF gets "
                  "the tags of GeoTIFF");
+  app.add_option("--epsg", s.epsg,
+                 "Of --map: code of the coordinate system that GeoTIFF gets, 1024..32766; default: "
+                 "as the files say, LAS and what was made of it");
   add_text(app, "--frames", "A-B", "",
            "Of several pictures those from number A to number B, the first of which is 0",
            [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
@@ -339,7 +343,11 @@ void check_views(const CLI::App& app, Settings& s) {
 
 /// Maps have their own camera.
 void check_map(const CLI::App& app, const Settings& s) {
-  if (!s.map) return;
+  if (!s.map) {
+    tool::require_valid(tool::without_effect(app, {"--epsg"}, "without --map"));
+    return;
+  }
+  if (s.epsg) tool::require_valid(coordinate_system_of_code(*s.epsg).problems());
   if (!(*s.map > 0 && std::isfinite(*s.map))) {
     throw_usage(fmt::format("--map is {:g}; it must be > 0", *s.map));
   }

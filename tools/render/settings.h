@@ -57,6 +57,7 @@ struct Settings {
   PathEase ease = PathEase::kNone;
   double fps = 30;            ///< Pictures a second, of films and of paths by their time.
   std::optional<double> map;  ///< Side of a map's pixels, scene units.
+  std::optional<int> epsg;    ///< The map's coordinate system.
   bool contact_sheet = false;
   bool explain = false;
   std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.

@@ -79,7 +79,8 @@ CloudReadOptions PartSettings::options() const {
   return options;
 }
 
-void add_columns(CLI::App& app, PartSettings& part) {
+void add_part(CLI::App& app, PartSettings& part) {
+  app.option_defaults()->group("Part of a file");
   add_text(app, "--columns", "NAME,...", "",
            "Names of the columns of a text file, - for one to be left out: x,y,z,r,g,b,-; they win "
            "over what the file says",
@@ -91,11 +92,6 @@ void add_columns(CLI::App& app, PartSettings& part) {
                at = end + 1;
              }
            });
-}
-
-void add_part(CLI::App& app, PartSettings& part) {
-  app.option_defaults()->group("Part of a file");
-  add_columns(app, part);
   app.add_option(
       "--level", part.level,
       "Of a COPC file the points of this level and the coarser ones, 0 = the coarsest; no "

@@ -45,8 +45,6 @@ struct PartSettings {
   bool whole() const { return columns.empty() && !level && !bounds && every == 1; }
   CloudReadOptions options() const;
 };
-/// Declares --columns.
-void add_columns(CLI::App& app, PartSettings& part);
 /// Declares --columns, --level, --bounds and --every.
 void add_part(CLI::App& app, PartSettings& part);
 

@@ -10,6 +10,7 @@
 
 #include <surfel/base/error.h>
 #include <surfel/io/geo_tiff.h>
+#include <surfel/io/las_projection.h>
 
 namespace surfel {
 namespace {
@@ -65,11 +66,11 @@ void add_geo_tags(std::vector<unsigned char>& tiff, const MapPlace& place,
 
   const std::array<double, 3> scale{place.pixel, place.pixel, 0};
   const std::array<double, 6> tie{0, 0, 0, place.left, place.top, 0};
-  // Version 1.1.1 of one key: GTRasterType, PixelIsArea.
-  const std::array<std::uint16_t, 8> keys{1, 1, 1, 1, 1025, 0, 1, 1};
+  const std::vector<std::uint16_t> keys = geo_keys(place.system);
   entries.push_back({33550, kDouble, 3, append(tiff, scale.data(), scale.size())});
   entries.push_back({33922, kDouble, 6, append(tiff, tie.data(), tie.size())});
-  entries.push_back({34735, kShort, 8, append(tiff, keys.data(), keys.size())});
+  entries.push_back({34735, kShort, static_cast<std::uint32_t>(keys.size()),
+                     append(tiff, keys.data(), keys.size())});
   std::sort(entries.begin(), entries.end(),
             [](const TiffEntry& a, const TiffEntry& b) { return a.tag < b.tag; });
 

@@ -8,6 +8,7 @@
 #include <surfel/io/las.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/las_layout.h>
+#include <surfel/io/las_projection.h>
 #include <surfel/io/las_writer.h>
 #include <surfel/io/laz_points.h>
 #include <surfel/io/narrow_colors.h>
@@ -116,6 +117,8 @@ void LasPoints::describe(SurfelCloud& cloud) const {
   cloud.up = Vec3d::UnitZ();
   cloud.las = impl_->header.storage;
   narrow_colors(cloud, impl_->records->brightest());
+  const std::optional<CoordinateSystem> system = las_projection(cloud.las->records);
+  if (system) cloud.comments.push_back(coordinate_system_comment(*system));
   // Comments that this program wrote are in a block of their own.
   std::vector<LasRecord>& blocks = cloud.las->records;
   const auto comments = std::find_if(blocks.begin(), blocks.end(), [](const LasRecord& block) {
@@ -126,6 +129,10 @@ void LasPoints::describe(SurfelCloud& cloud) const {
   std::vector<std::string> lines;
   for (; !in.at_end(); in.next_line()) lines.emplace_back(in.rest_of_line());
   blocks.erase(comments);
+  // The blocks of LAS say it.
+  std::erase_if(lines, [&](const std::string& line) {
+    return system && line == coordinate_system_comment(*system);
+  });
   read_comments(lines, impl_->input.name(), cloud);
 }
 

@@ -18,6 +18,7 @@
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/las_layout.h>
+#include <surfel/io/las_projection.h>
 #include <surfel/io/las_writer.h>
 #include <surfel/io/laz_points.h>
 #include <surfel/io/surfel_decoder.h>
@@ -268,6 +269,11 @@ class LasWriter::Impl {
       for (const LasRecord& block : las_->records) {
         add_block(block.user, block.id, block.description, block.bytes);
       }
+    }
+    const std::optional<CoordinateSystem> system = coordinate_system(comments);
+    if (system && (!las_ || las_projection(las_->records) != system)) {
+      const LasRecord block = las_projection_record(*system);
+      add_block(block.user, block.id, block.description, block.bytes);
     }
     if (!extra_.empty()) {
       const std::string descriptions = extra_descriptions();

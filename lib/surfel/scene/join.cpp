@@ -11,6 +11,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/scene/amplitude.h>
 #include <surfel/scene/column_pairs.h>
+#include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/surfel_variance.h>
 
@@ -101,6 +102,7 @@ struct CloudJoiner::Impl {
   bool anisotropic() const { return any(&SurfelCloud::tangent); }
 
   void plan_views();
+  void plan_system();
   void plan_color_light();
   void plan_colors();
   void plan_extra();
@@ -138,6 +140,7 @@ CloudJoiner::Impl::Impl(std::vector<SurfelCloud> of, JoinOptions how,
     header.double_positions = header.double_positions || cloud.double_positions;
     if (cloud.up != header.up) header.up.reset();
   }
+  plan_system();
   plan_color_light();
   plan_colors();
   plan_extra();
@@ -166,6 +169,20 @@ void CloudJoiner::Impl::plan_views() {
     first_scan.push_back(header.scan_viewpoints.size());
     header.scan_viewpoints.insert(header.scan_viewpoints.end(), of.begin(), of.end());
   }
+}
+
+/// Leaves out the coordinate system where the clouds have different ones.
+void CloudJoiner::Impl::plan_system() {
+  std::optional<CoordinateSystem> known;
+  bool alike = true;
+  for (const SurfelCloud& cloud : heads) {
+    const std::optional<CoordinateSystem> system = coordinate_system(cloud.comments);
+    alike = alike && (!system || !known || *system == *known);
+    if (system) known = system;
+  }
+  if (alike) return;
+  set_coordinate_system(header, std::nullopt);
+  report.dropped.emplace_back("coordinate system");
 }
 
 /// What the colours of all clouds are. Colourless surfels get a grey to be lit.

@@ -30,7 +30,7 @@ struct JoinReport {
     std::string column;
   };
   std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
-  std::vector<std::string> dropped;  ///< Columns that not every cloud had.
+  std::vector<std::string> dropped;  ///< What not every cloud had, or not alike.
   /// Largest change of a coordinate by rounding, scene units: clouds far from one another share an
   /// origin. Joined piece by piece they do not, and nothing is rounded.
   double rounding = 0;
@@ -77,6 +77,7 @@ class SURFEL_API CloudJoiner {
 ///  - uv, dpdu, dpdv, group and group_radius stay where all clouds have them: there is no value for
 ///    none. Groups stay as they are: where bodies overlap, splats of one group may;
 ///  - `source` is numbered anew, so that splats of different clouds never share it;
+///  - coordinate systems (scene/coordinate_system.h) that differ are left out;
 ///  - properties whose types differ become double; colours the wider of their encodings;
 ///  - provenance and comments follow one another, each line once; `up` stays if all have the same,
 ///    as does the basis' cutoff of those that have coefficients;

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
 #include <surfel/scene/camera.h>
+#include <surfel/scene/coordinate_system.h>
 
 namespace surfel {
 
@@ -13,6 +15,7 @@ struct MapPlace {
   double pixel = 1;  ///< Side of a pixel, scene units.
   double left = 0;   ///< x of the left border.
   double top = 0;    ///< y of the upper border.
+  std::optional<CoordinateSystem> system = {};  ///< What coordinates mean, where it is known.
 };
 
 /// The orthographic camera that sees the box from above, north (y) up, by pixels of this side,

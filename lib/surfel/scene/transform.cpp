@@ -2,6 +2,7 @@
 
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/transform.h>
 
 namespace surfel {
@@ -88,6 +89,8 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   if (cloud.viewpoint) move_view(*cloud.viewpoint);
   for (Viewpoint& view : cloud.scan_viewpoints) move_view(view);
   if (cloud.up) cloud.up = rotation * *cloud.up;
+  // Moved coordinates are of no system.
+  set_coordinate_system(cloud, std::nullopt);
   cloud.las.reset();
   cloud.decimals.reset();
 }
