@@ -239,6 +239,11 @@ TEST_F(SurfelConvert, JoinedScansKeepTheirViewpoints) {
   for (std::size_t i = 0; i < 12; ++i) {
     EXPECT_EQ(sensors[i], Vec3d(i < 4 ? 9 : i < 8 ? 3 : 6, 0, 1)) << i;
   }
+  const RunResult picture =
+      run({tool("surfel-render"), folder_ / "c.ptx", folder_ / "two.ptx", "--size", "32", "--keep",
+           folder_ / "kept.ply", "-o", folder_ / "picture.png"});
+  ASSERT_EQ(picture.exit_code, 0) << picture.errors;
+  EXPECT_EQ(read_cloud(folder_ / "kept.ply").scan_viewpoints.size(), 3U);
   const RunResult unknown = convert({folder_ / "c.ptx", sphere_});
   EXPECT_TRUE(contains(unknown.errors, "no variance")) << unknown.errors;
   write_text(folder_ / "raw.xyz", "0 0 0\n1 0 0\n");
