@@ -1,7 +1,11 @@
 // surfel-estimate: surfels from raw points.
 
+#include <algorithm>
 #include <charconv>
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -27,6 +31,26 @@ struct Settings {
   surfel::EstimateOptions estimate;
   surfel::tool::PartSettings part;
 };
+
+const std::vector<std::pair<std::string, surfel::Orientation>>& orientations() {
+  using surfel::Orientation;
+  static const std::vector<std::pair<std::string, Orientation>> names{
+      {"auto", Orientation::kAuto},
+      {"winding", Orientation::kWinding},
+      {"mst", Orientation::kMst},
+      {"outward", Orientation::kOutward},
+      {"viewpoint", Orientation::kViewpoint},
+      {"up", Orientation::kUp},
+      {"align", Orientation::kAlign},
+      {"none", Orientation::kNone}};
+  return names;
+}
+
+const std::string& name_of(surfel::Orientation method) {
+  const auto& names = orientations();
+  return std::find_if(names.begin(), names.end(), [&](const auto& n) { return n.second == method; })
+      ->first;
+}
 
 void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel;
@@ -77,15 +101,11 @@ void declare_options(CLI::App& app, Settings& s) {
              "Normals of the polynomials, or of the moved points' neighbours as -k says");
 
   app.option_defaults()->group("Orientation");
-  add_choice(app, "--orient", s.estimate.orientation.method,
-             {{"mst", Orientation::kMst},
-              {"outward", Orientation::kOutward},
-              {"viewpoint", Orientation::kViewpoint},
-              {"up", Orientation::kUp},
-              {"align", Orientation::kAlign},
-              {"none", Orientation::kNone}},
-             "Side of the normals: consistent along the surface (mst), out of closed surfaces, "
-             "towards the viewpoint or up, that of the normals in the file (align), any (none)");
+  add_choice(app, "--orient", s.estimate.orientation.method, orientations(),
+             "Side of the normals: towards the viewpoint where the file says it, else winding "
+             "(auto); out of what surfaces enclose, by the winding number (winding); consistent "
+             "along the surface (mst), its outermost points outward; towards the viewpoint or up; "
+             "that of the normals in the file (align); any (none)");
   tool::add_vector(
       app, "--viewpoint", s.viewpoint,
       "Where the scanner stood, world coordinates; default: what the file says, of each scan");
@@ -201,7 +221,9 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
   json["mean_neighbors"] = r.mean_neighbors;
   if (r.remade > 0) json["noise"] = {{"deviation", r.noise}, {"normals", r.remade}};
   if (r.search_recall) json["search_recall"] = *r.search_recall;
+  json["orientation"] = name_of(r.orientation.method);
   json["components"] = r.orientation.components;
+  json["side_confidence"] = r.side_confidence;
   json["flipped"] = r.orientation.flipped;
   json["unknown_normals"] = r.orientation.unknown;
   json["border"] = r.border;
@@ -235,6 +257,11 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
         "{}: noise of about {:.3g} hides the surface from single neighbourhoods: normals are made "
         "from {:.0f} points on average; --noise ignore makes them as -k says",
         input, r.noise, r.mean_neighbors));
+  }
+  if (r.orientation.method != surfel::Orientation::kNone) {
+    tool.detail(fmt::format(
+        "{}: sides of normals by --orient {}, {} parts, mean side_confidence {:.3f}", input,
+        name_of(r.orientation.method), r.orientation.components, r.side_confidence));
   }
   if (r.search_recall) {
     tool.detail(fmt::format("{}: --search flann-approx found {:.2f} % of the nearest neighbours",

@@ -168,6 +168,21 @@ TEST(Orientation, TowardsViewpointAndUp) {
   for (const Vec3f& n : orient(cloud.position, cloud.normal, options).normal) EXPECT_LE(n.y(), 0);
 }
 
+TEST(Orientation, AutoLooksToTheViewpointWhereThereIsOne) {
+  const SurfelCloud cloud = surface("sphere", 2000);
+  OrientationOptions options = by(Orientation::kAuto);
+  const Oriented out = orient(cloud.position, cloud.normal, options);
+  EXPECT_EQ(out.report.method, Orientation::kWinding);
+  EXPECT_EQ(out.wrong_share, 0);
+  options.viewpoint = Vec3d(0, 0, 0);
+  const Oriented seen = orient(cloud.position, cloud.normal, options);
+  EXPECT_EQ(seen.report.method, Orientation::kViewpoint);
+  EXPECT_EQ(seen.wrong_share, 1);
+  Array<Vec3f> to_sensor = cloud.position;
+  for (Vec3f& d : to_sensor) d = -d;
+  EXPECT_EQ(orient(cloud.position, cloud.normal, by(Orientation::kAuto), to_sensor).wrong_share, 1);
+}
+
 TEST(Orientation, AlignKeepsGivenSidesAndSpreadsThem) {
   const SurfelCloud cloud = surface("torus", 10000);
   Array<Vec3f> previous(cloud.size());

@@ -45,9 +45,10 @@ void estimate(Bytes bytes) {
     for (float& x : p) x = numbers.length();
     points.position.push_back(p);
   }
-  constexpr Orientation kMethods[] = {Orientation::kMst, Orientation::kOutward, Orientation::kNone};
+  constexpr Orientation kMethods[] = {Orientation::kMst, Orientation::kOutward, Orientation::kNone,
+                                      Orientation::kWinding};
   EstimateOptions options;
-  options.orientation.method = kMethods[numbers.choice() % 3];
+  options.orientation.method = kMethods[numbers.choice() % 4];
   try {
     const SurfelCloud one = estimated(points, options, 1);
     require(finite(one.normal) && finite(one.variance) && finite(one.area) && finite(one.tangent) &&

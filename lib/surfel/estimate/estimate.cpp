@@ -167,6 +167,7 @@ std::size_t shared_neighbors(const NormalOptions& normals) {
 /// Normals and sizes of points along the curve.
 struct Estimates {
   NormalEstimate normals;
+  Array<float> side_confidence;  ///< Empty if sides were not looked for.
   SplatSizes sizes;
 };
 
@@ -204,11 +205,19 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   if (options.orientation.method == Orientation::kAlign && !cloud.normal.empty()) {
     previous = gathered(cloud.normal, points.order);
   }
-  if (options.orientation.method == Orientation::kViewpoint && !options.orientation.viewpoint) {
+  const bool told = cloud.viewpoint || !cloud.sensors().empty();
+  if (!options.orientation.viewpoint &&
+      (options.orientation.method == Orientation::kViewpoint ||
+       (options.orientation.method == Orientation::kAuto && told))) {
     previous = directions_to_sensors(cloud, points, name);
   }
   r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
-                                 out.normals.normal);
+                                 out.normals.normal, &out.side_confidence);
+  if (!out.side_confidence.empty()) {
+    double sum = 0;
+    for (const float c : out.side_confidence) sum += static_cast<double>(c);
+    r.side_confidence = sum / static_cast<double>(out.side_confidence.size());
+  }
   stage.end("orientation");
   progress->set_share(1);
   progress.emplace("sizing splats", position.size(), "points");
@@ -247,6 +256,8 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
   out.variance_v.resize(ellipses ? count : 0);
   auto* curvature = add_extra<float>(out, "curvature", ScalarType::kFloat32);
   auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
+  const bool sided = !estimates.side_confidence.empty();
+  auto* side = sided ? add_extra<float>(out, "side_confidence", ScalarType::kFloat32) : nullptr;
   static_assert(sizeof(PointFlag) == 1);
   auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
   parallel_each(count, kCloudGrain, [&](std::size_t i) {
@@ -265,6 +276,7 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
     }
     curvature[i] = quality.curvature;
     confidence[i] = quality.confidence;
+    if (side) side[i] = estimates.side_confidence[from];
     flag[i] = quality.flag;
   });
   return out;

@@ -49,15 +49,17 @@ struct EstimateReport {
   double noise = 0;                                ///< Median standard deviation of that noise.
   std::optional<double> search_recall;             ///< neighbor_recall() of an approximate search.
   OrientationReport orientation;
-  std::size_t border = 0;    ///< Splats at a border or alone.
-  std::size_t capped = 0;    ///< Splats alone, cut down as they were far from all others.
-  bool anisotropic = false;  ///< Splats are ellipses.
+  double side_confidence = 0;  ///< Mean of the points'; 0 if sides were not looked for.
+  std::size_t border = 0;      ///< Splats at a border or alone.
+  std::size_t capped = 0;      ///< Splats alone, cut down as they were far from all others.
+  bool anisotropic = false;    ///< Splats are ellipses.
   StageTimes times;
 };
 
 /// Makes surfels of a cloud of points: `normal`, `variance` (or `tangent`, `variance_u`,
 /// `variance_v`) and `area` are set, whatever stood there before, and the properties curvature,
-/// confidence and flag (a PointFlag) are added; all other columns stay with their points, in the
+/// confidence, flag (a PointFlag) and, unless sides are left as they are, side_confidence (see
+/// orient_normals()) are added; all other columns stay with their points, in the
 /// order in which the points came. Points that are not finite are removed. Smoothing moves points
 /// and averaging makes fewer of them; neither is done unless asked for. A normal that cannot be
 /// told is zero, its splat a disc that looks at the eye.

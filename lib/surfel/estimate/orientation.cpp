@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -9,7 +10,10 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
+#include <surfel/estimate/point_sheets.h>
 #include <surfel/estimate/spanning_forest.h>
+#include <surfel/estimate/surface_edges.h>
+#include <surfel/estimate/winding_sides.h>
 
 namespace surfel {
 namespace {
@@ -17,15 +21,6 @@ namespace {
 constexpr std::size_t kOrientationGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 constexpr float kLongestWeight = 65534;  ///< The largest length below NeighborGraph::kNoEdge.
-/// Squared sine of 51 degrees: steeper edges to a tangent plane lead to another sheet. 45 degrees
-/// (along_sheet() in surface/sheet.h) would be too strict here, as all edges across a right-angled
-/// bend may have them, and the bend's sides would fall apart.
-constexpr float kSteepestSine2 = 0.6F;
-/// Weight of a pair of points without an edge, above all weights of edges.
-constexpr float kNoEdge = 2;
-/// Cosine of 45 degrees: bends by more need the edge to tell the side, as the normals' own product
-/// is near zero, and its sign chance.
-constexpr float kBend = 0.7F;
 /// Parts are joined by edges below this weight, to the kJoinNeighbors nearest points, in
 /// kJoinRounds rounds: each round at least halves the parts that can be joined.
 constexpr float kJoinWeight = 0.1F;
@@ -35,7 +30,11 @@ constexpr int kJoinRounds = 8;
 class Spreader {
  public:
   Spreader(const Array<Vec3f>& position, const NeighborSearch& search, Array<Vec3f>& normal)
-      : position_(position), search_(search), normal_(normal), sets_(position.size()) {}
+      : position_(position),
+        search_(search),
+        normal_(normal),
+        edges_(position, normal),
+        sets_(position.size()) {}
 
   /// Makes points whose sides are right one part, and keeps their sides.
   void settle(const std::vector<bool>& given) {
@@ -60,40 +59,13 @@ class Spreader {
     });
   }
 
-  bool known(std::size_t i) const { return !normal_[i].isZero(0); }
+  bool known(std::size_t i) const { return edges_.known(i); }
   /// For each point the one point that stands for its part. Set by spread().
   const Array<std::uint32_t>& part() const { return part_; }
   /// How many parts there are, besides points without a normal.
   std::size_t parts() const { return parts_; }
 
  private:
-  /// Weight of an edge in 0..1, see orient_normals(), or kNoEdge.
-  float weight(std::size_t i, std::size_t j) const {
-    const Vec3f edge = position_[j] - position_[i];
-    const float length2 = edge.squaredNorm();
-    float sine2 = 0;
-    if (length2 > 0) {
-      const float a = edge.dot(normal_[i]);
-      const float b = edge.dot(normal_[j]);
-      sine2 = std::min(1.0F, std::max(a * a, b * b) / length2);
-    }
-    if (sine2 > kSteepestSine2) return kNoEdge;
-    return 1 - std::min(1.0F, std::abs(agreement(i, j))) * (1 - sine2);
-  }
-
-  /// Above zero where the normals are on the same side of the surface: their product, or in sharp
-  /// bends the product of n_j and n_i mirrored at the plane half-way between the points.
-  float agreement(std::size_t i, std::size_t j) const {
-    const float product = normal_[i].dot(normal_[j]);
-    const Vec3f edge = position_[j] - position_[i];
-    const float length2 = edge.squaredNorm();
-    if (std::abs(product) >= kBend || !(length2 > 0)) return product;
-    const float mirrored = product - 2 * edge.dot(normal_[i]) * edge.dot(normal_[j]) / length2;
-    return std::abs(mirrored) > std::abs(product) ? mirrored : product;
-  }
-
-  bool opposed(std::size_t i, std::size_t j) const { return agreement(i, j) < 0; }
-
   /// Joins points along the spanning forest of the edges to the nearest points.
   void join_neighbors() {
     NeighborGraph graph{search_.rows(kOrientationNeighbors + 1), {}};
@@ -102,15 +74,17 @@ class Spreader {
       std::uint16_t* length = graph.length.data() + begin * graph.degree();
       for (std::size_t i = begin; i < end; ++i) {
         for (const std::uint32_t j : graph.rows.of(i)) {
-          const float w = j != i && known(i) && known(j) ? weight(i, j) : kNoEdge;
-          *length++ = w == kNoEdge ? NeighborGraph::kNoEdge
-                                   : static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
+          const float w =
+              j != i && known(i) && known(j) ? edges_.weight(i, j) : SurfaceEdges::kNoEdge;
+          *length++ = w == SurfaceEdges::kNoEdge
+                          ? NeighborGraph::kNoEdge
+                          : static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
         }
       }
     });
     unite_spanning_forest(
-        graph, settled_ != kNone, [&](std::uint32_t i, std::uint32_t j) { return opposed(i, j); },
-        sets_);
+        graph, settled_ != kNone,
+        [&](std::uint32_t i, std::uint32_t j) { return edges_.opposed(i, j); }, sets_);
   }
 
   /// Finds the part of every point.
@@ -146,7 +120,7 @@ class Spreader {
       Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
       for (const Neighbor& n : near) {
         if (!known(n.index) || part_[n.index] == part_[i]) continue;
-        const float w = weight(i, n.index);
+        const float w = edges_.weight(i, n.index);
         if (w < best.weight) {
           best.weight = w;
           best.to = n.index;
@@ -178,7 +152,7 @@ class Spreader {
       return a.weight != b.weight ? a.weight < b.weight : a.from < b.from;
     });
     for (const Join& join : joins) {
-      sets_.unite(join.from, join.to, [&] { return opposed(join.from, join.to); });
+      sets_.unite(join.from, join.to, [&] { return edges_.opposed(join.from, join.to); });
     }
     return !joins.empty();
   }
@@ -186,6 +160,7 @@ class Spreader {
   const Array<Vec3f>& position_;
   const NeighborSearch& search_;
   Array<Vec3f>& normal_;
+  SurfaceEdges edges_;
   SignedSets sets_;
   std::uint32_t settled_ = kNone;
   Array<std::uint32_t> part_;
@@ -263,6 +238,63 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
   return given;
 }
 
+/// Cells that a sheet needs for the winding number to tell its side.
+constexpr double kSheetCells = 8;
+
+/// Surface that each point stands for: the nearest points lie in a circle around it, and each has
+/// its share of the circle's area.
+Array<float> point_areas(const Array<Vec3f>& position, const NeighborSearch& search) {
+  const NeighborRows rows = search.rows(kOrientationNeighbors + 1);
+  Array<float> area(position.size());
+  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
+    const std::span<const std::uint32_t> near = rows.of(i);
+    area[i] = (position[near.back()] - position[i]).squaredNorm() * std::numbers::pi_v<float> /
+              static_cast<float>(near.size());
+  });
+  return area;
+}
+
+/// Turns normals by the winding number; returns the number of parts.
+/// \param confidence  null, or set to each sheet's certainty
+std::size_t turn_by_winding(const Array<Vec3f>& position, const NeighborSearch& search,
+                            Array<Vec3f>& normal, Array<float>* confidence) {
+  const std::size_t count = position.size();
+  const PointSheets sheets = cut_sheets(
+      position, search, static_cast<std::size_t>(kSheetCells * winding_cell_points(count)), normal);
+  const WindingSides sides = winding_sides(position, normal, point_areas(position, search), sheets);
+  if (confidence) confidence->assign(count, 0);
+  parallel_each(count, kOrientationGrain, [&](std::size_t i) {
+    if (sheets.of[i] == PointSheets::kNone) return;
+    const WindingSides::Sheet& sheet = sides.sheet[sheets.of[i]];
+    if (sheet.turned != sides.part[sheet.part].turned) normal[i] = -normal[i];
+    if (confidence) (*confidence)[i] = sheet.certainty;
+  });
+  return sides.part.size();
+}
+
+/// Multiplies confidences by how far the edges to the nearest points agree with each normal's side.
+void multiply_agreement(const Array<Vec3f>& position, const NeighborSearch& search,
+                        const Array<Vec3f>& normal, Array<float>& confidence) {
+  const NeighborRows rows = search.rows(kOrientationNeighbors + 1);
+  const SurfaceEdges edges(position, normal);
+  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
+    if (!edges.known(i)) {
+      confidence[i] = 0;
+      return;
+    }
+    float sum = 0;
+    float size = 0;
+    for (const std::uint32_t j : rows.of(i)) {
+      if (j == i || !edges.known(j)) continue;
+      const float w = edges.weight(i, j);
+      if (w == SurfaceEdges::kNoEdge) continue;
+      sum += edges.opposed(i, j) ? w - 1 : 1 - w;
+      size += 1 - w;
+    }
+    confidence[i] *= size > 0 ? std::max(0.0F, sum / size) : 0.0F;
+  });
+}
+
 }  // namespace
 
 std::vector<std::string> OrientationOptions::problems() const {
@@ -275,34 +307,49 @@ std::vector<std::string> OrientationOptions::problems() const {
 
 OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                  const NeighborSearch& search, const Array<Vec3f>& previous,
-                                 const OrientationOptions& options, Array<Vec3f>& normal) {
+                                 const OrientationOptions& options, Array<Vec3f>& normal,
+                                 Array<float>* confidence) {
   require_usable(options);
   OrientationReport report;
+  report.method = options.method;
+  if (options.method == Orientation::kAuto) {
+    report.method =
+        options.viewpoint || !previous.empty() ? Orientation::kViewpoint : Orientation::kWinding;
+  }
   const std::size_t count = position.size();
   // Turning a normal changes the sign of its x, of a zero too.
   Array<std::uint8_t> before(count);
   const auto negative = [&](std::size_t i) { return std::signbit(normal[i].x()) ? 1 : 0; };
   parallel_each(count, kOrientationGrain,
                 [&](std::size_t i) { before[i] = static_cast<std::uint8_t>(negative(i)); });
-  switch (options.method) {
+  switch (report.method) {
+    case Orientation::kAuto:
     case Orientation::kNone:
       break;
     case Orientation::kViewpoint:
     case Orientation::kUp: {
-      const bool up = options.method == Orientation::kUp;
+      const bool up = report.method == Orientation::kUp;
       const bool several = !up && !options.viewpoint;
       if (several && previous.size() != count) {
         throw_usage("`viewpoint` is not given, and the points do not tell it; give three numbers");
       }
+      if (confidence) confidence->assign(count, 0);
       const Vec3d eye = options.viewpoint.value_or(Vec3d(0, 0, 0)) - origin;
       parallel_each(count, kOrientationGrain, [&](std::size_t i) {
         const Vec3d to = up        ? options.up
                          : several ? Vec3d(previous[i].cast<double>())
                                    : Vec3d(eye - position[i].cast<double>());
-        if (normal[i].cast<double>().dot(to) < 0) normal[i] = -normal[i];
+        const double toward = normal[i].cast<double>().dot(to);
+        if (toward < 0) normal[i] = -normal[i];
+        if (confidence && to.norm() > 0)
+          (*confidence)[i] = static_cast<float>(std::abs(toward) / to.norm());
       });
       break;
     }
+    case Orientation::kWinding:
+      report.components = turn_by_winding(position, search, normal, confidence);
+      if (confidence) multiply_agreement(position, search, normal, *confidence);
+      break;
     case Orientation::kMst:
     case Orientation::kOutward:
     case Orientation::kAlign: {
@@ -313,6 +360,10 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
       const Array<std::uint32_t>& part = spreader.part();
       const std::uint32_t settled = spreader.settled() == kNone ? kNone : part[spreader.settled()];
       turn_parts(position, part, settled, options.method, normal);
+      if (confidence) {
+        confidence->assign(count, 1);
+        multiply_agreement(position, search, normal, *confidence);
+      }
       break;
     }
   }

@@ -14,6 +14,9 @@ namespace surfel {
 
 /// Which side normals are turned to.
 enum class Orientation : std::uint8_t {
+  kAuto,       ///< As kViewpoint where a viewpoint or sensors are known, else as kWinding.
+  kWinding,    ///< Out of what the surface encloses, which is told from the winding number
+               ///< (winding_sides.h); parts that enclose little, such as terrain, look up.
   kMst,        ///< Consistent along the surface; of each part the highest point looks up.
   kOutward,    ///< Consistent along the surface; of each part the outermost points look outward.
   kViewpoint,  ///< Towards OrientationOptions::viewpoint, or towards each point's own sensor.
@@ -25,7 +28,7 @@ enum class Orientation : std::uint8_t {
 };
 
 struct OrientationOptions {
-  Orientation method = Orientation::kMst;
+  Orientation method = Orientation::kAuto;
   /// World coordinates. Unset: the viewpoint that the cloud tells, or each of its scans.
   std::optional<Vec3d> viewpoint = {};
   Vec3d up{0, 0, 1};                                     ///< Any length but zero.
@@ -38,6 +41,7 @@ struct OrientationOptions {
 inline constexpr std::size_t kOrientationNeighbors = 8;
 
 struct OrientationReport {
+  Orientation method = Orientation::kNone;  ///< The one asked for, or chosen by kAuto.
   std::size_t components = 0;  ///< Parts of the surface that signs spread along; 0 without
                                ///< spreading. With kAlign all parts that hold given normals count
                                ///< as one.
@@ -57,16 +61,25 @@ struct OrientationReport {
 /// point besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined
 /// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
 ///
+/// kWinding cuts the points into sheets first, of winding_cell_points() times eight points at least
+/// (point_sheets.h), and turns whole sheets.
+///
 /// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.
 /// \param search    searches `position`.
 /// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty;
-///                  for kViewpoint, where the options have none, directions to the points' sensors.
+///                  for kViewpoint and kAuto, where the options have no viewpoint, directions to
+///                  the points' sensors.
+/// \param confidence  if not null, how sure the side of each normal is, 0..1; empty by kNone, 0
+///                  without a normal. By kViewpoint and kUp the cosine to the direction; else the
+///                  share of the edges to the nearest points that carry this side over, less the
+///                  share of the others, each by 1 - weight; by kWinding times the sheet's
+///                  certainty.
 /// Sides do not depend on the number of threads. Throws Error(kUsage) for bad options, and for
 /// kViewpoint where neither options nor `previous` tell a direction.
 SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                             const NeighborSearch& search,
                                             const Array<Vec3f>& previous,
-                                            const OrientationOptions& options,
-                                            Array<Vec3f>& normal);
+                                            const OrientationOptions& options, Array<Vec3f>& normal,
+                                            Array<float>* confidence = nullptr);
 
 }  // namespace surfel

@@ -1,0 +1,611 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+#include <queue>
+#include <span>
+#include <unordered_map>
+#include <utility>
+
+#include <surfel/base/group_by_key.h>
+#include <surfel/base/median.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/radix_sort.h>
+#include <surfel/estimate/spanning_forest.h>
+#include <surfel/estimate/winding_sides.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kWindingGrain = 4096;
+constexpr std::size_t kBlockGrain = 16;
+/// Width of the blur, in cells.
+constexpr float kBlur = 0.7F;
+/// Cells along a side of the finest grid. Points further away lie at its border.
+constexpr int kLevels = 21;
+constexpr double kCells = 1 << kLevels;
+/// Blocks are the cells two levels up. Dipoles of a block and of those around it meet.
+constexpr int kBlockLevels = 2;
+/// Dipoles of a block that meet others, the largest: a few sheets' at least.
+constexpr std::size_t kMostOfBlock = 64;
+/// Levels of no more blocks have no coarser ones.
+constexpr std::size_t kLastBlocks = 8;
+/// Sheets of less area, in cells of a level, are too small to be seen there.
+constexpr double kLeastArea = 0.25;
+/// Least share of the energies between two sheets that must be left in their sum: where it is less
+/// they cancel. Between closed surfaces they do but for what is left out of the sums.
+constexpr double kLeastConsensus = 0.01;
+constexpr double kLeastOfClosed = 0.05;
+/// Sheets count as closed from this WindingSides::Part::closed on, in that they have no borders ...
+constexpr double kClosed = 0.8;
+/// ... and parts from this on, in that they have an inside: half a ball has 0.5.
+constexpr double kLeastClosed = 0.4;
+/// Most dipoles and parts that are looked at to tell which part is within which.
+constexpr std::size_t kMostEnclosing = 4096;
+/// Places of a part that must be inside of another, at most.
+constexpr std::size_t kPlaces = 16;
+constexpr int kDescentRounds = 50;
+
+/// Points of one sheet in one cell. Lengths in finest cells.
+struct Dipole {
+  Vec3d center{0, 0, 0};
+  Vec3d moment{0, 0, 0};  ///< Sum of areas times normals.
+  double area = 0;
+  double volume = 0;  ///< Sum of moments times positions.
+  std::uint64_t cell = 0;
+  std::uint32_t sheet = 0;
+
+  void add(const Dipole& other, bool opposed) {
+    const double sum = area + other.area;
+    if (sum > 0) center += (other.center - center) * (other.area / sum);
+    moment += opposed ? Vec3d(-other.moment) : other.moment;
+    volume += opposed ? -other.volume : other.volume;
+    area = sum;
+  }
+};
+
+/// Energy between two sheets, a < b, if both stay as they are.
+struct Coupling {
+  std::uint32_t a, b;
+  double sum;   ///< Above zero: one should be turned.
+  double size;  ///< Sum of the absolute values of its terms.
+};
+
+void add_up(std::vector<Coupling>& couplings) {
+  std::stable_sort(couplings.begin(), couplings.end(), [](const Coupling& x, const Coupling& y) {
+    return x.a != y.a ? x.a < y.a : x.b < y.b;
+  });
+  std::size_t kept = 0;
+  for (const Coupling& c : couplings) {
+    if (kept > 0 && couplings[kept - 1].a == c.a && couplings[kept - 1].b == c.b) {
+      couplings[kept - 1].sum += c.sum;
+      couplings[kept - 1].size += c.size;
+    } else {
+      couplings[kept++] = c;
+    }
+  }
+  couplings.resize(kept);
+}
+
+/// Dipoles that meet those around them.
+struct CellBlock {
+  std::uint64_t code;  ///< Of its cell.
+  std::vector<std::uint32_t> dipole;
+  std::uint32_t sheet;  ///< Of all dipoles, or kNone.
+};
+
+/// Dipoles in and around a block, sorted by sheet, in columns; lengths in cells of the level, from
+/// the block's corner.
+struct Surroundings {
+  struct Entry {
+    std::uint32_t sheet, dipole;
+    bool own;  ///< In the block itself.
+    bool operator<(const Entry& o) const {
+      return sheet != o.sheet ? sheet < o.sheet : dipole < o.dipole;
+    }
+  };
+  std::vector<Entry> entry;
+  std::vector<float> x, y, z, p, q, r, energy;
+  std::vector<Coupling> row;  ///< Of one of the block's sheets with all after it.
+
+  void resize(std::size_t count) {
+    for (auto* column : {&x, &y, &z, &p, &q, &r, &energy}) column->resize(count);
+  }
+};
+
+class WindingSolver {
+ public:
+  WindingSolver(const Array<Vec3f>& position, const Array<Vec3f>& normal, const Array<float>& area,
+                const PointSheets& sheets)
+      : position_(position), normal_(normal), area_(area), sheets_(sheets), sets_(sheets.count) {}
+
+  WindingSides run() {
+    make_finest();
+    std::vector<Dipole> dipoles = finest_;
+    for (int level = 0; level + kBlockLevels < kLevels; ++level) {
+      if (coarse_.empty() || coarse_.size() > kMostEnclosing) {
+        coarse_ = dipoles;
+        coarse_level_ = level;
+      }
+      if (sheets_.count < 2 || !couple(dipoles, level)) break;
+      coarsen(dipoles);
+    }
+    join();
+    descend();
+    return parts();
+  }
+
+ private:
+  /// Sums the points of each cell and sheet.
+  void make_finest() {
+    const std::size_t count = position_.size();
+    std::vector<float> sample;
+    const std::size_t step = count / 65536 + 1;
+    for (std::size_t i = 0; i < count; i += step) {
+      if (area_[i] > 0) sample.push_back(area_[i]);
+    }
+    if (sample.empty()) return;
+    cell_ = std::sqrt(winding_cell_points(count) * static_cast<double>(median(sample)));
+    if (!(cell_ > 0)) return;
+    // Half of the points lie on either side of the origin, wherever stray points are.
+    for (int d = 0; d < 3; ++d) {
+      for (std::size_t i = 0, k = 0; k < sample.size(); i += step) {
+        if (area_[i] > 0) sample[k++] = position_[i][d];
+      }
+      origin_[d] = static_cast<double>(median(sample));
+    }
+    Array<std::uint64_t> keys(count);
+    parallel_each(count, kWindingGrain, [&](std::size_t i) {
+      const Vec3d p = place(i);
+      keys[i] = morton_code(static_cast<std::uint32_t>(p.x()), static_cast<std::uint32_t>(p.y()),
+                            static_cast<std::uint32_t>(p.z()));
+    });
+    const Array<std::uint32_t> order = sort_keys(keys);
+    // Each range sums the cells that begin in it.
+    std::vector<std::vector<Dipole>> found((count + kWindingGrain - 1) / kWindingGrain);
+    parallel_for(count, kWindingGrain, [&](std::size_t begin, std::size_t end, int) {
+      std::vector<Dipole>& out = found[begin / kWindingGrain];
+      while (begin > 0 && begin < end && keys[begin] == keys[begin - 1]) ++begin;
+      while (begin < end) {
+        std::size_t next = begin;
+        const std::size_t first = out.size();
+        for (; next < count && keys[next] == keys[begin]; ++next)
+          add(order[next], keys[begin], first, out);
+        std::sort(out.begin() + static_cast<std::ptrdiff_t>(first), out.end(),
+                  [](const Dipole& a, const Dipole& b) { return a.sheet < b.sheet; });
+        begin = next;
+      }
+    });
+    for (const std::vector<Dipole>& some : found) {
+      finest_.insert(finest_.end(), some.begin(), some.end());
+    }
+  }
+
+  /// Adds a point to the dipoles of its cell, which come from `first` on.
+  void add(std::uint32_t i, std::uint64_t code, std::size_t first, std::vector<Dipole>& out) const {
+    if (sheets_.of[i] == PointSheets::kNone || !(area_[i] > 0)) return;
+    Dipole one;
+    one.center = place(i);
+    one.area = static_cast<double>(area_[i]) / (cell_ * cell_);
+    one.moment = one.area * normal_[i].cast<double>();
+    one.volume = one.moment.dot(one.center);
+    one.cell = code;
+    one.sheet = sheets_.of[i];
+    const auto same = std::find_if(out.begin() + static_cast<std::ptrdiff_t>(first), out.end(),
+                                   [&](const Dipole& d) { return d.sheet == one.sheet; });
+    if (same == out.end()) {
+      out.push_back(one);
+    } else {
+      same->add(one, false);
+    }
+  }
+
+  /// Place of a point in finest cells, within the grid.
+  Vec3d place(std::size_t i) const {
+    const Vec3d p = (position_[i].cast<double>() - origin_) / cell_ + Vec3d::Constant(kCells / 2);
+    return p.cwiseMax(0).cwiseMin(kCells - 1);
+  }
+
+  /// Merges the dipoles of each sheet in each cell of the next level.
+  static void coarsen(std::vector<Dipole>& dipoles) {
+    std::vector<Dipole> out;
+    std::vector<Dipole> cell;
+    const auto flush = [&] {
+      std::stable_sort(cell.begin(), cell.end(),
+                       [](const Dipole& a, const Dipole& b) { return a.sheet < b.sheet; });
+      for (const Dipole& d : cell) {
+        if (!out.empty() && out.back().cell == d.cell && out.back().sheet == d.sheet) {
+          out.back().add(d, false);
+        } else {
+          out.push_back(d);
+        }
+      }
+      cell.clear();
+    };
+    for (const Dipole& d : dipoles) {
+      const std::uint64_t code = d.cell >> 3;
+      if (!cell.empty() && cell.front().cell != code) flush();
+      cell.push_back(d);
+      cell.back().cell = code;
+    }
+    flush();
+    dipoles = std::move(out);
+  }
+
+  /// The blocks of a level, ascending by code; of crowded ones the largest dipoles.
+  std::vector<CellBlock> blocks_of(const std::vector<Dipole>& dipoles, int level) const {
+    std::vector<double> sheet_area(sheets_.count);
+    for (const Dipole& d : dipoles) sheet_area[d.sheet] += d.area;
+    std::vector<CellBlock> blocks;
+    for (std::uint32_t i = 0; i < dipoles.size(); ++i) {
+      const std::uint32_t sheet = dipoles[i].sheet;
+      if (level > 0 && std::ldexp(sheet_area[sheet], -2 * level) < kLeastArea) continue;
+      const std::uint64_t code = dipoles[i].cell >> (3 * kBlockLevels);
+      if (blocks.empty() || blocks.back().code != code) blocks.push_back({code, {}, sheet});
+      CellBlock& block = blocks.back();
+      block.dipole.push_back(i);
+      if (block.sheet != sheet) block.sheet = PointSheets::kNone;
+    }
+    for (CellBlock& block : blocks) {
+      if (block.dipole.size() <= kMostOfBlock) continue;
+      const auto larger = [&](std::uint32_t i, std::uint32_t j) {
+        return dipoles[i].area != dipoles[j].area ? dipoles[i].area > dipoles[j].area : i < j;
+      };
+      std::nth_element(block.dipole.begin(), block.dipole.begin() + kMostOfBlock,
+                       block.dipole.end(), larger);
+      block.dipole.resize(kMostOfBlock);
+    }
+    return blocks;
+  }
+
+  /// Adds the energies between sheets on a level. Returns whether there are coarser levels.
+  bool couple(const std::vector<Dipole>& dipoles, int level) {
+    const std::vector<CellBlock> blocks = blocks_of(dipoles, level);
+    const bool last = blocks.size() <= kLastBlocks;
+    PerWorker<Surroundings> scratch;
+    std::vector<std::vector<Coupling>> found((blocks.size() + kBlockGrain - 1) / kBlockGrain);
+    parallel_for(blocks.size(), kBlockGrain, [&](std::size_t begin, std::size_t end, int worker) {
+      Surroundings& near = scratch[worker];
+      for (std::size_t b = begin; b < end; ++b) {
+        if (gather(dipoles, blocks, b, level, near)) {
+          couple_block(near, level, last, found[begin / kBlockGrain]);
+        }
+      }
+      add_up(found[begin / kBlockGrain]);
+    });
+    for (const std::vector<Coupling>& some : found) {
+      couplings_.insert(couplings_.end(), some.begin(), some.end());
+    }
+    add_up(couplings_);
+    return !last;
+  }
+
+  /// Finds the dipoles in and around a block; false if all are of one sheet.
+  static bool gather(const std::vector<Dipole>& dipoles, const std::vector<CellBlock>& blocks,
+                     std::size_t b, int level, Surroundings& near) {
+    const CellBlock& block = blocks[b];
+    bool alone = block.sheet != PointSheets::kNone;
+    near.entry.clear();
+    const std::array<std::uint32_t, 3> at = coordinates(block.code);
+    for (std::uint32_t n = 0; n < 27; ++n) {
+      // One less than 0 is above all coordinates, too.
+      const std::uint32_t x = at[0] + n % 3 - 1;
+      const std::uint32_t y = at[1] + n / 3 % 3 - 1;
+      const std::uint32_t z = at[2] + n / 9 - 1;
+      if (std::max({x, y, z}) >= (1U << kLevels)) continue;
+      const std::uint64_t code = morton_code(x, y, z);
+      const auto other = std::lower_bound(
+          blocks.begin(), blocks.end(), code,
+          [](const CellBlock& one, std::uint64_t wanted) { return one.code < wanted; });
+      if (other == blocks.end() || other->code != code) continue;
+      alone = alone && other->sheet == block.sheet;
+      for (const std::uint32_t i : other->dipole) {
+        near.entry.push_back({dipoles[i].sheet, i, other->code == block.code});
+      }
+    }
+    if (alone) return false;
+    std::sort(near.entry.begin(), near.entry.end());
+    near.resize(near.entry.size());
+    const double length = std::ldexp(1.0, -level);
+    const Vec3d corner = (1 << kBlockLevels) * Vec3d(at[0], at[1], at[2]);
+    for (std::size_t k = 0; k < near.entry.size(); ++k) {
+      const Dipole& d = dipoles[near.entry[k].dipole];
+      const Vec3f c = (d.center * length - corner).cast<float>();
+      const Vec3f m = (d.moment * (length * length)).cast<float>();
+      near.x[k] = c.x();
+      near.y[k] = c.y();
+      near.z[k] = c.z();
+      near.p[k] = m.x();
+      near.q[k] = m.y();
+      near.r[k] = m.z();
+    }
+    return true;
+  }
+
+  /// Adds the energies between each of a block's sheets and those with higher numbers around it.
+  static void couple_block(Surroundings& near, int level, bool last, std::vector<Coupling>& out) {
+    const std::size_t count = near.entry.size();
+    for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
+      const std::uint32_t sheet = near.entry[begin].sheet;
+      while (end < count && near.entry[end].sheet == sheet) ++end;
+      near.row.clear();
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!near.entry[i].own) continue;
+        energies(near, i, end, last);
+        std::size_t column = 0;
+        for (std::size_t k = end; k < count; ++column) {
+          const std::uint32_t other = near.entry[k].sheet;
+          if (column == near.row.size()) near.row.push_back({sheet, other, 0, 0});
+          Coupling& c = near.row[column];
+          for (; k < count && near.entry[k].sheet == other; ++k) {
+            const auto energy = static_cast<double>(near.energy[k]);
+            c.sum += energy;
+            c.size += std::abs(energy);
+          }
+        }
+      }
+      // Energies are lengths: of cells of the level, now in finest cells.
+      for (const Coupling& c : near.row) {
+        out.push_back({c.a, c.b, std::ldexp(c.sum, level), std::ldexp(c.size, level)});
+      }
+    }
+  }
+
+  static std::array<std::uint32_t, 3> coordinates(std::uint64_t code) {
+    std::array<std::uint32_t, 3> out{};
+    for (unsigned bit = 0; bit < unsigned{kLevels}; ++bit) {
+      for (unsigned d = 0; d < 3; ++d) {
+        out[d] |= static_cast<std::uint32_t>(code >> (3 * bit + d) & 1) << bit;
+      }
+    }
+    return out;
+  }
+
+  /// Energies between dipole `i` and those from `first` on: what the next level does not see, or
+  /// all on the last.
+  static void energies(Surroundings& near, std::size_t i, std::size_t first, bool last) {
+    const float x = near.x[i], y = near.y[i], z = near.z[i];
+    const float p = near.p[i], q = near.q[i], r = near.r[i];
+    constexpr float kFine = kBlur * kBlur;
+    constexpr float kCoarse = 4 * kFine;
+    const float share = last ? 0 : 1;
+    const std::size_t count = near.entry.size();
+    for (std::size_t k = first; k < count; ++k) {
+      const float dx = near.x[k] - x, dy = near.y[k] - y, dz = near.z[k] - z;
+      const float d2 = dx * dx + dy * dy + dz * dz;
+      const float product = p * near.p[k] + q * near.q[k] + r * near.r[k];
+      const float along =
+          3 * (dx * p + dy * q + dz * r) * (dx * near.p[k] + dy * near.q[k] + dz * near.r[k]);
+      const float fine = 1 / (d2 + kFine);
+      const float coarse = 1 / (d2 + kCoarse);
+      near.energy[k] =
+          fine * fine * std::sqrt(fine) * ((2 * kFine - d2) * product + along) -
+          share * coarse * coarse * std::sqrt(coarse) * ((2 * kCoarse - d2) * product + along);
+    }
+  }
+
+  /// Joins sheets, the largest energy first, whose terms do not cancel.
+  void join() {
+    struct Value {
+      double sum = 0, size = 0;
+    };
+    struct Best {
+      double strength;
+      std::uint32_t a, b;
+      double sum;
+      bool operator<(const Best& o) const {
+        return strength != o.strength ? strength < o.strength
+                                      : std::pair(a, b) > std::pair(o.a, o.b);
+      }
+    };
+    struct Vector {
+      Vec3d moment{0, 0, 0};
+      double area = 0;
+      bool closed() const { return moment.norm() <= (1 - kClosed) * area; }
+    };
+    std::vector<Vector> vector(sheets_.count);
+    for (const Dipole& d : finest_) {
+      vector[d.sheet].moment += d.moment;
+      vector[d.sheet].area += d.area;
+    }
+    std::vector<std::unordered_map<std::uint32_t, Value>> near(sheets_.count);
+    std::priority_queue<Best> queue;
+    const auto push = [&](std::uint32_t a, std::uint32_t b, const Value& v) {
+      if (std::abs(v.sum) > kLeastConsensus * v.size) {
+        queue.push({std::abs(v.sum), std::min(a, b), std::max(a, b), v.sum});
+      }
+    };
+    for (const Coupling& c : couplings_) {
+      near[c.a][c.b] = near[c.b][c.a] = {c.sum, c.size};
+      push(c.a, c.b, {c.sum, c.size});
+    }
+    while (!queue.empty()) {
+      const Best best = queue.top();
+      queue.pop();
+      const auto found = near[best.a].find(best.b);
+      if (found == near[best.a].end() || found->second.sum != best.sum) continue;
+      if (best.strength < kLeastOfClosed * found->second.size && vector[best.a].closed() &&
+          vector[best.b].closed()) {
+        continue;
+      }
+      const bool differ = best.sum > 0;
+      const bool more = near[best.a].size() >= near[best.b].size();
+      const std::uint32_t kept = more ? best.a : best.b;
+      const std::uint32_t gone = more ? best.b : best.a;
+      sets_.unite(kept, gone, [&] { return differ; });
+      const std::unordered_map<std::uint32_t, Value> moved = std::exchange(near[gone], {});
+      near[kept].erase(gone);
+      vector[kept].moment += (differ ? -1 : 1) * vector[gone].moment;
+      vector[kept].area += vector[gone].area;
+      for (const auto& [k, v] : moved) {
+        if (k == kept) continue;
+        Value& sum = near[kept][k];
+        sum.sum += differ ? -v.sum : v.sum;
+        sum.size += v.size;
+        near[k].erase(gone);
+        near[k][kept] = sum;
+        push(kept, k, sum);
+      }
+    }
+    turned_.resize(sheets_.count);
+    for (std::uint32_t k = 0; k < sheets_.count; ++k) turned_[k] = sets_.find(k).opposed ? 1 : 0;
+  }
+
+  /// Turns single sheets as long as that takes energy away, and tells how certain each is.
+  void descend() {
+    std::vector<double> energy(sheets_.count);  // Of each sheet with all others.
+    const Grouped<std::uint32_t> of =
+        group_by_key<std::uint32_t>(sheets_.count, [&](const auto& add) {
+          for (std::uint32_t k = 0; k < couplings_.size(); ++k) {
+            add(couplings_[k].a, k);
+            add(couplings_[k].b, k);
+          }
+        });
+    const auto term = [&](const Coupling& c) {
+      return turned_[c.a] == turned_[c.b] ? c.sum : -c.sum;
+    };
+    for (const Coupling& c : couplings_) {
+      energy[c.a] += term(c);
+      energy[c.b] += term(c);
+    }
+    for (int round = 0; round < kDescentRounds; ++round) {
+      bool any = false;
+      for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+        if (!(energy[k] > 0)) continue;
+        any = true;
+        energy[k] = -energy[k];
+        turned_[k] ^= 1;
+        for (std::uint64_t e = of.begin[k]; e < of.begin[k + 1]; ++e) {
+          const Coupling& c = couplings_[of.item[e]];
+          energy[c.a == k ? c.b : c.a] += 2 * term(c);
+        }
+      }
+      if (!any) break;
+    }
+    std::vector<double> size(sheets_.count);
+    for (const Coupling& c : couplings_) {
+      size[c.a] += std::abs(c.sum);
+      size[c.b] += std::abs(c.sum);
+    }
+    certainty_.resize(sheets_.count);
+    for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+      certainty_[k] =
+          size[k] > 0 ? static_cast<float>(std::clamp(-energy[k] / size[k], 0.0, 1.0)) : 1;
+    }
+  }
+
+  /// The parts of sheets that were joined, and their sides.
+  WindingSides parts() {
+    WindingSides out;
+    out.sheet.resize(sheets_.count);
+    std::vector<std::uint32_t> number(sheets_.count, PointSheets::kNone);
+    for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+      const SignedSets::Root root = sets_.find(k);
+      if (number[root.index] == PointSheets::kNone) {
+        number[root.index] = static_cast<std::uint32_t>(out.part.size());
+        out.part.emplace_back();
+      }
+      out.sheet[k] = {number[root.index], turned_[k] != 0, certainty_[k]};
+    }
+    std::vector<Dipole> whole(out.part.size());
+    for (const Dipole& d : finest_) {
+      const WindingSides::Sheet& sheet = out.sheet[d.sheet];
+      whole[sheet.part].add(d, sheet.turned);
+    }
+    const std::vector<bool> within = cavities(out, whole);
+    for (std::size_t n = 0; n < whole.size(); ++n) {
+      const Dipole& d = whole[n];
+      out.part[n].area = d.area * cell_ * cell_;
+      out.part[n].closed = d.area > 0 ? 1 - d.moment.norm() / d.area : 0;
+      // Of open parts a volume says little, and most of the area looks one way.
+      out.part[n].turned = out.part[n].closed >= kLeastClosed
+                               ? (d.volume - d.moment.dot(d.center) < 0) != within[n]
+                               : d.moment.z() < 0;
+    }
+    return out;
+  }
+
+  /// Which parts are within an odd number of others.
+  std::vector<bool> cavities(const WindingSides& sides, const std::vector<Dipole>& whole) {
+    std::vector<bool> within(whole.size());
+    if (whole.size() < 2) return within;
+    std::vector<std::uint32_t> largest(whole.size());
+    for (std::uint32_t n = 0; n < whole.size(); ++n) largest[n] = n;
+    std::stable_sort(largest.begin(), largest.end(), [&](std::uint32_t a, std::uint32_t b) {
+      return whole[a].area > whole[b].area;
+    });
+    if (largest.size() > kMostEnclosing) largest.resize(kMostEnclosing);
+    if (coarse_.size() > kMostEnclosing) {
+      std::stable_sort(coarse_.begin(), coarse_.end(),
+                       [](const Dipole& a, const Dipole& b) { return a.area > b.area; });
+      coarse_.resize(kMostEnclosing);
+    }
+    std::vector<std::vector<std::uint32_t>> of(whole.size());  // Coarse dipoles of each part.
+    for (std::uint32_t i = 0; i < coarse_.size(); ++i) {
+      of[sides.sheet[coarse_[i].sheet].part].push_back(i);
+    }
+    std::vector<std::vector<Vec3d>> places(whole.size());
+    std::vector<std::size_t> seen(whole.size()), dipoles(whole.size());
+    for (const Dipole& d : finest_) ++dipoles[sides.sheet[d.sheet].part];
+    for (const Dipole& d : finest_) {
+      const std::uint32_t n = sides.sheet[d.sheet].part;
+      const std::size_t step = (dipoles[n] + kPlaces - 1) / kPlaces;
+      if (seen[n]++ % step == step / 2) places[n].push_back(d.center);
+    }
+    const double eps = static_cast<double>(kBlur) * std::ldexp(1.0, coarse_level_);
+    std::vector<std::uint8_t> odd(largest.size());
+    parallel_each(largest.size(), 1, [&](std::size_t k) {
+      const std::uint32_t n = largest[k];
+      if (places[n].empty()) return;
+      for (std::uint32_t other = 0; other < whole.size(); ++other) {
+        if (other == n || of[other].empty() || whole[other].area < 0.01 * whole[n].area) continue;
+        double inside = 0;
+        for (const Vec3d& place : places[n]) {
+          double winding = 0;
+          for (const std::uint32_t i : of[other]) {
+            const Dipole& d = coarse_[i];
+            const Vec3d to = d.center - place;
+            const double r2 = to.squaredNorm() + eps * eps;
+            const bool opposed = sides.sheet[d.sheet].turned;
+            winding += (opposed ? -1 : 1) * to.dot(d.moment) / (r2 * std::sqrt(r2));
+          }
+          inside += std::abs(winding) / (4 * std::numbers::pi);
+        }
+        if (inside > 0.5 * static_cast<double>(places[n].size())) odd[k] ^= 1;
+      }
+    });
+    for (std::size_t k = 0; k < largest.size(); ++k) within[largest[k]] = odd[k] != 0;
+    return within;
+  }
+
+  const Array<Vec3f>& position_;
+  const Array<Vec3f>& normal_;
+  const Array<float>& area_;
+  const PointSheets& sheets_;
+  SignedSets sets_;
+  double cell_ = 0;        ///< Edge of the finest cells, units.
+  Vec3d origin_{0, 0, 0};  ///< The middle of the grid.
+  std::vector<Coupling> couplings_;
+  std::vector<std::uint8_t> turned_;  ///< Sheets.
+  std::vector<float> certainty_;
+  std::vector<Dipole> finest_;
+  std::vector<Dipole> coarse_;  ///< The dipoles of the finest level with few.
+  int coarse_level_ = 0;
+};
+
+}  // namespace
+
+double winding_cell_points(std::size_t count) {
+  // Below 4 points' areas a cell holds one or two, and above 60,000 dipoles the time would show.
+  return std::max(4.0, static_cast<double>(count) / 37500);
+}
+
+WindingSides winding_sides(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                           const Array<float>& area, const PointSheets& sheets) {
+  return WindingSolver(position, normal, area, sheets).run();
+}
+
+}  // namespace surfel
