@@ -10,6 +10,23 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 "$tools/normals_table" > "$work/table.md"
 "$tools/align_table" > "$work/align.md"
+"$tools/sides_table" > "$work/sides.md"
+
+# The picture of wrong sides: two scenes by two methods.
+pictures=()
+# sides SCENE FROM UP
+sides() {
+  local method
+  "$tools/sides_table" "$1" "$work" > "$work/scene.md"
+  for method in mst winding; do
+    "$tools/surfel-estimate" "$work/$method.ply" --orient align -o "$work/surfels.ply" --quiet
+    pictures+=("$work/$1-$method.png")
+    "$tools/surfel-render" "$work/surfels.ply" -o "${pictures[-1]}" --size 480x360 --shading phong --from "$2" --up "$3" --quiet
+  done
+}
+sides "fins, 1.5" 1,1.2,0.8 z
+sides "brain, gaps" 1,0.4,0.5 z
+montage "${pictures[@]}" -tile 2x2 -geometry +4+4 -quality 85 "$(dirname "$out")/sides.jpg"
 {
   cat <<'TEXT'
 # Estimation
@@ -21,8 +38,8 @@ large enough to close the surface.
 surfel-estimate lion_takanawa_third.ply --orient align -o lion.ply
 ```
 
-`-k auto` takes as many neighbours per point as noise, curvature and density ask for. `--orient` chooses how normals get their side: `mst`,
-`outward`, `viewpoint`, `up`, `align` or `none`. Scan lines get ellipses. Points without a plane through their neighbours are flagged and counted, never NaN.
+`-k auto` takes as many neighbours per point as noise, curvature and density ask for. `--orient` chooses how normals get their side: `auto`,
+`winding`, `mst`, `outward`, `viewpoint`, `up`, `align` or `none` ([Sides](#sides)). Scan lines get ellipses. Points without a plane through their neighbours are flagged and counted, never NaN.
 
 At the same k the normals are those of PCL. On noisy smooth surfaces `-k auto` has a quarter of the error. On scan lines, where
 fixed neighbourhoods are collinear, the error is 0.04 degrees. 2.3 discs lie over a point instead of 13, and no normal is on the wrong side.
@@ -35,4 +52,8 @@ TEXT
   echo
   cat "$root/tests/estimation_notes.md"
   cat "$work/align.md"
+  echo
+  cat "$work/sides.md"
+  echo
+  cat "$root/tests/sides_notes.md"
 } > "$out"

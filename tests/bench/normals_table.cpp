@@ -123,6 +123,7 @@ Cloud density_jump() {
 SurfelCloud estimated(const SurfelCloud& cloud, bool adaptive, VarianceRule rule) {
   EstimateOptions options;
   options.normals.adaptive = adaptive;
+  options.orientation.method = Orientation::kMst;
   options.size.rule = rule;
   return estimate_surfels(cloud, options);
 }
