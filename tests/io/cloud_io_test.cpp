@@ -67,6 +67,10 @@ void compare_columns(const SurfelCloud& a, const SurfelCloud& b, Check&& check) 
   check("variance_u", a.variance_u, b.variance_u);
   check("variance_v", a.variance_v, b.variance_v);
   check("area", a.area, b.area);
+  check("clip1", a.clip1, b.clip1);
+  check("clip1_d", a.clip1_distance, b.clip1_distance);
+  check("clip2", a.clip2, b.clip2);
+  check("clip2_d", a.clip2_distance, b.clip2_distance);
   check("color", a.color, b.color);
   check("alpha", a.alpha, b.alpha);
   check("coefficient", a.coefficient, b.coefficient);
@@ -131,6 +135,10 @@ class RandomCloud {
       fill(cloud.variance_v, n, [&] { return any(); });
     }
     if (coin()) fill(cloud.area, n, [&] { return any(); });
+    if (coin()) {
+      fill(cloud.clip1, n, [&] { return Vec3f(any(), any(), any()); });
+      fill(cloud.clip1_distance, n, [&] { return any(); });
+    }
     if (coin()) fill_color(cloud, n);
     if (coin()) {
       cloud.alpha_as_uint8 = coin();

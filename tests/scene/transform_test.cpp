@@ -17,6 +17,10 @@ SurfelCloud surfel() {
   cloud.variance_v = {9};
   cloud.variance = {1};
   cloud.area = {2};
+  cloud.clip1 = {Vec3f(0, 1, 0)};
+  cloud.clip1_distance = {0.5F};
+  cloud.clip2 = {Vec3f(0, 0, -1)};
+  cloud.clip2_distance = {-0.25F};
   cloud.dpdu = {Vec3f(0, 0, 1)};
   cloud.dpdv = {Vec3f(0, 2, 0)};
   cloud.group_radius = {5};
@@ -43,6 +47,10 @@ TEST(TransformCloud, ScalesTurnsAndMoves) {
   EXPECT_EQ(cloud.variance_u[0], 16);
   EXPECT_EQ(cloud.variance_v[0], 36);
   EXPECT_EQ(cloud.area[0], 8);
+  EXPECT_LT((cloud.clip1[0] - Vec3f(-1, 0, 0)).norm(), 1e-6F);
+  EXPECT_EQ(cloud.clip1_distance[0], 1);
+  EXPECT_LT((cloud.clip2[0] - Vec3f(0, 0, -1)).norm(), 1e-6F);
+  EXPECT_EQ(cloud.clip2_distance[0], -0.5F);
   EXPECT_EQ(cloud.group_radius[0], 10);
   EXPECT_EQ(cloud.uv[0], Vec2f(0.5F, 0.25F));
   EXPECT_LT((cloud.viewpoint->position - Vec3d(10, 2, -1)).norm(), 1e-12);

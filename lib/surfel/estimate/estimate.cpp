@@ -248,7 +248,9 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
   const std::size_t count = out.size();
   const bool ellipses = estimates.sizes.ellipses;
   out.normal.resize(count);
-  out.shading_normal = {};  // A map bent normals that are estimated anew.
+  out.shading_normal = {};     // A map bent normals that are estimated anew.
+  out.clip1 = out.clip2 = {};  // Lines lay in planes that are estimated anew.
+  out.clip1_distance = out.clip2_distance = {};
   out.area.resize(count);
   out.variance.resize(ellipses ? 0 : count);
   out.tangent.resize(ellipses ? count : 0);

@@ -108,6 +108,10 @@ void Reader::add_columns() {
   add_scalar(kVarianceV, cloud_.variance_v);
   add_scalar(kVariance, cloud_.variance);
   add_scalar(kArea, cloud_.area);
+  add_vector<3>(kClip1, cloud_.clip1);
+  add_scalar(kClip1Distance, cloud_.clip1_distance);
+  add_vector<3>(kClip2, cloud_.clip2);
+  add_scalar(kClip2Distance, cloud_.clip2_distance);
   add_vector<3>(kColor, cloud_.color);
   add_scalar(kAlpha, cloud_.alpha);
   add_vector<3>(kCoefficient, cloud_.coefficient);

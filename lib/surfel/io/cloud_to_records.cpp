@@ -209,6 +209,10 @@ CloudRecords::CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& o
   add_vector<3>({"shading_nx", "shading_ny", "shading_nz"}, cloud.shading_normal);
   add_variances();
   add_scalar("area", cloud.area);
+  add_vector<3>({"clip1_x", "clip1_y", "clip1_z"}, cloud.clip1);
+  add_scalar("clip1_d", cloud.clip1_distance);
+  add_vector<3>({"clip2_x", "clip2_y", "clip2_z"}, cloud.clip2);
+  add_scalar("clip2_d", cloud.clip2_distance);
   add_color(options.pcl_names);
   add_alpha();
   add_vector<3>({"w_red", "w_green", "w_blue"}, cloud.coefficient);

@@ -88,6 +88,10 @@ SurfelDecoder::SurfelDecoder(const RecordTable& table, const std::string& file)
   find(kShadingNormal, {"shading_nx", "shading_ny", "shading_nz"});
   find_variances();
   find(kArea, {"area"});
+  find_clip(kClip1, {"clip1_x", "clip1_y", "clip1_z"}, kClip1Distance, "clip1_d");
+  if (has(kClip1)) {
+    find_clip(kClip2, {"clip2_x", "clip2_y", "clip2_z"}, kClip2Distance, "clip2_d");
+  }
   find_colors();
   find_alpha();
   find(kCoefficient, {"w_red", "w_green", "w_blue"});
@@ -190,6 +194,13 @@ void SurfelDecoder::find_variances() {
   if (find(kVariance, {"radius"})) variance.radius = true;
   // Where there are variances the radius follows from them.
   if (stored.columns[0] || anisotropic()) variance = stored;
+}
+
+/// Takes the four columns of a half-plane, if all are there.
+void SurfelDecoder::find_clip(SurfelAttribute direction, const Names& names,
+                              SurfelAttribute distance, const char* name) {
+  Field* field = find(direction, names);
+  if (field && !find(distance, {name})) release(*field);
 }
 
 void SurfelDecoder::find_colors() {

@@ -24,6 +24,10 @@ enum class SurfelAttribute : std::uint8_t {
   kVarianceV,
   kVariance,
   kArea,
+  kClip1,
+  kClip1Distance,
+  kClip2,
+  kClip2Distance,
   kColor,
   kAlpha,
   kCoefficient,
@@ -36,7 +40,7 @@ enum class SurfelAttribute : std::uint8_t {
   kSource,
   kLevel
 };
-inline constexpr std::size_t kSurfelAttributes = 19;
+inline constexpr std::size_t kSurfelAttributes = 23;
 
 /// Where decoded values are written: component k of the i-th surfel goes to at[k][i * stride].
 template <class T>
@@ -107,6 +111,8 @@ class SurfelDecoder {
   template <class T>
   void find_integer(SurfelAttribute attribute, const char* name);
   void find_variances();
+  void find_clip(SurfelAttribute direction, const Names& names, SurfelAttribute distance,
+                 const char* name);
   void find_colors();
   void find_alpha();
   template <class T>

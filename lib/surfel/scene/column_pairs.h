@@ -16,6 +16,10 @@ void visit_column_pairs(A& a, B& b, const Visit& visit) {
   visit(a.variance_u, b.variance_u);
   visit(a.variance_v, b.variance_v);
   visit(a.area, b.area);
+  visit(a.clip1, b.clip1);
+  visit(a.clip1_distance, b.clip1_distance);
+  visit(a.clip2, b.clip2);
+  visit(a.clip2_distance, b.clip2_distance);
   visit(a.color, b.color);
   visit(a.alpha, b.alpha);
   visit(a.coefficient, b.coefficient);

@@ -308,6 +308,11 @@ void CloudJoiner::Impl::fill_columns(std::size_t k, SurfelCloud& cloud) const {
   const auto zero = [](std::size_t) { return 0; };
   fill(k, cloud, "normal", &SurfelCloud::normal, unknown);
   fill(k, cloud, "shading_normal", &SurfelCloud::shading_normal, unknown);
+  // Surfels of clouds without lines are not cut.
+  fill(k, cloud, "clip1", &SurfelCloud::clip1, unknown);
+  fill(k, cloud, "clip1_d", &SurfelCloud::clip1_distance, zero);
+  fill(k, cloud, "clip2", &SurfelCloud::clip2, unknown);
+  fill(k, cloud, "clip2_d", &SurfelCloud::clip2_distance, zero);
   // The area comes before the variances, which may become those of ellipses.
   fill(k, cloud, "area", &SurfelCloud::area,
        [&](std::size_t i) { return has_variance(cloud) ? root_of_determinant<>(cloud, i) : 0; });

@@ -43,6 +43,15 @@ std::vector<ColumnGroup> groups() {
         cloud.variance_v = {};
         cloud.area = {};
       }};
+  ColumnGroup clips{{"clip", "clip1_x", "clip1_y", "clip1_z", "clip1_d", "clip2_x", "clip2_y",
+                     "clip2_z", "clip2_d"},
+                    [](const SurfelCloud& cloud) { return !cloud.clip1.empty(); },
+                    [](SurfelCloud& cloud) {
+                      cloud.clip1 = {};
+                      cloud.clip1_distance = {};
+                      cloud.clip2 = {};
+                      cloud.clip2_distance = {};
+                    }};
   ColumnGroup level{{"level"},
                     [](const SurfelCloud& cloud) { return !cloud.level.empty(); },
                     [](SurfelCloud& cloud) {
@@ -50,6 +59,7 @@ std::vector<ColumnGroup> groups() {
                       cloud.tree = {};
                     }};
   return {std::move(size),
+          std::move(clips),
           std::move(level),
           group_of<&SurfelCloud::normal>({"normal", "nx", "ny", "nz"}),
           group_of<&SurfelCloud::shading_normal>({"shading_nx", "shading_ny", "shading_nz"}),

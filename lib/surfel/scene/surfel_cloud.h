@@ -92,7 +92,14 @@ struct SURFEL_API SurfelCloud {
   Array<float> variance_u;  ///< the frame (t, n x t). These three come together and win over
   Array<float> variance_v;  ///< `variance`.
   Array<float> area;        ///< Surface that the sample stands for, unit^2: the amplitude a_k.
-  Array<Vec3f> color;       ///< Colour sample c_k, linear.
+  /// Half-planes that surfels are cut by: what lies further than `clip1_distance` (scene units, may
+  /// be negative) from the centre along the unit vector `clip1` in the tangent plane is no part of
+  /// the surfel. A vector that is zero cuts nothing. Each pair of columns comes together.
+  Array<Vec3f> clip1;
+  Array<float> clip1_distance;
+  Array<Vec3f> clip2;  ///< A second half-plane: what both leave is the surfel.
+  Array<float> clip2_distance;
+  Array<Vec3f> color;  ///< Colour sample c_k, linear.
   ColorEncoding color_encoding = ColorEncoding::kUint8Srgb;
   Array<float> alpha;           ///< Opacity 0..1, straight.
   bool alpha_as_uint8 = false;  ///< Write alpha as uchar.
@@ -164,6 +171,10 @@ void SurfelCloud::visit_columns(Cloud& cloud, Visit&& visit) {
   visit(cloud.variance_u);
   visit(cloud.variance_v);
   visit(cloud.area);
+  visit(cloud.clip1);
+  visit(cloud.clip1_distance);
+  visit(cloud.clip2);
+  visit(cloud.clip2_distance);
   visit(cloud.color);
   visit(cloud.alpha);
   visit(cloud.coefficient);

@@ -72,6 +72,8 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   change(cloud.normal, turned);
   change(cloud.shading_normal, turned);
   change(cloud.tangent, turned);
+  change(cloud.clip1, turned);
+  change(cloud.clip2, turned);
   change(cloud.dpdu, stretched);
   change(cloud.dpdv, stretched);
   change(cloud.variance, times(square));
@@ -79,6 +81,8 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   change(cloud.variance_v, times(square));
   change(cloud.area, times(square));
   change(cloud.group_radius, times(similarity.scale));
+  change(cloud.clip1_distance, times(similarity.scale));
+  change(cloud.clip2_distance, times(similarity.scale));
   const auto move_view = [&](Viewpoint& view) {
     Vec4d& q = view.orientation;
     const Eigen::Quaterniond turned_view =

@@ -25,6 +25,8 @@ SurfelAttributes RecordSource::attributes() const {
           .normal = decoder_.has(kNormal),
           .shading_normal = decoder_.has(kShadingNormal),
           .area = decoder_.has(kArea),
+          .clip1 = decoder_.has(kClip1),
+          .clip2 = decoder_.has(kClip2),
           .color = decoder_.has(kCoefficient) || decoder_.has(kColor),
           .alpha = decoder_.has(kAlpha),
           .material = decoder_.has(kMaterial),
@@ -100,6 +102,10 @@ void RecordSource::decode(const std::byte* records, std::size_t count, RenderClo
   scalar(decoder_.anisotropic() ? kVarianceU : kVariance, to.deviation_u);
   scalar(kVarianceV, to.deviation_v);
   scalar(kArea, to.area);
+  vector(kClip1, to.clip[0].x, to.clip[0].y, to.clip[0].z);
+  scalar(kClip1Distance, to.clip[0].distance);
+  vector(kClip2, to.clip[1].x, to.clip[1].y, to.clip[1].z);
+  scalar(kClip2Distance, to.clip[1].distance);
   vector(decoder_.has(kCoefficient) ? kCoefficient : kColor, to.red, to.green, to.blue);
   scalar(kAlpha, to.alpha);
   scalar(kMaterial, to.material);

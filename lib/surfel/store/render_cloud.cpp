@@ -115,8 +115,12 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
   for (Array<float>* column : float_columns(*this)) {
     const bool of_frame = column == &deviation_v || column == &tangent_x || column == &tangent_y ||
                           column == &tangent_z;
+    const auto of_clip = [&](const ClipColumns& c) {
+      return column == &c.x || column == &c.y || column == &c.z || column == &c.distance;
+    };
     const bool of_shading = column == &shading_x || column == &shading_y || column == &shading_z;
     if ((of_frame && !attributes.anisotropic) || (of_shading && !attributes.shading_normal) ||
+        (of_clip(clip[0]) && !attributes.clip1) || (of_clip(clip[1]) && !attributes.clip2) ||
         (column == &alpha && !attributes.alpha) || (column == &group_radius && !has_radius)) {
       continue;
     }
@@ -217,9 +221,10 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
 /// area, with their mean colour, so that pictures are the same to rounding. Returns the order of
 /// the surfels that are left.
 Array<std::uint32_t> RenderCloud::merge_coincident() {
-  const Array<float>* const columns[] = {&normal_x,    &normal_y,    &normal_z,
-                                         &deviation_u, &deviation_v, &tangent_x,
-                                         &tangent_y,   &tangent_z,   &group_radius};
+  const Array<float>* const columns[] = {
+      &normal_x,         &normal_y,  &normal_z,     &deviation_u, &deviation_v,     &tangent_x,
+      &tangent_y,        &tangent_z, &group_radius, &clip[0].x,   &clip[0].y,       &clip[0].z,
+      &clip[0].distance, &clip[1].x, &clip[1].y,    &clip[1].z,   &clip[1].distance};
   const auto compared = [&](std::uint32_t a, std::uint32_t b) {
     std::partial_ordering result = std::partial_ordering::equivalent;
     for (const Array<float>* column : columns) {

@@ -64,6 +64,11 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Most groups that can be drawn: a tile keeps an image of each group.
   static constexpr int kMostGroups = 1024;
 
+  /// SurfelCloud::clip1 or clip2: a direction is a unit vector of the surfel's plane, or zero.
+  struct ClipColumns {
+    Array<float> x, y, z, distance;
+  };
+
   /// A cloud without surfels.
   RenderCloud() = default;
   /// Throws Error(kInput) if the cloud has no variance, or if groups are needed and the cloud has
@@ -97,6 +102,17 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   bool anisotropic() const { return !tangent_x.empty(); }
   /// Are there normals for shading that are not the discs' own?
   bool has_shading() const { return !shading_x.empty(); }
+  /// May there be surfels that are cut by half-planes?
+  bool has_clips() const { return !clip[0].x.empty(); }
+  /// Does a half-plane cut a surfel?
+  static bool clips(const ClipColumns& columns, std::size_t surfel) {
+    return !columns.x.empty() &&
+           (columns.x[surfel] != 0 || columns.y[surfel] != 0 || columns.z[surfel] != 0);
+  }
+  /// Is a surfel cut by a half-plane, or by two?
+  bool is_clipped(std::size_t surfel) const {
+    return clips(clip[0], surfel) || clips(clip[1], surfel);
+  }
   /// The normal that a surfel is shaded with.
   Vec3f shading(std::size_t surfel) const {
     return has_shading() ? Vec3f(shading_x[surfel], shading_y[surfel], shading_z[surfel])
@@ -134,6 +150,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<float> deviation_v;  ///< Only if anisotropic().
   Array<float> tangent_x, tangent_y, tangent_z;  ///< Only if anisotropic().
   Array<float> area;
+  std::array<ClipColumns, 2> clip;  ///< Only if has_clips(); the second only if the cloud has it.
   Array<float> red, green, blue;
   Array<float> alpha;             ///< Only if transparent().
   Array<std::uint16_t> material;  ///< Only if the cloud has materials.
@@ -149,10 +166,13 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Pointers to all columns of floats of a RenderCloud, const or not.
   template <class Cloud>
   static auto float_columns(Cloud& c) {
-    return std::array{&c.x,         &c.y,         &c.z,           &c.normal_x,    &c.normal_y,
-                      &c.normal_z,  &c.shading_x, &c.shading_y,   &c.shading_z,   &c.tangent_x,
-                      &c.tangent_y, &c.tangent_z, &c.deviation_u, &c.deviation_v, &c.area,
-                      &c.red,       &c.green,     &c.blue,        &c.alpha,       &c.group_radius};
+    return std::array{&c.x,           &c.y,           &c.z,         &c.normal_x,
+                      &c.normal_y,    &c.normal_z,    &c.shading_x, &c.shading_y,
+                      &c.shading_z,   &c.tangent_x,   &c.tangent_y, &c.tangent_z,
+                      &c.deviation_u, &c.deviation_v, &c.area,      &c.red,
+                      &c.green,       &c.blue,        &c.alpha,     &c.group_radius,
+                      &c.clip[0].x,   &c.clip[0].y,   &c.clip[0].z, &c.clip[0].distance,
+                      &c.clip[1].x,   &c.clip[1].y,   &c.clip[1].z, &c.clip[1].distance};
   }
   bool usable(std::size_t row, UnusableSurfels& dropped) const;
   ClusterColumns columns(std::size_t begin, std::size_t end) const;

@@ -61,6 +61,26 @@ void bound_shading_normals(float* const (&normal)[3], float* const (&shading)[3]
   }
 }
 
+/// Makes the directions of half-planes unit vectors of the surfels' planes. Half-planes without a
+/// direction there, or without a distance, cut nothing, and all their numbers become zero.
+void make_unit_clips(float* const (&normal)[3], RenderCloud::ClipColumns& clip, std::size_t row,
+                     std::size_t count) {
+  for (std::size_t i = row; i < row + count; ++i) {
+    Vec3f direction(clip.x[i], clip.y[i], clip.z[i]);
+    if (direction.isZero(0)) {
+      clip.distance[i] = 0;
+      continue;
+    }
+    const Vec3f n(normal[0][i - row], normal[1][i - row], normal[2][i - row]);
+    const bool usable = !n.isZero(0) && std::isfinite(clip.distance[i]);
+    direction = usable ? unit_normal(direction - n * n.dot(direction)) : Vec3f(0, 0, 0);
+    clip.x[i] = direction.x();
+    clip.y[i] = direction.y();
+    clip.z[i] = direction.z();
+    if (direction.isZero(0)) clip.distance[i] = 0;
+  }
+}
+
 /// Copies surfels [begin, end) of a column.
 template <class T>
 void copy(const Array<T>& column, std::size_t begin, std::size_t end, T* to) {
@@ -113,6 +133,8 @@ void SurfelSource::make_drawable(const SurfelAttributes& known, RenderCloud& clo
       for (int k = 0; k < 3; ++k) t[k][i] = tangent[k];
     }
   }
+  if (known.clip1) make_unit_clips(n, cloud.clip[0], row, count);
+  if (known.clip2) make_unit_clips(n, cloud.clip[1], row, count);
   for (std::size_t i = 0; i < count && known.area; ++i) {
     area[i] = (area[i] > 0 ? area[i] : 0.0F) + (area[i] - area[i]);
   }
@@ -143,6 +165,8 @@ SurfelAttributes CloudSource::attributes() const {
           .normal = !cloud_.normal.empty(),
           .shading_normal = !cloud_.shading_normal.empty(),
           .area = !cloud_.area.empty(),
+          .clip1 = !cloud_.clip1.empty(),
+          .clip2 = !cloud_.clip2.empty(),
           .color = cloud_.render_color() != nullptr,
           .alpha = !cloud_.alpha.empty(),
           .material = !cloud_.material.empty(),
@@ -174,6 +198,13 @@ void CloudSource::fill(std::size_t begin, std::size_t end, RenderCloud& to, std:
       std::fill_n(to.deviation_u.data() + row, stop - begin, 1.0F);
     }
     if (known.area) copy(cloud_.area, begin, stop, to.area.data() + row);
+    const auto clip = [&](const Array<Vec3f>& direction, const Array<float>& distance,
+                          RenderCloud::ClipColumns& columns) {
+      vector(direction, columns.x, columns.y, columns.z);
+      copy(distance, begin, stop, columns.distance.data() + row);
+    };
+    if (known.clip1) clip(cloud_.clip1, cloud_.clip1_distance, to.clip[0]);
+    if (known.clip2) clip(cloud_.clip2, cloud_.clip2_distance, to.clip[1]);
     if (known.color) vector(*cloud_.render_color(), to.red, to.green, to.blue);
     const auto optional = [&](const auto& from, auto& column) {
       if (!column.empty()) copy(from, begin, stop, column.data() + row);

@@ -19,6 +19,8 @@ struct SurfelAttributes {
   bool normal = false;
   bool shading_normal = false;
   bool area = false;
+  bool clip1 = false;
+  bool clip2 = false;
   bool color = false;
   bool alpha = false;
   bool material = false;
