@@ -17,6 +17,7 @@
 #include <hwy/highway.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/lane_sums-inl.h>
+#include <surfel/base/normal_cdf-inl.h>
 #include <surfel/base/power-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -65,6 +66,13 @@ float total(const float* values, std::size_t count) {
   return sums.total();
 }
 
+void normal(const float* z, std::size_t count, float* result) {
+  const hn::CappedTag<float, 16> d;
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    hn::StoreU(normal_cdf(hn::LoadU(d, z + i)), d, result + i);
+  }
+}
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel
@@ -77,6 +85,7 @@ namespace {
 HWY_EXPORT(fuse_floats);
 HWY_EXPORT(fuse_doubles);
 HWY_EXPORT(power);
+HWY_EXPORT(normal);
 HWY_EXPORT(total);
 
 /// Calls test(name) once for each instruction set.
@@ -221,6 +230,23 @@ TEST(Power, IsAccurateAndAlikeForEveryInstructionSet) {
     }
     if (first.empty()) first = result;
     for (std::size_t i = 0; i < x.size(); ++i) ASSERT_TRUE(same_bits(result[i], first[i])) << name;
+  });
+}
+
+TEST(NormalCdf, IsAccurateAndAlikeForEveryInstructionSet) {
+  std::vector<float> z;
+  for (int i = -2048; i < 2048; ++i) z.push_back(static_cast<float>(i) / 256);
+  z.insert(z.end(), {0.0F, 1e-30F, 40.0F, -40.0F, 1e18F, -1e18F, 1e38F, -1e38F});
+  z.resize((z.size() + 15) / 16 * 16, 1.0F);
+  std::vector<float> first;
+  for_each_target([&](const std::string& name) {
+    std::vector<float> result(z.size());
+    HWY_DYNAMIC_DISPATCH(normal)(z.data(), z.size(), result.data());
+    for (std::size_t i = 0; i < z.size(); ++i) {
+      ASSERT_NEAR(result[i], std::erfc(-z[i] / std::sqrt(2.0)) / 2, 1e-6) << name << ": " << z[i];
+    }
+    if (first.empty()) first = result;
+    for (std::size_t i = 0; i < z.size(); ++i) ASSERT_TRUE(same_bits(result[i], first[i])) << name;
   });
 }
 

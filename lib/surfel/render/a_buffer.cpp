@@ -19,6 +19,9 @@ void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
   for (int c = kNormalX; c <= kNormalZ; ++c) {
     fragment.channel[c] = tile.layout.normals ? from[c * kPatchPixels] : 0.0F;
   }
+  for (int c = kCutAway; c < kChannels; ++c) {
+    fragment.channel[c] = tile.layout.clips ? from[c * kPatchPixels] : 0.0F;
+  }
   if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
     fragment.channel[kAlpha] = fragment.channel[kWeight];
   }
@@ -162,6 +165,39 @@ class TwoSides {
   float one_body_ = 0;
 };
 
+/// What fragments that end at lines cover of a pixel together. (12) is for surfaces that cover
+/// parts of the pixel which have nothing to do with each other, but parts beside parallel lines are
+/// one within the other where they lie on the same side of their lines, as at the silhouette of a
+/// box, and exclude each other where they lie on opposite sides, as at a crease.
+class PartsBesideLines {
+ public:
+  /// A fragment is added, front to back. Returns the factor on what (12) lets it add.
+  float add(const Fragment& fragment, float coverage) {
+    const float* c = fragment.channel;
+    const float x = c[kCutX] / c[kCutPartial];
+    const float y = c[kCutY] / c[kCutPartial];
+    const float independent = coverage * (1 - coverage_);
+    if (coverage_ == 0 || !(independent > 0)) {
+      if (coverage_ == 0) *this = {coverage, x, y};
+      return 1;
+    }
+    const float alike = std::clamp(x * x_ + y * y_, -1.0F, 1.0F);
+    const float added =
+        alike > 0 ? std::max(0.0F, coverage - coverage_) : std::min(coverage, 1 - coverage_);
+    const float adds = independent + std::abs(alike) * (added - independent);
+    coverage_ += adds;
+    return adds / independent;
+  }
+
+  PartsBesideLines() = default;
+
+ private:
+  PartsBesideLines(float coverage, float x, float y) : coverage_(coverage), x_(x), y_(y) {}
+
+  float coverage_ = 0;   ///< Of all fragments so far; 0: there is none.
+  float x_ = 0, y_ = 0;  ///< Mean outward vector of the first one.
+};
+
 /// Composites the fragments of a pixel front to back.
 class FrontToBack {
  public:
@@ -174,10 +210,17 @@ class FrontToBack {
     const float* c = fragment.channel;
     const bool several = is_merged(fragment);
     Rgba color{c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
-    if (!several) color = tile_.shader->shade(fragment, x_, y_, tile_.weight_at_edge(seen.edge));
+    if (!several)
+      color = tile_.shader->shade(fragment, x_, y_, tile_.full_weight_of(fragment, seen.edge));
+    const bool cut = !several && tile_.layout.clips && c[kCutPartial] > 0;
+    const float beside = cut ? beside_lines_.add(fragment, seen.coverage) : 1;
+    const auto scaled = [](const Rgba& by, float f) {
+      return Rgba{f * by.red, f * by.green, f * by.blue, f * by.alpha};
+    };
     if (several && !tile_.layout.opaque) {
       sides_.end();
     } else if (shows_front(c[kTag])) {
+      if (cut) color = scaled(color, beside);
       sides_.add_front(seen.coverage, 1 - color_.alpha, seen.one_body);
       front_ = &fragment;
       front_color_ = color;
@@ -189,9 +232,13 @@ class FrontToBack {
       // is the front's edge that is seen there.
       const float own = rim ? share.all - share.beyond : share.all;
       const float others = rim ? share.beyond * color.alpha / front_color_.alpha : 0;
-      color = {own * color.red + others * front_color_.red,
-               own * color.green + others * front_color_.green,
-               own * color.blue + others * front_color_.blue, share.all * color.alpha};
+      if (cut && beside < share.all) {
+        color = scaled(color, beside);
+      } else {
+        color = {own * color.red + others * front_color_.red,
+                 own * color.green + others * front_color_.green,
+                 own * color.blue + others * front_color_.blue, share.all * color.alpha};
+      }
     }
     color_.composite(color);
     if (!tile_.shader->has_environment()) return;
@@ -223,6 +270,7 @@ class FrontToBack {
   const Fragment* front_ = nullptr;  ///< The last front-facing fragment.
   Rgba front_color_;
   TwoSides sides_;
+  PartsBesideLines beside_lines_;
   SeenThrough surfaces_;
 };
 
@@ -302,7 +350,7 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
 }
 
 Fragment unmerged(const PixelContribution& contribution) {
-  const auto& [rho, depth, splat, normal] = contribution;
+  const auto& [rho, depth, splat, normal, cut] = contribution;
   Fragment out{};
   float* c = out.channel;
   c[kWeight] = rho;
@@ -317,6 +365,7 @@ Fragment unmerged(const PixelContribution& contribution) {
     c[kNormalY] = rho * normal->y;
     c[kNormalZ] = rho * normal->z;
   }
+  std::copy_n(cut, kChannels - kCutAway, c + kCutAway);
   return out;
 }
 
@@ -399,6 +448,23 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 }
 
 }  // namespace
+
+float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) const {
+  // Vectors of one line's surfels, however bent, have this share of their length at least, and
+  // vectors of two sides of a crease, however uneven the sums of the sides, have less than this.
+  constexpr float kOneSide = 0.95F;
+  constexpr float kTwoSides = 0.4F;
+  const float full = weight_at_edge(edge);
+  const float* c = fragment.channel;
+  const float aligned = std::sqrt(c[kCutX] * c[kCutX] + c[kCutY] * c[kCutY]) / c[kCutPartial];
+  const float one_side = std::clamp((aligned - kTwoSides) / (kOneSide - kTwoSides), 0.0F, 1.0F);
+  // Kernels smaller than the pixel filter do not reach as far beyond the line as that does: there
+  // the mean sum tells more where the pixels around tell that the surface ends, and sums above the
+  // mean are of surfels that lie on several short creases.
+  float uncut = c[kWeight] + c[kCutAway];
+  if (is_filtered(c[kTag])) uncut = std::clamp(uncut, mean_weight * edge, mean_weight);
+  return full + one_side * std::max(0.0F, uncut - full);
+}
 
 void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution) {
   const Fragment fresh = unmerged(contribution);

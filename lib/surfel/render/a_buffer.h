@@ -27,6 +27,13 @@ enum FragmentChannel : int {
   kNormalX,  ///< Sum of rho * normal, only in shaded pictures; merged: the nearest one's mean.
   kNormalY,
   kNormalZ,
+  /// Only in pictures with clipped surfels, and of unmerged fragments: sums over the contributions
+  /// that half-planes cut, with C the share that they leave and C_j each line's own share.
+  kCutAway,     ///< Sum of rho (1 - C) / C: what has been cut off from kWeight.
+  kCutPartial,  ///< Sum of rho (1 - C_j) ...
+  kCutX,        ///< ... and of that times SplatClip::outward.
+  kCutY,
+  kChannels,
   /// The number of a second material plus its share, at most 1/2, of the contributions' weight; 0:
   /// all contributions are of the tag's material. Fragments merged in the A-buffer have kBack here
   /// instead.
@@ -50,8 +57,9 @@ struct ABufferLayout {
   int layers = 1;
   bool normals = false;
   bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, except in merged fragments.
+  bool clips = false;   ///< Splats may be cut by half-planes.
 
-  int channels() const { return normals ? kNormalZ + 1 : kBack + 1; }
+  int channels() const { return clips ? kChannels : normals ? kNormalZ + 1 : kBack + 1; }
   std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kPatchPixels; }
   std::size_t patch_stride() const { return layer_stride() * static_cast<std::size_t>(layers); }
   std::size_t size() const { return patch_stride() * (kTilePixels / kPatchPixels); }
@@ -59,7 +67,7 @@ struct ABufferLayout {
 
 /// One fragment of one pixel, by value.
 struct Fragment {
-  float channel[kNormalZ + 1];
+  float channel[kChannels];
 };
 
 inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
@@ -160,6 +168,7 @@ struct TileABuffer {
   float full_weight = 1;  ///< tau: a surface whose rho sum up to this covers the pixel.
   float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
                           ///< hides all surfaces behind it; >= tau.
+  float mean_weight = 1;  ///< The mean sum of rho within a surface.
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -171,8 +180,19 @@ struct TileABuffer {
   /// Share of a pixel that an unmerged fragment covers, 0..1.
   /// \param edge  To what degree the pixel is at the edge of its surface, 0..1.
   float coverage(const Fragment& fragment, float edge) const {
-    return std::min(1.0F, fragment.channel[kWeight] / weight_at_edge(edge));
+    return std::min(1.0F, fragment.channel[kWeight] / full_weight_of(fragment, edge));
   }
+  /// The sum of rho from which on an unmerged fragment covers the pixel. Where lines cut its
+  /// splats, that is the sum that they would have without: the ratio is the share that the lines
+  /// leave, whatever the sums are. Surfels on both sides of a crease count twice in that sum, and
+  /// cover the pixel together: their lines' outward vectors cancel each other, and where these do
+  /// the fragment's sum counts as everywhere.
+  float full_weight_of(const Fragment& fragment, float edge) const {
+    const bool cut = layout.clips && fragment.channel[kCutPartial] > 0;
+    return cut ? full_weight_of_cut(fragment, edge) : weight_at_edge(edge);
+  }
+  /// Of a fragment that lines cut.
+  float full_weight_of_cut(const Fragment& fragment, float edge) const;
   /// The sum of rho from which on a surface covers a pixel.
   float weight_at_edge(float edge) const {
     return full_weight + (edge_weight - full_weight) * edge;
@@ -187,6 +207,7 @@ struct PixelContribution {
   float rho, depth;
   const Splat& splat;
   const SplatNormal* normal;  ///< Null in unshaded pictures.
+  float cut[4];               ///< What is added to kCutAway and the channels that follow.
 };
 
 /// A contribution that matches no fragment of a pixel whose layers are all taken, nor lies within a

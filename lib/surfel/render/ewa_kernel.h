@@ -13,6 +13,14 @@
 
 namespace surfel {
 
+/// A half-plane that a surfel is cut by: nothing is left beyond `distance` along `direction`.
+struct ClipLine {
+  Eigen::Vector3d direction{0, 0, 0};  ///< In camera space: unit, in the surfel's plane; or zero.
+  double distance = 0;                 ///< From the surfel's centre, scene units.
+
+  bool cuts() const { return !direction.isZero(0); }
+};
+
 /// Surfel in camera space, as the kernel sees it.
 struct SurfelInCamera {
   Eigen::Vector3d position;  ///< Scene units, z forward.
@@ -21,6 +29,7 @@ struct SurfelInCamera {
   double variance_u = 1;     ///< V = diag(variance_u, variance_v) in (tangent, normal x
   double variance_v = 1;     ///< tangent), unit^2.
   double area = 1;           ///< Amplitude a_k of the basis function, unit^2.
+  ClipLine clip[2];          ///< Half-planes that it is cut by.
 };
 
 /// J: derivative of pixel coordinates by tangent plane coordinates at the surfel's centre. Its

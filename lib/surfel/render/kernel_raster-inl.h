@@ -19,6 +19,7 @@
 #include <surfel/base/compress-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/lane_sums-inl.h>
+#include <surfel/base/normal_cdf-inl.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
 
@@ -51,6 +52,13 @@ struct Sample {
   V amplitude;  ///< rho where beta is 0.
 };
 
+/// What half-planes leave of a splat's kernel at a vector of pixels.
+struct ClipSample {
+  V share;         ///< C, 0 to 1; 0 where it is below kLeastClipShare.
+  V partial;       ///< Sum over the lines of C (1 - C_j), C_j being each line's own share.
+  V out_x, out_y;  ///< The same sum of SplatClip::outward times C (1 - C_j).
+};
+
 /// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps
 /// a copy of its own in registers: a value behind a reference has to be read again after every
 /// store.
@@ -60,6 +68,7 @@ class SplatSampler {
   SplatSampler(const TileJob& job, int x0, int y0)
       : splats_(job.splats),
         exact_(job.exact),
+        clips_(job.clips),
         depth_epsilon_(hn::Set(D(), job.rules->depth_epsilon)),
         lowpass2_(job.rules->lowpass2),
         block_x_(static_cast<float>(x0 - job.box_x)),
@@ -80,8 +89,19 @@ class SplatSampler {
     return rho;
   }
 
-  /// A splat's values at the pixels with centres (x, y).
+  /// A splat's values at the pixels with centres (x, y). Discs end at the lines that cut them: beta
+  /// is infinite where less than half of the kernel is left.
   HWY_INLINE Sample at(std::uint32_t index, V x, V y) const {
+    Sample s = uncut_at(index, x, y);
+    if (HWY_UNLIKELY(is_clipped(index))) {
+      const M left = hn::Ge(clipped(index, x, y).share, hn::Set(D(), 0.5F));
+      s.beta = hn::IfThenElse(left, s.beta, hn::Set(D(), __builtin_inff()));
+    }
+    return s;
+  }
+
+  /// As at(), without the lines.
+  HWY_INLINE Sample uncut_at(std::uint32_t index, V x, V y) const {
     const D d;
     const Splat& splat = splats_[index];
     const V dx = hn::Sub(x, hn::Set(d, splat.x));
@@ -108,7 +128,86 @@ class SplatSampler {
     return s;
   }
 
+  /// Whether a splat is cut by half-planes.
+  HWY_INLINE bool is_clipped(std::uint32_t index) const {
+    return clips_ && (splats_[index].tag & kClippedTag) != 0;
+  }
+
+  /// What half-planes leave of a splat that is cut by some. A function apart, as in most pictures
+  /// few splats come here.
+  HWY_NOINLINE ClipSample clipped(std::uint32_t index, V x, V y) const {
+    const D d;
+    const Splat& splat = splats_[index];
+    const SplatClip& clip = clips_[index];
+    const V dx = hn::Sub(x, hn::Set(d, splat.x));
+    const V dy = hn::Sub(y, hn::Set(d, splat.y));
+    V z[2];
+    if (splat.k < 0) {
+      exact_arguments(exact_[index], clip, lowpass2_, dx, dy, z);
+    } else {
+      for (int j = 0; j < 2; ++j) {
+        z[j] = mul_add(hn::Set(d, clip.line[j][1]), dx,
+                       mul_add(hn::Set(d, clip.line[j][2]), dy, hn::Set(d, clip.line[j][0])));
+      }
+    }
+    const V one = hn::Set(d, 1.0F);
+    const V first = normal_cdf(z[0]);
+    const V second = normal_cdf(z[1]);
+    ClipSample out;
+    // joined() of clip_kernel.h.
+    const V product = hn::Mul(first, second);
+    const V bound = clip.joint > 0 ? hn::Min(first, second)
+                                   : hn::Max(hn::Zero(d), hn::Sub(hn::Add(first, second), one));
+    out.share = mul_add(hn::Set(d, std::abs(clip.joint)), hn::Sub(bound, product), product);
+    const M left = hn::Ge(out.share, hn::Set(d, kLeastClipShare));
+    out.share = hn::IfThenElseZero(left, out.share);
+    const V partial[] = {hn::Mul(out.share, hn::Sub(one, first)),
+                         hn::Mul(out.share, hn::Sub(one, second))};
+    out.partial = hn::Add(partial[0], partial[1]);
+    const auto sum = [&](int axis) HWY_ATTR {
+      return mul_add(partial[0], hn::Set(d, clip.outward[0][axis]),
+                     hn::Mul(partial[1], hn::Set(d, clip.outward[1][axis])));
+    };
+    out.out_x = sum(0);
+    out.out_y = sum(1);
+    return out;
+  }
+
  private:
+  /// The arguments of Phi of a splat whose kernel is exact: as clip_share() has them, with the
+  /// projection linearised anew in every pixel.
+  static HWY_NOINLINE void exact_arguments(const ExactSplat& exact, const SplatClip& clip,
+                                           float lowpass2, V dx, V dy, V (&z)[2]) {
+    const D d;
+    const V one = hn::Set(d, 1.0F);
+    const PlanePoint p(exact, dx, dy);
+    const V filter = hn::Mul(hn::Set(d, lowpass2), hn::Mul(p.z, p.z));
+    const V cross = hn::Mul(filter, mul_sub(p.ux, p.vy, hn::Mul(p.uy, p.vx)));
+    const V det =
+        mul_add(cross, cross, mul_add(filter, hn::Add(sum2(p.ux, p.uy), sum2(p.vx, p.vy)), one));
+    const V skew_x = mul_sub(p.u, p.vx, hn::Mul(p.v, p.ux));
+    const V skew_y = mul_sub(p.u, p.vy, hn::Mul(p.v, p.uy));
+    for (int j = 0; j < 2; ++j) {
+      const V w_u = hn::Set(d, clip.line[j][1]);
+      const V w_v = hn::Set(d, clip.line[j][2]);
+      const V distance = hn::Set(d, clip.line[j][0]);
+      // w . M^-1 u and s^2 = w . (I - M^-1) w, both times |M|, the latter as sums of positive
+      // terms.
+      const V bend_x = mul_sub(w_u, p.vx, hn::Mul(w_v, p.ux));
+      const V bend_y = mul_sub(w_u, p.vy, hn::Mul(w_v, p.uy));
+      const V bend = mul_add(bend_x, skew_x, hn::Mul(bend_y, skew_y));
+      const V mean = mul_add(filter, bend, mul_add(w_u, p.u, hn::Mul(w_v, p.v)));
+      const V c_x = mul_add(w_u, p.ux, hn::Mul(w_v, p.vx));
+      const V c_y = mul_add(w_u, p.uy, hn::Mul(w_v, p.vy));
+      const V w2 = sum2(w_u, w_v);
+      const V s2 = mul_add(filter, sum2(c_x, c_y), hn::Mul(hn::Mul(cross, cross), w2));
+      // As in clip_share(): a part of the kernel is blurred without a filter, too.
+      const V least = hn::Mul(hn::Set(d, 1e-8F), hn::Mul(w2, det));
+      const V s = hn::Sqrt(hn::Mul(hn::Max(s2, least), det));
+      z[j] = hn::Div(mul_sub(distance, det, mean), hn::Max(s, hn::Set(d, 1e-30F)));
+    }
+  }
+
   /// Whether pixels lie in a splat's box, beyond which an exact kernel's linearised filter may
   /// reach: a pixel must not depend on whether the box meets other pixels of its vector.
   HWY_INLINE M in_box(const PixelBox& box, V x, V y) const {
@@ -120,6 +219,30 @@ class SplatSampler {
     };
     return hn::And(between(x, block_x_, box.x0, box.x1), between(y, block_y_, box.y0, box.y1));
   }
+
+  static HWY_INLINE V sum2(V a, V b) { return mul_add(a, a, hn::Mul(b, b)); }
+
+  /// Where pixels' rays meet the tangent plane of an exact kernel.
+  struct PlanePoint {
+    V plane;           ///< 1 / z.
+    V z, u, v;         ///< Depth, and plane coordinates in standard deviations.
+    V ux, uy, vx, vy;  ///< z times their gradients on screen: J^-1 at the pixel.
+
+    HWY_INLINE PlanePoint(const ExactSplat& exact, V dx, V dy) {
+      const D d;
+      const auto affine = [&](const float* f) HWY_ATTR {
+        return mul_add(hn::Set(d, f[1]), dx, mul_add(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
+      };
+      plane = affine(exact.depth);
+      z = hn::Div(hn::Set(d, 1.0F), plane);
+      u = hn::Mul(affine(exact.u), z);
+      v = hn::Mul(affine(exact.v), z);
+      ux = neg_mul_add(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
+      uy = neg_mul_add(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
+      vx = neg_mul_add(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
+      vy = neg_mul_add(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
+    }
+  };
 
   struct Filtering {
     float lowpass2;
@@ -133,20 +256,8 @@ class SplatSampler {
     const D d;
     const V h2 = hn::Set(d, filtering.lowpass2);
     const V one = hn::Set(d, 1.0F);
-    const auto affine = [&](const float* f) HWY_ATTR {
-      return mul_add(hn::Set(d, f[1]), dx, mul_add(hn::Set(d, f[2]), dy, hn::Set(d, f[0])));
-    };
-    // Plane coordinates of the hit, and z times their gradients on screen: J^-1 at this pixel.
-    const V plane = affine(exact.depth);
-    const V z = hn::Div(one, plane);
-    const V u = hn::Mul(affine(exact.u), z);
-    const V v = hn::Mul(affine(exact.v), z);
-    const V ux = neg_mul_add(u, hn::Set(d, exact.depth[1]), hn::Set(d, exact.u[1]));
-    const V uy = neg_mul_add(u, hn::Set(d, exact.depth[2]), hn::Set(d, exact.u[2]));
-    const V vx = neg_mul_add(v, hn::Set(d, exact.depth[1]), hn::Set(d, exact.v[1]));
-    const V vy = neg_mul_add(v, hn::Set(d, exact.depth[2]), hn::Set(d, exact.v[2]));
+    const auto [plane, z, u, v, ux, uy, vx, vy] = PlanePoint(exact, dx, dy);
     // |I + h^2 J^-1 J^-T| and beta of (8), both as sums of positive terms.
-    const auto sum2 = [](V a, V b) HWY_ATTR { return mul_add(a, a, hn::Mul(b, b)); };
     const V filter = hn::Mul(h2, hn::Mul(z, z));
     const V cross = hn::Mul(filter, mul_sub(ux, vy, hn::Mul(uy, vx)));
     const V det = mul_add(cross, cross, mul_add(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
@@ -166,6 +277,7 @@ class SplatSampler {
 
   const Splat* splats_;
   const ExactSplat* exact_;
+  const SplatClip* clips_;
   V depth_epsilon_;
   float lowpass2_;
   float block_x_, block_y_;  ///< First pixel of the tile's block in the picture.
@@ -369,6 +481,13 @@ class KernelRaster {
   float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
 };
 
+/// What half-planes cut off from a contribution: rho is the kernel without them.
+struct CutContribution {
+  V away;          ///< rho (1 - C).
+  V partial;       ///< rho times ClipSample::partial.
+  V out_x, out_y;  ///< rho times ClipSample::out_x, out_y.
+};
+
 /// A vector of unmerged fragments without their tags: see FragmentChannel.
 template <bool kNormals, bool kOpaqueSplats>
 struct FragmentSums {
@@ -458,8 +577,24 @@ class FragmentLayer {
     const M hidden =
         hn::And(covers<kOpaqueSplats>(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
     tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
+    joined_ = hn::And(joins, hn::Gt(rho, hn::Zero(d)));
     sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
     return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
+  }
+  /// The pixels in which the last contribution has been added.
+  HWY_INLINE M joined() const { return joined_; }
+
+  /// Adds what has been cut off from a contribution that has just been added in some pixels.
+  HWY_INLINE void add_cut(const CutContribution& cut, M added) {
+    const D d;
+    const auto add_to = [&](int channel, V value) HWY_ATTR {
+      float* const at = fragment_ + channel * kPatchPixels;
+      hn::Store(hn::Add(hn::Load(d, at), hn::IfThenElseZero(added, value)), d, at);
+    };
+    add_to(kCutAway, cut.away);
+    add_to(kCutPartial, cut.partial);
+    add_to(kCutX, cut.out_x);
+    add_to(kCutY, cut.out_y);
   }
 
   HWY_INLINE void store() {
@@ -474,6 +609,7 @@ class FragmentLayer {
   FragmentSums<kNormals, kOpaqueSplats> sums_;
   hn::Vec<Tags> tag_;
   V full_;
+  M joined_;
 };
 
 HWY_INLINE bool is_zero(V v) { return hn::AllTrue(D(), hn::Eq(v, hn::Zero(D()))); }

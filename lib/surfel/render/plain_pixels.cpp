@@ -158,6 +158,9 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     if (lighting && lighting->material_count > 1) {
       plain = with_one_material(tile, pixel, fragments.layers);
     }
+    for (int i = 0; tile.layout.clips && i < fragments.layers; ++i) {
+      plain = hn::And(plain, hn::Eq(channel(tile, i, pixel, kCutPartial), zero));
+    }
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};

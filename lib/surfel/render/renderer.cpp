@@ -103,8 +103,10 @@ struct Renderer::Impl {
     }
     const bool opaque = is_opaque(cloud, scene);
     compositor = method.make(cloud, options, opaque);
-    blank_tile.layout = {
-        .layers = compositor->layers(), .normals = options.lit || options.aovs, .opaque = opaque};
+    blank_tile.layout = {.layers = compositor->layers(),
+                         .normals = options.lit || options.aovs,
+                         .opaque = opaque,
+                         .clips = cloud.has_clips()};
     set_weights();
     for (const SplatListOptions& list : compositor->lists()) {
       lists.emplace_back(cloud, scene, options, blank_tile.layout, list);
@@ -139,6 +141,7 @@ void Renderer::Impl::set_weights() {
   // Where the pixel filter evens the sums out, all but few are above this.
   const auto mean = static_cast<float>(1 - portable::exp(-options.cutoff));
   blank_tile.full_weight = full;
+  blank_tile.mean_weight = options.coverage_threshold ? full : mean;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
 }
 

@@ -59,7 +59,8 @@ static_assert(sizeof(Splat) == 64);
 inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
 inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
-inline constexpr int kMaterialShift = 3;          ///< The bits above the flags hold the material.
+inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
+inline constexpr int kMaterialShift = 4;          ///< The bits above the flags hold the material.
 
 /// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.
@@ -84,6 +85,26 @@ struct alignas(64) ExactSplat {
   float pixel2;  ///< Variance of the pixel filter on the plane at z = 1, times 2 c, unit^2.
 };
 static_assert(sizeof(ExactSplat) == 64);
+
+/// The half-planes that a splat is cut by (clip_kernel.h): each leaves the share Phi(z) of its
+/// kernel.
+struct alignas(64) SplatClip {
+  /// z = line[0] + line[1] dx + line[2] dy, pixels from the centre. Of an exact kernel: distance of
+  /// the line from the surfel's centre, and the direction times the deviations along u and v, scene
+  /// units. A line that is not there has z, or the distance, kNoClip.
+  float line[2][3];
+  /// Unit vector on the screen across the line, away from what is left; zero where it is not there.
+  float outward[2][2];
+  float joint;  ///< joint_share() of two lines.
+};
+static_assert(sizeof(SplatClip) == 64);
+
+/// See SplatClip::line: far beyond all kernels.
+inline constexpr float kNoClip = 1e18F;
+
+/// Kernels are left out where half-planes leave a smaller share of them than this: nothing of it is
+/// seen in 8 bits.
+inline constexpr float kLeastClipShare = 1e-3F;
 
 /// World-space normal of a splat, in a record of its own as unshaded pictures do not need it.
 struct SplatNormal {

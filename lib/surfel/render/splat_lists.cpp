@@ -11,6 +11,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/lod/cut.h>
+#include <surfel/render/clip_kernel.h>
 #include <surfel/render/exact_kernel.h>
 #include <surfel/render/splat_lists.h>
 
@@ -342,6 +343,13 @@ SurfelInCamera SplatLists::in_camera(const Cluster& cluster, std::size_t surfel)
     s.tangent = (t - s.normal * s.normal.dot(t)).normalized();
   }
   s.area = cloud_.area[surfel];
+  for (std::size_t j = 0; j < cloud_.clip.size(); ++j) {
+    const RenderCloud::ClipColumns& clip = cloud_.clip[j];
+    if (!cloud_.clips(clip, surfel)) continue;
+    const Vec3d direction = rotation * Vec3d(clip.x[surfel], clip.y[surfel], clip.z[surfel]);
+    s.clip[j] = {(direction - s.normal * s.normal.dot(direction)).normalized(),
+                 clip.distance[surfel]};
+  }
   return s;
 }
 
@@ -357,6 +365,7 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
   if (layout_.normals) grow(worker.normals, worker.count, all);
   if (lists_.groups) grow(worker.groups, worker.count, all);
   if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count, all);
+  if (cloud_.has_clips()) grow(worker.clips, worker.count, all);
   for (TileList& list : worker.tiles) {
     grow(list.splats, list.count, 0);
     grow(list.depths, list.count + kTileSize, 0);
@@ -365,7 +374,8 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
 
 /// Completes the splats from `begin` on, which lack only the values of their materials, and lists
 /// them in the tiles that they touch. `surfels` has their surfels.
-void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const {
+void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
+                            Worker& worker) const {
   const std::size_t count = worker.count - begin;
   Splat* const splats = worker.splats.data() + begin;
   for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
@@ -391,6 +401,7 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
   for (std::size_t i = 0; i < count && lists_.groups; ++i) {
     worker.groups[begin + i] = cloud_.group[surfels[i]];
   }
+  if (cloud_.has_clips()) add_clips(cluster, begin, surfels, worker);
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
     bool large = false;
@@ -399,6 +410,7 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
       list.splats[list.count] = static_cast<std::uint32_t>(begin + i);
       list.depths[list.count++] = splats[i].depth;
       list.large += large ? 1 : 0;
+      list.clipped += (splats[i].tag & kClippedTag) != 0 ? 1 : 0;
     };
     const PixelBox box = splats[i].box;
     const int x0 = box.x0 / kTileSize;
@@ -413,6 +425,19 @@ void SplatLists::add_splats(std::size_t begin, const std::uint32_t* surfels, Wor
     for (int y = y0; y <= y1; ++y) {
       for (int x = x0; x <= x1; ++x) put(x, y);
     }
+  }
+}
+
+/// Adds the half-planes of the splats from `begin` on whose surfels have some.
+void SplatLists::add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
+                           Worker& worker) const {
+  for (std::size_t at = begin; at < worker.count; ++at) {
+    const std::uint32_t surfel = surfels[at - begin];
+    if (!cloud_.is_clipped(surfel)) continue;
+    Splat& splat = worker.splats[at];
+    splat.tag |= kClippedTag;
+    worker.clips[at] =
+        make_splat_clip(in_camera(cluster, surfel), frame_->camera, lists_.lowpass, splat.k < 0);
   }
 }
 
@@ -483,7 +508,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.count = 0;
   ++w.loads;
   w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
-  for (TileList& list : w.tiles) list.count = list.large = 0;
+  for (TileList& list : w.tiles) list.count = list.large = list.clipped = 0;
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
   };
@@ -522,7 +547,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
     }
-    add_splats(first, surfels.data(), w);
+    add_splats(cluster, first, surfels.data(), w);
   }
 }
 
@@ -553,6 +578,7 @@ void SplatLists::thin_out(TileList& list, Worker& worker) const {
         worker.exact[copy] = worker.exact[at];
         worker.exact[copy].amplitude *= factor;
       }
+      if ((worker.splats[at].tag & kClippedTag) != 0) worker.clips[copy] = worker.clips[at];
       if (layout_.normals) worker.normals[copy] = worker.normals[at];
       if (lists_.groups) worker.groups[copy] = worker.groups[at];
       at = static_cast<std::uint32_t>(copy);
@@ -576,6 +602,7 @@ TileJob SplatLists::job(int x, int y, int worker) {
           .splats = w.splats.data(),
           .normals = layout_.normals ? w.normals.data() : nullptr,
           .exact = w.exact.data(),
+          .clips = list.clipped > 0 ? w.clips.data() : nullptr,
           .groups = lists_.groups ? w.groups.data() : nullptr,
           .order = w.order.data(),
           .count = list.count,

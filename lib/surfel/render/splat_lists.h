@@ -67,7 +67,8 @@ class SplatLists {
     Array<std::uint32_t> splats;
     Array<float> depths;
     std::size_t count = 0;
-    std::size_t large = 0;  ///< Splats whose box is as wide and as high as a tile, or more.
+    std::size_t clipped = 0;  ///< Splats that half-planes cut.
+    std::size_t large = 0;    ///< Splats whose box is as wide and as high as a tile, or more.
   };
   /// The splats that one worker has loaded, and its scratch memory.
   struct Worker {
@@ -79,6 +80,7 @@ class SplatLists {
     Array<SplatNormal> normals;
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
+    Array<SplatClip> clips;   ///< Where kClippedTag is set.
     std::vector<TileList> tiles;
     DepthSortScratch sort;
     Array<std::uint32_t> order;
@@ -105,7 +107,10 @@ class SplatLists {
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   void thin_out(TileList& list, Worker& worker) const;
-  void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
+  void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
+                  Worker& worker) const;
+  void add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
+                 Worker& worker) const;
 
   const RenderCloud& cloud_;
   const Scene& scene_;

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 #include <surfel/render/tile_raster.h>
@@ -22,7 +23,8 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
-template <bool kNormals, bool kOpaqueSplats>
+/// \tparam kClips  Some splats of the tile are cut by half-planes.
+template <bool kNormals, bool kOpaqueSplats, bool kClips>
 class Rasterizer {
  public:
   Rasterizer(const TileJob& job, TileABuffer& tile)
@@ -115,6 +117,15 @@ class Rasterizer {
     V depth, epsilon;
     std::uint32_t splat;
   };
+  /// With what half-planes cut off from it; their splats alone have that.
+  struct CutOff : Contribution {
+    CutContribution cut;
+  };
+  using Waiting = std::conditional_t<kClips, CutOff, Contribution>;
+
+  bool is_clipped(std::uint32_t splat) const {
+    return kClips && (job_.splats[splat].tag & kClippedTag) != 0;
+  }
 
   using Layer = FragmentLayer<kNormals, kOpaqueSplats>;
 
@@ -127,7 +138,7 @@ class Rasterizer {
   /// waits, or a branch guessed wrong, costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
     constexpr std::ptrdiff_t kBatch = 32;  // Its contributions stay in the first-level cache.
-    Contribution batch[kBatch];
+    Waiting batch[kBatch];
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
       const Layers open = open_layers(list.pixel, list.reach);
@@ -162,8 +173,7 @@ class Rasterizer {
   }
 
   /// Adds contributions that the first open layer did not take; `open` are the other layers.
-  HWY_INLINE void place(const PixelSplats& list, Layers open, Contribution* batch,
-                        std::size_t count) {
+  HWY_INLINE void place(const PixelSplats& list, Layers open, Waiting* batch, std::size_t count) {
     const std::size_t left = join_layers(list.pixel, open, batch, count);
     const D d;
     M made = hn::Lt(hn::Zero(d), hn::Zero(d));
@@ -187,7 +197,7 @@ class Rasterizer {
   /// Evaluates the splats [begin, end) where they are seen, and adds them to a layer. Leaves the
   /// contributions of other surfaces in `out`, and returns their number.
   HWY_INLINE std::size_t join_first(const PixelSplats& list, const std::uint32_t* begin,
-                                    const std::uint32_t* end, int which, Contribution* out) const {
+                                    const std::uint32_t* end, int which, Waiting* out) const {
     const D d;
     const SplatSampler sampler = raster_.sampler();
     const Splat* const splats = job_.splats;
@@ -199,18 +209,29 @@ class Rasterizer {
     FragmentCounter fragments;
     std::size_t left = 0;
     for (; begin < end; ++begin) {
-      const Sample s = sampler.at(*begin, x, y);
+      const Sample s = sampler.uncut_at(*begin, x, y);
       const M inside = hn::Lt(s.beta, cutoff);
       fragments.add(inside);
       // A contribution within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, inside);
-      const V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
-      Contribution& to = out[left];
+      V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
+      Waiting& to = out[left];
+      if constexpr (kClips) {
+        if (is_clipped(*begin)) {
+          const ClipSample clip = sampler.clipped(*begin, x, y);
+          to.cut = {neg_mul_add(rho, clip.share, rho), hn::Mul(rho, clip.partial),
+                    hn::Mul(rho, clip.out_x), hn::Mul(rho, clip.out_y)};
+          rho = hn::Mul(rho, clip.share);
+        }
+      }
       to.depth = s.depth;
       to.epsilon = s.epsilon;
       to.splat = *begin;
       to.rho = layer.take(rho, s.depth, s.epsilon, splats[*begin], normal_of(*begin));
+      if constexpr (kClips) {
+        if (is_clipped(*begin)) layer.add_cut(to.cut, layer.joined());
+      }
       left += is_zero(to.rho) ? 0 : 1;
     }
     layer.store();
@@ -220,7 +241,7 @@ class Rasterizer {
 
   /// Adds contributions to some layers. Leaves contributions for which there is no layer, in the
   /// pixels where there is none, and returns their number.
-  HWY_INLINE std::size_t join_layers(std::size_t pixel, Layers open, Contribution* batch,
+  HWY_INLINE std::size_t join_layers(std::size_t pixel, Layers open, Waiting* batch,
                                      std::size_t count) const {
     const Splat* const splats = job_.splats;
     for (; open != 0 && count > 0; open &= open - 1) {
@@ -232,11 +253,15 @@ class Rasterizer {
         const V depth = batch[i].depth;
         const V epsilon = batch[i].epsilon;
         const std::uint32_t splat = batch[i].splat;
-        Contribution& to = batch[left];
+        Waiting& to = batch[left];
+        if constexpr (kClips) to.cut = batch[i].cut;
         to.depth = depth;
         to.epsilon = epsilon;
         to.splat = splat;
         to.rho = layer.take(rho, depth, epsilon, splats[splat], normal_of(splat));
+        if constexpr (kClips) {
+          if (is_clipped(splat)) layer.add_cut(to.cut, layer.joined());
+        }
         left += is_zero(to.rho) ? 0 : 1;
       }
       layer.store();
@@ -247,7 +272,7 @@ class Rasterizer {
 
   /// Adds a contribution for which no layer is left in its pixels. Returns the pixels in which that
   /// has made a layer.
-  HWY_NOINLINE M add_without_layer(std::size_t pixel, const Contribution& c) {
+  HWY_NOINLINE M add_without_layer(std::size_t pixel, const Waiting& c) {
     const D d;
     const V rho = c.rho;
     const V depth = c.depth;
@@ -272,7 +297,7 @@ class Rasterizer {
   /// Treats contributions that come after their surface has been merged: behind an opaque pair they
   /// are not seen; within a pair they fill the share that it leaves open if all is opaque, and are
   /// dropped otherwise, as their place in the pair is not known. Returns the other contributions.
-  HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Contribution& c) {
+  HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Waiting& c) {
     const D d;
     const V depth = c.depth;
     const V epsilon = c.epsilon;
@@ -301,20 +326,34 @@ class Rasterizer {
 
   /// Calls `function(lane, PixelContribution)` for the lanes of the mask, in order.
   template <class Function>
-  HWY_INLINE void for_each_lane(M lanes, const Contribution& c, const Function& function) const {
+  HWY_INLINE void for_each_lane(M lanes, const Waiting& c, const Function& function) const {
     const D d;
     if (hn::AllFalse(d, lanes)) return;
     HWY_ALIGN float rhos[kTileSize];
     HWY_ALIGN float depths[kTileSize];
     hn::Store(c.rho, d, rhos);
     hn::Store(c.depth, d, depths);
+    HWY_ALIGN float cuts[4][kTileSize] = {};
+    if constexpr (kClips) {
+      if (is_clipped(c.splat)) {
+        hn::Store(c.cut.away, d, cuts[0]);
+        hn::Store(c.cut.partial, d, cuts[1]);
+        hn::Store(c.cut.out_x, d, cuts[2]);
+        hn::Store(c.cut.out_y, d, cuts[3]);
+      }
+    }
     const Splat& splat = job_.splats[c.splat];
     const SplatNormal* const normal = normal_of(c.splat);
     std::uint8_t bytes[8] = {};  // StoreMaskBits() may write as many.
     hn::StoreMaskBits(d, lanes, bytes);
     for (unsigned left = bytes[0] | bytes[1] << 8U; left != 0; left &= left - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(left));
-      function(lane, PixelContribution{rhos[lane], depths[lane], splat, normal});
+      function(lane,
+               PixelContribution{rhos[lane],
+                                 depths[lane],
+                                 splat,
+                                 normal,
+                                 {cuts[0][lane], cuts[1][lane], cuts[2][lane], cuts[3][lane]}});
     }
   }
 
@@ -333,14 +372,19 @@ class Rasterizer {
 
 }  // namespace
 
-void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
+template <bool kClips>
+void rasterize(const TileJob& job, TileABuffer& tile) {
   if (job.normals) {
-    job.rules->opaque ? Rasterizer<true, true>(job, tile).run()
-                      : Rasterizer<true, false>(job, tile).run();
+    job.rules->opaque ? Rasterizer<true, true, kClips>(job, tile).run()
+                      : Rasterizer<true, false, kClips>(job, tile).run();
   } else {
-    job.rules->opaque ? Rasterizer<false, true>(job, tile).run()
-                      : Rasterizer<false, false>(job, tile).run();
+    job.rules->opaque ? Rasterizer<false, true, kClips>(job, tile).run()
+                      : Rasterizer<false, false, kClips>(job, tile).run();
   }
+}
+
+void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
+  job.clips ? rasterize<true>(job, tile) : rasterize<false>(job, tile);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -21,8 +21,10 @@ struct FragmentRules {
 struct TileJob {
   const FragmentRules* rules = nullptr;
   const Splat* splats = nullptr;
-  const SplatNormal* normals = nullptr;   ///< Parallel to `splats`; null in unshaded pictures.
-  const ExactSplat* exact = nullptr;      ///< Parallel to `splats`; read where k is kExactKernel.
+  const SplatNormal* normals = nullptr;  ///< Parallel to `splats`; null in unshaded pictures.
+  const ExactSplat* exact = nullptr;     ///< Parallel to `splats`; read where k is kExactKernel.
+  /// Parallel to `splats`, read where kClippedTag is set; null if it is set nowhere in the tile.
+  const SplatClip* clips = nullptr;
   const std::uint16_t* groups = nullptr;  ///< Parallel to `splats`; null where they do not matter.
   /// Indices into `splats`; kTileSize more places can be read.
   const std::uint32_t* order = nullptr;

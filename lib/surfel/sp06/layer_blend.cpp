@@ -93,7 +93,7 @@ class LayerRaster {
     const float rim = std::sqrt(job_.rules->cutoff);
     const M inside = hn::Lt(root, hn::Set(d, rim - step));
     const M outside = hn::Gt(root, hn::Set(d, rim + step));
-    if (splat.k >= 0 && hn::AllTrue(d, hn::Or(inside, outside))) {
+    if (splat.k >= 0 && !sampler.is_clipped(index) && hn::AllTrue(d, hn::Or(inside, outside))) {
       return bits_where(inside, hn::Set(Tags(), (1U << LayerImages::kSamples) - 1));
     }
     const float mirrored = (job_.groups[index] & 1) != 0 ? -1.0F : 1.0F;

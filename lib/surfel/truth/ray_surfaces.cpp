@@ -28,6 +28,13 @@ Disc::Disc(const RenderCloud& cloud, std::uint32_t i, const Camera& camera)
     if (!t.isZero()) tangent = t.normalized();
   }
   bitangent = normal.cross(tangent);
+  for (std::size_t j = 0; j < lines.size(); ++j) {
+    lines[j] = {Vec3d(0, 0, 0), 0};
+    const RenderCloud::ClipColumns& clip = cloud.clip[j];
+    if (!RenderCloud::clips(clip, i)) continue;
+    const Vec3d direction(clip.x[i], clip.y[i], clip.z[i]);
+    lines[j] = {(direction - normal * normal.dot(direction)).normalized(), clip.distance[i]};
+  }
 }
 
 void RaySurfaces::separate(const std::vector<RayHit>& hits) {

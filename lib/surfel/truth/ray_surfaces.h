@@ -3,6 +3,7 @@
 // The common parts of the two ray casters (reference.h, source_ewa.h): surfels in double, and the
 // surfaces that a ray meets.
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -24,11 +25,22 @@ struct Disc {
   double deviation_u, deviation_v;   ///< Scene units.
   double area;                       ///< Scene units^2.
   std::uint32_t surfel;
+  /// A half-plane that cuts the disc; the direction is zero where there is none.
+  struct Line {
+    Vec3d direction;  ///< World axes, unit.
+    double distance;  ///< From the centre.
+  };
+  std::array<Line, 2> lines;
 
   /// A surfel without a normal is perpendicular to the line from the eye to its centre.
   Disc(const RenderCloud& cloud, std::uint32_t surfel, const Camera& camera);
 
   double max_deviation() const { return deviation_u > deviation_v ? deviation_u : deviation_v; }
+  /// Whether a point of the plane, relative to the centre, lies beyond a line that cuts the disc.
+  bool is_cut(const Vec3d& offset) const {
+    return lines[0].direction.dot(offset) > lines[0].distance ||
+           lines[1].direction.dot(offset) > lines[1].distance;
+  }
   /// Where the ray meets the plane: its t; not finite where it is parallel to the plane.
   double meet(const ViewRay& ray) const {
     return normal.dot(center - ray.origin) / normal.dot(ray.direction);

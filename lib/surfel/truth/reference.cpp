@@ -67,7 +67,7 @@ class RayCaster {
     const double u = disc.tangent.dot(offset) / disc.deviation_u;
     const double v = disc.bitangent.dot(offset) / disc.deviation_v;
     const double beta = 0.5 * (u * u + v * v);
-    if (!(beta < options_.cutoff)) return std::nullopt;
+    if (!(beta < options_.cutoff) || disc.is_cut(offset)) return std::nullopt;
     const double weight = disc.area * portable::exp(-beta) /
                           (2 * std::numbers::pi * disc.deviation_u * disc.deviation_v);
     if (!(weight > 0)) return std::nullopt;

@@ -11,6 +11,7 @@
 #include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/render/clip_kernel.h>
 #include <surfel/render/shading.h>
 #include <surfel/surface/coverage_threshold.h>
 #include <surfel/truth/ray_surfaces.h>
@@ -65,8 +66,27 @@ class SourceKernels {
                          Sigma(0, 0) * x.y() * x.y()) /
                         det_Sigma;
     if (!(beta < options_.cutoff)) return std::nullopt;
-    const double rho =
-        disc.area * det_J * portable::exp(-beta) / (2 * std::numbers::pi * std::sqrt(det_Sigma));
+    const Eigen::Matrix2d K = V.asDiagonal() * J.transpose() * Sigma.inverse();
+    const Eigen::Matrix2d left = V.asDiagonal().toDenseMatrix() - K * J * V.asDiagonal();
+    double shares[2] = {1, 1};
+    Vec2d n[2];
+    double s2[2];
+    for (std::size_t j = 0; j < disc.lines.size(); ++j) {
+      const Disc::Line& line = disc.lines[j];
+      n[j] = {line.direction.dot(disc.tangent), line.direction.dot(disc.bitangent)};
+      if (n[j].isZero(0)) continue;
+      s2[j] = std::max(n[j].dot(left * n[j]), 1e-12 * V.sum());
+      const double z = (line.distance - n[j].dot(K * x)) / std::sqrt(s2[j]);
+      shares[j] = portable::erfc(-z / std::numbers::sqrt2) / 2;
+    }
+    double share = shares[0] * shares[1];
+    if (!n[0].isZero(0) && !n[1].isZero(0)) {
+      const double r = std::clamp(n[0].dot(left * n[1]) / std::sqrt(s2[0] * s2[1]), -1.0, 1.0);
+      share = joined(shares[0], shares[1], 2 / std::numbers::pi * portable::asin(r));
+    }
+    if (share < kLeastClipShare) return std::nullopt;
+    const double rho = share * disc.area * det_J * portable::exp(-beta) /
+                       (2 * std::numbers::pi * std::sqrt(det_Sigma));
     if (!(rho > 0)) return std::nullopt;
 
     const double center_z = camera_.camera_from_world.row(2).dot(disc.center);

@@ -1,0 +1,170 @@
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <surfel/base/elementary.h>
+#include <surfel/render/clip_kernel.h>
+
+#include "render/scenes.h"
+
+namespace surfel::test {
+namespace {
+
+SurfelInCamera tilted(double degrees) {
+  SurfelInCamera s;
+  s.position = {0.3, -0.2, 2};
+  const double a = degrees * M_PI / 180;
+  s.normal = Eigen::Vector3d(std::sin(a), 0, -std::cos(a));
+  s.tangent = Eigen::Vector3d(std::cos(a), 0, std::sin(a));
+  s.variance_u = 4e-4;
+  s.variance_v = 1e-4;
+  return s;
+}
+
+ClipLine line_at(const SurfelInCamera& s, double angle, double distance) {
+  const Eigen::Vector3d b = s.normal.cross(s.tangent);
+  return {std::cos(angle) * s.tangent + std::sin(angle) * b, distance};
+}
+
+/// The share of the filtered kernel that lines leave at a pixel, by midpoints in the tangent plane:
+/// of the Gaussian times the pixel filter's Gaussian, whose projection is linear.
+double share_by_quadrature(const SurfelInCamera& s, const Camera& camera, double lowpass,
+                           const Eigen::Vector2d& offset, const std::vector<ClipLine>& lines,
+                           int steps) {
+  const Eigen::Matrix2d J = screen_from_tangent_jacobian(s, camera);
+  const Eigen::Vector3d b = s.normal.cross(s.tangent);
+  const double reach = 7 * std::sqrt(std::max(s.variance_u, s.variance_v));
+  double left = 0;
+  double all = 0;
+  for (int i = 0; i < steps; ++i) {
+    for (int k = 0; k < steps; ++k) {
+      const Eigen::Vector2d u(reach * ((2 * i + 1.0) / steps - 1),
+                              reach * ((2 * k + 1.0) / steps - 1));
+      const Eigen::Vector2d x = offset - J * u;
+      const double value =
+          std::exp(-0.5 * (u.x() * u.x() / s.variance_u + u.y() * u.y() / s.variance_v +
+                           x.squaredNorm() / (lowpass * lowpass)));
+      all += value;
+      // The share of a cell that a line leaves is linear in its distance, nearly.
+      double inside = 1;
+      for (const ClipLine& line : lines) {
+        const double to_line = line.distance - line.direction.dot(u.x() * s.tangent + u.y() * b);
+        inside *= std::clamp(to_line * steps / (2 * reach) + 0.5, 0.0, 1.0);
+      }
+      left += inside * value;
+    }
+  }
+  return left / all;
+}
+
+TEST(ClipKernel, ShareOfOneLineIsExact) {
+  const Camera camera = camera_at(1, 256);
+  for (const double degrees : {0.0, 40.0, 80.0}) {
+    const SurfelInCamera s = tilted(degrees);
+    for (const double angle : {0.0, 1.0, 2.5}) {
+      const ClipLine line = line_at(s, angle, 0.4 * std::sqrt(s.variance_u));
+      const ClipShare share = clip_share(s, camera, 1, line);
+      for (const Eigen::Vector2d& offset :
+           {Eigen::Vector2d(0, 0), Eigen::Vector2d(1.5, -0.7), Eigen::Vector2d(-2, 2.5)}) {
+        EXPECT_NEAR(share.at(offset, {0, 0}),
+                    share_by_quadrature(s, camera, 1, offset, {line}, 300), 1e-3)
+            << degrees << " degrees, line " << angle;
+      }
+    }
+  }
+}
+
+/// Off by less than the header states.
+TEST(ClipKernel, ShareOfTwoLinesIsNear) {
+  const Camera camera = camera_at(1, 256);
+  double error = 0;
+  for (const double wedge : {0.5, 0.8, 1.6, 2.4, 2.9}) {
+    SurfelInCamera s = tilted(30);
+    s.clip[0] = line_at(s, 0, 0.1 * std::sqrt(s.variance_u));
+    s.clip[1] = line_at(s, M_PI - wedge, 0);
+    const double w = joint_share(s, camera, 1);
+    for (double x = -3; x <= 3; x += 1.5) {
+      for (double y = -3; y <= 3; y += 1.5) {
+        const double share = joined(clip_share(s, camera, 1, s.clip[0]).at({x, y}, {0, 0}),
+                                    clip_share(s, camera, 1, s.clip[1]).at({x, y}, {0, 0}), w);
+        const double exact = share_by_quadrature(s, camera, 1, {x, y}, {s.clip[0], s.clip[1]}, 200);
+        error = std::max(error, std::abs(share - exact));
+      }
+    }
+  }
+  EXPECT_LT(error, 0.035);
+}
+
+/// Both sides of a crease see its line at the same place, and outward vectors are opposite.
+TEST(ClipKernel, SidesOfACreaseLookAtEachOther) {
+  const Camera camera = camera_at(3, 256);
+  SurfelInCamera top;
+  top.position = {0.2, -0.1, 3};
+  top.normal = Eigen::Vector3d(0, -1, -1).normalized();
+  top.tangent = {1, 0, 0};
+  top.clip[0] = {Eigen::Vector3d(0, 1, -1).normalized(), 0.1};
+  const Eigen::Vector3d on_crease = top.position + 0.1 * top.clip[0].direction;
+  SurfelInCamera side = top;
+  side.normal = Eigen::Vector3d(0, 1, -1).normalized();
+  side.clip[0] = {Eigen::Vector3d(0, -1, -1).normalized(), 0.1};
+  side.position = on_crease + Eigen::Vector3d(-0.3, 0, 0) - 0.1 * side.clip[0].direction;
+  const Eigen::Vector2d a = outward_on_screen(top, camera, top.clip[0]);
+  const Eigen::Vector2d b = outward_on_screen(side, camera, side.clip[0]);
+  EXPECT_NEAR(a.norm(), 1, 1e-12);
+  EXPECT_LT((a + b).norm(), 1e-12);
+  EXPECT_GT(a.y(), 0.9);  // Below the edge on the screen the side is seen.
+}
+
+/// The vectors that rasterisers make, of affine and of exact kernels, are the scalar form's.
+TEST(ClipKernel, PicturesOfOneSurfelAreKernelTimesShare) {
+  const Camera camera = camera_at(2, 64);
+  SurfelCloud cloud;
+  add_surfel(cloud, {0.02F, -0.05F, 0}, Vec3f(0.3F, 0.2F, 1).normalized(), 0.01F, 0.02F, {1, 1, 1});
+  cloud.clip1 = {Vec3f(1, 0.4F, -0.3F)};
+  cloud.clip1_distance = {0.06F};
+  cloud.clip2 = {Vec3f(-0.2F, 1, 0)};
+  cloud.clip2_distance = {-0.02F};
+  SurfelCloud whole = cloud;
+  whole.clip1 = whole.clip2 = {};
+  whole.clip1_distance = whole.clip2_distance = {};
+  for (const Kernel kernel : {Kernel::kAffine, Kernel::kPerspective}) {
+    RenderOptions options;
+    options.cutoff = 4;
+    options.kernel = kernel;
+    const Image cut = render_unlit(cloud, camera, options);
+    const Image uncut = render_unlit(whole, camera, options);
+    SurfelInCamera s = in_camera(cloud, 0, camera);
+    const auto ewa = make_ewa_kernel(s, camera, options.lowpass);
+    ASSERT_TRUE(ewa);
+    double worst = 0;
+    double most = 0;
+    for (int y = 0; y < 64; ++y) {
+      for (int x = 0; x < 64; ++x) {
+        double shares[2];
+        for (int j = 0; j < 2; ++j) {
+          const Vec3f& direction = (j == 0 ? cloud.clip1 : cloud.clip2)[0];
+          const Vec3f& n = cloud.normal[0];
+          const Eigen::Vector3d in_plane =
+              (direction - n * n.dot(direction)).normalized().cast<double>();
+          const ClipLine line{camera.camera_from_world * in_plane,
+                              (j == 0 ? cloud.clip1_distance : cloud.clip2_distance)[0]};
+          s.clip[j] = line;
+          shares[j] =
+              clip_share(s, camera, options.lowpass, line).at({x + 0.5, y + 0.5}, ewa->center);
+        }
+        const double share = joined(shares[0], shares[1], joint_share(s, camera, options.lowpass));
+        const double before = uncut.pixel(x, y)[kSumOfRho];
+        most = std::max(most, before * share);
+        if (share < 2 * kLeastClipShare) continue;
+        worst = std::max(worst, std::abs(cut.pixel(x, y)[kSumOfRho] - before * share));
+      }
+    }
+    EXPECT_GT(most, 0.05);
+    // The projection of the exact kernel is not linear.
+    EXPECT_LT(worst, (kernel == Kernel::kAffine ? 1e-5 : 0.05) * most) << static_cast<int>(kernel);
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
