@@ -53,6 +53,10 @@ void declare(tool::Tool& tool, Request& r) {
                  "Faces that meet at a larger angle share no normal, where the mesh has none of "
                  "its own; degrees");
 
+  app.add_flag("--clip", r.options.clip,
+               "Surfels end at the mesh's borders and at creases of more than --crease-angle, with "
+               "mirrored surfels beyond, on top of --count; for meshes with sharp edges");
+
   app.option_defaults()->group("Adaptive spacing");
   app.add_flag("--adaptive", r.adaptive,
                "Small surfels where texture or shape have detail, large ones elsewhere; with "
@@ -135,6 +139,8 @@ void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampl
   json["border_edges"] = report.edges.border;
   json["non_manifold_edges"] = report.edges.non_manifold;
   json["inconsistent_edges"] = report.edges.inconsistent;
+  json["clipped"] = report.clipped;
+  json["mirrored"] = report.mirrored;
   json["area"] = report.area;
   json["spacing"] = report.spacing;
   // A single sample has no distance to others; JSON has no infinity.
@@ -173,13 +179,19 @@ void tell(const tool::Tool& tool, const Request& r, const TriangleMesh& mesh,
     tool.note(fmt::format("{}: {} faces have uv without area; dpdu and dpdv are zero there", r.mesh,
                           report.flat_uv_faces));
   }
-  if (r.options.count && cloud.size() != *r.options.count) {
+  const std::size_t samples = cloud.size() - report.mirrored;
+  if (r.options.count && samples != *r.options.count) {
     tool.note(fmt::format(
-        "{}: {} samples instead of {}: its {} components {}", r.mesh, cloud.size(),
-        *r.options.count, report.components,
-        cloud.size() > *r.options.count ? "need one each at least" : "have no room for more"));
+        "{}: {} samples instead of {}: its {} components {}", r.mesh, samples, *r.options.count,
+        report.components,
+        samples > *r.options.count ? "need one each at least" : "have no room for more"));
   }
-  tool.wrote(r.output, fmt::format("{} surfels, spacing {:.4g}", cloud.size(), report.spacing));
+  const std::string clipped = report.clipped > 0
+                                  ? fmt::format(", {} end at edges, {} of them mirrored beyond",
+                                                report.clipped, report.mirrored)
+                                  : "";
+  tool.wrote(r.output,
+             fmt::format("{} surfels, spacing {:.4g}{}", cloud.size(), report.spacing, clipped));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/stage_timer.h>
+#include <surfel/sample/mesh_clips.h>
 #include <surfel/sample/mesh_edges.h>
 #include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -25,6 +27,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kSampleGrain = 1 << 14;
+/// Reach of kernels in standard deviations, as far as lines cut them.
+constexpr double kClipReach = 3;
 /// PoissonDisk counts slots in 31 bits.
 constexpr std::size_t kMostSamples = std::size_t{1} << 28;
 
@@ -409,6 +413,102 @@ ColorLight color_light(const TriangleMesh& mesh) {
   return unlit == mesh.face.size() ? ColorLight::kRecorded : ColorLight::kMixed;
 }
 
+/// Surfels nearer to a line than this, in standard deviations, go on beyond it: the others have
+/// less than 1.5 % of their kernels there.
+constexpr double kMirrorReach = 2.2;
+
+/// Cuts surfels at the mesh's edges and adds the surfels that go on beyond.
+class EdgeCutter {
+ public:
+  EdgeCutter(const MeshClips& clips, const Array<SurfaceSample>& samples, SurfelCloud& cloud)
+      : clips_(clips), samples_(samples), cloud_(cloud) {}
+
+  void run(MeshSampleReport& report) {
+    const std::size_t count = samples_.size();
+    Array<MeshClips::Lines> lines(count);
+    parallel_each(count, kSampleGrain, [&](std::size_t i) {
+      const double reach = kClipReach * std::sqrt(cloud_.variance[i]);
+      lines[i] = clips_.around(samples_[i].face, cloud_.position[i].cast<double>(),
+                               cloud_.normal[i].cast<double>(), reach);
+    });
+    Array<std::uint32_t> order(count);
+    std::iota(order.begin(), order.end(), 0U);
+    std::vector<Copy> copies;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      if (lines[i].count == 0) continue;
+      ++report.clipped;
+      mirror(i, lines[i], copies);
+    }
+    if (report.clipped == 0) return;
+    for (const Copy& copy : copies) order.push_back(copy.of);
+    if (!copies.empty()) cloud_ = cloud_.gathered(order);
+    report.clipped += copies.size();
+    report.mirrored = copies.size();
+    cloud_.clip1.assign(order.size(), Vec3f(0, 0, 0));
+    cloud_.clip2 = cloud_.clip1;
+    cloud_.clip1_distance.assign(order.size(), 0.0F);
+    cloud_.clip2_distance = cloud_.clip1_distance;
+    for (std::size_t i = 0; i < count; ++i) put(i, lines[i]);
+    for (std::size_t k = 0; k < copies.size(); ++k) {
+      cloud_.position[count + k] = copies[k].position.cast<float>();
+      put(count + k, copies[k].lines);
+    }
+  }
+
+ private:
+  /// A surfel beyond one of its lines, or beyond both.
+  struct Copy {
+    std::uint32_t of;
+    Vec3d position;
+    MeshClips::Lines lines;
+  };
+
+  void mirror(std::uint32_t i, const MeshClips::Lines& lines, std::vector<Copy>& copies) const {
+    const double deviation = std::sqrt(cloud_.variance[i]);
+    const Copy original{i, cloud_.position[i].cast<double>(), lines};
+    const auto add = [&](const Copy& from, std::size_t j) {
+      Copy copy = from;
+      const MeshClips::Line mirror = from.lines.line[j];
+      copy.position += 2 * mirror.distance * mirror.direction;
+      for (MeshClips::Line& line : copy.lines.line) {
+        line.distance -= 2 * mirror.distance * mirror.direction.dot(line.direction);
+      }
+      for (int k = 0; k < copy.lines.count; ++k) {
+        if (copy.lines.line[static_cast<std::size_t>(k)].distance < -kMirrorReach * deviation) {
+          return;
+        }
+      }
+      copies.push_back(copy);
+    };
+    const auto is_near = [&](std::size_t j) {
+      return static_cast<int>(j) < lines.count && lines.line[j].distance < kMirrorReach * deviation;
+    };
+    if (is_near(0)) add(original, 0);
+    if (!is_near(1)) return;
+    const std::size_t before = copies.size();
+    add(original, 1);
+    if (is_near(0) && copies.size() > before) {
+      const Copy second = copies.back();
+      if (second.lines.line[0].distance > 0) add(second, 0);
+    }
+  }
+
+  void put(std::size_t i, const MeshClips::Lines& lines) {
+    if (lines.count > 0) {
+      cloud_.clip1[i] = lines.line[0].direction.cast<float>();
+      cloud_.clip1_distance[i] = static_cast<float>(lines.line[0].distance);
+    }
+    if (lines.count > 1) {
+      cloud_.clip2[i] = lines.line[1].direction.cast<float>();
+      cloud_.clip2_distance[i] = static_cast<float>(lines.line[1].distance);
+    }
+  }
+
+  const MeshClips& clips_;
+  const Array<SurfaceSample>& samples_;
+  SurfelCloud& cloud_;
+};
+
 void report_distances(const Array<SurfaceSample>& samples, MeshSampleReport& report) {
   report.least_distance = std::numeric_limits<double>::infinity();
   double sum = 0;
@@ -492,8 +592,19 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
 
   const SizingField uniform(1);
   const SizingField& field = options.field ? *options.field : uniform;
-  const Sampling sampling{
-      mesh, rings, component, faces, field, area_in_field(mesh, faces, field), options.seed, name};
+  const double area = area_in_field(mesh, faces, field);
+  std::optional<MeshClips> clips;
+  Array<std::uint32_t> cut;
+  if (options.clip) {
+    clips.emplace(mesh, rings, options.crease_angle);
+    const double factor =
+        options.spacing.value_or(std::sqrt(area / static_cast<double>(options.count.value_or(1))));
+    const double reach = kClipReach * options.variance_scale * factor;
+    cut = clips->cut_creases(mesh, rings,
+                             [&](const Vec3d& p) { return reach * field.at(p.cast<float>()); });
+  }
+  const Sampling sampling{mesh, clips ? cut : rings, component, faces, field,
+                          area, options.seed,        name};
   out.spacing = options.spacing.value_or(0);
   Sampled sampled = options.count ? sampling.with_count(*options.count, out.spacing)
                                   : sampling.with_spacing(out.spacing, options.most_eliminated);
@@ -534,6 +645,10 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
     attributes.transfer(i, sample.face);
   });
   stage.end("attributes");
+  if (clips) {
+    if (!clips->empty()) EdgeCutter(*clips, samples, cloud).run(out);
+    stage.end("edges");
+  }
 
   if (options.field)
     out.spacing = std::sqrt(faces.total_area / static_cast<double>(samples.size()));

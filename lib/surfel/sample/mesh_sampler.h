@@ -39,7 +39,11 @@ struct SURFEL_API MeshSampleOptions {
   std::size_t most_eliminated = std::numeric_limits<std::size_t>::max();
   double crease_angle = std::numbers::pi / 4;  ///< Faces that meet at a larger angle share no
                                                ///< normal where the file has none; radians.
-  std::vector<std::string> problems() const;   ///< Empty if usable.
+  /// Surfels end at the mesh's borders and creases (MeshClips), beyond which mirrored surfels go on
+  /// for as far as kernels reach, cut off where the others are: the sums of kernels are as even at
+  /// the edge as elsewhere. The mirrored surfels come on top of `count`.
+  bool clip = false;
+  std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
 /// Figures of a sample_mesh(): faces left out, and the spacing reached.
@@ -53,6 +57,9 @@ struct MeshSampleReport {
   bool eliminated = false;  ///< The triangles are so long and thin that the samples come from
                             ///< eliminate_samples().
   EdgeCounts edges;
+  std::size_t clipped = 0;    ///< Surfels that end at a border or crease ...
+  std::size_t mirrored = 0;   ///< ... and those among them that go on beyond it, see
+                              ///< MeshSampleOptions::clip.
   double area = 0;            ///< Area of the mesh, every face once.
   double spacing = 0;         ///< Spacing asked for, or found for the count.
   double least_distance = 0;  ///< Least distance between samples of one sheet; infinity if no
@@ -83,7 +90,8 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 /// spacings.
 ///
 /// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller
-/// than spacing^2: its area instead), area (the areas sum to the mesh's area), uv, dpdu and
+/// than spacing^2: its area instead), area (the areas sum to the mesh's area, mirrored surfels left
+/// out), clip1 and clip2 where some surfel ends at an edge; uv, dpdu and
 /// dpdv where the mesh has uv; color where it has vertex colours or materials without texture;
 /// alpha where a material is see-through; material where it has more than one. The mesh's origin
 /// and its upward direction are kept.
