@@ -18,6 +18,7 @@
 #include <surfel/measure/mesh_topology.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/render_options.h>
+#include <surfel/scene/clips.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
@@ -119,6 +120,14 @@ Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& par
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
+  std::size_t clipped = 0;
+  std::size_t cut_off = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    clipped += surfel::is_clipped(cloud, i) ? 1 : 0;
+    cut_off += surfel::is_cut_off(cloud, i) ? 1 : 0;
+  }
+  out["clipped"] = clipped;
+  out["clipped_at_center"] = cut_off;
   const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
                                                     {.up = cloud.up, .viewpoint = cloud.viewpoint});
   out["view"] = describe(view);

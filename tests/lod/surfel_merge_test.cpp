@@ -143,6 +143,30 @@ TEST(SurfelMerge, RoughSurfaceKeepsItsAreaInProjection) {
   EXPECT_NEAR(cancelled.area, 2, 1e-5);
 }
 
+TEST(SurfelMerge, KeepsLinesThatCutAllMembers) {
+  SurfelCloud cloud = random_plane(3, {0, 0, 1}, {0, 0, 0});
+  cloud.position = {{0, 0, 0}, {0.3F, 0.2F, 0}, {1.5F, 0, 0}};
+  // The line x = 1 cuts all, y = 0.5 the first alone; the last one continues the others.
+  cloud.clip1 = {{1, 0, 0}, {0, 1, 0}, {1, 0, 0}};
+  cloud.clip1_distance = {1, 5, -0.5F};
+  cloud.clip2 = {{0, 1, 0}, {1, 0, 0}, {0, 0, 0}};
+  cloud.clip2_distance = {0.5F, 0.7F, 0};
+  const MergeSurfel m = merged_all(merge_surfels(cloud));
+  EXPECT_LT(m.position.x(), 0.3F);
+  EXPECT_NEAR(m.area, cloud.area[0] + cloud.area[1], 1e-5);
+  SurfelCloud out = cloud;
+  write_attributes(out, 0, m);
+  int lines = 0;
+  for (const auto& [direction, distance] : {std::pair(out.clip1[0], out.clip1_distance[0]),
+                                            std::pair(out.clip2[0], out.clip2_distance[0])}) {
+    if (direction.isZero()) continue;
+    ++lines;
+    EXPECT_EQ(direction, Vec3f(1, 0, 0));
+    EXPECT_NEAR(out.position[0].x() + distance, 1, 1e-6);
+  }
+  EXPECT_EQ(lines, 1);
+}
+
 TEST(SurfelMerge, UnknownNormalsStayUnknown) {
   SurfelCloud cloud;
   for (int i = 0; i < 4; ++i) {

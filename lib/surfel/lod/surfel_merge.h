@@ -24,6 +24,12 @@ struct MergeSurfel {
   Vec3f coefficient;
   float alpha;
   std::uint16_t material;
+  /// A half-plane that cuts the surfel; the direction is zero where there is none.
+  struct Line {
+    Vec3f direction;
+    float offset;  ///< direction . x of the line's points.
+  };
+  std::array<Line, 2> lines;
   std::uint32_t source;  ///< The surfel of the cloud from which all other attributes are taken.
 };
 
@@ -41,13 +47,17 @@ SURFEL_API MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i);
 ///   mean normal. Pieces of a plane keep the sum of their areas; a rough surface covers as much of
 ///   a picture as before, where the plain sum would cover more. At least half the sum.
 /// - alpha: the mean; colours: the mean weighted by area times alpha, in linear light;
+/// - members whose centres half-planes cut off take no part, where there are others: they continue
+///   the others up to a line;
+/// - half-planes: those lines of the largest member that cut all members; other lines cut nothing
+///   any more, so that no hole is made where a member went on beyond them;
 /// - material: the one of most area, ties to the smaller number; source: of the member that is
 ///   nearest to the mean position, ties to the earlier member.
 SURFEL_API MergeSurfel merged(std::span<const MergeSurfel> surfels,
                               std::span<const std::uint32_t> members);
 
-/// Gives surfel i of a cloud the position, normals, area, colours, alpha and material of a merged
-/// surfel, as far as the cloud has these columns.
+/// Gives surfel i of a cloud the position, normals, area, colours, alpha, material and half-planes
+/// of a merged surfel, as far as the cloud has these columns.
 SURFEL_API void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merged);
 
 /// A Gaussian in its tangent plane: V = diag(variance_u, variance_v) in the frame (t, n x t).

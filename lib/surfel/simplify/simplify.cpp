@@ -9,6 +9,7 @@
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>
+#include <surfel/scene/clips.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
@@ -94,6 +95,8 @@ class Simplifier {
 void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) {
   Array<std::uint32_t> order = morton_order(cloud.position);
   report_.dropped = remove_unusable(cloud, false, order);
+  // Simplified surfels are not cut: what goes on beyond lines would overhang.
+  std::erase_if(order, [&](std::uint32_t i) { return is_cut_off(cloud, i); });
   if (order.empty()) throw_input(name, "holds no surfel that can be drawn");
   original_.cloud = cloud.gathered(order);
   SurfelCloud& kept = original_.cloud;
@@ -103,6 +106,9 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
     column = {};
     report_.left_out.emplace_back(column_name);
   };
+  leave_out(kept.clip1, "clip1");
+  leave_out(kept.clip2, "clip2");
+  kept.clip1_distance = kept.clip2_distance = {};
   leave_out(kept.group, "group");
   leave_out(kept.group_radius, "group_radius");
   leave_out(kept.source, "source");
