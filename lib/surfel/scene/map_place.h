@@ -12,9 +12,9 @@ namespace surfel {
 
 /// Where the pixels of a map lie: x goes with the columns, y against the rows.
 struct MapPlace {
-  double pixel = 1;  ///< Side of a pixel, scene units.
-  double left = 0;   ///< x of the left border.
-  double top = 0;    ///< y of the upper border.
+  double pixel = 1;                             ///< Side of a pixel, scene units.
+  double left = 0;                              ///< x of the left border.
+  double top = 0;                               ///< y of the upper border.
   std::optional<CoordinateSystem> system = {};  ///< What coordinates mean, where it is known.
 };
 
