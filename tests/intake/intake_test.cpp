@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -82,6 +83,24 @@ TEST_F(IntakeFiles, SamplesOfTrianglesBehindEachOtherAreBounded) {
   const std::string many = stack("many.obj", 3200);
   const std::string message = message_of([&] { Intake({many}).surfels(spacing); });
   EXPECT_EQ(message.find(many + ": its triangles have 267 times the area"), 0U) << message;
+}
+
+TEST_F(IntakeFiles, SamplesOfNeedlesAreBounded) {
+  // A unit disc of needles around its centre, in a flat box, whose surface is 8.
+  constexpr int kNeedles = 2000;
+  std::string text = "v 0 0 0\n";
+  for (int i = 0; i <= kNeedles; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kNeedles;
+    text += "v " + std::to_string(std::cos(angle)) + " " + std::to_string(std::sin(angle)) + " 0\n";
+    if (i > 0) text += "f 1 -2 -1\n";
+  }
+  write_text(folder_ / "fan.obj", text);
+  const double spacing = 0.02;
+  const Intake::Made made = Intake({folder_ / "fan.obj"}).surfels(spacing);
+  // Instead of 3.14 / spacing^2, and as the command that is told makes them.
+  EXPECT_NEAR(static_cast<double>(made.cloud.size()) * spacing * spacing, 0.25 * 8, 0.02);
+  EXPECT_TRUE(contains(made.done[0], "0.0251 as its triangles are long and thin")) << made.done[0];
+  EXPECT_TRUE(contains(made.commands[0], "--spacing 0.0251 ")) << made.commands[0];
 }
 
 TEST_F(IntakeFiles, PointsAreEstimated) {
