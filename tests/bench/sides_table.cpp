@@ -92,8 +92,8 @@ SidedPoints in_order(const SidedPoints& points) {
   return out;
 }
 
-/// The share of the normals that are on the wrong side, of those that lie within 60 degrees of the
-/// true line: a normal across it has no side.
+/// The share of the normals that are on the wrong side, of the normals that lie within 60 degrees
+/// of the true line: a normal across it has no side.
 double wrong_share(const Array<Vec3f>& normal, const Array<Vec3f>& truth, bool closed) {
   std::size_t wrong = 0;
   std::size_t sided = 0;

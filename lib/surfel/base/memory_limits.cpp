@@ -50,15 +50,15 @@ constexpr GroupFiles kVersion1{"memory.limit_in_bytes", "memory.usage_in_bytes",
                                "total_inactive_file "};
 constexpr GroupFiles kVersion2{"memory.max", "memory.current", "inactive_file "};
 
-/// The least of the bytes given and those that a group and all groups above it leave. A group that
-/// a container cannot see has no folder.
+/// The bytes given, or the bytes that a group and all groups above it leave where they are fewer. A
+/// group that a container cannot see has no folder.
 std::uint64_t left_by_groups(const std::string& mount, std::string group, const GroupFiles& files,
                              std::uint64_t least) {
   for (;;) {
     const std::string folder = mount + group + "/";
     const auto limit = number_after(whole_file(folder + files.limit), "");
     const auto used = number_after(whole_file(folder + files.used), "");
-    // The kernel takes a while to write memory.stat, which only adds to what is left.
+    // The kernel takes a while to write memory.stat, which only adds to the bytes left.
     if (limit && used && left_of(*limit, *used) < least) {
       const std::uint64_t free_pages =
           number_after(whole_file(folder + "memory.stat"), files.unused_file_pages).value_or(0);
@@ -69,8 +69,8 @@ std::uint64_t left_by_groups(const std::string& mount, std::string group, const 
   }
 }
 
-/// The least of the bytes given and those that the control groups of the process leave. Lines of
-/// /proc/self/cgroup are "number:controllers:group"; version 2 has "0::group".
+/// The bytes given, or the bytes that the control groups of the process leave where they are fewer.
+/// Lines of /proc/self/cgroup are "number:controllers:group"; version 2 has "0::group".
 std::uint64_t left_by_all_groups(const std::string& root, std::uint64_t least) {
   const std::string mount = root + "/sys/fs/cgroup";
   std::istringstream lines(whole_file(root + "/proc/self/cgroup"));

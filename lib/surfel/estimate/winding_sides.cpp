@@ -35,8 +35,8 @@ constexpr std::size_t kMostOfBlock = 64;
 constexpr std::size_t kLastBlocks = 8;
 /// Sheets of less area, in cells of a level, are too small to be seen there.
 constexpr double kLeastArea = 0.25;
-/// Least share of the energies between two sheets that must be left in their sum: where it is less
-/// they cancel. Between closed surfaces they do but for what is left out of the sums.
+/// The energies between two sheets cancel where their sum is less than this share of them: between
+/// closed surfaces nothing else is in the sum but the terms that are left out of it.
 constexpr double kLeastConsensus = 0.01;
 constexpr double kLeastOfClosed = 0.05;
 /// Sheets count as closed from this WindingSides::Part::closed on, in that they have no borders ...

@@ -41,9 +41,9 @@ SURFEL_API double joint_share(const SurfelInCamera& surfel, const Camera& camera
 /// c of the shares of two lines.
 SURFEL_API double joined(double a, double b, double w);
 
-/// Unit vector across the projected line, away from what is left of the surfel. It is the line's
-/// own, not its place on the surfel's: surfels on both sides of a crease have opposite vectors.
-/// Zero where the eye lies on the line.
+/// Unit vector across the projected line, away from the part of the surfel that stays. It is the
+/// line's own, not its place on the surfel's: surfels on both sides of a crease have opposite
+/// vectors. Zero where the eye lies on the line.
 SURFEL_API Eigen::Vector2d outward_on_screen(const SurfelInCamera& surfel, const Camera& camera,
                                              const ClipLine& line);
 

@@ -191,7 +191,7 @@ class SplatSampler {
       const V w_u = hn::Set(d, clip.line[j][1]);
       const V w_v = hn::Set(d, clip.line[j][2]);
       const V distance = hn::Set(d, clip.line[j][0]);
-      // w . M^-1 u and s^2 = w . (I - M^-1) w, both times |M|, the latter as sums of positive
+      // w . M^-1 u and s^2 = w . (I - M^-1) w, both times |M|; s^2 is a sum of positive
       // terms.
       const V bend_x = mul_sub(w_u, p.vx, hn::Mul(w_v, p.ux));
       const V bend_y = mul_sub(w_u, p.vy, hn::Mul(w_v, p.uy));

@@ -93,7 +93,8 @@ struct alignas(64) SplatClip {
   /// the line from the surfel's centre, and the direction times the deviations along u and v, scene
   /// units. A line that is not there has z, or the distance, kNoClip.
   float line[2][3];
-  /// Unit vector on the screen across the line, away from what is left; zero where it is not there.
+  /// Unit vector on the screen across the line, away from the part of the surfel that stays; zero
+  /// where there is no line.
   float outward[2][2];
   float joint;  ///< joint_share() of two lines.
 };

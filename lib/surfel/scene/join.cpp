@@ -313,7 +313,7 @@ void CloudJoiner::Impl::fill_columns(std::size_t k, SurfelCloud& cloud) const {
   fill(k, cloud, "clip1_d", &SurfelCloud::clip1_distance, zero);
   fill(k, cloud, "clip2", &SurfelCloud::clip2, unknown);
   fill(k, cloud, "clip2_d", &SurfelCloud::clip2_distance, zero);
-  // The area comes before the variances, which may become those of ellipses.
+  // The area comes before the variances, which may become the variances of ellipses.
   fill(k, cloud, "area", &SurfelCloud::area,
        [&](std::size_t i) { return has_variance(cloud) ? root_of_determinant<>(cloud, i) : 0; });
   if (anisotropic()) {

@@ -80,7 +80,7 @@ class SURFEL_API CloudJoiner {
 ///  - coordinate systems (scene/coordinate_system.h) that differ are left out;
 ///  - properties whose types differ become double; colours the wider of their encodings;
 ///  - provenance and comments follow one another, each line once; `up` stays if all have the same,
-///    as does the basis' cutoff of those that have coefficients;
+///    as does the basis' cutoff of the clouds that have coefficients;
 ///  - viewpoints stay as they are if all have the same. Else, where they are known of all clouds,
 ///    each cloud's are scan_viewpoints of the joined cloud, and the property `scan` is numbered
 ///    anew in the order of the clouds; a cloud with one viewpoint is one scan. Where a cloud does
