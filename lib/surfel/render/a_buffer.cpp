@@ -19,7 +19,7 @@ void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
   for (int c = kNormalX; c <= kNormalZ; ++c) {
     fragment.channel[c] = tile.layout.normals ? from[c * kPatchPixels] : 0.0F;
   }
-  for (int c = kCutAway; c < kChannels; ++c) {
+  for (int c = kCutAway; c < kFragmentChannels; ++c) {
     fragment.channel[c] = tile.layout.clips ? from[c * kPatchPixels] : 0.0F;
   }
   if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
@@ -365,7 +365,7 @@ Fragment unmerged(const PixelContribution& contribution) {
     c[kNormalY] = rho * normal->y;
     c[kNormalZ] = rho * normal->z;
   }
-  std::copy_n(cut, kChannels - kCutAway, c + kCutAway);
+  std::copy_n(cut, kFragmentChannels - kCutAway, c + kCutAway);
   return out;
 }
 

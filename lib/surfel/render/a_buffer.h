@@ -33,7 +33,7 @@ enum FragmentChannel : int {
   kCutPartial,  ///< Sum of rho (1 - C_j) ...
   kCutX,        ///< ... and of that times SplatClip::outward.
   kCutY,
-  kChannels,
+  kFragmentChannels,
   /// The number of a second material plus its share, at most 1/2, of the contributions' weight; 0:
   /// all contributions are of the tag's material. Fragments merged in the A-buffer have kBack here
   /// instead.
@@ -59,7 +59,7 @@ struct ABufferLayout {
   bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, except in merged fragments.
   bool clips = false;   ///< Splats may be cut by half-planes.
 
-  int channels() const { return clips ? kChannels : normals ? kNormalZ + 1 : kBack + 1; }
+  int channels() const { return clips ? kFragmentChannels : normals ? kNormalZ + 1 : kBack + 1; }
   std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kPatchPixels; }
   std::size_t patch_stride() const { return layer_stride() * static_cast<std::size_t>(layers); }
   std::size_t size() const { return patch_stride() * (kTilePixels / kPatchPixels); }
@@ -67,7 +67,7 @@ struct ABufferLayout {
 
 /// One fragment of one pixel, by value.
 struct Fragment {
-  float channel[kChannels];
+  float channel[kFragmentChannels];
 };
 
 inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
