@@ -232,18 +232,18 @@ section_estimate() {
       "${prefix[@]}" "$bin/neighbors_bench" --work pcl-normals --count $count --repeats 1 >> "$log.pcl"
       # The first run of a process after another's may get memory that the system has to fetch and clear
       # first, and takes up to a third longer: it does not count.
-      for orient in mst none; do
+      for orient in auto none; do
         for log_to in /dev/null "$log.$orient"; do
           estimate --orient $orient >> "$log_to"
         done
       done
       estimate --threads 1 >> "$log.one"
     done
-    for orient in mst none; do
+    for orient in auto none; do
       row "surfel-estimate, $count points, random order, whole process, --orient $orient" "$log.$orient" \
         "PCL NormalEstimationOMP, kernel alone" "$log.pcl" "$command --orient $orient"
     done
-    row "surfel-estimate, $count points, random order, whole process, 2 threads" "$log.mst" "1 thread" "$log.one" \
+    row "surfel-estimate, $count points, random order, whole process, 2 threads" "$log.auto" "1 thread" "$log.one" \
       "$command --threads 1"
   done
 }
