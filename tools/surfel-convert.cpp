@@ -300,7 +300,7 @@ std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
     readers.push_back(std::make_unique<surfel::CloudReader>(input, s.part.options()));
     heads.push_back(readers.back()->first());
   }
-  /// Hands on the pieces of all files as they are, and joined and moved.
+  // Hands on the pieces of all files as they are, and joined and moved.
   const auto for_each = [&](const auto& visit) {
     surfel::CloudJoiner joiner(heads, s.join, s.inputs);
     for (std::size_t k = 0; k < readers.size(); ++k) {

@@ -85,8 +85,8 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 ///
 /// Where triangles are so long and thin that they would be cut into several times as many pieces as
 /// there are triangles and samples, samples come from eliminate_samples() (sample_elimination.h),
-/// unless those leave 3 % of the surface uncovered: sheets that face the same way within a spacing
-/// share their samples then, and a point in ten thousand is further from a sample than 0.98
+/// unless these samples leave 3 % of the surface uncovered: sheets that face the same way within a
+/// spacing share their samples then, and a point in ten thousand is further from a sample than 0.98
 /// spacings.
 ///
 /// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller

@@ -55,8 +55,8 @@ class SURFEL_API CloudJoiner {
   /// What joining does to the columns; its `rounding` is 0.
   const JoinReport& report() const;
   /// Surfels of cloud `k` with the columns and the header of the joined cloud. Pieces of a cloud
-  /// come in its order, after those of the clouds before it. Throws Error(kInput) where separate
-  /// materials need more than 65,536 rows, and for a scan whose viewpoint is missing.
+  /// come in its order, after all pieces of the clouds before it. Throws Error(kInput) where
+  /// separate materials need more than 65,536 rows, and for a scan whose viewpoint is missing.
   SurfelCloud joined(std::size_t k, SurfelCloud piece);
 
   /// What the constructor needs of a cloud: its first surfel with all columns, and its header.
