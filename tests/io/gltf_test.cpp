@@ -19,11 +19,16 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/scene/triangle_mesh.h>
 
+#include "io/mesh_files.h"
+
 namespace surfel {
 namespace {
 
 using nlohmann::json;
+using test::area;
+using test::corner;
 using test::TemporaryFolder;
+using test::volume;
 
 std::string base64(std::string_view bytes) {
   constexpr std::string_view kLetters =
@@ -130,28 +135,7 @@ std::string failure(const std::string& content, const std::string& name = "mesh.
 }
 std::string failure(const Document& document) { return failure(document.glb()); }
 
-Vec3d corner(const TriangleMesh& mesh, std::size_t face, std::size_t k) {
-  return mesh.origin + mesh.position[mesh.face[face][k]].cast<double>();
-}
-
 /// Of a closed mesh whose faces are counter-clockwise from outside.
-double volume(const TriangleMesh& mesh) {
-  double sum = 0;
-  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
-    sum += corner(mesh, f, 0).dot(corner(mesh, f, 1).cross(corner(mesh, f, 2))) / 6;
-  }
-  return sum;
-}
-
-double area(const TriangleMesh& mesh) {
-  double sum = 0;
-  for (std::size_t f = 0; f < mesh.face.size(); ++f) {
-    const Vec3d a = corner(mesh, f, 0);
-    sum += (corner(mesh, f, 1) - a).cross(corner(mesh, f, 2) - a).norm() / 2;
-  }
-  return sum;
-}
-
 Vec3d low(const TriangleMesh& mesh) {
   Vec3d least = corner(mesh, 0, 0);
   for (std::size_t f = 0; f < mesh.face.size(); ++f) {
