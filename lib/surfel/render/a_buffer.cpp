@@ -99,7 +99,7 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
   bool hidden = false;
   for (int i = 0; i < count; ++i) {
     const Fragment& fragment = at(i);
-    const bool may_end = may_be_at_edge(tile, fragment);
+    const bool may_end = !(count == 1 && tile.edges_later) && may_be_at_edge(tile, fragment);
     const bool may_be_far = !hidden && may_be_far_side(tile, count, fragment);
     hidden = hidden || hides(tile, fragment);
     float edge = 0;
@@ -398,6 +398,7 @@ class Resolver {
 
   PixelResult finish(const Fragment& rest) {
     if (is_merged(rest)) composite_.add_rest(rest);
+    result_.opacity = composite_.color().alpha;
     if (tile_.shader->has_environment()) composite_.add_environment();
     result_.color = composite_.color();
     return result_;
@@ -541,7 +542,8 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    look = look || may_be_at_edge(tile, fragment) ||
+    const bool alone = sorted.count == 1 && tile.edges_later;
+    look = look || (!alone && may_be_at_edge(tile, fragment)) ||
            (!hidden && may_be_far_side(tile, sorted.count, fragment));
     hidden = hidden || hides(tile, fragment);
   }

@@ -169,6 +169,9 @@ struct TileABuffer {
   float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
                           ///< hides all surfaces behind it; >= tau.
   float mean_weight = 1;  ///< The mean sum of rho within a surface.
+  /// EdgeCoverage sets the opacities at edges, so that a pixel's only fragment need not look at the
+  /// pixels around.
+  bool edges_later = false;
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -237,6 +240,7 @@ NearestLayer nearest_layer(TileABuffer& tile, int pixel);
 /// Per-pixel result of a tile.
 struct PixelResult {
   Rgba color;
+  float opacity = 0;      ///< Of the fragments, without the environment.
   float depth = 0;        ///< z where opacity passes one half; infinity if it stays below.
   float depth_first = 0;  ///< z of the nearest fragment; infinity if there is none.
   /// Unit normal of the nearest unmerged fragment; zero if there is none.

@@ -13,6 +13,8 @@ class ABufferCompositor final : public Compositor {
     return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
   }
   int layers() const override { return options_.layers; }
+  /// A single layer has the side alone that is nearer, or that is not culled.
+  bool sums_are_whole() const override { return options_.layers > 1 || options_.cull_back; }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
 
  private:

@@ -99,6 +99,8 @@ class SURFEL_API Compositor {
   virtual int layers() const = 0;
   /// Pixels show something behind the fragments of their A-buffer: Worker::behind().
   virtual bool has_background() const { return false; }
+  /// The fragments of a pixel of opaque surfaces have all of its sums of rho.
+  virtual bool sums_are_whole() const { return false; }
   /// Begins a picture. No worker draws meanwhile.
   virtual void begin(const Camera& /*camera*/) {}
   /// The worker refers to this.

@@ -128,6 +128,7 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   const double disc2 =
       (portable::squared(bounds.x1 - bounds.x0) + portable::squared(bounds.y1 - bounds.y0)) / 4;
   splat.tag = (n_p < 0 ? kFrontTag : 0) | (disc2 < 2 * filter * filter ? kFilteredTag : 0) |
+              (disc2 < 2 * kFineVariance * filter * filter ? kFineTag : 0) |
               (cosine < kGrazing ? kGrazingTag : 0);
 
   // With the ray (X, Y, 1) of a pixel: 1 / z = n . ray / n . p, and a plane coordinate along t

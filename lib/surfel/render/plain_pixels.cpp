@@ -152,8 +152,8 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   LaneSums<D, kPatchPixels> sum;
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const FragmentCount fragments = count_fragments(tile, pixel);
-    const M lone =
-        hn::And(hn::Eq(fragments.count, one), hn::Ne(hn::Load(d, &kNearBorder[pixel]), zero));
+    M lone = hn::Eq(fragments.count, one);
+    if (!tile.edges_later) lone = hn::And(lone, hn::Ne(hn::Load(d, &kNearBorder[pixel]), zero));
     M plain = whole;
     if (lighting && lighting->material_count > 1) {
       plain = with_one_material(tile, pixel, fragments.layers);
@@ -241,6 +241,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     }
     sum.add(pixel, hn::IfThenElseZero(plain, fragments.sum));
     store_over(color, opacity, background, out.color[pixel]);
+    hn::Store(opacity, d, &out.opacity[pixel]);
     hn::Store(nearness, d, &out.nearness[pixel]);
     hn::Store(hn::IfThenZeroElse(plain, one), d, &out.left[pixel]);
     std::uint8_t bits[8] = {};  // StoreMaskBits() may write as many.

@@ -15,6 +15,7 @@ struct PlainPixels {
   alignas(64) std::array<Rgba, kTilePixels> color;
   alignas(
       64) std::array<float, kTilePixels> left;  ///< 0: the pixel has its colour; 1: it has none.
+  alignas(64) std::array<float, kTilePixels> opacity;  ///< Without the background's.
   /// Nearness (Splat::depth) where opacity passes one half, else of the nearest fragment; -infinity
   /// where there is none.
   alignas(64) std::array<float, kTilePixels> nearness;
@@ -26,7 +27,8 @@ struct PlainPixels {
 
 /// Resolves the plain pixels of a tile, a vector at a time, where there is no environment. A pixel
 /// is plain if none of its fragments, up to the first opaque one, may lie at the edge of its
-/// surface; near the tile's border a pixel with a single fragment is plain, too. The colours are
+/// surface; near the tile's border, or with TileABuffer::edges_later, a pixel with a single fragment
+/// is plain, too. The colours are
 /// resolve_pixel()'s over a background (premultiplied) within rounding.
 /// \param lighting  null: unlit.
 PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,

@@ -13,6 +13,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_coverage.h>
 #include <surfel/render/edge_search.h>
 #include <surfel/render/frame.h>
 #include <surfel/render/plain_pixels.h>
@@ -88,8 +89,9 @@ struct Renderer::Impl {
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
   /// A-buffers of all tiles of a band, where it takes several batches.
   Array<float> a_buffer;
-  TileRims rims;             ///< Borders of all tiles of a band.
-  NearnessPicture nearness;  ///< Of pictures with relief.
+  TileRims rims;                      ///< Borders of all tiles of a band.
+  NearnessPicture nearness;           ///< Of pictures with relief.
+  std::optional<EdgeCoverage> edges;  ///< Of opaque pictures.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {
@@ -108,6 +110,12 @@ struct Renderer::Impl {
                          .opaque = opaque,
                          .clips = cloud.has_clips()};
     set_weights();
+    // A threshold of one's own says by itself what is covered.
+    if (opaque && compositor->sums_are_whole() && options.filter == Filter::kEwa &&
+        !options.coverage_threshold) {
+      edges.emplace(options.cutoff, options.lowpass);
+    }
+    blank_tile.edges_later = edges.has_value();
     for (const SplatListOptions& list : compositor->lists()) {
       lists.emplace_back(cloud, scene, options, blank_tile.layout, list);
     }
@@ -116,6 +124,7 @@ struct Renderer::Impl {
   void set_weights();
   int band_rows(const Camera& camera, int y0) const;
   void begin(const Camera& camera);
+  void apply_edges(const Shader& shader, Image& image);
   void draw_band(const Camera& camera, const Band& band, const Shader& shader, Image& image,
                  FrameStatistics& statistics);
   void draw(const Pass& pass);
@@ -176,6 +185,7 @@ Rgba Renderer::Impl::backdrop() const {
 /// Writes a pixel's channels, and its nearness.
 void Renderer::Impl::put(PixelResult result, const Shader& shader, int x, int y, Image& image) {
   float* const out = image.pixel(x, y);
+  if (edges) edges->set_opacity(x, y, result.opacity);
   result.color.composite(backdrop());
   out[0] = result.color.red;
   out[1] = result.color.green;
@@ -203,7 +213,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
     plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
-  if (plain) open.add_lone(tile, plain->lone);
+  if (plain && !edges) open.add_lone(tile, plain->lone);
+  const bool set_opacities = edges && !(plain && plain->inside != TileInside::kNo);
+  if (edges) edges->store(tile, !set_opacities);
   // The channels of a pixel without fragments, where all such pixels are alike.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
@@ -234,6 +246,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
       const int count = std::min(kStripWidth, tile.width - x0);
       if (plain && count == kStripWidth) {
         std::memcpy(row + channels * x0, &plain->color[first], sizeof(Rgba) * kStripWidth);
+        for (int i = 0; set_opacities && i < kStripWidth; ++i) {
+          edges->set_opacity(tile.x0 + x0 + i, tile.y0 + y, plain->opacity[first + i]);
+        }
         if (relief) {
           std::copy_n(&plain->nearness[first], kStripWidth, nearness.at(tile.x0 + x0, tile.y0 + y));
         }
@@ -244,6 +259,9 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
         float* out = row + channels * (x0 + i);
         if (plain && plain->left[first + i] == 0) {
           std::memcpy(out, &plain->color[first + i], sizeof(Rgba));
+          if (set_opacities) {
+            edges->set_opacity(tile.x0 + x0 + i, tile.y0 + y, plain->opacity[first + i]);
+          }
           if (relief) *nearness.at(tile.x0 + x0 + i, tile.y0 + y) = plain->nearness[first + i];
         } else {
           resolve_one(first + i, tile.x0 + x0 + i, tile.y0 + y);
@@ -394,9 +412,20 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
 /// Makes workers ready for a picture.
 void Renderer::Impl::begin(const Camera& camera) {
   compositor->begin(camera);
+  if (edges) edges->begin(camera.width, camera.height);
   workers.for_each([](Worker& worker) {
     worker.merges = {};
     worker.open.clear();
+  });
+}
+
+/// Gives pixels near edges their opacities, when all else is drawn.
+void Renderer::Impl::apply_edges(const Shader& shader, Image& image) {
+  const Rgba back = backdrop();
+  edges->apply(image, [&](int x, int y) {
+    Rgba behind = shader.open_view(static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F);
+    behind.composite(back);
+    return behind;
   });
 }
 
@@ -437,6 +466,11 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
     const Band band(camera, y0, y0 + r.band_rows(camera, y0));
     y0 = band.y1;
     r.draw_band(camera, band, shader, image, stats);
+  }
+  if (r.edges) {
+    const Timer timer;
+    r.apply_edges(shader, image);
+    stats.stages.add("edges", timer.milliseconds());
   }
   if (relief != Relief::kNone) {
     const Timer timer;

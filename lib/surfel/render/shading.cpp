@@ -286,6 +286,12 @@ Vec3f Shader::behind(const Fragment& nearest, float x, float y, float layers) co
   return color;
 }
 
+Rgba Shader::open_view(float x, float y) const {
+  if (!environment_ || !environment_->visible) return {};
+  const Vec3f seen = radiance(ray(x, y), ray_variance_);
+  return {seen.x(), seen.y(), seen.z(), 1};
+}
+
 void Shader::add_environment(Rgba& color, const SeenThrough& surfaces, float x, float y) const {
   if (!environment_) return;
   const float left = 1 - color.alpha;

@@ -140,6 +140,9 @@ class SURFEL_API Shader {
   Rgba shade(const Fragment& fragment, float x, float y, float full_weight,
              Reflected& reflected) const;
 
+  /// What is seen of the environment at a place where there is no surface; nothing if there is none
+  /// or it is not visible.
+  Rgba open_view(float x, float y) const;
   /// The environment's radiance behind all surfaces of a pixel, seen through the nearest one:
   /// refracted `layers` times (once where the scene says so), in each of R, G and B by its own
   /// index, straight ahead where the surface does not refract. Black without an environment. To be

@@ -60,7 +60,13 @@ inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces 
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
 inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
 inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
-inline constexpr int kMaterialShift = 4;          ///< The bits above the flags hold the material.
+/// It is so small that pictures can even its sums out at edges: see kFineVariance.
+inline constexpr std::uint32_t kFineTag = 16;
+inline constexpr int kMaterialShift = 5;  ///< The bits above the flags hold the material.
+
+/// The mean variance of fine splats, without the pixel filter, is below this many times the
+/// filter's: their surfels are at most four deviations apart.
+inline constexpr float kFineVariance = 9;
 
 /// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.

@@ -137,8 +137,8 @@ class Writer {
         out_(out),
         first_column_(view.first_column),
         first_row_(view.first_row),
-        filtered_diagonal2_(hn::Mul(hn::Set(D(), 4.0F), hn::Mul(hn::Set(D(), 2.0F * view.cutoff),
-                                                                hn::Set(D(), view.lowpass2)))) {}
+        filtered_diagonal2_(diagonal2(view, 1)),
+        fine_diagonal2_(diagonal2(view, kFineVariance)) {}
 
   /// The surfels from i on.
   HWY_INLINE void write(int i, const Projected& s) {
@@ -196,7 +196,8 @@ class Writer {
     const Kernels& k = s.kernels;
     const V diagonal2 = mul_add(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
     const auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
-                             flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag));
+                             hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
+                                    flag(hn::Lt(diagonal2, fine_diagonal2_), kFineTag)));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
     const auto color = [&](const float* column)
                            HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
@@ -220,7 +221,14 @@ class Writer {
   Splat* splats_;
   SetUpSplats& out_;
   bool first_column_, first_row_;
-  V filtered_diagonal2_;  ///< Squared diagonal below which a kernel's box is the filter's.
+  /// The squared half diagonal of the box of a kernel whose surfel has `times` the variance of the
+  /// pixel filter.
+  static V diagonal2(const SplatView& view, float times) {
+    return hn::Set(D(), 4.0F * view.cutoff * (1 + times) * view.lowpass2);
+  }
+
+  V filtered_diagonal2_;  ///< Squared diagonal below which a kernel's box is the filter's ...
+  V fine_diagonal2_;      ///< ... and below which a splat is fine.
   int visible_count_ = 0;
   int exact_count_ = 0;
   std::size_t first_count_ = 0;

@@ -1,0 +1,300 @@
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include <surfel/base/elementary.h>
+#include <surfel/render/edge_coverage.h>
+#include <surfel/render/frame.h>
+
+namespace surfel {
+namespace {
+
+double normal_distribution(double z) { return portable::erfc(-z / std::numbers::sqrt2) / 2; }
+
+/// Pixels are near an edge where filtered sums fall below this ...
+constexpr float kEdgeSum = 0.5F;
+/// ... and surely so where they fall below this.
+constexpr float kSurelyEdge = 0.3F;
+
+/// Deviations from a straight edge's opacity that uneven sums make, too.
+constexpr float kUneven = 0.03F;
+
+/// Least opacity of a pixel whose colour is its own.
+constexpr float kLeastOpacity = 1.0F / 128;
+
+}  // namespace
+
+EdgeCoverage::EdgeCoverage(double cutoff, double lowpass) {
+  const double lost = portable::exp(-cutoff);
+  inv_mean_ = static_cast<float>(1 / (1 - lost));
+  reach_ = std::min(kMostReach, static_cast<int>(std::ceil(3 * lowpass)));
+  // As wide as the pixel filter, but no wider than the taps allow.
+  const double deviation = std::min(1.0, lowpass);
+  double sum = 0;
+  double variance = 0;
+  std::array<double, kTaps + 1> taps;
+  for (int i = 0; i <= kTaps; ++i) {
+    taps[i] = portable::exp(-portable::squared(i / deviation) / 2);
+    sum += (i == 0 ? 1 : 2) * taps[i];
+    variance += 2 * taps[i] * i * i;
+  }
+  variance /= sum;
+  for (int i = 0; i <= kTaps; ++i) taps_[i] = static_cast<float>(taps[i] / sum);
+  // The variance along an axis of a unit Gaussian cut off at beta < c is 1 - c e^-c / (1 - e^-c).
+  const double of_kernel = 1 - cutoff * lost / (1 - lost);
+  const double k2 = of_kernel + variance / (lowpass * lowpass);
+  backward_ = static_cast<float>((k2 - 1) / 2 * lowpass * lowpass);
+  // The table's places are found as z goes from far outside to far inside.
+  const double k = std::sqrt(k2);
+  constexpr double kFar = 6;
+  constexpr int kSteps = 4096;
+  double before = 0;
+  double sharp_before = 0;
+  int next = 0;
+  for (int step = 0; step <= kSteps; ++step) {
+    const double z = kFar * (2.0 * step / kSteps - 1);
+    const double here = step == kSteps ? 1 : normal_distribution(z);
+    const double sharp = step == kSteps ? 1 : normal_distribution(k * z);
+    for (; next <= kTable && next <= here * kTable; ++next) {
+      const double share = here > before ? (1.0 * next / kTable - before) / (here - before) : 0;
+      sharpen_[next] = static_cast<float>(sharp_before + share * (sharp - sharp_before));
+    }
+    before = here;
+    sharp_before = sharp;
+  }
+}
+
+void EdgeCoverage::begin(int width, int height) {
+  width_ = width;
+  height_ = height;
+  tiles_x_ = tiles_along(width);
+  tiles_y_ = tiles_along(height);
+  const std::size_t tiles = static_cast<std::size_t>(tiles_x_) * tiles_y_;
+  ranges_.assign(tiles, {});
+  pixels_.resize(tiles * kTilePixels);
+}
+
+void EdgeCoverage::store(const TileABuffer& tile, bool opaque) {
+  const std::size_t number = tile_of(tile.x0, tile.y0);
+  Pixel* const to = pixels_.data() + number * kTilePixels;
+  const std::uint16_t opacity = opaque ? static_cast<std::uint16_t>(kScale) : 0;
+  Range range{1, 0};
+  bool unknown = false;  // Are there pixels whose sums are not known yet?
+  for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels) {
+    std::array<float, kPatchPixels> front{};
+    std::array<float, kPatchPixels> back{};
+    std::array<std::uint32_t, kPatchPixels> kept{};
+    std::array<std::uint32_t, kPatchPixels> merged{};
+    for (int layer = 0; layer < tile.layout.layers; ++layer) {
+      const float* const weights = tile.fragment(layer, first);
+      const float* const tags = weights + kTag * kPatchPixels;
+      std::uint32_t any = 0;
+      for (int i = 0; i < kPatchPixels; ++i) any |= std::bit_cast<std::uint32_t>(weights[i]);
+      if (any == 0) break;
+      for (int i = 0; i < kPatchPixels; ++i) {
+        const auto tag = std::bit_cast<std::uint32_t>(tags[i]);
+        const float weight = std::max(0.0F, weights[i]);
+        const bool is_front = (tag & kFrontTag) != 0;
+        front[i] += is_front ? weight : 0.0F;
+        back[i] += is_front ? 0.0F : weight;
+        kept[i] |= weights[i] > 0 && (tag & kFineTag) == 0 ? 1U : 0U;
+        merged[i] |= weights[i] < 0 ? 1U : 0U;
+      }
+      if (!tile.layout.clips) continue;
+      const float* const cut = weights + kCutPartial * kPatchPixels;
+      for (int i = 0; i < kPatchPixels; ++i) kept[i] |= weights[i] > 0 && cut[i] > 0 ? 1U : 0U;
+    }
+    for (int i = 0; i < kPatchPixels; ++i) {
+      const auto pixel = static_cast<int>(first) + i;
+      const float known = std::min(1.0F, std::max(front[i], back[i]) * inv_mean_);
+      const float sum = opaque && kept[i] != 0 ? 1.0F : known;
+      const auto steps = static_cast<std::uint16_t>(std::lround(sum * kScale));
+      to[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
+          static_cast<std::uint16_t>(steps | (kept[i] != 0 ? kKept : 0)),
+          static_cast<std::uint16_t>(opacity | (merged[i] != 0 ? kMerged : 0))};
+      unknown = unknown || (!opaque && (kept[i] != 0 || merged[i] != 0));
+      range = {std::min(range.least, sum), std::max(range.most, sum)};
+    }
+  }
+  ranges_[number] = unknown ? Range{0, 1} : range;
+}
+
+void EdgeCoverage::set_opacity(int x, int y, float opacity) {
+  Pixel& pixel = at(x, y);
+  const auto steps =
+      static_cast<std::uint16_t>(std::lround(std::clamp(opacity, 0.0F, 1.0F) * kScale));
+  if ((pixel.sum & kKept) != 0) {
+    pixel.sum = kKept | steps;
+  } else if ((pixel.opacity & kMerged) != 0) {
+    pixel.sum = std::max(pixel.sum, steps);
+  }
+  pixel.opacity = steps;
+}
+
+/// Whether the sums around a tile are not all the same as far as edges are concerned.
+bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
+  Range range{1, 0};
+  for (int y = std::max(0, tile_y - 1); y <= std::min(tiles_y_ - 1, tile_y + 1); ++y) {
+    for (int x = std::max(0, tile_x - 1); x <= std::min(tiles_x_ - 1, tile_x + 1); ++x) {
+      const Range& r = ranges_[static_cast<std::size_t>(y) * tiles_x_ + x];
+      range = {std::min(range.least, r.least), std::max(range.most, r.most)};
+    }
+  }
+  return range.most > 0 && range.least < kEdgeSum;
+}
+
+/// Fetches the sums around a tile. Beyond the picture they go on as they are at its border.
+void EdgeCoverage::gather(int x0, int y0, Scratch& scratch) const {
+  const int margin = reach_ + kTaps;
+  for (int row = 0; row < kTileSize + 2 * margin; ++row) {
+    const int y = std::clamp(y0 - margin + row, 0, height_ - 1);
+    for (int column = 0; column < kTileSize + 2 * margin; ++column) {
+      const int x = std::clamp(x0 - margin + column, 0, width_ - 1);
+      scratch.sum[row][column] = static_cast<float>(at(x, y).sum & ~kKept) / kScale;
+    }
+  }
+}
+
+/// Filters the sums, and finds the least filtered sum within reach of the tile's pixels.
+void EdgeCoverage::filter(Scratch& scratch) const {
+  const int side = kTileSize + 2 * (reach_ + kTaps);
+  const int filtered = side - 2 * kTaps;
+  const auto smooth = [&](float a, float b, float middle, float c, float d) {
+    return taps_[0] * middle + (taps_[1] * (b + c) + taps_[2] * (a + d));
+  };
+  static_assert(kTaps == 2);
+  for (int y = 0; y < side; ++y) {
+    const auto& s = scratch.sum[y];
+    for (int x = 0; x < filtered; ++x) {
+      scratch.rows[y][x] = smooth(s[x], s[x + 1], s[x + 2], s[x + 3], s[x + 4]);
+    }
+  }
+  for (int y = 0; y < filtered; ++y) {
+    const auto* r = &scratch.rows[y];
+    for (int x = 0; x < filtered; ++x) {
+      scratch.smooth[y][x] = smooth(r[0][x], r[1][x], r[2][x], r[3][x], r[4][x]);
+    }
+  }
+  const int window = 2 * reach_ + 1;
+  for (int y = 0; y < filtered; ++y) {
+    for (int x = 0; x < kTileSize; ++x) {
+      float low = scratch.smooth[y][x];
+      for (int i = 1; i < window; ++i) low = std::min(low, scratch.smooth[y][x + i]);
+      scratch.rows[y][x] = low;
+    }
+  }
+  for (int y = 0; y < kTileSize; ++y) {
+    for (int x = 0; x < kTileSize; ++x) {
+      float low = scratch.rows[y][x];
+      for (int i = 1; i < window; ++i) low = std::min(low, scratch.rows[y + i][x]);
+      scratch.low[y][x] = low;
+    }
+  }
+}
+
+/// The coverage of a pixel by its filtered sum and that sum's Laplacian.
+float EdgeCoverage::sharpened(float sum, float laplacian) const {
+  const float place = std::clamp(sum, 0.0F, 1.0F) * kTable;
+  const int i = std::min(static_cast<int>(place), kTable - 1);
+  const float straight =
+      sharpen_[i] + (place - static_cast<float>(i)) * (sharpen_[i + 1] - sharpen_[i]);
+  const float difference = sum - backward_ * laplacian - straight;
+  const float other = difference - std::clamp(difference, -kUneven, kUneven);
+  return std::clamp(straight + other, 0.0F, 1.0F);
+}
+
+void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
+                               FunctionRef<Rgba(int x, int y)> behind) {
+  gather(x0, y0, scratch);
+  filter(scratch);
+  const int x1 = std::min(x0 + kTileSize, width_);
+  const int y1 = std::min(y0 + kTileSize, height_);
+  for (int y = y0; y < y1; ++y) {
+    for (int x = x0; x < x1; ++x) {
+      const float low = scratch.low[y - y0][x - x0];
+      Pixel& pixel = at(x, y);
+      if (low >= kEdgeSum || (pixel.sum & kKept) != 0) continue;
+      const int row = y - y0 + reach_;
+      const int column = x - x0 + reach_;
+      const auto& s = scratch.smooth;
+      const float sum = s[row][column];
+      const float laplacian = (s[row][column - 1] + s[row][column + 1]) +
+                              (s[row - 1][column] + s[row + 1][column]) - 4 * sum;
+      const float before = static_cast<float>(pixel.opacity) / kScale;
+      const float edge = std::min(1.0F, (kEdgeSum - low) / (kEdgeSum - kSurelyEdge));
+      const float opacity = before + edge * (sharpened(sum, laplacian) - before);
+      if (before < kLeastOpacity) {
+        if (opacity >= kLeastOpacity) scratch.unreached.push_back({x, y, opacity});
+        continue;
+      }
+      const Rgba back = behind(x, y);
+      float* const out = image.pixel(x, y);
+      const float scale = opacity / before;
+      int channel = 0;
+      for (const float b : {back.red, back.green, back.blue, back.alpha}) {
+        out[channel] = (out[channel] - (1 - before) * b) * scale + (1 - opacity) * b;
+        ++channel;
+      }
+      pixel.opacity = static_cast<std::uint16_t>(std::lround(opacity * kScale));
+      if (image.channel_count() > 4) {
+        // Z is where opacity passes one half, Z.first the nearest surface's depth.
+        if (opacity < 0.5F) {
+          out[4] = std::numeric_limits<float>::infinity();
+        } else if (std::isinf(out[4])) {
+          out[4] = out[5];
+        }
+      }
+    }
+  }
+}
+
+/// Gives a pixel the mean colour of those around that have one.
+void EdgeCoverage::fill(const Unreached& pixel, Image& image,
+                        FunctionRef<Rgba(int x, int y)> behind) const {
+  constexpr int kAround = 2;
+  Rgba sum;
+  for (int y = std::max(0, pixel.y - kAround); y <= std::min(height_ - 1, pixel.y + kAround); ++y) {
+    for (int x = std::max(0, pixel.x - kAround); x <= std::min(width_ - 1, pixel.x + kAround);
+         ++x) {
+      const float opacity = static_cast<float>(at(x, y).opacity) / kScale;
+      if (opacity < kLeastOpacity) continue;
+      if ((at(x, y).sum & kKept) != 0) return;
+      const Rgba back = behind(x, y);
+      const float* const c = image.pixel(x, y);
+      sum.red += c[0] - (1 - opacity) * back.red;
+      sum.green += c[1] - (1 - opacity) * back.green;
+      sum.blue += c[2] - (1 - opacity) * back.blue;
+      sum.alpha += opacity;
+    }
+  }
+  if (!(sum.alpha > 0)) return;
+  const float scale = pixel.opacity / sum.alpha;
+  Rgba color{sum.red * scale, sum.green * scale, sum.blue * scale, pixel.opacity};
+  color.composite(behind(pixel.x, pixel.y));
+  float* const out = image.pixel(pixel.x, pixel.y);
+  out[0] = color.red;
+  out[1] = color.green;
+  out[2] = color.blue;
+  out[3] = color.alpha;
+}
+
+void EdgeCoverage::apply(Image& image, FunctionRef<Rgba(int x, int y)> behind) {
+  constexpr std::size_t kGrain = 4;  // Tiles.
+  parallel_for(ranges_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
+    for (std::size_t tile = begin; tile < end; ++tile) {
+      const int x = static_cast<int>(tile % tiles_x_);
+      const int y = static_cast<int>(tile / tiles_x_);
+      if (!may_have_edges(x, y)) continue;
+      change_tile(x * kTileSize, y * kTileSize, scratch_[w], image, behind);
+    }
+  });
+  scratch_.for_each([&](Scratch& scratch) {
+    parallel_each(scratch.unreached.size(), 256,
+                  [&](std::size_t i) { fill(scratch.unreached[i], image, behind); });
+    scratch.unreached.clear();
+  });
+}
+
+}  // namespace surfel

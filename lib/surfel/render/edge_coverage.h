@@ -1,0 +1,116 @@
+#pragma once
+
+// How much of its pixels an opaque surface covers where it ends: SS01 section 7, as a filter.
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <surfel/base/function_ref.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/types.h>
+#include <surfel/render/a_buffer.h>
+#include <surfel/scene/image.h>
+
+namespace surfel {
+
+/// The opacities of an opaque picture's pixels near silhouettes and borders.
+///
+/// As a_k is the area that a surfel stands for, the sum of rho over its mean is the surface's
+/// coverage, filtered by the mean kernel: the pixel filter, cut off at beta < c. It is uneven as
+/// the samples are. To get the coverage as the pixel's whole Gaussian filters it, the sums of a
+/// picture are filtered once more, which evens them out, and then sharpened by the ratio k of the
+/// widths: where the surface ends at a straight line, each of the filters leaves a normal
+/// distribution Phi of the distance, so that the sum S becomes Phi(k Phi^-1(S)). Near corners and
+/// in thin parts the backward heat equation S - (k^2 - 1) / 2 Laplace(S), in units of the pixel
+/// filter, corrects that; it holds for any shape to first order. Surfels are foreshortened across
+/// a silhouette, so that k leaves their own extent out.
+///
+/// Each side of a body sums up to the body's coverage. Whatever the fragments are that a grazing
+/// surface falls into, the larger one of the two sides' sums counts. Only pixels near places where
+/// S falls below one half are changed: elsewhere uneven sums are no edges (tau).
+class EdgeCoverage {
+ public:
+  /// Room for pictures of a cutoff and of a pixel filter's standard deviation, pixels.
+  EdgeCoverage(double cutoff, double lowpass);
+
+  /// Begins a picture.
+  void begin(int width, int height);
+  /// Notes the sums of a tile that has been drawn. Different tiles may be stored at once.
+  /// \param opaque  all pixels count as opaque; else as empty until set_opacity() is called.
+  void store(const TileABuffer& tile, bool opaque);
+  /// Notes the opacity that a pixel of a stored tile was resolved to.
+  void set_opacity(int x, int y, float opacity);
+
+  /// Gives the pixels near edges the opacities that follow from the surface's coverage; their
+  /// colours stay. Pixels that no kernel reaches get the mean colour around them.
+  /// \param image   channels R G B A, premultiplied, over what is behind; where there are more
+  ///                channels, Z and Z.first follow.
+  /// \param behind  what is behind the surfaces at a pixel, premultiplied.
+  void apply(Image& image, FunctionRef<Rgba(int x, int y)> behind);
+
+ private:
+  /// Surfaces end within so many pixels of filtered sums of less than one half.
+  static constexpr int kMostReach = 8;
+  /// The filter's taps on either side of a pixel.
+  static constexpr int kTaps = 2;
+  static constexpr int kTable = 512;
+
+  /// Numbers in steps of 1 / kScale, and a flag each.
+  struct Pixel {
+    std::uint16_t sum;      ///< Sum over the mean sum, 1 at most.
+    std::uint16_t opacity;  ///< As resolved.
+  };
+  static constexpr float kScale = 32767;
+  static constexpr std::uint16_t kFlag = 0x8000;
+  static constexpr std::uint16_t kKept = kFlag;    ///< Of Pixel::sum: the pixel is not changed.
+  static constexpr std::uint16_t kMerged = kFlag;  ///< Of Pixel::opacity: the sum leaves some out.
+
+  /// Bounds of a tile's sums.
+  struct Range {
+    float least = 0, most = 0;
+  };
+  /// A pixel that no kernel reaches.
+  struct Unreached {
+    int x, y;
+    float opacity;
+  };
+  struct Scratch {
+    static constexpr int kMargin = kMostReach + kTaps;
+    static constexpr int kSide = kTileSize + 2 * kMargin;
+    using Plane = std::array<std::array<float, kSide>, kSide>;
+    Plane sum, rows, smooth, low;
+    std::vector<Unreached> unreached;
+  };
+
+  Pixel& at(int x, int y) {
+    return pixels_[tile_of(x, y) * kTilePixels +
+                   static_cast<std::size_t>(y % kTileSize * kTileSize + x % kTileSize)];
+  }
+  const Pixel& at(int x, int y) const { return const_cast<EdgeCoverage*>(this)->at(x, y); }
+  std::size_t tile_of(int x, int y) const {
+    return static_cast<std::size_t>(y / kTileSize) * tiles_x_ + x / kTileSize;
+  }
+  bool may_have_edges(int tile_x, int tile_y) const;
+  void gather(int x0, int y0, Scratch& scratch) const;
+  void filter(Scratch& scratch) const;
+  float sharpened(float sum, float laplacian) const;
+  void change_tile(int x0, int y0, Scratch& scratch, Image& image,
+                   FunctionRef<Rgba(int x, int y)> behind);
+  void fill(const Unreached& pixel, Image& image, FunctionRef<Rgba(int x, int y)> behind) const;
+
+  float inv_mean_;                         ///< 1 / the mean sum of rho.
+  int reach_;                              ///< Pixels, up to kMostReach.
+  std::array<float, kTaps + 1> taps_;      ///< Of the filter, by distance.
+  float backward_;                         ///< (k^2 - 1) / 2 h_s^2, pixels^2.
+  std::array<float, kTable + 1> sharpen_;  ///< Phi(k Phi^-1(i / kTable)).
+
+  int width_ = 0, height_ = 0;
+  int tiles_x_ = 0, tiles_y_ = 0;
+  Array<Pixel> pixels_;  ///< Tile by tile, row by row.
+  std::vector<Range> ranges_;
+  PerWorker<Scratch> scratch_;
+};
+
+}  // namespace surfel
