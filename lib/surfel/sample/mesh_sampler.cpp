@@ -358,6 +358,7 @@ class AttributeTransfer {
       : mesh_(mesh), wedge_normal_(wedge_normal), cloud_(cloud) {
     const std::size_t n = cloud.size();
     cloud.normal.resize(n);
+    if (!wedge_normal.empty()) cloud.shading_normal.resize(n);
     if (!mesh.wedge_uv.empty()) {
       cloud.uv.resize(n);
       cloud.dpdu.resize(n);
@@ -376,7 +377,7 @@ class AttributeTransfer {
   void transfer(std::size_t i, std::uint32_t face) {
     const FaceCorners corner = face_corners(mesh_, face);
     const Vec3d b = barycentric(corner, cloud_.position[i].cast<double>());
-    cloud_.normal[i] = normal(face, corner, b);
+    set_normals(i, face, corner, b);
     if (!cloud_.uv.empty()) {
       cloud_.uv[i] = interpolated(mesh_.wedge_uv[face], b);
       const UvFrame frame = uv_frame(corner, mesh_.wedge_uv[face]);
@@ -389,20 +390,34 @@ class AttributeTransfer {
   }
 
  private:
-  Vec3f normal(std::uint32_t face, const FaceCorners& corner, const Vec3d& b) const {
-    if (!wedge_normal_.empty()) {
-      const Vec3f smooth = interpolated(wedge_normal_[face], b);
-      const float length = smooth.norm();
-      // Where smooth normals cancel each other the face's normal is taken.
-      if (length > 1e-3f) return smooth / length;
-    }
-    return area_vector(corner).normalized().cast<float>();
+  /// The disc lies in its face, as a disc across the smooth normal covers another area on screen
+  /// than the surface there: at silhouettes, where one of them is seen edge-on, all of it. The
+  /// smooth normal says which side is outside, and is there to shade with.
+  void set_normals(std::size_t i, std::uint32_t face, const FaceCorners& corner, const Vec3d& b) {
+    const Vec3f flat = area_vector(corner).normalized().cast<float>();
+    cloud_.normal[i] = flat;
+    if (wedge_normal_.empty()) return;
+    const Vec3f smooth = interpolated(wedge_normal_[face], b);
+    const float length = smooth.norm();
+    // Where smooth normals cancel each other the face's normal is taken.
+    const bool usable = length > 1e-3f;
+    if (usable && smooth.dot(flat) < 0) cloud_.normal[i] = -flat;
+    cloud_.shading_normal[i] = usable ? Vec3f(smooth / length) : flat;
   }
 
   const TriangleMesh& mesh_;
   const Array<std::array<Vec3f, 3>>& wedge_normal_;
   SurfelCloud& cloud_;
 };
+
+/// Drops shading normals that all are the discs' own.
+void drop_plain_shading(SurfelCloud& cloud) {
+  constexpr float kSame = 1e-4F;  // Of unit vectors, in single precision.
+  const std::size_t bent = count_where(cloud.shading_normal.size(), [&](std::size_t i) {
+    return (cloud.shading_normal[i] - cloud.normal[i]).squaredNorm() > kSame * kSame;
+  });
+  if (bent == 0) cloud.shading_normal = {};
+}
 
 /// The light in the colours of the faces' materials.
 ColorLight color_light(const TriangleMesh& mesh) {
@@ -644,6 +659,7 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
         static_cast<float>(scale2 * std::min(cell, component_area[component[sample.face]]));
     attributes.transfer(i, sample.face);
   });
+  drop_plain_shading(cloud);
   stage.end("attributes");
   if (clips) {
     if (!clips->empty()) EdgeCutter(*clips, samples, cloud).run(out);

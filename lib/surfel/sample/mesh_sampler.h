@@ -89,12 +89,12 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 /// spacing share their samples then, and a point in ten thousand is further from a sample than 0.98
 /// spacings.
 ///
-/// Columns: position, normal, variance = (variance_scale * spacing there)^2 (of a component smaller
-/// than spacing^2: its area instead), area (the areas sum to the mesh's area, mirrored surfels left
-/// out), clip1 and clip2 where some surfel ends at an edge; uv, dpdu and
-/// dpdv where the mesh has uv; color where it has vertex colours or materials without texture;
-/// alpha where a material is see-through; material where it has more than one. The mesh's origin
-/// and its upward direction are kept.
+/// Columns: position, normal (the face's), shading_normal (smooth, where that is another), variance
+/// = (variance_scale * spacing there)^2 (of a component smaller than spacing^2: its area instead),
+/// area (the areas sum to the mesh's area, mirrored surfels left out), clip1 and clip2 where some
+/// surfel ends at an edge; uv, dpdu and dpdv where the mesh has uv; color where it has vertex
+/// colours or materials without texture; alpha where a material is see-through; material where it
+/// has more than one. The mesh's origin and its upward direction are kept.
 ///
 /// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would

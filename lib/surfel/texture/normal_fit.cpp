@@ -74,8 +74,13 @@ NormalFitReport fit_normals(SurfelCloud& cloud, NormalMaps& maps, const TextureF
   }
   timer.end("filter");
 
+  const Array<Vec3f> smooth = std::exchange(cloud.shading_normal, {});
+  const auto smooth_normal = [&](std::size_t k) {
+    const bool bent = !smooth.empty() && !smooth[k].isZero();
+    return bent ? Vec3f(smooth[k].normalized()) : cloud.normal[k];
+  };
   const auto mean_normal = [&](std::size_t k, std::size_t map) -> std::optional<Vec3d> {
-    const ReliefBase base{cloud.normal[k].cast<double>(), cloud.dpdu[k].cast<double>(),
+    const ReliefBase base{smooth_normal(k).cast<double>(), cloud.dpdu[k].cast<double>(),
                           cloud.dpdv[k].cast<double>()};
     if (!cloud.uv[k].allFinite() || base.normal.isZero()) return std::nullopt;
     if (maps.kind[map] == ReliefKind::kNormals) {
@@ -84,7 +89,8 @@ NormalFitReport fit_normals(SurfelCloud& cloud, NormalMaps& maps, const TextureF
     const TextureMap& image = maps.first.maps[map];
     return raised_normal(base, slopes_of(first[k], second[k]), image.width(), image.height());
   };
-  cloud.shading_normal.assign(cloud.size(), Vec3f(0, 0, 0));
+  cloud.shading_normal = smooth;
+  cloud.shading_normal.resize(cloud.size(), Vec3f(0, 0, 0));
   std::vector<NormalSums> partial(cloud.size() / kNormalGrain + 1);
   parallel_for(cloud.size(), kNormalGrain, [&](std::size_t begin, std::size_t end, int) {
     NormalSums& sums = partial[begin / kNormalGrain];
@@ -102,14 +108,14 @@ NormalFitReport fit_normals(SurfelCloud& cloud, NormalMaps& maps, const TextureF
       }
       cloud.shading_normal[k] = (*mean / std::max(1.0, length)).cast<float>();
       ++sums.mapped;
-      const double cosine = mean->dot(cloud.normal[k].cast<double>()) / length;
+      const double cosine = mean->dot(smooth_normal(k).cast<double>()) / length;
       sums.tilt += portable::acos(std::clamp(cosine, -1.0, 1.0));
       sums.variance -= portable::log(std::min(1.0, length));
     }
   });
   NormalSums all;
   for (const NormalSums& sums : partial) all.add(sums);
-  if (all.mapped == 0) cloud.shading_normal = {};
+  if (all.mapped == 0) cloud.shading_normal = smooth;
   report.mapped = all.mapped;
   report.unmapped = all.unmapped;
   report.without_frame = all.without_frame;
