@@ -130,7 +130,7 @@ void EdgeCoverage::set_opacity(int x, int y, float opacity) {
   } else if ((pixel.opacity & kMerged) != 0) {
     pixel.sum = std::max(pixel.sum, steps);
   }
-  pixel.opacity = steps;
+  pixel.opacity = static_cast<std::uint16_t>((pixel.opacity & kMerged) | steps);
 }
 
 /// Whether the sums around a tile are not all the same as far as edges are concerned.
@@ -215,15 +215,18 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
     for (int x = x0; x < x1; ++x) {
       const float low = scratch.low[y - y0][x - x0];
       Pixel& pixel = at(x, y);
-      if (low >= kEdgeSum || (pixel.sum & kKept) != 0) continue;
+      // Merging took fragments to be at edges where there may be none.
+      const bool merged = (pixel.opacity & kMerged) != 0;
+      if ((low >= kEdgeSum && !merged) || (pixel.sum & kKept) != 0) continue;
       const int row = y - y0 + reach_;
       const int column = x - x0 + reach_;
       const auto& s = scratch.smooth;
       const float sum = s[row][column];
       const float laplacian = (s[row][column - 1] + s[row][column + 1]) +
                               (s[row - 1][column] + s[row + 1][column]) - 4 * sum;
-      const float before = static_cast<float>(pixel.opacity) / kScale;
-      const float edge = std::min(1.0F, (kEdgeSum - low) / (kEdgeSum - kSurelyEdge));
+      const float before = opacity_of(pixel);
+      const float edge =
+          merged ? 1.0F : std::min(1.0F, (kEdgeSum - low) / (kEdgeSum - kSurelyEdge));
       const float opacity = before + edge * (sharpened(sum, laplacian) - before);
       if (before < kLeastOpacity) {
         if (opacity >= kLeastOpacity) scratch.unreached.push_back({x, y, opacity});
@@ -258,7 +261,7 @@ void EdgeCoverage::fill(const Unreached& pixel, Image& image,
   for (int y = std::max(0, pixel.y - kAround); y <= std::min(height_ - 1, pixel.y + kAround); ++y) {
     for (int x = std::max(0, pixel.x - kAround); x <= std::min(width_ - 1, pixel.x + kAround);
          ++x) {
-      const float opacity = static_cast<float>(at(x, y).opacity) / kScale;
+      const float opacity = opacity_of(at(x, y));
       if (opacity < kLeastOpacity) continue;
       if ((at(x, y).sum & kKept) != 0) return;
       const Rgba back = behind(x, y);

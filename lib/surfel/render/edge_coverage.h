@@ -84,6 +84,9 @@ class EdgeCoverage {
     std::vector<Unreached> unreached;
   };
 
+  static float opacity_of(const Pixel& pixel) {
+    return static_cast<float>(pixel.opacity & ~kMerged) / kScale;
+  }
   Pixel& at(int x, int y) {
     return pixels_[tile_of(x, y) * kTilePixels +
                    static_cast<std::size_t>(y % kTileSize * kTileSize + x % kTileSize)];
