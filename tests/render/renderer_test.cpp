@@ -201,8 +201,10 @@ TEST(Renderer, SphereIsClosedAndItsSilhouetteAntialiased) {
     for (int x = 0; x < 128; ++x) {
       const float alpha = image.pixel(x, y)[3];
       const double r = std::hypot(x + 0.5 - 64, y + 0.5 - 64);
-      if (r < radius - 3) {
-        EXPECT_GT(alpha, 0.999F) << x << ", " << y;
+      if (r < radius - 5) {
+        EXPECT_NEAR(alpha, 1.0F, 1e-4F) << x << ", " << y;
+      } else if (r < radius - 3) {
+        EXPECT_GT(alpha, 0.97F) << x << ", " << y;
       }
       if (r > radius + 4) {
         EXPECT_EQ(alpha, 0.0F);
@@ -474,8 +476,11 @@ TEST(Renderer, CullingBackFacesLeavesClosedSurfacesAsTheyAre) {
   const double radius = camera.focal_x * std::tan(std::asin(1 / 3.0));
   for (int y = 0; y < 128; ++y) {
     for (int x = 0; x < 128; ++x) {
-      if (std::hypot(x + 0.5 - 64, y + 0.5 - 64) > radius - 2) continue;
-      for (int c = 0; c < 4; ++c) ASSERT_NEAR(a.pixel(x, y)[c], b.pixel(x, y)[c], 1e-5);
+      const double r = std::hypot(x + 0.5 - 64, y + 0.5 - 64);
+      if (r > radius - 2) continue;
+      // At edges either side's sums tell the opacity.
+      const double tolerance = r > radius - 5 ? 3e-3 : 1e-5;
+      for (int c = 0; c < 4; ++c) ASSERT_NEAR(a.pixel(x, y)[c], b.pixel(x, y)[c], tolerance);
     }
   }
 }

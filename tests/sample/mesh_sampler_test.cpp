@@ -260,6 +260,7 @@ TEST(SampleMesh, InterpolatesAttributesOnThePlane) {
     EXPECT_LT((cloud.dpdu[i] - Vec3f(2, 0, 0)).norm(), 1e-4);
     EXPECT_LT((cloud.dpdv[i] - Vec3f(0, 2, 0)).norm(), 1e-4);
     EXPECT_LT((cloud.normal[i] - Vec3f(0, 0, 1)).norm(), 1e-6);
+    EXPECT_TRUE(cloud.shading_normal.empty());
     EXPECT_FLOAT_EQ(cloud.variance[i], 0.0025f * 0.49f);
   }
 }
@@ -286,7 +287,8 @@ TEST(SampleMesh, MaterialColorsWhereThereIsNoTexture) {
   }
 }
 
-TEST(SampleMesh, SmoothNormalsFollowTheSphereAndFlatOnesTheFaces) {
+/// Discs lie in the faces, whatever they are shaded with.
+TEST(SampleMesh, SmoothNormalsFollowTheSphereAndDiscsTheFaces) {
   TriangleMesh mesh = surface("sphere", 24);
   MeshSampleOptions options = by_spacing(0.1);
   const SurfelCloud smooth = sample_mesh(mesh, options);
@@ -296,9 +298,11 @@ TEST(SampleMesh, SmoothNormalsFollowTheSphereAndFlatOnesTheFaces) {
   double flat_error = 0;
   for (std::size_t i = 0; i < smooth.size(); ++i) {
     const Vec3f exact = smooth.position[i].normalized();
-    smooth_error += (smooth.normal[i] - exact).norm();
+    smooth_error += (smooth.shading_normal[i] - exact).norm();
     flat_error += (flat.normal[i] - exact).norm();
   }
+  EXPECT_EQ(smooth.normal, flat.normal);
+  EXPECT_TRUE(flat.shading_normal.empty());
   EXPECT_LT(smooth_error, 0.2 * flat_error);
   EXPECT_GT(flat_error / samples(flat), 0.02);
 }
@@ -308,7 +312,18 @@ TEST(SampleMesh, ComputesNormalsWhereTheFileHasNone) {
   mesh.wedge_normal.clear();
   const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.05));
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    EXPECT_GT(cloud.normal[i].dot(cloud.position[i].normalized()), 0.9999f);
+    EXPECT_GT(cloud.shading_normal[i].dot(cloud.position[i].normalized()), 0.9999f);
+  }
+}
+
+/// Vertex normals of a file say which side is outside, not the order of the corners.
+TEST(SampleMesh, DiscsFaceAsTheFilesNormalsDo) {
+  TriangleMesh mesh = surface("sphere", 24);
+  for (auto& face : mesh.face) std::swap(face[1], face[2]);
+  for (auto& wedge : mesh.wedge_normal) std::swap(wedge[1], wedge[2]);
+  const SurfelCloud cloud = sample_mesh(mesh, by_spacing(0.1));
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    EXPECT_GT(cloud.normal[i].dot(cloud.position[i]), 0) << i;
   }
 }
 

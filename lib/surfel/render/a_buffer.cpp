@@ -74,6 +74,13 @@ bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragmen
          !shows_front(fragment.channel[kTag]);
 }
 
+/// Is the opacity of a pixel, which has so many fragments, set by EdgeCoverage whatever it is now?
+/// Where lines cut the surface they tell more about its edge.
+bool edge_comes_later(const TileABuffer& tile, int count, const Fragment& fragment) {
+  return tile.edges_later && count == 1 &&
+         !(tile.layout.clips && fragment.channel[kCutPartial] > 0);
+}
+
 /// Does a fragment hide what lies behind it, at an edge, too?
 bool hides(const TileABuffer& tile, const Fragment& fragment) {
   return tile.layout.opaque && fragment.channel[kWeight] >= tile.edge_weight &&
@@ -99,7 +106,7 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
   bool hidden = false;
   for (int i = 0; i < count; ++i) {
     const Fragment& fragment = at(i);
-    const bool may_end = !(count == 1 && tile.edges_later) && may_be_at_edge(tile, fragment);
+    const bool may_end = !edge_comes_later(tile, count, fragment) && may_be_at_edge(tile, fragment);
     const bool may_be_far = !hidden && may_be_far_side(tile, count, fragment);
     hidden = hidden || hides(tile, fragment);
     float edge = 0;
@@ -542,8 +549,8 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    const bool alone = sorted.count == 1 && tile.edges_later;
-    look = look || (!alone && may_be_at_edge(tile, fragment)) ||
+    look = look ||
+           (!edge_comes_later(tile, sorted.count, fragment) && may_be_at_edge(tile, fragment)) ||
            (!hidden && may_be_far_side(tile, sorted.count, fragment));
     hidden = hidden || hides(tile, fragment);
   }

@@ -76,10 +76,10 @@ void EdgeCoverage::begin(int width, int height) {
   pixels_.resize(tiles * kTilePixels);
 }
 
-void EdgeCoverage::store(const TileABuffer& tile, bool opaque) {
+void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
+  const bool resolved = inside != TileInside::kNo;
   const std::size_t number = tile_of(tile.x0, tile.y0);
   Pixel* const to = pixels_.data() + number * kTilePixels;
-  const std::uint16_t opacity = opaque ? static_cast<std::uint16_t>(kScale) : 0;
   Range range{1, 0};
   bool unknown = false;  // Are there pixels whose sums are not known yet?
   for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels) {
@@ -109,12 +109,13 @@ void EdgeCoverage::store(const TileABuffer& tile, bool opaque) {
     for (int i = 0; i < kPatchPixels; ++i) {
       const auto pixel = static_cast<int>(first) + i;
       const float known = std::min(1.0F, std::max(front[i], back[i]) * inv_mean_);
-      const float sum = opaque && kept[i] != 0 ? 1.0F : known;
-      const auto steps = static_cast<std::uint16_t>(std::lround(sum * kScale));
+      const float opacity =
+          resolved ? std::min(1.0F, std::max(front[i], back[i]) / tile.full_weight) : 0.0F;
+      const float sum = resolved && kept[i] != 0 ? opacity : known;
       to[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
-          static_cast<std::uint16_t>(steps | (kept[i] != 0 ? kKept : 0)),
-          static_cast<std::uint16_t>(opacity | (merged[i] != 0 ? kMerged : 0))};
-      unknown = unknown || (!opaque && (kept[i] != 0 || merged[i] != 0));
+          static_cast<std::uint16_t>(steps_of(sum) | (kept[i] != 0 ? kKept : 0)),
+          static_cast<std::uint16_t>(steps_of(opacity) | (merged[i] != 0 ? kMerged : 0))};
+      unknown = unknown || (!resolved && (kept[i] != 0 || merged[i] != 0));
       range = {std::min(range.least, sum), std::max(range.most, sum)};
     }
   }
@@ -123,8 +124,7 @@ void EdgeCoverage::store(const TileABuffer& tile, bool opaque) {
 
 void EdgeCoverage::set_opacity(int x, int y, float opacity) {
   Pixel& pixel = at(x, y);
-  const auto steps =
-      static_cast<std::uint16_t>(std::lround(std::clamp(opacity, 0.0F, 1.0F) * kScale));
+  const std::uint16_t steps = steps_of(std::clamp(opacity, 0.0F, 1.0F));
   if ((pixel.sum & kKept) != 0) {
     pixel.sum = kKept | steps;
   } else if ((pixel.opacity & kMerged) != 0) {
@@ -240,7 +240,7 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
         out[channel] = (out[channel] - (1 - before) * b) * scale + (1 - opacity) * b;
         ++channel;
       }
-      pixel.opacity = static_cast<std::uint16_t>(std::lround(opacity * kScale));
+      pixel.opacity = steps_of(opacity);
       if (image.channel_count() > 4) {
         // Z is where opacity passes one half, Z.first the nearest surface's depth.
         if (opacity < 0.5F) {

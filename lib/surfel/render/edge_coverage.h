@@ -7,10 +7,12 @@
 #include <cstdint>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_search.h>
 #include <surfel/scene/image.h>
 
 namespace surfel {
@@ -30,7 +32,7 @@ namespace surfel {
 /// Each side of a body sums up to the body's coverage. Whatever the fragments are that a grazing
 /// surface falls into, the larger one of the two sides' sums counts. Only pixels near places where
 /// S falls below one half are changed: elsewhere uneven sums are no edges (tau).
-class EdgeCoverage {
+class SURFEL_API EdgeCoverage {
  public:
   /// Room for pictures of a cutoff and of a pixel filter's standard deviation, pixels.
   EdgeCoverage(double cutoff, double lowpass);
@@ -38,8 +40,9 @@ class EdgeCoverage {
   /// Begins a picture.
   void begin(int width, int height);
   /// Notes the sums of a tile that has been drawn. Different tiles may be stored at once.
-  /// \param opaque  all pixels count as opaque; else as empty until set_opacity() is called.
-  void store(const TileABuffer& tile, bool opaque);
+  /// \param inside  with kNo pixels are empty until set_opacity() is called; other tiles have one
+  ///                fragment in every pixel, whose sum tells the opacity.
+  void store(const TileABuffer& tile, TileInside inside);
   /// Notes the opacity that a pixel of a stored tile was resolved to.
   void set_opacity(int x, int y, float opacity);
 
@@ -84,6 +87,9 @@ class EdgeCoverage {
     std::vector<Unreached> unreached;
   };
 
+  static std::uint16_t steps_of(float share) {
+    return static_cast<std::uint16_t>(share * kScale + 0.5F);
+  }
   static float opacity_of(const Pixel& pixel) {
     return static_cast<float>(pixel.opacity & ~kMerged) / kScale;
   }

@@ -215,7 +215,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
   if (plain && !edges) open.add_lone(tile, plain->lone);
   const bool set_opacities = edges && !(plain && plain->inside != TileInside::kNo);
-  if (edges) edges->store(tile, !set_opacities);
+  if (edges) edges->store(tile, plain ? plain->inside : TileInside::kNo);
   // The channels of a pixel without fragments, where all such pixels are alike.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {

@@ -25,8 +25,9 @@ struct NormalFitReport {
 
 /// Writes the column shading_normal: the mean of the relief's unit normals under each surfel's
 /// Gaussian in the image, the one of fit_ewa(), so that its length tells their variance (Toksvig,
-/// "Mipmapping normal maps", 2005). All zero where a surfel has no relief. All other columns stay
-/// as they are: the disc stays on the surface.
+/// "Mipmapping normal maps", 2005). The relief bends the shading normals that there are, as of a
+/// mesh with smooth normals, else the discs' own. Surfels without relief keep what they have, or
+/// get a zero. All other columns stay as they are: the disc stays on the surface.
 ///
 /// Normals are averaged as they are; slopes of heights by their moments (raised_normal()).
 /// \param options  reconstruction, max_aspect and exact are heeded.
