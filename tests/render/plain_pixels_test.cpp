@@ -25,8 +25,8 @@ void expect_same_colors(const SurfelCloud& cloud, const Scene& scene, const Came
   for (int y = 0; y < kOddSize; ++y) {
     for (int x = 0; x < kOddSize; ++x) {
       for (int c = 0; c < 4; ++c) {
-        // Rounding, of powers of cosines above all.
-        ASSERT_NEAR(plain.pixel(x, y)[c], truth.pixel(x, y)[c], 2e-5) << x << " " << y << " " << c;
+        // Rounding, of powers of cosines above all; opacities at edges have steps of 2^-15.
+        ASSERT_NEAR(plain.pixel(x, y)[c], truth.pixel(x, y)[c], 6e-5) << x << " " << y << " " << c;
       }
     }
   }

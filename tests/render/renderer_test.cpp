@@ -479,7 +479,7 @@ TEST(Renderer, CullingBackFacesLeavesClosedSurfacesAsTheyAre) {
       const double r = std::hypot(x + 0.5 - 64, y + 0.5 - 64);
       if (r > radius - 2) continue;
       // At edges either side's sums tell the opacity.
-      const double tolerance = r > radius - 5 ? 3e-3 : 1e-5;
+      const double tolerance = r > radius - 5 ? 6e-3 : 1e-5;
       for (int c = 0; c < 4; ++c) ASSERT_NEAR(a.pixel(x, y)[c], b.pixel(x, y)[c], tolerance);
     }
   }

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numbers>
 
@@ -26,7 +27,8 @@ constexpr float kLeastOpacity = 1.0F / 128;
 
 }  // namespace
 
-EdgeCoverage::EdgeCoverage(double cutoff, double lowpass) {
+EdgeCoverage::EdgeCoverage(double cutoff, double lowpass, float full_weight)
+    : inv_full_(1 / full_weight) {
   const double lost = portable::exp(-cutoff);
   inv_mean_ = static_cast<float>(1 / (1 - lost));
   reach_ = std::min(kMostReach, static_cast<int>(std::ceil(3 * lowpass)));
@@ -110,7 +112,7 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
       const auto pixel = static_cast<int>(first) + i;
       const float known = std::min(1.0F, std::max(front[i], back[i]) * inv_mean_);
       const float opacity =
-          resolved ? std::min(1.0F, std::max(front[i], back[i]) / tile.full_weight) : 0.0F;
+          resolved ? std::min(1.0F, std::max(front[i], back[i]) * inv_full_) : 0.0F;
       const float sum = resolved && kept[i] != 0 ? opacity : known;
       to[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
           static_cast<std::uint16_t>(steps_of(sum) | (kept[i] != 0 ? kKept : 0)),
@@ -120,6 +122,29 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
     }
   }
   ranges_[number] = unknown ? Range{0, 1} : range;
+}
+
+void EdgeCoverage::store_inside(const TileABuffer& tile, float least) {
+  const std::size_t number = tile_of(tile.x0, tile.y0);
+  static_assert(sizeof(Pixel) == sizeof(float));
+  Pixel* to = pixels_.data() + number * kTilePixels;
+  for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels, to += kPatchPixels) {
+    std::memcpy(to, tile.fragment(0, first), kPatchPixels * sizeof(float));
+  }
+  ranges_[number] = {std::min(1.0F, least * inv_mean_), 1, true};
+}
+
+/// Makes pixels of a tile's raw sums.
+void EdgeCoverage::unpack(std::size_t tile) {
+  Pixel* const pixels = pixels_.data() + tile * kTilePixels;
+  std::array<float, kTilePixels> sums;
+  std::memcpy(sums.data(), pixels, sizeof(sums));
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    pixels[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
+        steps_of(std::min(1.0F, sums[pixel] * inv_mean_)),
+        steps_of(std::min(1.0F, sums[pixel] * inv_full_))};
+  }
+  ranges_[tile].raw = false;
 }
 
 void EdgeCoverage::set_opacity(int x, int y, float opacity) {
@@ -133,27 +158,46 @@ void EdgeCoverage::set_opacity(int x, int y, float opacity) {
   pixel.opacity = static_cast<std::uint16_t>((pixel.opacity & kMerged) | steps);
 }
 
-/// Whether the sums around a tile are not all the same as far as edges are concerned.
-bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
-  Range range{1, 0};
+/// Whether something holds for a tile or for one of those next to it.
+template <class Holds>
+bool EdgeCoverage::any_around(int tile_x, int tile_y, const Holds& holds) const {
   for (int y = std::max(0, tile_y - 1); y <= std::min(tiles_y_ - 1, tile_y + 1); ++y) {
     for (int x = std::max(0, tile_x - 1); x <= std::min(tiles_x_ - 1, tile_x + 1); ++x) {
-      const Range& r = ranges_[static_cast<std::size_t>(y) * tiles_x_ + x];
-      range = {std::min(range.least, r.least), std::max(range.most, r.most)};
+      if (holds(x, y)) return true;
     }
   }
-  return range.most > 0 && range.least < kEdgeSum;
+  return false;
+}
+
+/// Whether the sums around a tile are not all the same as far as edges are concerned.
+bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
+  const auto range_at = [&](int x, int y) -> const Range& {
+    return ranges_[static_cast<std::size_t>(y) * tiles_x_ + x];
+  };
+  return any_around(tile_x, tile_y, [&](int x, int y) { return range_at(x, y).most > 0; }) &&
+         any_around(tile_x, tile_y, [&](int x, int y) { return range_at(x, y).least < kEdgeSum; });
 }
 
 /// Fetches the sums around a tile. Beyond the picture they go on as they are at its border.
 void EdgeCoverage::gather(int x0, int y0, Scratch& scratch) const {
   const int margin = reach_ + kTaps;
-  for (int row = 0; row < kTileSize + 2 * margin; ++row) {
+  const int side = kTileSize + 2 * margin;
+  const int first = x0 - margin;
+  for (int row = 0; row < side; ++row) {
     const int y = std::clamp(y0 - margin + row, 0, height_ - 1);
-    for (int column = 0; column < kTileSize + 2 * margin; ++column) {
-      const int x = std::clamp(x0 - margin + column, 0, width_ - 1);
-      scratch.sum[row][column] = static_cast<float>(at(x, y).sum & ~kKept) / kScale;
+    auto& sums = scratch.sum[row];
+    // Within a tile a row's pixels follow one another.
+    const int end = std::min(first + side, width_);
+    for (int x = std::max(first, 0); x < end;) {
+      const Pixel* const pixels = &at(x, y);
+      const int count = std::min(kTileSize - x % kTileSize, end - x);
+      for (int i = 0; i < count; ++i) {
+        sums[x - first + i] = static_cast<float>(pixels[i].sum & ~kKept) * (1 / kScale);
+      }
+      x += count;
     }
+    for (int column = 0; column < -first; ++column) sums[column] = sums[-first];
+    for (int column = end - first; column < side; ++column) sums[column] = sums[end - first - 1];
   }
 }
 
@@ -285,6 +329,13 @@ void EdgeCoverage::fill(const Unreached& pixel, Image& image,
 
 void EdgeCoverage::apply(Image& image, FunctionRef<Rgba(int x, int y)> behind) {
   constexpr std::size_t kGrain = 4;  // Tiles.
+  const auto is_looked_at = [&](std::size_t tile) {
+    return any_around(static_cast<int>(tile % tiles_x_), static_cast<int>(tile / tiles_x_),
+                      [&](int x, int y) { return may_have_edges(x, y); });
+  };
+  parallel_each(ranges_.size(), 8 * kGrain, [&](std::size_t tile) {
+    if (ranges_[tile].raw && is_looked_at(tile)) unpack(tile);
+  });
   parallel_for(ranges_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
     for (std::size_t tile = begin; tile < end; ++tile) {
       const int x = static_cast<int>(tile % tiles_x_);

@@ -35,7 +35,8 @@ namespace surfel {
 class SURFEL_API EdgeCoverage {
  public:
   /// Room for pictures of a cutoff and of a pixel filter's standard deviation, pixels.
-  EdgeCoverage(double cutoff, double lowpass);
+  /// \param full_weight  TileABuffer::full_weight, tau.
+  EdgeCoverage(double cutoff, double lowpass, float full_weight);
 
   /// Begins a picture.
   void begin(int width, int height);
@@ -43,6 +44,9 @@ class SURFEL_API EdgeCoverage {
   /// \param inside  with kNo pixels are empty until set_opacity() is called; other tiles have one
   ///                fragment in every pixel, whose sum tells the opacity.
   void store(const TileABuffer& tile, TileInside inside);
+  /// The same for a tile inside a surface whose splats all are fine and end at no lines.
+  /// \param least  the least sum of rho.
+  void store_inside(const TileABuffer& tile, float least);
   /// Notes the opacity that a pixel of a stored tile was resolved to.
   void set_opacity(int x, int y, float opacity);
 
@@ -73,6 +77,8 @@ class SURFEL_API EdgeCoverage {
   /// Bounds of a tile's sums.
   struct Range {
     float least = 0, most = 0;
+    /// Instead of pixels there are the sums of rho, as floats in the order of the A-buffer.
+    bool raw = false;
   };
   /// A pixel that no kernel reaches.
   struct Unreached {
@@ -101,6 +107,9 @@ class SURFEL_API EdgeCoverage {
   std::size_t tile_of(int x, int y) const {
     return static_cast<std::size_t>(y / kTileSize) * tiles_x_ + x / kTileSize;
   }
+  template <class Holds>
+  bool any_around(int tile_x, int tile_y, const Holds& holds) const;
+  void unpack(std::size_t tile);
   bool may_have_edges(int tile_x, int tile_y) const;
   void gather(int x0, int y0, Scratch& scratch) const;
   void filter(Scratch& scratch) const;
@@ -110,6 +119,7 @@ class SURFEL_API EdgeCoverage {
   void fill(const Unreached& pixel, Image& image, FunctionRef<Rgba(int x, int y)> behind) const;
 
   float inv_mean_;                         ///< 1 / the mean sum of rho.
+  float inv_full_;                         ///< 1 / tau.
   int reach_;                              ///< Pixels, up to kMostReach.
   std::array<float, kTaps + 1> taps_;      ///< Of the filter, by distance.
   float backward_;                         ///< (k^2 - 1) / 2 h_s^2, pixels^2.

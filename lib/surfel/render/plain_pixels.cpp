@@ -93,24 +93,31 @@ Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers,
   return out;
 }
 
-TileInside inside_of(const TileABuffer& tile) {
+/// Finds out about PlainPixels::inside.
+void look_inside(const TileABuffer& tile, PlainPixels& out) {
   const D d;
-  if (tile.width < kTileSize || tile.height < kTileSize) return TileInside::kNo;
+  out.inside = TileInside::kNo;
+  if (tile.width < kTileSize || tile.height < kTileSize) return;
   const auto side = tag_bits(channel(tile, 0, 0, kTag), kFrontTag);
   V least = channel(tile, 0, 0, kWeight);
+  auto fine = hn::Set(Tags(), kFineTag);
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
     const V weight = channel(tile, 0, pixel, kWeight);
     least = hn::Min(least, weight);
     const V behind = tile.layout.layers > 1 ? channel(tile, 1, pixel, kWeight) : hn::Zero(d);
-    const auto other_side = hn::Xor(side, tag_bits(channel(tile, 0, pixel, kTag), kFrontTag));
+    const V tags = channel(tile, 0, pixel, kTag);
+    const auto other_side = hn::Xor(side, tag_bits(tags, kFrontTag));
+    fine = hn::And(fine, hn::BitCast(Tags(), tags));
     if (!hn::AllTrue(d, hn::Eq(behind, hn::Zero(d))) ||
         !hn::AllTrue(Tags(), hn::Eq(other_side, hn::Zero(Tags())))) {
-      return TileInside::kNo;
+      return;
     }
   }
   const float low = hn::GetLane(hn::MinOfLanes(d, least));
-  if (!(low > 0 && low >= kInsideShare * tile.full_weight)) return TileInside::kNo;
-  return hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
+  if (!(low > 0 && low >= kInsideShare * tile.full_weight)) return;
+  out.inside = hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
+  out.inside_least = low;
+  out.inside_fine = hn::AllTrue(Tags(), hn::Ne(fine, hn::Zero(Tags())));
 }
 
 /// 1 for the pixels of a tile within kEdgeReach of its border, 0 for the others.
@@ -143,7 +150,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   const V one = hn::Set(d, 1);
   const V half = hn::Set(d, 0.5F);
   const V full_weight = hn::Set(d, tile.full_weight);
-  out.inside = inside_of(tile);
+  look_inside(tile, out);
   out.lone.fill(0);
   const V edge_weight = hn::Set(d, tile.edge_weight);
   const M whole = hn::Eq(zero, zero);

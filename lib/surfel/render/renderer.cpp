@@ -113,7 +113,7 @@ struct Renderer::Impl {
     // A threshold of one's own says by itself what is covered.
     if (opaque && compositor->sums_are_whole() && options.filter == Filter::kEwa &&
         !options.coverage_threshold) {
-      edges.emplace(options.cutoff, options.lowpass);
+      edges.emplace(options.cutoff, options.lowpass, blank_tile.full_weight);
     }
     blank_tile.edges_later = edges.has_value();
     for (const SplatListOptions& list : compositor->lists()) {
@@ -215,7 +215,11 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
   if (plain && !edges) open.add_lone(tile, plain->lone);
   const bool set_opacities = edges && !(plain && plain->inside != TileInside::kNo);
-  if (edges) edges->store(tile, plain ? plain->inside : TileInside::kNo);
+  if (edges && plain && plain->inside_fine && !tile.layout.clips) {
+    edges->store_inside(tile, plain->inside_least);
+  } else if (edges) {
+    edges->store(tile, plain ? plain->inside : TileInside::kNo);
+  }
   // The channels of a pixel without fragments, where all such pixels are alike.
   std::optional<std::vector<float>> nothing;
   if (!background && !tile.shader->has_environment()) {
