@@ -4,6 +4,7 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include <surfel/base/elementary.h>
 #include <surfel/render/edge_coverage.h>
@@ -83,7 +84,8 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
   const std::size_t number = tile_of(tile.x0, tile.y0);
   Pixel* const to = pixels_.data() + number * kTilePixels;
   Range range{1, 0};
-  bool unknown = false;  // Are there pixels whose sums are not known yet?
+  bool unknown = false;      // Are there pixels whose sums are not known yet ...
+  bool some_merged = false;  // ... as surfaces have been merged?
   for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels) {
     std::array<float, kPatchPixels> front{};
     std::array<float, kPatchPixels> back{};
@@ -118,10 +120,13 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
           static_cast<std::uint16_t>(steps_of(sum) | (kept[i] != 0 ? kKept : 0)),
           static_cast<std::uint16_t>(steps_of(opacity) | (merged[i] != 0 ? kMerged : 0))};
       unknown = unknown || (!resolved && (kept[i] != 0 || merged[i] != 0));
+      some_merged = some_merged || merged[i] != 0;
       range = {std::min(range.least, sum), std::max(range.most, sum)};
     }
   }
-  ranges_[number] = unknown ? Range{0, 1} : range;
+  if (unknown) range = {0, 1};
+  range.merged = some_merged;
+  ranges_[number] = range;
 }
 
 void EdgeCoverage::store_inside(const TileABuffer& tile, float least) {
@@ -178,11 +183,14 @@ bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
          any_around(tile_x, tile_y, [&](int x, int y) { return range_at(x, y).least < kEdgeSum; });
 }
 
-/// Fetches the sums around a tile. Beyond the picture they go on as they are at its border.
-void EdgeCoverage::gather(int x0, int y0, Scratch& scratch) const {
+/// Fetches the sums around a tile, and returns their least and their largest. Beyond the picture
+/// they go on as they are at its border.
+std::pair<float, float> EdgeCoverage::gather(int x0, int y0, Scratch& scratch) const {
   const int margin = reach_ + kTaps;
   const int side = kTileSize + 2 * margin;
   const int first = x0 - margin;
+  std::uint16_t least = kKept;
+  std::uint16_t most = 0;
   for (int row = 0; row < side; ++row) {
     const int y = std::clamp(y0 - margin + row, 0, height_ - 1);
     auto& sums = scratch.sum[row];
@@ -192,16 +200,21 @@ void EdgeCoverage::gather(int x0, int y0, Scratch& scratch) const {
       const Pixel* const pixels = &at(x, y);
       const int count = std::min(kTileSize - x % kTileSize, end - x);
       for (int i = 0; i < count; ++i) {
-        sums[x - first + i] = static_cast<float>(pixels[i].sum & ~kKept) * (1 / kScale);
+        const auto steps = static_cast<std::uint16_t>(pixels[i].sum & ~kKept);
+        sums[x - first + i] = static_cast<float>(steps) * (1 / kScale);
+        least = std::min(least, steps);
+        most = std::max(most, steps);
       }
       x += count;
     }
     for (int column = 0; column < -first; ++column) sums[column] = sums[-first];
     for (int column = end - first; column < side; ++column) sums[column] = sums[end - first - 1];
   }
+  return {static_cast<float>(least) / kScale, static_cast<float>(most) / kScale};
 }
 
-/// Filters the sums, and finds the least filtered sum within reach of the tile's pixels.
+/// Filters the sums. In `rows` the least filtered sum within reach of each of the tile's pixels is
+/// left.
 void EdgeCoverage::filter(Scratch& scratch) const {
   const int side = kTileSize + 2 * (reach_ + kTaps);
   const int filtered = side - 2 * kTaps;
@@ -221,21 +234,29 @@ void EdgeCoverage::filter(Scratch& scratch) const {
       scratch.smooth[y][x] = smooth(r[0][x], r[1][x], r[2][x], r[3][x], r[4][x]);
     }
   }
+  // The least of a window, by windows that grow by as much as they are long: of 1, 2, 4 ... values.
   const int window = 2 * reach_ + 1;
+  const auto for_each_step = [&](const auto& grow) {
+    for (int size = 1; size < window;) {
+      const int step = std::min(size, window - size);
+      size += step;
+      grow(step, filtered - size + 1);
+    }
+  };
   for (int y = 0; y < filtered; ++y) {
-    for (int x = 0; x < kTileSize; ++x) {
-      float low = scratch.smooth[y][x];
-      for (int i = 1; i < window; ++i) low = std::min(low, scratch.smooth[y][x + i]);
-      scratch.rows[y][x] = low;
-    }
+    auto& low = scratch.rows[y];
+    std::copy_n(scratch.smooth[y].begin(), filtered, low.begin());
+    for_each_step([&](int step, int count) {
+      for (int x = 0; x < count; ++x) low[x] = std::min(low[x], low[x + step]);
+    });
   }
-  for (int y = 0; y < kTileSize; ++y) {
-    for (int x = 0; x < kTileSize; ++x) {
-      float low = scratch.rows[y][x];
-      for (int i = 1; i < window; ++i) low = std::min(low, scratch.rows[y + i][x]);
-      scratch.low[y][x] = low;
+  for_each_step([&](int step, int count) {
+    for (int y = 0; y < count; ++y) {
+      auto& low = scratch.rows[y];
+      const auto& other = scratch.rows[y + step];
+      for (int x = 0; x < kTileSize; ++x) low[x] = std::min(low[x], other[x]);
     }
-  }
+  });
 }
 
 /// The coverage of a pixel by its filtered sum and that sum's Laplacian.
@@ -251,13 +272,14 @@ float EdgeCoverage::sharpened(float sum, float laplacian) const {
 
 void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
                                FunctionRef<Rgba(int x, int y)> behind) {
-  gather(x0, y0, scratch);
+  const auto [least, most] = gather(x0, y0, scratch);
+  if ((least >= kEdgeSum && !ranges_[tile_of(x0, y0)].merged) || most == 0) return;
   filter(scratch);
   const int x1 = std::min(x0 + kTileSize, width_);
   const int y1 = std::min(y0 + kTileSize, height_);
   for (int y = y0; y < y1; ++y) {
     for (int x = x0; x < x1; ++x) {
-      const float low = scratch.low[y - y0][x - x0];
+      const float low = scratch.rows[y - y0][x - x0];
       Pixel& pixel = at(x, y);
       // Merging took fragments to be at edges where there may be none.
       const bool merged = (pixel.opacity & kMerged) != 0;

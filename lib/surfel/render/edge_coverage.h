@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -79,6 +80,7 @@ class SURFEL_API EdgeCoverage {
     float least = 0, most = 0;
     /// Instead of pixels there are the sums of rho, as floats in the order of the A-buffer.
     bool raw = false;
+    bool merged = false;  ///< There are pixels with merged surfaces.
   };
   /// A pixel that no kernel reaches.
   struct Unreached {
@@ -89,7 +91,7 @@ class SURFEL_API EdgeCoverage {
     static constexpr int kMargin = kMostReach + kTaps;
     static constexpr int kSide = kTileSize + 2 * kMargin;
     using Plane = std::array<std::array<float, kSide>, kSide>;
-    Plane sum, rows, smooth, low;
+    Plane sum, rows, smooth;
     std::vector<Unreached> unreached;
   };
 
@@ -111,7 +113,7 @@ class SURFEL_API EdgeCoverage {
   bool any_around(int tile_x, int tile_y, const Holds& holds) const;
   void unpack(std::size_t tile);
   bool may_have_edges(int tile_x, int tile_y) const;
-  void gather(int x0, int y0, Scratch& scratch) const;
+  std::pair<float, float> gather(int x0, int y0, Scratch& scratch) const;
   void filter(Scratch& scratch) const;
   float sharpened(float sum, float laplacian) const;
   void change_tile(int x0, int y0, Scratch& scratch, Image& image,
