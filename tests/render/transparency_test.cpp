@@ -1,4 +1,7 @@
+#include <cmath>
+
 #include <gtest/gtest.h>
+#include <surfel/base/random.h>
 
 #include "render/scenes.h"
 
@@ -33,6 +36,67 @@ TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
     EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;
     EXPECT_LT(statistics.late_weight_share, 0.01);
   }
+}
+
+TEST(Transparency, VectorsOfPixelsAreMergedAsSinglePixelsAre) {
+  // Six surfaces in three layers. Fragments that have to be shaded are merged pixel by pixel.
+  SurfelCloud cloud;
+  for (const double radius : {0.7, 0.5, 0.3}) {
+    const SurfelCloud shell = fibonacci_sphere(6000, radius, {0.9F, static_cast<float>(radius), 0});
+    for (std::size_t i = 0; i < shell.size(); ++i) {
+      add_surfel(cloud, shell.position[i], shell.normal[i], shell.variance[i], shell.area[i],
+                 shell.coefficient[i]);
+    }
+  }
+  cloud.alpha.assign(cloud.size(), 0.4F);
+  const Camera camera = camera_at(2.5, 120);
+  RenderOptions options;
+  options.layers = 3;
+  FrameStatistics statistics;
+  const Image unlit = render_unlit(cloud, camera, options, &statistics);
+  EXPECT_GT(statistics.merged, 1000);
+  Scene scene;
+  scene.ambient = {1, 1, 1};
+  scene.lights.clear();
+  options.aovs = true;
+  RenderCloud surfels(cloud);
+  FrameStatistics of_shaded;
+  const Image shaded = Renderer(surfels, scene, options).render(camera, &of_shaded);
+  EXPECT_EQ(of_shaded.merged, statistics.merged);
+  ASSERT_EQ(unlit.data.size(), shaded.data.size());
+  for (std::size_t i = 0; i < unlit.data.size(); ++i) {
+    if (std::isinf(unlit.data[i]) && unlit.data[i] == shaded.data[i]) continue;
+    ASSERT_NEAR(unlit.data[i], shaded.data[i], 1e-4) << i;
+  }
+}
+
+/// How many pixels two panes that cross at 60 degrees take for one surface, which is less opaque
+/// than two. Their normals vary by up to `roughness` radians.
+int mixed_pixels(float roughness) {
+  SurfelCloud cloud;
+  for (const float turn : {0.5236F, -0.5236F}) {
+    const SurfelCloud pane = jittered_plane(64, 1.5, 0.25, turn > 0 ? 1 : 2);
+    const Eigen::AngleAxisf rotation(turn, Vec3f::UnitY());
+    for (std::size_t i = 0; i < pane.size(); ++i) {
+      const auto tilt = static_cast<float>(2 * random_uniform(7, i) - 1) * roughness;
+      const Vec3f normal = Eigen::AngleAxisf(tilt, Vec3f::UnitX()) * pane.normal[i];
+      add_surfel(cloud, rotation * pane.position[i], rotation * normal, pane.variance[i],
+                 pane.area[i], {1, 1, 1});
+    }
+  }
+  cloud.alpha.assign(cloud.size(), 0.5F);
+  const Image image = render_unlit(cloud, camera_at(3, 96, 20));
+  int pixels = 0;
+  for (int y = 24; y < 72; ++y) {
+    for (int x = 0; x < 96; ++x) pixels += image.pixel(x, y)[3] < 0.65F ? 1 : 0;
+  }
+  return pixels;
+}
+
+TEST(Transparency, FlatPanesThatCrossAreMixedInANarrowerStripThanRoughOnes) {
+  const int rough = mixed_pixels(0.2F);
+  EXPECT_GT(rough, 0);
+  EXPECT_LT(mixed_pixels(0), 0.7 * rough);
 }
 
 TEST(Transparency, SlantedStackKeepsItsOrder) {
