@@ -60,7 +60,15 @@ inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces 
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
 inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
 inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
-inline constexpr int kMaterialShift = 4;          ///< The bits above the flags hold the material.
+/// It is one of a flat and transparent surface's, and kFlatEpsilon of the usual epsilon tells it
+/// apart from others.
+inline constexpr std::uint32_t kFlatTag = 16;
+inline constexpr int kMaterialShift = 5;  ///< The bits above the flags hold the material.
+
+/// See kFlatTag. Of a curved or rough surface the tangent planes within a footprint differ in depth
+/// by up to its radius; planes of a flat one agree, however large the footprint is. Half of it
+/// leaves room for samples that are off by a little.
+inline constexpr float kFlatEpsilon = 0.5F;
 
 /// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.
