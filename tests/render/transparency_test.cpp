@@ -1,5 +1,3 @@
-#include <cmath>
-
 #include <gtest/gtest.h>
 #include <surfel/base/random.h>
 
@@ -35,38 +33,6 @@ TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
     // Planes arrive front to back, so that what is merged is complete: the error stays small.
     EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;
     EXPECT_LT(statistics.late_weight_share, 0.01);
-  }
-}
-
-TEST(Transparency, VectorsOfPixelsAreMergedAsSinglePixelsAre) {
-  // Six surfaces in three layers. Fragments that have to be shaded are merged pixel by pixel.
-  SurfelCloud cloud;
-  for (const double radius : {0.7, 0.5, 0.3}) {
-    const SurfelCloud shell = fibonacci_sphere(6000, radius, {0.9F, static_cast<float>(radius), 0});
-    for (std::size_t i = 0; i < shell.size(); ++i) {
-      add_surfel(cloud, shell.position[i], shell.normal[i], shell.variance[i], shell.area[i],
-                 shell.coefficient[i]);
-    }
-  }
-  cloud.alpha.assign(cloud.size(), 0.4F);
-  const Camera camera = camera_at(2.5, 120);
-  RenderOptions options;
-  options.layers = 3;
-  FrameStatistics statistics;
-  const Image unlit = render_unlit(cloud, camera, options, &statistics);
-  EXPECT_GT(statistics.merged, 1000);
-  Scene scene;
-  scene.ambient = {1, 1, 1};
-  scene.lights.clear();
-  options.aovs = true;
-  RenderCloud surfels(cloud);
-  FrameStatistics of_shaded;
-  const Image shaded = Renderer(surfels, scene, options).render(camera, &of_shaded);
-  EXPECT_EQ(of_shaded.merged, statistics.merged);
-  ASSERT_EQ(unlit.data.size(), shaded.data.size());
-  for (std::size_t i = 0; i < unlit.data.size(); ++i) {
-    if (std::isinf(unlit.data[i]) && unlit.data[i] == shaded.data[i]) continue;
-    ASSERT_NEAR(unlit.data[i], shaded.data[i], 1e-4) << i;
   }
 }
 

@@ -313,11 +313,15 @@ void order_by_sight(std::span<SeenFragment> fragments) {
 
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
+  // Layers run out at rims, where surfaces end before one another. The sums around merged fragments
+  // are not known yet: taken to be inside a surface, rims grow (by 1 dB of a head's picture); taken
+  // to be at an edge, crests that are seen at a grazing angle get thin. Filtered splats are
+  // therefore taken to be most of the way to an edge; surfaces that cover the pixel are not
+  // changed.
   const auto see = [&](const Fragment& f, const Fragment& other) {
     const bool far_side = may_be_far_side(tile, 2, f) && shows_front(other.channel[kTag]) &&
                           is_far_side(tile, f, {{}, f.channel[kWeight], front_depth(other)});
-    const bool filtered = !is_merged(f) && is_filtered(f.channel[kTag]);
-    return seen_at(tile, f, filtered ? kEdgeOfMerged : 0.0F, far_side);
+    return seen_at(tile, f, !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F, far_side);
   };
   std::array<SeenFragment, 2> seen{see(front, back), see(back, front)};
   order_by_sight(seen);

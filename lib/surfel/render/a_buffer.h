@@ -47,12 +47,6 @@ inline constexpr int kMostLayers = 64;
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 
-/// To what degree filtered splats are taken to be at an edge when fragments are merged (0 to 1).
-/// Layers run out at rims, where surfaces end before one another, and the sums around are not known
-/// yet: taken to be inside a surface, rims grow (by 1 dB of a head's picture); taken to be at an
-/// edge, crests that are seen at a grazing angle get thin.
-inline constexpr float kEdgeOfMerged = 0.8F;
-
 /// Where the sums of rho are at least this share of tau all around, a surface has no edge.
 inline constexpr float kInsideShare = 0.5F;
 

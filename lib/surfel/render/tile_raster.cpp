@@ -17,7 +17,6 @@
 #include <hwy/highway.h>
 #include <surfel/base/lane_sums-inl.h>
 #include <surfel/render/kernel_raster-inl.h>
-#include <surfel/render/layer_merge-inl.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
@@ -34,7 +33,6 @@ class Rasterizer {
         raster_(job, tile.x0, tile.y0),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
-        plain_merges_(merges_plainly(tile)),
         full_(hn::Set(D(), tile.edge_weight)) {
     for (int y = 0; y < kTileSize; ++y) {
       for (int x = 0; x < kTileSize; ++x) {
@@ -290,13 +288,7 @@ class Rasterizer {
     // A contribution that nobody sees is not worth merging two surfaces for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
     open = add_to_merged(pixel, open, c);
-    M left = open;
-    if (!kOpaqueSplats && plain_merges_) {
-      PlainMerge<kNormals> merge(tile_, pixel);
-      const M merged = merge.insert(open, c.rho, c.depth, job_.splats[c.splat], normal_of(c.splat));
-      left = hn::AndNot(merged, open);
-    }
-    for_each_lane(left, c, [&](std::size_t lane, const PixelContribution& one) {
+    for_each_lane(open, c, [&](std::size_t lane, const PixelContribution& one) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), one);
     });
     return open;
@@ -370,7 +362,6 @@ class Rasterizer {
   const KernelRaster raster_;
   const std::size_t stride_;
   const int layers_;
-  const bool plain_merges_;
   const V full_;
   std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Range of the order that is being drawn.
   std::optional<float> least_;                       ///< See least_to_merge().
