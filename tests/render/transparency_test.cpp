@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <surfel/base/random.h>
 
 #include "render/scenes.h"
 
@@ -33,6 +34,35 @@ TEST(Transparency, MoreSurfacesThanLayersAreMergedAndReported) {
     EXPECT_LT(worst_error(image, stack.expected), 3 * kOneInByte) << k;
     EXPECT_LT(statistics.late_weight_share, 0.01);
   }
+}
+
+/// How many pixels two panes that cross at 60 degrees take for one surface, which is less opaque
+/// than two. Their normals vary by up to `roughness` radians.
+int mixed_pixels(float roughness) {
+  SurfelCloud cloud;
+  for (const float turn : {0.5236F, -0.5236F}) {
+    const SurfelCloud pane = jittered_plane(64, 1.5, 0.25, turn > 0 ? 1 : 2);
+    const Eigen::AngleAxisf rotation(turn, Vec3f::UnitY());
+    for (std::size_t i = 0; i < pane.size(); ++i) {
+      const auto tilt = static_cast<float>(2 * random_uniform(7, i) - 1) * roughness;
+      const Vec3f normal = Eigen::AngleAxisf(tilt, Vec3f::UnitX()) * pane.normal[i];
+      add_surfel(cloud, rotation * pane.position[i], rotation * normal, pane.variance[i],
+                 pane.area[i], {1, 1, 1});
+    }
+  }
+  cloud.alpha.assign(cloud.size(), 0.5F);
+  const Image image = render_unlit(cloud, camera_at(3, 96, 20));
+  int pixels = 0;
+  for (int y = 24; y < 72; ++y) {
+    for (int x = 0; x < 96; ++x) pixels += image.pixel(x, y)[3] < 0.65F ? 1 : 0;
+  }
+  return pixels;
+}
+
+TEST(Transparency, FlatPanesThatCrossAreMixedInANarrowerStripThanRoughOnes) {
+  const int rough = mixed_pixels(0.2F);
+  EXPECT_GT(rough, 0);
+  EXPECT_LT(mixed_pixels(0), 0.7 * rough);
 }
 
 TEST(Transparency, SlantedStackKeepsItsOrder) {

@@ -124,8 +124,10 @@ void declare_visibility(CLI::App& app, Settings& s) {
   app.add_option("--peel", s.method_options.peel, "Of --method depth-peel: most layers, 1..64");
   app.add_option("--layers", s.render.layers,
                  "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
-  app.add_option("--depth-epsilon", s.render.depth_epsilon,
-                 "Surfaces within this many footprints (to beta = 1) in depth are one, > 0");
+  app.add_option(
+      "--depth-epsilon", s.render.depth_epsilon,
+      "Surfaces within this many footprints (to beta = 1) in depth are one, > 0; flat and "
+      "transparent ones: within half as many");
   app.add_option("--coverage-threshold", s.render.coverage_threshold,
                  "Sum of kernels that covers a pixel, > 0; default: by the cutoff");
   add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},

@@ -69,7 +69,7 @@ class SplatSampler {
       : splats_(job.splats),
         exact_(job.exact),
         clips_(job.clips),
-        depth_epsilon_(hn::Set(D(), job.rules->depth_epsilon)),
+        depth_epsilon_{job.rules->depth_epsilon, job.rules->depth_epsilon * kFlatEpsilon},
         lowpass2_(job.rules->lowpass2),
         block_x_(static_cast<float>(x0 - job.box_x)),
         block_y_(static_cast<float>(y0 - job.box_y)) {
@@ -109,7 +109,7 @@ class SplatSampler {
     Sample s;
     if (HWY_UNLIKELY(splat.k < 0)) {
       // The fields are taken one by one, as a returned structure lies in memory.
-      const Sample e = exact(exact_[index], {lowpass2_, depth_epsilon_}, dx, dy);
+      const Sample e = exact(exact_[index], {lowpass2_, epsilon_share(splat)}, dx, dy);
       s.beta = hn::IfThenElse(in_box(splat.box, x, y), e.beta, hn::Set(d, __builtin_inff()));
       s.depth = e.depth;
       s.epsilon = e.epsilon;
@@ -123,7 +123,7 @@ class SplatSampler {
     s.beta =
         mul_add(hn::Mul(hn::Set(d, splat.k), e), e, hn::Mul(hn::Mul(hn::Set(d, splat.q), dy), dy));
     s.depth = hn::Add(hn::Min(hn::Max(slope, hn::Neg(range)), range), hn::Set(d, splat.depth));
-    s.epsilon = hn::Mul(range, depth_epsilon_);
+    s.epsilon = hn::Mul(range, epsilon_share(splat));
     s.amplitude = hn::Set(d, splat.amplitude);
     return s;
   }
@@ -208,6 +208,12 @@ class SplatSampler {
     }
   }
 
+  /// Epsilon by depth range.
+  HWY_INLINE V epsilon_share(const Splat& splat) const {
+    static_assert(kFlatTag == 1U << 4U);
+    return hn::Set(D(), depth_epsilon_[splat.tag >> 4U & 1U]);
+  }
+
   /// Whether pixels lie in a splat's box, beyond which an exact kernel's linearised filter may
   /// reach: a pixel must not depend on whether the box meets other pixels of its vector.
   HWY_INLINE M in_box(const PixelBox& box, V x, V y) const {
@@ -278,7 +284,7 @@ class SplatSampler {
   const Splat* splats_;
   const ExactSplat* exact_;
   const SplatClip* clips_;
-  V depth_epsilon_;
+  float depth_epsilon_[2];  ///< FragmentRules::depth_epsilon of other splats, and of flat ones.
   float lowpass2_;
   float block_x_, block_y_;  ///< First pixel of the tile's block in the picture.
   float exp_minus_[6];       ///< kExpMinus for beta / 2^n.

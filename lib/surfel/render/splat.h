@@ -62,11 +62,19 @@ inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing a
 inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
 /// It is so small that pictures can even its sums out at edges: see kFineVariance.
 inline constexpr std::uint32_t kFineTag = 16;
-inline constexpr int kMaterialShift = 5;  ///< The bits above the flags hold the material.
+/// It is one of a flat and transparent surface's, and kFlatEpsilon of the usual epsilon tells it
+/// apart from others.
+inline constexpr std::uint32_t kFlatTag = 32;
+inline constexpr int kMaterialShift = 6;  ///< The bits above the flags hold the material.
 
 /// The mean variance of fine splats, without the pixel filter, is below this many times the
 /// filter's: their surfels are at most four deviations apart.
 inline constexpr float kFineVariance = 9;
+
+/// See kFlatTag. Of a curved or rough surface the tangent planes within a footprint differ in depth
+/// by up to its radius; planes of a flat one agree, however large the footprint is. Half of it
+/// leaves room for samples that are off by a little.
+inline constexpr float kFlatEpsilon = 0.5F;
 
 /// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.

@@ -65,6 +65,9 @@ SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const Rende
             .lowpass2 = static_cast<float>(lists.lowpass * lists.lowpass),
             .depth_epsilon = static_cast<float>(options.epsilon_share()),
             .opaque = layout.opaque};
+  if (!layout.opaque && !lists.groups && !lists.enlarged) {
+    flatness_ = std::vector<std::atomic<Flatness>>(cloud.clusters().size());
+  }
   if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
 }
 
@@ -256,6 +259,39 @@ bool SplatLists::listed(const Cluster& cluster) const {
   return true;
 }
 
+/// Whether a cluster's surfels are of transparent planes: most neighbours in its order, which are
+/// near to each other in space, lie in one plane. Where several planes cross, most neighbours still
+/// are of one plane.
+bool SplatLists::is_flat(const Cluster& cluster) {
+  if (flatness_.empty()) return false;
+  // Squares of the angle from normal to normal, which is larger on spheres of a million surfels,
+  // and of the slope of the line from place to place, radians^2.
+  constexpr float kMostTurn2 = 0.002F * 0.002F;
+  constexpr float kMostSlope2 = 0.05F * 0.05F;
+  constexpr float kLeastShare = 0.75F;
+  const auto index = static_cast<std::size_t>(&cluster - cloud_.clusters().data());
+  std::atomic<Flatness>& known = flatness_[index];
+  if (const Flatness f = known.load(std::memory_order_relaxed); f != Flatness::kUnknown) {
+    return f == Flatness::kFlat;
+  }
+  const SurfelColumns c = surfel_columns(cluster);
+  const std::size_t pairs = cluster.end - cluster.begin - 1;
+  std::size_t in_plane = 0;
+  for (std::size_t i = 0; i < pairs; ++i) {
+    const Vec3f n(c.normal_x[i], c.normal_y[i], c.normal_z[i]);
+    const Vec3f next(c.normal_x[i + 1], c.normal_y[i + 1], c.normal_z[i + 1]);
+    const Vec3f offset(c.x[i + 1] - c.x[i], c.y[i + 1] - c.y[i], c.z[i + 1] - c.z[i]);
+    const float off_plane = n.dot(offset);
+    const bool agree = (next - n).squaredNorm() < kMostTurn2 &&
+                       off_plane * off_plane <= kMostSlope2 * offset.squaredNorm();
+    in_plane += agree ? 1 : 0;
+  }
+  const bool flat =
+      pairs > 0 && static_cast<float>(in_plane) >= kLeastShare * static_cast<float>(pairs);
+  known.store(flat ? Flatness::kFlat : Flatness::kNotFlat, std::memory_order_relaxed);
+  return flat;
+}
+
 float SplatLists::disc_radius(const Cluster& cluster) const {
   return lists_.enlarged ? cluster.max_group_radius
                          : std::sqrt(2 * view_.cutoff) * cluster.max_deviation;
@@ -375,9 +411,11 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
 /// Completes the splats from `begin` on, which lack only the values of their materials, and lists
 /// them in the tiles that they touch. `surfels` has their surfels.
 void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                            Worker& worker) const {
+                            Worker& worker) {
   const std::size_t count = worker.count - begin;
   Splat* const splats = worker.splats.data() + begin;
+  const std::uint32_t flags = is_flat(cluster) ? kFlatTag : 0;
+  for (std::size_t i = 0; i < count && flags != 0; ++i) splats[i].tag |= flags;
   for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
     splats[i].tag |= std::uint32_t{cloud_.material[surfels[i]]} << kMaterialShift;
   }

@@ -2,6 +2,7 @@
 
 // From surfels to the splats of every tile: culling, SS01 sections 3.3 and 4, binning, sorting.
 
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -93,6 +94,7 @@ class SplatLists {
   std::vector<std::uint32_t> level_of_detail(const Camera& camera,
                                              FunctionRef<bool(std::uint32_t)> seen) const;
   bool listed(const Cluster& cluster) const;
+  bool is_flat(const Cluster& cluster);
   float disc_radius(const Cluster& cluster) const;
   Vec3f center_in_camera(const Cluster& cluster) const;
   TileRange tiles_of(const Cluster& cluster) const;
@@ -108,7 +110,7 @@ class SplatLists {
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   void thin_out(TileList& list, Worker& worker) const;
   void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                  Worker& worker) const;
+                  Worker& worker);
   void add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
                  Worker& worker) const;
 
@@ -128,6 +130,9 @@ class SplatLists {
   Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
   Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.
   PerWorker<Worker> workers_;
+  /// Of every cluster what is_flat() has found out; only of transparent clouds.
+  enum class Flatness : std::uint8_t { kUnknown, kFlat, kNotFlat };
+  std::vector<std::atomic<Flatness>> flatness_;
 };
 
 }  // namespace surfel
