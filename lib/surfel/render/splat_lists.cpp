@@ -585,6 +585,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     }
     add_splats(cluster, first, surfels.data(), w);
   }
+  w.loaded = w.count;
 }
 
 /// Adds the splats that cover the block to a tile's others, in the order of the worker's splats.
@@ -617,6 +618,9 @@ void SplatLists::thin_out(TileList& list, Worker& worker) const {
   const std::size_t most = lists_.large_splats;
   const std::size_t large = worker.covering.size() + list.large;
   const float factor = static_cast<float>(large) / static_cast<float>(most);
+  // The copies of the tile before are no longer needed.
+  worker.count = worker.loaded;
+  ++worker.loads;
   reserve(worker, most, 0);
   std::size_t kept = 0;
   const auto next = [&] { return (2 * kept + 1) * large / (2 * most); };

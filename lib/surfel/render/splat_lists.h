@@ -77,7 +77,8 @@ class SplatLists {
     SetUpSplats set_up;
     Array<float> deviation_u, deviation_v;  ///< Enlarged or widened deviations of a cluster.
     std::size_t count = 0;                  ///< Number of splats.
-    std::uint64_t loads = 0;                ///< How many times splats have been loaded.
+    std::size_t loaded = 0;   ///< Without the copies that thin_out() makes for a tile.
+    std::uint64_t loads = 0;  ///< How many times splats have been loaded.
     Array<Splat> splats;
     Array<SplatNormal> normals;
     Array<std::uint16_t> groups;

@@ -185,7 +185,7 @@ class PeelCompositor final : public Compositor {
   PeelCompositor(const RenderOptions& options, int peel) : options_(options), peel_(peel) {}
   std::vector<SplatListOptions> lists() const override {
     // Each layer takes three passes over the splats.
-    return {{.lowpass = options_.filter_deviation(), .large_splats = 112}};
+    return {{.lowpass = options_.filter_deviation(), .large_splats = 80}};
   }
   int layers() const override { return peel_; }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }

@@ -3,6 +3,7 @@
 // The truth that the fast renderer is measured against. It has no kernel, no depth plane and no
 // A-buffer in common with it.
 
+#include <cmath>
 #include <functional>
 #include <string>
 #include <vector>
@@ -58,7 +59,7 @@ class SURFEL_API ReferenceRenderer {
   /// Throws Error(kInput) where a picture would take a time that is not in proportion to the
   /// cloud: see require_bounded_overdraw(). `name` starts the message.
   void require_bounded(const Camera& camera, const std::string& name) const {
-    require_bounded_overdraw(hierarchy_, cloud_.origin(), camera, name);
+    require_bounded_overdraw(cloud_, hierarchy_, std::sqrt(2 * options_.cutoff), camera, name);
   }
 
  private:

@@ -2,6 +2,7 @@
 
 // Source space EWA, SS01 equation (8), by ray casting: an independent path to compare with.
 
+#include <cmath>
 #include <functional>
 #include <string>
 
@@ -58,7 +59,7 @@ class SURFEL_API SourceEwaRenderer {
   /// Throws Error(kInput) where a picture would take a time that is not in proportion to the
   /// cloud: see require_bounded_overdraw(). `name` starts the message.
   void require_bounded(const Camera& camera, const std::string& name) const {
-    require_bounded_overdraw(hierarchy_, cloud_.origin(), camera, name);
+    require_bounded_overdraw(cloud_, hierarchy_, std::sqrt(2 * options_.cutoff), camera, name);
   }
 
  private:
