@@ -2,6 +2,8 @@
 // message that names the file. What the work is bounded by is counted in the tests of the library.
 
 #include <cmath>
+#include <filesystem>
+#include <utility>
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
@@ -108,6 +110,25 @@ TEST_P(AdversarialCloud, HasPicturesOfNumbers) {
 TEST_P(AdversarialMesh, EndsWithASaneResultOrAMessage) {
   write_text(folder_ / "mesh.obj", adversarial_mesh(GetParam().name, kCount));
   for (const Job& job : mesh_jobs()) expect_sane(job);
+}
+
+TEST(AdversarialTruth, RefusesToDrawThousandsOfDiscsOverEachPlace) {
+  const TemporaryFolder folder;
+  write_text(folder / "sphere.ply", adversarial_cloud("benign", 3000));
+  write_text(folder / "huge.ply", adversarial_cloud("all-huge", 3000));
+  for (const Words& truth :
+       {Words{"--reference", "--samples", "1"}, Words{"--filter", "ewa-source"}}) {
+    for (const auto& [file, code] : {std::pair("sphere.ply", 0), std::pair("huge.ply", 1)}) {
+      Words command{tool("surfel-render"), folder / file, "--size", "16x16", "--quiet", "-o",
+                    folder / "out.png"};
+      command.insert(command.end(), truth.begin(), truth.end());
+      const RunResult result = run(command);
+      EXPECT_EQ(result.exit_code, code) << file << " " << result.errors;
+      EXPECT_EQ(std::filesystem::exists(folder / "out.png"), code == 0) << file;
+      EXPECT_EQ(contains(result.errors, std::string(file) + ": "), code == 1) << result.errors;
+      std::filesystem::remove(folder / "out.png");
+    }
+  }
 }
 
 std::string name_of(const testing::TestParamInfo<AdversarialCase>& info) {

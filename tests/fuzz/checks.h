@@ -44,9 +44,9 @@ class Numbers {
   std::size_t next_ = 0;
 };
 
-/// Is an input one of the fourth of all that three threads work on as well? They take most of the
-/// time, on a machine that has other things to do.
-inline bool on_three_threads(Bytes bytes) { return bytes.size() % 4 == 0; }
+/// Is an input one of the sixteenth of all that three threads work on as well? They take most of
+/// the time, on a machine that has other things to do.
+inline bool on_three_threads(Bytes bytes) { return bytes.size() % 16 == 0; }
 
 /// Numbers of a cloud: its first two bytes choose options, and whether coordinates are any floats
 /// or lengths of one scale.

@@ -15,13 +15,20 @@ namespace {
 /// What else a picture differs by.
 enum Way { kPlain, kEllipses, kUnfiltered, kNear };
 
-Image rendered(const SurfelCloud& cloud, const RenderOptions& options, double zoom, int threads) {
+/// What is seen of the surfels.
+struct Aim {
+  double zoom = 1;
+  bool tall = false;  ///< The picture's three tiles, in two blocks, lie over each other.
+};
+
+Image rendered(const SurfelCloud& cloud, const RenderOptions& options, const Aim& aim,
+               int threads) {
   set_thread_count(threads);
   RenderCloud surfels(cloud, options.compositing().columns(), "surfels");
   CameraOptions camera;
-  camera.width = 37;
-  camera.height = 29;
-  camera.zoom = zoom;
+  camera.width = aim.tall ? 7 : 37;
+  camera.height = aim.tall ? 37 : 7;
+  camera.zoom = aim.zoom;
   static const Scene scene;
   return Renderer(surfels, scene, options).render(make_camera(camera, surfels.extent()));
 }
@@ -61,7 +68,7 @@ void render(Bytes bytes) {
   options.lit = numbers.choice() % 2 == 1;
   options.cull_back = numbers.choice() / 2 % 2 == 1;
   options.cutoff = 1 + numbers.choice() / 4 % 4;
-  double zoom = 1;
+  Aim aim{.tall = bytes.size() / 16 % 2 == 1};
   if (way == kEllipses) options.kernel = Kernel::kPerspective;
   if (way == kUnfiltered) {
     options.kernel = Kernel::kAffine;
@@ -70,17 +77,17 @@ void render(Bytes bytes) {
   }
   if (way == kNear) {
     options.relief = Relief::kOcclusion;
-    zoom = 16;
+    aim.zoom = 16;
   }
   try {
-    const Image one = rendered(cloud, options, zoom, 1);
+    const Image one = rendered(cloud, options, aim, 1);
     for (std::size_t i = 0; i < one.data.size(); ++i) {
       require(std::isfinite(one.data[i]), "a pixel that is not finite");
       const bool opacity = i % one.channels.size() == 3;
       require(!opacity || (one.data[i] >= 0 && one.data[i] <= 1.0001F), "an opacity beyond 1");
     }
     if (!on_three_threads(bytes)) return;
-    const Image three = rendered(cloud, options, zoom, 3);
+    const Image three = rendered(cloud, options, aim, 3);
     require(
         one.data.size() == three.data.size() &&
             std::memcmp(one.data.data(), three.data.data(), one.data.size() * sizeof(float)) == 0,

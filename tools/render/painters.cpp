@@ -14,6 +14,7 @@
 #include <surfel/truth/source_ewa.h>
 
 #include "tools/support/normal_maps.h"
+#include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
 namespace {
@@ -30,15 +31,28 @@ Paint paint_slowly(std::shared_ptr<Renderer> renderer) {
   };
 }
 
+/// As paint_slowly(), of surfels that are not too many over each other. `name` is their file's.
+template <class Renderer>
+Paint paint_bounded(std::shared_ptr<Renderer> renderer, const std::string& name) {
+  const Paint paint = paint_slowly(renderer);
+  return [renderer, paint, name](const Camera& camera, FrameStatistics& statistics,
+                                 const std::function<void(double)>& progress) {
+    renderer->require_bounded(camera, name);
+    return paint(camera, statistics, progress);
+  };
+}
+
 /// The renderer of surfels that the settings choose, with these options.
 Paint surfel_painter(const Settings& s, const RenderOptions& options, const LoadedCloud& loaded,
                      const Scene& scene) {
   const RenderCloud& surfels = loaded.surfels();
   if (s.reference) {
-    return paint_slowly(std::make_shared<ReferenceRenderer>(surfels, scene, options, s.rays));
+    return paint_bounded(std::make_shared<ReferenceRenderer>(surfels, scene, options, s.rays),
+                         tool::shown_name(s.inputs.front()));
   }
   if (s.filter == Filter::kEwaSource) {
-    return paint_slowly(std::make_shared<SourceEwaRenderer>(surfels, scene, options));
+    return paint_bounded(std::make_shared<SourceEwaRenderer>(surfels, scene, options),
+                         tool::shown_name(s.inputs.front()));
   }
   const auto renderer = std::make_shared<Renderer>(loaded.store(), scene, options);
   return [renderer](const Camera& camera, FrameStatistics& statistics,

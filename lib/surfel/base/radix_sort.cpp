@@ -154,7 +154,10 @@ Array<std::uint32_t> sort_keys(Array<std::uint64_t>& keys) {
   parallel_each(n, grain, [&](std::size_t i) {
     items[i] = {keys[i], static_cast<std::uint32_t>(i)};
   });
-  sort_together(items.data(), other.data(), n, {keys.data(), order.data()});
+  // One range is not shared by threads, and the buckets of sort_together() may be more than its
+  // keys.
+  const auto sort = blocks == 1 ? sort_alone : sort_together;
+  sort(items.data(), other.data(), n, {keys.data(), order.data()});
   return order;
 }
 

@@ -32,7 +32,7 @@ struct FrameStatistics {
   std::size_t clusters = 0;      ///< Clusters drawn.
   std::size_t splats = 0;        ///< Splats set up and inside the picture.
   std::size_t exact_splats = 0;  ///< Splats among them that have perspective-exact kernels.
-  /// Splats that tiles left out, added up over the tiles, since thousands larger than a tile lie
+  /// Splats that tiles left out, added up over the tiles, since hundreds larger than a tile lie
   /// over each other there; the others stand for them.
   std::size_t thinned_splats = 0;
   /// Most passes over its splats that a tile took: the number of times that a GPU would draw the
@@ -58,6 +58,10 @@ enum class ListedSurfels : std::uint8_t {
   kAdditions,  ///< Copies, and surfels whose groups enlarge them.
 };
 
+/// Most splats larger than a tile that a tile draws one by one, so that its time is bounded. Fifty
+/// surfaces over each other have fewer, as about six kernels of cutoff 1 reach a place of each.
+inline constexpr std::size_t kMostLargeSplats = 512;
+
 /// The rules by which surfels become the splats of a list.
 struct SplatListOptions {
   ListedSurfels surfels = ListedSurfels::kAll;
@@ -68,6 +72,9 @@ struct SplatListOptions {
   double lowpass = 1;  ///< Standard deviation of the pixel filter, pixels.
   /// Splats are listed, and have boxes, so many pixels beyond their kernels.
   double margin = 0;
+  /// Splats larger than a tile that a tile draws where it has more than kMostLargeSplats of them:
+  /// the fewer, the more often a method goes over them.
+  std::size_t large_splats = 256;
 };
 
 /// Turns the splats of tiles into fragments of A-buffers.

@@ -40,7 +40,8 @@ struct BlockGrid {
 
   BlockGrid() = default;
   /// \param surfels  number of surfels seen in the band, about.
-  BlockGrid(const Band& band, std::size_t surfels);
+  /// \param share    share of the band that a cluster's splats reach over, in the mean.
+  BlockGrid(const Band& band, std::size_t surfels, double share);
   std::size_t blocks() const { return static_cast<std::size_t>(blocks_x) * blocks_y; }
   int size() const { return kTileSize << shift; }  ///< Pixels.
   int first_tile_x(std::size_t block) const { return static_cast<int>(block % blocks_x) << shift; }

@@ -385,7 +385,8 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
     being_made.clusters.push_back(list.cull(camera, band));
     most = std::max(most, being_made.clusters.back().size());
   }
-  being_made.grid = BlockGrid(band, most * RenderCloud::kClusterSize);
+  being_made.grid = BlockGrid(band, most * RenderCloud::kClusterSize,
+                              lists.front().mean_share(band, being_made.clusters.front()));
   statistics.clusters += most;
   const Frame& frame = being_made;
   stages.add("cull", timer.milliseconds());

@@ -32,6 +32,8 @@ constexpr int tile_pixel_y(int pixel) { return pixel / kStripWidth % kTileSize; 
 /// first pixel.
 struct PixelBox {
   std::uint8_t x0, y0, x1, y1;
+
+  bool operator==(const PixelBox&) const = default;
 };
 
 /// A surfel's resampling kernel, ready to be rasterised. With dx, dy from the centre in pixels:

@@ -20,16 +20,15 @@ namespace {
 
 /// A block's splats should fit a core's second-level cache and leave room for other data.
 constexpr double kBlockSplats = 24000;
-/// Blocks that a band has at least, for the threads to share.
+/// Blocks that a band has at least, for the threads to share. Each block sets up all splats that
+/// reach into it: where each reaches over more than kWideShare of the band, fewer blocks do.
 constexpr std::size_t kLeastBlocks = 64;
+constexpr std::size_t kLeastBlocksOfWide = 16;
+constexpr double kWideShare = 0.25;
 /// Most splats of a block: places of their fields, in floats, fit 32 bits with a sign.
 constexpr std::size_t kMostSplats = std::size_t{1} << 27;
 /// Splats of a block for which there is room at once, if it may have as many.
 constexpr std::size_t kFirstSplats = std::size_t{1} << 19;
-/// Most splats larger than a tile that a tile draws, so that its time is bounded, and how many are
-/// left where there are more. Surfaces of a hundred layers have fewer.
-constexpr std::size_t kMostLarge = 2048;
-constexpr std::size_t kKeptLarge = 384;
 /// A group that enlarges a disc by less than this factor leaves it as it was, within rounding.
 constexpr float kLeastEnlargement = 1 + 1e-3F;
 constexpr float kNoSplat = std::numeric_limits<float>::quiet_NaN();
@@ -41,7 +40,8 @@ bool is_large(const PixelBox& box) {
 
 }  // namespace
 
-BlockGrid::BlockGrid(const Band& band, std::size_t surfels) {
+BlockGrid::BlockGrid(const Band& band, std::size_t surfels, double share) {
+  const std::size_t least = share > kWideShare ? kLeastBlocksOfWide : kLeastBlocks;
   const auto make = [&](int s) {
     shift = s;
     blocks_x = (band.tiles_x + (1 << s) - 1) >> s;
@@ -50,7 +50,7 @@ BlockGrid::BlockGrid(const Band& band, std::size_t surfels) {
   constexpr int kMostShift = std::bit_width(static_cast<unsigned>(kMostBlockSize / kTileSize)) - 1;
   for (int s = kMostShift; s >= 1; --s) {
     make(s);
-    if (blocks() >= kLeastBlocks &&
+    if (blocks() >= least &&
         static_cast<double>(surfels) <= kBlockSplats * static_cast<double>(blocks())) {
       return;
     }
@@ -177,6 +177,33 @@ std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& b
     return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
   });
   return all;
+}
+
+double SplatLists::mean_share(const Band& band, std::span<const VisibleCluster> clusters) const {
+  constexpr std::size_t kSample = 64;
+  const std::size_t sample = std::min(kSample, clusters.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < sample; ++i) {
+    const Cluster& cluster = cloud_.clusters()[clusters[i * clusters.size() / sample].index];
+    // The square around the sphere, as if it were as far away as its nearest point.
+    const Vec3f p = center_in_camera(cluster);
+    const float radius = cluster.radius + disc_radius(cluster);
+    const float z = view_.orthographic ? 1.0F : p.z() - radius;
+    if (!(z > 0)) {
+      sum += 1;
+      continue;
+    }
+    const auto length = [&](int axis, float focal, float center, float first, float last) {
+      const float at = center + focal * p[axis] / (view_.orthographic ? 1.0F : p.z());
+      const float reach = focal * radius / z;
+      return std::max(0.0F, std::min(last, at + reach) - std::max(first, at - reach));
+    };
+    const auto y0 = static_cast<float>(band.y0);
+    const auto y1 = static_cast<float>(band.y1);
+    sum += length(0, view_.focal_x, view_.center_x, 0, view_.clip_x1) / view_.clip_x1 *
+           length(1, view_.focal_y, view_.center_y, y0, y1) / (y1 - y0);
+  }
+  return sample == 0 ? 0 : sum / static_cast<double>(sample);
 }
 
 Vec3f SplatLists::center_in_camera(const Cluster& cluster) const {
@@ -451,6 +478,12 @@ void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std
       list.clipped += (splats[i].tag & kClippedTag) != 0 ? 1 : 0;
     };
     const PixelBox box = splats[i].box;
+    large = is_large(box);
+    if (large && box == worker.block) {
+      worker.covering.push_back(static_cast<std::uint32_t>(begin + i));
+      worker.clipped_covering += (splats[i].tag & kClippedTag) != 0 ? 1 : 0;
+      continue;
+    }
     const int x0 = box.x0 / kTileSize;
     const int y0 = box.y0 / kTileSize;
     const int x1 = box.x1 / kTileSize;
@@ -459,7 +492,6 @@ void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std
       put(x0, y0);
       continue;
     }
-    large = is_large(box);
     for (int y = y0; y <= y1; ++y) {
       for (int x = x0; x <= x1; ++x) put(x, y);
     }
@@ -547,6 +579,10 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   ++w.loads;
   w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
   for (TileList& list : w.tiles) list.count = list.large = list.clipped = 0;
+  w.covering.clear();
+  w.clipped_covering = 0;
+  w.block = {0, 0, static_cast<std::uint8_t>(view.clip_x1 - view.clip_x0 - 1),
+             static_cast<std::uint8_t>(view.clip_y1 - view.clip_y0 - 1)};
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
     return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
   };
@@ -587,52 +623,91 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     }
     add_splats(cluster, first, surfels.data(), w);
   }
+  w.loaded = w.count;
 }
 
-/// Leaves kKeptLarge of a tile's large splats, with so much more amplitude: their sum stays nearly
-/// as it is, whatever their number, at a bounded cost. One is taken from each of equal stretches of
-/// the list, in which neighbours in space follow each other, so that the splats that stay are
-/// spread evenly in space; tiles that show the same splats leave the same. (Of 10,000 discs as
-/// large as the sphere that they touch the picture is like the whole one to 45.6 dB: to 52 dB with
-/// 1024 discs, which take 1.6 times as long, and to 42.7 dB with 256, which take 0.9 times as
-/// long.)
-void SplatLists::thin_out(TileList& list, Worker& worker) const {
-  const float factor = static_cast<float>(list.large) / static_cast<float>(kKeptLarge);
-  reserve(worker, kKeptLarge, 0);
-  std::size_t large = 0;
-  std::size_t kept = 0;
-  std::size_t left = 0;
-  for (std::size_t i = 0; i < list.count; ++i) {
-    std::uint32_t at = list.splats[i];
-    if (is_large(worker.splats[at].box)) {
-      const std::size_t middle = (2 * kept + 1) * list.large / (2 * kKeptLarge);
-      if (large++ != middle) continue;
-      ++kept;
-      // A splat of its own, as other tiles draw the splat with another amplitude.
-      const std::size_t copy = worker.count++;
-      worker.splats[copy] = worker.splats[at];
-      worker.splats[copy].amplitude *= factor;
-      if (worker.splats[at].k < 0) {
-        worker.exact[copy] = worker.exact[at];
-        worker.exact[copy].amplitude *= factor;
-      }
-      if ((worker.splats[at].tag & kClippedTag) != 0) worker.clips[copy] = worker.clips[at];
-      if (layout_.normals) worker.normals[copy] = worker.normals[at];
-      if (lists_.groups) worker.groups[copy] = worker.groups[at];
-      at = static_cast<std::uint32_t>(copy);
+/// Adds the splats that cover the block to a tile's others, in the order of the worker's splats.
+void SplatLists::add_covering(TileList& list, const Worker& worker) {
+  std::size_t own = list.count;
+  std::size_t covering = worker.covering.size();
+  list.count += covering;
+  list.clipped += worker.clipped_covering;
+  if (list.splats.size() < list.count) list.splats.resize(list.count);
+  if (list.depths.size() < list.count + kTileSize) list.depths.resize(list.count + kTileSize);
+  for (std::size_t to = list.count; covering > 0;) {
+    --to;
+    if (own > 0 && list.splats[own - 1] > worker.covering[covering - 1]) {
+      --own;
+      list.splats[to] = list.splats[own];
+      list.depths[to] = list.depths[own];
+    } else {
+      list.splats[to] = worker.covering[--covering];
+      list.depths[to] = worker.splats[list.splats[to]].depth;
     }
-    list.splats[left] = at;
-    list.depths[left++] = list.depths[i];
   }
-  worker.thinned += list.count - left;
+}
+
+/// Leaves large_splats of the large splats of a tile, with so much more amplitude: their sum stays
+/// nearly as it is, whatever their number, at a bounded cost. One is taken from each of equal
+/// stretches of the splats that cover the block, and of the tile's others. Neighbours in space
+/// follow each other there, so that the splats that stay are spread evenly in space, and tiles that
+/// show the same splats leave the same. (docs/reliability.md tells how pictures change.)
+void SplatLists::thin_out(TileList& list, Worker& worker) const {
+  const std::size_t most = lists_.large_splats;
+  const std::size_t large = worker.covering.size() + list.large;
+  const float factor = static_cast<float>(large) / static_cast<float>(most);
+  // The copies of the tile before are no longer needed.
+  worker.count = worker.loaded;
+  ++worker.loads;
+  reserve(worker, most, 0);
+  std::size_t kept = 0;
+  const auto next = [&] { return (2 * kept + 1) * large / (2 * most); };
+  // A splat of its own, as other tiles draw the splat with another amplitude.
+  const auto keep = [&](std::uint32_t at) {
+    ++kept;
+    const std::size_t copy = worker.count++;
+    worker.splats[copy] = worker.splats[at];
+    worker.splats[copy].amplitude *= factor;
+    if (worker.splats[at].k < 0) {
+      worker.exact[copy] = worker.exact[at];
+      worker.exact[copy].amplitude *= factor;
+    }
+    if ((worker.splats[at].tag & kClippedTag) != 0) worker.clips[copy] = worker.clips[at];
+    if (layout_.normals) worker.normals[copy] = worker.normals[at];
+    if (lists_.groups) worker.groups[copy] = worker.groups[at];
+    return static_cast<std::uint32_t>(copy);
+  };
+  std::size_t left = 0;
+  std::size_t seen = worker.covering.size();
+  std::vector<std::uint32_t>& copies = worker.copies;
+  copies.clear();
+  while (next() < seen) copies.push_back(keep(worker.covering[next()]));
+  for (std::size_t i = 0; i < list.count; ++i) {
+    const std::uint32_t at = list.splats[i];
+    if (!is_large(worker.splats[at].box)) {
+      list.splats[left] = at;
+      list.depths[left++] = list.depths[i];
+    } else if (seen++ == next()) {
+      copies.push_back(keep(at));
+    }
+  }
+  for (const std::uint32_t copy : copies) {
+    list.splats[left] = copy;
+    list.depths[left++] = worker.splats[copy].depth;
+  }
+  worker.thinned += large - kept;
   list.count = left;
-  list.large = kept;
+  list.clipped += worker.clipped_covering;
 }
 
 TileJob SplatLists::job(int x, int y, int worker) {
   Worker& w = workers_[worker];
   TileList& list = w.tiles[(y << frame_->grid.shift) + x];
-  if (list.large > kMostLarge) thin_out(list, w);
+  if (w.covering.size() + list.large > kMostLargeSplats) {
+    thin_out(list, w);
+  } else if (!w.covering.empty()) {
+    add_covering(list, w);
+  }
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());

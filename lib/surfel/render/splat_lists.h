@@ -37,6 +37,8 @@ class SplatLists {
 
   /// Begins a band: the clusters that reach into it, nearest first, ties by index.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
+  /// Share of the band that splats of one of these clusters reach over, in the mean, about.
+  double mean_share(const Band& band, std::span<const VisibleCluster> clusters) const;
   /// Lists clusters of the frame, whose surfels are in memory, by block, in their order. Keeps a
   /// reference to the frame.
   void bin(const Frame& frame, std::span<const VisibleCluster> clusters);
@@ -63,9 +65,9 @@ class SplatLists {
   struct TileRange {
     std::uint16_t x0, y0, x1, y1;
   };
-  /// The splats of a tile.
+  /// The splats of a tile, without the splats that cover the whole block.
   struct TileList {
-    Array<std::uint32_t> splats;
+    Array<std::uint32_t> splats;  ///< Ascending.
     Array<float> depths;
     std::size_t count = 0;
     std::size_t clipped = 0;  ///< Splats that half-planes cut.
@@ -76,13 +78,19 @@ class SplatLists {
     SetUpSplats set_up;
     Array<float> deviation_u, deviation_v;  ///< Enlarged or widened deviations of a cluster.
     std::size_t count = 0;                  ///< Number of splats.
-    std::uint64_t loads = 0;                ///< How many times splats have been loaded.
+    std::size_t loaded = 0;   ///< Without the copies that thin_out() makes for a tile.
+    std::uint64_t loads = 0;  ///< How many times splats have been loaded.
     Array<Splat> splats;
     Array<SplatNormal> normals;
     Array<std::uint16_t> groups;
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     Array<SplatClip> clips;   ///< Where kClippedTag is set.
     std::vector<TileList> tiles;
+    /// Splats whose boxes hold all pixels of the block, ascending: each tile has all of them.
+    std::vector<std::uint32_t> covering;
+    std::size_t clipped_covering = 0;   ///< Splats among them that half-planes cut.
+    std::vector<std::uint32_t> copies;  ///< Scratch of thin_out().
+    PixelBox block{};                   ///< All pixels of the block.
     DepthSortScratch sort;
     Array<std::uint32_t> order;
     std::size_t splats_seen = 0;
@@ -108,6 +116,7 @@ class SplatLists {
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
+  static void add_covering(TileList& list, const Worker& worker);
   void thin_out(TileList& list, Worker& worker) const;
   void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
                   Worker& worker);

@@ -61,22 +61,37 @@ class Peeler {
     return planes_ + (static_cast<std::size_t>(which) + side) * kTilePixels;
   }
 
+  /// Is there a depth in a side's plane, in some pixel of a vector?
+  bool has_depth(Plane which, std::uint32_t side, std::size_t pixel) const {
+    const D d;
+    return !hn::AllTrue(d, hn::Eq(hn::Load(d, plane(which, side) + pixel), hn::Set(d, none())));
+  }
+
   /// Calls body(splat's index, side, first pixel, mask, Sample) for all fragments that no layer
-  /// has.
+  /// has, of the sides that have a depth in the plane `open` somewhere in their vector of pixels.
   template <class Body>
-  HWY_INLINE void for_each_fragment(const Body& body) {
+  HWY_INLINE void for_each_fragment(Plane open, const Body& body) {
     const D d;
     ++passes_;
-    const V cutoff = hn::Set(d, job_.rules->cutoff);
-    raster_.draw(0, job_.count, nullptr,
-                 [&](std::uint32_t index, std::size_t pixel, const Sample& s) HWY_ATTR {
-                   const std::uint32_t side = job_.splats[index].tag & kFrontTag;
-                   const M left = hn::And(hn::Lt(s.beta, cutoff),
-                                          hn::Lt(hn::Add(s.depth, s.epsilon),
-                                                 hn::Load(d, plane(kPeeled, side) + pixel)));
-                   if (hn::AllFalse(d, left)) return;
-                   body(index, side, pixel, left, s);
-                 });
+    raster_.for_each_vector(0, job_.count, nullptr, [&](const PixelSplats& list) HWY_ATTR {
+      const std::size_t pixel = list.pixel;
+      const bool sides[] = {has_depth(open, 0, pixel), has_depth(open, 1, pixel)};
+      if (!sides[0] && !sides[1]) return;
+      const SplatSampler sampler = raster_.sampler();
+      const V cutoff = hn::Set(d, job_.rules->cutoff);
+      FragmentCounter fragments;
+      for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
+        const std::uint32_t side = job_.splats[*index].tag & kFrontTag;
+        if (!sides[side]) continue;
+        const Sample s = sampler.at(*index, list.x, list.y);
+        const M inside = hn::Lt(s.beta, cutoff);
+        fragments.add(inside);
+        const M left = hn::And(
+            inside, hn::Lt(hn::Add(s.depth, s.epsilon), hn::Load(d, plane(kPeeled, side) + pixel)));
+        if (!hn::AllFalse(d, left)) body(*index, side, pixel, left, s);
+      }
+      raster_.count(fragments);
+    });
   }
 
   /// Depth of the nearest fragment left in every pixel, of the side that is nearer; none of the
@@ -84,8 +99,8 @@ class Peeler {
   std::size_t find_next() {
     const D d;
     std::fill_n(plane(kNext, 0), 2 * kTilePixels, none());
-    for_each_fragment([&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left,
-                          const Sample& s) HWY_ATTR {
+    for_each_fragment(kPeeled, [&](std::uint32_t, std::uint32_t side, std::size_t pixel, M left,
+                                   const Sample& s) HWY_ATTR {
       float* next = plane(kNext, side) + pixel;
       const V old = hn::Load(d, next);
       hn::Store(hn::IfThenElse(left, hn::Max(old, s.depth), old), d, next);
@@ -109,8 +124,8 @@ class Peeler {
   void add_reaching(int layer, Plane anchor, Plane added) {
     const D d;
     const hn::RebindToUnsigned<D> du;
-    for_each_fragment([&](std::uint32_t index, std::uint32_t side, std::size_t pixel, M left,
-                          const Sample& s) HWY_ATTR {
+    for_each_fragment(anchor, [&](std::uint32_t index, std::uint32_t side, std::size_t pixel,
+                                  M left, const Sample& s) HWY_ATTR {
       const V reach = hn::Add(s.depth, s.epsilon);
       const V nearest = hn::Load(d, plane(anchor, side) + pixel);
       M joins = hn::And(left, hn::And(hn::Ge(reach, nearest), hn::Gt(nearest, hn::Set(d, none()))));

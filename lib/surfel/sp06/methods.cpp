@@ -184,7 +184,8 @@ class PeelCompositor final : public Compositor {
  public:
   PeelCompositor(const RenderOptions& options, int peel) : options_(options), peel_(peel) {}
   std::vector<SplatListOptions> lists() const override {
-    return {{.lowpass = options_.filter_deviation()}};
+    // Each layer takes three passes over the splats.
+    return {{.lowpass = options_.filter_deviation(), .large_splats = 80}};
   }
   int layers() const override { return peel_; }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
@@ -212,8 +213,10 @@ class TwoPassCompositor final : public Compositor {
  public:
   explicit TwoPassCompositor(const RenderOptions& options) : options_(options) {}
   std::vector<SplatListOptions> lists() const override {
-    // Splats are sorted for the layers behind the first alone.
-    return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
+    // Splats are sorted for the layers behind the first alone, and gone over twice.
+    return {{.order = DepthOrder::kCoarse,
+             .lowpass = options_.filter_deviation(),
+             .large_splats = 192}};
   }
   int layers() const override { return layers_of_rims(options_); }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }

@@ -3,6 +3,7 @@
 // The truth that the fast renderer is measured against. It has no kernel, no depth plane and no
 // A-buffer in common with it.
 
+#include <cmath>
 #include <functional>
 #include <string>
 #include <vector>
@@ -14,6 +15,7 @@
 #include <surfel/scene/scene.h>
 #include <surfel/store/render_cloud.h>
 #include <surfel/truth/disc_hierarchy.h>
+#include <surfel/truth/overdraw.h>
 
 namespace surfel {
 
@@ -53,6 +55,12 @@ class SURFEL_API ReferenceRenderer {
   /// usable.
   /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
+
+  /// Throws Error(kInput) where a picture would take a time that is not in proportion to the
+  /// cloud: see require_bounded_overdraw(). `name` starts the message.
+  void require_bounded(const Camera& camera, const std::string& name) const {
+    require_bounded_overdraw(cloud_, hierarchy_, std::sqrt(2 * options_.cutoff), camera, name);
+  }
 
  private:
   const RenderCloud& cloud_;
