@@ -35,6 +35,7 @@ struct Request {
 
 void declare(tool::Tool& tool, Request& r) {
   CLI::App& app = tool.app();
+  r.options.clip = true;  // Pictures are nearer to the mesh, for surfels on top of the count.
   app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF, glTF)")->required();
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
@@ -53,9 +54,10 @@ void declare(tool::Tool& tool, Request& r) {
                  "Faces that meet at a larger angle share no normal, where the mesh has none of "
                  "its own; degrees");
 
-  app.add_flag("--clip", r.options.clip,
-               "Surfels end at the mesh's borders and at creases of more than --crease-angle, with "
-               "mirrored surfels beyond, on top of --count; for meshes with sharp edges");
+  app.add_flag(
+      "--clip,!--no-clip", r.options.clip,
+      "Surfels end at the mesh's borders and at creases of more than --crease-angle, with "
+      "mirrored surfels beyond, on top of --count (--clip, the default), or overhang them");
 
   app.option_defaults()->group("Adaptive spacing");
   app.add_flag("--adaptive", r.adaptive,

@@ -277,6 +277,7 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
   std::string digits = three_digits(std::max(
       {spacing, spacing * std::sqrt(of_box / most_of_box), std::sqrt(area / kMostSamples)}));
   MeshSampleOptions samples;
+  samples.clip = true;  // As surfel-from-mesh.
   samples.spacing = number_of(digits);
   samples.most_eliminated = static_cast<std::size_t>(
       std::max(1.0, kMostEliminatedOfBox * box_area / (spacing * spacing)));

@@ -107,10 +107,7 @@ class SplatLists {
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   void thin_out(TileList& list, Worker& worker) const;
-  void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                  Worker& worker) const;
-  void add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                 Worker& worker) const;
+  void add_splats(std::size_t begin, const std::uint32_t* surfels, Worker& worker) const;
 
   const RenderCloud& cloud_;
   const Scene& scene_;
