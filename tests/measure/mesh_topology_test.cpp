@@ -10,6 +10,7 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
+#include <surfel/sample/mesh_clips.h>
 #include <surfel/sample/mesh_edges.h>
 
 #include "sample/test_meshes.h"
@@ -200,6 +201,23 @@ TEST(MeshTopology, OfRealMeshes) {
   }
   EXPECT_EQ(mesh_topology(load("meshes/stanford_bunny.obj")).border_loops, 5U);
   EXPECT_EQ(mesh_topology(load("meshes/fandisk.obj")).genus, 0);
+}
+
+/// Samples end at creases that the mesh's own edge rings tell; half-edges tell the same ones.
+TEST(MeshTopology, HasTheCreasesThatSamplesEndAt) {
+  SURFEL_REQUIRE_TEST_DATA();
+  for (const char* file :
+       {"meshes/stanford_bunny.obj", "meshes/fandisk.obj", "textured/scissors/scissors.obj",
+        "textured/spot/spot_triangulated.obj", "meshes/armadillo.ply"}) {
+    const TriangleMesh mesh = read_mesh(data_folder() / file);
+    const Array<std::uint32_t> rings = edge_rings(mesh);
+    for (const double degrees : {20.0, 44.5}) {
+      const double angle = degrees * std::numbers::pi / 180;
+      const MeshTopology t = mesh_topology(mesh, angle);
+      EXPECT_EQ(MeshClips(mesh, rings, angle).creases(), t.crease_edges) << file << ' ' << degrees;
+      EXPECT_EQ(count_edges(mesh, rings).border > 0, t.border_loops > 0) << file;
+    }
+  }
 }
 
 /// Both scans touch themselves along many edges, and OpenMesh refuses thousands of their faces.

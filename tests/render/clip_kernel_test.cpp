@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -161,9 +162,66 @@ TEST(ClipKernel, PicturesOfOneSurfelAreKernelTimesShare) {
       }
     }
     EXPECT_GT(most, 0.05);
-    // The projection of the exact kernel is not linear.
-    EXPECT_LT(worst, (kernel == Kernel::kAffine ? 1e-5 : 0.05) * most) << static_cast<int>(kernel);
+    // normal_cdf() is within 1e-5; the projection of the exact kernel is not linear.
+    EXPECT_LT(worst, (kernel == Kernel::kAffine ? 3e-5 : 0.05) * most) << static_cast<int>(kernel);
   }
+}
+
+/// Pictures of surfels in z = 0 that are alike but for their half-planes, lit by nothing.
+Image picture_with_line(const Vec3f& direction, float distance) {
+  SurfelCloud cloud = jittered_plane(12, 0.6, 0.3);
+  cloud.clip1.assign(cloud.size(), direction);
+  cloud.clip1_distance.assign(cloud.size(), distance);
+  return render_unlit(cloud, camera_at(2, 64), {});
+}
+
+TEST(ClipKernel, LinesThatAreNoLinesCutNothing) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const Image whole = render_unlit(jittered_plane(12, 0.6, 0.3), camera_at(2, 64), {});
+  EXPECT_NE(picture_with_line({1, 0, 0}, 0).data, whole.data);
+  EXPECT_EQ(picture_with_line({kNan, 0, 0}, 0).data, whole.data);
+  EXPECT_EQ(picture_with_line({1, kNan, 0}, 0).data, whole.data);
+  EXPECT_EQ(picture_with_line({1, 0, 0}, kNan).data, whole.data);
+  EXPECT_EQ(picture_with_line({1, 0, 0}, kInfinity).data, whole.data);
+  EXPECT_EQ(picture_with_line({kInfinity, 0, 0}, 0).data, whole.data);
+  EXPECT_EQ(picture_with_line({0, 0, 0}, -1).data, whole.data);
+  EXPECT_EQ(picture_with_line({0, 0, 1}, -1).data, whole.data);  // Along the normal.
+}
+
+/// Lines beyond the kernel leave it as it is, and leave nothing where it lies beyond them.
+TEST(ClipKernel, LinesFarAwayCutNothingOrAll) {
+  const Image whole = render_unlit(jittered_plane(12, 0.6, 0.3), camera_at(2, 64), {});
+  const Image uncut = picture_with_line({0.6F, 0.8F, 0}, 1);
+  ASSERT_EQ(uncut.data.size(), whole.data.size());
+  EXPECT_EQ(uncut.data, whole.data);
+  for (const float value : picture_with_line({0.6F, 0.8F, 0}, -1).data) {
+    ASSERT_TRUE(value == 0 || std::isinf(value));
+  }
+}
+
+/// A surfel beyond its line does not change what a picture shows around the others.
+TEST(ClipKernel, MirroredSurfelsAreNotFramed) {
+  SurfelCloud cloud = jittered_plane(12, 0.6, 0.3);
+  const RenderCloud others(cloud);
+  const Bounds box = others.extent().box;
+  cloud.clip1.assign(cloud.size(), {0, 0, 0});
+  cloud.clip1_distance.assign(cloud.size(), 0);
+  add_surfel(cloud, {3, 0, 0}, {0, 0, 1}, 0.01F, 0.01F, {1, 1, 1});
+  cloud.clip1.push_back({1, 0, 0});
+  cloud.clip1_distance.push_back(-2.4F);
+  const RenderCloud with_mirrored(cloud);
+  const SceneExtent after = with_mirrored.extent();
+  EXPECT_LT((after.box.min - box.min).norm(), 1e-6);
+  EXPECT_LT((after.box.max - box.max).norm(), 1e-6);
+  EXPECT_LT(after.support(Vec3d(1, 0, 0), 1), 1);
+  // Where there are no others they are framed.
+  SurfelCloud alone;
+  add_surfel(alone, {3, 0, 0}, {0, 0, 1}, 0.01F, 0.01F, {1, 1, 1});
+  alone.clip1 = {{1, 0, 0}};
+  alone.clip1_distance = {-2.4F};
+  const RenderCloud framed(alone);
+  EXPECT_NEAR(framed.extent().box.max.x(), 3.1, 1e-5);
 }
 
 }  // namespace

@@ -67,6 +67,41 @@ TEST(PlainPixels, AreWhatCompositingMakesOfThem) {
   }
 }
 
+/// Surfels end at lines in all directions, at one or two, everywhere or on one side.
+TEST(PlainPixels, MayEndAtLines) {
+  const Scene scene;
+  const SurfelCloud whole = spheres_and_plane();
+  for (const float least_x : {-2.0F, 0.0F}) {
+    for (const float alpha : {1.0F, 0.6F}) {
+      SurfelCloud cloud = whole;
+      cloud.alpha.assign(cloud.size(), alpha);
+      for (std::size_t i = 0; i < cloud.size(); ++i) {
+        const double turn = static_cast<double>(i);
+        const bool cut = cloud.position[i].x() > least_x;
+        const bool twice = cut && i % 3 == 0;
+        const float deviation = std::sqrt(cloud.variance[i]);
+        const auto line = [&](double angle, bool exists) -> Vec3f {
+          if (!exists) return {0, 0, 0};
+          const Vec3f any(static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle)),
+                          0.3F);
+          const Vec3f& n = cloud.normal[i];
+          return (any - n * n.dot(any)).normalized();
+        };
+        cloud.clip1.push_back(line(turn, cut));
+        cloud.clip1_distance.push_back(deviation);
+        cloud.clip2.push_back(line(2 * turn, twice));
+        cloud.clip2_distance.push_back(0.3F * deviation);
+      }
+      for (const bool lit : {false, true}) {
+        RenderOptions options;
+        options.lit = lit;
+        SCOPED_TRACE(testing::Message() << least_x << " " << alpha << " " << lit);
+        expect_same_colors(cloud, scene, camera_at(2.6, kOddSize), options);
+      }
+    }
+  }
+}
+
 TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   Scene scene;
   scene.ambient = {0.1F, 0.2F, 0.05F};

@@ -45,6 +45,19 @@ TEST(MeshClips, BordersWithinReachCut) {
   EXPECT_LT((corner.line[1].direction - Vec3d(0, -1, 0)).norm(), 1e-6);
 }
 
+/// Coordinates of samples are of single precision: at an edge they lie on either side of it.
+TEST(MeshClips, SamplesThatRoundingPutsBeyondAnEdgeAreCut) {
+  const float x = 16.3F;
+  TriangleMesh square = tiles({{x, 0}});
+  const double edge = static_cast<double>(square.position[1].x());
+  for (const double beyond : {-2e-6, 0.0, 2e-6}) {
+    const MeshClips::Lines lines = lines_at(square, {edge + beyond, 0.5, 0}, 0.1);
+    ASSERT_EQ(lines.count, 1) << beyond;
+    EXPECT_NEAR(lines.line[0].distance, 0, 2.1e-6);
+    EXPECT_GE(lines.line[0].distance, 0);
+  }
+}
+
 /// Neither line of a reflex corner may cut off the surface beside the other one.
 TEST(MeshClips, ReflexCornersAreCutByOneLine) {
   const TriangleMesh ell = tiles({{0, 0}, {1, 0}, {0, 1}});

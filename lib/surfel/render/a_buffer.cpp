@@ -185,12 +185,14 @@ class PartsBesideLines {
     const float y = c[kCutY] / c[kCutPartial];
     const float independent = coverage * (1 - coverage_);
     if (coverage_ == 0 || !(independent > 0)) {
-      if (coverage_ == 0) *this = {coverage, x, y};
+      if (coverage_ == 0) *this = {coverage, x, y, shows_front(c[kTag])};
       return 1;
     }
     const float alike = std::clamp(x * x_ + y * y_, -1.0F, 1.0F);
-    const float added =
-        alike > 0 ? std::max(0.0F, coverage - coverage_) : std::min(coverage, 1 - coverage_);
+    // The two sides of a body end together: the larger of the two would be too large wherever
+    // their sums are uneven.
+    const float beyond = shows_front(c[kTag]) == front_ ? std::max(0.0F, coverage - coverage_) : 0;
+    const float added = alike > 0 ? beyond : std::min(coverage, 1 - coverage_);
     const float adds = independent + std::abs(alike) * (added - independent);
     coverage_ += adds;
     return adds / independent;
@@ -199,10 +201,12 @@ class PartsBesideLines {
   PartsBesideLines() = default;
 
  private:
-  PartsBesideLines(float coverage, float x, float y) : coverage_(coverage), x_(x), y_(y) {}
+  PartsBesideLines(float coverage, float x, float y, bool front)
+      : coverage_(coverage), x_(x), y_(y), front_(front) {}
 
   float coverage_ = 0;   ///< Of all fragments so far; 0: there is none.
-  float x_ = 0, y_ = 0;  ///< Mean outward vector of the first one.
+  float x_ = 0, y_ = 0;  ///< Mean outward vector of the first one ...
+  bool front_ = false;   ///< ... and whether it shows its front.
 };
 
 /// Composites the fragments of a pixel front to back.
@@ -458,10 +462,6 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 }  // namespace
 
 float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) const {
-  // Vectors of one line's surfels, however bent, have this share of their length at least, and
-  // vectors of two sides of a crease, however uneven the sums of the sides, have less than this.
-  constexpr float kOneSide = 0.95F;
-  constexpr float kTwoSides = 0.4F;
   const float full = weight_at_edge(edge);
   const float* c = fragment.channel;
   const float aligned = std::sqrt(c[kCutX] * c[kCutX] + c[kCutY] * c[kCutY]) / c[kCutPartial];

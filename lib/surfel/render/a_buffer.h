@@ -196,6 +196,11 @@ struct TileABuffer {
   }
   /// Of a fragment that lines cut.
   float full_weight_of_cut(const Fragment& fragment, float edge) const;
+  /// The mean of the outward vectors of one line's surfels, however bent, has this length at least,
+  /// and the mean of two sides of a crease, however uneven the sums of the sides, has less than
+  /// this.
+  static constexpr float kOneSide = 0.95F;
+  static constexpr float kTwoSides = 0.4F;
   /// The sum of rho from which on a surface covers a pixel.
   float weight_at_edge(float edge) const {
     return full_weight + (edge_weight - full_weight) * edge;

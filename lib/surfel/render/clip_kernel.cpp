@@ -97,33 +97,25 @@ Eigen::Vector2d outward_on_screen(const SurfelInCamera& surfel, const Camera& ca
   return plane.dot(line.direction) < 0 ? Eigen::Vector2d(-outward) : outward;
 }
 
-SplatClip make_splat_clip(const SurfelInCamera& surfel, const Camera& camera, double lowpass,
-                          bool exact) {
+SplatClip make_exact_clip(const SurfelInCamera& surfel, const Camera& camera) {
   SplatClip clip{};
-  for (int j = 0; j < 2; ++j) {
-    const ClipLine& line = surfel.clip[j];
-    if (!line.cuts()) {
-      clip.line[j][0] = kNoClip;
-      continue;
-    }
-    Eigen::Vector3d values;
-    if (exact) {
-      const Eigen::Vector2d w = weighed(surfel, line);
-      values = {line.distance, w.x(), w.y()};
-    } else {
-      const ClipShare share = clip_share(surfel, camera, lowpass, line);
-      values = {share.at_center, share.gradient.x(), share.gradient.y()};
-    }
+  clip.line[0][0] = clip.line[1][0] = kNoClip;
+  int count = 0;
+  for (const ClipLine& line : surfel.clip) {
+    if (!line.cuts()) continue;
+    const Eigen::Vector2d w = weighed(surfel, line);
     const Eigen::Vector2d outward = outward_on_screen(surfel, camera, line);
-    for (int k = 0; k < 3; ++k) clip.line[j][k] = static_cast<float>(values[k]);
-    for (int k = 0; k < 2; ++k) clip.outward[j][k] = static_cast<float>(outward[k]);
+    clip.line[count][0] = static_cast<float>(line.distance);
+    for (int k = 0; k < 2; ++k) {
+      clip.line[count][k + 1] = static_cast<float>(w[k]);
+      clip.outward[count][k] = static_cast<float>(outward[k]);
+    }
+    ++count;
   }
-  if (surfel.clip[0].cuts() && surfel.clip[1].cuts()) {
-    // A surfel with an exact kernel is much larger than the filter, which alone blurs its lines.
-    const double w = exact ? weight_of_correlation(clip.outward[0][0] * clip.outward[1][0] +
-                                                   clip.outward[0][1] * clip.outward[1][1])
-                           : joint_share(surfel, camera, lowpass);
-    clip.joint = static_cast<float>(w);
+  // A surfel with an exact kernel is much larger than the filter, which alone blurs its lines.
+  if (count == 2) {
+    clip.joint = static_cast<float>(weight_of_correlation(clip.outward[0][0] * clip.outward[1][0] +
+                                                          clip.outward[0][1] * clip.outward[1][1]));
   }
   return clip;
 }

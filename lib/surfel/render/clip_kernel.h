@@ -47,9 +47,8 @@ SURFEL_API double joined(double a, double b, double w);
 SURFEL_API Eigen::Vector2d outward_on_screen(const SurfelInCamera& surfel, const Camera& camera,
                                              const ClipLine& line);
 
-/// The half-planes of a surfel as rasterisers take them.
-/// \param exact  The splat has an exact kernel.
-SplatClip make_splat_clip(const SurfelInCamera& surfel, const Camera& camera, double lowpass,
-                          bool exact);
+/// The half-planes of a surfel whose kernel is exact, as rasterisers take them; set_up_splats() has
+/// them of affine kernels.
+SplatClip make_exact_clip(const SurfelInCamera& surfel, const Camera& camera);
 
 }  // namespace surfel

@@ -94,7 +94,7 @@ class SplatSampler {
   HWY_INLINE Sample at(std::uint32_t index, V x, V y) const {
     Sample s = uncut_at(index, x, y);
     if (HWY_UNLIKELY(is_clipped(index))) {
-      const M left = hn::Ge(clipped(index, x, y).share, hn::Set(D(), 0.5F));
+      const M left = hn::Ge(share_left(index, x, y), hn::Set(D(), 0.5F));
       s.beta = hn::IfThenElse(left, s.beta, hn::Set(D(), __builtin_inff()));
     }
     return s;
@@ -133,34 +133,44 @@ class SplatSampler {
     return clips_ && (splats_[index].tag & kClippedTag) != 0;
   }
 
-  /// What half-planes leave of a splat that is cut by some. A function apart, as in most pictures
-  /// few splats come here.
-  HWY_NOINLINE ClipSample clipped(std::uint32_t index, V x, V y) const {
+  /// What half-planes leave of a splat that is cut by some.
+  HWY_INLINE ClipSample clipped(std::uint32_t index, V x, V y) const {
     const D d;
     const Splat& splat = splats_[index];
     const SplatClip& clip = clips_[index];
     const V dx = hn::Sub(x, hn::Set(d, splat.x));
     const V dy = hn::Sub(y, hn::Set(d, splat.y));
+    const V one = hn::Set(d, 1.0F);
+    const V least = hn::Set(d, kLeastClipShare);
+    const auto affine = [&](const float* line) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      return mul_add(hn::Set(d, line[1]), dx,
+                     mul_add(hn::Set(d, line[2]), dy, hn::Set(d, line[0])));
+    };
+    ClipSample out;
+    const bool exact = splat.k < 0;
+    if (HWY_LIKELY(!exact && clip.line[1][0] == kNoClip)) {
+      const V first = normal_cdf(affine(clip.line[0]));
+      out.share = hn::IfThenElseZero(hn::Ge(first, least), first);
+      out.partial = hn::Mul(out.share, hn::Sub(one, first));
+      out.out_x = hn::Mul(out.partial, hn::Set(d, clip.outward[0][0]));
+      out.out_y = hn::Mul(out.partial, hn::Set(d, clip.outward[0][1]));
+      return out;
+    }
     V z[2];
-    if (splat.k < 0) {
+    if (exact) {
       exact_arguments(exact_[index], clip, lowpass2_, dx, dy, z);
     } else {
-      for (int j = 0; j < 2; ++j) {
-        z[j] = mul_add(hn::Set(d, clip.line[j][1]), dx,
-                       mul_add(hn::Set(d, clip.line[j][2]), dy, hn::Set(d, clip.line[j][0])));
-      }
+      for (int j = 0; j < 2; ++j) z[j] = affine(clip.line[j]);
     }
-    const V one = hn::Set(d, 1.0F);
     const V first = normal_cdf(z[0]);
     const V second = normal_cdf(z[1]);
-    ClipSample out;
     // joined() of clip_kernel.h.
     const V product = hn::Mul(first, second);
-    const V bound = clip.joint > 0 ? hn::Min(first, second)
-                                   : hn::Max(hn::Zero(d), hn::Sub(hn::Add(first, second), one));
-    out.share = mul_add(hn::Set(d, std::abs(clip.joint)), hn::Sub(bound, product), product);
-    const M left = hn::Ge(out.share, hn::Set(d, kLeastClipShare));
-    out.share = hn::IfThenElseZero(left, out.share);
+    const V joint = hn::Set(d, clip.joint);
+    const V bound = hn::IfThenElse(hn::Gt(joint, hn::Zero(d)), hn::Min(first, second),
+                                   hn::Max(hn::Zero(d), hn::Sub(hn::Add(first, second), one)));
+    out.share = mul_add(hn::Abs(joint), hn::Sub(bound, product), product);
+    out.share = hn::IfThenElseZero(hn::Ge(out.share, least), out.share);
     const V partial[] = {hn::Mul(out.share, hn::Sub(one, first)),
                          hn::Mul(out.share, hn::Sub(one, second))};
     out.partial = hn::Add(partial[0], partial[1]);
@@ -174,6 +184,11 @@ class SplatSampler {
   }
 
  private:
+  /// ClipSample::share in a function apart, as in most pictures few splats come here.
+  HWY_NOINLINE V share_left(std::uint32_t index, V x, V y) const {
+    return clipped(index, x, y).share;
+  }
+
   /// The arguments of Phi of a splat whose kernel is exact: as clip_share() has them, with the
   /// projection linearised anew in every pixel.
   static HWY_NOINLINE void exact_arguments(const ExactSplat& exact, const SplatClip& clip,
@@ -495,9 +510,11 @@ struct CutContribution {
 };
 
 /// A vector of unmerged fragments without their tags: see FragmentChannel.
-template <bool kNormals, bool kOpaqueSplats>
+/// \tparam kClips  With the channels of what half-planes cut off.
+template <bool kNormals, bool kOpaqueSplats, bool kClips = false>
 struct FragmentSums {
   V weight, depth, red, green, blue, alpha, normal_x, normal_y, normal_z;
+  CutContribution cut;
 
   /// `fragment` is the first one's weight.
   HWY_INLINE explicit FragmentSums(const float* fragment) {
@@ -528,6 +545,13 @@ struct FragmentSums {
       add_to(normal_z, normal->z);
     }
   }
+  /// Adds what has been cut off from a contribution, in the pixels that take part.
+  HWY_INLINE void add_cut(const CutContribution& by, M added) {
+    cut.away = hn::Add(cut.away, hn::IfThenElseZero(added, by.away));
+    cut.partial = hn::Add(cut.partial, hn::IfThenElseZero(added, by.partial));
+    cut.out_x = hn::Add(cut.out_x, hn::IfThenElseZero(added, by.out_x));
+    cut.out_y = hn::Add(cut.out_y, hn::IfThenElseZero(added, by.out_y));
+  }
 
  private:
   template <class Body>
@@ -543,6 +567,12 @@ struct FragmentSums {
       body(kNormalY, normal_y);
       body(kNormalZ, normal_z);
     }
+    if constexpr (kClips) {
+      body(kCutAway, cut.away);
+      body(kCutPartial, cut.partial);
+      body(kCutX, cut.out_x);
+      body(kCutY, cut.out_y);
+    }
   }
 };
 
@@ -556,7 +586,7 @@ HWY_INLINE M covers(V weight, V alpha, V full_weight) {
 }
 
 /// A layer's fragments in a vector of pixels: the unmerged fragments' sums, and the tags.
-template <bool kNormals, bool kOpaqueSplats>
+template <bool kNormals, bool kOpaqueSplats, bool kClips = false>
 class FragmentLayer {
  public:
   FragmentLayer(float* fragment, V full)
@@ -587,21 +617,8 @@ class FragmentLayer {
     sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
     return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
   }
-  /// The pixels in which the last contribution has been added.
-  HWY_INLINE M joined() const { return joined_; }
-
-  /// Adds what has been cut off from a contribution that has just been added in some pixels.
-  HWY_INLINE void add_cut(const CutContribution& cut, M added) {
-    const D d;
-    const auto add_to = [&](int channel, V value) HWY_ATTR {
-      float* const at = fragment_ + channel * kPatchPixels;
-      hn::Store(hn::Add(hn::Load(d, at), hn::IfThenElseZero(added, value)), d, at);
-    };
-    add_to(kCutAway, cut.away);
-    add_to(kCutPartial, cut.partial);
-    add_to(kCutX, cut.out_x);
-    add_to(kCutY, cut.out_y);
-  }
+  /// Adds what has been cut off from the last contribution.
+  HWY_INLINE void add_cut(const CutContribution& cut) { sums_.add_cut(cut, joined_); }
 
   HWY_INLINE void store() {
     sums_.store(fragment_);
@@ -612,10 +629,10 @@ class FragmentLayer {
   using Tags = hn::RebindToUnsigned<D>;
 
   float* fragment_;
-  FragmentSums<kNormals, kOpaqueSplats> sums_;
+  FragmentSums<kNormals, kOpaqueSplats, kClips> sums_;
   hn::Vec<Tags> tag_;
   V full_;
-  M joined_;
+  M joined_;  ///< Pixels in which the last contribution has been added.
 };
 
 HWY_INLINE bool is_zero(V v) { return hn::AllTrue(D(), hn::Eq(v, hn::Zero(D()))); }

@@ -66,8 +66,16 @@ M with_one_material(const TileABuffer& tile, std::size_t pixel, int layers) {
   return one;
 }
 
+/// What half-planes cut off from fragments: the channels from kCutAway on.
+struct CutSums {
+  V away, partial;
+  V out_x, out_y;
+};
+
 /// The nearest fragments behind some depths.
-Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers, V depths) {
+/// \param cut  gets what half-planes cut off from them, in pictures with such surfels.
+Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers, V depths,
+                         CutSums& cut) {
   const D d;
   const V zero = hn::Zero(d);
   const V3 none{zero, zero, zero};
@@ -89,8 +97,35 @@ Fragments nearest_behind(const TileABuffer& tile, std::size_t pixel, int layers,
     if (tile.layout.normals) {
       out.normal = select(nearer, channels(tile, layer, pixel, kNormalX), out.normal);
     }
+    if (tile.layout.clips) {
+      const auto take = [&](V& sum, FragmentChannel c) HWY_ATTR {
+        sum = hn::IfThenElse(nearer, channel(tile, layer, pixel, c), sum);
+      };
+      take(cut.away, kCutAway);
+      take(cut.partial, kCutPartial);
+      take(cut.out_x, kCutX);
+      take(cut.out_y, kCutY);
+    }
   }
   return out;
+}
+
+/// TileABuffer::full_weight_of_cut() away from edges.
+V full_weight_of_cut(const TileABuffer& tile, const Fragments& at, const CutSums& cut) {
+  using Tile = TileABuffer;
+  const D d;
+  const V zero = hn::Zero(d);
+  const V one = hn::Set(d, 1);
+  const V length = hn::Sqrt(mul_add(cut.out_x, cut.out_x, hn::Mul(cut.out_y, cut.out_y)));
+  const V aligned = hn::Div(length, cut.partial);
+  const V above = hn::Mul(hn::Sub(aligned, hn::Set(d, Tile::kTwoSides)),
+                          hn::Set(d, 1 / (Tile::kOneSide - Tile::kTwoSides)));
+  const V one_side = hn::Min(hn::Max(above, zero), one);
+  const M filtered = hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
+  const V sum = hn::Add(at.weight, cut.away);
+  const V uncut = hn::IfThenElse(filtered, hn::Min(sum, hn::Set(d, tile.mean_weight)), sum);
+  const V full = hn::Set(d, tile.full_weight);
+  return mul_add(one_side, hn::Max(zero, hn::Sub(uncut, full)), full);
 }
 
 /// Finds out about PlainPixels::inside.
@@ -165,35 +200,44 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     if (lighting && lighting->material_count > 1) {
       plain = with_one_material(tile, pixel, fragments.layers);
     }
-    for (int i = 0; tile.layout.clips && i < fragments.layers; ++i) {
-      plain = hn::And(plain, hn::Eq(channel(tile, i, pixel, kCutPartial), zero));
-    }
     V left = fragments.count;  // Fragments that nothing hides.
     V behind = hn::Set(d, __builtin_inff());
     V3 color{zero, zero, zero};
     V opacity = zero;
     V nearness = hn::Set(d, -__builtin_inff());
     M waits = hn::Ne(zero, zero);  // Other tiles decide whether these are at an edge.
-    M loose_back = waits;  // The last fragment shows a back that may lie beyond a silhouette ...
-    M rim = waits;         // ... or a front's part of the pixel at one.
+    M loose_back = waits;   // The last fragment shows a back that may lie beyond a silhouette ...
+    M rim = waits;          // ... or a front's part of the pixel at one.
+    M beside_line = waits;  // A fragment covers the part of the pixel that a line leaves of it.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
-      const Fragments at = nearest_behind(tile, pixel, fragments.layers, behind);
+      CutSums cut{zero, zero, zero, zero};
+      const Fragments at = nearest_behind(tile, pixel, fragments.layers, behind, cut);
       const M merged = hn::Lt(at.weight, zero);
       const M unmerged = hn::Gt(at.weight, zero);
       const M not_filtered =
           hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
+      const M is_cut = hn::And(unmerged, hn::Gt(cut.partial, zero));
+      V full = full_weight;
+      if (tile.layout.clips && !hn::AllFalse(d, is_cut)) {
+        full = hn::IfThenElse(is_cut, full_weight_of_cut(tile, at, cut), full);
+      }
       // Inside a tile that lies inside a surface there is no edge.
       const M known = hn::Or(not_filtered, hn::Ge(at.weight, edge_weight));
-      const M no_edge = hn::Or(known, out.inside == TileInside::kNo ? lone : whole);
-      if (i == 0) waits = hn::AndNot(known, hn::And(lone, unmerged));
+      const M may_wait = hn::AndNot(is_cut, lone);
+      const M not_at_edge =
+          out.inside == TileInside::kNo ? may_wait : hn::AndNot(hn::And(is_cut, lone), whole);
+      const M no_edge = hn::Or(known, not_at_edge);
+      if (i == 0) waits = hn::AndNot(known, hn::And(may_wait, unmerged));
       // Of equally near fragments only one lies behind the depths before, so that the pixel is
       // left.
       open = hn::And(open, hn::Or(merged, hn::And(unmerged, no_edge)));
       const V inv_weight = hn::Div(one, hn::IfThenElse(unmerged, at.weight, one));
-      const V coverage =
-          hn::IfThenElse(unmerged, hn::Min(one, hn::Div(at.weight, full_weight)), one);
+      const V coverage = hn::IfThenElse(unmerged, hn::Min(one, hn::Div(at.weight, full)), one);
+      // Parts of pixels beside lines may lie one in the other, or exclude each other.
+      open = hn::AndNot(hn::And(is_cut, beside_line), open);
+      beside_line = hn::Or(beside_line, hn::And(is_cut, hn::Lt(coverage, one)));
       if (fragments.layers > 1) {
         // Where a back lies in front of a front, and both cover a part of the pixel or are seen at
         // a grazing angle, depth may not be the order in which they are seen; where a back lies
@@ -206,9 +250,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
             hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kGrazingTag), hn::Zero(Tags())));
         const M loose = hn::Or(part, grazing);
         open = hn::AndNot(hn::And(loose_back, hn::And(loose, shows_front)), open);
-        // A back with less than a whole sum may be the far side of a body.
+        // A back with less than a whole sum, or behind a part of a pixel, may be the far side of a
+        // body.
         if (tile.layout.opaque) {
-          const M doubtful = hn::And(unmerged, hn::Lt(at.weight, edge_weight));
+          const M doubtful = hn::And(unmerged, hn::Or(beside_line, hn::Lt(at.weight, edge_weight)));
           const M alone = hn::Eq(fragments.count, one);
           open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(alone, doubtful)), open);
         }
@@ -242,7 +287,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const M passes = hn::And(below, hn::Ge(opacity, half));
       nearness = hn::IfThenElse(i == 0 ? whole : passes, at.depth, nearness);
       plain = hn::And(plain, hn::Or(open, hn::Le(left, zero)));
-      const M hides = hn::And(hn::Ge(at.weight, full_weight), hn::Ge(alpha, opaque));
+      const M hides = hn::And(hn::Ge(at.weight, full), hn::Ge(alpha, opaque));
       left = hn::IfThenZeroElse(hides, hn::Sub(left, one));
       behind = at.depth;
     }

@@ -107,7 +107,7 @@ static_assert(sizeof(ExactSplat) == 64);
 struct alignas(64) SplatClip {
   /// z = line[0] + line[1] dx + line[2] dy, pixels from the centre. Of an exact kernel: distance of
   /// the line from the surfel's centre, and the direction times the deviations along u and v, scene
-  /// units. A line that is not there has z, or the distance, kNoClip.
+  /// units. The first line is always there; where the second is not its z, or distance, is kNoClip.
   float line[2][3];
   /// Unit vector on the screen across the line, away from the part of the surfel that stays; zero
   /// where there is no line.

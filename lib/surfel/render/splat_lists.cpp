@@ -335,12 +335,26 @@ SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
   const auto from = [&](const Array<float>& column) {
     return column.empty() ? nullptr : column.data() + cluster.begin;
   };
-  return {from(cloud_.x),           from(cloud_.y),           from(cloud_.z),
-          from(cloud_.normal_x),    from(cloud_.normal_y),    from(cloud_.normal_z),
-          from(cloud_.deviation_u), from(cloud_.deviation_v), from(cloud_.tangent_x),
-          from(cloud_.tangent_y),   from(cloud_.tangent_z),   from(cloud_.area),
-          from(cloud_.red),         from(cloud_.green),       from(cloud_.blue),
-          from(cloud_.alpha)};
+  const auto half_planes = [&](const RenderCloud::ClipColumns& clip) -> HalfPlaneColumns {
+    return {from(clip.x), from(clip.y), from(clip.z), from(clip.distance)};
+  };
+  return {from(cloud_.x),
+          from(cloud_.y),
+          from(cloud_.z),
+          from(cloud_.normal_x),
+          from(cloud_.normal_y),
+          from(cloud_.normal_z),
+          from(cloud_.deviation_u),
+          from(cloud_.deviation_v),
+          from(cloud_.tangent_x),
+          from(cloud_.tangent_y),
+          from(cloud_.tangent_z),
+          from(cloud_.area),
+          from(cloud_.red),
+          from(cloud_.green),
+          from(cloud_.blue),
+          from(cloud_.alpha),
+          {half_planes(cloud_.clip[0]), half_planes(cloud_.clip[1])}};
 }
 
 /// The surfels with the deviations that they are drawn with.
@@ -466,7 +480,6 @@ void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std
   for (std::size_t i = 0; i < count && lists_.groups; ++i) {
     worker.groups[begin + i] = cloud_.group[surfels[i]];
   }
-  if (cloud_.has_clips()) add_clips(cluster, begin, surfels, worker);
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
     bool large = false;
@@ -495,19 +508,6 @@ void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std
     for (int y = y0; y <= y1; ++y) {
       for (int x = x0; x <= x1; ++x) put(x, y);
     }
-  }
-}
-
-/// Adds the half-planes of the splats from `begin` on whose surfels have some.
-void SplatLists::add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                           Worker& worker) const {
-  for (std::size_t at = begin; at < worker.count; ++at) {
-    const std::uint32_t surfel = surfels[at - begin];
-    if (!cloud_.is_clipped(surfel)) continue;
-    Splat& splat = worker.splats[at];
-    splat.tag |= kClippedTag;
-    worker.clips[at] =
-        make_splat_clip(in_camera(cluster, surfel), frame_->camera, lists_.lowpass, splat.k < 0);
   }
 }
 
@@ -597,7 +597,8 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     reserve(w, RenderCloud::kClusterSize, (end - begin) * RenderCloud::kClusterSize);
     SetUpSplats& set_up = w.set_up;
     set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
-                  ahead ? &*ahead : nullptr, w.splats.data() + w.count, set_up);
+                  ahead ? &*ahead : nullptr, w.splats.data() + w.count,
+                  cloud_.has_clips() ? w.clips.data() + w.count : nullptr, set_up);
     w.splats_seen += static_cast<std::size_t>(set_up.first_count);
     const std::size_t first = w.count;
     std::array<std::uint32_t, RenderCloud::kClusterSize> surfels;
@@ -618,6 +619,10 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
       splat.red = cloud_.red[surfel] * splat.alpha;
       splat.green = cloud_.green[surfel] * splat.alpha;
       splat.blue = cloud_.blue[surfel] * splat.alpha;
+      if (cloud_.is_clipped(surfel)) {
+        splat.tag |= kClippedTag;
+        w.clips[w.count - 1] = make_exact_clip(in_camera(cluster, surfel), frame_->camera);
+      }
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
     }

@@ -120,8 +120,6 @@ class SplatLists {
   void thin_out(TileList& list, Worker& worker) const;
   void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
                   Worker& worker);
-  void add_clips(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                 Worker& worker) const;
 
   const RenderCloud& cloud_;
   const Scene& scene_;

@@ -11,6 +11,14 @@ namespace surfel {
 /// Most surfels that one call takes.
 inline constexpr int kSetupSurfels = 256;
 
+/// Half-planes that cut surfels, RenderCloud::ClipColumns, from a cluster's first surfel on.
+struct HalfPlaneColumns {
+  const float* x;
+  const float* y;
+  const float* z;
+  const float* distance;
+};
+
 /// Columns of a RenderCloud from a cluster's first surfel on. Null: the scene does not have it.
 struct SurfelColumns {
   const float* x;
@@ -29,6 +37,7 @@ struct SurfelColumns {
   const float* green;
   const float* blue;
   const float* alpha;
+  HalfPlaneColumns clip[2];
 };
 
 /// Indices of the surfels that one call selected, in the order of the columns. Arrays have room for
@@ -50,12 +59,16 @@ struct SetUpSplats {
 /// disc lies in front of the near plane and its box holds a pixel's centre of the clip rectangle. A
 /// surfel is put into out.exact instead if its disc reaches through the near plane, or if the
 /// affine approximation (4) is off by more than the tolerance somewhere on the disc; with an
-/// infinite tolerance out.exact stays empty.
+/// infinite tolerance out.exact stays empty. Of surfels that half-planes cut, no splats are made
+/// where less than kLeastClipShare of the kernel is left everywhere.
 /// \param next    columns of the next call's surfels, or null: they are fetched from memory
 ///     meanwhile, since clusters follow one another in depth, not in memory.
 /// \param splats  gets a splat for each surfel of out.visible; materials and their effects on
 ///     colour and opacity are left to the caller.
+/// \param clips  parallel to `splats`, with room for one vector past their end: gets what
+/// half-planes
+///     leave of them, see kClippedTag. Not touched where the surfels have no half-planes.
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
-                   const SurfelColumns* next, Splat* splats, SetUpSplats& out);
+                   const SurfelColumns* next, Splat* splats, SplatClip* clips, SetUpSplats& out);
 
 }  // namespace surfel

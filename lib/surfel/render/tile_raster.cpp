@@ -127,7 +127,7 @@ class Rasterizer {
     return kClips && (job_.splats[splat].tag & kClippedTag) != 0;
   }
 
-  using Layer = FragmentLayer<kNormals, kOpaqueSplats>;
+  using Layer = FragmentLayer<kNormals, kOpaqueSplats, kClips>;
 
   const SplatNormal* normal_of(std::uint32_t splat) const {
     return kNormals ? job_.normals + splat : nullptr;
@@ -216,23 +216,26 @@ class Rasterizer {
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, inside);
       V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
-      Waiting& to = out[left];
-      if constexpr (kClips) {
-        if (is_clipped(*begin)) {
-          const ClipSample clip = sampler.clipped(*begin, x, y);
-          to.cut = {neg_mul_add(rho, clip.share, rho), hn::Mul(rho, clip.partial),
-                    hn::Mul(rho, clip.out_x), hn::Mul(rho, clip.out_y)};
-          rho = hn::Mul(rho, clip.share);
-        }
+      const bool is_cut = is_clipped(*begin);
+      CutContribution cut;
+      if (is_cut) {
+        const ClipSample clip = sampler.clipped(*begin, x, y);
+        cut = {neg_mul_add(rho, clip.share, rho), hn::Mul(rho, clip.partial),
+               hn::Mul(rho, clip.out_x), hn::Mul(rho, clip.out_y)};
+        rho = hn::Mul(rho, clip.share);
+        if (is_zero(rho)) continue;
       }
+      Waiting& to = out[left];
       to.depth = s.depth;
       to.epsilon = s.epsilon;
       to.splat = *begin;
       to.rho = layer.take(rho, s.depth, s.epsilon, splats[*begin], normal_of(*begin));
+      const bool waits = !is_zero(to.rho);
       if constexpr (kClips) {
-        if (is_clipped(*begin)) layer.add_cut(to.cut, layer.joined());
+        if (is_cut) layer.add_cut(cut);
+        if (is_cut && waits) to.cut = cut;
       }
-      left += is_zero(to.rho) ? 0 : 1;
+      left += waits ? 1 : 0;
     }
     layer.store();
     raster_.count(fragments);
@@ -254,13 +257,15 @@ class Rasterizer {
         const V epsilon = batch[i].epsilon;
         const std::uint32_t splat = batch[i].splat;
         Waiting& to = batch[left];
-        if constexpr (kClips) to.cut = batch[i].cut;
+        if constexpr (kClips) {
+          if (is_clipped(splat)) to.cut = batch[i].cut;
+        }
         to.depth = depth;
         to.epsilon = epsilon;
         to.splat = splat;
         to.rho = layer.take(rho, depth, epsilon, splats[splat], normal_of(splat));
         if constexpr (kClips) {
-          if (is_clipped(splat)) layer.add_cut(to.cut, layer.joined());
+          if (is_clipped(splat)) layer.add_cut(to.cut);
         }
         left += is_zero(to.rho) ? 0 : 1;
       }

@@ -1,6 +1,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <surfel/base/elementary.h>
@@ -128,6 +129,9 @@ MeshClips::Lines MeshClips::around(std::uint32_t face, const Vec3d& place, const
   constexpr double kSameLine = 0.985;  // Cosine of 10 degrees: edges of one curve.
   Lines lines;
   std::vector<FlatEdge> edges;
+  // Samples at an edge lie beyond it by the rounding of their coordinates.
+  const double rounding = std::numeric_limits<float>::epsilon() * place.cwiseAbs().maxCoeff();
+  const double most_beyond = 1e-3 * reach + 2 * rounding;
   const auto near = [&](const Node& node) {
     return (node.min - place).cwiseMax(place - node.max).cwiseMax(0.0).squaredNorm() <=
            reach * reach;
@@ -148,7 +152,7 @@ MeshClips::Lines MeshClips::around(std::uint32_t face, const Vec3d& place, const
       direction.normalize();
       if (direction.dot(edge.outward) < 0) direction = -direction;
       const double distance = direction.dot(from);
-      if (!(distance >= -1e-6 * reach)) return;
+      if (!(distance >= -most_beyond)) return;
       edges.push_back({flat(from), flat(to), {direction, std::max(0.0, distance)}, away});
     });
   });

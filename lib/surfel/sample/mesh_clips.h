@@ -34,6 +34,8 @@ class SURFEL_API MeshClips {
 
   /// Whether there are no edges that samples end at.
   bool empty() const { return edges_.empty(); }
+  /// Number of edges at which two faces meet at a crease.
+  std::size_t creases() const { return creases_.size() / 2; }
   /// Makes creases borders that cut discs of samples on them, so that either side is sampled for
   /// itself.
   /// \param rings  edge_rings() of the mesh, as the constructor had them.
@@ -75,8 +77,9 @@ class SURFEL_API MeshClips {
   static bool follows(const Line& line, const Vec3d& normal, const std::vector<FlatEdge>& edges,
                       double reach);
 
-  Array<std::uint32_t> patch_;          ///< By face.
-  std::vector<std::uint32_t> creases_;  ///< Edges of two faces, as edge_rings() numbers them.
+  Array<std::uint32_t> patch_;  ///< By face.
+  std::vector<std::uint32_t>
+      creases_;  ///< Edges of two faces, as edge_rings() numbers them, from both faces.
   std::vector<Edge> edges_;
   BoxTree<Node, 4, 4> tree_;
 };

@@ -395,17 +395,26 @@ SceneExtent RenderCloud::extent() const& {
   SceneExtent extent{.box = box_};
   if (clusters_.empty()) return extent;
   const auto support_within = [this](const std::optional<Bounds>& box) {
-    return [this, box](const Vec3d& along, double outward) { return support(along, outward, box); };
+    return [this, box](const Vec3d& along, double outward) {
+      const double greatest = support(along, outward, box, false);
+      return std::isfinite(greatest) ? greatest : support(along, outward, box, true);
+    };
   };
   extent.support = support_within(std::nullopt);
+  const auto supported_box = [](const SceneExtent& of) {
+    Bounds box;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vec3d along = Vec3d::Unit(axis);
+      box.min[axis] = -of.support(-along, 1);
+      box.max[axis] = of.support(along, 1);
+    }
+    return box;
+  };
+  if (has_clips()) extent.box = supported_box(extent);
   if (const std::optional<CloudCore> found = core()) {
     SceneExtent core;
     core.support = support_within(found->box);
-    for (int axis = 0; axis < 3; ++axis) {
-      const Vec3d along = Vec3d::Unit(axis);
-      core.box.min[axis] = -core.support(-along, 1);
-      core.box.max[axis] = core.support(along, 1);
-    }
+    core.box = supported_box(core);
     extent.core = std::make_shared<const SceneExtent>(std::move(core));
     extent.stray = found->stray;
   }
@@ -440,9 +449,10 @@ std::optional<CloudCore> RenderCloud::core() const {
 }
 
 /// SceneExtent::support of the finest level, or of its surfels whose centres lie within a box
-/// relative to the origin. Takes its clusters in the order of what their bounds allow, until none
-/// allows more than what has been found.
-double RenderCloud::support(const Vec3d& a, double b, const std::optional<Bounds>& within) const {
+/// relative to the origin; with surfels whose centres are cut off, or without. Takes its clusters
+/// in the order of what their bounds allow, until none allows more than what has been found.
+double RenderCloud::support(const Vec3d& a, double b, const std::optional<Bounds>& within,
+                            bool cut_off) const {
   std::vector<std::pair<double, std::uint32_t>> bounds;
   for (std::uint32_t c = 0; c < clusters_.size(); ++c) {
     const Cluster& cluster = clusters_[c];
@@ -456,6 +466,7 @@ double RenderCloud::support(const Vec3d& a, double b, const std::optional<Bounds
   const auto take = [&](const RenderCloud& rows, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       if (within && !within->contains(Vec3d(rows.x[i], rows.y[i], rows.z[i]))) continue;
+      if (!cut_off && rows.is_cut_off(i)) continue;
       const double reach = rows.reach(i, a, b);
       if (reach > greatest) greatest = reach;  // Not where NaN.
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <functional>
@@ -113,6 +114,12 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   bool is_clipped(std::size_t surfel) const {
     return clips(clip[0], surfel) || clips(clip[1], surfel);
   }
+  /// Does a half-plane cut off a surfel's centre? As is_cut_off() of scene/clips.h.
+  bool is_cut_off(std::size_t surfel) const {
+    return std::any_of(clip.begin(), clip.end(), [&](const ClipColumns& c) {
+      return clips(c, surfel) && c.distance[surfel] < 0;
+    });
+  }
   /// The normal that a surfel is shaded with.
   Vec3f shading(std::size_t surfel) const {
     return has_shading() ? Vec3f(shading_x[surfel], shading_y[surfel], shading_z[surfel])
@@ -121,8 +128,10 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Is the alpha of some surfel below 1?
   bool transparent() const { return !alpha.empty(); }
   /// World bounds of the finest level's discs at standard deviation 1; its support function takes
-  /// the sphere around each disc. The bounds do not depend on how surfels are clustered. Its core
-  /// leaves out what find_core() calls stray. The support functions refer to this object.
+  /// the sphere around each disc. Surfels whose centres half-planes cut off are left out, so that a
+  /// cloud with mirrored surfels is framed as the cloud without. The bounds do not depend on how
+  /// surfels are clustered. Its core leaves out what find_core() calls stray. The support functions
+  /// refer to this object.
   SceneExtent extent() const&;
   SceneExtent extent() const&& = delete;
   /// Groups in use, SP06's K; 0 if groups were not asked for.
@@ -190,7 +199,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   void make_box(const Vec3f& reach_min, const Vec3f& reach_max);
   using RowVisitor = FunctionRef<void(const RenderCloud& rows, std::size_t begin, std::size_t end)>;
   void visit_rows(std::uint32_t cluster, RenderCloud& scratch, RowVisitor visit) const;
-  double support(const Vec3d& a, double b, const std::optional<Bounds>& within) const;
+  double support(const Vec3d& a, double b, const std::optional<Bounds>& within, bool cut_off) const;
   double reach(std::size_t row, const Vec3d& a, double b) const;
   std::optional<CloudCore> core() const;
 
