@@ -11,6 +11,7 @@ trap 'rm -rf "$work"' EXIT
 "$tools/normals_table" > "$work/table.md"
 "$tools/align_table" > "$work/align.md"
 "$tools/sides_table" > "$work/sides.md"
+"$tools/edges_table" > "$work/edges.md"
 
 # The picture of wrong sides: two scenes by two methods.
 pictures=()
@@ -50,7 +51,12 @@ Made by `tests/estimation.sh`.
 TEXT
   cat "$work/table.md"
   echo
-  cat "$root/tests/estimation_notes.md"
+  sed '/^## Several scans/,$d' "$root/tests/estimation_notes.md"
+  cat "$root/tests/edges_notes.md" "$work/edges.md"
+  echo
+  cat "$root/tests/edges_pictures_notes.md"
+  echo
+  sed -n '/^## Several scans/,$p' "$root/tests/estimation_notes.md"
   cat "$work/align.md"
   echo
   cat "$work/sides.md"

@@ -27,6 +27,8 @@ struct Settings {
   surfel::OutlierOptions outliers;
   std::string voxel;
   bool smooth = false;
+  bool clip = false;
+  surfel::CreaseOptions creases;
   surfel::SmoothingOptions smoothing;
   surfel::EstimateOptions estimate;
   surfel::tool::PartSettings part;
@@ -130,6 +132,11 @@ void declare_options(CLI::App& app, Settings& s) {
       "--max-radius", s.estimate.size.max_radius,
       "Longest reach of a splat with --variance cover, in local spacings (mean distance of the "
       "four nearest), at least 1: leaves and clutter get no petals; 0 = as far as gaps are");
+  app.add_flag("--clip", s.clip,
+               "Surfels end at the borders of scans, and at creases, whose points get their own "
+               "face's normals, where these are certain");
+  app.add_option("--crease-angle", s.creases.crease_angle,
+                 "Least angle between faces beside a crease, 10..90 degrees; with --clip");
   app.option_defaults()->group("Options");
 }
 
@@ -186,6 +193,7 @@ void check_effect(const CLI::App& app, const Settings& s) {
   refuse(s.estimate.orientation.method != Orientation::kUp, {"--up"}, "without --orient up");
   refuse(s.estimate.size.rule != surfel::VarianceRule::kCover, {"--cutoff", "--max-radius"},
          "without --variance cover");
+  refuse(!s.clip, {"--crease-angle"}, "without --clip");
   surfel::tool::require_valid(problems);
 }
 
@@ -196,13 +204,14 @@ void check(const CLI::App& app, Settings& s) {
     surfel::throw_usage(fmt::format("-k is '{}'; it must be a whole number or auto", s.k));
   }
   check_filters(app, s);
+  if (s.clip) s.estimate.edges = s.creases;
   check_effect(app, s);
   std::vector<std::string> problems = s.estimate.problems();
   surfel::tool::append(problems, s.part.options().problems());
   surfel::tool::require_valid(problems);
 }
 
-void report(nlohmann::json& json, const surfel::EstimateReport& r) {
+void report(nlohmann::json& json, bool edges, const surfel::EstimateReport& r) {
   json["points"] = r.points;
   json["nonfinite"] = r.nonfinite;
   json["without_normal"] = r.without_normal;
@@ -229,10 +238,16 @@ void report(nlohmann::json& json, const surfel::EstimateReport& r) {
   json["border"] = r.border;
   json["capped"] = r.capped;
   json["anisotropic"] = r.anisotropic;
+  if (edges) {
+    json["edges"] = {{"at_creases", r.creases.points},
+                     {"unsure_creases", r.creases.unsure},
+                     {"at_borders", r.borders.points},
+                     {"unsure_borders", r.borders.unsure}};
+  }
   surfel::tool::add_stages(json, r.times);
 }
 
-void warn(const surfel::tool::Tool& tool, const std::string& input,
+void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
           const surfel::EstimateReport& r) {
   const auto count = [&](std::size_t points, const char* what) {
     if (points > 0) tool.note(fmt::format("{}: {} of {} points {}", input, points, r.points, what));
@@ -263,6 +278,12 @@ void warn(const surfel::tool::Tool& tool, const std::string& input,
         "{}: sides of normals by --orient {}, {} parts, mean side_confidence {:.3f}", input,
         name_of(r.orientation.method), r.orientation.components, r.side_confidence));
   }
+  if (edges) {
+    tool.detail(fmt::format(
+        "{}: {} surfels have their face's normal beside creases, {} are unsure; {} surfels end at "
+        "borders, {} are unsure",
+        input, r.creases.points, r.creases.unsure, r.borders.points, r.borders.unsure));
+  }
   if (r.search_recall) {
     tool.detail(fmt::format("{}: --search flann-approx found {:.2f} % of the nearest neighbours",
                             input, 100 * *r.search_recall));
@@ -289,7 +310,8 @@ int main(int argc, char** argv) {
                     {"deviations", "--outlier-deviations"},
                     {"edge", "--voxel"},
                     {"spacings", "--smooth-radius"},
-                    {"order", "--smooth-order"}});
+                    {"order", "--smooth-order"},
+                    {"crease_angle", "--crease-angle"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const surfel::SurfelCloud cloud =
@@ -299,9 +321,9 @@ int main(int argc, char** argv) {
     surfel::EstimateReport estimate;
     surfel::SurfelCloud surfels =
         surfel::estimate_surfels(cloud, settings.estimate, &estimate, settings.input);
-    report(tool.report(), estimate);
+    report(tool.report(), settings.clip, estimate);
     surfel::tool::tell_unusable_colors(tool, settings.input, cloud);
-    warn(tool, settings.input, estimate);
+    warn(tool, settings.input, settings.clip, estimate);
 
     surfel::tool::write_result(tool, surfels, settings.output);
     tool.report()["surfels"] = surfels.size();

@@ -169,6 +169,7 @@ struct Estimates {
   NormalEstimate normals;
   Array<float> side_confidence;  ///< Empty if sides were not looked for.
   SplatSizes sizes;
+  Array<EdgeLines> lines;  ///< Empty if edges were not looked for.
 };
 
 Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
@@ -199,6 +200,11 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.mean_neighbors =
       static_cast<double>(out.normals.neighbors) / static_cast<double>(position.size());
   stage.end("neighbors and normals");
+  if (options.edges) {
+    out.lines.assign(position.size(), EdgeLines());
+    r.creases = sharpen_creases(position, search, *options.edges, out.normals, out.lines);
+    stage.end("creases");
+  }
   progress->set_share(1);
   progress.emplace("orienting normals", position.size(), "points");
   Array<Vec3f> previous;
@@ -221,13 +227,17 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   stage.end("orientation");
   progress->set_share(1);
   progress.emplace("sizing splats", position.size(), "points");
-  out.sizes = estimate_splat_sizes(position, out.normals.normal,
-                                   options.orientation.method != Orientation::kNone, search,
-                                   options.size, out.normals.noise);
+  const bool oriented = options.orientation.method != Orientation::kNone;
+  out.sizes = estimate_splat_sizes(position, out.normals.normal, oriented, search, options.size,
+                                   out.normals.noise, out.lines);
   r.border = out.sizes.border;
   r.capped = out.sizes.capped;
   r.anisotropic = out.sizes.ellipses;
   stage.end("sizes");
+  if (options.edges) {
+    r.borders = find_borders(position, out.normals.normal, oriented, search, out.sizes, out.lines);
+    stage.end("borders");
+  }
   progress->set_share(1);
   progress.reset();
   if (options.search == SearchMethod::kFlannApproximate) {
@@ -236,6 +246,24 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
     stage.end("recall");
   }
   return out;
+}
+
+/// Adds the columns of half-planes, the second ones where a surfel has two; none where none has
+/// one.
+void add_clips(const Array<std::uint32_t>& place, const Array<EdgeLines>& lines, SurfelCloud& out) {
+  int most = 0;
+  for (const EdgeLines& l : lines) most = std::max(most, l.count);
+  const auto add = [&](std::size_t j, Array<Vec3f>& direction, Array<float>& distance) {
+    direction.resize(out.size());
+    distance.resize(out.size());
+    parallel_each(out.size(), kCloudGrain, [&](std::size_t i) {
+      const EdgeLine& line = lines[place[i]].line[j];
+      direction[i] = line.outward;
+      distance[i] = line.distance;
+    });
+  };
+  if (most > 0) add(0, out.clip1, out.clip1_distance);
+  if (most > 1) add(1, out.clip2, out.clip2_distance);
 }
 
 /// The cloud's points, which are along the curve, as surfels in the order of the file; they stay
@@ -281,6 +309,7 @@ SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
     if (side) side[i] = estimates.side_confidence[from];
     flag[i] = quality.flag;
   });
+  if (!estimates.lines.empty()) add_clips(place, estimates.lines, out);
   return out;
 }
 
@@ -293,6 +322,7 @@ std::vector<std::string> EstimateOptions::problems() const {
   };
   add(orientation.problems());
   add(size.problems());
+  if (edges) add(edges->problems());
   if (outliers) add(outliers->problems());
   if (voxels) add(voxels->problems());
   if (smoothing) add(smoothing->problems());

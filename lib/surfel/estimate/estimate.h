@@ -11,6 +11,8 @@
 #include <surfel/estimate/normals.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/outliers.h>
+#include <surfel/estimate/scan_borders.h>
+#include <surfel/estimate/scan_creases.h>
 #include <surfel/estimate/smoothing.h>
 #include <surfel/estimate/splat_size.h>
 #include <surfel/estimate/voxel_grid.h>
@@ -23,6 +25,7 @@ struct EstimateOptions {
   NormalOptions normals;  ///< Its `sensor`, world coordinates; unset: the origin is tried.
   OrientationOptions orientation;
   SplatSizeOptions size;
+  std::optional<CreaseOptions> edges;      ///< Set: surfels end at borders and at creases.
   std::optional<OutlierOptions> outliers;  ///< Set: outliers are removed first.
   std::optional<VoxelOptions> voxels;      ///< Set: points are averaged in the cells of a grid.
   std::optional<SmoothingOptions>
@@ -53,16 +56,19 @@ struct EstimateReport {
   std::size_t border = 0;      ///< Splats at a border or alone.
   std::size_t capped = 0;      ///< Splats alone, cut down as they were far from all others.
   bool anisotropic = false;    ///< Splats are ellipses.
+  CreaseReport creases;
+  BorderReport borders;
   StageTimes times;
 };
 
 /// Makes surfels of a cloud of points: `normal`, `variance` (or `tangent`, `variance_u`,
-/// `variance_v`) and `area` are set, whatever stood there before, and the properties curvature,
-/// confidence, flag (a PointFlag) and, unless sides are left as they are, side_confidence (see
-/// orient_normals()) are added; all other columns stay with their points, in the
-/// order in which the points came. Points that are not finite are removed. Smoothing moves points
-/// and averaging makes fewer of them; neither is done unless asked for. A normal that cannot be
-/// told is zero, its splat a disc that looks at the eye.
+/// `variance_v`) and `area` are set, whatever stood there before, as are half-planes where surfels
+/// end at borders and creases (`clip1`, `clip2`), if that is asked for, and the properties
+/// curvature, confidence, flag (a PointFlag) and, unless sides are left as they are,
+/// side_confidence (see orient_normals()) are added; all other columns stay with their points, in
+/// the order in which the points came. Points that are not finite are removed. Smoothing moves
+/// points and averaging makes fewer of them; neither is done unless asked for. A normal that cannot
+/// be told is zero, its splat a disc that looks at the eye.
 ///
 /// The work takes about 250 bytes a point besides the cloud; its result does not depend on the
 /// number of threads. Throws Error(kUsage) for bad options and for kViewpoint where neither they

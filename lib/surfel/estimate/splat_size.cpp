@@ -56,10 +56,14 @@ constexpr double kLineWidth2 = 0.1;
 /// one: of a statue's scan 1 in 90 is, of a forest seen from the air 1 in 10.
 constexpr double kLeastLineShare = 0.25;
 constexpr std::size_t kLineLook = 512;
+/// Normals of one face differ by less than the angle of this cosine, 20 degrees, beside a crease.
+constexpr float kSameFaceCosine = 0.94F;
+/// A cell is at least this wide beside a line, in half sides of the square that it is cut from.
+constexpr double kLeastWidth = 1e-3;
+/// Distance up to which a surface surely goes on along a line, in local spacings.
+constexpr double kLineReach = 2;
 /// Gaps that noise leaves, in local spacings, are at most taken to be this.
 constexpr double kMostGap = 0.5;
-
-enum class CellKind : std::uint8_t { kClosed, kBorder, kAlone };
 
 /// A point's nearest points, the point itself among them.
 struct Neighborhood {
@@ -102,13 +106,15 @@ struct Shape {
 class Sizer {
  public:
   Sizer(const Array<Vec3f>& position, const Array<Vec3f>& normal, bool oriented,
-        const NeighborSearch& search, const SplatSizeOptions& options, std::span<const float> noise)
+        const NeighborSearch& search, const SplatSizeOptions& options, std::span<const float> noise,
+        std::span<const EdgeLines> lines)
       : position_(position),
         normal_(normal),
         oriented_(oriented),
         search_(search),
         options_(options),
-        noise_(noise) {
+        noise_(noise),
+        lines_(lines) {
     const std::size_t count = position.size();
     kind_.resize(count);
     out_.of.resize(count);
@@ -127,6 +133,7 @@ class Sizer {
     out_.capped =
         count_where(kind_.size(), [&](std::size_t i) { return kind_[i] == CellKind::kAlone; });
     out_.ellipses = out_.ellipses && worth_ellipses();
+    out_.kind = std::move(kind_);
     return std::move(out_);
   }
 
@@ -134,14 +141,16 @@ class Sizer {
   struct Worker {
     ClosedCell closed;
     VoronoiCell cell;
-    double half_side = 0;     ///< Half the side of the square that the cell started as.
-    std::vector<Vec2d> flat;  ///< Neighbours on the surface, in the tangent plane.
+    double half_side = 0;      ///< Half the side of the square that the cell started as.
+    std::vector<Vec2d> flat;   ///< Neighbours on the surface, in the tangent plane.
+    std::vector<Vec2d> lines;  ///< Feet of the lines at which the surface ends, there.
     std::vector<Neighbor> more, within;
   };
 
   void size_point(std::size_t i, std::span<const Neighbor> near, Worker& worker) {
     Neighborhood around(near);
-    if (size_closed(i, around, worker)) return;
+    const bool whole = lines_.empty() || lines_[i].count == 0;
+    if (whole && size_closed(i, around, worker)) return;
     const bool known = !normal_[i].isZero(0);
     if (!known && near.size() >= around.coincident + kSpacingNeighbors) {
       // Without a tangent plane the spacing is all that can be told; more points do not change it.
@@ -154,7 +163,7 @@ class Sizer {
       // Of random points 3 in 100 need this many to see that the surface goes on around them.
       find_more(i, 2 * near.size(), std::sqrt(near.back().distance2), worker.more);
       around = Neighborhood(worker.more);
-      if (size_closed(i, around, worker)) return;
+      if (whole && size_closed(i, around, worker)) return;
       doublings = 1;
     }
     const TangentFrame frame =
@@ -313,7 +322,9 @@ class Sizer {
       worker.cell.reset(half_side);
       worker.half_side = half_side;
       worker.flat.clear();
+      worker.lines.clear();
       cut = 0;
+      if (!lines_.empty()) cut_at_lines(lines_[i], frame, worker);
     }
     for (const Neighbor& neighbor : near.subspan(cut)) {
       const Vec3d offset = (position_[neighbor.index] - position_[i]).cast<double>();
@@ -321,11 +332,39 @@ class Sizer {
       const double height = frame.height(offset);
       if (oriented_ && !same_side(normal_[i].dot(normal_[neighbor.index]))) continue;
       if (!along_sheet(height * height, flat.squaredNorm())) continue;
+      // Beside a crease the line ends the cell, and not points of the other face.
+      if (!worker.lines.empty() &&
+          std::abs(normal_[i].dot(normal_[neighbor.index])) < kSameFaceCosine) {
+        continue;
+      }
       worker.flat.push_back(flat);
       // Bisectors beyond the cell's furthest corner cut nothing.
       if (flat.squaredNorm() <= 4 * worker.cell.radius2()) worker.cell.cut(flat);
     }
     return near.size();
+  }
+
+  /// Ends the cell at the lines at which the surface ends.
+  static void cut_at_lines(const EdgeLines& lines, const TangentFrame& frame, Worker& worker) {
+    for (const EdgeLine& line : lines) {
+      // A cell has to have a width for a bisector to cut it.
+      const double distance =
+          std::max(static_cast<double>(line.distance), kLeastWidth * worker.half_side);
+      const Vec2d foot = distance * frame.flat(line.outward.cast<double>());
+      worker.lines.push_back(foot);
+      worker.cell.cut(2 * foot);
+    }
+  }
+
+  /// Is a corner of the cell on one of the lines, and not too far along it?
+  static bool on_line(const Vec2d& corner, const Neighborhood& around,
+                      const std::vector<Vec2d>& lines) {
+    constexpr double kRounding = 1e-6;
+    const double most = kLineReach * around.spacing;
+    if (corner.squaredNorm() > most * most) return false;
+    return std::any_of(lines.begin(), lines.end(), [&](const Vec2d& foot) {
+      return corner.dot(foot) >= (1 - kRounding) * foot.squaredNorm();
+    });
   }
 
   /// Does the surface go on at a corner of the cell? It does if the void around the corner is not
@@ -357,6 +396,7 @@ class Sizer {
     std::optional<Vec2d> furthest;
     for (const Vec2d& corner : worker.cell.corners()) {
       if (on_surface(corner, around, worker.flat)) continue;
+      if (on_line(corner, around, worker.lines)) continue;
       if (!furthest || corner.squaredNorm() > furthest->squaredNorm()) furthest = corner;
     }
     return furthest;
@@ -469,6 +509,8 @@ class Sizer {
     constexpr auto ratio2 = static_cast<float>(kElongated * kElongated);
     const std::size_t elongated = count_where(position_.size(), [&](std::size_t i) {
       const SplatSize& size = out_.of[i];
+      // A cell that ends at a line is narrow, however its points lie.
+      if (!lines_.empty() && lines_[i].count > 0) return false;
       return kind_[i] == CellKind::kClosed && size.variance_u > ratio2 * size.variance_v;
     });
     return static_cast<double>(elongated) > kElongatedShare * static_cast<double>(position_.size());
@@ -480,6 +522,7 @@ class Sizer {
   const NeighborSearch& search_;
   const SplatSizeOptions& options_;
   std::span<const float> noise_;
+  std::span<const EdgeLines> lines_;
   bool scan_lines_ = false;
   PerWorker<Worker> workers_;
   Array<CellKind> kind_;
@@ -498,9 +541,10 @@ std::vector<std::string> SplatSizeOptions::problems() const {
 
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                 bool oriented, const NeighborSearch& search,
-                                const SplatSizeOptions& options, std::span<const float> noise) {
+                                const SplatSizeOptions& options, std::span<const float> noise,
+                                std::span<const EdgeLines> lines) {
   require_usable(options);
-  return Sizer(position, normal, oriented, search, options, noise).run();
+  return Sizer(position, normal, oriented, search, options, noise, lines).run();
 }
 
 }  // namespace surfel

@@ -8,6 +8,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/estimate/edge_lines.h>
 #include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
@@ -51,9 +52,17 @@ struct SplatSize {
   bool operator==(const SplatSize&) const = default;
 };
 
+/// Where a point lies on its surface.
+enum class CellKind : std::uint8_t {
+  kClosed,  ///< Its cell is closed: the surface goes on around it.
+  kBorder,  ///< Its cell is open: at the surface's border.
+  kAlone,   ///< Far from all others.
+};
+
 /// Sizes of the splats of all points.
 struct SplatSizes {
   Array<SplatSize> of;     ///< Sizes by point.
+  Array<CellKind> kind;    ///< By point.
   bool ellipses = false;   ///< Splats are ellipses; else they are discs.
   std::size_t border = 0;  ///< Points whose cell is open: at the surface's border, or alone.
   std::size_t capped = 0;  ///< Points far from all others, with splats cut to their neighbours'.
@@ -80,12 +89,15 @@ struct SplatSizes {
 /// \param noise     standard deviation of each point from the surface, scene units, or empty. Seen
 ///                  from the side, points so far apart leave gaps: discs and ellipses reach as much
 ///                  further, but no more than half the local spacing.
+/// \param lines     lines at which the surfaces of points end, a value per point, or empty: there
+///                  cells end, and not half-way to the points of the other face.
 /// \param search    searches `position`; fastest in the order of a space-filling curve.
 /// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
 /// Sizes do not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                            bool oriented, const NeighborSearch& search,
                                            const SplatSizeOptions& options = {},
-                                           std::span<const float> noise = {});
+                                           std::span<const float> noise = {},
+                                           std::span<const EdgeLines> lines = {});
 
 }  // namespace surfel
