@@ -33,8 +33,10 @@ constexpr int kBlockLevels = 2;
 constexpr std::size_t kMostOfBlock = 64;
 /// Levels of no more blocks have no coarser ones.
 constexpr std::size_t kLastBlocks = 8;
-/// Sheets of less area, in cells of a level, are too small to be seen there.
-constexpr double kLeastArea = 0.25;
+/// Sheets of less area, in cells of a level, have no say there: beyond their own surroundings what
+/// they add is less than the noise of the larger sheets' sums, and pairs with them would be most of
+/// all pairs. The finest level has all sheets.
+constexpr double kLeastArea = 8;
 /// The energies between two sheets cancel where their sum is less than this share of them: between
 /// closed surfaces nothing else is in the sum but the terms that are left out of it.
 constexpr double kLeastConsensus = 0.01;
@@ -599,8 +601,9 @@ class WindingSolver {
 }  // namespace
 
 double winding_cell_points(std::size_t count) {
-  // Below 4 points' areas a cell holds one or two, and above 60,000 dipoles the time would show.
-  return std::max(4.0, static_cast<double>(count) / 37500);
+  // Below 4 points' areas a cell holds one or two, and above 40,000 dipoles, or twice as many in
+  // noise, the time would show.
+  return std::max(4.0, static_cast<double>(count) / 25000);
 }
 
 WindingSides winding_sides(const Array<Vec3f>& position, const Array<Vec3f>& normal,
