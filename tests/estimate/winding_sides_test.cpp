@@ -191,7 +191,7 @@ TEST(PointSheets, NoiseLeavesNoSmallSheetsAndNoneOfTwoSides) {
 }
 
 TEST(WindingSides, SameForAnyNumberOfThreads) {
-  const SidedPoints points = damaged(fins(70000, 1.5), {.noise = 0.4});
+  const SidedPoints points = damaged(fins(35000, 1.5), {.noise = 0.4});
   set_thread_count(1);
   const Turned one = turned(points, Orientation::kWinding);
   set_thread_count(3);
