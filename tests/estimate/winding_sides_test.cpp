@@ -7,6 +7,7 @@
 #include <surfel/base/random.h>
 #include <surfel/estimate/normals.h>
 #include <surfel/estimate/orientation.h>
+#include <surfel/estimate/point_sheets.h>
 #include <surfel/estimate/winding_sides.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_surface.h>
@@ -169,8 +170,28 @@ TEST(WindingSides, ConfidenceIsLowerWhereSidesAreWrong) {
   EXPECT_GT(sum[1] / count[1], sum[0] / count[0] + 0.1);
 }
 
+TEST(PointSheets, NoiseLeavesNoSmallSheetsAndNoneOfTwoSides) {
+  // More points than one block has, in no order: sheets are joined within blocks and across them.
+  const SidedPoints points = damaged(surface("sphere", 70000), {.noise = 0.5});
+  const auto search = make_neighbor_search(points.position);
+  Array<Vec3f> normal = estimate_normals(points.position, *search).normal;
+  constexpr std::size_t kLeast = 40;
+  const PointSheets sheets = cut_sheets(points.position, *search, kLeast, normal);
+  EXPECT_GT(sheets.count, 1U);
+  EXPECT_LE(sheets.count, points.position.size() / kLeast);
+  std::vector<std::size_t> outward(sheets.count), inward(sheets.count);
+  for (std::size_t i = 0; i < normal.size(); ++i) {
+    if (sheets.of[i] == PointSheets::kNone) continue;
+    ++(normal[i].dot(points.truth[i]) > 0 ? outward : inward)[sheets.of[i]];
+  }
+  for (std::uint32_t k = 0; k < sheets.count; ++k) {
+    ASSERT_GE(outward[k] + inward[k], kLeast) << k;
+    EXPECT_EQ(std::min(outward[k], inward[k]), 0U) << k;
+  }
+}
+
 TEST(WindingSides, SameForAnyNumberOfThreads) {
-  const SidedPoints points = damaged(fins(15000, 1.5), {.noise = 0.4});
+  const SidedPoints points = damaged(fins(35000, 1.5), {.noise = 0.4});
   set_thread_count(1);
   const Turned one = turned(points, Orientation::kWinding);
   set_thread_count(3);

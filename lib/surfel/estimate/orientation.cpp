@@ -239,7 +239,7 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
 }
 
 /// Cells that a sheet needs for the winding number to tell its side.
-constexpr double kSheetCells = 8;
+constexpr double kSheetCells = 4;
 
 /// Surface that each point stands for: the nearest points lie in a circle around it, and each has
 /// its share of the circle's area.

@@ -61,7 +61,7 @@ struct OrientationReport {
 /// point besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined
 /// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
 ///
-/// kWinding cuts the points into sheets first, of winding_cell_points() times eight points at least
+/// kWinding cuts the points into sheets first, of winding_cell_points() times four points at least
 /// (point_sheets.h), and turns whole sheets.
 ///
 /// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.

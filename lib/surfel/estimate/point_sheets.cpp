@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstddef>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kSheetGrain = 1024;
+/// Points of a block whose small sheets are joined by one thread.
+constexpr std::size_t kSheetBlock = 32768;
 /// Edges within a sheet are below this weight: 8 degrees between the normals, or 6 to a plane.
 constexpr float kSheetWeight = 0.01F;
 /// Rounds in which small sheets are joined: each at least halves how many there are.
@@ -35,6 +38,9 @@ class SheetCutter {
 
   PointSheets run() {
     join_flat_edges();
+    look_up();
+    to_.resize(count_);
+    join_small_within_blocks();
     look_up();
     for (int round = 0; round < kSheetRounds && join_small(); ++round) look_up();
     parallel_each(count_, kSheetGrain, [&](std::size_t i) {
@@ -78,18 +84,65 @@ class SheetCutter {
     for (std::size_t i = 0; i < count_; ++i) size_[part_[i]] += edges_.known(i) ? 1 : 0;
   }
 
+  bool small(std::size_t i) const { return edges_.known(i) && size_[part_[i]] < least_; }
+
+  /// Finds the best edge of a point to another sheet, and appends a key that sorts by its weight,
+  /// then by the point, to `keys`.
+  void add_best_edge(std::size_t i, std::vector<std::uint64_t>& keys) {
+    const auto [w, to] = best_edge_out(i);
+    if (w == SurfaceEdges::kNoEdge) return;
+    to_[i] = to;
+    keys.push_back(std::uint64_t{std::bit_cast<std::uint32_t>(w)} << 32 | i);
+  }
+
+  /// Joins sheets along the edges of keys, in their order, as long as the sheet of the edge's first
+  /// point is small. Returns whether any were joined. Looks at the roots of part_ and what they are
+  /// joined to alone.
+  bool join_along(std::span<const std::uint64_t> keys) {
+    const auto find = [&](std::uint32_t i) {
+      const SignedSets::Root root = sets_.find(part_[i]);
+      return SignedSets::Root{root.index, root.opposed != (opposed_[i] != 0)};
+    };
+    bool any = false;
+    for (const std::uint64_t key : keys) {
+      const auto from = static_cast<std::uint32_t>(key);
+      const SignedSets::Root a = find(from);
+      if (size_[a.index] >= least_) continue;
+      const SignedSets::Root b = find(to_[from]);
+      if (a.index == b.index) continue;
+      const std::uint32_t points = size_[a.index] + size_[b.index];
+      size_[sets_.join(a, b, edges_.opposed(from, to_[from]))] = points;
+      any = true;
+    }
+    return any;
+  }
+
+  /// Joins small sheets to others by the best edge of each of their points, the best first, as far
+  /// as both sheets' roots are in one block of successive points: in parallel, and within caches.
+  /// Noise leaves as many sheets as points, of which this leaves few.
+  void join_small_within_blocks() {
+    parallel_for(count_, kSheetBlock, [&](std::size_t begin, std::size_t end, int) {
+      const auto inside = [&](std::size_t i) { return part_[i] >= begin && part_[i] < end; };
+      std::vector<std::uint64_t> keys;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!small(i) || !inside(i)) continue;
+        add_best_edge(i, keys);
+        if (!keys.empty() && static_cast<std::uint32_t>(keys.back()) == i && !inside(to_[i])) {
+          keys.pop_back();
+        }
+      }
+      std::sort(keys.begin(), keys.end());
+      join_along(keys);
+    });
+  }
+
   /// Joins small sheets to others by the best edge of each of their points, the best first, as
   /// long as they are small. Returns whether any were joined.
   bool join_small() {
-    // Keys sort by the weight, then by the point.
     std::vector<std::vector<std::uint64_t>> found((count_ + kSheetGrain - 1) / kSheetGrain);
     parallel_for(count_, kSheetGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
-        if (!edges_.known(i) || size_[part_[i]] >= least_) continue;
-        const auto [w, to] = best_edge_out(i);
-        if (w == SurfaceEdges::kNoEdge) continue;
-        found[begin / kSheetGrain].push_back(std::uint64_t{std::bit_cast<std::uint32_t>(w)} << 32 |
-                                             i);
+        if (small(i)) add_best_edge(i, found[begin / kSheetGrain]);
       }
     });
     Array<std::uint64_t> keys;
@@ -97,19 +150,7 @@ class SheetCutter {
       keys.insert(keys.end(), some.begin(), some.end());
     }
     sort_keys(keys);
-    bool any = false;
-    for (const std::uint64_t key : keys) {
-      const auto from = static_cast<std::uint32_t>(key);
-      const SignedSets::Root a = sets_.find(from);
-      if (size_[a.index] >= least_) continue;
-      const std::uint32_t to = best_edge_out(from).second;
-      const SignedSets::Root b = sets_.find(to);
-      if (a.index == b.index) continue;
-      const std::uint32_t points = size_[a.index] + size_[b.index];
-      size_[sets_.join(a, b, edges_.opposed(from, to))] = points;
-      any = true;
-    }
-    return any;
+    return join_along(keys);
   }
 
   /// The edge of least weight from a point to another sheet, and where it leads.
@@ -146,6 +187,7 @@ class SheetCutter {
   Array<std::uint32_t> part_;    ///< One point that stands for the sheet.
   Array<std::uint8_t> opposed_;  ///< 1: the normal is on the other side than the one of part_.
   Array<std::uint32_t> size_;    ///< By that point.
+  Array<std::uint32_t> to_;      ///< Where the best edges of points in small sheets lead.
 };
 
 }  // namespace

@@ -22,7 +22,8 @@ struct PointSheets {
 /// leave either tangent plane and between normals that hardly differ: weights below 0.01, see
 /// orient_normals(). A thin wall's two sides are two sheets then, as are the faces beside a sharp
 /// edge, and noise leaves many. Sheets of fewer than `least` points are joined to others by their
-/// best edges of any weight, as far as there are some.
+/// best edges of any weight, as far as there are some: first within blocks of successive points, so
+/// that the order of a space-filling curve is fastest.
 ///
 /// \param search  searches `position`.
 /// \param normal  unit, or zero where unknown.

@@ -33,8 +33,12 @@ constexpr int kBlockLevels = 2;
 constexpr std::size_t kMostOfBlock = 64;
 /// Levels of no more blocks have no coarser ones.
 constexpr std::size_t kLastBlocks = 8;
-/// Sheets of less area, in cells of a level, are too small to be seen there.
-constexpr double kLeastArea = 0.25;
+/// Sheets of less area, in cells of a level, have no say there: beyond their own surroundings what
+/// they add is less than the noise of the larger sheets' sums, and pairs with them would be most of
+/// all pairs. The finest level has all sheets.
+constexpr double kLeastArea = 8;
+/// Closed sheets' energies cancel only if all levels are in their sums.
+constexpr double kLeastAreaOfClosed = 0.25;
 /// The energies between two sheets cancel where their sum is less than this share of them: between
 /// closed surfaces nothing else is in the sum but the terms that are left out of it.
 constexpr double kLeastConsensus = 0.01;
@@ -238,11 +242,19 @@ class WindingSolver {
   /// The blocks of a level, ascending by code; of crowded ones the largest dipoles.
   std::vector<CellBlock> blocks_of(const std::vector<Dipole>& dipoles, int level) const {
     std::vector<double> sheet_area(sheets_.count);
-    for (const Dipole& d : dipoles) sheet_area[d.sheet] += d.area;
+    std::vector<Vec3d> moment(sheets_.count, Vec3d(0, 0, 0));
+    for (const Dipole& d : dipoles) {
+      sheet_area[d.sheet] += d.area;
+      moment[d.sheet] += d.moment;
+    }
+    const auto seen = [&](std::uint32_t k) {
+      const bool closed = moment[k].norm() <= (1 - kClosed) * sheet_area[k];
+      return std::ldexp(sheet_area[k], -2 * level) >= (closed ? kLeastAreaOfClosed : kLeastArea);
+    };
     std::vector<CellBlock> blocks;
     for (std::uint32_t i = 0; i < dipoles.size(); ++i) {
       const std::uint32_t sheet = dipoles[i].sheet;
-      if (level > 0 && std::ldexp(sheet_area[sheet], -2 * level) < kLeastArea) continue;
+      if (level > 0 && !seen(sheet)) continue;
       const std::uint64_t code = dipoles[i].cell >> (3 * kBlockLevels);
       if (blocks.empty() || blocks.back().code != code) blocks.push_back({code, {}, sheet});
       CellBlock& block = blocks.back();
@@ -599,8 +611,9 @@ class WindingSolver {
 }  // namespace
 
 double winding_cell_points(std::size_t count) {
-  // Below 4 points' areas a cell holds one or two, and above 60,000 dipoles the time would show.
-  return std::max(4.0, static_cast<double>(count) / 37500);
+  // Below 4 points' areas a cell holds one or two, and above 40,000 dipoles, or twice as many in
+  // noise, the time would show.
+  return std::max(4.0, static_cast<double>(count) / 25000);
 }
 
 WindingSides winding_sides(const Array<Vec3f>& position, const Array<Vec3f>& normal,

@@ -44,9 +44,10 @@ SURFEL_API double winding_cell_points(std::size_t count);
 ///
 /// Energies between sheets are summed level by level: cells hold one dipole for each sheet, blurred
 /// by 0.7 cells, less what cells of twice the edge see, in which the dipoles of the next level are
-/// merged; so that only near cells meet on each level. Then the two sheets of the largest energy
-/// are joined, on the sides that make it negative, and so on until no energy is left; last, single
-/// sheets are turned as long as that takes energy away.
+/// merged; so that only near cells meet on each level. Beyond the finest level only sheets of some
+/// cells are seen, as only large sheets turn others far away. Then the two sheets of the largest
+/// energy are joined, on the sides that make it negative, and so on until no energy is left; last,
+/// single sheets are turned as long as that takes energy away.
 ///
 /// Sheets without a common energy stay apart, such as nested closed surfaces. Closed parts face out
 /// of their volume; parts within an odd number of others, which bound cavities, into it. Of parts
