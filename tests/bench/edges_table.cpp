@@ -208,7 +208,8 @@ int main() {
            off_cube_corners);
 
   fmt::print(
-      "\n`surfel-from-mesh` puts blue noise onto the borders themselves, so that lines end a quarter "
+      "\n`surfel-from-mesh` puts blue noise onto the borders themselves, so that lines end a "
+      "quarter "
       "of a spacing outside there.\n\nPoints of smooth surfaces beside creases / at borders, by "
       "noise; the bunny has holes, and both it and the armadillo have folds and rims narrower than "
       "a spacing:\n");

@@ -38,8 +38,8 @@ TEST(Overdraw, LongThinDiscsDoNotCountBesideThemselves) {
   // the picture, and no ray meets them.
   SurfelCloud cloud;
   for (int i = 0; i < 40; ++i) {
-    cloud.position.emplace_back(0.125F, 0, 0.001F * static_cast<float>(i));
-    cloud.normal.emplace_back(0, 0, 1);
+    cloud.position.emplace_back(0.125F, 0.0F, 0.001F * static_cast<float>(i));
+    cloud.normal.emplace_back(0.0F, 0.0F, 1.0F);
     cloud.tangent.push_back(Vec3f(1, 1, 0).normalized());
     cloud.variance_u.push_back(4);
     cloud.variance_v.push_back(1e-6F);

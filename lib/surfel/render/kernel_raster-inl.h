@@ -225,8 +225,8 @@ class SplatSampler {
 
   /// Epsilon by depth range.
   HWY_INLINE V epsilon_share(const Splat& splat) const {
-    static_assert(kFlatTag == 1U << 4U);
-    return hn::Set(D(), depth_epsilon_[splat.tag >> 4U & 1U]);
+    static_assert(kFlatTag == 1U << 5U);
+    return hn::Set(D(), depth_epsilon_[splat.tag >> 5U & 1U]);
   }
 
   /// Whether pixels lie in a splat's box, beyond which an exact kernel's linearised filter may

@@ -246,8 +246,8 @@ class Writer {
     const Kernels& k = s.kernels;
     const V diagonal2 = mul_add(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
     auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
-                             hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
-                                    flag(hn::Lt(diagonal2, fine_diagonal2_), kFineTag)));
+                       hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
+                              flag(hn::Lt(diagonal2, fine_diagonal2_), kFineTag)));
     if constexpr (kClips) tag = hn::Or(tag, flag(s.cuts.clipped, kClippedTag));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
     const auto color = [&](const float* column)
