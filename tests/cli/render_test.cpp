@@ -211,7 +211,8 @@ TEST(Render, EveryMethodSeesTheSamePicture) {
   ASSERT_EQ(run({tool("surfel-group"), s.surfels, "-o", groups, "--quiet"}).exit_code, 0);
   const Image expected = s.picture({groups});
   for (const std::string method : {"deferred", "two-pass", "depth-peel"}) {
-    EXPECT_GT(image_error(s.picture({groups, "--method", method}), expected).psnr, 30) << method;
+    // The A-buffer's edges alone are filtered anew (EdgeCoverage).
+    EXPECT_GT(image_error(s.picture({groups, "--method", method}), expected).psnr, 27) << method;
   }
   const RunResult result =
       run({tool("surfel-render"), s.surfels, "--method", "deferred", "-o", s.folder / "none.png"});
@@ -310,10 +311,14 @@ TEST(Render, CopiesForGroupsAreDrawnOnceWhereGroupsDoNotMatter) {
                  copies, "--quiet"})
                 .exit_code,
             0);
-  const Image expected = s.picture({s.surfels});
-  for (const Words& options : {Words{copies}, Words{copies, "--method", "depth-peel"},
-                               Words{copies, "--method", "two-pass"}}) {
-    EXPECT_GT(image_error(s.picture(options), expected).psnr, 60);
+  for (const Words& options :
+       {Words{}, Words{"--method", "depth-peel"}, Words{"--method", "two-pass"}}) {
+    const auto picture_of = [&](const std::string& surfels) {
+      Words words{surfels};
+      words.insert(words.end(), options.begin(), options.end());
+      return s.picture(words);
+    };
+    EXPECT_GT(image_error(picture_of(copies), picture_of(s.surfels)).psnr, 60);
   }
   EXPECT_GT(image_error(s.picture({copies, "--reference", "--samples", "2"}),
                         s.picture({s.surfels, "--reference", "--samples", "2"}))

@@ -98,7 +98,7 @@ double hole_share(const SurfelCloud& cloud, double distance, int size) {
   const Camera camera = camera_at(distance, size);
   const Image image = render_unlit(cloud, camera);
   const double silhouette =
-      camera.focal_x * std::tan(std::asin(1 / distance)) - 3;  // Pixels, without its edge.
+      camera.focal_x * std::tan(std::asin(1 / distance)) - 5;  // Pixels, without its edge.
   std::size_t inside = 0;
   std::size_t holes = 0;
   for (int y = 0; y < size; ++y) {

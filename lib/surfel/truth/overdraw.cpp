@@ -38,9 +38,9 @@ void require_bounded_overdraw(const RenderCloud& cloud, const DiscHierarchy& dis
   const double overdraw = mean_overdraw(cloud, discs, reach, camera);
   if (overdraw <= kMostOverdraw) return;
   throw_input(name, fmt::format("{:.0f} surfels lie over each place of the picture in the mean, "
-                                "more than the {:.0f} that --reference and --filter ewa-source "
-                                "draw one by one; make the surfels smaller, move the camera, or "
-                                "leave the option out",
+                                "more than the {:.0f} that renderers which draw each of them take; "
+                                "make the surfels smaller, move the camera, or render without "
+                                "a reference or filtering at the source",
                                 overdraw, kMostOverdraw));
 }
 
