@@ -127,11 +127,11 @@ TEST(CrowdedSurfels, DiscsOverAWholeBlockAreDrawnInTheirOrder) {
 
 TEST(CrowdedSurfels, SmallOnesStayWhereLargeOnesAreThinned) {
   // A dot in front of everything is seen whole, however many discs there are behind it.
-  SurfelCloud cloud = discs_among_dots(600);
-  add_surfel(cloud, {0, 0, 8}, {0, 0, 1}, 0.02F, 0.02F, {1, 0, 0});
+  SurfelCloud cloud = discs_among_dots(2400);
+  add_surfel(cloud, {0, 0, 30}, {0, 0, 1}, 0.02F, 0.02F, {1, 0, 0});
   FrameStatistics statistics;
   CameraOptions camera;
-  camera.eye = Vec3d(0, 0, 20);
+  camera.eye = Vec3d(0, 0, 60);
   camera.target = Vec3d(0, 0, 0);
   camera.ortho = 2;
   camera.width = camera.height = 32;

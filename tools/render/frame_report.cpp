@@ -36,10 +36,10 @@ void warn(const tool::Tool& tool, const Settings& s, std::size_t picture,
                     picture, frame.unpeeled_pixels, s.method_options.peel));
   }
   if (frame.thinned_splats > 0) {
-    tool.note(
-        fmt::format("picture {}: hundreds of surfels larger than 16x16 pixels lie over each other; "
-                    "only some of them are drawn, and stand for the others",
-                    picture));
+    tool.note(fmt::format(
+        "picture {}: thousands of surfels larger than 16x16 pixels lie over each other; "
+        "only some of them are drawn, and stand for the others",
+        picture));
   }
 }
 

@@ -58,9 +58,10 @@ enum class ListedSurfels : std::uint8_t {
   kAdditions,  ///< Copies, and surfels whose groups enlarge them.
 };
 
-/// Most splats larger than a tile that a tile draws one by one, so that its time is bounded. Fifty
-/// surfaces over each other have fewer, as about six kernels of cutoff 1 reach a place of each.
-inline constexpr std::size_t kMostLargeSplats = 512;
+/// Most splats larger than a tile that a tile draws one by one, so that its time is bounded.
+/// Hundreds of surfaces over each other have fewer, as about six kernels of cutoff 1 reach a place
+/// of each.
+inline constexpr std::size_t kMostLargeSplats = 2048;
 
 /// The rules by which surfels become the splats of a list.
 struct SplatListOptions {
