@@ -20,11 +20,17 @@ constexpr float kEdgeSum = 0.5F;
 /// ... and surely so where they fall below this.
 constexpr float kSurelyEdge = 0.3F;
 
-/// Deviations from a straight edge's opacity that uneven sums make, too.
+/// Deviations from a straight edge's opacity that uneven sums make, too: of small sums, as of what
+/// is smaller than a pixel, a share.
 constexpr float kUneven = 0.03F;
+constexpr float kUnevenShare = 0.1F;
+
+/// Sums below this that are larger than the sums around them are of something smaller than a pixel:
+/// outside of a straight edge sums are smaller than the mean of the sums around.
+constexpr float kSmall = 0.3F;
 
 /// Least opacity of a pixel whose colour is its own.
-constexpr float kLeastOpacity = 1.0F / 128;
+constexpr float kLeastOpacity = 1.0F / 4096;
 
 }  // namespace
 
@@ -266,7 +272,9 @@ float EdgeCoverage::sharpened(float sum, float laplacian) const {
   const float straight =
       sharpen_[i] + (place - static_cast<float>(i)) * (sharpen_[i + 1] - sharpen_[i]);
   const float difference = sum - backward_ * laplacian - straight;
-  const float other = difference - std::clamp(difference, -kUneven, kUneven);
+  const bool small = sum < kSmall && laplacian < 0;
+  const float uneven = small ? 0 : std::min({kUneven, kUnevenShare * sum, sum * sum});
+  const float other = difference - std::clamp(difference, -uneven, uneven);
   return std::clamp(straight + other, 0.0F, 1.0F);
 }
 
