@@ -74,11 +74,12 @@ bool read_rows(PngReadJob& job, std::size_t count, std::byte* to, std::size_t ro
 /// take and fill memory of that size.
 void check_chunks(std::span<const std::byte> bytes, const std::string& name) {
   constexpr bool kSwapped = std::endian::native == std::endian::little;
-  constexpr std::size_t kFrame = 12;  // Bytes of a chunk's length, type and checksum.
-  for (std::size_t at = kSignature; at + kFrame <= bytes.size();) {
+  constexpr std::size_t kHead = 8;           // Bytes of a chunk's length and type ...
+  constexpr std::size_t kFrame = kHead + 4;  // ... and of its checksum.
+  for (std::size_t at = kSignature; at + kHead <= bytes.size();) {
     const std::uint64_t length = load_scalar<std::uint32_t, kSwapped>(bytes.data() + at);
     if (std::memcmp(bytes.data() + at + 4, "IDAT", 4) == 0) return;
-    if (length > bytes.size() - at - kFrame) {
+    if (kFrame + length > bytes.size() - at) {
       throw_input(
           name,
           fmt::format(
