@@ -167,7 +167,7 @@ TEST(ClipKernel, PicturesOfOneSurfelAreKernelTimesShare) {
   }
 }
 
-/// Pictures of surfels in z = 0 that are alike but for their half-planes, lit by nothing.
+/// Unlit pictures of surfels in z = 0 whose half-planes alone differ.
 Image picture_with_line(const Vec3f& direction, float distance) {
   SurfelCloud cloud = jittered_plane(12, 0.6, 0.3);
   cloud.clip1.assign(cloud.size(), direction);

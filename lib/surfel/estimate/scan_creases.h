@@ -31,7 +31,8 @@ struct CreaseReport {
 /// the flattest neighbourhoods whose normals differ by the crease angle, and are fitted to the
 /// points nearest to them until none changes its plane. There is a crease if
 /// - the variance about the planes is less than a third of the variance about a quadric, the smooth
-///   surface that has as many parameters as two planes, and less than that of a quarter spacing;
+///   surface that has as many parameters as two planes, and less than the square of a quarter
+///   spacing;
 /// - the planes meet at the crease angle at least, enclose 65 degrees at least, and the standard
 ///   error of their line's place is less than a fifth of a spacing;
 /// - the faces turn towards each other by less than 0.4 of the angle at which the planes meet, as
