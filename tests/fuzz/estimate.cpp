@@ -40,7 +40,8 @@ void estimate(Bytes bytes) {
   CloudNumbers numbers(bytes);
   SurfelCloud points;
   // Random points are all at borders, where each looks at all others: most inputs have few.
-  const std::size_t most = numbers.choice() / 4 == 2 ? 100 : 32;
+  const int size = numbers.choice() / 4;
+  const std::size_t most = size == 2 ? 100 : size % 2 == 1 ? 32 : 12;
   while (!numbers.done() && points.size() < most) {
     Vec3f p;
     for (float& x : p) x = numbers.length();
@@ -50,17 +51,23 @@ void estimate(Bytes bytes) {
                                       Orientation::kWinding};
   EstimateOptions options;
   options.orientation.method = kMethods[numbers.choice() % 4];
+  if (numbers.choice() / 4 % 4 == 3) options.edges.emplace();
   try {
     const SurfelCloud one = estimated(points, options, 1);
     require(finite(one.normal) && finite(one.variance) && finite(one.area) && finite(one.tangent) &&
-                finite(one.variance_u) && finite(one.variance_v),
+                finite(one.variance_u) && finite(one.variance_v) && finite(one.clip1) &&
+                finite(one.clip1_distance) && finite(one.clip2) && finite(one.clip2_distance),
             "a number that is not finite");
     if (!on_three_threads(bytes)) return;
     const SurfelCloud three = estimated(points, options, 3);
     require(same_bytes(one.position, three.position) && same_bytes(one.normal, three.normal) &&
                 same_bytes(one.variance, three.variance) && same_bytes(one.area, three.area) &&
                 same_bytes(one.variance_u, three.variance_u) &&
-                same_bytes(one.variance_v, three.variance_v),
+                same_bytes(one.variance_v, three.variance_v) &&
+                same_bytes(one.clip1, three.clip1) &&
+                same_bytes(one.clip1_distance, three.clip1_distance) &&
+                same_bytes(one.clip2, three.clip2) &&
+                same_bytes(one.clip2_distance, three.clip2_distance),
             "three threads give other bytes than one");
   } catch (const Error& error) {
     require(error.kind() == ErrorKind::kInput, error.what());

@@ -62,7 +62,14 @@ void render(Bytes bytes) {
     }
     cloud.area.push_back(length() * unit);
     cloud.color.push_back(vector(number));
-    cloud.alpha.push_back(number());
+    // Without opacities edges are filtered once more, and lines may cut surfels.
+    if (way != kEllipses && way != kNear) cloud.alpha.push_back(number());
+    if (way == kEllipses && numbers.choice() % 2 == 1) {
+      cloud.clip1.push_back(vector(number));
+      cloud.clip1_distance.push_back(length());
+      cloud.clip2.push_back(vector(number));
+      cloud.clip2_distance.push_back(length());
+    }
   }
   RenderOptions options;
   options.lit = numbers.choice() % 2 == 1;
