@@ -306,6 +306,11 @@ void PcdFile::read_compressed() {
                             table_.count, table_.stride, sizes[0], sizes[1]));
   }
   if (table_.count == 0) return;
+  if (!has_plugin("pcd")) {
+    throw_input(file_.name(),
+                "its points are compressed, which needs the plug-in libsurfel_pcd.so that this "
+                "Surfelkit has been built without; save it with DATA binary");
+  }
   PcdDecompression work{reinterpret_cast<const unsigned char*>(file_.bytes().data()), body_begin_};
   const auto decompress =
       reinterpret_cast<PcdDecompress>(plugin_symbol("pcd", "surfel_pcd_decompress"));
