@@ -155,6 +155,10 @@ void declare_options(CLI::App& app, Settings& s) {
                    "makes of them: the sharpest under magnification");
   app.add_option("--reconstruction", s.fit.reconstruction,
                  "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16");
+  app.add_option("--prefilter", s.fit.prefilter,
+                 "With --fit ewa: variance of the kernel that filters the texture, by the "
+                 "surfel's own, 1/16..4. 1 is as published; 0.5 is sharper where surfels are less "
+                 "than a pixel apart or magnified, and noisier where they are far away");
   app.add_option("--max-aspect", s.fit.max_aspect,
                  "Kernels longer than this many times their width are widened, 1..10000");
   app.add_flag("--exact", s.fit.exact,
@@ -183,7 +187,7 @@ void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& pro
   append(problems, s.solid.problems());
   append(problems, without_effect(app,
                                   {"--image", "--no-charts", "--wrap", "--reconstruction",
-                                   "--max-aspect", "--exact"},
+                                   "--prefilter", "--max-aspect", "--exact"},
                                   "with --solid"));
   if (s.normals.maps.empty()) append(problems, without_effect(app, {"--mesh"}, "with --solid"));
   if (named.pattern == surfel::SolidPattern::kChecker) {
@@ -198,8 +202,8 @@ void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& pro
 void refuse_fits(const CLI::App& app) {
   surfel::tool::require_valid(surfel::tool::without_effect(
       app,
-      {"--fit", "--solver", "--tolerance", "--lambda", "--bounds", "--cutoff", "--points",
-       "--robust", "--refine-variance", "--right-side"},
+      {"--fit", "--prefilter", "--solver", "--tolerance", "--lambda", "--bounds", "--cutoff",
+       "--points", "--robust", "--refine-variance", "--right-side"},
       "with normals alone"));
 }
 
@@ -216,8 +220,8 @@ void check(const CLI::App& app, Settings& s) {
     refuse({"--cutoff", "--points"}, "without --fit render");
   }
   if (s.from == From::kColors) {
-    refuse({"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction", "--max-aspect",
-            "--exact", "--points", "--refine-variance"},
+    refuse({"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction", "--prefilter",
+            "--max-aspect", "--exact", "--points", "--refine-variance"},
            "with --from colors");
     refuse(surfel::tool::normal_map_options(), "with --from colors");
     if (s.fit.kind == surfel::TextureFitKind::kEwa) {

@@ -41,7 +41,7 @@ void estimate(Bytes bytes) {
   SurfelCloud points;
   // Random points are all at borders, where each looks at all others: most inputs have few.
   const int size = numbers.choice() / 4;
-  const std::size_t most = size == 2 ? 100 : size % 2 == 1 ? 32 : 12;
+  const std::size_t most = bytes.size() % 32 == 1 ? 100 : size % 4 == 1 ? 32 : 12;
   while (!numbers.done() && points.size() < most) {
     Vec3f p;
     for (float& x : p) x = numbers.length();

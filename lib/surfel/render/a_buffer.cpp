@@ -54,6 +54,8 @@ struct SeenFragment {
   /// Share of the pixel that it covers. Of merged transparent surfaces it is not known: they count
   /// as covering all.
   float coverage;
+  /// Of an unmerged fragment: the sum of rho from which on it covers the pixel.
+  float full_weight;
   float edge;  ///< See edge_of().
   /// Of a front-facing fragment, the degree to which back-facing fragments that follow are the
   /// other side of its body.
@@ -63,9 +65,13 @@ struct SeenFragment {
 
 SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float edge,
                      bool far_side = false) {
-  const float of_merged = tile.layout.opaque ? fragment.channel[kAlpha] : 1.0F;
-  const float coverage = is_merged(fragment) ? of_merged : tile.coverage(fragment, edge);
-  return {&fragment, coverage, edge, edge, far_side};
+  if (is_merged(fragment)) {
+    const float coverage = tile.layout.opaque ? fragment.channel[kAlpha] : 1.0F;
+    return {&fragment, coverage, 1, edge, edge, far_side};
+  }
+  const float full_weight = tile.full_weight_of(fragment, edge);
+  const float coverage = std::min(1.0F, fragment.channel[kWeight] / full_weight);
+  return {&fragment, coverage, full_weight, edge, edge, far_side};
 }
 
 /// May a fragment, one of several in its pixel, be the far side of a body?
@@ -221,8 +227,7 @@ class FrontToBack {
     const float* c = fragment.channel;
     const bool several = is_merged(fragment);
     Rgba color{c[kRed], c[kGreen], c[kBlue], c[kAlpha]};
-    if (!several)
-      color = tile_.shader->shade(fragment, x_, y_, tile_.full_weight_of(fragment, seen.edge));
+    if (!several) color = tile_.shader->shade(fragment, x_, y_, seen.full_weight);
     const bool cut = !several && tile_.layout.clips && c[kCutPartial] > 0;
     const float beside = cut ? beside_lines_.add(fragment, seen.coverage) : 1;
     const auto scaled = [](const Rgba& by, float f) {
@@ -322,6 +327,59 @@ void order_by_sight(std::span<SeenFragment> fragments) {
   }
 }
 
+/// Opaque surfaces that the kernel of a pixel crosses at a fold, at a step or where two bodies meet
+/// come as several fragments: what they cover together is shared out by their sums, which are what
+/// the pixel filter sees of each. The opacity stays. A sum between edge_weight and the mean may be
+/// a whole one, unless all fragments together have little more. \param seen  in the order in which
+/// they are seen.
+void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
+  if (!tile.layout.opaque || seen.size() < 2) return;
+  const auto weight_of = [](const SeenFragment& at) {
+    return is_merged(*at.fragment) ? 0 : at.fragment->channel[kWeight];
+  };
+  float total = 0;
+  for (const SeenFragment& at : seen) total += weight_of(at);
+  const float several = kSeveralSurfaces * tile.mean_weight;
+  const float whole = total < several ? tile.mean_weight : tile.edge_weight;
+  const auto is_part = [&](const SeenFragment& at) {
+    const float* c = at.fragment->channel;
+    return !is_merged(*at.fragment) && is_filtered(c[kTag]) &&
+           !(tile.layout.clips && c[kCutPartial] > 0);
+  };
+  const auto follows = [&](const SeenFragment& back, const SeenFragment& front) {
+    const float depth = front_depth(*front.fragment);
+    return is_part(back) &&
+           shows_front(back.fragment->channel[kTag]) ==
+               shows_front(front.fragment->channel[kTag]) &&
+           std::abs(depth - front_depth(*back.fragment)) <= kRimDepth * std::abs(depth);
+  };
+  for (std::size_t first = 0; first + 1 < seen.size();) {
+    float sum = weight_of(seen[first]);
+    float open = 1 - seen[first].coverage;
+    std::size_t end = first + 1;
+    if (is_part(seen[first]) && sum < whole) {
+      for (; end < seen.size() && follows(seen[end], seen[end - 1]); ++end) {
+        if (sum + weight_of(seen[end]) >= several) break;
+        sum += weight_of(seen[end]);
+        open *= 1 - seen[end].coverage;
+      }
+    }
+    if (end - first > 1) {
+      const float degree =
+          std::clamp((kSeveralSurfaces - sum / tile.mean_weight) / (kSeveralSurfaces - kOneSurface),
+                     0.0F, 1.0F);
+      float transmitted = 1;
+      for (SeenFragment& part : seen.subspan(first, end - first)) {
+        const float shared = (1 - open) * weight_of(part) / sum / transmitted;
+        transmitted *= 1 - shared;
+        part.coverage = std::min(1.0F, part.coverage + degree * (shared - part.coverage));
+        part.full_weight = weight_of(part) / part.coverage;
+      }
+    }
+    first = end;
+  }
+}
+
 /// SS01 (12).
 Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& back, int pixel) {
   // Layers run out at rims, where surfaces end before one another. The sums around merged fragments
@@ -336,6 +394,7 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   };
   std::array<SeenFragment, 2> seen{see(front, back), see(back, front)};
   order_by_sight(seen);
+  share_by_sums(tile, seen);
   FrontToBack pair(tile, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel));
   pair.add(seen[0]);
   const float first_alpha = pair.color().alpha;
@@ -427,6 +486,7 @@ class Resolver {
 PixelResult resolve(const TileABuffer& tile, int x, int y, std::span<SeenFragment> seen,
                     const Fragment& rest) {
   order_by_sight(seen);
+  share_by_sums(tile, seen);
   Resolver resolver(tile, x, y);
   for (const SeenFragment& fragment : seen) resolver.add(fragment);
   return resolver.finish(rest);

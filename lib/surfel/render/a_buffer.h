@@ -50,6 +50,11 @@ inline constexpr float kOpaqueAlpha = 0.9995F;
 /// Where the sums of rho are at least this share of tau all around, a surface has no edge.
 inline constexpr float kInsideShare = 0.5F;
 
+/// Fragments whose sums of rho together are up to kOneSurface of the mean sum are parts of one
+/// surface; sums of several whole ones are more than kSeveralSurfaces of it.
+inline constexpr float kOneSurface = 1.15F;
+inline constexpr float kSeveralSurfaces = 1.35F;
+
 /// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. The values of a
 /// vector of pixels lie together: planes of a whole tile would be a power of two apart, which
 /// caches and the order of loads behind stores suffer from.
@@ -261,6 +266,10 @@ struct PixelResult {
 /// is where the sums fall to nothing within two pixels on one side; that tells nothing where splats
 /// are larger than the pixel filter, so that it is looked for only where they are not
 /// (kFilteredTag).
+///
+/// Opaque fragments of one side, none of which has a whole sum of rho, while all of them together
+/// have one, share what they cover by their sums: where the pixel's kernel crosses a fold, a step,
+/// or the line in which two bodies meet, the nearest one would hide the others (tau).
 ///
 /// The two sides of one body at its silhouette cover the same part of the pixel, while unrelated
 /// surfaces cover independent parts (12). They are a front-facing fragment at an edge, or seen at a

@@ -188,6 +188,8 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
   look_inside(tile, out);
   out.lone.fill(0);
   const V edge_weight = hn::Set(d, tile.edge_weight);
+  const V mean_weight = hn::Set(d, tile.mean_weight);
+  const V several_weight = hn::Set(d, kSeveralSurfaces * tile.mean_weight);
   const M whole = hn::Eq(zero, zero);
   // Rounding makes a sum of rho * alpha for all alpha = 1 no less than this.
   const V opaque = hn::Set(d, 1 - 1e-5F);
@@ -228,7 +230,15 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       const M may_wait = hn::AndNot(is_cut, lone);
       const M not_at_edge =
           out.inside == TileInside::kNo ? may_wait : hn::AndNot(hn::And(is_cut, lone), whole);
-      const M no_edge = hn::Or(known, not_at_edge);
+      M no_edge = hn::Or(known, not_at_edge);
+      if (tile.layout.opaque && fragments.layers > 1) {
+        // It may share what it covers with others.
+        const M several =
+            hn::And(hn::Gt(fragments.count, one), hn::Lt(fragments.sum, several_weight));
+        no_edge =
+            hn::And(no_edge,
+                    hn::Or(not_filtered, hn::Or(hn::Not(several), hn::Ge(at.weight, mean_weight))));
+      }
       if (i == 0) waits = hn::AndNot(known, hn::And(may_wait, unmerged));
       // Of equally near fragments only one lies behind the depths before, so that the pixel is
       // left.

@@ -333,7 +333,7 @@ EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const Texture
   result.kernel.center = map.texel(cloud.uv[surfel]);
   result.kernel.variance = reconstruction_variance(options);
   if (auto variance = texture_space_variance(cloud, surfel, map.width(), map.height())) {
-    result.kernel.variance += *variance;
+    result.kernel.variance += options.prefilter * *variance;
     result.widened = limit_kernel(result.kernel.variance, options.max_aspect);
   } else {
     result.point = true;

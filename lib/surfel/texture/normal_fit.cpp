@@ -17,8 +17,9 @@ namespace {
 constexpr std::size_t kNormalGrain = 1 << 12;
 
 /// Means of a set's values under the surfels' kernels: ewa's coefficients, which the cloud keeps as
-/// they were.
-Array<Vec3f> kernel_means(SurfelCloud& cloud, TextureSet& set, const TextureFitOptions& options) {
+/// they were. Variances of normals are those of whole kernels, whatever colours are filtered by.
+Array<Vec3f> kernel_means(SurfelCloud& cloud, TextureSet& set, TextureFitOptions options) {
+  options.prefilter = 1;
   Array<Vec3f> coefficient = std::exchange(cloud.coefficient, {});
   const std::optional<double> basis_cutoff = cloud.basis_cutoff;
   TextureFitReport unused;

@@ -136,6 +136,10 @@ std::vector<std::string> TextureFitOptions::problems() const {
   std::vector<std::string> found;
   check_option(found, reconstruction >= 0.25 && reconstruction <= 16, "reconstruction",
                reconstruction, "0.25 to 16 texels");
+  check_option(found, prefilter >= 1.0 / 16 && prefilter <= 4, "prefilter", prefilter,
+               "1/16 to 4 times the surfels' variance");
+  check_rule(found, prefilter == 1 || kind == TextureFitKind::kEwa,
+             "`prefilter` has no effect without the ewa fit; leave it out");
   check_option(found, max_aspect >= 1 && max_aspect <= 10000, "max_aspect", max_aspect,
                "1 to 10000");
   check_option(found, tolerance >= 1e-14 && tolerance <= 0.1, "tolerance", tolerance,

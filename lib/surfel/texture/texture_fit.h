@@ -48,6 +48,11 @@ struct SURFEL_API TextureFitOptions {
   TextureFitKind kind = TextureFitKind::kEwa;
   /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. SS01: 1.
   double reconstruction = 1;
+  /// kEwa of a texture: variance of the kernel that the texture is filtered with by the surfel's
+  /// own variance V_k, 1/16 to 4. SS01: 1. The renderer, too, filters by V_k. Where surfels are
+  /// less than a pixel apart the pixel filter removes what less than that leaves of the texture's
+  /// finest detail, so that pictures get sharper.
+  double prefilter = 1;
   /// Kernels longer than this many times their width are widened, 1 to 10000.
   double max_aspect = kMaxAspect;
   /// Sum every kernel over the image's own texels: slow where kernels are large, and the truth that
