@@ -402,6 +402,36 @@ TEST(Renderer, NothingShowsThroughWhereOneSurfaceEndsInFrontOfAnother) {
   }
 }
 
+TEST(Renderer, SurfacesThatMeetInAPixelShareItByTheirSums) {
+  // A step along the column x = 64 that is seen from above: red on the left, green on the right and
+  // further away than epsilon. The pixel filter sees as much of either as lies on its side.
+  constexpr int kSize = 128;
+  constexpr double kPixel = 2.0 / kSize;
+  for (const double cutoff : {2.0, 4.0}) {
+    SurfelCloud cloud;
+    SurfelCloud plane = jittered_plane(2 * kSize, 1, 0.1);
+    for (std::size_t i = 0; i < plane.size(); ++i) {
+      Vec3f& p = plane.position[i];
+      const bool left = p.x() < 0;
+      if (!left) p.z() = -static_cast<float>(2.5 * kPixel);
+      add_surfel(cloud, p, plane.normal[i], plane.variance[i] / 4, plane.area[i],
+                 left ? Vec3f(1, 0, 0) : Vec3f(0, 1, 0));
+    }
+    RenderOptions options;
+    options.cutoff = cutoff;
+    const Image image = render_unlit(cloud, square_camera(kSize), options);
+    for (int y = 8; y < kSize - 8; ++y) {
+      for (int x = kSize / 2 - 6; x < kSize / 2 + 6; ++x) {
+        const float* p = image.pixel(x, y);
+        ASSERT_NEAR(p[3], 1, 1e-3) << x << ' ' << y;
+        const double z = (kSize / 2 - (x + 0.5)) / std::sqrt(1 + 1.0 / 16);
+        // The tail of the further side is hidden where the nearer one is whole.
+        ASSERT_NEAR(p[0], std::erfc(-z / std::sqrt(2.0)) / 2, 0.08) << x << ' ' << y;
+      }
+    }
+  }
+}
+
 TEST(Renderer, FarSidesOfBodiesDoNotShowInFrontOfOtherSurfaces) {
   // The far side, red, reaches beyond the silhouette of the near side, green, before a blue plane.
   SurfelCloud cloud = jittered_plane(400, 3, 0.35);

@@ -328,10 +328,10 @@ void order_by_sight(std::span<SeenFragment> fragments) {
 }
 
 /// Opaque surfaces that the kernel of a pixel crosses at a fold, at a step or where two bodies meet
-/// come as several fragments: what they cover together is shared out by their sums, which are what
-/// the pixel filter sees of each. The opacity stays. A sum between edge_weight and the mean may be
-/// a whole one, unless all fragments together have little more. \param seen  in the order in which
-/// they are seen.
+/// come as several fragments. They cover as much of it as a fragment with all of their sums would,
+/// and that is shared out by the sums, which are what the pixel filter sees of each. A sum between
+/// edge_weight and the mean may be a whole one, unless all fragments together have little more.
+/// \param seen  in the order in which they are seen.
 void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
   if (!tile.layout.opaque || seen.size() < 2) return;
   const auto weight_of = [](const SeenFragment& at) {
@@ -356,21 +356,24 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
   for (std::size_t first = 0; first + 1 < seen.size();) {
     float sum = weight_of(seen[first]);
     float open = 1 - seen[first].coverage;
+    float edge = seen[first].edge;
     std::size_t end = first + 1;
     if (is_part(seen[first]) && sum < whole) {
       for (; end < seen.size() && follows(seen[end], seen[end - 1]); ++end) {
         if (sum + weight_of(seen[end]) >= several) break;
         sum += weight_of(seen[end]);
         open *= 1 - seen[end].coverage;
+        edge = std::max(edge, seen[end].edge);
       }
     }
     if (end - first > 1) {
       const float degree =
           std::clamp((kSeveralSurfaces - sum / tile.mean_weight) / (kSeveralSurfaces - kOneSurface),
                      0.0F, 1.0F);
+      const float covered = std::max(1 - open, std::min(1.0F, sum / tile.weight_at_edge(edge)));
       float transmitted = 1;
       for (SeenFragment& part : seen.subspan(first, end - first)) {
-        const float shared = (1 - open) * weight_of(part) / sum / transmitted;
+        const float shared = covered * weight_of(part) / sum / transmitted;
         transmitted *= 1 - shared;
         part.coverage = std::min(1.0F, part.coverage + degree * (shared - part.coverage));
         part.full_weight = weight_of(part) / part.coverage;
