@@ -85,6 +85,16 @@ void EdgeCoverage::begin(int width, int height) {
   pixels_.resize(tiles * kTilePixels);
 }
 
+/// Calls visit(pixel of the patch, place of that pixel) for the rows of a patch of a tile.
+/// \param first  the patch's first pixel in the A-buffer's order.
+/// \param tile   the tile's pixels, row by row.
+template <class Visit>
+void EdgeCoverage::for_each_row(std::size_t first, Pixel* tile, const Visit& visit) {
+  const auto pixel = static_cast<int>(first);
+  Pixel* row = tile + tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel);
+  for (int i = 0; i < kPatchPixels; i += kStripWidth, row += kTileSize) visit(i, row);
+}
+
 void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
   const bool resolved = inside != TileInside::kNo;
   const std::size_t number = tile_of(tile.x0, tile.y0);
@@ -116,19 +126,26 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
       const float* const cut = weights + kCutPartial * kPatchPixels;
       for (int i = 0; i < kPatchPixels; ++i) kept[i] |= weights[i] > 0 && cut[i] > 0 ? 1U : 0U;
     }
-    for (int i = 0; i < kPatchPixels; ++i) {
-      const auto pixel = static_cast<int>(first) + i;
-      const float known = std::min(1.0F, std::max(front[i], back[i]) * inv_mean_);
-      const float opacity =
-          resolved ? std::min(1.0F, std::max(front[i], back[i]) * inv_full_) : 0.0F;
-      const float sum = resolved && kept[i] != 0 ? opacity : known;
-      to[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
-          static_cast<std::uint16_t>(steps_of(sum) | (kept[i] != 0 ? kKept : 0)),
-          static_cast<std::uint16_t>(steps_of(opacity) | (merged[i] != 0 ? kMerged : 0))};
-      unknown = unknown || (!resolved && (kept[i] != 0 || merged[i] != 0));
-      some_merged = some_merged || merged[i] != 0;
-      range = {std::min(range.least, sum), std::max(range.most, sum)};
-    }
+    std::array<float, kPatchPixels> sums;
+    std::uint32_t any_kept = 0;
+    std::uint32_t any_merged = 0;
+    for_each_row(first, to, [&](int i, Pixel* row) {
+      for (int column = 0; column < kStripWidth; ++column, ++i) {
+        const float sum = std::max(front[i], back[i]);
+        const float known = std::min(1.0F, sum * inv_mean_);
+        const float opacity = resolved ? std::min(1.0F, sum * inv_full_) : 0.0F;
+        sums[i] = resolved && kept[i] != 0 ? opacity : known;
+        row[column] = {
+            static_cast<std::uint16_t>(steps_of(sums[i]) | (kept[i] != 0 ? kKept : 0)),
+            static_cast<std::uint16_t>(steps_of(opacity) | (merged[i] != 0 ? kMerged : 0))};
+        any_kept |= kept[i];
+        any_merged |= merged[i];
+      }
+    });
+    unknown = unknown || (!resolved && (any_kept | any_merged) != 0);
+    some_merged = some_merged || any_merged != 0;
+    const auto [least, most] = std::minmax_element(sums.begin(), sums.end());
+    range = {std::min(range.least, *least), std::max(range.most, *most)};
   }
   if (unknown) range = {0, 1};
   range.merged = some_merged;
@@ -150,10 +167,14 @@ void EdgeCoverage::unpack(std::size_t tile) {
   Pixel* const pixels = pixels_.data() + tile * kTilePixels;
   std::array<float, kTilePixels> sums;
   std::memcpy(sums.data(), pixels, sizeof(sums));
-  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
-    pixels[tile_pixel_y(pixel) * kTileSize + tile_pixel_x(pixel)] = {
-        steps_of(std::min(1.0F, sums[pixel] * inv_mean_)),
-        steps_of(std::min(1.0F, sums[pixel] * inv_full_))};
+  for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels) {
+    for_each_row(first, pixels, [&](int i, Pixel* row) {
+      const float* const from = sums.data() + first + i;
+      for (int column = 0; column < kStripWidth; ++column) {
+        row[column] = {steps_of(std::min(1.0F, from[column] * inv_mean_)),
+                       steps_of(std::min(1.0F, from[column] * inv_full_))};
+      }
+    });
   }
   ranges_[tile].raw = false;
 }

@@ -109,6 +109,8 @@ class SURFEL_API EdgeCoverage {
   std::size_t tile_of(int x, int y) const {
     return static_cast<std::size_t>(y / kTileSize) * tiles_x_ + x / kTileSize;
   }
+  template <class Visit>
+  static void for_each_row(std::size_t first, Pixel* tile, const Visit& visit);
   template <class Holds>
   bool any_around(int tile_x, int tile_y, const Holds& holds) const;
   void unpack(std::size_t tile);
