@@ -356,21 +356,19 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
   for (std::size_t first = 0; first + 1 < seen.size();) {
     float sum = weight_of(seen[first]);
     float open = 1 - seen[first].coverage;
-    float edge = seen[first].edge;
     std::size_t end = first + 1;
     if (is_part(seen[first]) && sum < whole) {
       for (; end < seen.size() && follows(seen[end], seen[end - 1]); ++end) {
         if (sum + weight_of(seen[end]) >= several) break;
         sum += weight_of(seen[end]);
         open *= 1 - seen[end].coverage;
-        edge = std::max(edge, seen[end].edge);
       }
     }
     if (end - first > 1) {
       const float degree =
           std::clamp((kSeveralSurfaces - sum / tile.mean_weight) / (kSeveralSurfaces - kOneSurface),
                      0.0F, 1.0F);
-      const float covered = std::max(1 - open, std::min(1.0F, sum / tile.weight_at_edge(edge)));
+      const float covered = std::max(1 - open, std::min(1.0F, sum / tile.edge_weight));
       float transmitted = 1;
       for (SeenFragment& part : seen.subspan(first, end - first)) {
         const float shared = covered * weight_of(part) / sum / transmitted;
