@@ -53,6 +53,10 @@ TEST(TextureFitOptions, DefaultsAreValidAndBadValuesAreNamed) {
     ASSERT_EQ(options.problems().size(), 1U);
     EXPECT_NE(options.problems()[0].find("reconstruction"), std::string::npos);
     options = {};
+    options.prefilter = bad;
+    ASSERT_EQ(options.problems().size(), 1U);
+    EXPECT_NE(options.problems()[0].find("prefilter"), std::string::npos);
+    options = {};
     options.max_aspect = bad == 17 ? 0.5 : bad;
     EXPECT_EQ(options.problems().size(), 1U);
   }
@@ -76,6 +80,24 @@ TEST(EwaFit, IsTheDoubleSumOverTheTexelsAtEveryScale) {
       }
     }
   }
+}
+
+TEST(EwaFit, PrefilterScalesTheSurfelsVariance) {
+  for (const double prefilter : {0.25, 0.5, 2.0}) {
+    SurfelCloud scaled = flat_surfels(50, 0.05F);
+    SurfelCloud other = scaled;
+    for (float& variance : other.variance) variance *= static_cast<float>(prefilter);
+    TextureSet textures = one_map(noise_image(128, 128, 6));
+    fit_texture(scaled, textures, {.prefilter = prefilter});
+    fit_texture(other, textures, {});
+    EXPECT_EQ(scaled.variance[0], 0.05F * 0.05F);
+    for (std::size_t k = 0; k < scaled.size(); ++k) {
+      EXPECT_LT((scaled.coefficient[k] - other.coefficient[k]).norm(), 1e-5);
+    }
+  }
+  // The other fits start from the coefficients of whole kernels.
+  EXPECT_EQ(
+      (TextureFitOptions{.kind = TextureFitKind::kRender, .prefilter = 0.5}).problems().size(), 1U);
 }
 
 TEST(EwaFit, ExactAgreesWithThePyramid) {
