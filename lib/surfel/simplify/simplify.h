@@ -50,9 +50,10 @@ struct SimplifyError {
 /// Figures of a simplify_surfels().
 struct SimplifyReport {
   UnusableSurfels dropped;    ///< Surfels left out.
-  std::size_t surfels = 0;    ///< Usable surfels before.
+  std::size_t surfels = 0;    ///< Usable surfels before, mirror images left out.
   std::size_t merged = 0;     ///< Usable surfels that were merged with others.
-  std::size_t result = 0;     ///< Surfels after.
+  std::size_t result = 0;     ///< Surfels after, mirror images left out.
+  std::size_t mirrored = 0;   ///< Mirror images of the result, which come on top of `count`.
   std::size_t no_normal = 0;  ///< Surfels without a normal, which are kept as they are.
   double unit_deviation = 0;  ///< Scene units.
   SimplifyError error;        ///< Measured error of the result.
