@@ -131,14 +131,14 @@ int main(int argc, char** argv) {
     report(tool.report(), done);
     tell(tool, name, s, done);
     surfel::tool::write_result(tool, result, s.output);
-    tool.wrote(s.output,
-               fmt::format("{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-                           "shape {:.3g} of {:.3g} units)",
-                           done.result, done.surfels,
-                           done.mirrored > 0
-                               ? fmt::format(" and {} mirrored beyond edges", done.mirrored)
-                               : "",
-                           done.error.total(), done.error.color, done.error.shading,
-                           done.error.shape, done.unit_deviation));
+    tool.wrote(
+        s.output,
+        fmt::format(
+            "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+            "shape {:.3g} of {:.3g} units)",
+            done.result, done.surfels,
+            done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
+            done.error.total(), done.error.color, done.error.shading, done.error.shape,
+            done.unit_deviation));
   });
 }

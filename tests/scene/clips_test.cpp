@@ -48,7 +48,8 @@ TEST(Clips, WhatIsNoHalfPlaneCutsNothing) {
 }
 
 CutSurfel near_a_corner() {
-  return {{0.7, 0.9, 0}, Vec3d(1, 1, 0).normalized(),
+  return {{0.7, 0.9, 0},
+          Vec3d(1, 1, 0).normalized(),
           {HalfPlane{{0, 1, 0}, 0.1}, HalfPlane{{1, 0, 0}, 0.3}}};
 }
 

@@ -33,7 +33,8 @@ TriangleMesh cube() {
 /// A plate of 3 x 3 without the square beyond (1, 1): a reflex corner.
 TriangleMesh corner_plate() {
   TriangleMesh mesh;
-  mesh.position = {{0, 0, 0}, {1, 0, 0}, {3, 0, 0}, {0, 1, 0}, {1, 1, 0}, {3, 1, 0}, {0, 3, 0}, {1, 3, 0}};
+  mesh.position = {{0, 0, 0}, {1, 0, 0}, {3, 0, 0}, {0, 1, 0},
+                   {1, 1, 0}, {3, 1, 0}, {0, 3, 0}, {1, 3, 0}};
   mesh.face = {{0, 1, 4}, {0, 4, 3}, {1, 2, 5}, {1, 5, 4}, {3, 4, 7}, {3, 7, 6}};
   return mesh;
 }
@@ -83,9 +84,8 @@ void visit_places(const SurfelCloud& cloud, std::size_t i, const Visit& visit) {
 double overhang(const SurfelCloud& cloud) {
   double most = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    visit_places(cloud, i, [&](const Vec3d& p) {
-      most = std::max(most, p.cwiseAbs().maxCoeff() - 1);
-    });
+    visit_places(cloud, i,
+                 [&](const Vec3d& p) { most = std::max(most, p.cwiseAbs().maxCoeff() - 1); });
   }
   return most;
 }

@@ -80,7 +80,8 @@ bool is_on_line(const LinedSurfel& surfel, const CutLine& own, const CutLine& li
 }
 
 bool goes_on_beyond(const LinedSurfel& surfel, const CutLine& line) {
-  return line.inside(surfel.position) < kClear * std::sqrt(surfel.area) && !is_on_line(surfel, surfel.lines[0], line) && !is_on_line(surfel, surfel.lines[1], line);
+  return line.inside(surfel.position) < kClear * std::sqrt(surfel.area) &&
+         !is_on_line(surfel, surfel.lines[0], line) && !is_on_line(surfel, surfel.lines[1], line);
 }
 
 std::array<CutLine, 2> merged_lines(const MergedPlace& merged,
@@ -90,7 +91,8 @@ std::array<CutLine, 2> merged_lines(const MergedPlace& merged,
   for (const Edge& edge : find_edges(members, beside)) {
     const CutLine line = mean_line(edge, merged.normal);
     if (!line.cuts()) continue;
-    const float reach = static_cast<float>(kClipReach) * deviation_along(merged.covariance, line.direction);
+    const float reach =
+        static_cast<float>(kClipReach) * deviation_along(merged.covariance, line.direction);
     if (line.inside(merged.position) > reach) continue;
     const bool cuts_off = std::any_of(members.begin(), members.end(), [&](const LinedSurfel* s) {
       return goes_on_beyond(*s, line);

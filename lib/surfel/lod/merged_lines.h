@@ -35,9 +35,9 @@ struct LinedSurfel {
   bool is_cut() const { return lines[0].cuts() || lines[1].cuts(); }
 };
 
-/// Does one of a surfel's lines belong to the edge that another line follows? Lines of one edge are taken for the same though the edge is a curve
-/// or the lines were estimated, as long as they keep to one another within a fifth of the surfel's
-/// size.
+/// Does one of a surfel's lines belong to the edge that another line follows? Lines of one edge are
+/// taken for the same though the edge is a curve or the lines were estimated, as long as they keep
+/// to one another within a fifth of the surfel's size.
 SURFEL_API bool is_on_line(const LinedSurfel& surfel, const CutLine& own, const CutLine& line);
 
 /// Would a line cut off some of the surface that a surfel stands for? Not where one of the

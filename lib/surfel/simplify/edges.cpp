@@ -16,8 +16,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kEdgeGrain = 1 << 10;
-/// Half the length of the piece of its line that a surfel tells of, by the root of its area: surfels
-/// along an edge are about that far from each other.
+/// Half the length of the piece of its line that a surfel tells of, by the root of its area:
+/// surfels along an edge are about that far from each other.
 constexpr float kHalfWall = 1;
 /// Pieces of lines around a seed that are told apart; where there are more a cluster grows no
 /// further, so that its growth takes linear time.
@@ -176,8 +176,9 @@ void end_at_lines(const CloudEdges& edges, const SurfelCloud& cloud, const Sheet
       beside.clear();
       for (const std::uint32_t i : clusters.members(k)) members.push_back(&edges.surfel[i]);
       const MergeSurfel s = merge_surfel(merged, static_cast<std::uint32_t>(k));
-      edges.search->within(s.position, static_cast<float>(kClipReach) * largest_deviation(merged, k), edges.place.size(),
-                           near);
+      edges.search->within(s.position,
+                           static_cast<float>(kClipReach) * largest_deviation(merged, k),
+                           edges.place.size(), near);
       for (const Neighbor& neighbor : near) {
         const std::uint32_t i = edges.clipped[neighbor.index];
         if (cloud.normal[i].dot(s.normal) >= least_cosine) beside.push_back(&edges.surfel[i]);

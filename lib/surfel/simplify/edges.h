@@ -22,9 +22,9 @@ struct SheetClusters;
 
 /// The edges of a cloud, as its surfels' half-planes tell them. Empty where no surfel is cut.
 struct CloudEdges {
-  Array<LinedSurfel> surfel;     ///< Of every surfel of the cloud.
-  Array<std::uint32_t> clipped;  ///< The surfels that half-planes cut.
-  Array<Vec3f> place;            ///< Their positions.
+  Array<LinedSurfel> surfel;               ///< Of every surfel of the cloud.
+  Array<std::uint32_t> clipped;            ///< The surfels that half-planes cut.
+  Array<Vec3f> place;                      ///< Their positions.
   std::unique_ptr<NeighborSearch> search;  ///< Searches `place`.
   /// Mirror images: surfels that continue those of the cloud beyond their lines.
   SurfelCloud images;
@@ -57,7 +57,7 @@ class ClusterEdges {
   struct Wall {
     CutLine line;
     Vec3f middle;
-    Vec3f along;   ///< Unit.
+    Vec3f along;        ///< Unit.
     float first, last;  ///< From the middle.
   };
   bool separates(const Wall& wall, const Vec3f& place) const;

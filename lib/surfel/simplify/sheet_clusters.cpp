@@ -110,7 +110,7 @@ class Clusterer {
   Array<float> nearest2_;  ///< Squared distance to a seed, by the seed's radius; kSeed for seeds.
   Array<std::uint32_t> seed_of_;
   std::vector<Neighbor> near_;
-  ClusterEdges edges_;                    ///< Of the seed that surfels join.
+  ClusterEdges edges_;  ///< Of the seed that surfels join.
 };
 
 }  // namespace

@@ -38,7 +38,8 @@ struct SheetClusters {
 /// \param radius  radius of every surfel if it becomes a seed, scene units, >= 0.
 /// \param fill_to  number of seeds that is wanted: where there are fewer, surfels at smaller and
 ///                 smaller distances are made seeds as well, until there are as many, or no others.
-/// \param edges    the surfels with their half-planes, past which no cluster extends (ClusterEdges);
+/// \param edges    the surfels with their half-planes, past which no cluster extends
+/// (ClusterEdges);
 ///                 empty: none is cut.
 /// The result depends on these and `random_seed` alone. Throws Error(kUsage) for bad rules.
 /// Sequential: 0.5 s for a million surfels.

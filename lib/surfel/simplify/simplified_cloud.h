@@ -16,8 +16,8 @@ struct OriginalCloud {
   /// Usable surfels along a Morton curve, mirror images left out; normals are unit, or zero =
   /// unknown.
   SurfelCloud cloud;
-  CloudEdges edges;   ///< Of `cloud`.
-  Array<float> area;  ///< Weight of each surfel in the errors.
+  CloudEdges edges;    ///< Of `cloud`.
+  Array<float> area;   ///< Weight of each surfel in the errors.
   ShownSurface shown;  ///< Look of the cloud at its own surfels.
   double total_area = 0;
   double unit_deviation = 0;  ///< SimplifyOptions::unit_deviation, or the default.

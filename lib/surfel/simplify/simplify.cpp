@@ -50,8 +50,12 @@ void drop_unused_lines(SurfelCloud& cloud) {
     return std::all_of(direction.begin(), direction.end(),
                        [](const Vec3f& d) { return d.isZero(0); });
   };
-  if (unused(cloud.clip2)) cloud.clip2.clear(), cloud.clip2_distance.clear();
-  if (unused(cloud.clip1) && cloud.clip2.empty()) cloud.clip1.clear(), cloud.clip1_distance.clear();
+  if (!unused(cloud.clip2)) return;
+  cloud.clip2 = {};
+  cloud.clip2_distance = {};
+  if (!unused(cloud.clip1)) return;
+  cloud.clip1 = {};
+  cloud.clip1_distance = {};
 }
 
 class Simplifier {
@@ -110,8 +114,8 @@ class Simplifier {
 void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) {
   Array<std::uint32_t> order = morton_order(cloud.position);
   report_.dropped = remove_unusable(cloud, false, order);
-  const auto images = std::stable_partition(
-      order.begin(), order.end(), [&](std::uint32_t i) { return !is_cut_off(cloud, i); });
+  const auto images = std::stable_partition(order.begin(), order.end(),
+                                            [&](std::uint32_t i) { return !is_cut_off(cloud, i); });
   report_.surfels = static_cast<std::size_t>(images - order.begin());
   if (report_.surfels == 0) throw_input(name, "holds no surfel that can be drawn");
   original_.cloud = cloud.gathered(order);
@@ -180,8 +184,7 @@ void Simplifier::look(const std::string& name) {
   const Quadrature quadrature = at_functions(basis);
   const EvaluatedBasis evaluated = evaluate_basis(basis, quadrature, options_.cutoff);
   Array<Channels> w(basis.size());
-  for (std::size_t i = 0; i < basis.size(); ++i)
-    w[i] = shown_color(whole, basis.surfel[i]);
+  for (std::size_t i = 0; i < basis.size(); ++i) w[i] = shown_color(whole, basis.surfel[i]);
   original_.shown = shown_surface(whole, basis, w, evaluated, basis.surfel);
   original_.shown.resize(original_.cloud.size());
   double sum = 0;
@@ -297,9 +300,8 @@ SimplifiedCloud Simplifier::with_error(const DetailTree& tree) {
     const double coarsest = *std::max_element(radius.begin(), radius.end());
     for (float& r : radius) r = std::min(r, static_cast<float>(largest));
     stage("choose");
-    SheetClusters clusters =
-        cluster_sheets(original_.cloud, *search_, radius, options_.sheets, options_.seed, 0,
-                       original_.edges.surfel);
+    SheetClusters clusters = cluster_sheets(original_.cloud, *search_, radius, options_.sheets,
+                                            options_.seed, 0, original_.edges.surfel);
     stage("cluster");
     if (clusters.size() == original_.cloud.size()) break;
     SimplifiedCloud tried = attempt(std::move(clusters));

@@ -110,9 +110,9 @@ struct CoverageReport {
 /// Where a border is in a splat's cell, the cell ends there and so does the splat's growth;
 /// most_growth limits it on top of that, and the area that it leaves open is in uncovered_area.
 /// Coverage that no radius of the group can give is reported as unreachable_area. kEnlarge solves
-/// (8) for the share `target` of A. The cells, which lie in tangent planes, may hold less than that,
-/// and (8) then has no solution: the factor is the one that covers 0.999 of the cells, whose last
-/// spikes would inflate all radii.
+/// (8) for the share `target` of A. The cells, which lie in tangent planes, may hold less than
+/// that, and (8) then has no solution: the factor is the one that covers 0.999 of the cells, whose
+/// last spikes would inflate all radii.
 ///
 /// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
 /// Memory some 100 bytes a splat, and 150 a splat of the largest group.

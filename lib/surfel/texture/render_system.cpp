@@ -306,8 +306,8 @@ class Assembler {
       seen.index = candidate.index;
       worker.seen.push_back(seen);
       if (basis_.cut.empty()) continue;
-      worker.cuts.push_back(see_cuts(basis_.function[candidate.index],
-                                     basis_.cut[candidate.index], seen.u, seen.v));
+      worker.cuts.push_back(
+          see_cuts(basis_.function[candidate.index], basis_.cut[candidate.index], seen.u, seen.v));
     }
     worker.reaches.assign(worker.seen.size(), 0);
   }

@@ -36,7 +36,7 @@ struct SurfelBasis {
   };
   Array<Function> function;
   Array<std::array<Cut, 2>> cut;  ///< Of every function; empty where none is cut.
-  Array<std::uint32_t> surfel;  ///< Index in the cloud of every function's surfel.
+  Array<std::uint32_t> surfel;    ///< Index in the cloud of every function's surfel.
   std::size_t unusable = 0;  ///< Surfels left out: no finite position, normal, positive variance.
 
   std::size_t size() const { return function.size(); }
