@@ -42,7 +42,7 @@ CloudEdges find_edges(const SurfelCloud& cloud, SurfelCloud images);
 /// Between the cluster's members no line may pass: each line of a member must leave the other ones,
 /// and the members end at two lines at most. Lines of surfels beside the cluster are walls, which
 /// it does not look behind.
-class ClusterEdges {
+class SURFEL_API ClusterEdges {
  public:
   /// Starts a cluster with its seed alone.
   /// \param normal  of the seed, unit.
