@@ -1,5 +1,6 @@
 // surfel-info: what is in a file of surfels, a mesh or an image, and is it sound.
 
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -120,13 +121,14 @@ Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& par
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
-  std::size_t clipped = 0;
+  std::array<std::size_t, 3> by_lines{};
   std::size_t cut_off = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    clipped += surfel::is_clipped(cloud, i) ? 1 : 0;
+    ++by_lines[static_cast<std::size_t>(surfel::count_half_planes(cloud, i))];
     cut_off += surfel::is_cut_off(cloud, i) ? 1 : 0;
   }
-  out["clipped"] = clipped;
+  out["clipped_by_one_line"] = by_lines[1];
+  out["clipped_by_two_lines"] = by_lines[2];
   out["clipped_at_center"] = cut_off;
   const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
                                                     {.up = cloud.up, .viewpoint = cloud.viewpoint});

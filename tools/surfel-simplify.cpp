@@ -34,7 +34,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "of shape (in units of --unit-deviation) together");
   app.add_option("--count", s.simplify.count,
                  "Exactly this many surfels, with the least error; more where that many sheets or "
-                 "materials have to be told apart")
+                 "materials have to be told apart; surfels mirrored beyond edges come on top")
       ->check(CLI::Range(1.0, 4294967295.0).description(""));
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
@@ -58,6 +58,7 @@ void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
   json["dropped"] = r.dropped.total();
   json["surfels"] = r.surfels;
   json["result"] = r.result;
+  json["mirrored"] = r.mirrored;
   json["merged"] = r.merged;
   json["no_normal"] = r.no_normal;
   json["unit_deviation"] = r.unit_deviation;
@@ -130,10 +131,14 @@ int main(int argc, char** argv) {
     report(tool.report(), done);
     tell(tool, name, s, done);
     surfel::tool::write_result(tool, result, s.output);
-    tool.wrote(s.output,
-               fmt::format("{} of {} surfels, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-                           "shape {:.3g} of {:.3g} units)",
-                           done.result, done.surfels, done.error.total(), done.error.color,
-                           done.error.shading, done.error.shape, done.unit_deviation));
+    tool.wrote(
+        s.output,
+        fmt::format(
+            "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+            "shape {:.3g} of {:.3g} units)",
+            done.result, done.surfels,
+            done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
+            done.error.total(), done.error.color, done.error.shading, done.error.shape,
+            done.unit_deviation));
   });
 }

@@ -9,6 +9,8 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/generate.h>
+#include <surfel/sample/mesh_sampler.h>
+#include <surfel/scene/clips.h>
 #include <surfel/sp06/coverage.h>
 
 namespace surfel {
@@ -547,6 +549,40 @@ TEST(Coverage, SameBytesForAnyNumberOfThreads) {
       EXPECT_EQ(report.area, first_report.area);
     }
     set_thread_count(0);
+  }
+}
+
+/// Mirror images beyond a border are no surface: they are neither covered nor counted.
+TEST(Coverage, SurfelsThatContinueOthersBeyondALineCountForNothing) {
+  TriangleMesh square;
+  square.position = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  square.face = {{0, 1, 2}, {0, 2, 3}};
+  MeshSampleOptions options;
+  options.spacing = 0.05;
+  options.clip = true;
+  MeshSampleReport sampled;
+  SurfelCloud cloud = sample_mesh(square, options, &sampled);
+  ASSERT_GT(sampled.mirrored, 0U);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.group.push_back(static_cast<std::uint16_t>(i % 2));
+  }
+  for (const CoverMethod method : kCoverMethods) {
+    CoverageReport report;
+    const SurfelCloud out = covered_by(cloud, method, &report);
+    EXPECT_NEAR(report.area, 1, 1e-4);
+    EXPECT_EQ(report.groups[0].splats + report.groups[1].splats,
+              cloud.size() - sampled.mirrored + report.points_added);
+    if (method == CoverMethod::kEnlargeEach) EXPECT_LT(report.missed_share, 0.01);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      if (!is_cut_off(out, i)) continue;
+      EXPECT_FLOAT_EQ(radius_of(out, i), std::sqrt(2 * out.variance[i]));
+      EXPECT_LT(i, cloud.size()) << "no copies of them";
+    }
+    ASSERT_EQ(out.clip1.size(), out.size());
+    for (std::size_t i = cloud.size(); i < out.size(); ++i) {
+      EXPECT_EQ(out.clip1[i], cloud.clip1[out.source[i]]) << "copies keep their lines";
+      EXPECT_EQ(out.clip1_distance[i], cloud.clip1_distance[out.source[i]]);
+    }
   }
 }
 

@@ -1,4 +1,6 @@
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -79,6 +81,34 @@ Eigen::MatrixXd dense(const SparseMatrix& matrix) {
   return result;
 }
 
+/// Does a half-plane of a function cut off the place at this offset from its position?
+bool cut_off(const SurfelBasis& basis, std::size_t k, const Vec3d& offset) {
+  if (basis.cut.empty()) return false;
+  const SurfelBasis::Function& f = basis.function[k];
+  const double rounding = 1e-3 * std::sqrt(std::max(f.variance_u, f.variance_v));
+  const Vec2d flat(offset.dot(f.tangent), offset.dot(f.bitangent));
+  for (const SurfelBasis::Cut& line : basis.cut[k]) {
+    if (line.direction.dot(flat) > line.distance + rounding) return true;
+  }
+  return false;
+}
+
+/// Half-planes, one for most functions and two for some; some cut off the centre.
+void cut_functions(SurfelBasis& basis) {
+  std::mt19937 generator(3);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (const SurfelBasis::Function& f : basis.function) {
+    std::array<SurfelBasis::Cut, 2> cut{SurfelBasis::Cut{{0, 0}, 0}, SurfelBasis::Cut{{0, 0}, 0}};
+    for (SurfelBasis::Cut& line : cut) {
+      if (uniform(generator) < 0.4) continue;
+      const double angle = 7 * uniform(generator);
+      line = {{std::cos(angle), std::sin(angle)},
+              (1.5 * uniform(generator) - 0.2) * std::sqrt(f.variance_u)};
+    }
+    basis.cut.push_back(cut);
+  }
+}
+
 /// The definition, point by point and function by function.
 Eigen::MatrixXd brute_force(const SurfelBasis& basis, const Quadrature& points, double cutoff) {
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(points.size()),
@@ -93,6 +123,7 @@ Eigen::MatrixXd brute_force(const SurfelBasis& basis, const Quadrature& points, 
       const Vec2d offset = points.offset[q].cast<double>();
       const Vec3d p = owner.position + offset.x() * owner.tangent + offset.y() * owner.bitangent;
       const auto row = static_cast<Eigen::Index>(q);
+      if (cut_off(basis, i, p - owner.position)) continue;
       for (std::size_t k = 0; k < basis.size(); ++k) {
         const SurfelBasis::Function& f = basis.function[k];
         const double reach = std::sqrt(2 * cutoff * std::max(f.variance_u, f.variance_v));
@@ -104,7 +135,7 @@ Eigen::MatrixXd brute_force(const SurfelBasis& basis, const Quadrature& points, 
         const Vec3d u = p + depth * owner.normal - f.position;
         const double beta = 0.5 * (std::pow(u.dot(f.tangent), 2) / f.variance_u +
                                    std::pow(u.dot(f.bitangent), 2) / f.variance_v);
-        if (beta >= cutoff) continue;
+        if (beta >= cutoff || cut_off(basis, k, u)) continue;
         const double determinant = f.variance_u * f.variance_v;
         A(row, static_cast<Eigen::Index>(k)) =
             f.area * std::exp(-beta) / (2 * std::numbers::pi * std::sqrt(determinant));
@@ -462,6 +493,35 @@ TEST(CoverSurface, PointsOfColorSamplesAreTheFunctionsThemselves) {
     EXPECT_EQ(points.begin[i], i);
     EXPECT_TRUE(points.offset[i].isZero(0));
   }
+}
+
+TEST(RenderSystem, FunctionsEndAtTheirHalfPlanes) {
+  SurfelBasis basis = bumpy_surface(150);
+  cut_functions(basis);
+  const Quadrature points = cover_surface(basis, 7);
+  for (const double cutoff : {1.0, 4.0}) {
+    const EvaluatedBasis evaluated = evaluate_basis(basis, points, cutoff);
+    EXPECT_LT((dense(evaluated.A) - brute_force(basis, points, cutoff)).cwiseAbs().maxCoeff(),
+              1e-9);
+    EXPECT_GT(evaluated.uncovered, 0U) << "points of functions whose centre is cut off";
+  }
+}
+
+TEST(RenderSystem, CellsEndAtHalfPlanes) {
+  SurfelBasis basis = flat_grid(5, 0.7, 0);
+  basis.cut.assign(basis.size(), {SurfelBasis::Cut{{0, 0}, 0}, SurfelBasis::Cut{{0, 0}, 0}});
+  const auto toward = [&](std::size_t k, const Vec3d& d) {
+    const SurfelBasis::Function& f = basis.function[k];
+    return Vec2d(d.dot(f.tangent), d.dot(f.bitangent));
+  };
+  basis.cut[4][0] = {toward(4, {1, 0, 0}), 0.2};
+  const Quadrature points = cover_surface(basis, 16);
+  double furthest = -1;
+  for (std::size_t q = points.begin[4]; q < points.begin[5]; ++q) {
+    furthest = std::max(furthest, points.offset[q].cast<double>().dot(basis.cut[4][0].direction));
+  }
+  EXPECT_LE(furthest, 0.2 + 1e-6);
+  EXPECT_GT(furthest, 0.1);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/clips.h>
 #include <surfel/surface/tangent_frame.h>
 
 namespace surfel {
@@ -53,41 +54,22 @@ std::uint16_t majority_material(std::span<const MergeSurfel> surfels,
   return best;
 }
 
-/// Whether two lines are the same, for surfels of some size.
-bool same_line(const MergeSurfel::Line& a, const MergeSurfel::Line& b, float size) {
-  constexpr float kLeastCosine = 0.998F;
-  constexpr float kApart = 0.1F;  // Of the size.
-  return a.direction.dot(b.direction) > kLeastCosine &&
-         std::abs(a.offset - b.offset) < kApart * size;
-}
-
-/// Whether a surfel's centre is cut off: it stands for no surface of its own, but continues what
-/// other surfels show up to their common line.
-bool lies_beyond_a_line(const MergeSurfel& s) {
-  return std::any_of(s.lines.begin(), s.lines.end(), [&](const MergeSurfel::Line& line) {
-    return line.direction.dot(s.position) > line.offset;
-  });
-}
-
-/// Drops the lines of a merged surfel that do not cut all members.
-void keep_common_lines(std::span<const MergeSurfel> surfels, std::span<const std::uint32_t> members,
-                       MergeSurfel& merged) {
-  for (MergeSurfel::Line& line : merged.lines) {
-    if (line.direction.isZero(0)) continue;
-    const bool common = std::all_of(members.begin(), members.end(), [&](std::uint32_t i) {
-      const MergeSurfel& s = surfels[i];
-      const float size = std::sqrt(s.area);
-      return same_line(line, s.lines[0], size) || same_line(line, s.lines[1], size);
-    });
-    if (!common) line = {{0, 0, 0}, 0};
-  }
-}
-
 }  // namespace
+
+LinedSurfel lined_surfel(const SurfelCloud& cloud, std::uint32_t i) {
+  LinedSurfel s{cloud.position[i], std::max(0.0F, amplitude(cloud, i)), {}, is_cut_off(cloud, i)};
+  for (int k = 0; k < 2; ++k) {
+    const HalfPlane cut = half_plane(cloud, i, k);
+    const Vec3f direction = cut.direction.cast<float>();
+    const auto distance = static_cast<float>(cut.distance);
+    s.lines[static_cast<std::size_t>(k)] = {direction, direction.dot(s.position) + distance};
+  }
+  return s;
+}
 
 MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
   MergeSurfel s{};
-  s.position = cloud.position[i];
+  static_cast<LinedSurfel&>(s) = lined_surfel(cloud, i);
   s.normal = cloud.normal.empty() ? Vec3f(0, 0, 0) : cloud.normal[i];
   const bool mapped = !cloud.shading_normal.empty() && !cloud.shading_normal[i].isZero();
   s.shading_normal = mapped ? cloud.shading_normal[i] : s.normal;
@@ -116,24 +98,18 @@ MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i) {
     add_outer(c, -v, n);
   }
   s.covariance = to_float(c);
-  s.area = std::max(0.0F, amplitude(cloud, i));
   s.extent2 = s.area;
   s.color = cloud.color.empty() ? Vec3f(0, 0, 0) : cloud.color[i];
   s.coefficient = cloud.coefficient.empty() ? Vec3f(0, 0, 0) : cloud.coefficient[i];
   s.alpha = cloud.alpha.empty() ? 1.0F : cloud.alpha[i];
   s.material = cloud.material.empty() ? std::uint16_t{0} : cloud.material[i];
-  const auto line = [&](const Array<Vec3f>& direction, const Array<float>& distance) {
-    if (direction.empty()) return MergeSurfel::Line{{0, 0, 0}, 0};
-    return MergeSurfel::Line{direction[i], direction[i].dot(s.position) + distance[i]};
-  };
-  s.lines = {line(cloud.clip1, cloud.clip1_distance), line(cloud.clip2, cloud.clip2_distance)};
   s.source = i;
   return s;
 }
 
 MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::uint32_t> members) {
   if (members.size() == 1) return surfels[members[0]];
-  const auto is_beyond = [&](std::uint32_t i) { return lies_beyond_a_line(surfels[i]); };
+  const auto is_beyond = [&](std::uint32_t i) { return surfels[i].cut_off; };
   const auto beyond = std::count_if(members.begin(), members.end(), is_beyond);
   if (beyond > 0 && beyond < static_cast<std::ptrdiff_t>(members.size())) {
     std::vector<std::uint32_t> rest;
@@ -195,7 +171,14 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
     out.color = (color / opacity).cast<float>();
     out.coefficient = (coefficient / opacity).cast<float>();
   }
-  keep_common_lines(surfels, members, out);
+  if (std::any_of(members.begin(), members.end(),
+                  [&](std::uint32_t i) { return surfels[i].is_cut(); })) {
+    std::vector<const LinedSurfel*> lined;
+    for (const std::uint32_t i : members) lined.push_back(&surfels[i]);
+    out.lines = merged_lines({out.position, out.normal, out.covariance}, lined);
+    const auto cuts_off = [&](const CutLine& line) { return line.inside(out.position) < 0; };
+    if (out.cut_off && !cuts_off(out.lines[0]) && !cuts_off(out.lines[1])) return surfels[largest];
+  }
   out.material = majority_material(surfels, members);
   return out;
 }
@@ -212,14 +195,17 @@ void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merg
   write(cloud.coefficient, merged.coefficient);
   write(cloud.alpha, merged.alpha);
   write(cloud.material, merged.material);
-  const auto write_line = [&](Array<Vec3f>& direction, Array<float>& distance,
-                              const MergeSurfel::Line& line) {
-    write(direction, line.direction);
-    write(distance,
-          line.direction.isZero(0) ? 0.0F : line.offset - line.direction.dot(merged.position));
+  write_lines(cloud, i, merged.lines);
+}
+
+void write_lines(SurfelCloud& cloud, std::size_t i, const std::array<CutLine, 2>& lines) {
+  const auto write = [&](Array<Vec3f>& direction, Array<float>& distance, const CutLine& line) {
+    if (direction.empty()) return;
+    direction[i] = line.direction;
+    distance[i] = line.cuts() ? line.inside(cloud.position[i]) : 0.0F;
   };
-  write_line(cloud.clip1, cloud.clip1_distance, merged.lines[0]);
-  write_line(cloud.clip2, cloud.clip2_distance, merged.lines[1]);
+  write(cloud.clip1, cloud.clip1_distance, lines[0]);
+  write(cloud.clip2, cloud.clip2_distance, lines[1]);
 }
 
 TangentGaussian tangent_gaussian(const std::array<float, 6>& covariance, const Vec3f& normal) {

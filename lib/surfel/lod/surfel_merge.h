@@ -6,17 +6,16 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/lod/merged_lines.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
 
 /// A surfel on the way to be merged. Its Gaussian is kept in space, not in a tangent plane, so that
 /// merging in steps gives the Gaussian that merging at once does.
-struct MergeSurfel {
-  Vec3f position;
+struct MergeSurfel : LinedSurfel {
   Vec3f normal;                     ///< Unit, or zero = unknown.
   Vec3f shading_normal;             ///< SurfelCloud::shading_normal, or `normal` without one.
-  float area;                       ///< Scene unit^2, >= 0.
   std::array<float, 6> covariance;  ///< xx xy xz yy yz zz, scene unit^2.
   /// Square of the length that the surfel's piece of surface has on its longer side, scene unit^2.
   float extent2;
@@ -24,12 +23,6 @@ struct MergeSurfel {
   Vec3f coefficient;
   float alpha;
   std::uint16_t material;
-  /// A half-plane that cuts the surfel; the direction is zero where there is none.
-  struct Line {
-    Vec3f direction;
-    float offset;  ///< direction . x of the line's points.
-  };
-  std::array<Line, 2> lines;
   std::uint32_t source;  ///< The surfel of the cloud from which all other attributes are taken.
 };
 
@@ -48,13 +41,19 @@ SURFEL_API MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i);
 ///   a picture as before, where the plain sum would cover more. At least half the sum.
 /// - alpha: the mean; colours: the mean weighted by area times alpha, in linear light;
 /// - members whose centres half-planes cut off take no part, where there are others: they continue
-///   the others up to a line;
-/// - half-planes: those lines of the largest member that cut all members; other lines cut nothing
-///   any more, so that no hole is made where a member went on beyond them;
+///   the others up to a line. Of such members alone that have no line in common the first with
+///   the largest area remains, unmerged;
+/// - half-planes: merged_lines();
 /// - material: the one of most area, ties to the smaller number; source: of the member that is
 ///   nearest to the mean position, ties to the earlier member.
 SURFEL_API MergeSurfel merged(std::span<const MergeSurfel> surfels,
                               std::span<const std::uint32_t> members);
+
+/// The half-planes of surfel i of a cloud, as lines.
+SURFEL_API LinedSurfel lined_surfel(const SurfelCloud& cloud, std::uint32_t i);
+
+/// Gives surfel i of a cloud half-planes, as far as the cloud has these columns.
+SURFEL_API void write_lines(SurfelCloud& cloud, std::size_t i, const std::array<CutLine, 2>& lines);
 
 /// Gives surfel i of a cloud the position, normals, area, colours, alpha, material and half-planes
 /// of a merged surfel, as far as the cloud has these columns.

@@ -9,6 +9,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
+#include <surfel/scene/clips.h>
 #include <surfel/scene/triangle_mesh.h>
 
 namespace surfel {
@@ -17,12 +18,8 @@ namespace surfel {
 /// than an angle), and edges of three faces or more. Faces that other edges connect are a patch.
 class SURFEL_API MeshClips {
  public:
-  /// A half-plane in a sample's tangent plane: what lies within `distance` along `direction`, a
-  /// unit vector, is left.
-  struct Line {
-    Vec3d direction;
-    double distance;  ///< >= 0: the sample itself is left.
-  };
+  /// A half-plane in a sample's tangent plane that leaves the sample itself.
+  using Line = HalfPlane;
   struct Lines {
     std::array<Line, 2> line;
     int count = 0;

@@ -27,8 +27,6 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kSampleGrain = 1 << 14;
-/// Reach of kernels in standard deviations, as far as lines cut them.
-constexpr double kClipReach = 3;
 /// PoissonDisk counts slots in 31 bits.
 constexpr std::size_t kMostSamples = std::size_t{1} << 28;
 
@@ -428,10 +426,6 @@ ColorLight color_light(const TriangleMesh& mesh) {
   return unlit == mesh.face.size() ? ColorLight::kRecorded : ColorLight::kMixed;
 }
 
-/// Surfels nearer to a line than this, in standard deviations, go on beyond it: the others have
-/// less than 1.5 % of their kernels there.
-constexpr double kMirrorReach = 2.2;
-
 /// Cuts surfels at the mesh's edges and adds the surfels that go on beyond.
 class EdgeCutter {
  public:
@@ -448,77 +442,32 @@ class EdgeCutter {
     });
     Array<std::uint32_t> order(count);
     std::iota(order.begin(), order.end(), 0U);
-    std::vector<Copy> copies;
+    std::vector<CutSurfel> images;
     for (std::uint32_t i = 0; i < count; ++i) {
       if (lines[i].count == 0) continue;
       ++report.clipped;
-      mirror(i, lines[i], copies);
+      const double deviation = std::sqrt(cloud_.variance[i]);
+      const CutSurfel surfel{cloud_.position[i].cast<double>(), {0, 0, 0}, lines[i].line};
+      for (const CutSurfel& image : mirror_images(surfel, {deviation, deviation})) {
+        images.push_back(image);
+        order.push_back(i);
+      }
     }
     if (report.clipped == 0) return;
-    for (const Copy& copy : copies) order.push_back(copy.of);
-    if (!copies.empty()) cloud_ = cloud_.gathered(order);
-    report.clipped += copies.size();
-    report.mirrored = copies.size();
+    if (!images.empty()) cloud_ = cloud_.gathered(order);
+    report.clipped += images.size();
+    report.mirrored = images.size();
     cloud_.clip1.assign(order.size(), Vec3f(0, 0, 0));
     cloud_.clip2 = cloud_.clip1;
     cloud_.clip1_distance.assign(order.size(), 0.0F);
     cloud_.clip2_distance = cloud_.clip1_distance;
-    for (std::size_t i = 0; i < count; ++i) put(i, lines[i]);
-    for (std::size_t k = 0; k < copies.size(); ++k) {
-      cloud_.position[count + k] = copies[k].position.cast<float>();
-      put(count + k, copies[k].lines);
+    for (std::size_t i = 0; i < count; ++i) {
+      put_cut_surfel({cloud_.position[i].cast<double>(), {0, 0, 0}, lines[i].line}, cloud_, i);
     }
+    for (std::size_t k = 0; k < images.size(); ++k) put_cut_surfel(images[k], cloud_, count + k);
   }
 
  private:
-  /// A surfel beyond one of its lines, or beyond both.
-  struct Copy {
-    std::uint32_t of;
-    Vec3d position;
-    MeshClips::Lines lines;
-  };
-
-  void mirror(std::uint32_t i, const MeshClips::Lines& lines, std::vector<Copy>& copies) const {
-    const double deviation = std::sqrt(cloud_.variance[i]);
-    const Copy original{i, cloud_.position[i].cast<double>(), lines};
-    const auto add = [&](const Copy& from, std::size_t j) {
-      Copy copy = from;
-      const MeshClips::Line mirror = from.lines.line[j];
-      copy.position += 2 * mirror.distance * mirror.direction;
-      for (MeshClips::Line& line : copy.lines.line) {
-        line.distance -= 2 * mirror.distance * mirror.direction.dot(line.direction);
-      }
-      for (int k = 0; k < copy.lines.count; ++k) {
-        if (copy.lines.line[static_cast<std::size_t>(k)].distance < -kMirrorReach * deviation) {
-          return;
-        }
-      }
-      copies.push_back(copy);
-    };
-    const auto is_near = [&](std::size_t j) {
-      return static_cast<int>(j) < lines.count && lines.line[j].distance < kMirrorReach * deviation;
-    };
-    if (is_near(0)) add(original, 0);
-    if (!is_near(1)) return;
-    const std::size_t before = copies.size();
-    add(original, 1);
-    if (is_near(0) && copies.size() > before) {
-      const Copy second = copies.back();
-      if (second.lines.line[0].distance > 0) add(second, 0);
-    }
-  }
-
-  void put(std::size_t i, const MeshClips::Lines& lines) {
-    if (lines.count > 0) {
-      cloud_.clip1[i] = lines.line[0].direction.cast<float>();
-      cloud_.clip1_distance[i] = static_cast<float>(lines.line[0].distance);
-    }
-    if (lines.count > 1) {
-      cloud_.clip2[i] = lines.line[1].direction.cast<float>();
-      cloud_.clip2_distance[i] = static_cast<float>(lines.line[1].distance);
-    }
-  }
-
   const MeshClips& clips_;
   const Array<SurfaceSample>& samples_;
   SurfelCloud& cloud_;

@@ -6,6 +6,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/radix_sort.h>
 #include <surfel/base/random.h>
+#include <surfel/simplify/edges.h>
 #include <surfel/simplify/sheet_clusters.h>
 
 namespace surfel {
@@ -20,10 +21,11 @@ constexpr float kClosest = 1e-3F;
 class Clusterer {
  public:
   Clusterer(const SurfelCloud& cloud, const NeighborSearch& search, const Array<float>& radius,
-            const SheetRules& rules)
+            const SheetRules& rules, std::span<const LinedSurfel> edges)
       : cloud_(cloud),
         search_(search),
         radius_(radius),
+        surfels_(edges),
         least_cosine_(rules.least_cosine()),
         stretch2_(static_cast<float>(rules.sheet_weight * rules.sheet_weight - 1)),
         nearest2_(cloud.size(), std::numeric_limits<float>::infinity()),
@@ -67,6 +69,7 @@ class Clusterer {
     const float r = radius_[i];
     if (r > 0 && n.squaredNorm() > 0) {
       search_.within(cloud_.position[i], r, cloud_.size(), near_);
+      if (!surfels_.empty()) edges_.start(surfels_, i, n);
       for (const Neighbor& neighbor : near_) join(neighbor, i, 1 / (r * r));
     }
     nearest2_[i] = kSeed;
@@ -82,7 +85,15 @@ class Clusterer {
     if (!cloud_.material.empty() && cloud_.material[k] != cloud_.material[seed]) return;
     const float height = n.dot(cloud_.position[k] - cloud_.position[seed]);
     const float d2 = (neighbor.distance2 + stretch2_ * height * height) * by_radius2;
-    if (d2 > 1 || d2 >= nearest2_[k]) return;
+    if (d2 > 1) return;
+    if (!surfels_.empty() && k != seed) {
+      if (d2 >= nearest2_[k] || !edges_.admits(k)) {
+        edges_.add_wall(k);
+        return;
+      }
+      edges_.add_member(k);
+    }
+    if (d2 >= nearest2_[k]) return;
     nearest2_[k] = d2;
     seed_of_[k] = seed;
   }
@@ -92,24 +103,27 @@ class Clusterer {
   const SurfelCloud& cloud_;
   const NeighborSearch& search_;
   const Array<float>& radius_;
+  std::span<const LinedSurfel> surfels_;  ///< Empty where no surfel is cut.
   float least_cosine_;
   float stretch2_;
   std::size_t seeds_ = 0;
   Array<float> nearest2_;  ///< Squared distance to a seed, by the seed's radius; kSeed for seeds.
   Array<std::uint32_t> seed_of_;
   std::vector<Neighbor> near_;
+  ClusterEdges edges_;  ///< Of the seed that surfels join.
 };
 
 }  // namespace
 
 SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                              const Array<float>& radius, const SheetRules& rules,
-                             std::uint64_t random_seed, std::size_t fill_to) {
+                             std::uint64_t random_seed, std::size_t fill_to,
+                             std::span<const LinedSurfel> edges) {
   require_usable(rules);
   Array<std::uint64_t> key(cloud.size());
   for (std::size_t i = 0; i < key.size(); ++i) key[i] = random_bits(random_seed, i);
   const Array<std::uint32_t> order = sort_keys(key);
-  Clusterer clusterer(cloud, search, radius, rules);
+  Clusterer clusterer(cloud, search, radius, rules, edges);
   clusterer.throw_darts(order, 1, cloud.size());
   const std::size_t wanted = std::min(fill_to, cloud.size());
   for (float least2 = kCloser; clusterer.seeds() < wanted; least2 *= kCloser) {

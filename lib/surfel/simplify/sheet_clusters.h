@@ -6,6 +6,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/lod/merged_lines.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/surface/neighbor_search.h>
 #include <surfel/surface/sheet.h>
@@ -37,10 +38,14 @@ struct SheetClusters {
 /// \param radius  radius of every surfel if it becomes a seed, scene units, >= 0.
 /// \param fill_to  number of seeds that is wanted: where there are fewer, surfels at smaller and
 ///                 smaller distances are made seeds as well, until there are as many, or no others.
+/// \param edges    the surfels with their half-planes, past which no cluster extends
+/// (ClusterEdges);
+///                 empty: none is cut.
 /// The result depends on these and `random_seed` alone. Throws Error(kUsage) for bad rules.
 /// Sequential: 0.5 s for a million surfels.
 SURFEL_API SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                                         const Array<float>& radius, const SheetRules& rules,
-                                        std::uint64_t random_seed, std::size_t fill_to = 0);
+                                        std::uint64_t random_seed, std::size_t fill_to = 0,
+                                        std::span<const LinedSurfel> edges = {});
 
 }  // namespace surfel

@@ -14,6 +14,14 @@ struct ShownSurface {
   Array<Vec3f> normal;    ///< Unit, or zero = unknown.
   Array<float> height;    ///< Height of the surface above the place along `normal`, scene units.
   Array<float> coverage;  ///< Sum of the kernels; 0 where no kernel reaches.
+
+  /// Leaves the first places alone.
+  void resize(std::size_t places) {
+    color.resize(places);
+    normal.resize(places);
+    height.resize(places);
+    coverage.resize(places);
+  }
 };
 
 /// Colour that a surfel is rendered in, and its opacity.

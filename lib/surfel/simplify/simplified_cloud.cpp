@@ -109,6 +109,7 @@ Places places_on(const OriginalCloud& original, const SimplifiedCloud& a) {
   for (std::size_t k = 0; k < out.basis.size(); ++k) {
     const SurfelBasis::Function& f = out.basis.function[k];
     quadrature.begin.push_back(out.place.size());
+    if (out.basis.surfel[k] >= a.clusters.size()) continue;  // An image stands for no places.
     for (const std::uint32_t i : a.clusters.members(out.basis.surfel[k])) {
       const Vec3d d = original.cloud.position[i].cast<double>() - f.position;
       quadrature.offset.emplace_back(Vec2d(d.dot(f.tangent), d.dot(f.bitangent)).cast<float>());
@@ -139,6 +140,12 @@ void close_gaps(const OriginalCloud& original, double cutoff, Places& places, Si
     places.basis.function[k].area *= factor;
     float& area = a.cloud.area[places.basis.surfel[k]];
     area = static_cast<float>(factor * area);
+  }
+  for (std::size_t k = 0; k < places.basis.size(); ++k) {
+    const std::size_t i = places.basis.surfel[k];
+    if (i < a.clusters.size()) continue;
+    a.cloud.area[i] = a.cloud.area[a.image_of[i - a.clusters.size()]];
+    places.basis.function[k].area = a.cloud.area[i];
   }
 }
 
@@ -213,6 +220,8 @@ SimplifiedCloud simplified_cloud(const OriginalCloud& original, SheetClusters cl
   out.cloud = merge(original, out.clusters);
   stage.end("merge");
   size(original, out.clusters, options.cutoff, out.cloud);
+  end_at_lines(original.edges, original.cloud, out.clusters, options.sheets, out.cloud);
+  out.image_of = add_images(original.edges, out.clusters, out.cloud);
   stage.end("size");
   fit(original, options, out);
   stage.end("fit");

@@ -4,6 +4,7 @@
 
 #include <surfel/base/timing.h>
 #include <surfel/scene/surfel_cloud.h>
+#include <surfel/simplify/edges.h>
 #include <surfel/simplify/sheet_clusters.h>
 #include <surfel/simplify/shown_surface.h>
 #include <surfel/simplify/simplify.h>
@@ -12,8 +13,11 @@ namespace surfel {
 
 /// A cloud that is to be simplified, and the look that is to be kept.
 struct OriginalCloud {
-  SurfelCloud cloud;  ///< Usable surfels along a Morton curve; normals are unit, or zero = unknown.
-  Array<float> area;  ///< Weight of each surfel in the errors.
+  /// Usable surfels along a Morton curve, mirror images left out; normals are unit, or zero =
+  /// unknown.
+  SurfelCloud cloud;
+  CloudEdges edges;    ///< Of `cloud`.
+  Array<float> area;   ///< Weight of each surfel in the errors.
   ShownSurface shown;  ///< Look of the cloud at its own surfels.
   double total_area = 0;
   double unit_deviation = 0;  ///< SimplifyOptions::unit_deviation, or the default.
@@ -23,7 +27,8 @@ struct OriginalCloud {
 /// Surfels that stand for clusters of an original's surfels, and the error of their look.
 struct SimplifiedCloud {
   SheetClusters clusters;
-  SurfelCloud cloud;  ///< A surfel for each cluster.
+  SurfelCloud cloud;  ///< A surfel for each cluster, then the mirror images (add_images()).
+  Array<std::uint32_t> image_of;  ///< Of each image, the surfel that it continues.
   SimplifyError error;
   std::size_t uncovered = 0;  ///< SimplifyReport::uncovered.
 };

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include <surfel/base/error.h>
@@ -43,6 +44,20 @@ constexpr int kMostCounts = 12;
 /// Counts this close below the one asked for are filled up.
 constexpr double kFillShare = 0.96;
 
+/// Takes out the columns of half-planes that cut no surfel.
+void drop_unused_lines(SurfelCloud& cloud) {
+  const auto unused = [](const Array<Vec3f>& direction) {
+    return std::all_of(direction.begin(), direction.end(),
+                       [](const Vec3f& d) { return d.isZero(0); });
+  };
+  if (!unused(cloud.clip2)) return;
+  cloud.clip2 = {};
+  cloud.clip2_distance = {};
+  if (!unused(cloud.clip1)) return;
+  cloud.clip1 = {};
+  cloud.clip1_distance = {};
+}
+
 class Simplifier {
  public:
   Simplifier(const SurfelCloud& cloud, const SimplifyOptions& options, SimplifyReport& report,
@@ -55,7 +70,9 @@ class Simplifier {
     look(name);
     const DetailTree tree = make_tree();
     SimplifiedCloud best = options_.count ? with_count(tree) : with_error(tree);
-    report_.result = best.cloud.size();
+    report_.mirrored = best.image_of.size();
+    report_.result = best.cloud.size() - report_.mirrored;
+    drop_unused_lines(best.cloud);
     for (std::size_t c = 0; c < best.clusters.size(); ++c) {
       const std::size_t members = best.clusters.members(c).size();
       if (members > 1) report_.merged += members;
@@ -75,6 +92,7 @@ class Simplifier {
   }
 
   void take_usable(const SurfelCloud& cloud, const std::string& name);
+  void separate_images();
   void look(const std::string& name);
   DetailTree make_tree();
   Array<float> radii(const DetailTree& tree, const DetailTree::Cut& cut) const;
@@ -89,26 +107,24 @@ class Simplifier {
   SimplifyReport& report_;
   Timer timer_;
   OriginalCloud original_;
+  SurfelCloud whole_;  ///< The original and its mirror images; empty where it has none.
   std::unique_ptr<NeighborSearch> search_;  ///< Over the original's positions.
 };
 
 void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) {
   Array<std::uint32_t> order = morton_order(cloud.position);
   report_.dropped = remove_unusable(cloud, false, order);
-  // Simplified surfels are not cut: what goes on beyond lines would overhang.
-  std::erase_if(order, [&](std::uint32_t i) { return is_cut_off(cloud, i); });
-  if (order.empty()) throw_input(name, "holds no surfel that can be drawn");
+  const auto images = std::stable_partition(order.begin(), order.end(),
+                                            [&](std::uint32_t i) { return !is_cut_off(cloud, i); });
+  report_.surfels = static_cast<std::size_t>(images - order.begin());
+  if (report_.surfels == 0) throw_input(name, "holds no surfel that can be drawn");
   original_.cloud = cloud.gathered(order);
   SurfelCloud& kept = original_.cloud;
-  report_.surfels = kept.size();
   const auto leave_out = [&](auto& column, const char* column_name) {
     if (column.empty()) return;
     column = {};
     report_.left_out.emplace_back(column_name);
   };
-  leave_out(kept.clip1, "clip1");
-  leave_out(kept.clip2, "clip2");
-  kept.clip1_distance = kept.clip2_distance = {};
   leave_out(kept.group, "group");
   leave_out(kept.group_radius, "group_radius");
   leave_out(kept.source, "source");
@@ -121,6 +137,7 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
       ++report_.no_normal;
     }
   }
+  separate_images();
   original_.area.resize(kept.size());
   for (std::size_t i = 0; i < kept.size(); ++i) {
     original_.area[i] = merge_surfel(kept, static_cast<std::uint32_t>(i)).area;
@@ -133,17 +150,43 @@ void Simplifier::take_usable(const SurfelCloud& cloud, const std::string& name) 
   search_ = make_neighbor_search(kept.position);
 }
 
+/// Takes the mirror images, which are last, out of the original.
+void Simplifier::separate_images() {
+  SurfelCloud& kept = original_.cloud;
+  if (kept.clip1.empty() && kept.clip2.empty()) return;
+  const auto add = [&](Array<Vec3f>& direction, Array<float>& distance) {
+    if (!direction.empty()) return;
+    direction.assign(kept.size(), Vec3f(0, 0, 0));
+    distance.assign(kept.size(), 0.0F);
+  };
+  // Merged surfels may end at two lines where each member ends at one.
+  add(kept.clip1, kept.clip1_distance);
+  add(kept.clip2, kept.clip2_distance);
+  SurfelCloud images;
+  if (report_.surfels < kept.size()) {
+    whole_ = std::move(kept);
+    Array<std::uint32_t> order(whole_.size());
+    std::iota(order.begin(), order.end(), 0U);
+    const auto middle = order.begin() + static_cast<std::ptrdiff_t>(report_.surfels);
+    kept = whole_.gathered({order.begin(), middle});
+    images = whole_.gathered({middle, order.end()});
+  }
+  original_.edges = find_edges(kept, std::move(images));
+}
+
 /// Finds the look of the cloud at its own surfels, which is to be kept.
 void Simplifier::look(const std::string& name) {
   timer_.restart();
-  const SurfelBasis basis = make_basis(original_.cloud);
+  // Mirror images take part in the look, and are no places of the surface.
+  const SurfelCloud& whole = whole_.empty() ? original_.cloud : whole_;
+  const SurfelBasis basis = make_basis(whole);
   require_bounded_overlap(basis, kPlanarReach2 * options_.cutoff, name);
   const Quadrature quadrature = at_functions(basis);
   const EvaluatedBasis evaluated = evaluate_basis(basis, quadrature, options_.cutoff);
   Array<Channels> w(basis.size());
-  for (std::size_t i = 0; i < basis.size(); ++i)
-    w[i] = shown_color(original_.cloud, basis.surfel[i]);
-  original_.shown = shown_surface(original_.cloud, basis, w, evaluated, basis.surfel);
+  for (std::size_t i = 0; i < basis.size(); ++i) w[i] = shown_color(whole, basis.surfel[i]);
+  original_.shown = shown_surface(whole, basis, w, evaluated, basis.surfel);
+  original_.shown.resize(original_.cloud.size());
   double sum = 0;
   for (std::size_t i = 0; i < original_.cloud.size(); ++i) {
     sum += original_.area[i] * std::abs(original_.shown.color[i].head<3>().mean());
@@ -192,7 +235,8 @@ double Simplifier::estimated_count(const SizingField& field) const {
 
 SimplifiedCloud Simplifier::as_it_is() const {
   SimplifiedCloud all;
-  all.cloud = original_.cloud;
+  all.cloud = whole_.empty() ? original_.cloud : whole_;
+  all.image_of = original_.edges.image_of;
   return all;
 }
 
@@ -214,7 +258,8 @@ SimplifiedCloud Simplifier::with_count(const DetailTree& tree) {
       r[i] = static_cast<float>(
           std::max(factor * radius[i], (factor - 1) * std::sqrt(original_.area[i])));
     }
-    return cluster_sheets(original_.cloud, *search_, r, options_.sheets, options_.seed, fill_to);
+    return cluster_sheets(original_.cloud, *search_, r, options_.sheets, options_.seed, fill_to,
+                          original_.edges.surfel);
   };
   double factor = 1;
   double largest_small = 0;
@@ -255,8 +300,8 @@ SimplifiedCloud Simplifier::with_error(const DetailTree& tree) {
     const double coarsest = *std::max_element(radius.begin(), radius.end());
     for (float& r : radius) r = std::min(r, static_cast<float>(largest));
     stage("choose");
-    SheetClusters clusters =
-        cluster_sheets(original_.cloud, *search_, radius, options_.sheets, options_.seed);
+    SheetClusters clusters = cluster_sheets(original_.cloud, *search_, radius, options_.sheets,
+                                            options_.seed, 0, original_.edges.surfel);
     stage("cluster");
     if (clusters.size() == original_.cloud.size()) break;
     SimplifiedCloud tried = attempt(std::move(clusters));

@@ -50,9 +50,10 @@ struct SimplifyError {
 /// Figures of a simplify_surfels().
 struct SimplifyReport {
   UnusableSurfels dropped;    ///< Surfels left out.
-  std::size_t surfels = 0;    ///< Usable surfels before.
+  std::size_t surfels = 0;    ///< Usable surfels before, mirror images left out.
   std::size_t merged = 0;     ///< Usable surfels that were merged with others.
-  std::size_t result = 0;     ///< Surfels after.
+  std::size_t result = 0;     ///< Surfels after, mirror images left out.
+  std::size_t mirrored = 0;   ///< Mirror images of the result, which come on top of `count`.
   std::size_t no_normal = 0;  ///< Surfels without a normal, which are kept as they are.
   double unit_deviation = 0;  ///< Scene units.
   SimplifyError error;        ///< Measured error of the result.
@@ -71,11 +72,12 @@ struct SimplifyReport {
 ///    where it is spent (detail_tree.h, sizing_field.h).
 /// 2. Seeds: a Poisson-disk subset with this spacing; every surfel joins the nearest seed on its
 ///    sheet (sheet_clusters.h). Surfels that face differently, or of different materials, are never
-///    merged.
+///    merged, nor those on two sides of a line at which surfels end (edges.h).
 /// 3. Every cluster becomes one surfel (surfel_merge.h): mean position, normal and colour. A
 ///    cluster of a single surfel stays as it is.
 /// 4. Sizes: Gaussians that just cover their cluster's places at the cutoff (covering_gaussian.h),
 ///    discs or ellipses as the cloud has them, with more weight where a place would be uncovered.
+///    They end at the lines at which their members end.
 /// 5. Coefficients: least squares in the renderer's basis (render_system.h) against the colours
 ///    that the cloud shows at all places of its surfels.
 /// With max_error, the errors are then measured, and steps 2 to 5 are repeated with another
@@ -83,10 +85,11 @@ struct SimplifyReport {
 ///
 /// Columns: position, normal, variances, area, colours, coefficients, alpha and material are
 /// merged; uv is moved along with the position; other columns come from the member nearest to the
-/// position; group, group_radius and source are left out. Surfels come out along a Morton curve.
-/// Throws Error(kUsage) for bad options, Error(kInput), its message starting with `name`, if there
-/// is no usable surfel, or no column of normals or variances. Does not depend on the number of
-/// threads, nor on the order of the surfels.
+/// position; group, group_radius and source are left out. Surfels come out along a Morton curve,
+/// and mirror images (surfels whose centres half-planes cut off) behind them. Throws Error(kUsage)
+/// for bad options, Error(kInput), its message starting with `name`, if there is no usable surfel,
+/// or no column of normals or variances. Does not depend on the number of threads, nor on the order
+/// of the surfels.
 SURFEL_API SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
                                         SimplifyReport* report = nullptr,
                                         const std::string& name = {});

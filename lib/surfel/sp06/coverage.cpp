@@ -14,6 +14,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/base/stage_timer.h>
+#include <surfel/scene/clips.h>
 #include <surfel/sp06/coverage.h>
 #include <surfel/sp06/duplication.h>
 #include <surfel/sp06/missed_samples.h>
@@ -59,8 +60,9 @@ class GroupLists {
 
 double surface_area(const SurfelCloud& cloud) {
   double sum = 0;
-  for (const float area : cloud.area) {
-    if (area > 0 && std::isfinite(area)) sum += static_cast<double>(area);
+  for (std::size_t i = 0; i < cloud.area.size(); ++i) {
+    const auto area = static_cast<double>(cloud.area[i]);
+    if (area > 0 && std::isfinite(area) && !is_cut_off(cloud, i)) sum += area;
   }
   return sum;
 }
@@ -81,6 +83,8 @@ class GroupCoverer {
     discs_ = make_discs(cloud_, options_.cutoff, name_);
     report_.points_before = cloud_.size();
     report_.without_disc = cloud_.size() - discs_.size();
+    if (enlarges()) keep_own_radii();
+    leave_out_images();
     lists_.emplace(discs_, cloud_.group);
     const double area = surface_area(cloud_);
     report_.area_from_column = area > 0;
@@ -96,7 +100,6 @@ class GroupCoverer {
       duplicate();
       stages.end("duplicate");
     }
-    if (enlarges()) keep_own_radii();
     for_each_group([&](std::size_t k) { cover(k); });
     stages.end(enlarges() ? "enlarge" : "measure");
 
@@ -147,6 +150,16 @@ class GroupCoverer {
         cloud_.group_radius[discs_.surfel[i]] = discs_.radius[i];
       }
     });
+  }
+
+  /// Takes out the discs whose centres half-planes cut off: they continue others beyond the
+  /// surface, so that there is nothing that they would have to cover.
+  void leave_out_images() {
+    Array<std::uint32_t> kept;
+    for (std::uint32_t i = 0; i < discs_.size(); ++i) {
+      if (!is_cut_off(cloud_, discs_.surfel[i])) kept.push_back(i);
+    }
+    if (kept.size() < discs_.size()) discs_ = discs_.gathered(kept);
   }
 
   void cover(std::size_t k) {
@@ -201,11 +214,20 @@ class GroupCoverer {
       const double angle = 2 * std::numbers::pi * random_uniform(kSampleSeed, i, 1);
       const Vec3f a = discs_.normal[i].unitOrthogonal();
       const Vec3f b = discs_.normal[i].cross(a);
-      sample_places_.emplace_back(discs_.center[i] +
-                                  static_cast<float>(radius * portable::cos(angle)) * a +
-                                  static_cast<float>(radius * portable::sin(angle)) * b);
+      const Vec3f offset = static_cast<float>(radius * portable::cos(angle)) * a +
+                           static_cast<float>(radius * portable::sin(angle)) * b;
+      if (is_beyond(discs_.surfel[i], offset)) continue;
+      sample_places_.emplace_back(discs_.center[i] + offset);
       sample_normals_.push_back(discs_.normal[i]);
     }
+  }
+
+  /// Does a half-plane of a surfel cut off the place at this offset from its centre?
+  bool is_beyond(std::uint32_t surfel, const Vec3f& offset) const {
+    const auto beyond = [&](const HalfPlane& cut) {
+      return cut.cuts() && cut.direction.dot(offset.cast<double>()) > cut.distance;
+    };
+    return beyond(half_plane(cloud_, surfel, 0)) || beyond(half_plane(cloud_, surfel, 1));
   }
 
   Array<float> grown_radii(const GroupCells& cells, const Discs& discs, GroupCoverage& out) const {

@@ -103,12 +103,16 @@ struct CoverageReport {
 /// the group that they are added to, in the order of groups, and gives all splats `source`: the
 /// index of the original before, or its own `source` if there was that column.
 ///
-/// The surface is the union of the cloud's discs (DiscSurface). Where a border is in a splat's
-/// cell, the cell ends there and so does the splat's growth; most_growth limits it on top of that,
-/// and the area that it leaves open is in uncovered_area. Coverage that no radius of the group can
-/// give is reported as unreachable_area. kEnlarge solves (8) for the share `target` of A. The
-/// cells, which lie in tangent planes, may hold less than that, and (8) then has no solution: the
-/// factor is the one that covers 0.999 of the cells, whose last spikes would inflate all radii.
+/// The surface is the union of the cloud's discs (DiscSurface), whole ones, whatever half-planes
+/// leave of them: groups are asked to cover rather too much. Copies keep their half-planes. Discs
+/// whose centres are cut off, which continue others beyond the surface, keep their own radius and
+/// count for nothing.
+/// Where a border is in a splat's cell, the cell ends there and so does the splat's growth;
+/// most_growth limits it on top of that, and the area that it leaves open is in uncovered_area.
+/// Coverage that no radius of the group can give is reported as unreachable_area. kEnlarge solves
+/// (8) for the share `target` of A. The cells, which lie in tangent planes, may hold less than
+/// that, and (8) then has no solution: the factor is the one that covers 0.999 of the cells, whose
+/// last spikes would inflate all radii.
 ///
 /// O(n log n) in practice; a group of a few splats takes a pass over the surface for each of them.
 /// Memory some 100 bytes a splat, and 150 a splat of the largest group.

@@ -1,6 +1,7 @@
 // Zwicker, Pfister, van Baar, Gross 2001, "Surface Splatting", equation (9) and section 5.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -52,6 +53,10 @@ double reset_cell(const SurfelBasis::Function& f, VoronoiCell& cell) {
   return cell.radius();
 }
 
+/// Places this far beyond a line, in standard deviations, lie on it: what is on an edge belongs to
+/// either side, however coordinates were rounded.
+constexpr double kOnLine = 1e-3;
+
 /// Cuts the function's cell out of its tangent plane.
 void cut_cell(const SurfelBasis& basis, const ReachTree& tree, std::size_t i, VoronoiCell& cell) {
   const SurfelBasis::Function& f = basis.function[i];
@@ -66,6 +71,11 @@ void cut_cell(const SurfelBasis& basis, const ReachTree& tree, std::size_t i, Vo
     if (f.normal.dot(other.normal) < 0 || height * height > flat2) return;
     if (flat2 > least2 && flat2 <= 4 * cell.radius2()) cell.cut(flat);
   });
+  if (basis.cut.empty()) return;
+  for (const SurfelBasis::Cut& line : basis.cut[i]) {
+    // The bisector of the function and its mirror image.
+    if (line.distance > 0) cell.cut(2 * line.distance * line.direction);
+  }
 }
 
 /// A function as the points of one owner see it: all terms of it are affine in their offsets (x,
@@ -96,6 +106,27 @@ bool see(const SurfelBasis::Function& owner, const SurfelBasis::Function& f, dou
   seen.max_depth = reach_of(f, cutoff);
   seen.peak = f.peak();
   return true;
+}
+
+/// The half-planes of a function as the points of one owner see them: a point is cut off where
+/// c . (1, x, y) > 0.
+using SeenCuts = std::array<Vec3d, 2>;
+
+SeenCuts see_cuts(const SurfelBasis::Function& f, const std::array<SurfelBasis::Cut, 2>& cuts,
+                  const Vec3d& u, const Vec3d& v) {
+  SeenCuts seen;
+  const double deviation_u = std::sqrt(f.variance_u);
+  const double deviation_v = std::sqrt(f.variance_v);
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    const Vec2d& direction = cuts[k].direction;
+    seen[k] = direction.x() * deviation_u * u + direction.y() * deviation_v * v;
+    seen[k][0] -= cuts[k].distance + kOnLine * std::max(deviation_u, deviation_v);
+  }
+  return seen;
+}
+
+bool cut_off(const SeenCuts& cuts, const Vec3d& at) {
+  return cuts[0].dot(at) > 0 || cuts[1].dot(at) > 0;
 }
 
 /// The kernel at a point as the assembler writes it.
@@ -203,6 +234,7 @@ class Assembler {
   struct Worker {
     std::vector<Candidate> candidates;
     std::vector<SeenFunction> seen;
+    std::vector<SeenCuts> cuts;  ///< Of every function seen, where some function is cut.
     std::vector<char> reaches;
     RowChunk rows;
     RowChunk reaching;
@@ -211,22 +243,26 @@ class Assembler {
   /// Adds the rows of one owner's points, and a row of the functions that reach any of them.
   /// \return the number of uncovered points.
   std::size_t add_rows(std::size_t i, Worker& worker) const {
-    auto& [candidates, seen, reaches, rows, reaching] = worker;
+    auto& [candidates, seen, cuts, reaches, rows, reaching] = worker;
     const SurfelBasis::Function& owner = basis_.function[i];
     const std::size_t begin = quadrature_.begin[i];
     const std::size_t end = quadrature_.begin[i + 1];
     find_seen(owner, std::sqrt(radius2_of(i)), worker);
+    const bool is_cut = !basis_.cut.empty();
+    const SeenCuts own = is_cut ? own_cuts(i) : SeenCuts{};
     std::size_t uncovered = 0;
     for (std::size_t q = begin; q < end; ++q) {
       const Vec3d at(1, quadrature_.offset[q].x(), quadrature_.offset[q].y());
       const std::size_t first = rows.value.size();
       double sum = 0;
-      for (std::size_t s = 0; s < seen.size(); ++s) {
+      const bool off = is_cut && cut_off(own, at);
+      for (std::size_t s = 0; s < seen.size() && !off; ++s) {
         const SeenFunction& f = seen[s];
         const double u = f.u.dot(at);
         const double v = f.v.dot(at);
         const double beta = 0.5 * (u * u + v * v);
         if (!(beta < cutoff_) || std::abs(f.depth.dot(at)) > f.max_depth) continue;
+        if (is_cut && cut_off(cuts[s], at)) continue;
         const double r = f.peak * portable::exp(-beta);
         rows.add(f.index, entry_ == Entry::kNormalised ? r : beta);
         reaches[s] = 1;
@@ -246,9 +282,17 @@ class Assembler {
     return uncovered;
   }
 
+  /// The half-planes of an owner as its own points see them.
+  SeenCuts own_cuts(std::size_t i) const {
+    const SurfelBasis::Function& f = basis_.function[i];
+    return see_cuts(f, basis_.cut[i], Vec3d(0, 1 / std::sqrt(f.variance_u), 0),
+                    Vec3d(0, 0, 1 / std::sqrt(f.variance_v)));
+  }
+
   /// The functions that may reach a point within `radius` of the owner.
   void find_seen(const SurfelBasis::Function& owner, double radius, Worker& worker) const {
     worker.seen.clear();
+    worker.cuts.clear();
     for (const Candidate& candidate : worker.candidates) {
       const double limit = radius + candidate.reach;
       if ((candidate.position - owner.position).squaredNorm() > limit * limit) continue;
@@ -261,6 +305,9 @@ class Assembler {
       if (nearest > 0 && nearest * nearest > 2 * cutoff_) continue;
       seen.index = candidate.index;
       worker.seen.push_back(seen);
+      if (basis_.cut.empty()) continue;
+      worker.cuts.push_back(
+          see_cuts(basis_.function[candidate.index], basis_.cut[candidate.index], seen.u, seen.v));
     }
     worker.reaches.assign(worker.seen.size(), 0);
   }
@@ -405,6 +452,7 @@ SurfelBasis minified(const SurfelBasis& basis, double cutoff) {
   const double widening = 1 + 1 / kept_variance(cutoff);
   SurfelBasis wide;
   wide.function = basis.function;
+  wide.cut = basis.cut;
   for (SurfelBasis::Function& f : wide.function) {
     f.variance_u *= widening;
     f.variance_v *= widening;

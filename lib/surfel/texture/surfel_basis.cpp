@@ -1,9 +1,11 @@
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
 #include <surfel/base/morton.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/clips.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/texture/surfel_basis.h>
 
@@ -35,6 +37,10 @@ std::optional<SurfelBasis::Function> make_function(const SurfelCloud& cloud, std
   return f;
 }
 
+SurfelBasis::Cut make_cut(const SurfelBasis::Function& f, const HalfPlane& plane) {
+  return {{plane.direction.dot(f.tangent), plane.direction.dot(f.bitangent)}, plane.distance};
+}
+
 }  // namespace
 
 SurfelBasis make_basis(const SurfelCloud& cloud) {
@@ -46,6 +52,16 @@ SurfelBasis make_basis(const SurfelCloud& cloud) {
     if (const auto function = make_function(cloud, k)) {
       basis.function.push_back(*function);
       basis.surfel.push_back(k);
+    }
+  }
+  const auto clipped = [&](std::uint32_t k) { return is_clipped(cloud, k); };
+  if (std::any_of(basis.surfel.begin(), basis.surfel.end(), clipped)) {
+    basis.cut.reserve(basis.size());
+    for (std::size_t i = 0; i < basis.size(); ++i) {
+      const SurfelBasis::Function& f = basis.function[i];
+      const std::uint32_t k = basis.surfel[i];
+      basis.cut.push_back(
+          {make_cut(f, half_plane(cloud, k, 0)), make_cut(f, half_plane(cloud, k, 1))});
     }
   }
   basis.unusable = cloud.size() - basis.size();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -28,8 +29,14 @@ struct SurfelBasis {
       return area / (2 * std::numbers::pi * std::sqrt(variance_u * variance_v));
     }
   };
+  /// A half-plane that a function is cut by: it is 0 where direction . (u - u_k) > distance.
+  struct Cut {
+    Vec2d direction;  ///< Along (tangent, bitangent): unit; zero: cuts nothing.
+    double distance;  ///< Scene units.
+  };
   Array<Function> function;
-  Array<std::uint32_t> surfel;  ///< Index in the cloud of every function's surfel.
+  Array<std::array<Cut, 2>> cut;  ///< Of every function; empty where none is cut.
+  Array<std::uint32_t> surfel;    ///< Index in the cloud of every function's surfel.
   std::size_t unusable = 0;  ///< Surfels left out: no finite position, normal, positive variance.
 
   std::size_t size() const { return function.size(); }

@@ -88,10 +88,12 @@ void leave_out_without_uv(const SurfelCloud& cloud, SurfelBasis& basis) {
   for (std::size_t i = 0; i < basis.size(); ++i) {
     if (!cloud.uv[basis.surfel[i]].allFinite()) continue;
     basis.function[kept] = basis.function[i];
+    if (!basis.cut.empty()) basis.cut[kept] = basis.cut[i];
     basis.surfel[kept++] = basis.surfel[i];
   }
   basis.unusable += basis.size() - kept;
   basis.function.resize(kept);
+  if (!basis.cut.empty()) basis.cut.resize(kept);
   basis.surfel.resize(kept);
 }
 
