@@ -8,7 +8,7 @@
 namespace surfel {
 namespace {
 
-constexpr CutLine kNoLine{{0, 0, 0}, 0};
+const CutLine kNoLine{{0, 0, 0}, 0};
 
 LinedSurfel at(float x, float y, const CutLine& first = kNoLine, const CutLine& second = kNoLine) {
   return {{x, y, 0}, 1, {first, second}, false};
