@@ -572,7 +572,9 @@ TEST(Coverage, SurfelsThatContinueOthersBeyondALineCountForNothing) {
     EXPECT_NEAR(report.area, 1, 1e-4);
     EXPECT_EQ(report.groups[0].splats + report.groups[1].splats,
               cloud.size() - sampled.mirrored + report.points_added);
-    if (method == CoverMethod::kEnlargeEach) EXPECT_LT(report.missed_share, 0.01);
+    if (method == CoverMethod::kEnlargeEach) {
+      EXPECT_LT(report.missed_share, 0.01);
+    }
     for (std::size_t i = 0; i < out.size(); ++i) {
       if (!is_cut_off(out, i)) continue;
       EXPECT_FLOAT_EQ(radius_of(out, i), std::sqrt(2 * out.variance[i]));
