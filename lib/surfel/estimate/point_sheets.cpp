@@ -125,7 +125,8 @@ class SheetCutter {
       const auto inside = [&](std::size_t i) { return part_[i] >= begin && part_[i] < end; };
       std::vector<std::uint64_t> keys;
       for (std::size_t i = begin; i < end; ++i) {
-        if (!small(i) || !inside(i)) continue;
+        // Sizes of sheets whose roots lie in other blocks change meanwhile.
+        if (!inside(i) || !small(i)) continue;
         add_best_edge(i, keys);
         if (!keys.empty() && static_cast<std::uint32_t>(keys.back()) == i && !inside(to_[i])) {
           keys.pop_back();
