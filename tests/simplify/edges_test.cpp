@@ -208,7 +208,7 @@ TEST(SimplifyEdges, DoNotDependOnThreads) {
   EXPECT_EQ(one.area, three.area);
 }
 
-/// Surfels along the x axis, 1 apart, in z = 0, those listed with a line x = `at`.
+/// Surfels along the x axis, 1 apart, in z = 0, that no line cuts.
 std::vector<LinedSurfel> row(int count) {
   std::vector<LinedSurfel> surfels;
   for (int i = 0; i < count; ++i) {

@@ -44,8 +44,8 @@ constexpr double kLargestOfBox = 256;
 /// of others.
 constexpr double kMostEliminatedOfBox = 0.25;
 
-/// TextureFitOptions::prefilter of samples half a pixel apart: pictures of textures are 1.5 dB
-/// nearer to the mesh's at a cutoff of 2 than with the published 1, and as near at 1.
+/// TextureFitOptions::prefilter of samples half a pixel apart. Against the mesh's pictures it gains
+/// up to 1.4 dB at a cutoff of 2 over the published 1, and is within 0.3 dB at a cutoff of 1.
 constexpr double kPrefilter = 0.5;
 
 double area_of(const TriangleMesh& mesh) {

@@ -40,9 +40,9 @@ SURFEL_API MergeSurfel merge_surfel(const SurfelCloud& cloud, std::uint32_t i);
 ///   mean normal. Pieces of a plane keep the sum of their areas; a rough surface covers as much of
 ///   a picture as before, where the plain sum would cover more. At least half the sum.
 /// - alpha: the mean; colours: the mean weighted by area times alpha, in linear light;
-/// - members whose centres half-planes cut off take no part, where there are others: they continue
-///   the others up to a line. Of such members alone that have no line in common the first with
-///   the largest area remains, unmerged;
+/// - members whose centres half-planes cut off take no part where other members are whole, as they
+///   continue the whole ones up to a line. Where no member is whole and no line would cut off the
+///   mean position, the member with the largest area (the first of several) remains, unmerged;
 /// - half-planes: merged_lines();
 /// - material: the one of most area, ties to the smaller number; source: of the member that is
 ///   nearest to the mean position, ties to the earlier member.

@@ -371,9 +371,11 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
       const float covered = std::max(1 - open, std::min(1.0F, sum / tile.edge_weight));
       float transmitted = 1;
       for (SeenFragment& part : seen.subspan(first, end - first)) {
-        const float shared = covered * weight_of(part) / sum / transmitted;
+        // Rounding may leave nothing for a part that hardly weighs.
+        const float shared =
+            transmitted > 0 ? std::min(1.0F, covered * weight_of(part) / sum / transmitted) : 1;
         transmitted *= 1 - shared;
-        part.coverage = std::min(1.0F, part.coverage + degree * (shared - part.coverage));
+        part.coverage += degree * (shared - part.coverage);
         part.full_weight = weight_of(part) / part.coverage;
       }
     }

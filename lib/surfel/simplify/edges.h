@@ -26,7 +26,7 @@ struct CloudEdges {
   Array<std::uint32_t> clipped;            ///< The surfels that half-planes cut.
   Array<Vec3f> place;                      ///< Their positions.
   std::unique_ptr<NeighborSearch> search;  ///< Searches `place`.
-  /// Mirror images: surfels that continue those of the cloud beyond their lines.
+  /// Mirror images: surfels that continue surfels of the cloud beyond the lines that cut these.
   SurfelCloud images;
   Array<std::uint32_t> image_of;  ///< The surfel of the cloud that each image continues.
 

@@ -31,8 +31,8 @@ EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const Texture
 /// g = G_{T^-1 V_k T^-T + n^2 I} about the surfel's place in the image, n being the reconstruction
 /// kernel's standard deviation (see ewa_kernel()). These coefficients solve SS01 (11) where the
 /// basis is taken as orthonormal. fit_texture() must have checked the columns. Builds the maps'
-/// pyramids as far as needed. The result is the same for any number of threads. \param points  if
-/// not null, sampled at the same time, as the textures are then at hand.
+/// pyramids as far as needed. The result is the same for any number of threads.
+/// \param points  if not null, sampled at the same time, as the textures are then at hand.
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
              TextureFitReport& report, PointColors* points = nullptr);
 

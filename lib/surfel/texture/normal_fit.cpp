@@ -17,7 +17,8 @@ namespace {
 constexpr std::size_t kNormalGrain = 1 << 12;
 
 /// Means of a set's values under the surfels' kernels: ewa's coefficients, which the cloud keeps as
-/// they were. Variances of normals are those of whole kernels, whatever colours are filtered by.
+/// they were. The variance of the normals that a mean's length tells is the variance under the
+/// whole kernel, so that `prefilter` does not count.
 Array<Vec3f> kernel_means(SurfelCloud& cloud, TextureSet& set, TextureFitOptions options) {
   options.prefilter = 1;
   Array<Vec3f> coefficient = std::exchange(cloud.coefficient, {});
