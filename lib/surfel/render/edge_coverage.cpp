@@ -124,7 +124,11 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
       }
       if (!tile.layout.clips) continue;
       const float* const cut = weights + kCutPartial * kPatchPixels;
-      for (int i = 0; i < kPatchPixels; ++i) kept[i] |= weights[i] > 0 && cut[i] > 0 ? 1U : 0U;
+      for (int i = 0; i < kPatchPixels; ++i) {
+        // Lines tell more about the edges of surfels that are larger than the pixel filter.
+        const bool filtered = is_filtered(tags[i]);
+        kept[i] |= weights[i] > 0 && cut[i] > 0 && !filtered ? 1U : 0U;
+      }
     }
     std::array<float, kPatchPixels> sums;
     std::uint32_t any_kept = 0;

@@ -32,7 +32,9 @@ namespace surfel {
 ///
 /// Each side of a body sums up to the body's coverage. Whatever the fragments are that a grazing
 /// surface falls into, the larger one of the two sides' sums counts. Only pixels near places where
-/// S falls below one half are changed: elsewhere uneven sums are no edges (tau).
+/// S falls below one half are changed: elsewhere uneven sums are no edges (tau). Surfels that lines
+/// cut take part where they are smaller than the pixel filter: the filtered sums tell more there
+/// than the lines do.
 class SURFEL_API EdgeCoverage {
  public:
   /// Room for pictures of a cutoff and of a pixel filter's standard deviation, pixels.
