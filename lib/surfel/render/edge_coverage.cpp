@@ -335,10 +335,12 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
       float* const out = image.pixel(x, y);
       const float scale = opacity / before;
       int channel = 0;
-      for (const float b : {back.red, back.green, back.blue, back.alpha}) {
+      for (const float b : {back.red, back.green, back.blue}) {
         out[channel] = (out[channel] - (1 - before) * b) * scale + (1 - opacity) * b;
         ++channel;
       }
+      // The scale is rounded as `before` is, which would leave a faint pixel's alpha above 1.
+      out[3] = opacity + (1 - opacity) * back.alpha;
       pixel.opacity = steps_of(opacity);
       if (image.channel_count() > 4) {
         // Z is where opacity passes one half, Z.first the nearest surface's depth.

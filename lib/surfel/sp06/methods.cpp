@@ -185,7 +185,7 @@ class PeelCompositor final : public Compositor {
   PeelCompositor(const RenderOptions& options, int peel) : options_(options), peel_(peel) {}
   std::vector<SplatListOptions> lists() const override {
     // Each layer takes three passes over the splats.
-    return {{.lowpass = options_.filter_deviation(), .large_splats = 80}};
+    return {{.lowpass = options_.filter_deviation(), .large_splats = 56}};
   }
   int layers() const override { return peel_; }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
@@ -216,7 +216,7 @@ class TwoPassCompositor final : public Compositor {
     // Splats are sorted for the layers behind the first alone, and gone over twice.
     return {{.order = DepthOrder::kCoarse,
              .lowpass = options_.filter_deviation(),
-             .large_splats = 192}};
+             .large_splats = 176}};
   }
   int layers() const override { return layers_of_rims(options_); }
   std::unique_ptr<Worker> make_worker() const override { return std::make_unique<TileWorker>(); }
