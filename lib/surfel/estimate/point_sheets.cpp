@@ -1,12 +1,10 @@
 #include <algorithm>
 #include <bit>
 #include <cstddef>
-#include <span>
-#include <utility>
-#include <vector>
+#include <cstdint>
 
+#include <surfel/base/group_by_key.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/radix_sort.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/point_sheets.h>
 #include <surfel/estimate/spanning_forest.h>
@@ -23,6 +21,12 @@ constexpr float kSheetWeight = 0.01F;
 /// Rounds in which small sheets are joined: each at least halves how many there are.
 constexpr int kSheetRounds = 8;
 
+/// The weight of an edge, to 1 %: the higher half of its bits, which ascend with it.
+constexpr std::uint16_t length_of(float weight) {
+  return static_cast<std::uint16_t>(std::bit_cast<std::uint32_t>(weight) >> 16);
+}
+constexpr std::uint16_t kNoLength = length_of(SurfaceEdges::kNoEdge);
+
 class SheetCutter {
  public:
   SheetCutter(const Array<Vec3f>& position, const NeighborSearch& search, std::size_t least,
@@ -31,7 +35,7 @@ class SheetCutter {
         least_(least),
         normal_(normal),
         edges_(position, normal),
-        graph_{search.rows(kOrientationNeighbors + 1), {}},
+        graph_{search.rows(kOrientationNeighbors + 1), {}, length_of(kSheetWeight)},
         sets_(count_),
         part_(count_),
         opposed_(count_) {}
@@ -40,6 +44,7 @@ class SheetCutter {
     join_flat_edges();
     look_up();
     to_.resize(count_);
+    out_.resize(count_);
     join_small_within_blocks();
     look_up();
     for (int round = 0; round < kSheetRounds && join_small(); ++round) look_up();
@@ -50,27 +55,20 @@ class SheetCutter {
   }
 
  private:
-  float weight(std::size_t i, std::size_t j) const {
-    return j != i && edges_.known(i) && edges_.known(j) ? edges_.weight(i, j)
-                                                        : SurfaceEdges::kNoEdge;
-  }
-
   void join_flat_edges() {
     graph_.length.resize(count_ * graph_.degree());
     parallel_for(count_, kSheetGrain, [&](std::size_t begin, std::size_t end, int) {
       std::uint16_t* length = graph_.length.data() + begin * graph_.degree();
       for (std::size_t i = begin; i < end; ++i) {
         for (const std::uint32_t j : graph_.rows.of(i)) {
-          const float w = weight(i, j);
-          *length++ = w < kSheetWeight ? static_cast<std::uint16_t>(w / kSheetWeight * 65534)
-                                       : NeighborGraph::kNoEdge;
+          *length++ = j != i && edges_.known(i) && edges_.known(j) ? length_of(edges_.weight(i, j))
+                                                                   : kNoLength;
         }
       }
     });
     unite_spanning_forest(
         graph_, false, [&](std::uint32_t i, std::uint32_t j) { return edges_.opposed(i, j); },
         sets_);
-    graph_.length = {};
   }
 
   /// Finds the sheet of every point, and how many points with normals it has.
@@ -86,26 +84,35 @@ class SheetCutter {
 
   bool small(std::size_t i) const { return edges_.known(i) && size_[part_[i]] < least_; }
 
-  /// Finds the best edge of a point to another sheet, and appends a key that sorts by its weight,
-  /// then by the point, to `keys`.
-  void add_best_edge(std::size_t i, std::vector<std::uint64_t>& keys) {
-    const auto [w, to] = best_edge_out(i);
-    if (w == SurfaceEdges::kNoEdge) return;
-    to_[i] = to;
-    keys.push_back(std::uint64_t{std::bit_cast<std::uint32_t>(w)} << 32 | i);
+  /// Finds the best edge of a point in a small sheet to another sheet.
+  void find_edge_out(std::size_t i) {
+    out_[i] = kNoLength;
+    if (!small(i)) return;
+    const std::uint16_t* length = graph_.length.data() + i * graph_.degree();
+    for (const std::uint32_t j : graph_.rows.of(i)) {
+      const std::uint16_t l = *length++;
+      if (l >= out_[i] || part_[j] == part_[i]) continue;
+      out_[i] = l;
+      to_[i] = j;
+    }
   }
 
-  /// Joins sheets along the edges of keys, in their order, as long as the sheet of the edge's first
-  /// point is small. Returns whether any were joined. Looks at the roots of part_ and what they are
-  /// joined to alone.
-  bool join_along(std::span<const std::uint64_t> keys) {
+  /// Joins the sheets of points, from `begin` to `end`, to others along their edges out, the best
+  /// first, as long as the sheets are small. Returns whether any were joined. Looks at the roots of
+  /// part_ and what they are joined to alone.
+  bool join_along_edges_out(std::size_t begin, std::size_t end) {
+    const Grouped<std::uint32_t> by_length =
+        group_by_key<std::uint32_t>(kNoLength, [&](const auto& add) {
+          for (std::size_t i = begin; i < end; ++i) {
+            if (out_[i] != kNoLength) add(out_[i], static_cast<std::uint32_t>(i));
+          }
+        });
     const auto find = [&](std::uint32_t i) {
       const SignedSets::Root root = sets_.find(part_[i]);
       return SignedSets::Root{root.index, root.opposed != (opposed_[i] != 0)};
     };
     bool any = false;
-    for (const std::uint64_t key : keys) {
-      const auto from = static_cast<std::uint32_t>(key);
+    for (const std::uint32_t from : by_length.item) {
       const SignedSets::Root a = find(from);
       if (size_[a.index] >= least_) continue;
       const SignedSets::Root b = find(to_[from]);
@@ -123,46 +130,20 @@ class SheetCutter {
   void join_small_within_blocks() {
     parallel_for(count_, kSheetBlock, [&](std::size_t begin, std::size_t end, int) {
       const auto inside = [&](std::size_t i) { return part_[i] >= begin && part_[i] < end; };
-      std::vector<std::uint64_t> keys;
       for (std::size_t i = begin; i < end; ++i) {
         // Sizes of sheets whose roots lie in other blocks change meanwhile.
-        if (!inside(i) || !small(i)) continue;
-        add_best_edge(i, keys);
-        if (!keys.empty() && static_cast<std::uint32_t>(keys.back()) == i && !inside(to_[i])) {
-          keys.pop_back();
-        }
+        if (inside(i)) find_edge_out(i);
+        if (!inside(i) || (out_[i] != kNoLength && !inside(to_[i]))) out_[i] = kNoLength;
       }
-      std::sort(keys.begin(), keys.end());
-      join_along(keys);
+      join_along_edges_out(begin, end);
     });
   }
 
   /// Joins small sheets to others by the best edge of each of their points, the best first, as
   /// long as they are small. Returns whether any were joined.
   bool join_small() {
-    std::vector<std::vector<std::uint64_t>> found((count_ + kSheetGrain - 1) / kSheetGrain);
-    parallel_for(count_, kSheetGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        if (small(i)) add_best_edge(i, found[begin / kSheetGrain]);
-      }
-    });
-    Array<std::uint64_t> keys;
-    for (const std::vector<std::uint64_t>& some : found) {
-      keys.insert(keys.end(), some.begin(), some.end());
-    }
-    sort_keys(keys);
-    return join_along(keys);
-  }
-
-  /// The edge of least weight from a point to another sheet, and where it leads.
-  std::pair<float, std::uint32_t> best_edge_out(std::size_t i) const {
-    std::pair<float, std::uint32_t> best{SurfaceEdges::kNoEdge, 0};
-    for (const std::uint32_t j : graph_.rows.of(i)) {
-      if (part_[j] == part_[i]) continue;
-      const float w = weight(i, j);
-      if (w < best.first) best = {w, j};
-    }
-    return best;
+    parallel_each(count_, kSheetGrain, [&](std::size_t i) { find_edge_out(i); });
+    return join_along_edges_out(0, count_);
   }
 
   PointSheets numbered() const {
@@ -188,7 +169,9 @@ class SheetCutter {
   Array<std::uint32_t> part_;    ///< One point that stands for the sheet.
   Array<std::uint8_t> opposed_;  ///< 1: the normal is on the other side than the one of part_.
   Array<std::uint32_t> size_;    ///< By that point.
-  Array<std::uint32_t> to_;      ///< Where the best edges of points in small sheets lead.
+  /// Lengths of the best edges of points in small sheets to other sheets, or kNoLength ...
+  Array<std::uint16_t> out_;
+  Array<std::uint32_t> to_;  ///< ... and where they lead.
 };
 
 }  // namespace

@@ -36,7 +36,7 @@ class Block {
     for (std::size_t point = begin_; point < end_; ++point) {
       std::size_t e = point * graph_.degree();
       for (const std::uint32_t to : graph_.rows.of(point)) {
-        if (!inside(to) && graph_.length[e] != NeighborGraph::kNoEdge && !repeated(point, to)) {
+        if (!inside(to) && graph_.length[e] < graph_.limit && !repeated(point, to)) {
           out.push_back(order_key(graph_, e));
         }
         ++e;
@@ -118,7 +118,7 @@ class Block {
         inner_[count] = {length, static_cast<std::uint16_t>(k),
                          static_cast<std::uint16_t>(point - begin_),
                          static_cast<std::uint16_t>(to - begin_)};
-        const std::uint32_t once = length == NeighborGraph::kNoEdge || repeated(point, to) ? 0 : 1;
+        const std::uint32_t once = length >= graph_.limit || repeated(point, to) ? 0 : 1;
         place[0][length & 0xff] += once;
         place[1][length >> 8] += once;
         count += once;

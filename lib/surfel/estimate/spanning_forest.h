@@ -74,7 +74,8 @@ class SURFEL_API SignedSets {
 struct NeighborGraph {
   static constexpr std::uint16_t kNoEdge = std::numeric_limits<std::uint16_t>::max();
   NeighborRows rows;
-  Array<std::uint16_t> length;  ///< kNoEdge: it is not there.
+  Array<std::uint16_t> length;
+  std::uint16_t limit = kNoEdge;  ///< Edges of this length, and longer ones, are not there.
 
   std::size_t degree() const { return rows.count; }
   std::uint32_t to(std::size_t e) const {

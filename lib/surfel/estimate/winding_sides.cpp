@@ -14,6 +14,7 @@
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
+#include <surfel/estimate/dipole_energies.h>
 #include <surfel/estimate/spanning_forest.h>
 #include <surfel/estimate/winding_sides.h>
 
@@ -22,8 +23,6 @@ namespace {
 
 constexpr std::size_t kWindingGrain = 4096;
 constexpr std::size_t kBlockGrain = 16;
-/// Width of the blur, in cells.
-constexpr float kBlur = 0.7F;
 /// Cells along a side of the finest grid. Points further away lie at its border.
 constexpr int kLevels = 21;
 constexpr double kCells = 1 << kLevels;
@@ -101,23 +100,23 @@ struct CellBlock {
   std::uint32_t sheet;  ///< Of all dipoles, or kNone.
 };
 
-/// Dipoles in and around a block, sorted by sheet, in columns; lengths in cells of the level, from
-/// the block's corner.
+/// Dipoles in and around a block, sorted by sheet.
 struct Surroundings {
+  /// One number, by which entries are sorted: the sheet, the dipole, and whether it lies in the
+  /// block itself.
   struct Entry {
-    std::uint32_t sheet, dipole;
-    bool own;  ///< In the block itself.
-    bool operator<(const Entry& o) const {
-      return sheet != o.sheet ? sheet < o.sheet : dipole < o.dipole;
-    }
+    std::uint64_t key;
+
+    Entry(std::uint32_t sheet, std::uint32_t dipole, bool own)
+        : key(std::uint64_t{sheet} << 32 | std::uint64_t{dipole} << 1 | (own ? 1 : 0)) {}
+    std::uint32_t sheet() const { return static_cast<std::uint32_t>(key >> 32); }
+    std::uint32_t dipole() const { return static_cast<std::uint32_t>(key) >> 1; }
+    bool own() const { return (key & 1) != 0; }
+    bool operator<(const Entry& o) const { return key < o.key; }
   };
   std::vector<Entry> entry;
-  std::vector<float> x, y, z, p, q, r, energy;
+  DipoleColumns dipole;       ///< Lengths in cells of the level, from the block's corner.
   std::vector<Coupling> row;  ///< Of one of the block's sheets with all after it.
-
-  void resize(std::size_t count) {
-    for (auto* column : {&x, &y, &z, &p, &q, &r, &energy}) column->resize(count);
-  }
 };
 
 class WindingSolver {
@@ -315,24 +314,24 @@ class WindingSolver {
       if (other == blocks.end() || other->code != code) continue;
       alone = alone && other->sheet == block.sheet;
       for (const std::uint32_t i : other->dipole) {
-        near.entry.push_back({dipoles[i].sheet, i, other->code == block.code});
+        near.entry.emplace_back(dipoles[i].sheet, i, other->code == block.code);
       }
     }
     if (alone) return false;
     std::sort(near.entry.begin(), near.entry.end());
-    near.resize(near.entry.size());
+    near.dipole.resize(near.entry.size());
     const double length = std::ldexp(1.0, -level);
     const Vec3d corner = (1 << kBlockLevels) * Vec3d(at[0], at[1], at[2]);
     for (std::size_t k = 0; k < near.entry.size(); ++k) {
-      const Dipole& d = dipoles[near.entry[k].dipole];
+      const Dipole& d = dipoles[near.entry[k].dipole()];
       const Vec3f c = (d.center * length - corner).cast<float>();
       const Vec3f m = (d.moment * (length * length)).cast<float>();
-      near.x[k] = c.x();
-      near.y[k] = c.y();
-      near.z[k] = c.z();
-      near.p[k] = m.x();
-      near.q[k] = m.y();
-      near.r[k] = m.z();
+      near.dipole.x[k] = c.x();
+      near.dipole.y[k] = c.y();
+      near.dipole.z[k] = c.z();
+      near.dipole.p[k] = m.x();
+      near.dipole.q[k] = m.y();
+      near.dipole.r[k] = m.z();
     }
     return true;
   }
@@ -341,19 +340,19 @@ class WindingSolver {
   static void couple_block(Surroundings& near, int level, bool last, std::vector<Coupling>& out) {
     const std::size_t count = near.entry.size();
     for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
-      const std::uint32_t sheet = near.entry[begin].sheet;
-      while (end < count && near.entry[end].sheet == sheet) ++end;
+      const std::uint32_t sheet = near.entry[begin].sheet();
+      while (end < count && near.entry[end].sheet() == sheet) ++end;
       near.row.clear();
       for (std::size_t i = begin; i < end; ++i) {
-        if (!near.entry[i].own) continue;
-        energies(near, i, end, last);
+        if (!near.entry[i].own()) continue;
+        dipole_energies(i, end, count, last, near.dipole);
         std::size_t column = 0;
         for (std::size_t k = end; k < count; ++column) {
-          const std::uint32_t other = near.entry[k].sheet;
+          const std::uint32_t other = near.entry[k].sheet();
           if (column == near.row.size()) near.row.push_back({sheet, other, 0, 0});
           Coupling& c = near.row[column];
-          for (; k < count && near.entry[k].sheet == other; ++k) {
-            const auto energy = static_cast<double>(near.energy[k]);
+          for (; k < count && near.entry[k].sheet() == other; ++k) {
+            const auto energy = static_cast<double>(near.dipole.energy[k]);
             c.sum += energy;
             c.size += std::abs(energy);
           }
@@ -374,29 +373,6 @@ class WindingSolver {
       }
     }
     return out;
-  }
-
-  /// Energies between dipole `i` and those from `first` on: what the next level does not see, or
-  /// all on the last.
-  static void energies(Surroundings& near, std::size_t i, std::size_t first, bool last) {
-    const float x = near.x[i], y = near.y[i], z = near.z[i];
-    const float p = near.p[i], q = near.q[i], r = near.r[i];
-    constexpr float kFine = kBlur * kBlur;
-    constexpr float kCoarse = 4 * kFine;
-    const float share = last ? 0 : 1;
-    const std::size_t count = near.entry.size();
-    for (std::size_t k = first; k < count; ++k) {
-      const float dx = near.x[k] - x, dy = near.y[k] - y, dz = near.z[k] - z;
-      const float d2 = dx * dx + dy * dy + dz * dz;
-      const float product = p * near.p[k] + q * near.q[k] + r * near.r[k];
-      const float along =
-          3 * (dx * p + dy * q + dz * r) * (dx * near.p[k] + dy * near.q[k] + dz * near.r[k]);
-      const float fine = 1 / (d2 + kFine);
-      const float coarse = 1 / (d2 + kCoarse);
-      near.energy[k] =
-          fine * fine * std::sqrt(fine) * ((2 * kFine - d2) * product + along) -
-          share * coarse * coarse * std::sqrt(coarse) * ((2 * kCoarse - d2) * product + along);
-    }
   }
 
   /// Joins sheets, the largest energy first, whose terms do not cancel.
@@ -567,7 +543,7 @@ class WindingSolver {
       const std::size_t step = (dipoles[n] + kPlaces - 1) / kPlaces;
       if (seen[n]++ % step == step / 2) places[n].push_back(d.center);
     }
-    const double eps = static_cast<double>(kBlur) * std::ldexp(1.0, coarse_level_);
+    const double eps = static_cast<double>(kDipoleBlur) * std::ldexp(1.0, coarse_level_);
     std::vector<std::uint8_t> odd(largest.size());
     parallel_each(largest.size(), 1, [&](std::size_t k) {
       const std::uint32_t n = largest[k];
