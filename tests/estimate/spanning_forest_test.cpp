@@ -58,7 +58,7 @@ void unite_plainly(const NeighborGraph& graph, SignedSets& sets) {
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return graph.length[a] < graph.length[b]; });
   for (const std::size_t e : order) {
-    if (graph.length[e] == NeighborGraph::kNoEdge) continue;
+    if (graph.length[e] >= graph.limit) continue;
     const auto from = static_cast<std::uint32_t>(e / graph.degree());
     const std::uint32_t to = graph.to(e);
     sets.unite(from, to, [&] { return opposed(from, to); });
@@ -92,10 +92,12 @@ TEST(SpanningForest, SameAsKruskalOverManyBlocks) {
   // Degrees of 64 and 8: blocks of 1024 and 8192 points; of 9 and 3: rows with a rest.
   struct Case {
     std::size_t points, degree, span;
+    std::uint16_t limit = NeighborGraph::kNoEdge;
   };
-  for (const Case& c : {Case{5000, 64, 40}, Case{20000, 8, 30}, Case{20000, 9, 20000},
-                        Case{9000, 3, 2}, Case{1, 8, 1}}) {
-    const NeighborGraph graph = random_graph(c.points, c.degree, c.span);
+  for (const Case& c : {Case{5000, 64, 40}, Case{20000, 8, 30}, Case{20000, 8, 30, 60},
+                        Case{20000, 9, 20000}, Case{9000, 3, 2}, Case{1, 8, 1}}) {
+    NeighborGraph graph = random_graph(c.points, c.degree, c.span);
+    graph.limit = c.limit;
     SignedSets expected(c.points);
     unite_plainly(graph, expected);
     for (const int threads : {1, 3}) {
