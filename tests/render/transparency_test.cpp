@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include <gtest/gtest.h>
 #include <surfel/base/random.h>
 
@@ -74,6 +76,56 @@ TEST(Transparency, SlantedStackKeepsItsOrder) {
   }
   const Image image = render_unlit(stack.cloud, camera_at(4, 64, 12));
   EXPECT_LT(worst_error(image, stack.expected), kOneInByte);
+}
+
+TEST(Transparency, SmallSplatsThatAreSummedUpFirstGiveTheSumsOfSplatAfterSplat) {
+  // Opaque splats are added one after the other; small transparent ones are summed up as sheets.
+  SurfelCloud cloud = jittered_plane(220, 0.9, 0.3);
+  const Eigen::AngleAxisf turn(0.7F, Vec3f(0.4F, 1, 0).normalized());
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.position[i] = turn * cloud.position[i];
+    cloud.normal[i] = turn * cloud.normal[i];
+  }
+  const Camera camera = camera_at(3, 110);
+  const Image opaque = render_unlit(cloud, camera);
+  cloud.alpha.assign(cloud.size(), 0.5F);
+  const Image transparent = render_unlit(cloud, camera);
+  for (int y = 40; y < 70; ++y) {
+    for (int x = 40; x < 70; ++x) {
+      for (int c = 0; c < 4; ++c) {
+        ASSERT_NEAR(transparent.pixel(x, y)[c], 0.5F * opaque.pixel(x, y)[c], 1e-5F)
+            << x << ' ' << y << ' ' << c;
+      }
+    }
+  }
+}
+
+TEST(Transparency, SurfacesOfSmallSplatsAreComposited) {
+  // Planes that lie five pixels one behind the other, each of splats far below a pixel.
+  constexpr int kPlanes = 4;
+  const Eigen::AngleAxisf turn(0.7F, Vec3f(0.4F, 1, 0).normalized());
+  SurfelCloud cloud;
+  for (int k = 0; k < kPlanes; ++k) {
+    const SurfelCloud plane = jittered_plane(220, 0.9, 0.3, k + 1);
+    for (std::size_t i = 0; i < plane.size(); ++i) {
+      const Vec3f offset(0, 0, 0.1F * static_cast<float>(k));
+      add_surfel(cloud, turn * (plane.position[i] + offset), turn * plane.normal[i],
+                 plane.variance[i], plane.area[i], {1, 1, 1});
+    }
+  }
+  cloud.alpha.assign(cloud.size(), 0.3F);
+  const double expected = 1 - std::pow(0.7, kPlanes);
+  for (const int layers : {3, 8}) {
+    RenderOptions options;
+    options.layers = layers;
+    const Image image = render_unlit(cloud, camera_at(3, 110), options);
+    for (int y = 45; y < 65; ++y) {
+      for (int x = 45; x < 65; ++x) {
+        ASSERT_NEAR(image.pixel(x, y)[3], expected, 2 * kOneInByte)
+            << layers << ' ' << x << ' ' << y;
+      }
+    }
+  }
 }
 
 TEST(Transparency, SheetsAreToldApartWhateverTheCutoff) {

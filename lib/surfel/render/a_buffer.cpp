@@ -393,7 +393,8 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   const auto see = [&](const Fragment& f, const Fragment& other) {
     const bool far_side = may_be_far_side(tile, 2, f) && shows_front(other.channel[kTag]) &&
                           is_far_side(tile, f, {{}, f.channel[kWeight], front_depth(other)});
-    return seen_at(tile, f, !is_merged(f) && is_filtered(f.channel[kTag]) ? 0.8F : 0.0F, far_side);
+    return seen_at(tile, f, !is_merged(f) && is_filtered(f.channel[kTag]) ? kMergedEdge : 0.0F,
+                   far_side);
   };
   std::array<SeenFragment, 2> seen{see(front, back), see(back, front)};
   order_by_sight(seen);
@@ -419,26 +420,6 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   const float weight = is_merged(shown) ? 1 : shown.channel[kWeight];
   for (const int c : {kNormalX, kNormalY, kNormalZ}) out.channel[c] = shown.channel[c] / weight;
   out.channel[kBack] = back_depth(back);
-  return out;
-}
-
-Fragment unmerged(const PixelContribution& contribution) {
-  const auto& [rho, depth, splat, normal, cut] = contribution;
-  Fragment out{};
-  float* c = out.channel;
-  c[kWeight] = rho;
-  c[kDepth] = rho * depth;
-  c[kRed] = rho * splat.red;
-  c[kGreen] = rho * splat.green;
-  c[kBlue] = rho * splat.blue;
-  c[kAlpha] = rho * splat.alpha;
-  c[kTag] = std::bit_cast<float>(splat.tag);
-  if (normal) {
-    c[kNormalX] = rho * normal->x;
-    c[kNormalY] = rho * normal->y;
-    c[kNormalZ] = rho * normal->z;
-  }
-  std::copy_n(cut, kFragmentChannels - kCutAway, c + kCutAway);
   return out;
 }
 
@@ -537,9 +518,27 @@ float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) cons
   return full + one_side * std::max(0.0F, uncut - full);
 }
 
-void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution) {
-  const Fragment fresh = unmerged(contribution);
-  const float depth = contribution.depth;
+Fragment unmerged(const PixelContribution& contribution) {
+  const auto& [rho, depth, splat, normal, cut] = contribution;
+  Fragment out{};
+  float* c = out.channel;
+  c[kWeight] = rho;
+  c[kDepth] = rho * depth;
+  c[kRed] = rho * splat.red;
+  c[kGreen] = rho * splat.green;
+  c[kBlue] = rho * splat.blue;
+  c[kAlpha] = rho * splat.alpha;
+  c[kTag] = std::bit_cast<float>(splat.tag);
+  if (normal) {
+    c[kNormalX] = rho * normal->x;
+    c[kNormalY] = rho * normal->y;
+    c[kNormalZ] = rho * normal->z;
+  }
+  std::copy_n(cut, kFragmentChannels - kCutAway, c + kCutAway);
+  return out;
+}
+
+void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, float depth) {
   const Sorted sorted(tile, pixel);
   int in_front = 0;  // How many fragments are nearer than the newcomer.
   while (in_front < sorted.count && front_depth(sorted[in_front]) >= depth) ++in_front;
@@ -584,11 +583,10 @@ void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& co
   store(tile, sorted.order[front + 1], pixel, fresh);
 }
 
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
-                         const PixelContribution& contribution) {
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, const Fragment& fresh) {
   const float x = static_cast<float>(tile.x0 + tile_pixel_x(pixel)) + 0.5F;
   const float y = static_cast<float>(tile.y0 + tile_pixel_y(pixel)) + 0.5F;
-  const Rgba color = tile.shader->shade(unmerged(contribution), x, y, tile.full_weight);
+  const Rgba color = tile.shader->shade(fresh, x, y, tile.full_weight);
   const float open = 1 - tile.at(layer, kAlpha, pixel);
   tile.at(layer, kRed, pixel) += open * color.red;
   tile.at(layer, kGreen, pixel) += open * color.green;

@@ -215,6 +215,10 @@ struct TileABuffer {
   }
 };
 
+/// To what degree merged fragments of filtered splats are taken to be at an edge: see
+/// insert_by_merging().
+inline constexpr float kMergedEdge = 0.8F;
+
 /// A splat's contribution to a pixel.
 struct PixelContribution {
   float rho, depth;
@@ -230,13 +234,17 @@ struct PixelContribution {
 /// contributions arrive roughly front to back, the nearest two fragments are the ones that are
 /// complete: they are shaded and composited (12), and the free layer goes to the newcomer. With a
 /// single layer the nearer surface stays.
-void insert_by_merging(TileABuffer& tile, int pixel, const PixelContribution& contribution);
+/// \param fresh  the contribution, or the sums over several of one surface.
+/// \param depth  its depth.
+void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, float depth);
+
+/// A contribution as a fragment of its own.
+Fragment unmerged(const PixelContribution& contribution);
 
 /// A contribution that comes after its surface has been merged into `layer`: composites it into the
 /// share that the merged surfaces leave open. For opaque surfaces, where the order behind them
 /// matters less than that nothing is missing.
-void add_to_merged_layer(TileABuffer& tile, int layer, int pixel,
-                         const PixelContribution& contribution);
+void add_to_merged_layer(TileABuffer& tile, int layer, int pixel, const Fragment& fresh);
 
 /// Nearest surface of a pixel.
 struct NearestLayer {

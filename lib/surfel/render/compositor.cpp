@@ -7,10 +7,12 @@ namespace {
 
 class ABufferCompositor final : public Compositor {
  public:
-  explicit ABufferCompositor(const RenderOptions& options) : options_(options) {}
+  ABufferCompositor(const RenderOptions& options, bool opaque)
+      : options_(options), opaque_(opaque) {}
 
   std::vector<SplatListOptions> lists() const override {
-    return {{.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation()}};
+    return {
+        {.order = DepthOrder::kCoarse, .lowpass = options_.filter_deviation(), .sheets = !opaque_}};
   }
   int layers() const override { return options_.layers; }
   /// A single layer has the side alone that is nearer, or that is not culled.
@@ -24,14 +26,15 @@ class ABufferCompositor final : public Compositor {
     }
   };
   const RenderOptions& options_;
+  bool opaque_;
 };
 
 class ABufferMethod final : public CompositingMethod {
  public:
   bool needs_whole_tiles() const override { return false; }
   std::unique_ptr<Compositor> make(const RenderCloud& /*cloud*/, const RenderOptions& options,
-                                   bool /*opaque*/) const override {
-    return std::make_unique<ABufferCompositor>(options);
+                                   bool opaque) const override {
+    return std::make_unique<ABufferCompositor>(options, opaque);
   }
 };
 

@@ -73,6 +73,8 @@ struct SplatListOptions {
   double lowpass = 1;  ///< Standard deviation of the pixel filter, pixels.
   /// Splats are listed, and have boxes, so many pixels beyond their kernels.
   double margin = 0;
+  /// Splats of one surface may come as sheets.
+  bool sheets = false;
   /// Splats larger than a tile that a tile draws where it has more than kMostLargeSplats of them:
   /// the fewer, the more often a method goes over them.
   std::size_t large_splats = 256;

@@ -545,6 +545,24 @@ struct FragmentSums {
       add_to(normal_z, normal->z);
     }
   }
+  /// Adds another fragment of the surface in some pixels.
+  template <class Other>
+  HWY_INLINE void add(const Other& other, M added) {
+    const auto add_to = [&](V& sum, V value) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sum = hn::Add(sum, hn::IfThenElseZero(added, value));
+    };
+    add_to(weight, other.weight);
+    add_to(depth, other.depth);
+    add_to(red, other.red);
+    add_to(green, other.green);
+    add_to(blue, other.blue);
+    if constexpr (!kOpaqueSplats) add_to(alpha, other.alpha);
+    if constexpr (kNormals) {
+      add_to(normal_x, other.normal_x);
+      add_to(normal_y, other.normal_y);
+      add_to(normal_z, other.normal_z);
+    }
+  }
   /// Adds what has been cut off from a contribution, in the pixels that take part.
   HWY_INLINE void add_cut(const CutContribution& by, M added) {
     cut.away = hn::Add(cut.away, hn::IfThenElseZero(added, by.away));
@@ -599,8 +617,34 @@ class FragmentLayer {
   /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
   /// added or the layer hides it.
   HWY_INLINE V take(V rho, V depth, V epsilon, const Splat& splat, const SplatNormal* normal) {
+    return take(rho, depth, epsilon, splat.tag, [&](M joins) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
+    });
+  }
+  /// As above, with the contributions of a sheet.
+  HWY_INLINE V take(V rho, V depth, V epsilon, std::uint32_t tag,
+                    const FragmentSums<kNormals, kOpaqueSplats>& sheet) {
+    return take(rho, depth, epsilon, tag, [&](M joins) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      sums_.add(sheet, hn::And(joins, hn::Gt(rho, hn::Zero(D()))));
+    });
+  }
+  /// Whether the last contribution has been added anywhere.
+  HWY_INLINE bool joined() const { return !hn::AllFalse(D(), joined_); }
+  /// Adds what has been cut off from the last contribution.
+  HWY_INLINE void add_cut(const CutContribution& cut) { sums_.add_cut(cut, joined_); }
+
+  HWY_INLINE void store() {
+    sums_.store(fragment_);
+    hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
+  }
+
+ private:
+  using Tags = hn::RebindToUnsigned<D>;
+
+  template <class Add>
+  HWY_INLINE V take(V rho, V depth, V epsilon, std::uint32_t tag, const Add& add) {
     const D d;
-    const auto splat_tag = hn::Set(Tags(), splat.tag);
+    const auto splat_tag = hn::Set(Tags(), tag);
     // depth - fragment's depth, times the fragment's weight, to save the division. Merged
     // fragments have a negative weight, and no contribution is near them, nor hidden by them.
     const V behind = mul_sub(depth, sums_.weight, sums_.depth);
@@ -614,19 +658,9 @@ class FragmentLayer {
         hn::And(covers<kOpaqueSplats>(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
     tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
     joined_ = hn::And(joins, hn::Gt(rho, hn::Zero(d)));
-    sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
+    add(joins);
     return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
   }
-  /// Adds what has been cut off from the last contribution.
-  HWY_INLINE void add_cut(const CutContribution& cut) { sums_.add_cut(cut, joined_); }
-
-  HWY_INLINE void store() {
-    sums_.store(fragment_);
-    hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
-  }
-
- private:
-  using Tags = hn::RebindToUnsigned<D>;
 
   float* fragment_;
   FragmentSums<kNormals, kOpaqueSplats, kClips> sums_;

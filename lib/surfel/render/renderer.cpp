@@ -386,7 +386,7 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
     most = std::max(most, being_made.clusters.back().size());
   }
   being_made.grid = BlockGrid(band, most * RenderCloud::kClusterSize,
-                              lists.front().mean_share(band, being_made.clusters.front()));
+                              lists.front().culling().mean_share(being_made.clusters.front()));
   statistics.clusters += most;
   const Frame& frame = being_made;
   stages.add("cull", timer.milliseconds());
@@ -447,6 +447,7 @@ void Renderer::Impl::finish(FrameStatistics& statistics) {
     statistics.splats += list.take_splat_count();
     statistics.exact_splats += list.take_exact_count();
     statistics.thinned_splats += list.take_thinned_count();
+    statistics.fragments += list.take_fragment_count();
   }
   statistics.merged = merges.merged;
   const double all = merges.total_weight + merges.late_weight;

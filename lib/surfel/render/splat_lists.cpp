@@ -38,6 +38,44 @@ bool is_large(const PixelBox& box) {
   return box.x1 - box.x0 >= kTileSize && box.y1 - box.y0 >= kTileSize;
 }
 
+/// Adds a sheet's splats, those of one tag at a time: the tag of a pixel's first contribution is
+/// the fragment's. At a silhouette the order is front to back. \param members  of the sheet; gets
+/// reordered.
+void add_by_tags(const FragmentRules& rules, const SplatView& view, const SheetSplats& sheet,
+                 std::uint32_t* members, SheetSums& sums) {
+  const auto rank = [&](std::uint32_t member) {
+    const std::uint32_t tag = sheet.splats[member].tag;
+    const bool grazing = (tag & kGrazingTag) != 0;
+    const std::uint32_t depth = (tag & kFrontTag) != 0 ? (grazing ? 1 : 0) : (grazing ? 2 : 3);
+    return depth << kMaterialShift | (tag & ((1U << kMaterialShift) - 1));
+  };
+  for (std::size_t begin = 0; begin < sheet.count;) {
+    std::uint32_t least = rank(members[begin]);
+    bool several = false;
+    for (std::size_t i = begin + 1; i < sheet.count; ++i) {
+      const std::uint32_t other = rank(members[i]);
+      several = several || other != least;
+      least = std::min(least, other);
+    }
+    const std::uint32_t* end = members + sheet.count;
+    if (several) {
+      end = std::stable_partition(members + begin, members + sheet.count,
+                                  [&](std::uint32_t member) { return rank(member) == least; });
+    }
+    SheetSplats part = sheet;
+    part.members = members + begin;
+    part.count = static_cast<std::size_t>(end - part.members);
+    add_sheet(rules, view, part, sums);
+    begin += part.count;
+  }
+}
+
+/// The rules of a list that a cloud has the columns for.
+SplatListOptions possible(SplatListOptions lists, const RenderCloud& cloud) {
+  lists.enlarged = lists.enlarged && !cloud.group_radius.empty();
+  return lists;
+}
+
 }  // namespace
 
 BlockGrid::BlockGrid(const Band& band, std::size_t surfels, double share) {
@@ -59,307 +97,34 @@ BlockGrid::BlockGrid(const Band& band, std::size_t surfels, double share) {
 
 SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
                        const ABufferLayout& layout, const SplatListOptions& lists)
-    : cloud_(cloud), scene_(scene), options_(options), layout_(layout), lists_(lists) {
-  lists_.enlarged = lists.enlarged && !cloud.group_radius.empty();
+    : cloud_(cloud),
+      scene_(scene),
+      options_(options),
+      layout_(layout),
+      lists_(possible(lists, cloud)),
+      culling_(cloud, options, lists_) {
   rules_ = {.cutoff = static_cast<float>(options.cutoff),
             .lowpass2 = static_cast<float>(lists.lowpass * lists.lowpass),
             .depth_epsilon = static_cast<float>(options.epsilon_share()),
             .opaque = layout.opaque};
   if (!layout.opaque && !lists.groups && !lists.enlarged) {
-    flatness_ = std::vector<std::atomic<Flatness>>(cloud.clusters().size());
+    surfaces_.emplace(cloud, lists.sheets);
   }
+  materials_fade_ = std::any_of(scene.materials.begin(), scene.materials.end(),
+                                [](const Material& m) { return m.opacity != 1; });
   if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
-}
-
-SplatView SplatLists::view(const Camera& camera, const Band& band) const {
-  SplatView view{};
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) {
-      view.rotation[3 * row + column] = static_cast<float>(camera.camera_from_world(row, column));
-    }
-  }
-  // In double: cloud and camera may both be far from the world's origin.
-  const Vec3d translation = camera.camera_from_world * (cloud_.origin() - camera.eye);
-  for (int i = 0; i < 3; ++i) view.translation[i] = static_cast<float>(translation[i]);
-  view.focal_x = static_cast<float>(camera.focal_x);
-  view.focal_y = static_cast<float>(camera.focal_y);
-  view.center_x = static_cast<float>(camera.center_x);
-  view.center_y = static_cast<float>(camera.center_y);
-  view.near = static_cast<float>(camera.near);
-  view.orthographic = camera.orthographic;
-  view.cull_back = options_.cull_back;
-  view.cutoff = rules_.cutoff;
-  view.lowpass2 = rules_.lowpass2;
-  view.margin = static_cast<float>(lists_.margin);
-  view.circular = options_.filter == Filter::kCircular;
-  view.tolerance = std::numeric_limits<float>::infinity();
-  if (!camera.orthographic && !view.circular && options_.kernel != Kernel::kAffine) {
-    view.tolerance =
-        options_.kernel == Kernel::kAuto ? static_cast<float>(options_.kernel_tolerance) : -1.0F;
-  }
-  view.clip_x0 = 0;
-  view.clip_y0 = static_cast<float>(band.y0);
-  view.clip_x1 = static_cast<float>(camera.width);
-  view.clip_y1 = static_cast<float>(band.y1);
-  return view;
-}
-
-std::vector<VisibleCluster> SplatLists::cull(const Camera& camera, const Band& band) {
-  view_ = view(camera, band);
-  const std::vector<Cluster>& clusters = cloud_.clusters();
-  const Eigen::Matrix3f rotation = camera.camera_from_world.cast<float>();
-  const auto width = static_cast<float>(camera.width);
-  const float reach = std::sqrt(2 * view_.cutoff);
-  const float filter = reach * static_cast<float>(lists_.lowpass) + view_.margin;
-  // Side planes of the view through the band's edges, moved out by the filter's reach: a sphere at
-  // camera-space centre p is outside where a . (p.x or p.y, p.z) > radius * |a|.
-  struct Edge {
-    float focal, offset, sign;
-    int axis;
-    float norm;
-  };
-  const auto edge = [&](int axis, float focal, float center, float pixel, float sign) {
-    const float offset = sign * (pixel - center) + filter;
-    return Edge{focal, offset, sign, axis,
-                camera.orthographic ? focal : portable::hypot(focal, offset)};
-  };
-  const Edge edges[] = {edge(0, view_.focal_x, view_.center_x, 0, -1),
-                        edge(0, view_.focal_x, view_.center_x, width, 1),
-                        edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y0), -1),
-                        edge(1, view_.focal_y, view_.center_y, static_cast<float>(band.y1), 1)};
-  const auto visible = [&](const Cluster& cluster, const Vec3f& p) {
-    if (!listed(cluster)) return false;
-    const float radius = cluster.radius + disc_radius(cluster);
-    if (p.z() + radius <= view_.near) return false;
-    for (const Edge& e : edges) {
-      const float outside = camera.orthographic ? e.sign * e.focal * p[e.axis] - e.offset
-                                                : e.sign * e.focal * p[e.axis] - e.offset * p.z();
-      if (outside > radius * e.norm) return false;
-    }
-    if (options_.cull_back && cluster.cone_cosine > 0) {
-      // All normals look away where the view direction to every surfel is within the cone's
-      // complement: angle(axis, p) + angular radius of the cluster + cone angle < 90 degrees.
-      const Vec3f axis = rotation * cluster.cone_axis;
-      const float distance = camera.orthographic ? 1.0F : p.norm();
-      const float along = camera.orthographic ? axis.z() : axis.dot(p) / distance;
-      const float spread = camera.orthographic ? 0.0F : cluster.radius / distance;
-      if (spread < 1 && along > 0 &&
-          portable::acos(std::min(1.0F, along)) + portable::asin(spread) +
-                  portable::acos(cluster.cone_cosine) <
-              1.5707F) {
-        return false;
-      }
-    }
-    return true;
-  };
-  const auto seen = [&](std::uint32_t i) {
-    return visible(clusters[i], center_in_camera(clusters[i]));
-  };
-  const auto entry = [&](std::uint32_t i) {
-    const float z = center_in_camera(clusters[i]).z();
-    return VisibleCluster{.nearest = z - clusters[i].radius, .index = i};
-  };
-  std::vector<VisibleCluster> all;
-  if (!cloud_.tree().empty()) {
-    for (const std::uint32_t i : level_of_detail(camera, seen)) all.push_back(entry(i));
-  } else {
-    constexpr std::size_t kGrain = 1024;
-    std::vector<std::vector<VisibleCluster>> found((clusters.size() + kGrain - 1) / kGrain);
-    parallel_for(clusters.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const auto index = static_cast<std::uint32_t>(i);
-        if (seen(index)) found[begin / kGrain].push_back(entry(index));
-      }
-    });
-    for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
-  }
-  std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
-    return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
-  });
-  return all;
-}
-
-double SplatLists::mean_share(const Band& band, std::span<const VisibleCluster> clusters) const {
-  constexpr std::size_t kSample = 64;
-  const std::size_t sample = std::min(kSample, clusters.size());
-  double sum = 0;
-  for (std::size_t i = 0; i < sample; ++i) {
-    const Cluster& cluster = cloud_.clusters()[clusters[i * clusters.size() / sample].index];
-    // The square around the sphere, as if it were as far away as its nearest point.
-    const Vec3f p = center_in_camera(cluster);
-    const float radius = cluster.radius + disc_radius(cluster);
-    const float z = view_.orthographic ? 1.0F : p.z() - radius;
-    if (!(z > 0)) {
-      sum += 1;
-      continue;
-    }
-    const auto length = [&](int axis, float focal, float center, float first, float last) {
-      const float at = center + focal * p[axis] / (view_.orthographic ? 1.0F : p.z());
-      const float reach = focal * radius / z;
-      return std::max(0.0F, std::min(last, at + reach) - std::max(first, at - reach));
-    };
-    const auto y0 = static_cast<float>(band.y0);
-    const auto y1 = static_cast<float>(band.y1);
-    sum += length(0, view_.focal_x, view_.center_x, 0, view_.clip_x1) / view_.clip_x1 *
-           length(1, view_.focal_y, view_.center_y, y0, y1) / (y1 - y0);
-  }
-  return sample == 0 ? 0 : sum / static_cast<double>(sample);
-}
-
-Vec3f SplatLists::center_in_camera(const Cluster& cluster) const {
-  const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
-  return rotation * cluster.center +
-         Vec3f(view_.translation[0], view_.translation[1], view_.translation[2]);
-}
-
-/// The projected box of the cluster, extended by the reach of a disc and of the pixel filter.
-SplatLists::TileRange SplatLists::tiles_of(const Cluster& cluster) const {
-  const Vec3f center = center_in_camera(cluster);
-  const Band& band = frame_->band;
-  const TileRange all{0, 0, static_cast<std::uint16_t>(band.tiles_x - 1),
-                      static_cast<std::uint16_t>(band.tiles_y - 1)};
-  const Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> rotation(view_.rotation);
-  const Eigen::Matrix3f half = rotation * cluster.half_extent.asDiagonal();
-  const float radius = disc_radius(cluster);
-  const float least_z = center.z() - half.row(2).cwiseAbs().sum() - radius;
-  // A cluster that reaches near the eye's plane may be seen anywhere.
-  if (!view_.orthographic && !(least_z > 0.1F * radius)) return all;
-  Eigen::Array2f lo = Eigen::Array2f::Constant(std::numeric_limits<float>::infinity());
-  Eigen::Array2f hi = -lo;
-  for (int corner = 0; corner < 8; ++corner) {
-    Vec3f p = center;
-    for (int axis = 0; axis < 3; ++axis) {
-      if ((corner >> axis & 1) != 0) {
-        p += half.col(axis);
-      } else {
-        p -= half.col(axis);
-      }
-    }
-    const Eigen::Array2f slope = view_.orthographic ? p.head<2>() : Vec2f(p.head<2>() / p.z());
-    lo = lo.min(slope);
-    hi = hi.max(slope);
-  }
-  // An offset (a, b) of a point at slope X and depth z moves it by (a - X b) / (z + b) at most.
-  const Eigen::Array2f reach =
-      view_.orthographic
-          ? Eigen::Array2f::Constant(radius)
-          : Eigen::Array2f((lo.abs().max(hi.abs()).square() + 1).sqrt() * (radius / least_z));
-  const Eigen::Array2f focal(view_.focal_x, view_.focal_y);
-  const Eigen::Array2f middle(view_.center_x, view_.center_y - view_.clip_y0);
-  constexpr float kRounding = 0.01F;  // Pixels: coordinates round by 2^-8 of one at most.
-  const float filter = std::sqrt(2 * view_.cutoff * view_.lowpass2) + view_.margin + kRounding;
-  const Eigen::Array2f size(view_.clip_x1, view_.clip_y1 - view_.clip_y0);
-  const Eigen::Array2f first = (focal * (lo - reach) + middle - filter).max(0.0F).min(size - 1);
-  const Eigen::Array2f last = (focal * (hi + reach) + middle + filter).max(0.0F).min(size - 1);
-  return {static_cast<std::uint16_t>(first.x() / kTileSize),
-          static_cast<std::uint16_t>(first.y() / kTileSize),
-          static_cast<std::uint16_t>(last.x() / kTileSize),
-          static_cast<std::uint16_t>(last.y() / kTileSize)};
-}
-
-/// The clusters to draw of a cloud with levels of detail: as coarse as lod_error allows.
-std::vector<std::uint32_t> SplatLists::level_of_detail(
-    const Camera& camera, FunctionRef<bool(std::uint32_t)> seen) const {
-  const auto error = static_cast<float>(options_.lod_pixels());
-  const float pixels_per_unit = std::max(view_.focal_x, view_.focal_y);
-  const Vec3f forward = camera.camera_from_world.row(2).cast<float>();
-  return cut_tree(cloud_.tree(), [&](std::uint32_t i) {
-    if (!seen(i)) return CutStep::kSkip;
-    const TreeCluster& cluster = cloud_.tree()[i];
-    const float z =
-        forward.dot(cluster.bounds.center) + view_.translation[2] - cluster.bounds.radius;
-    return fine_enough(cluster, z, pixels_per_unit, camera.orthographic, error) ? CutStep::kDraw
-                                                                                : CutStep::kRefine;
-  });
-}
-
-/// Whether surfels of the cluster can be in the list.
-bool SplatLists::listed(const Cluster& cluster) const {
-  switch (lists_.surfels) {
-    case ListedSurfels::kAll:
-      break;
-    case ListedSurfels::kOriginals:
-      return !cluster.copies;
-    case ListedSurfels::kAdditions:
-      return cluster.copies || lists_.enlarged;
-  }
-  return true;
-}
-
-/// Whether a cluster's surfels are of transparent planes: most neighbours in its order, which are
-/// near to each other in space, lie in one plane. Where several planes cross, most neighbours still
-/// are of one plane.
-bool SplatLists::is_flat(const Cluster& cluster) {
-  if (flatness_.empty()) return false;
-  // Squares of the angle from normal to normal, which is larger on spheres of a million surfels,
-  // and of the slope of the line from place to place, radians^2.
-  constexpr float kMostTurn2 = 0.002F * 0.002F;
-  constexpr float kMostSlope2 = 0.05F * 0.05F;
-  constexpr float kLeastShare = 0.75F;
-  const auto index = static_cast<std::size_t>(&cluster - cloud_.clusters().data());
-  std::atomic<Flatness>& known = flatness_[index];
-  if (const Flatness f = known.load(std::memory_order_relaxed); f != Flatness::kUnknown) {
-    return f == Flatness::kFlat;
-  }
-  const SurfelColumns c = surfel_columns(cluster);
-  const std::size_t pairs = cluster.end - cluster.begin - 1;
-  std::size_t in_plane = 0;
-  for (std::size_t i = 0; i < pairs; ++i) {
-    const Vec3f n(c.normal_x[i], c.normal_y[i], c.normal_z[i]);
-    const Vec3f next(c.normal_x[i + 1], c.normal_y[i + 1], c.normal_z[i + 1]);
-    const Vec3f offset(c.x[i + 1] - c.x[i], c.y[i + 1] - c.y[i], c.z[i + 1] - c.z[i]);
-    const float off_plane = n.dot(offset);
-    const bool agree = (next - n).squaredNorm() < kMostTurn2 &&
-                       off_plane * off_plane <= kMostSlope2 * offset.squaredNorm();
-    in_plane += agree ? 1 : 0;
-  }
-  const bool flat =
-      pairs > 0 && static_cast<float>(in_plane) >= kLeastShare * static_cast<float>(pairs);
-  known.store(flat ? Flatness::kFlat : Flatness::kNotFlat, std::memory_order_relaxed);
-  return flat;
-}
-
-float SplatLists::disc_radius(const Cluster& cluster) const {
-  return lists_.enlarged ? cluster.max_group_radius
-                         : std::sqrt(2 * view_.cutoff) * cluster.max_deviation;
 }
 
 /// The factor on a surfel's standard deviations that gives its disc the radius that its group asks
 /// for.
 float SplatLists::enlargement(std::size_t surfel) const {
   return cloud_.group_radius[surfel] /
-         (std::sqrt(2 * view_.cutoff) * cloud_.larger_deviation(surfel));
-}
-
-SurfelColumns SplatLists::surfel_columns(const Cluster& cluster) const {
-  const auto from = [&](const Array<float>& column) {
-    return column.empty() ? nullptr : column.data() + cluster.begin;
-  };
-  const auto half_planes = [&](const RenderCloud::ClipColumns& clip) -> HalfPlaneColumns {
-    return {from(clip.x), from(clip.y), from(clip.z), from(clip.distance)};
-  };
-  return {from(cloud_.x),
-          from(cloud_.y),
-          from(cloud_.z),
-          from(cloud_.normal_x),
-          from(cloud_.normal_y),
-          from(cloud_.normal_z),
-          from(cloud_.deviation_u),
-          from(cloud_.deviation_v),
-          from(cloud_.tangent_x),
-          from(cloud_.tangent_y),
-          from(cloud_.tangent_z),
-          from(cloud_.area),
-          from(cloud_.red),
-          from(cloud_.green),
-          from(cloud_.blue),
-          from(cloud_.alpha),
-          {half_planes(cloud_.clip[0]), half_planes(cloud_.clip[1])}};
+         (std::sqrt(2 * band_view().cutoff) * cloud_.larger_deviation(surfel));
 }
 
 /// The surfels with the deviations that they are drawn with.
 SurfelColumns SplatLists::columns_of(const Cluster& cluster, Worker& worker) const {
-  SurfelColumns surfels = surfel_columns(cluster);
+  SurfelColumns surfels = surfel_columns(cloud_, cluster);
   const bool widened = covering_ > 0;
   if (!lists_.enlarged && !widened) return surfels;
   const auto change = [&](const Array<float>& deviation, Array<float>& out) {
@@ -383,7 +148,7 @@ void SplatLists::enlarge(const Cluster& cluster, const Array<float>& deviation, 
   // Splats are not set up of surfels whose deviation is no number.
   const bool added_alone = lists_.surfels == ListedSurfels::kAdditions && !cluster.copies;
   const float least = added_alone ? kLeastEnlargement : 0;
-  const float inv_reach = 1 / std::sqrt(2 * view_.cutoff);
+  const float inv_reach = 1 / std::sqrt(2 * band_view().cutoff);
   const float* const radius = cloud_.group_radius.data();
   const float* const u = cloud_.deviation_u.data();
   const float* const v = (cloud_.anisotropic() ? cloud_.deviation_v : cloud_.deviation_u).data();
@@ -441,7 +206,7 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
   grow(worker.splats, worker.count, all);
   if (layout_.normals) grow(worker.normals, worker.count, all);
   if (lists_.groups) grow(worker.groups, worker.count, all);
-  if (std::isfinite(view_.tolerance)) grow(worker.exact, worker.count, all);
+  if (std::isfinite(band_view().tolerance)) grow(worker.exact, worker.count, all);
   if (cloud_.has_clips()) grow(worker.clips, worker.count, all);
   for (TileList& list : worker.tiles) {
     grow(list.splats, list.count, 0);
@@ -449,18 +214,18 @@ void SplatLists::reserve(Worker& worker, std::size_t more, std::size_t most) con
   }
 }
 
-/// Completes the splats from `begin` on, which lack only the values of their materials, and lists
-/// them in the tiles that they touch. `surfels` has their surfels.
-void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                            Worker& worker) {
+/// Completes the splats from `begin` on, which lack only the values of their materials. `surfels`
+/// has their surfels.
+void SplatLists::complete(std::size_t place, std::size_t begin, const std::uint32_t* surfels,
+                          Worker& worker) {
   const std::size_t count = worker.count - begin;
   Splat* const splats = worker.splats.data() + begin;
-  const std::uint32_t flags = is_flat(cluster) ? kFlatTag : 0;
+  const std::uint32_t flags = surfaces_ && surfaces_->is_flat(place) ? kFlatTag : 0;
   for (std::size_t i = 0; i < count && flags != 0; ++i) splats[i].tag |= flags;
   for (std::size_t i = 0; i < count && !cloud_.material.empty(); ++i) {
     splats[i].tag |= std::uint32_t{cloud_.material[surfels[i]]} << kMaterialShift;
   }
-  for (std::size_t i = 0; i < count && !layout_.opaque; ++i) {
+  for (std::size_t i = 0; i < count && materials_fade_; ++i) {
     const std::size_t material = splats[i].tag >> kMaterialShift;
     const float opacity = scene_.materials[std::min(material, scene_.materials.size() - 1)].opacity;
     for (float* channel : {&splats[i].red, &splats[i].green, &splats[i].blue, &splats[i].alpha}) {
@@ -480,6 +245,75 @@ void SplatLists::add_splats(const Cluster& cluster, std::size_t begin, const std
   for (std::size_t i = 0; i < count && lists_.groups; ++i) {
     worker.groups[begin + i] = cloud_.group[surfels[i]];
   }
+}
+
+/// Sums up the splats from `begin` on that are of the cluster's sheets, and leaves the others.
+/// `surfels` has their surfels.
+void SplatLists::take_sheets(std::size_t place, const SplatView& view, std::size_t begin,
+                             const std::uint32_t* surfels, Worker& worker) {
+  if (!surfaces_ || surfaces_->sheets(place).empty()) return;
+  const std::uint32_t first = cloud_.clusters()[clusters_[place].index].begin;
+  const std::size_t count = worker.count - begin;
+  // Exact kernels, which come last, are of large splats.
+  const auto affine = static_cast<std::size_t>(worker.set_up.visible_count);
+  const Splat* const splats = worker.splats.data() + begin;
+  std::uint8_t taken[kSetupSurfels] = {};
+  for (const SheetInView& sheet : surfaces_->sheets(place)) {
+    std::uint32_t members[kSetupSurfels];
+    SheetSplats in_block{.splats = splats,
+                         .normals = layout_.normals ? worker.normals.data() + begin : nullptr,
+                         .members = members,
+                         .depth = sheet.depth};
+    std::size_t found = 0;
+    for (std::size_t i = 0; i < affine; ++i) {
+      const bool is_member = has_surfel(sheet.surfels, surfels[i] - first);
+      members[found] = static_cast<std::uint32_t>(i);
+      found += is_member ? 1 : 0;
+      taken[i] |= is_member ? 1 : 0;
+    }
+    in_block.count = found;
+    add_by_tags(rules_, view, in_block, members, worker.sheets);
+  }
+  for (const SheetSums::Patch& patch : worker.sheets.patches) {
+    TileList& list =
+        worker.tiles[((patch.y / kTileSize) << frame_->grid.shift) + patch.x / kTileSize];
+    list.sheets.push_back(patch.sheet);
+  }
+  worker.sheets.patches.clear();
+  std::size_t to = begin;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (taken[i] != 0) continue;
+    const std::size_t from = begin + i;
+    worker.splats[to] = worker.splats[from];
+    if (layout_.normals) worker.normals[to] = worker.normals[from];
+    if (worker.splats[to].k < 0) worker.exact[to] = worker.exact[from];
+    if ((worker.splats[to].tag & kClippedTag) != 0) worker.clips[to] = worker.clips[from];
+    ++to;
+  }
+  worker.count = to;
+}
+
+/// Sorts a tile's sheets by patch, and the sheets of a patch nearest first.
+void SplatLists::sort_sheets(TileList& list) {
+  std::array<std::uint32_t, kTilePixels / kPatchPixels + 1>& begin = list.sheets_begin;
+  begin.fill(0);
+  for (const SheetPatch& sheet : list.sheets) ++begin[sheet.patch + 1];
+  for (std::size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
+  list.sorted_sheets.resize(list.sheets.size());
+  std::array<std::uint32_t, kTilePixels / kPatchPixels + 1> end = begin;
+  for (const SheetPatch& sheet : list.sheets) {
+    std::size_t to = end[sheet.patch]++;
+    for (; to > begin[sheet.patch] && list.sorted_sheets[to - 1].depth < sheet.depth; --to) {
+      list.sorted_sheets[to] = list.sorted_sheets[to - 1];
+    }
+    list.sorted_sheets[to] = sheet;
+  }
+}
+
+/// Lists the splats from `begin` on in the tiles that they touch.
+void SplatLists::add_splats(std::size_t begin, Worker& worker) {
+  const std::size_t count = worker.count - begin;
+  const Splat* const splats = worker.splats.data() + begin;
   TileList* const tiles = worker.tiles.data();
   for (std::size_t i = 0; i < count; ++i) {
     bool large = false;
@@ -517,8 +351,10 @@ void SplatLists::bin(const Frame& frame, std::span<const VisibleCluster> cluster
   clusters_ = clusters.data();
   tiles_.resize(clusters.size());
   constexpr std::size_t kGrain = 256;
-  parallel_each(clusters.size(), kGrain,
-                [&](std::size_t i) { tiles_[i] = tiles_of(cloud_.clusters()[clusters[i].index]); });
+  parallel_each(clusters.size(), kGrain, [&](std::size_t i) {
+    tiles_[i] = culling_.tiles_of(cloud_.clusters()[clusters[i].index]);
+  });
+  if (surfaces_) surfaces_->begin(clusters, band_view(), rules_.depth_epsilon);
   block_begin_.resize(grid.blocks() + 1);
   std::fill(block_begin_.begin(), block_begin_.end(), 0U);
   const auto for_each_block = [&](const TileRange& c, const auto& body) {
@@ -557,15 +393,17 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
         "more than 134 million surfels are seen in a few pixels, more than this method draws; "
         "use `method` abuffer");
   }
-  SplatView view = view_;
+  SplatView view = band_view();
   const int tile_x = frame_->grid.first_tile_x(block);
   const int tile_y = frame_->grid.first_tile_y(block);
   view.first_column = tile_x == 0;
   view.first_row = tile_y == 0;
   view.clip_x0 = static_cast<float>(tile_x * kTileSize);
-  view.clip_y0 = view_.clip_y0 + static_cast<float>(tile_y * kTileSize);
-  view.clip_x1 = std::min(view_.clip_x1, view.clip_x0 + static_cast<float>(frame_->grid.size()));
-  view.clip_y1 = std::min(view_.clip_y1, view.clip_y0 + static_cast<float>(frame_->grid.size()));
+  view.clip_y0 = band_view().clip_y0 + static_cast<float>(tile_y * kTileSize);
+  view.clip_x1 =
+      std::min(band_view().clip_x1, view.clip_x0 + static_cast<float>(frame_->grid.size()));
+  view.clip_y1 =
+      std::min(band_view().clip_y1, view.clip_y0 + static_cast<float>(frame_->grid.size()));
   const ExactKernelView exact_view{.cutoff = options_.cutoff,
                                    .lowpass = lists_.lowpass,
                                    .margin = lists_.margin,
@@ -578,22 +416,28 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
   w.count = 0;
   ++w.loads;
   w.tiles.resize(std::size_t{1} << 2 * frame_->grid.shift);
-  for (TileList& list : w.tiles) list.count = list.large = list.clipped = 0;
+  for (TileList& list : w.tiles) {
+    list.count = list.large = list.clipped = 0;
+    list.sheets.clear();
+  }
+  w.sheets.used = 0;
   w.covering.clear();
   w.clipped_covering = 0;
   w.block = {0, 0, static_cast<std::uint8_t>(view.clip_x1 - view.clip_x0 - 1),
              static_cast<std::uint8_t>(view.clip_y1 - view.clip_y0 - 1)};
+  const std::uint32_t* const places = block_clusters_.data() + block_begin_[block];
   const auto cluster_at = [&](std::size_t c) -> const Cluster& {
-    return cloud_.clusters()[clusters_[block_clusters_[block_begin_[block] + c]].index];
+    return cloud_.clusters()[clusters_[places[c]].index];
   };
   // Clusters follow one another in depth, not in memory.
   constexpr std::size_t kAhead = 4;
   for (std::size_t c = begin; c < end; ++c) {
+    const std::size_t place = places[c];
     const Cluster& cluster = cluster_at(c);
     const std::uint32_t i = cluster.begin;
     if (c + kAhead < end) __builtin_prefetch(&cluster_at(c + kAhead).begin);
     std::optional<SurfelColumns> ahead;
-    if (c + 1 < end) ahead = surfel_columns(cluster_at(c + 1));
+    if (c + 1 < end) ahead = surfel_columns(cloud_, cluster_at(c + 1));
     reserve(w, RenderCloud::kClusterSize, (end - begin) * RenderCloud::kClusterSize);
     SetUpSplats& set_up = w.set_up;
     set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
@@ -626,7 +470,9 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
       w.splats_seen += kernel->first ? 1 : 0;
       w.exact_seen += kernel->first ? 1 : 0;
     }
-    add_splats(cluster, first, surfels.data(), w);
+    complete(place, first, surfels.data(), w);
+    take_sheets(place, view, first, surfels.data(), w);
+    add_splats(first, w);
   }
   w.loaded = w.count;
 }
@@ -716,6 +562,7 @@ TileJob SplatLists::job(int x, int y, int worker) {
   if (w.order.size() < list.count + kTileSize) w.order.resize(2 * list.count + kTileSize);
   sort_front_to_back(list.depths.data(), list.splats.data(), list.count, lists_.order, w.sort,
                      w.order.data());
+  if (!list.sheets.empty()) sort_sheets(list);
   return {.rules = &rules_,
           .splats = w.splats.data(),
           .normals = layout_.normals ? w.normals.data() : nullptr,
@@ -726,12 +573,21 @@ TileJob SplatLists::job(int x, int y, int worker) {
           .count = list.count,
           .box_x = x * kTileSize,
           .box_y = y * kTileSize,
+          .sheets = list.sheets.empty() ? nullptr : list.sorted_sheets.data(),
+          .sheets_begin = list.sheets_begin.data(),
+          .sheet_sums = w.sheets.sums.data(),
           .load = w.loads};
 }
 
 std::size_t SplatLists::take_splat_count() {
   std::size_t sum = 0;
   workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.splats_seen, 0); });
+  return sum;
+}
+
+std::uint64_t SplatLists::take_fragment_count() {
+  std::uint64_t sum = 0;
+  workers_.for_each([&](Worker& worker) { sum += std::exchange(worker.sheets.fragments, 0); });
   return sum;
 }
 

@@ -2,20 +2,23 @@
 
 // From surfels to the splats of every tile: culling, SS01 sections 3.3 and 4, binning, sorting.
 
-#include <atomic>
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
-#include <surfel/base/function_ref.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/cluster_culling.h>
+#include <surfel/render/cluster_surfaces.h>
 #include <surfel/render/compositor.h>
 #include <surfel/render/depth_sort.h>
 #include <surfel/render/ewa_kernel.h>
 #include <surfel/render/frame.h>
 #include <surfel/render/render_options.h>
+#include <surfel/render/sheet.h>
 #include <surfel/render/splat.h>
 #include <surfel/render/splat_setup.h>
 #include <surfel/render/tile_raster.h>
@@ -36,9 +39,11 @@ class SplatLists {
              const ABufferLayout& layout, const SplatListOptions& lists);
 
   /// Begins a band: the clusters that reach into it, nearest first, ties by index.
-  std::vector<VisibleCluster> cull(const Camera& camera, const Band& band);
-  /// Share of the band that splats of one of these clusters reach over, in the mean, about.
-  double mean_share(const Band& band, std::span<const VisibleCluster> clusters) const;
+  std::vector<VisibleCluster> cull(const Camera& camera, const Band& band) {
+    return culling_.cull(camera, band);
+  }
+  /// Of the band begun last.
+  const ClusterCulling& culling() const { return culling_; }
   /// Lists clusters of the frame, whose surfels are in memory, by block, in their order. Keeps a
   /// reference to the frame.
   void bin(const Frame& frame, std::span<const VisibleCluster> clusters);
@@ -57,21 +62,22 @@ class SplatLists {
   std::size_t take_splat_count();
   /// ... and the splats with exact kernels among them.
   std::size_t take_exact_count();
+  /// Pixels of splats in sheets since the last call, see FrameStatistics::fragments.
+  std::uint64_t take_fragment_count();
   /// Splats that tiles have left out since the last call, see thin_out().
   std::size_t take_thinned_count();
 
  private:
-  /// Tiles of the band that a cluster's splats may touch, the last ones included.
-  struct TileRange {
-    std::uint16_t x0, y0, x1, y1;
-  };
   /// The splats of a tile, without the splats that cover the whole block.
   struct TileList {
     Array<std::uint32_t> splats;  ///< Ascending.
     Array<float> depths;
     std::size_t count = 0;
     std::size_t clipped = 0;  ///< Splats that half-planes cut.
-    std::size_t large = 0;    ///< Splats whose box is as wide and as high as a tile, or more.
+    /// Of a tile, and sorted by sort_sheets().
+    std::vector<SheetPatch> sheets, sorted_sheets;
+    std::array<std::uint32_t, kTilePixels / kPatchPixels + 1> sheets_begin{};
+    std::size_t large = 0;  ///< Splats whose box is as wide and as high as a tile, or more.
   };
   /// The splats that one worker has loaded, and its scratch memory.
   struct Worker {
@@ -86,6 +92,7 @@ class SplatLists {
     Array<ExactSplat> exact;  ///< Where k is kExactKernel.
     Array<SplatClip> clips;   ///< Where kClippedTag is set.
     std::vector<TileList> tiles;
+    SheetSums sheets;
     /// Splats whose boxes hold all pixels of the block, ascending: each tile has all of them.
     std::vector<std::uint32_t> covering;
     std::size_t clipped_covering = 0;   ///< Splats among them that half-planes cut.
@@ -98,48 +105,42 @@ class SplatLists {
     std::size_t thinned = 0;
   };
 
-  SplatView view(const Camera& camera, const Band& band) const;
-  std::vector<std::uint32_t> level_of_detail(const Camera& camera,
-                                             FunctionRef<bool(std::uint32_t)> seen) const;
-  bool listed(const Cluster& cluster) const;
-  bool is_flat(const Cluster& cluster);
-  float disc_radius(const Cluster& cluster) const;
-  Vec3f center_in_camera(const Cluster& cluster) const;
-  TileRange tiles_of(const Cluster& cluster) const;
+  const SplatView& band_view() const { return culling_.view(); }
   float enlargement(std::size_t surfel) const;
   void enlarge(const Cluster& cluster, const Array<float>& deviation, float* out) const;
   /// Least standard deviation that a cluster's surfel is drawn with; 0 for surfels of the finest
   /// level.
   float covering_deviation(const Cluster& cluster, std::size_t surfel) const;
-  SurfelColumns surfel_columns(const Cluster& cluster) const;
   SurfelColumns columns_of(const Cluster& cluster, Worker& worker) const;
   SurfelInCamera in_camera(const Cluster& cluster, std::size_t surfel) const;
   /// Makes room for `more` further splats; a block's splats will be `most` in all at most.
   void reserve(Worker& worker, std::size_t more, std::size_t most) const;
   static void add_covering(TileList& list, const Worker& worker);
   void thin_out(TileList& list, Worker& worker) const;
-  void add_splats(const Cluster& cluster, std::size_t begin, const std::uint32_t* surfels,
-                  Worker& worker);
+  void complete(std::size_t place, std::size_t begin, const std::uint32_t* surfels, Worker& worker);
+  void take_sheets(std::size_t place, const SplatView& view, std::size_t begin,
+                   const std::uint32_t* surfels, Worker& worker);
+  static void sort_sheets(TileList& list);
+  void add_splats(std::size_t begin, Worker& worker);
 
   const RenderCloud& cloud_;
   const Scene& scene_;
   const RenderOptions& options_;
   ABufferLayout layout_;
   SplatListOptions lists_;
+  ClusterCulling culling_;
+  std::optional<ClusterSurfaces> surfaces_;  ///< Of transparent clouds.
   FragmentRules rules_;
+  bool materials_fade_ = false;  ///< Whether some material has an opacity of its own.
   /// The least variance of surfels of coarser levels, see covering_variance(); 0: their Gaussians
   /// are drawn as they are.
   float covering_ = 0;
   const Frame* frame_ = nullptr;  ///< The frame being drawn.
   const VisibleCluster* clusters_ = nullptr;
-  SplatView view_{};                     ///< View of the band being drawn.
   Array<TileRange> tiles_;               ///< Parallel to clusters_.
   Array<std::uint32_t> block_begin_;     ///< Into block_clusters_.
   Array<std::uint32_t> block_clusters_;  ///< Places in clusters_, ascending.
   PerWorker<Worker> workers_;
-  /// Of every cluster what is_flat() has found out; only of transparent clouds.
-  enum class Flatness : std::uint8_t { kUnknown, kFlat, kNotFlat };
-  std::vector<std::atomic<Flatness>> flatness_;
 };
 
 }  // namespace surfel

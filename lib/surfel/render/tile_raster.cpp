@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <utility>
 
+#include <surfel/render/shading.h>
 #include <surfel/render/tile_raster.h>
 
 #undef HWY_TARGET_INCLUDE
@@ -45,13 +46,23 @@ class Rasterizer {
     // How often the tile is checked for being covered; a check costs about as much as a dozen
     // splats.
     constexpr std::size_t kCheckEvery = 256;
+    for (std::size_t v = 0; v < kVectors && job_.sheets; ++v) {
+      next_sheet_[v] = job_.sheets_begin[patch_of(v)];
+    }
     for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
       const std::size_t end = std::min(begin + kCheckEvery, job_.count);
       find_hidden();
       least_.reset();
       drawn_ = {begin, end};
       raster_.for_each_vector(begin, end, hidden_,
-                              [&](const PixelSplats& list) HWY_ATTR { draw(list); });
+                              [&](const PixelSplats& list) HWY_ATTR { draw_all(list); });
+    }
+    if (job_.sheets) {
+      find_hidden();
+      for (std::size_t v = 0; v < kVectors; ++v) {
+        if (v + 1 < kVectors) prefetch_sheets(v + 1);
+        draw_sheets(v * hn::MaxLanes(D()), -infinity());
+      }
     }
     tile_.merges.late_weight += late_weight_.total();
   }
@@ -111,10 +122,13 @@ class Rasterizer {
                    hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
-  /// A splat's contribution to a vector of pixels.
-  struct Contribution {
+  /// What is added to a vector of pixels.
+  struct Newcomer {
     V rho;  ///< 0 in pixels that it does not add to.
     V depth, epsilon;
+  };
+  /// A splat's contribution.
+  struct Contribution : Newcomer {
     std::uint32_t splat;
   };
   /// With what half-planes cut off from it; their splats alone have that.
@@ -132,6 +146,215 @@ class Rasterizer {
   const SplatNormal* normal_of(std::uint32_t splat) const {
     return kNormals ? job_.normals + splat : nullptr;
   }
+
+  static constexpr std::size_t kVectors = kTilePixels / hn::MaxLanes(D());
+  static std::size_t patch_of(std::size_t vector) {
+    return vector * hn::MaxLanes(D()) / kPatchPixels;
+  }
+
+  /// Adds splats, and the sheets between them, to a vector of pixels.
+  HWY_INLINE void draw_all(PixelSplats list) {
+    if (!job_.sheets) {
+      draw(list);
+      return;
+    }
+    const std::size_t vector = list.pixel / hn::MaxLanes(D());
+    const std::uint32_t* const last = list.end;
+    while (list.begin < last) {
+      list.end = list.begin;
+      const bool more = next_sheet_[vector] < job_.sheets_begin[patch_of(vector) + 1];
+      const float depth = more ? job_.sheets[next_sheet_[vector]].depth : -infinity();
+      while (list.end < last && job_.splats[*list.end].depth >= depth) ++list.end;
+      draw(list);
+      if (list.end < last) draw_sheets(list.pixel, job_.splats[*list.end].depth);
+      list.begin = list.end;
+    }
+  }
+
+  const float* sums_of(const SheetPatch& sheet) const {
+    return job_.sheet_sums + std::size_t{kPatchPixels} * sheet.sums;
+  }
+
+  HWY_INLINE void prefetch_sheets(std::size_t vector) const {
+    constexpr std::size_t kSize = (kNormals ? kNormalZ : kSheetEpsilon) * kPatchPixels;
+    const std::uint32_t end = job_.sheets_begin[patch_of(vector) + 1];
+    for (std::uint32_t i = next_sheet_[vector]; i < end; ++i) {
+      const float* sums = sums_of(job_.sheets[i]);
+      for (std::size_t place = 0; place <= kSize; place += kPatchPixels) {
+        hwy::Prefetch(sums + place);
+      }
+    }
+  }
+
+  /// Adds the sheets that are nearer than `depth` to a vector of pixels.
+  HWY_NOINLINE void draw_sheets(std::size_t pixel, float depth) {
+    const std::size_t vector = pixel / hn::MaxLanes(D());
+    const std::uint32_t end = job_.sheets_begin[patch_of(vector) + 1];
+    std::uint32_t& next = next_sheet_[vector];
+    for (; next < end && job_.sheets[next].depth > depth; ++next) {
+      draw_sheet(pixel, job_.sheets[next]);
+    }
+  }
+
+  HWY_INLINE void draw_sheet(std::size_t pixel, const SheetPatch& sheet) {
+    const D d;
+    const float* const from = sums_of(sheet) + pixel % kPatchPixels;
+    const FragmentSums<kNormals, kOpaqueSplats> sums(from);
+    const V hidden = hn::Load(d, hidden_ + pixel);
+    const M drawn = hn::Gt(sums.weight, hn::Zero(d));
+    const V each = hn::Div(hn::Set(d, 1.0F), sums.weight);
+    const V depth = hn::Mul(sums.depth, each);
+    const V epsilon = hn::Mul(hn::Load(d, from + kSheetEpsilon * kPatchPixels), each);
+    const M seen = hn::And(drawn, hn::Ge(hn::Add(depth, epsilon), hidden));
+    V rho = hn::IfThenElseZero(seen, sums.weight);
+    for (int which = 0; which < layers_; ++which) {
+      if (is_zero(rho)) return;
+      Layer layer(tile_.fragment(which, pixel), full_);
+      const V left = layer.take(rho, depth, epsilon, sheet.tag, sums);
+      if (layer.joined()) layer.store();
+      rho = left;
+    }
+    if (is_zero(rho)) return;
+    const Newcomer newcomer{rho, hn::IfThenElseZero(drawn, depth), epsilon};
+    const auto merge = [&](M open) HWY_ATTR {
+      if constexpr (kMergesVectors) return merge_covering(pixel, open, depth, sums, sheet.tag);
+      return open;
+    };
+    const auto fragment_at = [&](std::size_t lane) {
+      Fragment fresh{};
+      for (const int c : {kWeight, kDepth, kRed, kGreen, kBlue, kAlpha}) {
+        fresh.channel[c] = from[c * kPatchPixels + lane];
+      }
+      for (int c = kNormalX; c <= kNormalZ && kNormals; ++c) {
+        fresh.channel[c] = from[c * kPatchPixels + lane];
+      }
+      fresh.channel[kTag] = std::bit_cast<float>(sheet.tag);
+      return fresh;
+    };
+    add_without_layer(pixel, newcomer, kLeastShare * tile_.full_weight, merge, fragment_at);
+  }
+
+  /// Pictures whose fragments are merged by vectors of pixels: their colours need no light.
+  static constexpr bool kMergesVectors = !kNormals && !kOpaqueSplats && !kClips;
+
+  /// insert_by_merging() of a sheet, in the pixels among `open` where two fragments which cover the
+  /// pixel are to be merged, so that they are composited as they are (12). Returns the other
+  /// pixels.
+  HWY_NOINLINE M merge_covering(std::size_t pixel, M open, V depth,
+                                const FragmentSums<kNormals, kOpaqueSplats>& fresh,
+                                std::uint32_t tag) {
+    const D d;
+    const Tags dt;
+    const M all = open;
+    constexpr int kFewLayers = 8;
+    if (layers_ < 3 || layers_ > kFewLayers || tile_.shader->has_environment()) return open;
+    const V zero = hn::Zero(d);
+    const V one = hn::Set(d, 1.0F);
+    // Depths of the two nearest fragments, and of the two farthest ones.
+    V first = hn::Set(d, -infinity());
+    V second = first;
+    V last = hn::Set(d, infinity());
+    V before_last = last;
+    V in_front = zero;  // How many fragments are nearer than the newcomer.
+    V at[kFewLayers];
+    for (int layer = 0; layer < layers_; ++layer) {
+      const float* fragment = tile_.fragment(layer, pixel);
+      const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+      const V weighted = hn::Load(d, fragment + kDepth * kPatchPixels);
+      const auto tags = hn::BitCast(dt, hn::Load(d, fragment + kTag * kPatchPixels));
+      const M is_merged = hn::Lt(weight, zero);
+      const V z = hn::IfThenElse(is_merged, weighted, hn::Div(weighted, weight));
+      at[layer] = z;
+      second = hn::Max(second, hn::Min(first, z));
+      first = hn::Max(first, z);
+      before_last = hn::Min(before_last, hn::Max(last, z));
+      last = hn::Min(last, z);
+      in_front = hn::Add(in_front, hn::IfThenElseZero(hn::Ge(z, depth), one));
+      // The newcomer may be one more slab of a surface that does not cover the pixel yet.
+      const auto side = hn::And(hn::Xor(tags, hn::Set(dt, tag)), hn::Set(dt, kFrontTag));
+      const M same_side = hn::RebindMask(d, hn::Eq(side, hn::Zero(dt)));
+      const M partial =
+          hn::And(hn::Ge(weight, zero), hn::Lt(weight, hn::Set(d, tile_.full_weight)));
+      open = hn::AndNot(hn::And(partial, same_side), open);
+    }
+    const M nearest = hn::Ge(in_front, hn::Set(d, 2.0F));
+    const V front_at = hn::IfThenElse(nearest, first, before_last);
+    const V back_at = hn::IfThenElse(nearest, second, last);
+    struct Covering {
+      V weight, red, green, blue, alpha, tag, back;
+    };
+    Covering front{};
+    Covering back{};
+    V found = zero;
+    const auto pick = [&](const float* fragment, M is, Covering& to) HWY_ATTR {
+      const auto channel = [&](int which, V& value) HWY_ATTR {
+        value = hn::IfThenElse(is, hn::Load(d, fragment + which * kPatchPixels), value);
+      };
+      channel(kWeight, to.weight);
+      channel(kRed, to.red);
+      channel(kGreen, to.green);
+      channel(kBlue, to.blue);
+      channel(kAlpha, to.alpha);
+      channel(kTag, to.tag);
+      channel(kBack, to.back);
+      found = hn::Add(found, hn::IfThenElseZero(is, one));
+    };
+    front.weight = front.red = front.green = front.blue = front.alpha = front.tag = front.back =
+        zero;
+    back = front;
+    for (int layer = 0; layer < layers_; ++layer) {
+      const float* fragment = tile_.fragment(layer, pixel);
+      pick(fragment, hn::Eq(at[layer], front_at), front);
+      pick(fragment, hn::Eq(at[layer], back_at), back);
+    }
+    // Depths may be equal.
+    open = hn::And(open, hn::Eq(found, hn::Set(d, 2.0F)));
+    const auto has = [&](V tags, std::uint32_t flag) HWY_ATTR {
+      return hn::RebindMask(d, hn::TestBit(hn::BitCast(dt, tags), hn::Set(dt, flag)));
+    };
+    // As merged() sees them: filtered splats are taken to be near to an edge.
+    const V inside = hn::Set(d, tile_.weight_at_edge(0));
+    const V at_edge = hn::Set(d, tile_.weight_at_edge(kMergedEdge));
+    for (Covering* f : {&front, &back}) {
+      const V full = hn::IfThenElse(has(f->tag, kFilteredTag), at_edge, inside);
+      const M is_merged = hn::Lt(f->weight, zero);
+      open = hn::And(open, hn::Or(is_merged, hn::Ge(f->weight, full)));
+      open = hn::AndNot(has(f->tag, kGrazingTag), open);
+      const V scale = hn::IfThenElse(is_merged, one, hn::Div(one, f->weight));
+      for (V* channel : {&f->red, &f->green, &f->blue, &f->alpha})
+        *channel = hn::Mul(*channel, scale);
+    }
+    if (hn::AllFalse(d, open)) return all;
+    tile_.merges.merged += hn::CountTrue(d, open);
+    const V through = hn::Sub(one, front.alpha);
+    const auto over = [&](V a, V b) HWY_ATTR { return mul_add(through, b, a); };
+    const V back_most = hn::IfThenElse(hn::Lt(back.weight, zero), back.back, back_at);
+    const V tag_bits = hn::BitCast(d, hn::Set(dt, tag));
+    const std::pair<int, std::pair<V, V>> channels[] = {
+        {kWeight, {hn::Set(d, -1.0F), fresh.weight}},
+        {kDepth, {front_at, fresh.depth}},
+        {kRed, {over(front.red, back.red), fresh.red}},
+        {kGreen, {over(front.green, back.green), fresh.green}},
+        {kBlue, {over(front.blue, back.blue), fresh.blue}},
+        {kAlpha, {over(front.alpha, back.alpha), fresh.alpha}},
+        {kTag, {front.tag, tag_bits}},
+        {kBack, {back_most, zero}}};
+    for (int layer = 0; layer < layers_; ++layer) {
+      float* fragment = tile_.fragment(layer, pixel);
+      const M to_pair = hn::And(open, hn::Eq(at[layer], front_at));
+      const M to_newcomer = hn::And(open, hn::Eq(at[layer], back_at));
+      if (hn::AllFalse(d, hn::Or(to_pair, to_newcomer))) continue;
+      for (const auto& [which, values] : channels) {
+        float* place = fragment + which * kPatchPixels;
+        const V kept = hn::Load(d, place);
+        hn::Store(
+            hn::IfThenElse(to_pair, values.first, hn::IfThenElse(to_newcomer, values.second, kept)),
+            d, place);
+      }
+    }
+    return hn::AndNot(open, all);
+  }
+  using Tags = hn::RebindToUnsigned<D>;
 
   /// Adds splats to a vector of pixels, in steps over some of them at a time, layer by layer: a
   /// layer's sums depend only on contributions that no layer before it has taken. A splat that
@@ -278,6 +501,36 @@ class Rasterizer {
   /// Adds a contribution for which no layer is left in its pixels. Returns the pixels in which that
   /// has made a layer.
   HWY_NOINLINE M add_without_layer(std::size_t pixel, const Waiting& c) {
+    HWY_ALIGN float rhos[kTileSize];
+    HWY_ALIGN float depths[kTileSize];
+    HWY_ALIGN float cuts[4][kTileSize] = {};
+    const D d;
+    hn::Store(c.rho, d, rhos);
+    hn::Store(c.depth, d, depths);
+    if constexpr (kClips) {
+      if (is_clipped(c.splat)) {
+        hn::Store(c.cut.away, d, cuts[0]);
+        hn::Store(c.cut.partial, d, cuts[1]);
+        hn::Store(c.cut.out_x, d, cuts[2]);
+        hn::Store(c.cut.out_y, d, cuts[3]);
+      }
+    }
+    const auto merge = [](M open) HWY_ATTR { return open; };
+    return add_without_layer(pixel, c, least_to_merge(), merge, [&](std::size_t lane) {
+      return unmerged({rhos[lane],
+                       depths[lane],
+                       job_.splats[c.splat],
+                       normal_of(c.splat),
+                       {cuts[0][lane], cuts[1][lane], cuts[2][lane], cuts[3][lane]}});
+    });
+  }
+
+  /// \param least  the least sum of rho that merges.
+  /// \param merge  merges in some of the pixels of a mask, and returns the others.
+  /// \param fragment_at  makes the fragment of a lane.
+  template <class Merge, class FragmentAt>
+  HWY_INLINE M add_without_layer(std::size_t pixel, const Newcomer& c, float least,
+                                 const Merge& merge, const FragmentAt& fragment_at) {
     const D d;
     const V rho = c.rho;
     const V depth = c.depth;
@@ -291,10 +544,13 @@ class Rasterizer {
       if (hn::AllFalse(d, open)) return open;
     }
     // A contribution that nobody sees is not worth merging two surfaces for.
-    open = hn::And(open, hn::Ge(rho, hn::Set(d, least_to_merge())));
-    open = add_to_merged(pixel, open, c);
-    for_each_lane(open, c, [&](std::size_t lane, const PixelContribution& one) {
-      insert_by_merging(tile_, static_cast<int>(pixel + lane), one);
+    open = hn::And(open, hn::Ge(rho, hn::Set(d, least)));
+    open = add_to_merged(pixel, open, c, fragment_at);
+    if (hn::AllFalse(d, open)) return open;
+    HWY_ALIGN float depths[kTileSize];
+    hn::Store(depth, d, depths);
+    for_each_lane(merge(open), [&](std::size_t lane) {
+      insert_by_merging(tile_, static_cast<int>(pixel + lane), fragment_at(lane), depths[lane]);
     });
     return open;
   }
@@ -302,7 +558,9 @@ class Rasterizer {
   /// Treats contributions that come after their surface has been merged: behind an opaque pair they
   /// are not seen; within a pair they fill the share that it leaves open if all is opaque, and are
   /// dropped otherwise, as their place in the pair is not known. Returns the other contributions.
-  HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Waiting& c) {
+  template <class FragmentAt>
+  HWY_INLINE M add_to_merged(std::size_t pixel, M open, const Newcomer& c,
+                             const FragmentAt& fragment_at) {
     const D d;
     const V depth = c.depth;
     const V epsilon = c.epsilon;
@@ -321,44 +579,21 @@ class Rasterizer {
       late_weight_.add(pixel, hn::IfThenElseZero(within, c.rho));
       open = hn::AndNot(within, open);
       if constexpr (kOpaqueSplats) {
-        for_each_lane(within, c, [&](std::size_t lane, const PixelContribution& one) {
-          add_to_merged_layer(tile_, layer, static_cast<int>(pixel + lane), one);
+        for_each_lane(within, [&](std::size_t lane) {
+          add_to_merged_layer(tile_, layer, static_cast<int>(pixel + lane), fragment_at(lane));
         });
       }
     }
     return open;
   }
 
-  /// Calls `function(lane, PixelContribution)` for the lanes of the mask, in order.
+  /// Calls `function(lane)` for the lanes of the mask, in order.
   template <class Function>
-  HWY_INLINE void for_each_lane(M lanes, const Waiting& c, const Function& function) const {
-    const D d;
-    if (hn::AllFalse(d, lanes)) return;
-    HWY_ALIGN float rhos[kTileSize];
-    HWY_ALIGN float depths[kTileSize];
-    hn::Store(c.rho, d, rhos);
-    hn::Store(c.depth, d, depths);
-    HWY_ALIGN float cuts[4][kTileSize] = {};
-    if constexpr (kClips) {
-      if (is_clipped(c.splat)) {
-        hn::Store(c.cut.away, d, cuts[0]);
-        hn::Store(c.cut.partial, d, cuts[1]);
-        hn::Store(c.cut.out_x, d, cuts[2]);
-        hn::Store(c.cut.out_y, d, cuts[3]);
-      }
-    }
-    const Splat& splat = job_.splats[c.splat];
-    const SplatNormal* const normal = normal_of(c.splat);
+  static HWY_INLINE void for_each_lane(M lanes, const Function& function) {
     std::uint8_t bytes[8] = {};  // StoreMaskBits() may write as many.
-    hn::StoreMaskBits(d, lanes, bytes);
+    hn::StoreMaskBits(D(), lanes, bytes);
     for (unsigned left = bytes[0] | bytes[1] << 8U; left != 0; left &= left - 1) {
-      const auto lane = static_cast<std::size_t>(std::countr_zero(left));
-      function(lane,
-               PixelContribution{rhos[lane],
-                                 depths[lane],
-                                 splat,
-                                 normal,
-                                 {cuts[0][lane], cuts[1][lane], cuts[2][lane], cuts[3][lane]}});
+      function(static_cast<std::size_t>(std::countr_zero(left)));
     }
   }
 
@@ -371,6 +606,7 @@ class Rasterizer {
   std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Range of the order that is being drawn.
   std::optional<float> least_;                       ///< See least_to_merge().
   LaneSums<D, kPatchPixels> late_weight_;
+  std::uint32_t next_sheet_[kVectors];  ///< Of every vector of pixels, the sheet to draw next.
   HWY_ALIGN float hidden_[kTilePixels];
   HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
 };

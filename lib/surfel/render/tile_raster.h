@@ -17,6 +17,18 @@ struct FragmentRules {
   bool opaque = true;  ///< Every splat has alpha 1.
 };
 
+/// The sums over many splats of one surface in a patch of a tile (sheet.h): the channels kWeight to
+/// kAlpha, kSheetEpsilon and, in shaded pictures, the normal, kPatchPixels floats each.
+struct SheetPatch {
+  /// Of the whole sheet, to sort by: a depth in the patch would make the order in a pixel depend on
+  /// where patches lie.
+  float depth;
+  std::uint32_t tag;    ///< Splat::tag of all splats.
+  std::uint32_t sums;   ///< Place of the sums, in steps of kPatchPixels floats.
+  std::uint32_t patch;  ///< Which one of the tile.
+};
+inline constexpr int kSheetEpsilon = kTag;  ///< Sum of rho * epsilon.
+
 /// Splats of one tile, in the order in which they are to be drawn: nearest first.
 struct TileJob {
   const FragmentRules* rules = nullptr;
@@ -32,6 +44,11 @@ struct TileJob {
   int box_x = 0, box_y = 0;  ///< First pixel of the tile as Splat::box counts.
   /// FrameStatistics::fragments of the thread that draws the tile.
   std::uint64_t* fragments = nullptr;
+  /// Null: the tile has no sheets. Else the sheets of patch p are [sheets_begin[p],
+  /// sheets_begin[p + 1]), nearest first.
+  const SheetPatch* sheets = nullptr;
+  const std::uint32_t* sheets_begin = nullptr;
+  const float* sheet_sums = nullptr;
   /// Number of the worker's splats: with the same number an index stands for the same splat.
   std::uint64_t load = 0;
 };

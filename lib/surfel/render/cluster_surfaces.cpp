@@ -1,0 +1,106 @@
+#include <bit>
+#include <cstddef>
+
+#include <surfel/base/parallel.h>
+#include <surfel/render/cluster_surfaces.h>
+#include <surfel/render/splat.h>
+
+namespace surfel {
+namespace {
+
+bool lie_in_planes(const SurfelColumns& c, std::size_t count) {
+  // Squares of the angle from normal to normal, which is larger on spheres of a million surfels,
+  // and of the slope of the line from place to place, radians^2.
+  constexpr float kMostTurn2 = 0.002F * 0.002F;
+  constexpr float kMostSlope2 = 0.05F * 0.05F;
+  constexpr float kLeastShare = 0.75F;
+  const std::size_t pairs = count - 1;
+  std::size_t in_plane = 0;
+  for (std::size_t i = 0; i < pairs; ++i) {
+    const Vec3f n(c.normal_x[i], c.normal_y[i], c.normal_z[i]);
+    const Vec3f next(c.normal_x[i + 1], c.normal_y[i + 1], c.normal_z[i + 1]);
+    const Vec3f offset(c.x[i + 1] - c.x[i], c.y[i + 1] - c.y[i], c.z[i + 1] - c.z[i]);
+    const float off_plane = n.dot(offset);
+    const bool agree = (next - n).squaredNorm() < kMostTurn2 &&
+                       off_plane * off_plane <= kMostSlope2 * offset.squaredNorm();
+    in_plane += agree ? 1 : 0;
+  }
+  return pairs > 0 && static_cast<float>(in_plane) >= kLeastShare * static_cast<float>(pairs);
+}
+
+}  // namespace
+
+SurfelColumns surfel_columns(const RenderCloud& cloud, const Cluster& cluster) {
+  const auto from = [&](const Array<float>& column) {
+    return column.empty() ? nullptr : column.data() + cluster.begin;
+  };
+  const auto half_planes = [&](const RenderCloud::ClipColumns& clip) -> HalfPlaneColumns {
+    return {from(clip.x), from(clip.y), from(clip.z), from(clip.distance)};
+  };
+  return {from(cloud.x),
+          from(cloud.y),
+          from(cloud.z),
+          from(cloud.normal_x),
+          from(cloud.normal_y),
+          from(cloud.normal_z),
+          from(cloud.deviation_u),
+          from(cloud.deviation_v),
+          from(cloud.tangent_x),
+          from(cloud.tangent_y),
+          from(cloud.tangent_z),
+          from(cloud.area),
+          from(cloud.red),
+          from(cloud.green),
+          from(cloud.blue),
+          from(cloud.alpha),
+          {half_planes(cloud.clip[0]), half_planes(cloud.clip[1])}};
+}
+
+void ClusterSurfaces::search(const Cluster& cluster, Known& known) const {
+  known.searched = true;
+  const SurfelColumns columns = surfel_columns(cloud_, cluster);
+  const std::size_t count = cluster.end - cluster.begin;
+  known.flat = lie_in_planes(columns, count);
+  if (!sheets_) return;
+  const auto* material = cloud_.material.empty() ? nullptr : cloud_.material.data() + cluster.begin;
+  known.sheets = find_sheets(columns, material, static_cast<int>(count));
+}
+
+void ClusterSurfaces::begin(std::span<const VisibleCluster> clusters, const SplatView& view,
+                            float epsilon) {
+  clusters_ = clusters;
+  in_use_.resize(clusters.size());
+  first_in_view_.resize(clusters.size() + 1);
+  constexpr std::size_t kGrain = 64;
+  parallel_each(clusters.size(), kGrain, [&](std::size_t place) {
+    const std::uint32_t index = clusters[place].index;
+    Known& known = known_[index];
+    if (!known.searched) search(cloud_.clusters()[index], known);
+    const float own_epsilon = known.flat ? kFlatEpsilon * epsilon : epsilon;
+    std::uint32_t in_use = 0;
+    for (std::size_t i = 0; i < known.sheets.size(); ++i) {
+      if (may_sum_up(known.sheets[i], view, own_epsilon)) in_use |= 1U << i;
+    }
+    static_assert(kMostSheets <= 8);
+    in_use_[place] = static_cast<std::uint8_t>(in_use);
+  });
+  std::uint32_t count = 0;
+  for (std::size_t place = 0; place < clusters.size(); ++place) {
+    first_in_view_[place] = count;
+    count += static_cast<std::uint32_t>(std::popcount(in_use_[place]));
+  }
+  first_in_view_[clusters.size()] = count;
+  in_view_.resize(count);
+  parallel_each(clusters.size(), kGrain, [&](std::size_t place) {
+    SheetInView* to = in_view_.data() + first_in_view_[place];
+    for (unsigned left = in_use_[place]; left != 0; left &= left - 1) {
+      const SurfaceSheet& sheet = known_[clusters[place].index].sheets[std::countr_zero(left)];
+      const float* const r = view.rotation + 6;
+      const float* const c = sheet.center;
+      const float z = r[0] * c[0] + r[1] * c[1] + r[2] * c[2] + view.translation[2];
+      *to++ = {sheet.surfels, view.orthographic ? -z : 1 / z};
+    }
+  });
+}
+
+}  // namespace surfel
