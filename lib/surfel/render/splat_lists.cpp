@@ -91,6 +91,8 @@ SplatView SplatLists::view(const Camera& camera, const Band& band) const {
   view.cutoff = rules_.cutoff;
   view.lowpass2 = rules_.lowpass2;
   view.margin = static_cast<float>(lists_.margin);
+  view.edges_filtered = lists_.edges_filtered;
+  view.beyond_growth = beyond_growth(options_.cutoff);
   view.circular = options_.filter == Filter::kCircular;
   view.tolerance = std::numeric_limits<float>::infinity();
   if (!camera.orthographic && !view.circular && options_.kernel != Kernel::kAffine) {
