@@ -428,6 +428,10 @@ void Renderer::Impl::begin(const Camera& camera) {
 /// Gives pixels near edges their opacities, when all else is drawn.
 void Renderer::Impl::apply_edges(const Shader& shader, Image& image) {
   const Rgba back = backdrop();
+  if (!shader.has_environment()) {
+    edges->apply(image, [&](int /*x*/, int /*y*/) { return back; });
+    return;
+  }
   edges->apply(image, [&](int x, int y) {
     Rgba behind = shader.open_view(static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F);
     behind.composite(back);
