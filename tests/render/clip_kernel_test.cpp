@@ -59,6 +59,21 @@ double share_by_quadrature(const SurfelInCamera& s, const Camera& camera, double
   return left / all;
 }
 
+/// Volume, mean and variance of weighted places.
+struct Moments {
+  double volume = 0;
+  Eigen::Vector2d first{0, 0};
+  Eigen::Matrix2d second = Eigen::Matrix2d::Zero();
+
+  void add(const Eigen::Vector2d& place, double weight) {
+    volume += weight;
+    first += weight * place;
+    second += weight * place * place.transpose();
+  }
+  Eigen::Vector2d mean() const { return first / volume; }
+  Eigen::Matrix2d variance() const { return second / volume - mean() * mean().transpose(); }
+};
+
 TEST(ClipKernel, ShareOfOneLineIsExact) {
   const Camera camera = camera_at(1, 256);
   for (const double degrees : {0.0, 40.0, 80.0}) {
@@ -164,6 +179,50 @@ TEST(ClipKernel, PicturesOfOneSurfelAreKernelTimesShare) {
     EXPECT_GT(most, 0.05);
     // normal_cdf() is within 1e-5; the projection of the exact kernel is not linear.
     EXPECT_LT(worst, (kernel == Kernel::kAffine ? 3e-5 : 0.05) * most) << static_cast<int>(kernel);
+  }
+}
+
+/// A surfel smaller than the pixel filter that lines cut is drawn as a Gaussian with the volume,
+/// the mean and the variance of the cut one.
+TEST(ClipKernel, SmallCutSurfelsKeepTheirMoments) {
+  const Camera camera = camera_at(2, 64);
+  const double pixels = camera.focal_x / 2;  // Of a unit at the surfel.
+  const auto deviation = static_cast<float>(0.8 / pixels);
+  const float half = deviation / 2;
+  SurfelCloud cloud;
+  add_surfel(cloud, {0, 0, 0}, {0, 0, 1}, deviation * deviation, deviation * deviation, {1, 1, 1});
+  for (const bool two : {false, true}) {
+    cloud.clip1 = {Vec3f(1, 0, 0)};
+    cloud.clip1_distance = {half};
+    if (two) {
+      cloud.clip2 = {Vec3f(0.6F, 0.8F, 0)};
+      cloud.clip2_distance = {-half};
+    }
+    Moments expected;
+    constexpr int kSteps = 400;
+    for (int i = 0; i < kSteps; ++i) {
+      for (int k = 0; k < kSteps; ++k) {
+        const Eigen::Vector2d u(10.0 * (i + 0.5) / kSteps - 5, 10.0 * (k + 0.5) / kSteps - 5);
+        if (u.x() > 0.5 || (two && 0.6 * u.x() + 0.8 * u.y() > -0.5)) continue;
+        expected.add(0.8 * u, std::exp(-u.squaredNorm() / 2) * 100 / (kSteps * kSteps) / 2 / M_PI);
+      }
+    }
+    RenderOptions options;
+    options.cutoff = 10;  // Next to nothing is cut off.
+    const Image image = render_unlit(cloud, camera, options);
+    Moments seen;
+    for (int y = 0; y < 64; ++y) {
+      for (int x = 0; x < 64; ++x) {
+        seen.add({x + 0.5 - camera.center_x, camera.center_y - y - 0.5},
+                 image.pixel(x, y)[kSumOfRho]);
+      }
+    }
+    const double area = static_cast<double>(cloud.area[0]) * pixels * pixels;
+    EXPECT_NEAR(seen.volume / area, expected.volume, 0.005) << two;
+    EXPECT_LT((seen.mean() - expected.mean()).norm(), 0.02) << two;
+    const Eigen::Matrix2d filter = Eigen::Matrix2d::Identity();
+    // What one line leaves is no Gaussian for the second one to cut.
+    EXPECT_LT((seen.variance() - expected.variance() - filter).norm(), two ? 0.12 : 0.02) << two;
   }
 }
 

@@ -80,7 +80,7 @@ TEST(Edges, OfAHalfPlaneAreWhereTheMeshEnds) {
     for (const double spacing : {0.5, 2.0, 12.0}) {
       const EdgeError e = half_plane(spacing, cutoff);
       note("c" + std::to_string(static_cast<int>(cutoff)), spacing, e);
-      EXPECT_LT(std::abs(e.bias), 0.05) << cutoff << ' ' << spacing;
+      EXPECT_LT(std::abs(e.bias), 0.03) << cutoff << ' ' << spacing;
       EXPECT_LT(e.spread, cutoff < 2 ? 0.15 : 0.1) << cutoff << ' ' << spacing;
     }
   }
@@ -247,9 +247,8 @@ TEST(Edges, OfATurningCubeAreWhereTheMeshEnds) {
       ASSERT_GT(errors.size(), 300U);
       const EdgeError e = summed_up(errors);
       note("cube_c" + std::to_string(static_cast<int>(cutoff)), spacing, e);
-      // The far side of a silhouette adds a little where its sums are uneven.
-      EXPECT_LT(std::abs(e.bias), spacing == 2 ? 0.07 : 0.05) << cutoff << ' ' << spacing;
-      EXPECT_LT(e.spread, cutoff < 2 ? 0.15 : 0.1) << cutoff << ' ' << spacing;
+      EXPECT_LT(std::abs(e.bias), 0.03) << cutoff << ' ' << spacing;
+      EXPECT_LT(e.spread, 0.1) << cutoff << ' ' << spacing;
     }
   }
 }

@@ -29,7 +29,7 @@ enum FragmentChannel : int {
   kNormalZ,
   /// Only in pictures with clipped surfels, and of unmerged fragments: sums over the contributions
   /// that half-planes cut, with C the share that they leave and C_j each line's own share.
-  kCutAway,     ///< Sum of rho (1 - C) / C: what has been cut off from kWeight.
+  kCutAway,     ///< Sum of rho (1 - C) / C times SplatClip::beyond: what kWeight lacks.
   kCutPartial,  ///< Sum of rho (1 - C_j) ...
   kCutX,        ///< ... and of that times SplatClip::outward.
   kCutY,

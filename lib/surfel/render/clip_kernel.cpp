@@ -97,9 +97,14 @@ Eigen::Vector2d outward_on_screen(const SurfelInCamera& surfel, const Camera& ca
   return plane.dot(line.direction) < 0 ? Eigen::Vector2d(-outward) : outward;
 }
 
+float beyond_growth(double cutoff) {
+  return static_cast<float>(std::max(0.0, 0.1 + 0.3 / std::numbers::ln2 * portable::log(cutoff)));
+}
+
 SplatClip make_exact_clip(const SurfelInCamera& surfel, const Camera& camera) {
   SplatClip clip{};
   clip.line[0][0] = clip.line[1][0] = kNoClip;
+  clip.beyond = 1;
   int count = 0;
   for (const ClipLine& line : surfel.clip) {
     if (!line.cuts()) continue;

@@ -47,6 +47,18 @@ SURFEL_API double joined(double a, double b, double w);
 SURFEL_API Eigen::Vector2d outward_on_screen(const SurfelInCamera& surfel, const Camera& camera,
                                              const ClipLine& line);
 
+/// A pixel at which a line leaves the share a of a surface has sums of rho with and without the
+/// line whose ratio should be a. But beyond the line there are mirror images of the surfels alone
+/// whose own kernels reach it (mirror_images()), while the pixel filter sees further: what lines
+/// cut off stands for more than it is, by the factor
+///
+///   1 + q^2 (beyond_growth(c) + kBeyondSmall q^6),
+///
+/// where q = s^2 / n^T V n is the part of the surfel's variance along n that is left at a pixel: 0
+/// where the surfel is large beside the filter, 1 where it is small. The formula is fitted to what
+/// leaves the edge of evenly strewn surfels where it is, at cutoffs c from 1 to 4.
+float beyond_growth(double cutoff);
+
 /// The half-planes of a surfel whose kernel is exact, as rasterisers take them; set_up_splats() has
 /// them of affine kernels.
 SplatClip make_exact_clip(const SurfelInCamera& surfel, const Camera& camera);

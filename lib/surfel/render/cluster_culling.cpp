@@ -6,6 +6,7 @@
 #include <surfel/base/elementary.h>
 #include <surfel/base/parallel.h>
 #include <surfel/lod/cut.h>
+#include <surfel/render/clip_kernel.h>
 #include <surfel/render/cluster_culling.h>
 
 namespace surfel {
@@ -30,6 +31,8 @@ SplatView ClusterCulling::make_view(const Camera& camera, const Band& band) cons
   view.cutoff = static_cast<float>(options_.cutoff);
   view.lowpass2 = static_cast<float>(list_.lowpass * list_.lowpass);
   view.margin = static_cast<float>(list_.margin);
+  view.edges_filtered = list_.edges_filtered;
+  view.beyond_growth = beyond_growth(options_.cutoff);
   view.circular = options_.filter == Filter::kCircular;
   view.tolerance = std::numeric_limits<float>::infinity();
   if (!camera.orthographic && !view.circular && options_.kernel != Kernel::kAffine) {

@@ -183,17 +183,6 @@ void EdgeCoverage::unpack(std::size_t tile) {
   ranges_[tile].raw = false;
 }
 
-void EdgeCoverage::set_opacity(int x, int y, float opacity) {
-  Pixel& pixel = at(x, y);
-  const std::uint16_t steps = steps_of(std::clamp(opacity, 0.0F, 1.0F));
-  if ((pixel.sum & kKept) != 0) {
-    pixel.sum = kKept | steps;
-  } else if ((pixel.opacity & kMerged) != 0) {
-    pixel.sum = std::max(pixel.sum, steps);
-  }
-  pixel.opacity = static_cast<std::uint16_t>((pixel.opacity & kMerged) | steps);
-}
-
 /// Whether something holds for a tile or for one of those next to it.
 template <class Holds>
 bool EdgeCoverage::any_around(int tile_x, int tile_y, const Holds& holds) const {

@@ -2,6 +2,7 @@
 
 // How much of its pixels an opaque surface covers where it ends: SS01 section 7, as a filter.
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -51,7 +52,12 @@ class SURFEL_API EdgeCoverage {
   /// \param least  the least sum of rho.
   void store_inside(const TileABuffer& tile, float least);
   /// Notes the opacity that a pixel of a stored tile was resolved to.
-  void set_opacity(int x, int y, float opacity);
+  void set_opacity(int x, int y, float opacity) { note_opacity(at(x, y), opacity); }
+  /// The same for pixels that follow one another in a row of a tile's strip.
+  void set_opacities(int x, int y, const float* opacity) {
+    Pixel* const pixels = &at(x, y);
+    for (int i = 0; i < kStripWidth; ++i) note_opacity(pixels[i], opacity[i]);
+  }
 
   /// Gives the pixels near edges the opacities that follow from the surface's coverage; their
   /// colours stay. Pixels that no kernel reaches get the mean colour around them.
@@ -99,6 +105,15 @@ class SURFEL_API EdgeCoverage {
 
   static std::uint16_t steps_of(float share) {
     return static_cast<std::uint16_t>(share * kScale + 0.5F);
+  }
+  static void note_opacity(Pixel& pixel, float opacity) {
+    const std::uint16_t steps = steps_of(std::clamp(opacity, 0.0F, 1.0F));
+    if ((pixel.sum & kKept) != 0) {
+      pixel.sum = kKept | steps;
+    } else if ((pixel.opacity & kMerged) != 0) {
+      pixel.sum = std::max(pixel.sum, steps);
+    }
+    pixel.opacity = static_cast<std::uint16_t>((pixel.opacity & kMerged) | steps);
   }
   static float opacity_of(const Pixel& pixel) {
     return static_cast<float>(pixel.opacity & ~kMerged) / kScale;

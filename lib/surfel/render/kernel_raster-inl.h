@@ -53,11 +53,26 @@ struct Sample {
 };
 
 /// What half-planes leave of a splat's kernel at a vector of pixels.
-struct ClipSample {
-  V share;         ///< C, 0 to 1; 0 where it is below kLeastClipShare.
-  V partial;       ///< Sum over the lines of C (1 - C_j), C_j being each line's own share.
-  V out_x, out_y;  ///< The same sum of SplatClip::outward times C (1 - C_j).
+struct ClipShares {
+  V all;      ///< C, what they leave together.
+  V line[2];  ///< C_j, what each line leaves by itself.
 };
+
+/// What half-planes cut off from a contribution: rho is the kernel without them.
+struct CutContribution {
+  V away;        ///< rho (1 - C) times SplatClip::beyond.
+  V partial[2];  ///< rho C (1 - C_j) of the lines.
+
+  HWY_INLINE V all_partial() const { return hn::Add(partial[0], partial[1]); }
+  /// The sum of `partial` times SplatClip::outward along an axis.
+  HWY_INLINE V outward(const SplatClip& clip, int axis) const {
+    return mul_add(partial[0], hn::Set(D(), clip.outward[0][axis]),
+                   hn::Mul(partial[1], hn::Set(D(), clip.outward[1][axis])));
+  }
+};
+
+/// Whether the second line of a splat cuts it, too.
+HWY_INLINE bool has_two_lines(const SplatClip& clip) { return clip.line[1][0] < kNoClip; }
 
 /// Evaluates the splats of one tile at its pixels, a vector at a time. Small, so that a loop keeps
 /// a copy of its own in registers: a value behind a reference has to be read again after every
@@ -101,7 +116,10 @@ class SplatSampler {
   }
 
   /// As at(), without the lines.
-  HWY_INLINE Sample uncut_at(std::uint32_t index, V x, V y) const {
+  /// \param arguments  gets the arguments of Phi for both lines of a splat that is cut by some;
+  /// null
+  ///     if they are not asked for.
+  HWY_INLINE Sample uncut_at(std::uint32_t index, V x, V y, V* arguments = nullptr) const {
     const D d;
     const Splat& splat = splats_[index];
     const V dx = hn::Sub(x, hn::Set(d, splat.x));
@@ -109,7 +127,10 @@ class SplatSampler {
     Sample s;
     if (HWY_UNLIKELY(splat.k < 0)) {
       // The fields are taken one by one, as a returned structure lies in memory.
-      const Sample e = exact(exact_[index], {lowpass2_, epsilon_share(splat)}, dx, dy);
+      V z[2];
+      const Sample e = exact(exact_[index], {lowpass2_, epsilon_share(splat)}, dx, dy,
+                             arguments ? clips_ + index : nullptr, z);
+      if (arguments) std::copy_n(z, 2, arguments);
       s.beta = hn::IfThenElse(in_box(splat.box, x, y), e.beta, hn::Set(d, __builtin_inff()));
       s.depth = e.depth;
       s.epsilon = e.epsilon;
@@ -125,6 +146,15 @@ class SplatSampler {
     s.depth = hn::Add(hn::Min(hn::Max(slope, hn::Neg(range)), range), hn::Set(d, splat.depth));
     s.epsilon = hn::Mul(range, epsilon_share(splat));
     s.amplitude = hn::Set(d, splat.amplitude);
+    if (arguments) {
+      const SplatClip& clip = clips_[index];
+      const auto affine = [&](const float* line) HWY_ATTR SURFEL_INLINE_LAMBDA {
+        return mul_add(hn::Set(d, line[1]), dx,
+                       mul_add(hn::Set(d, line[2]), dy, hn::Set(d, line[0])));
+      };
+      arguments[0] = affine(clip.line[0]);
+      arguments[1] = has_two_lines(clip) ? affine(clip.line[1]) : hn::Set(d, kWholeClip);
+    }
     return s;
   }
 
@@ -134,93 +164,50 @@ class SplatSampler {
   }
 
   /// What half-planes leave of a splat that is cut by some.
-  HWY_INLINE ClipSample clipped(std::uint32_t index, V x, V y) const {
+  HWY_INLINE ClipShares shares(std::uint32_t index, V first, V second) const {
     const D d;
-    const Splat& splat = splats_[index];
     const SplatClip& clip = clips_[index];
-    const V dx = hn::Sub(x, hn::Set(d, splat.x));
-    const V dy = hn::Sub(y, hn::Set(d, splat.y));
     const V one = hn::Set(d, 1.0F);
-    const V least = hn::Set(d, kLeastClipShare);
-    const auto affine = [&](const float* line) HWY_ATTR SURFEL_INLINE_LAMBDA {
-      return mul_add(hn::Set(d, line[1]), dx,
-                     mul_add(hn::Set(d, line[2]), dy, hn::Set(d, line[0])));
+    const auto share = [&](V z) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      return hn::IfThenElse(hn::Ge(z, hn::Set(d, kWholeClip)), one, normal_cdf(z));
     };
-    ClipSample out;
-    const bool exact = splat.k < 0;
-    if (HWY_LIKELY(!exact && clip.line[1][0] == kNoClip)) {
-      const V first = normal_cdf(affine(clip.line[0]));
-      out.share = hn::IfThenElseZero(hn::Ge(first, least), first);
-      out.partial = hn::Mul(out.share, hn::Sub(one, first));
-      out.out_x = hn::Mul(out.partial, hn::Set(d, clip.outward[0][0]));
-      out.out_y = hn::Mul(out.partial, hn::Set(d, clip.outward[0][1]));
-      return out;
-    }
-    V z[2];
-    if (exact) {
-      exact_arguments(exact_[index], clip, lowpass2_, dx, dy, z);
-    } else {
-      for (int j = 0; j < 2; ++j) z[j] = affine(clip.line[j]);
-    }
-    const V first = normal_cdf(z[0]);
-    const V second = normal_cdf(z[1]);
+    ClipShares out;
+    out.line[0] = out.all = share(first);
+    out.line[1] = one;
+    if (!has_two_lines(clip)) return out;
+    const V a = out.line[0];
+    const V b = share(second);
     // joined() of clip_kernel.h.
-    const V product = hn::Mul(first, second);
+    const V product = hn::Mul(a, b);
     const V joint = hn::Set(d, clip.joint);
-    const V bound = hn::IfThenElse(hn::Gt(joint, hn::Zero(d)), hn::Min(first, second),
-                                   hn::Max(hn::Zero(d), hn::Sub(hn::Add(first, second), one)));
-    out.share = mul_add(hn::Abs(joint), hn::Sub(bound, product), product);
-    out.share = hn::IfThenElseZero(hn::Ge(out.share, least), out.share);
-    const V partial[] = {hn::Mul(out.share, hn::Sub(one, first)),
-                         hn::Mul(out.share, hn::Sub(one, second))};
-    out.partial = hn::Add(partial[0], partial[1]);
-    const auto sum = [&](int axis) HWY_ATTR {
-      return mul_add(partial[0], hn::Set(d, clip.outward[0][axis]),
-                     hn::Mul(partial[1], hn::Set(d, clip.outward[1][axis])));
-    };
-    out.out_x = sum(0);
-    out.out_y = sum(1);
+    const V bound = hn::IfThenElse(hn::Gt(joint, hn::Zero(d)), hn::Min(a, b),
+                                   hn::Max(hn::Zero(d), hn::Sub(hn::Add(a, b), one)));
+    out.all = mul_add(hn::Abs(joint), hn::Sub(bound, product), product);
+    out.line[1] = b;
+    return out;
+  }
+
+  /// Leaves of a splat's contribution rho what half-planes leave; returns what they cut off.
+  /// \param first, second  the arguments that uncut_at() gives.
+  HWY_INLINE CutContribution cut(std::uint32_t index, V first, V second, V& rho) const {
+    const D d;
+    const V one = hn::Set(d, 1.0F);
+    const ClipShares share = shares(index, first, second);
+    const V whole = rho;
+    rho = hn::Mul(rho, share.all);
+    CutContribution out;
+    out.away = hn::Mul(hn::Sub(whole, rho), hn::Set(d, clips_[index].beyond));
+    out.partial[0] = hn::Mul(rho, hn::Sub(one, share.line[0]));
+    out.partial[1] = hn::Mul(rho, hn::Sub(one, share.line[1]));
     return out;
   }
 
  private:
-  /// ClipSample::share in a function apart, as in most pictures few splats come here.
+  /// What half-planes leave, in a function apart, as in most pictures few splats come here.
   HWY_NOINLINE V share_left(std::uint32_t index, V x, V y) const {
-    return clipped(index, x, y).share;
-  }
-
-  /// The arguments of Phi of a splat whose kernel is exact: as clip_share() has them, with the
-  /// projection linearised anew in every pixel.
-  static HWY_NOINLINE void exact_arguments(const ExactSplat& exact, const SplatClip& clip,
-                                           float lowpass2, V dx, V dy, V (&z)[2]) {
-    const D d;
-    const V one = hn::Set(d, 1.0F);
-    const PlanePoint p(exact, dx, dy);
-    const V filter = hn::Mul(hn::Set(d, lowpass2), hn::Mul(p.z, p.z));
-    const V cross = hn::Mul(filter, mul_sub(p.ux, p.vy, hn::Mul(p.uy, p.vx)));
-    const V det =
-        mul_add(cross, cross, mul_add(filter, hn::Add(sum2(p.ux, p.uy), sum2(p.vx, p.vy)), one));
-    const V skew_x = mul_sub(p.u, p.vx, hn::Mul(p.v, p.ux));
-    const V skew_y = mul_sub(p.u, p.vy, hn::Mul(p.v, p.uy));
-    for (int j = 0; j < 2; ++j) {
-      const V w_u = hn::Set(d, clip.line[j][1]);
-      const V w_v = hn::Set(d, clip.line[j][2]);
-      const V distance = hn::Set(d, clip.line[j][0]);
-      // w . M^-1 u and s^2 = w . (I - M^-1) w, both times |M|; s^2 is a sum of positive
-      // terms.
-      const V bend_x = mul_sub(w_u, p.vx, hn::Mul(w_v, p.ux));
-      const V bend_y = mul_sub(w_u, p.vy, hn::Mul(w_v, p.uy));
-      const V bend = mul_add(bend_x, skew_x, hn::Mul(bend_y, skew_y));
-      const V mean = mul_add(filter, bend, mul_add(w_u, p.u, hn::Mul(w_v, p.v)));
-      const V c_x = mul_add(w_u, p.ux, hn::Mul(w_v, p.vx));
-      const V c_y = mul_add(w_u, p.uy, hn::Mul(w_v, p.vy));
-      const V w2 = sum2(w_u, w_v);
-      const V s2 = mul_add(filter, sum2(c_x, c_y), hn::Mul(hn::Mul(cross, cross), w2));
-      // As in clip_share(): a part of the kernel is blurred without a filter, too.
-      const V least = hn::Mul(hn::Set(d, 1e-8F), hn::Mul(w2, det));
-      const V s = hn::Sqrt(hn::Mul(hn::Max(s2, least), det));
-      z[j] = hn::Div(mul_sub(distance, det, mean), hn::Max(s, hn::Set(d, 1e-30F)));
-    }
+    V z[2];
+    uncut_at(index, x, y, z);
+    return shares(index, z[0], z[1]).all;
   }
 
   /// Epsilon by depth range.
@@ -272,8 +259,11 @@ class SplatSampler {
 
   /// The kernel where every pixel's ray meets the tangent plane: exact_kernel.h. It is a function
   /// apart from the affine kernel's code, as few splats come here.
-  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx,
-                                   V dy) {
+  /// \param clip       the lines that cut it; null: they are not asked for.
+  /// \param arguments  gets their arguments of Phi: as clip_share() has them, with the projection
+  ///     linearised anew in every pixel.
+  static HWY_NOINLINE Sample exact(const ExactSplat& exact, const Filtering& filtering, V dx, V dy,
+                                   const SplatClip* clip, V* arguments) {
     const D d;
     const V h2 = hn::Set(d, filtering.lowpass2);
     const V one = hn::Set(d, 1.0F);
@@ -282,9 +272,11 @@ class SplatSampler {
     const V filter = hn::Mul(h2, hn::Mul(z, z));
     const V cross = hn::Mul(filter, mul_sub(ux, vy, hn::Mul(uy, vx)));
     const V det = mul_add(cross, cross, mul_add(filter, hn::Add(sum2(ux, uy), sum2(vx, vy)), one));
-    const V skew = sum2(mul_sub(u, vx, hn::Mul(v, ux)), mul_sub(u, vy, hn::Mul(v, uy)));
+    const V skew_x = mul_sub(u, vx, hn::Mul(v, ux));
+    const V skew_y = mul_sub(u, vy, hn::Mul(v, uy));
     const V inv_det = hn::Div(one, det);
-    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F), inv_det), mul_add(filter, skew, sum2(u, v)));
+    const V beta = hn::Mul(hn::Mul(hn::Set(d, 0.5F), inv_det),
+                           mul_add(filter, sum2(skew_x, skew_y), sum2(u, v)));
     const M met = hn::And(hn::Gt(plane, hn::Zero(d)), hn::Lt(plane, hn::Set(d, exact.depth_most)));
     Sample s;
     s.beta = hn::IfThenElse(met, beta, hn::Set(d, __builtin_inff()));
@@ -293,6 +285,29 @@ class SplatSampler {
                         hn::Sqrt(mul_add(hn::Set(d, exact.deviation2), hn::Mul(s.depth, s.depth),
                                          hn::Set(d, exact.pixel2))));
     s.amplitude = hn::Mul(hn::Set(d, exact.amplitude), hn::Sqrt(inv_det));
+    if (!clip) return s;
+    const auto argument = [&, u = u, v = v, ux = ux, uy = uy, vx = vx,
+                           vy = vy](const float* line) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      const V distance = hn::Set(d, line[0]);
+      const V w_u = hn::Set(d, line[1]);
+      const V w_v = hn::Set(d, line[2]);
+      // w . M^-1 u and s^2 = w . (I - M^-1) w, both times |M|; s^2 is a sum of positive
+      // terms.
+      const V bend_x = mul_sub(w_u, vx, hn::Mul(w_v, ux));
+      const V bend_y = mul_sub(w_u, vy, hn::Mul(w_v, uy));
+      const V bend = mul_add(bend_x, skew_x, hn::Mul(bend_y, skew_y));
+      const V mean = mul_add(filter, bend, mul_add(w_u, u, hn::Mul(w_v, v)));
+      const V c_x = mul_add(w_u, ux, hn::Mul(w_v, vx));
+      const V c_y = mul_add(w_u, uy, hn::Mul(w_v, vy));
+      const V w2 = sum2(w_u, w_v);
+      const V s2 = mul_add(filter, sum2(c_x, c_y), hn::Mul(hn::Mul(cross, cross), w2));
+      // As in clip_share(): a part of the kernel is blurred without a filter, too.
+      const V least = hn::Mul(hn::Set(d, 1e-8F), hn::Mul(w2, det));
+      const V deviation = hn::Sqrt(hn::Mul(hn::Max(s2, least), det));
+      return hn::Div(mul_sub(distance, det, mean), hn::Max(deviation, hn::Set(d, 1e-30F)));
+    };
+    arguments[0] = argument(clip->line[0]);
+    arguments[1] = has_two_lines(*clip) ? argument(clip->line[1]) : hn::Set(d, kWholeClip);
     return s;
   }
 
@@ -434,6 +449,7 @@ class KernelRaster {
       const std::uint32_t index = job_.order[begin];
       hwy::Prefetch(job_.splats + index);
       if (job_.normals) hwy::Prefetch(job_.normals + index);
+      if (job_.clips) hwy::Prefetch(job_.clips + index);
     }
   }
 
@@ -502,19 +518,12 @@ class KernelRaster {
   float x0_, y0_;  ///< Centre of the tile's first pixel in the picture.
 };
 
-/// What half-planes cut off from a contribution: rho is the kernel without them.
-struct CutContribution {
-  V away;          ///< rho (1 - C).
-  V partial;       ///< rho times ClipSample::partial.
-  V out_x, out_y;  ///< rho times ClipSample::out_x, out_y.
-};
-
 /// A vector of unmerged fragments without their tags: see FragmentChannel.
 /// \tparam kClips  With the channels of what half-planes cut off.
 template <bool kNormals, bool kOpaqueSplats, bool kClips = false>
 struct FragmentSums {
   V weight, depth, red, green, blue, alpha, normal_x, normal_y, normal_z;
-  CutContribution cut;
+  V cut_away, cut_partial, cut_x, cut_y;
 
   /// `fragment` is the first one's weight.
   HWY_INLINE explicit FragmentSums(const float* fragment) {
@@ -564,11 +573,16 @@ struct FragmentSums {
     }
   }
   /// Adds what has been cut off from a contribution, in the pixels that take part.
-  HWY_INLINE void add_cut(const CutContribution& by, M added) {
-    cut.away = hn::Add(cut.away, hn::IfThenElseZero(added, by.away));
-    cut.partial = hn::Add(cut.partial, hn::IfThenElseZero(added, by.partial));
-    cut.out_x = hn::Add(cut.out_x, hn::IfThenElseZero(added, by.out_x));
-    cut.out_y = hn::Add(cut.out_y, hn::IfThenElseZero(added, by.out_y));
+  HWY_INLINE void add_cut(const SplatClip& clip, const CutContribution& by, M added) {
+    cut_away = hn::Add(cut_away, hn::IfThenElseZero(added, by.away));
+    const auto add_line = [&](int j) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      const V partial = hn::IfThenElseZero(added, by.partial[j]);
+      cut_partial = hn::Add(cut_partial, partial);
+      cut_x = mul_add(partial, hn::Set(D(), clip.outward[j][0]), cut_x);
+      cut_y = mul_add(partial, hn::Set(D(), clip.outward[j][1]), cut_y);
+    };
+    add_line(0);
+    if (HWY_UNLIKELY(has_two_lines(clip))) add_line(1);
   }
 
  private:
@@ -586,10 +600,10 @@ struct FragmentSums {
       body(kNormalZ, normal_z);
     }
     if constexpr (kClips) {
-      body(kCutAway, cut.away);
-      body(kCutPartial, cut.partial);
-      body(kCutX, cut.out_x);
-      body(kCutY, cut.out_y);
+      body(kCutAway, cut_away);
+      body(kCutPartial, cut_partial);
+      body(kCutX, cut_x);
+      body(kCutY, cut_y);
     }
   }
 };
@@ -631,7 +645,9 @@ class FragmentLayer {
   /// Whether the last contribution has been added anywhere.
   HWY_INLINE bool joined() const { return !hn::AllFalse(D(), joined_); }
   /// Adds what has been cut off from the last contribution.
-  HWY_INLINE void add_cut(const CutContribution& cut) { sums_.add_cut(cut, joined_); }
+  HWY_INLINE void add_cut(const SplatClip& clip, const CutContribution& cut) {
+    sums_.add_cut(clip, cut, joined_);
+  }
 
   HWY_INLINE void store() {
     sums_.store(fragment_);

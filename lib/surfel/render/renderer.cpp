@@ -116,7 +116,8 @@ struct Renderer::Impl {
       edges.emplace(options.cutoff, options.lowpass, blank_tile.full_weight);
     }
     blank_tile.edges_later = edges.has_value();
-    for (const SplatListOptions& list : compositor->lists()) {
+    for (SplatListOptions list : compositor->lists()) {
+      list.edges_filtered = edges.has_value();
       lists.emplace_back(cloud, scene, options, blank_tile.layout, list);
     }
   }
@@ -250,8 +251,8 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
       const int count = std::min(kStripWidth, tile.width - x0);
       if (plain && count == kStripWidth) {
         std::memcpy(row + channels * x0, &plain->color[first], sizeof(Rgba) * kStripWidth);
-        for (int i = 0; set_opacities && i < kStripWidth; ++i) {
-          edges->set_opacity(tile.x0 + x0 + i, tile.y0 + y, plain->opacity[first + i]);
+        if (set_opacities) {
+          edges->set_opacities(tile.x0 + x0, tile.y0 + y, &plain->opacity[first]);
         }
         if (relief) {
           std::copy_n(&plain->nearness[first], kStripWidth, nearness.at(tile.x0 + x0, tile.y0 + y));
@@ -427,6 +428,10 @@ void Renderer::Impl::begin(const Camera& camera) {
 /// Gives pixels near edges their opacities, when all else is drawn.
 void Renderer::Impl::apply_edges(const Shader& shader, Image& image) {
   const Rgba back = backdrop();
+  if (!shader.has_environment()) {
+    edges->apply(image, [&](int /*x*/, int /*y*/) { return back; });
+    return;
+  }
   edges->apply(image, [&](int x, int y) {
     Rgba behind = shader.open_view(static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F);
     behind.composite(back);

@@ -112,16 +112,24 @@ struct alignas(64) SplatClip {
   /// Unit vector on the screen across the line, away from the part of the surfel that stays; zero
   /// where there is no line.
   float outward[2][2];
-  float joint;  ///< joint_share() of two lines.
+  float joint;   ///< joint_share() of two lines.
+  float beyond;  ///< What lines cut off counts so many times, see beyond_growth().
 };
 static_assert(sizeof(SplatClip) == 64);
 
 /// See SplatClip::line: far beyond all kernels.
 inline constexpr float kNoClip = 1e18F;
 
-/// Kernels are left out where half-planes leave a smaller share of them than this: nothing of it is
-/// seen in 8 bits.
+/// Kernels are left out where a half-plane leaves a smaller share of them than this, Phi of
+/// kLeastClip: nothing of it is seen in 8 bits.
 inline constexpr float kLeastClipShare = 1e-3F;
+inline constexpr float kLeastClip = -3.09023F;
+
+/// From this argument on Phi is 1 within 4e-5, and lines cut nothing off.
+inline constexpr float kWholeClip = 4;
+
+/// See beyond_growth() in clip_kernel.h.
+inline constexpr float kBeyondSmall = 1.4F;
 
 /// World-space normal of a splat, in a record of its own as unshaded pictures do not need it.
 struct SplatNormal {
@@ -140,9 +148,11 @@ struct SplatView {
   /// Kernels whose affine approximation may be off by more than this are exact, pixels; < 0: all,
   /// infinity: none. Perspective projection only.
   float tolerance;
-  float cutoff;    ///< c of beta < c.
-  float lowpass2;  ///< Variance of the low-pass filter, pixels^2.
-  float margin;    ///< Kernels' boxes reach so many pixels further.
+  float cutoff;         ///< c of beta < c.
+  float lowpass2;       ///< Variance of the low-pass filter, pixels^2.
+  float margin;         ///< Kernels' boxes reach so many pixels further.
+  bool edges_filtered;  ///< See SplatListOptions.
+  float beyond_growth;  ///< See beyond_growth().
   /// Splats outside of this rectangle of at most kMostBlockSize pixels a side are dropped.
   float clip_x0, clip_y0, clip_x1, clip_y1;
   bool first_column, first_row;  ///< The rectangle begins at the first column or row of the

@@ -17,6 +17,8 @@
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
 #include <surfel/base/fused-inl.h>
+#include <surfel/base/normal_cdf-inl.h>
+#include <surfel/base/power-inl.h>
 #include <surfel/base/vec3-inl.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -60,6 +62,7 @@ constexpr float kLeastGradientCosine = 1e-3F;
 /// Where Phi is above kLeastClipShare, and what it leaves to 1 is: 1 - Phi(3.0903) is that share.
 constexpr float kSeenClip = 3.1F;
 constexpr float kInvTwoPi = 0.15915494309189535F;  ///< 1 / (2 pi), of the normalised Gaussian.
+constexpr float kInvRootTwoPi = 0.39894228040143268F;
 /// From the eye's plane, in radii: nearer discs may be seen anywhere.
 constexpr float kLeastDistance = 0.01F;
 
@@ -80,6 +83,13 @@ struct Axes {
   V tx, ty, bx, by;
 };
 
+/// What kernels are made of.
+struct Shape {
+  Axes axes;
+  V share;    ///< Factor on the kernels' volumes.
+  V stretch;  ///< The area that the axes span over the one of the whole surfels' axes.
+};
+
 /// Resampling kernels (6) of surfels, as Splat has them.
 struct Kernels {
   V m, k, q, amplitude;
@@ -88,11 +98,30 @@ struct Kernels {
   V n_ray;           ///< Normal . (slope_x, slope_y, 1).
 };
 
+/// Half-planes that cut surfels.
+struct HalfPlanes {
+  M exists;
+  Vec3 direction;  ///< Camera space.
+  V distance;
+  V w_u, w_v;  ///< The direction times the deviations, V^(1/2) n.
+};
+
+/// Gaussians that have the volume, the mean and the variance of cut ones.
+struct CutGaussians {
+  M made;              ///< Surfels that have one. The other lanes mean nothing.
+  M gone;              ///< Less than kLeastClipShare of the volume is left.
+  V share;             ///< Of the volume.
+  V mean_u, mean_v;    ///< In standard deviations of the whole Gaussian along its axes.
+  V l_uu, l_uv, l_vv;  ///< Cholesky factor of the variance, in the same units.
+};
+
 /// What half-planes leave of kernels, as SplatClip has it.
 struct Cuts {
-  V line[2][3], outward[2][2], joint;
+  V line[2][3], outward[2][2], joint, beyond;
   M clipped;  ///< Some of what is seen is cut off ...
   M gone;     ///< ... or all of it.
+  /// How far what is left reaches, as shares of Kernels::half_x and half_y.
+  V left, right, up, down;
 };
 
 /// Depth planes of surfels, as Splat has them.
@@ -222,11 +251,12 @@ class Writer {
   static HWY_INLINE void interleave(const Cuts& c, float (&quarters)[3][4 * kTileSize]) {
     const D d;
     static_assert(offsetof(SplatClip, outward) == 6 * sizeof(float) &&
-                  offsetof(SplatClip, joint) == 10 * sizeof(float));
+                  offsetof(SplatClip, joint) == 10 * sizeof(float) &&
+                  offsetof(SplatClip, beyond) == 11 * sizeof(float));
     hn::StoreInterleaved4(c.line[0][0], c.line[0][1], c.line[0][2], c.line[1][0], d, quarters[0]);
     hn::StoreInterleaved4(c.line[1][1], c.line[1][2], c.outward[0][0], c.outward[0][1], d,
                           quarters[1]);
-    hn::StoreInterleaved4(c.outward[1][0], c.outward[1][1], c.joint, hn::Zero(d), d, quarters[2]);
+    hn::StoreInterleaved4(c.outward[1][0], c.outward[1][1], c.joint, c.beyond, d, quarters[2]);
   }
 
   /// The splats of all lanes, a quarter of their fields at a time.
@@ -315,15 +345,52 @@ class SplatSetup {
       const V distance = kPerspective ? hn::Sqrt(dot(s.discs.p, s.discs.p)) : hn::Set(d, 1.0F);
       const Vec3 n = normals(i, s.discs, distance);
       s.axes = axes(i, s.discs, n);
-      s.kernels = kernels(i, s.discs, n, s.axes);
-      s.planes = depth_planes(s.discs, n, s.kernels.n_ray, distance);
-      s.columns = pixels(s.discs.x, s.kernels.half_x, view_.clip_x0, view_.clip_x1);
-      s.rows = pixels(s.discs.y, s.kernels.half_y, view_.clip_y0, view_.clip_y1);
-      s.classes = seen(classify(s.discs, n, s.kernels.size2), s, count - i);
+      Shape shape{s.axes, hn::Set(d, 1.0F), hn::Set(d, 1.0F)};
+      V dx, dy;  // From the surfel's centre to the one of the kernel.
+      M gone = hn::FirstN(d, 0);
+      M moved = gone;
+      HalfPlanes lines[2];
       if constexpr (kClips) {
-        s.cuts = cuts(i, n, s);
-        s.classes.visible = hn::AndNot(s.cuts.gone, s.classes.visible);
+        for (int j = 0; j < 2; ++j) lines[j] = half_planes(in_.clip[j], i, s);
+        if (view_.edges_filtered) {
+          const CutGaussians cut = cut_filtered(lines, s, shape);
+          moved = cut.made;
+          gone = cut.gone;
+          dx = mul_add(s.axes.tx, cut.mean_u, hn::Mul(s.axes.bx, cut.mean_v));
+          dy = mul_add(s.axes.ty, cut.mean_u, hn::Mul(s.axes.by, cut.mean_v));
+        }
       }
+      s.kernels = kernels(i, s.discs, n, shape);
+      s.planes = depth_planes(s.discs, n, s.kernels.n_ray, distance);
+      V left = s.kernels.half_x;
+      V right = left;
+      V up = s.kernels.half_y;
+      V down = up;
+      if constexpr (kClips) {
+        if (!hn::AllFalse(d, moved)) {
+          const auto move = [&](V& value, V to)
+                                HWY_ATTR { value = hn::IfThenElse(moved, to, value); };
+          move(s.discs.x, hn::Add(s.discs.x, dx));
+          move(s.discs.y, hn::Add(s.discs.y, dy));
+          move(s.planes.depth,
+               mul_add(s.planes.depth_dx, dx, mul_add(s.planes.depth_dy, dy, s.planes.depth)));
+        }
+        s.cuts = cuts(n, lines, s);
+        gone = hn::Or(gone, s.cuts.gone);
+        if (!view_.circular) {
+          const auto bound = [&](V& extent, V share) HWY_ATTR {
+            extent = hn::IfThenElse(s.cuts.clipped, hn::Mul(extent, share), extent);
+          };
+          bound(left, s.cuts.left);
+          bound(right, s.cuts.right);
+          bound(up, s.cuts.up);
+          bound(down, s.cuts.down);
+        }
+      }
+      s.columns = pixels(s.discs.x, left, right, view_.clip_x0, view_.clip_x1);
+      s.rows = pixels(s.discs.y, up, down, view_.clip_y0, view_.clip_y1);
+      s.classes = seen(classify(s.discs, n, s.kernels.size2), s, count - i);
+      if constexpr (kClips) s.classes.visible = hn::AndNot(gone, s.classes.visible);
       writer.write(i, s);
     }
     writer.finish();
@@ -414,9 +481,9 @@ class SplatSetup {
     return out;
   }
 
-  HWY_INLINE Kernels kernels(int i, const Discs& s, const Vec3& n, const Axes& axes) const {
+  HWY_INLINE Kernels kernels(int i, const Discs& s, const Vec3& n, const Shape& shape) const {
     const D d;
-    const auto& [t, b, tx, ty, bx, by] = axes;
+    const auto& [t, b, tx, ty, bx, by] = shape.axes;
     const V scale_x = hn::Mul(focal_x_, s.inv_z);
     const V scale_y = hn::Mul(focal_y_, s.inv_z);
     // Sigma = J V J^T + h^2 I, SS01 (6); |Sigma| as a sum of positive terms.
@@ -428,7 +495,7 @@ class SplatSetup {
     Kernels out;
     out.n_ray = mul_add(n.x, s.slope_x, mul_add(n.y, s.slope_y, n.z));
     const V det_J = hn::Mul(hn::Mul(scale_x, scale_y), hn::Abs(out.n_ray));
-    const V det_JV = hn::Mul(det_J, hn::Mul(s.deviation_u, s.deviation_v));
+    const V det_JV = hn::Mul(hn::Mul(det_J, hn::Mul(s.deviation_u, s.deviation_v)), shape.stretch);
     V det_Sigma = mul_add(det_JV, det_JV, hn::Mul(h2_, hn::Add(hn::Add(xx, yy), h2_)));
     const V half = hn::Set(d, 0.5F);
     if (view_.circular) {
@@ -448,23 +515,117 @@ class SplatSetup {
     out.q = hn::Mul(half, inv_yy);
     out.amplitude =
         hn::Mul(hn::Mul(hn::Mul(hn::LoadU(d, in_.area + i), hn::Set(d, kInvTwoPi)), det_J),
-                hn::Sqrt(inv_det));
+                hn::Mul(hn::Sqrt(inv_det), shape.share));
     out.half_x = hn::Sqrt(hn::Mul(two_c_, Sigma_xx));
     out.half_y = hn::Sqrt(hn::Mul(two_c_, Sigma_yy));
     out.size2 = hn::Mul(two_c_, hn::Add(xx, yy));
     return out;
   }
 
+  HWY_INLINE HalfPlanes half_planes(const HalfPlaneColumns& columns, int i,
+                                    const Projected& s) const {
+    const D d;
+    HalfPlanes out;
+    out.exists = hn::FirstN(d, 0);
+    if (!columns.x) return out;
+    const Vec3 world{hn::LoadU(d, columns.x + i), hn::LoadU(d, columns.y + i),
+                     hn::LoadU(d, columns.z + i)};
+    out.exists = hn::Gt(dot(world, world), hn::Zero(d));
+    if (hn::AllFalse(d, out.exists)) return out;
+    out.direction = rotate(view_.rotation, world);
+    out.distance = hn::LoadU(d, columns.distance + i);
+    out.w_u = hn::Mul(dot(out.direction, s.axes.tangent), s.discs.deviation_u);
+    out.w_v = hn::Mul(dot(out.direction, s.axes.bitangent), s.discs.deviation_v);
+    return out;
+  }
+
+  /// Cuts Gaussians by their half-planes one after the other. One that is cut at alpha deviations
+  /// keeps the volume Phi(alpha), and with lambda = phi(alpha) / Phi(alpha) its mean moves by
+  /// -lambda deviations along the half-plane's direction, along which lambda (lambda + alpha) of
+  /// the variance is lost. That is exact for one half-plane; what it leaves is no Gaussian for the
+  /// second one to cut, but taken to be one.
+  HWY_INLINE CutGaussians cut_gaussians(const HalfPlanes (&lines)[2], M which) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    const V one = hn::Set(d, 1.0F);
+    const V seen = hn::Set(d, kSeenClip);
+    CutGaussians out;
+    out.made = out.gone = hn::FirstN(d, 0);
+    out.share = one;
+    out.mean_u = out.mean_v = zero;
+    V uu = one;
+    V uv = zero;
+    V vv = one;
+    V det = one;
+    for (const HalfPlanes& line : lines) {
+      if (hn::AllFalse(d, hn::And(line.exists, which))) continue;
+      const V c_u = mul_add(uu, line.w_u, hn::Mul(uv, line.w_v));
+      const V c_v = mul_add(uv, line.w_u, hn::Mul(vv, line.w_v));
+      const V inv_s = hn::Div(one, hn::Sqrt(mul_add(line.w_u, c_u, hn::Mul(line.w_v, c_v))));
+      const V to_mean = mul_add(line.w_u, out.mean_u, hn::Mul(line.w_v, out.mean_v));
+      const V alpha = hn::Mul(hn::Sub(line.distance, to_mean), inv_s);
+      const M cuts = hn::And(hn::And(line.exists, which), hn::Lt(alpha, seen));
+      out.made = hn::Or(out.made, cuts);
+      out.gone = hn::Or(out.gone, hn::And(cuts, hn::Lt(alpha, hn::Neg(seen))));
+      const V left = hn::Max(normal_cdf(alpha), hn::Set(d, kLeastClipShare));
+      const V phi = hn::Mul(hn::Set(d, kInvRootTwoPi),
+                            exp_of_floats(d, hn::Mul(hn::Set(d, -0.5F), hn::Mul(alpha, alpha))));
+      const V lambda = hn::Div(phi, left);
+      // Of the variance something is left, however it is rounded.
+      const V lost = hn::Min(hn::Mul(lambda, hn::Add(lambda, alpha)), hn::Set(d, 0.99F));
+      const V e_u = hn::Mul(c_u, inv_s);
+      const V e_v = hn::Mul(c_v, inv_s);
+      const auto take = [&](V& before, V after)
+                            HWY_ATTR { before = hn::IfThenElse(cuts, after, before); };
+      take(out.share, hn::Mul(out.share, left));
+      take(out.mean_u, neg_mul_add(lambda, e_u, out.mean_u));
+      take(out.mean_v, neg_mul_add(lambda, e_v, out.mean_v));
+      take(uu, neg_mul_add(lost, hn::Mul(e_u, e_u), uu));
+      take(uv, neg_mul_add(lost, hn::Mul(e_u, e_v), uv));
+      take(vv, neg_mul_add(lost, hn::Mul(e_v, e_v), vv));
+      take(det, neg_mul_add(lost, det, det));
+    }
+    out.gone = hn::Or(out.gone, hn::And(out.made, hn::Lt(out.share, hn::Set(d, kLeastClipShare))));
+    out.l_uu = hn::Sqrt(uu);
+    const V inv_l = hn::Div(one, out.l_uu);
+    out.l_uv = hn::Mul(uv, inv_l);
+    out.l_vv = hn::Mul(hn::Sqrt(det), inv_l);
+    return out;
+  }
+
+  /// Takes for cut Gaussians that are smaller than the pixel filter, of which little but volume,
+  /// mean and variance is seen, whole Gaussians that have these. Their half-planes are dropped.
+  HWY_INLINE CutGaussians cut_filtered(HalfPlanes (&lines)[2], const Projected& s,
+                                       Shape& shape) const {
+    const D d;
+    // Seen from the front, so that both sides of a body's silhouette are treated alike.
+    const V size = hn::Mul(hn::Mul(hn::Max(focal_x_, focal_y_), s.discs.inv_z), s.discs.deviation);
+    const M filtered = hn::Lt(hn::Mul(size, size), h2_);
+    const CutGaussians cut = cut_gaussians(lines, filtered);
+    for (HalfPlanes& line : lines) line.exists = hn::AndNot(filtered, line.exists);
+    if (hn::AllFalse(d, cut.made)) return cut;
+    const auto& [t, b, tx, ty, bx, by] = s.axes;
+    const auto take = [&](V& of_whole, V of_cut)
+                          HWY_ATTR { of_whole = hn::IfThenElse(cut.made, of_cut, of_whole); };
+    take(shape.axes.tx, mul_add(cut.l_uu, tx, hn::Mul(cut.l_uv, bx)));
+    take(shape.axes.ty, mul_add(cut.l_uu, ty, hn::Mul(cut.l_uv, by)));
+    take(shape.axes.bx, hn::Mul(cut.l_vv, bx));
+    take(shape.axes.by, hn::Mul(cut.l_vv, by));
+    take(shape.share, cut.share);
+    take(shape.stretch, hn::Mul(cut.l_uu, cut.l_vv));
+    return cut;
+  }
+
   /// The half-planes of a vector of surfels, see clip_kernel.h: clip_share(), joint_share() and
   /// outward_on_screen().
-  HWY_INLINE Cuts cuts(int i, const Vec3& n, const Projected& s) const {
+  HWY_INLINE Cuts cuts(const Vec3& n, const HalfPlanes (&planes)[2], const Projected& s) const {
     const D d;
     const V zero = hn::Zero(d);
     const V none = hn::Set(d, kNoClip);
-    Cuts out{};
+    Cuts out;  // Without `clipped` nothing else is read.
     out.clipped = out.gone = hn::FirstN(d, 0);
-    Line lines[2] = {line(in_.clip[0], i, n, s), line(in_.clip[1], i, n, s)};
-    if (hn::AllFalse(d, hn::Or(lines[0].exists, lines[1].exists))) return out;
+    if (hn::AllFalse(d, hn::Or(planes[0].exists, planes[1].exists))) return out;
+    Line lines[2] = {line(planes[0], n, s), line(planes[1], n, s)};
     const auto& [t, b, tx, ty, bx, by] = s.axes;
     const V size2 = hn::Add(mul_add(tx, tx, hn::Mul(ty, ty)), mul_add(bx, bx, hn::Mul(by, by)));
     // As SeenPlace has it, so that shares are finite without a filter, too.
@@ -480,6 +641,8 @@ class SplatSetup {
       const V across = mul_add(v.across_x, w.across_x, hn::Mul(v.across_y, w.across_y));
       return hn::Mul(hn::Mul(h2, inv_det), mul_add(h2, inner, across));
     };
+    const V one = hn::Set(d, 1.0F);
+    out.beyond = out.left = out.right = out.up = out.down = one;
     for (int j = 0; j < 2; ++j) {
       Line& l = lines[j];
       if (hn::AllFalse(d, l.exists)) continue;
@@ -492,6 +655,7 @@ class SplatSetup {
       out.line[j][0] = z;
       out.line[j][1] = hn::Mul(scale, mul_add(h2, ax, hn::Mul(det_A, l.across_y)));
       out.line[j][2] = hn::Mul(scale, mul_sub(h2, ay, hn::Mul(det_A, l.across_x)));
+      const V all = mul_add(l.w_u, l.w_u, hn::Mul(l.w_v, l.w_v));
       // Where the kernel is seen z goes up and down by no more than this.
       V reach;
       if (view_.circular) {
@@ -499,13 +663,39 @@ class SplatSetup {
             hn::Mul(s.kernels.half_x, hn::Sqrt(mul_add(out.line[j][1], out.line[j][1],
                                                        hn::Mul(out.line[j][2], out.line[j][2]))));
       } else {
-        const V all = mul_add(l.w_u, l.w_u, hn::Mul(l.w_v, l.w_v));
         reach = hn::Mul(l.inv_s, hn::Sqrt(hn::Mul(two_c_, hn::Max(zero, hn::Sub(all, variance)))));
       }
       const V seen = hn::Set(d, kSeenClip);
       const M cuts = hn::And(l.exists, hn::Lt(hn::Sub(z, reach), seen));
       out.gone = hn::Or(out.gone, hn::And(cuts, hn::Lt(hn::Add(z, reach), hn::Neg(seen))));
       l.exists = cuts;
+      const M shorter = hn::And(cuts, hn::Lt(hn::Sub(z, reach), hn::Neg(seen)));
+      if (!hn::AllFalse(d, shorter)) {
+        // In units of the ellipse beta < c, which is the unit circle then, z is at least -kSeenClip
+        // beyond the chord u . e = chord, and along a direction a with a . e = cosine that part of
+        // the circle reaches as far as the circle itself, or as far as an end of the chord.
+        const V inv_reach = hn::Div(one, reach);
+        const V chord = hn::Neg(hn::Mul(hn::Add(seen, z), inv_reach));
+        const V half_chord = hn::Sqrt(hn::Max(zero, neg_mul_add(chord, chord, one)));
+        const auto bound = [&](V& after, V& before, V a, V half) HWY_ATTR {
+          const V c = hn::Div(hn::Mul(hn::Mul(two_c_, l.inv_s), hn::Mul(a, inv_reach)), half);
+          const V across = hn::Mul(half_chord, hn::Sqrt(hn::Max(zero, neg_mul_add(c, c, one))));
+          const auto take = [&](V& extent, V cosine) HWY_ATTR {
+            const V end = mul_add(chord, cosine, across);
+            const M ends = hn::And(shorter, hn::Lt(cosine, chord));
+            extent = hn::IfThenElse(ends, hn::Min(extent, end), extent);
+          };
+          take(after, hn::Neg(c));
+          take(before, c);
+        };
+        bound(out.right, out.left, ax, s.kernels.half_x);
+        bound(out.down, out.up, ay, s.kernels.half_y);
+      }
+      const V q = hn::Div(variance, all);
+      const V q2 = hn::Mul(q, q);
+      const V growth = mul_add(hn::Set(d, kBeyondSmall), hn::Mul(hn::Mul(q2, q2), q2),
+                               hn::Set(d, view_.beyond_growth));
+      out.beyond = hn::IfThenElse(cuts, hn::Max(out.beyond, mul_add(q2, growth, one)), out.beyond);
     }
     out.clipped = hn::Or(lines[0].exists, lines[1].exists);
     if (hn::AllFalse(d, out.clipped)) return out;
@@ -530,32 +720,21 @@ class SplatSetup {
     return out;
   }
 
-  /// A half-plane of a vector of surfels.
-  struct Line {
-    M exists;
-    V distance;
-    V w_u, w_v;            ///< Its direction times the deviations, V^(1/2) n.
+  /// A half-plane of a vector of surfels, and what cuts() needs of it.
+  struct Line : HalfPlanes {
     V across_x, across_y;  ///< w_u b - w_v t, with the columns of J V^(1/2).
     V out_x, out_y;        ///< SplatClip::outward.
     V inv_s;
   };
 
-  HWY_INLINE Line line(const HalfPlaneColumns& columns, int i, const Vec3& n,
-                       const Projected& s) const {
+  HWY_INLINE Line line(const HalfPlanes& of, const Vec3& n, const Projected& s) const {
     const D d;
     const V zero = hn::Zero(d);
-    Line out{};
-    out.exists = hn::FirstN(d, 0);
-    if (!columns.x) return out;
-    const Vec3 world{hn::LoadU(d, columns.x + i), hn::LoadU(d, columns.y + i),
-                     hn::LoadU(d, columns.z + i)};
-    out.exists = hn::Gt(dot(world, world), zero);
+    Line out;
+    static_cast<HalfPlanes&>(out) = of;
     if (hn::AllFalse(d, out.exists)) return out;
-    const Vec3 direction = rotate(view_.rotation, world);
+    const Vec3& direction = of.direction;
     const auto& [t, b, tx, ty, bx, by] = s.axes;
-    out.distance = hn::LoadU(d, columns.distance + i);
-    out.w_u = hn::Mul(dot(direction, t), s.discs.deviation_u);
-    out.w_v = hn::Mul(dot(direction, b), s.discs.deviation_v);
     out.across_x = mul_sub(out.w_u, bx, hn::Mul(out.w_v, tx));
     out.across_y = mul_sub(out.w_u, by, hn::Mul(out.w_v, ty));
     const Vec3 along = cross(n, direction);
@@ -615,12 +794,12 @@ class SplatSetup {
     return out;
   }
 
-  HWY_INLINE Pixels pixels(V center, V half, float clip0, float clip1) const {
+  /// \param before, after  How far kernels reach on both sides of their centres.
+  HWY_INLINE Pixels pixels(V center, V before, V after, float clip0, float clip1) const {
     const D d;
     const V offset = hn::Set(d, clip0 + 0.5F);
-    const V reach = hn::Add(half, margin_);
-    const V first = hn::Ceil(hn::Sub(hn::Sub(center, reach), offset));
-    const V last = hn::Floor(hn::Sub(hn::Add(center, reach), offset));
+    const V first = hn::Ceil(hn::Sub(hn::Sub(center, hn::Add(before, margin_)), offset));
+    const V last = hn::Floor(hn::Sub(hn::Add(center, hn::Add(after, margin_)), offset));
     return {first, hn::Max(first, hn::Zero(d)), hn::Min(last, hn::Set(d, clip1 - clip0 - 1))};
   }
 

@@ -432,22 +432,26 @@ class Rasterizer {
     FragmentCounter fragments;
     std::size_t left = 0;
     for (; begin < end; ++begin) {
-      const Sample s = sampler.uncut_at(*begin, x, y);
-      const M inside = hn::Lt(s.beta, cutoff);
+      const bool has_clip = is_clipped(*begin);
+      V clip[2];
+      const Sample s = sampler.uncut_at(*begin, x, y, has_clip ? clip : nullptr);
+      M inside = hn::Lt(s.beta, cutoff);
+      V least = hn::Set(d, kWholeClip);
+      if (has_clip) {
+        least = hn::Min(clip[0], clip[1]);
+        inside = hn::And(inside, hn::Ge(least, hn::Set(d, kLeastClip)));
+      }
       fragments.add(inside);
       // A contribution within epsilon of the hiding surface may belong to it.
       const M seen = hn::Ge(hn::Add(s.depth, s.epsilon), hidden);
       const M open = hn::And(seen, inside);
+      if (has_clip && hn::AllFalse(d, open)) continue;
+      // Does a line leave a part of the splat somewhere?
+      const bool is_cut =
+          has_clip && !hn::AllFalse(d, hn::And(open, hn::Lt(least, hn::Set(d, kWholeClip))));
       V rho = hn::IfThenElseZero(open, hn::Mul(s.amplitude, sampler.decay(s.beta)));
-      const bool is_cut = is_clipped(*begin);
-      CutContribution cut;
-      if (is_cut) {
-        const ClipSample clip = sampler.clipped(*begin, x, y);
-        cut = {neg_mul_add(rho, clip.share, rho), hn::Mul(rho, clip.partial),
-               hn::Mul(rho, clip.out_x), hn::Mul(rho, clip.out_y)};
-        rho = hn::Mul(rho, clip.share);
-        if (is_zero(rho)) continue;
-      }
+      CutContribution cut{hn::Zero(d), {hn::Zero(d), hn::Zero(d)}};
+      if (is_cut) cut = sampler.cut(*begin, clip[0], clip[1], rho);
       Waiting& to = out[left];
       to.depth = s.depth;
       to.epsilon = s.epsilon;
@@ -455,8 +459,9 @@ class Rasterizer {
       to.rho = layer.take(rho, s.depth, s.epsilon, splats[*begin], normal_of(*begin));
       const bool waits = !is_zero(to.rho);
       if constexpr (kClips) {
-        if (is_cut) layer.add_cut(cut);
-        if (is_cut && waits) to.cut = cut;
+        if (is_cut) layer.add_cut(job_.clips[*begin], cut);
+        // Whether it waits is known late: a branch guessed wrong costs more than to store it.
+        if (has_clip) to.cut = cut;
       }
       left += waits ? 1 : 0;
     }
@@ -488,7 +493,7 @@ class Rasterizer {
         to.splat = splat;
         to.rho = layer.take(rho, depth, epsilon, splats[splat], normal_of(splat));
         if constexpr (kClips) {
-          if (is_clipped(splat)) layer.add_cut(to.cut);
+          if (is_clipped(splat)) layer.add_cut(job_.clips[splat], to.cut);
         }
         left += is_zero(to.rho) ? 0 : 1;
       }
@@ -510,9 +515,10 @@ class Rasterizer {
     if constexpr (kClips) {
       if (is_clipped(c.splat)) {
         hn::Store(c.cut.away, d, cuts[0]);
-        hn::Store(c.cut.partial, d, cuts[1]);
-        hn::Store(c.cut.out_x, d, cuts[2]);
-        hn::Store(c.cut.out_y, d, cuts[3]);
+        hn::Store(c.cut.all_partial(), d, cuts[1]);
+        for (int axis = 0; axis < 2; ++axis) {
+          hn::Store(c.cut.outward(job_.clips[c.splat], axis), d, cuts[2 + axis]);
+        }
       }
     }
     const auto merge = [](M open) HWY_ATTR { return open; };
