@@ -138,8 +138,8 @@ Place silhouette(Effort effort) {
               .published = kPublished,
               .ours = "`surfel-render`",
               .why =
-                  "tau below the mean sum makes edges too wide; where sums fall off to one side "
-                  "ours weighs by the mean sum"};
+                  "tau below the mean sum makes edges too wide; ours filters and sharpens the sums "
+                  "(`render/edge_coverage.h`)"};
   for (const double count : {2000, 8000, 100000}) {
     if (effort == Effort::kTest && count != 8000) continue;
     const HardScene scene = make_hard_case(named("silhouette", count));
