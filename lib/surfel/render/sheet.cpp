@@ -74,10 +74,11 @@ class SheetRaster {
     std::fill_n(picture_, kGroups * group_size_, 0.0F);
   }
 
-  /// The place of a pixel of the block.
-  float* at(int x, int y) const {
-    return picture_ + kGroup * (static_cast<std::size_t>(y - first_y_) * pitch_ +
-                                static_cast<std::size_t>(x - first_x_));
+  /// The place in the picture of a pixel of the block; of one beyond the picture it may be
+  /// negative.
+  std::ptrdiff_t place(int x, int y) const {
+    return static_cast<std::ptrdiff_t>(kGroup) *
+           ((y - first_y_) * static_cast<std::ptrdiff_t>(pitch_) + (x - first_x_));
   }
 
   void draw() {
@@ -116,7 +117,8 @@ class SheetRaster {
           end_x_(m.end_x_),
           end_y_(m.end_y_),
           cutoff_(hn::Set(D(), m.job_.rules->cutoff)),
-          origin_(m.at(0, 0)),
+          picture_(m.picture_),
+          origin_(m.place(0, 0)),
           pitch_(static_cast<std::ptrdiff_t>(kGroup * m.pitch_)),
           group_size_(m.group_size_) {}
 
@@ -124,7 +126,8 @@ class SheetRaster {
     HWY_INLINE void draw(std::uint32_t index, int x, int y, FragmentCounter& fragments) const {
       const D d;
       const Splat& splat = splats_[index];
-      float* const window = origin_ + y * pitch_ + x * static_cast<std::ptrdiff_t>(kGroup);
+      float* const window =
+          picture_ + (origin_ + y * pitch_ + x * static_cast<std::ptrdiff_t>(kGroup));
       const V left = hn::Set(d, x0_ + static_cast<float>(x));
       const V top = hn::Set(d, y0_ + static_cast<float>(y));
       for (std::size_t v = 0; v < kPatchPixels / kLanes; ++v) {
@@ -181,7 +184,8 @@ class SheetRaster {
     const SplatNormal* normals_;
     float x0_, y0_;  ///< Centre of the block's first pixel in the picture.
     V end_x_, end_y_, cutoff_;
-    float* origin_;  ///< Place of the block's first pixel.
+    float* picture_;
+    std::ptrdiff_t origin_;  ///< Place of the block's first pixel.
     std::ptrdiff_t pitch_;
     std::size_t group_size_;
   };
@@ -204,7 +208,7 @@ class SheetRaster {
     HWY_ALIGN float pixels[kGroup * kPatchPixels];
     for (int y = first_y_; y <= box_.y1; y += kStripWidth) {
       for (int x = first_x_; x <= box_.x1; x += kStripWidth) {
-        const float* const from = at(x, y);
+        const float* const from = picture_ + place(x, y);
         float* const to = sums_.sums.data() + sums_.used;
         const auto transpose = [&](std::size_t group, int c0, int c1, int c2, int c3) HWY_ATTR {
           for (std::size_t row = 0; row < kStripWidth; ++row) {
