@@ -37,7 +37,7 @@ void dipole_energies(std::size_t i, std::size_t first, std::size_t end, bool who
     const auto other_along = mul_add(dx, other_p, mul_add(dy, other_q, hn::Mul(dz, other_r)));
     const auto both_along = hn::Mul(hn::Set(d, 3.0F), hn::Mul(along, other_along));
     // R^-5 ((2 eps^2 - d^2) p . q + 3 (d . p) (d . q))
-    const auto energy = [&](float eps2) {
+    const auto energy = [&](float eps2) HWY_ATTR {
       const auto inverse2 = hn::Div(hn::Set(d, 1.0F), hn::Add(distance2, hn::Set(d, eps2)));
       const auto inverse5 = hn::Mul(hn::Mul(inverse2, inverse2), hn::Sqrt(inverse2));
       const auto across = hn::Sub(hn::Set(d, 2 * eps2), distance2);

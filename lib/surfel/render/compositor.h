@@ -78,9 +78,9 @@ struct SplatListOptions {
   /// Splats larger than a tile that a tile draws where it has more than kMostLargeSplats of them:
   /// the fewer, the more often a method goes over them.
   std::size_t large_splats = 256;
-  /// The sums of splats that are smaller than the pixel filter tell where surfaces end
-  /// (EdgeCoverage), so that the half-planes of such splats need not: they get kernels that have
-  /// the volume, the mean and the variance of the cut ones.
+  /// Splats that are smaller than the pixel filter, and that half-planes cut, get whole kernels
+  /// with the volume, the mean and the variance of the cut ones: EdgeCoverage tells where their
+  /// surfaces end.
   bool edges_filtered = false;
 };
 

@@ -116,9 +116,7 @@ class SplatSampler {
   }
 
   /// As at(), without the lines.
-  /// \param arguments  gets the arguments of Phi for both lines of a splat that is cut by some;
-  /// null
-  ///     if they are not asked for.
+  /// \param arguments  null, or gets the arguments of Phi for both lines of a splat that is cut.
   HWY_INLINE Sample uncut_at(std::uint32_t index, V x, V y, V* arguments = nullptr) const {
     const D d;
     const Splat& splat = splats_[index];

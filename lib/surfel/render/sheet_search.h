@@ -39,9 +39,9 @@ struct SurfaceSheet {
 inline constexpr std::size_t kMostSheets = 8;
 
 /// The sheets of a cluster: SIMD, chosen at run time. Surfels that half-planes cut, or whose
-/// normals are zero, are in none. \param surfels   `count` of them, kSetupSurfels at most; columns
-/// as set_up_splats() takes them. \param material  their materials; null: all have one. A sheet has
-/// one material.
+/// normals are zero, are in none. A sheet has one material.
+/// \param surfels   `count` of them, kSetupSurfels at most; columns as set_up_splats() takes them.
+/// \param material  their materials; null: all have one.
 SURFEL_API std::vector<SurfaceSheet> find_sheets(const SurfelColumns& surfels,
                                                  const std::uint16_t* material, int count);
 
@@ -49,8 +49,8 @@ SURFEL_API std::vector<SurfaceSheet> find_sheets(const SurfelColumns& surfels,
 /// worth it; and where the sheet is not seen at a grazing angle their depths are within half of
 /// epsilon of one surface, so that contributions to a pixel differ by less than epsilon. At a
 /// grazing angle a surface is deeper within a pixel than that anyway. Nothing of it depends on
-/// where the picture's pixels lie. \param epsilon  FragmentRules::depth_epsilon of the sheet's
-/// splats.
+/// where the picture's pixels lie.
+/// \param epsilon  FragmentRules::depth_epsilon of the sheet's splats.
 bool may_sum_up(const SurfaceSheet& sheet, const SplatView& view, float epsilon);
 
 }  // namespace surfel

@@ -38,9 +38,12 @@ bool is_large(const PixelBox& box) {
   return box.x1 - box.x0 >= kTileSize && box.y1 - box.y0 >= kTileSize;
 }
 
-/// Adds a sheet's splats, those of one tag at a time: the tag of a pixel's first contribution is
-/// the fragment's. At a silhouette the order is front to back. \param members  of the sheet; gets
-/// reordered.
+/// Patches with no more sheets than this are sorted by insertion, which takes no memory.
+constexpr std::ptrdiff_t kFewSheets = 32;
+
+/// Adds a sheet's splats, tag by tag: splats of several tags in one sum would all have the first
+/// one's. At a silhouette the order is front to back.
+/// \param members  of the sheet; gets reordered.
 void add_by_tags(const FragmentRules& rules, const SplatView& view, const SheetSplats& sheet,
                  std::uint32_t* members, SheetSums& sums) {
   const auto rank = [&](std::uint32_t member) {
@@ -302,11 +305,20 @@ void SplatLists::sort_sheets(TileList& list) {
   list.sorted_sheets.resize(list.sheets.size());
   std::array<std::uint32_t, kTilePixels / kPatchPixels + 1> end = begin;
   for (const SheetPatch& sheet : list.sheets) {
-    std::size_t to = end[sheet.patch]++;
-    for (; to > begin[sheet.patch] && list.sorted_sheets[to - 1].depth < sheet.depth; --to) {
-      list.sorted_sheets[to] = list.sorted_sheets[to - 1];
+    list.sorted_sheets[end[sheet.patch]++] = sheet;
+  }
+  const auto nearer = [](const SheetPatch& a, const SheetPatch& b) { return a.depth > b.depth; };
+  for (std::size_t i = 0; i + 1 < begin.size(); ++i) {
+    SheetPatch* const first = list.sorted_sheets.data() + begin[i];
+    SheetPatch* const last = list.sorted_sheets.data() + begin[i + 1];
+    if (last - first > kFewSheets) {
+      std::stable_sort(first, last, nearer);
+      continue;
     }
-    list.sorted_sheets[to] = sheet;
+    // The clusters come nearest first, and most of their sheets do.
+    for (SheetPatch* at = first; at < last; ++at) {
+      std::rotate(std::upper_bound(first, at, *at, nearer), at, at + 1);
+    }
   }
 }
 
