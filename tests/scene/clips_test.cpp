@@ -1,4 +1,5 @@
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -82,6 +83,51 @@ TEST(Clips, ImagesOfImagesAreTheSurfels) {
       EXPECT_NEAR(back.cut[j].distance, surfel.cut[j].distance, 1e-12);
     }
   }
+}
+
+/// What lies within a surfel's half-planes.
+bool holds(const CutSurfel& surfel, const Vec3d& place) {
+  return std::all_of(surfel.cut.begin(), surfel.cut.end(), [&](const HalfPlane& plane) {
+    return !plane.cuts() || plane.direction.dot(place - surfel.position) <= plane.distance;
+  });
+}
+
+/// At a reflex corner at the origin, of any turn and for surfels on any side of it.
+TEST(Clips, PartsWithinEitherHalfPlaneAreThereOnce) {
+  for (const double turn : {0.3, 0.9, M_PI / 2, 1.7}) {
+    const Vec3d a(std::cos(0.4), std::sin(0.4), 0);
+    const Vec3d b(std::cos(0.4 + turn), std::sin(0.4 + turn), 0);
+    for (int k = 0; k < 12; ++k) {
+      const Vec3d centre(0.3 * std::cos(0.1 + k * M_PI / 6), 0.3 * std::sin(0.1 + k * M_PI / 6), 0);
+      if (a.dot(centre) > 0 && b.dot(centre) > 0) continue;  // No surface is there.
+      const CutSurfel surfel{
+          centre, {0, 0, 0}, {HalfPlane{a, -a.dot(centre)}, HalfPlane{b, -b.dot(centre)}}};
+      const std::vector<CutSurfel> parts = within_either(surfel, 10);
+      EXPECT_TRUE(holds(parts.front(), centre)) << turn << ' ' << k;
+      for (int p = 0; p < 400; ++p) {
+        const Vec3d place(0.1 * (p % 20) - 0.953, 0.1 * (p / 20) - 0.957, 0);
+        const bool surface = a.dot(place) <= 0 || b.dot(place) <= 0;
+        int own = 0;
+        for (const CutSurfel& part : parts) {
+          const bool image = part.position != centre;
+          const bool here = holds(part, place);
+          if (!image) own += here ? 1 : 0;
+          if (!image) continue;
+          EXPECT_TRUE(a.dot(part.position) > 0 && b.dot(part.position) > 0);
+          EXPECT_TRUE(surface || !here);
+        }
+        EXPECT_EQ(own, surface ? 1 : 0) << turn << ' ' << k << ' ' << place.transpose();
+      }
+    }
+  }
+}
+
+TEST(Clips, PartsThatAKernelHardlyReachesAreLeftOut) {
+  const CutSurfel surfel{
+      {-0.1, 0.8, 0}, {0, 0, 0}, {HalfPlane{{0, 1, 0}, -0.8}, HalfPlane{{1, 0, 0}, 0.1}}};
+  // Its own part, within the second half-plane, and its image there.
+  EXPECT_EQ(within_either(surfel, 0.1).size(), 2U);
+  EXPECT_EQ(within_either(surfel, 1).size(), 3U);
 }
 
 }  // namespace

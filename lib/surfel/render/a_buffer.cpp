@@ -509,7 +509,12 @@ float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) cons
   const float full = weight_at_edge(edge);
   const float* c = fragment.channel;
   const float aligned = std::sqrt(c[kCutX] * c[kCutX] + c[kCutY] * c[kCutY]) / c[kCutPartial];
-  const float one_side = std::clamp((aligned - kTwoSides) / (kOneSide - kTwoSides), 0.0F, 1.0F);
+  const auto ramp = [](float x, float from, float to) {
+    return std::clamp((x - from) / (to - from), 0.0F, 1.0F);
+  };
+  const float corner = ramp(c[kWeight], kUncovered * mean_weight, kCovered * mean_weight) *
+                       ramp(aligned, kOneSide, kCorner);
+  const float one_side = ramp(aligned, kTwoSides, kOneSide) * (1 - corner);
   // Kernels smaller than the pixel filter do not reach as far beyond the line as that does: there
   // the mean sum tells more where the pixels around tell that the surface ends, and sums above the
   // mean are of surfels that lie on several short creases.

@@ -206,6 +206,12 @@ struct TileABuffer {
   /// this.
   static constexpr float kOneSide = 0.95F;
   static constexpr float kTwoSides = 0.4F;
+  /// Where three surfaces meet at a corner their lines' outward vectors need not cancel each other,
+  /// and their mean may have this length; but the fragment's sum is then nearly as large as inside
+  /// a surface. As it comes from the first to the second share of that, it counts as everywhere.
+  static constexpr float kCorner = 0.8F;
+  static constexpr float kUncovered = 0.75F;
+  static constexpr float kCovered = 1.05F;
   /// The sum of rho from which on a surface covers a pixel.
   float weight_at_edge(float edge) const {
     return full_weight + (edge_weight - full_weight) * edge;

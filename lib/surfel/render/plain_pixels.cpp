@@ -118,9 +118,14 @@ V full_weight_of_cut(const TileABuffer& tile, const Fragments& at, const CutSums
   const V one = hn::Set(d, 1);
   const V length = hn::Sqrt(mul_add(cut.out_x, cut.out_x, hn::Mul(cut.out_y, cut.out_y)));
   const V aligned = hn::Div(length, cut.partial);
-  const V above = hn::Mul(hn::Sub(aligned, hn::Set(d, Tile::kTwoSides)),
-                          hn::Set(d, 1 / (Tile::kOneSide - Tile::kTwoSides)));
-  const V one_side = hn::Min(hn::Max(above, zero), one);
+  const auto ramp = [&](V x, float from, float to) HWY_ATTR {
+    const V t = hn::Mul(hn::Sub(x, hn::Set(d, from)), hn::Set(d, 1 / (to - from)));
+    return hn::Min(hn::Max(t, zero), one);
+  };
+  const V corner = hn::Mul(
+      ramp(at.weight, Tile::kUncovered * tile.mean_weight, Tile::kCovered * tile.mean_weight),
+      ramp(aligned, Tile::kOneSide, Tile::kCorner));
+  const V one_side = hn::Mul(ramp(aligned, Tile::kTwoSides, Tile::kOneSide), hn::Sub(one, corner));
   const M filtered = hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kFilteredTag), hn::Zero(Tags())));
   const V sum = hn::Add(at.weight, cut.away);
   const V uncut = hn::IfThenElse(filtered, hn::Min(sum, hn::Set(d, tile.mean_weight)), sum);

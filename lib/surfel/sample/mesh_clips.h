@@ -23,6 +23,9 @@ class SURFEL_API MeshClips {
   struct Lines {
     std::array<Line, 2> line;
     int count = 0;
+    /// The lines meet at a reflex corner: what lies within either of them is left. One of them may
+    /// cut off the sample itself. All samples around a corner have them in the same order.
+    bool either = false;
   };
 
   /// \param rings  edge_rings() of the mesh.
@@ -44,8 +47,9 @@ class SURFEL_API MeshClips {
   /// - a line must follow edges over nearly half of its chord of the disc at least. Shorter edges,
   ///   as of holes smaller than the disc or where a crease fades out, cut nothing, as the surface
   ///   goes on around them;
-  /// - where two lines meet at a reflex corner the nearer one alone cuts, as the surface goes on
-  ///   beyond the other.
+  /// - where edges meet at a reflex corner, what lies beyond both of their lines is cut off
+  ///   (Lines::either). Where there is no corner of two edges, as where it is cut or curved, the
+  ///   nearer line alone cuts, as the surface goes on beyond the other.
   /// Thus no line cuts off surface that no other sample covers.
   Lines around(std::uint32_t face, const Vec3d& place, const Vec3d& normal, double reach) const;
 
@@ -60,7 +64,13 @@ class SURFEL_API MeshClips {
   struct FlatEdge {
     Vec3d from, to;
     Line line;
-    double away;  ///< Distance of the sample from the edge.
+    double away;          ///< Distance of the sample from the edge.
+    std::size_t edge;     ///< Among edges_.
+    bool beyond = false;  ///< The sample lies beyond the edge's line.
+  };
+  /// A part of a line, by distances along it from the point nearest to the sample.
+  struct Chord {
+    double from, to;
   };
   struct Node {
     Vec3d min = Vec3d::Constant(1e300);
@@ -71,8 +81,17 @@ class SURFEL_API MeshClips {
     }
   };
 
-  static bool follows(const Line& line, const Vec3d& normal, const std::vector<FlatEdge>& edges,
-                      double reach);
+  std::vector<FlatEdge> edges_around(std::uint32_t face, const Vec3d& place, const Vec3d& normal,
+                                     double reach) const;
+  static bool follows(const Line& line, const Chord& chord, const Vec3d& normal,
+                      const std::vector<FlatEdge>& edges, double reach);
+  static bool bounds_all(const Line& line, const std::vector<FlatEdge>& edges, double reach);
+  static const FlatEdge* neighbor(const FlatEdge& edge, bool forward,
+                                  const std::vector<FlatEdge>& edges, double reach);
+  static Lines convex_lines(const Vec3d& normal, const std::vector<FlatEdge>& edges, double reach,
+                            const FlatEdge*& first);
+  static Lines reflex_corner(const FlatEdge& edge, bool lead_on, const Vec3d& normal,
+                             const std::vector<FlatEdge>& edges, double reach);
 
   Array<std::uint32_t> patch_;  ///< By face.
   std::vector<std::uint32_t>

@@ -442,16 +442,23 @@ class EdgeCutter {
     });
     Array<std::uint32_t> order(count);
     std::iota(order.begin(), order.end(), 0U);
+    std::vector<CutSurfel> own;  // Parallel to the samples that lines cut.
     std::vector<CutSurfel> images;
     for (std::uint32_t i = 0; i < count; ++i) {
       if (lines[i].count == 0) continue;
       ++report.clipped;
       const double deviation = std::sqrt(cloud_.variance[i]);
       const CutSurfel surfel{cloud_.position[i].cast<double>(), {0, 0, 0}, lines[i].line};
-      for (const CutSurfel& image : mirror_images(surfel, {deviation, deviation})) {
-        images.push_back(image);
-        order.push_back(i);
+      std::vector<CutSurfel> parts;
+      if (lines[i].either) {
+        parts = within_either(surfel, deviation);
+      } else {
+        parts = mirror_images(surfel, {deviation, deviation});
+        parts.insert(parts.begin(), surfel);
       }
+      own.push_back(parts.front());
+      images.insert(images.end(), parts.begin() + 1, parts.end());
+      order.insert(order.end(), parts.size() - 1, i);
     }
     if (report.clipped == 0) return;
     if (!images.empty()) cloud_ = cloud_.gathered(order);
@@ -461,8 +468,9 @@ class EdgeCutter {
     cloud_.clip2 = cloud_.clip1;
     cloud_.clip1_distance.assign(order.size(), 0.0F);
     cloud_.clip2_distance = cloud_.clip1_distance;
+    std::size_t cut = 0;
     for (std::size_t i = 0; i < count; ++i) {
-      put_cut_surfel({cloud_.position[i].cast<double>(), {0, 0, 0}, lines[i].line}, cloud_, i);
+      if (lines[i].count > 0) put_cut_surfel(own[cut++], cloud_, i);
     }
     for (std::size_t k = 0; k < images.size(); ++k) put_cut_surfel(images[k], cloud_, count + k);
   }

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <surfel/scene/clips.h>
 
 namespace surfel {
@@ -71,6 +73,52 @@ std::vector<CutSurfel> mirror_images(const CutSurfel& surfel,
   const CutSurfel second = images.back();
   if (second.cut[0].distance > 0) add(second, 0);
   return images;
+}
+
+std::vector<CutSurfel> within_either(const CutSurfel& surfel, double deviation) {
+  const double reach = kMirrorReach * deviation;
+  // The line of the first half-plane parts what is left, or, where the two lines turn little, the
+  // line between them: half-planes that are nearly at right angles are cut by most exactly.
+  constexpr double kLittleTurn = 0.5;  // Cosine of 60 degrees.
+  const Vec3d& a = surfel.cut[0].direction;
+  const Vec3d& b = surfel.cut[1].direction;
+  const double cosine = a.dot(b);
+  const bool bisect = cosine > kLittleTurn;
+  const auto parted_by = [&](const CutSurfel& s) {
+    if (!bisect) return s.cut[0];
+    // The corner's offset from the centre is p a + q b.
+    const double p = s.cut[0].distance - cosine * s.cut[1].distance;
+    const double q = s.cut[1].distance - cosine * s.cut[0].distance;
+    const Vec3d direction = (a - b).normalized();
+    const double distance = (p * a + q * b).dot(direction) / (1 - cosine * cosine);
+    return HalfPlane{direction, distance};
+  };
+  const auto part = [&](const CutSurfel& s, std::size_t j) {
+    const HalfPlane parting = parted_by(s);
+    CutSurfel result{s.position, s.tangent, {s.cut[j], HalfPlane{}}};
+    if (j == 1) result.cut[1] = {-parting.direction, -parting.distance};
+    if (j == 0 && bisect) result.cut[1] = parting;
+    return result;
+  };
+  const auto matters = [&](const CutSurfel& s) {
+    return std::all_of(s.cut.begin(), s.cut.end(), [&](const HalfPlane& plane) {
+      return !plane.cuts() || plane.distance > -reach;
+    });
+  };
+  const std::size_t own = parted_by(surfel).distance >= 0 ? 0 : 1;
+  std::vector<CutSurfel> parts{part(surfel, own)};
+  const auto add = [&](const CutSurfel& s) {
+    if (matters(s)) parts.push_back(s);
+  };
+  add(part(surfel, 1 - own));
+  // Only where no surface is, beyond both lines, images stand in for its surfels.
+  for (std::size_t j = 0; j < 2; ++j) {
+    const double distance = surfel.cut[j].distance;
+    if (distance < 0 || distance >= reach) continue;
+    const CutSurfel image = mirror_image(surfel, j);
+    if (image.cut[0].distance < 0 && image.cut[1].distance < 0) add(part(image, j));
+  }
+  return parts;
 }
 
 }  // namespace surfel

@@ -69,4 +69,12 @@ SURFEL_API CutSurfel mirror_image(const CutSurfel& surfel, std::size_t which);
 SURFEL_API std::vector<CutSurfel> mirror_images(const CutSurfel& surfel,
                                                 const std::array<double, 2>& deviation);
 
+/// The surfels that together are what a surfel with a round Gaussian has within either of its two
+/// half-planes, as at a reflex corner, and what goes on beyond them there: sums of kernels are as
+/// even at the lines as elsewhere. The first one's centre is not cut off. Of the surface within the
+/// first half-plane, and of the surface within the second alone, each has its own surfels, so that
+/// nothing is there twice. Surfels around one corner must have its lines in the same order.
+/// \param deviation  of the Gaussian, scene units.
+SURFEL_API std::vector<CutSurfel> within_either(const CutSurfel& surfel, double deviation);
+
 }  // namespace surfel
