@@ -163,8 +163,9 @@ class Affine {
       const double extent = std::min(3.33, std::sqrt(2 * std::log(opacity_ * 255)));
       const double rx = std::ceil(extent * std::sqrt(V(0, 0)));
       const double ry = std::ceil(extent * std::sqrt(V(1, 1)));
-      rect_ = {std::floor((at_.x() - rx) / kTile) * kTile, std::floor((at_.y() - ry) / kTile) * kTile,
-               std::ceil((at_.x() + rx) / kTile) * kTile, std::ceil((at_.y() + ry) / kTile) * kTile};
+      rect_ = {
+          std::floor((at_.x() - rx) / kTile) * kTile, std::floor((at_.y() - ry) / kTile) * kTile,
+          std::ceil((at_.x() + rx) / kTile) * kTile, std::ceil((at_.y() + ry) / kTile) * kTile};
     } else {
       const double mid = V.trace() / 2;
       const double lambda = mid + std::sqrt(std::max(0.1, mid * mid - V.determinant()));
@@ -225,8 +226,8 @@ class Disc {
     const Vec3d n = u.cross(v);
     out.depth = n.dot(s_.mean) / n.dot(ray);
     const Vec3d hit = out.depth * ray - s_.mean;
-    const double rho3 = std::pow(hit.dot(u) / u.squaredNorm(), 2) +
-                        std::pow(hit.dot(v) / v.squaredNorm(), 2);
+    const double rho3 =
+        std::pow(hit.dot(u) / u.squaredNorm(), 2) + std::pow(hit.dot(v) / v.squaredNorm(), 2);
     const double rho = std::min(rho3, 2 * (pixel - box_).squaredNorm());
     out.alpha = std::min(0.99, s_.amplitude * std::exp(-rho / 2));
     out.counts = out.depth >= 0.2 && out.alpha >= 1.0 / 255;
@@ -249,8 +250,7 @@ class Ray {
     const Mat3 S = s.axes * s.axes.transpose();
     // A pixel at the centre's depth, scene units.
     const Vec3d pixel(s.mean.z() / camera.focal_x, s.mean.z() / camera.focal_y, 0);
-    const Mat3 filtered =
-        S + lowpass * lowpass * Mat3(pixel.cwiseProduct(pixel).asDiagonal());
+    const Mat3 filtered = S + lowpass * lowpass * Mat3(pixel.cwiseProduct(pixel).asDiagonal());
     inverse_ = filtered.inverse();
     amplitude_ = s.amplitude;
     if (density_) {
@@ -328,9 +328,8 @@ Image draw(const std::vector<Seen>& seen, const std::vector<Kernel>& kernels, co
       float* pixel = image.pixel(x, y);
       for (std::size_t k = 0; k < 3; ++k) pixel[k] = static_cast<float>(sum[k]);
       pixel[3] = static_cast<float>(1 - transmittance);
-      pixel[4] = static_cast<float>(transmittance <= 0.5
-                                        ? median
-                                        : std::numeric_limits<double>::infinity());
+      pixel[4] = static_cast<float>(transmittance <= 0.5 ? median
+                                                         : std::numeric_limits<double>::infinity());
       pixel[5] = static_cast<float>(transmittance < 1 ? sum[3] / (1 - transmittance)
                                                       : std::numeric_limits<double>::infinity());
     }

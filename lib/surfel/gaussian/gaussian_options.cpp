@@ -1,6 +1,5 @@
-#include <surfel/gaussian/gaussian_options.h>
-
 #include <surfel/base/option_check.h>
+#include <surfel/gaussian/gaussian_options.h>
 
 namespace surfel {
 

@@ -55,6 +55,8 @@ constexpr float kWiden = 1.0001F;
 /// kExact: a Gaussian that reaches so far towards the eye's plane, as a share of its depth squared,
 /// may be seen anywhere.
 constexpr float kLeastRoom = 1e-3F;
+/// kExact: peaks below this binary logarithm of alpha are nothing.
+constexpr float kLeastLogPeak = -30;
 /// Beyond such a number of pixels nothing is told apart.
 constexpr float kFar = 1e6F;
 
@@ -209,7 +211,8 @@ class Projection {
     const auto less = [&](V a, V b, V c, V e) HWY_ATTR {  // 2 (a b - c e)
       return hn::Mul(two, mul_sub(a, b, hn::Mul(c, e)));
     };
-    const Vec3 first = rotated({hn::Sub(one, twice(y, y, z, z)), twice(x, y, w, z), less(x, z, w, y)});
+    const Vec3 first =
+        rotated({hn::Sub(one, twice(y, y, z, z)), twice(x, y, w, z), less(x, z, w, y)});
     const Vec3 second =
         rotated({less(x, y, w, z), hn::Sub(one, twice(x, x, z, z)), twice(y, z, w, x)});
     const Vec3 third =
@@ -269,8 +272,7 @@ class Projection {
     out.y0 = hn::Max(out.y0, hn::Zero(d));
     out.x1 = hn::Min(out.x1, set(static_cast<float>(view_.width - 1)));
     out.y1 = hn::Min(out.y1, set(static_cast<float>(view_.height - 1)));
-    out.visible =
-        hn::And(out.visible, hn::And(hn::Le(out.x0, out.x1), hn::Le(out.y0, out.y1)));
+    out.visible = hn::And(out.visible, hn::And(hn::Le(out.x0, out.x1), hn::Le(out.y0, out.y1)));
     if (hn::AllFalse(d, out.visible)) return out;
     colors(i, left, at, out);
     return out;
@@ -286,7 +288,6 @@ class Projection {
 
   /// Factor on opacities for what the filter adds to kernels.
   HWY_INLINE V compensation(const Kernel& k) const {
-    const D d;
     if constexpr (kProfile == GaussianProfile::kMip) {
       const V least = set(1e-6F);
       const V share = hn::Div(k.det0, hn::Add(k.det, least));
@@ -411,20 +412,19 @@ class Projection {
   HWY_INLINE void exact_bounds(const Kernel& k, V xz, V yz, V zz, V volume, V amplitude,
                                Projected& out) const {
     const D d;
+    V peak;
     if (view_.rule == AmplitudeRule::kDensity) {
       // The optical depth is 2^log_opacity |w| / sqrt(den) times the kernel, with the volume
       // |det(T_x, T_y, Z)| z of the unfiltered Gaussian, since the filter keeps its mass.
       const V mass = hn::Mul(hn::Mul(amplitude, set(kRootTwoPi)), hn::Mul(hn::Abs(volume), out.z));
       out.log_opacity = log2_of(mass);
-      // Bound of |w| / sqrt(den), for the cut alone: eight times its value at the centre.
-      const V peak = hn::Sub(hn::Add(out.log_opacity, set(3)), hn::Mul(set(0.5F), log2_of(k.det)));
-      out.cut = hn::Sub(peak, set(kExactLogCut));
+      // |w| / sqrt(den) is taken for up to eight times its value on the axis, for the cut alone.
+      peak = hn::Sub(hn::Add(out.log_opacity, set(3)), hn::Mul(set(0.5F), log2_of(k.det)));
     } else {
-      out.log_opacity = log2_of(hn::Mul(amplitude, compensation(k)));
-      out.cut = hn::Sub(out.log_opacity, set(kExactLogCut));
+      peak = out.log_opacity = log2_of(hn::Mul(amplitude, compensation(k)));
     }
-    out.visible = hn::And(out.visible, hn::Gt(out.cut, hn::Zero(d)));
-    out.cut = hn::Max(out.cut, hn::Zero(d));
+    out.visible = hn::And(out.visible, hn::Gt(peak, set(kLeastLogPeak)));
+    out.cut = hn::Add(set(kExactCut), hn::Max(peak, hn::Zero(d)));
     const V k2 = hn::Mul(set(2 * kLn2), out.cut);
     const V room = neg_mul_add(k2, zz, set(1));
     const M bounded = hn::Gt(room, set(kLeastRoom));
@@ -462,8 +462,7 @@ class Projection {
     const V room = neg_mul_add(reach2, zz, set(1));
     const M bounded = hn::Gt(room, set(kLeastRoom));
     const V filter = hn::Sqrt(hn::Mul(set(0.5F), reach2));
-    const auto range = [&](V center, V low, V variance, V with_depth, V& first,
-                           V& last) HWY_ATTR {
+    const auto range = [&](V center, V low, V variance, V with_depth, V& first, V& last) HWY_ATTR {
       const Extent e = extent(reach2, hn::Max(room, set(kLeastRoom)), variance, with_depth);
       const V half = hn::Sqrt(e.half2);
       const V left = hn::Min(hn::Sub(e.middle, half), hn::Sub(low, filter));
@@ -608,8 +607,7 @@ GaussianView gaussian_view(const GaussianCloud& cloud, const Camera& camera,
   const double rim_x = 0.3 * 0.5 * camera.width / camera.focal_x;
   const double rim_y = 0.3 * 0.5 * camera.height / camera.focal_y;
   view.least_slope_x = static_cast<float>(-camera.center_x / camera.focal_x - rim_x);
-  view.most_slope_x =
-      static_cast<float>((camera.width - camera.center_x) / camera.focal_x + rim_x);
+  view.most_slope_x = static_cast<float>((camera.width - camera.center_x) / camera.focal_x + rim_x);
   view.least_slope_y = static_cast<float>(-camera.center_y / camera.focal_y - rim_y);
   view.most_slope_y =
       static_cast<float>((camera.height - camera.center_y) / camera.focal_y + rim_y);

@@ -10,9 +10,10 @@
 
 namespace surfel {
 
-/// Binary logarithm of the least alpha that kExact draws, 2^-12: what is left out of one Gaussian
-/// is below a sixteenth of a step of 8 bits.
-inline constexpr float kExactLogCut = -12;
+/// kExact: kernels end at 2^-12 of their peak, or of 1 where an optical depth is larger. A share of
+/// 2^-12 of each kernel's mass is left out, however faint it is, so that haze of many faint kernels
+/// stays, and no pixel loses more of one Gaussian than a sixteenth of a step of 8 bits.
+inline constexpr float kExactCut = 12;
 
 /// A camera and a profile, as the projection uses them.
 struct GaussianView {

@@ -223,7 +223,7 @@ struct Sums {
     green = mul_add(weight, g, green);
     blue = mul_add(weight, b, blue);
     if constexpr (kDepth) {
-      depth = mul_add(weight, z, depth);
+      depth = mul_add(weight, hn::IfThenElseZero(where, z), depth);
       median = hn::IfThenElse(hn::And(where, hn::Gt(transmittance, set(0.5F))), z, median);
     }
     transmittance = hn::IfThenElse(where, left, transmittance);
@@ -344,21 +344,24 @@ class TileRaster {
       const auto top = patch_of(hn::ShiftRight<16>(first), job_.y0);
       const auto right = patch_of(hn::And(last, low), job_.x0);
       const auto bottom = patch_of(hn::ShiftRight<16>(last), job_.y0);
-      decltype(exists) columns[kPatchesAcross];
-      decltype(exists) rows[kPatchesAcross];
+      hn::Mask<Unsigned> columns[kPatchesAcross];
+      hn::Mask<Unsigned> rows[kPatchesAcross];
       for (int p = 0; p < kPatchesAcross; ++p) {
-        const auto at = hn::Set(di, p);
-        columns[p] = hn::RebindMask(du, hn::And(hn::Le(left, at), hn::Ge(right, at)));
-        rows[p] = hn::And(exists,
-                          hn::RebindMask(du, hn::And(hn::Le(top, at), hn::Ge(bottom, at))));
+        const auto before = hn::Set(di, p - 1);
+        const auto after = hn::Set(di, p + 1);
+        const auto meets = [&](const hn::Vec<Ints>& from, const hn::Vec<Ints>& to) HWY_ATTR {
+          return hn::RebindMask(du, hn::And(hn::Lt(from, after), hn::Gt(to, before)));
+        };
+        columns[p] = meets(left, right);
+        rows[p] = hn::And(exists, meets(top, bottom));
       }
       if constexpr (kEllipses) {
         const Nearest ellipse(field(offsetof(GaussianSplat, x)), field(offsetof(GaussianSplat, y)),
                               field(offsetof(GaussianSplat, xx)),
                               field(offsetof(GaussianSplat, xy)),
                               field(offsetof(GaussianSplat, yy)), x0_ + 0.5F, y0_ + 0.5F);
-        const V limit = hn::Add(field(offsetof(GaussianSplat, log_opacity)),
-                                set(kSlack - kLeastLogAlpha));
+        const V limit =
+            hn::Add(field(offsetof(GaussianSplat, log_opacity)), set(kSlack - kLeastLogAlpha));
         for (int r = 0; r < kPatchesAcross; ++r) {
           for (int c = 0; c < kPatchesAcross; ++c) {
             const auto near = hn::RebindMask(du, hn::Le(ellipse.least(c, r), limit));
@@ -471,8 +474,7 @@ class TileRaster {
         if (hn::AllFalse(d, nearer)) break;
         const V other_alpha = hn::Load(d, before + kLanes);
         const V other_index = hn::Load(d, before + 2 * kLanes);
-        write(at, hn::IfThenElse(nearer, other, depth),
-              hn::IfThenElse(nearer, other_alpha, alpha),
+        write(at, hn::IfThenElse(nearer, other, depth), hn::IfThenElse(nearer, other_alpha, alpha),
               hn::IfThenElse(nearer, other_index, index));
         depth = hn::IfThenElse(nearer, depth, other);
         alpha = hn::IfThenElse(nearer, alpha, other_alpha);
@@ -554,7 +556,8 @@ class TileRaster {
 HWY_INLINE V linear(V value) {
   const D d;
   const V low = hn::Mul(value, set(1 / 12.92F));
-  const V high = power_of_floats(d, hn::Mul(hn::Add(value, set(0.055F)), set(1 / 1.055F)), set(2.4F));
+  const V high =
+      power_of_floats(d, hn::Mul(hn::Add(value, set(0.055F)), set(1 / 1.055F)), set(2.4F));
   return hn::IfThenElse(hn::Le(value, set(0.04045F)), low, high);
 }
 
@@ -592,7 +595,8 @@ void write_gaussian_tile_simd(const GaussianTile& tile, int x0, int y0, const Ga
       const std::size_t at = pixel + i;
       const std::size_t patch = at / kPatchPixels;
       const int x = x0 + static_cast<int>(patch % kPatchesAcross * kPatch + at % kPatch);
-      const int y = y0 + static_cast<int>(patch / kPatchesAcross * kPatch + at % kPatchPixels / kPatch);
+      const int y =
+          y0 + static_cast<int>(patch / kPatchesAcross * kPatch + at % kPatchPixels / kPatch);
       if (x >= out.width || y >= out.height) continue;
       float* to = out.pixels + (static_cast<std::size_t>(y) * out.width + x) * out.channels;
       std::copy_n(pixels + 4 * i, 4, to);

@@ -1,5 +1,3 @@
-#include <surfel/gaussian/gaussian_renderer.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/gaussian/gaussian_projection.h>
 #include <surfel/gaussian/gaussian_raster.h>
+#include <surfel/gaussian/gaussian_renderer.h>
 
 namespace surfel {
 namespace {
@@ -55,9 +54,9 @@ struct GaussianRenderer::Frame {
   Array<GaussianPerspective> perspective;
   Array<std::uint32_t> keys;
   std::vector<std::size_t> range_count;
-  Array<std::uint32_t> slot;   ///< Of all splats, in the order of the Gaussians.
-  Array<std::uint64_t> wide;   ///< Their keys.
-  Array<std::uint32_t> order;  ///< Slots in the order of keys.
+  Array<std::uint32_t> slot;          ///< Of all splats, in the order of the Gaussians.
+  Array<std::uint64_t> wide;          ///< Their keys.
+  Array<std::uint32_t> order;         ///< Slots in the order of keys.
   std::vector<std::uint32_t> counts;  ///< By range of `order` and tile: where the tile's go.
   std::vector<std::size_t> tile_end;
   Array<std::uint32_t> lists;
@@ -159,7 +158,7 @@ GaussianRenderer::~GaussianRenderer() = default;
 Image GaussianRenderer::render(const Camera& camera, GaussianStatistics* statistics) {
   const Timer timer;
   GaussianStatistics stats;
-  const auto lap = [&, before = 0.0]() mutable {
+  auto lap = [&, before = 0.0]() mutable {
     const double now = timer.milliseconds();
     const double taken = now - before;
     before = now;

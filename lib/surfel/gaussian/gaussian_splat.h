@@ -14,11 +14,12 @@ inline constexpr float kLeastLogAlpha = -7.99435343685886F;
 ///     2^(log_opacity - (xx dx^2 + xy dx dy + yy dy^2) / den),
 /// where den is 1 for affine kernels, else GaussianPerspective's. One cache line.
 struct alignas(64) GaussianSplat {
-  float x, y;         ///< Centre, pixels.
-  float xx, xy, yy;   ///< Exponent, base 2.
-  float log_opacity;  ///< Binary logarithm of alpha at the centre; of the optical depth, of density.
-  float z;            ///< Depth of the centre.
-  float cut;          ///< kExact: the least exponent of alpha, base 2, that is drawn.
+  float x, y;        ///< Centre, pixels.
+  float xx, xy, yy;  ///< Exponent, base 2.
+  float
+      log_opacity;  ///< Binary logarithm of alpha at the centre; of the optical depth, of density.
+  float z;          ///< Depth of the centre.
+  float cut;        ///< kExact: the exponent, base 2, at which the kernel ends.
   float red, green, blue;
   std::uint16_t x0, y0;  ///< First and ...
   std::uint16_t x1, y1;  ///< ... last pixel in which it may be seen.

@@ -50,6 +50,9 @@ struct GaussianCloud {
   TrainedWith trained_with = TrainedWith::kUnknown;
   /// Upward direction where the file or its format says it.
   std::optional<Vec3d> up{};
+  /// Gaussians that the file holds and that were left out because one of their values is not
+  /// finite, or a scale too large for float arithmetic (kLargestExtent).
+  std::size_t unusable_skipped = 0;
 
   std::size_t size() const { return position.size(); }
   /// Numbers in `harmonics` for each Gaussian.
