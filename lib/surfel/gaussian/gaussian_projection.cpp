@@ -385,6 +385,26 @@ class Projection {
     return {middle, mul_add(middle, middle, hn::Mul(scale, variance))};
   }
 
+  /// Whether a Gaussian's section at k standard deviations lies beyond one of the picture's sides:
+  /// the planes through the eye and a side obey the same equation.
+  /// \param center     of the Gaussian, pixels along one axis.
+  /// \param most       end of the picture along it.
+  HWY_INLINE M beyond(V k2, V center, float most, V variance, V with_depth, V depth2) const {
+    const auto reach2 = [&](V to) HWY_ATTR {
+      return hn::Mul(k2,
+                     mul_add(mul_sub(to, depth2, hn::Add(with_depth, with_depth)), to, variance));
+    };
+    const V to_first = hn::Neg(center);
+    const V to_last = hn::Sub(set(most), center);
+    const V zero = hn::Zero(D());
+    return hn::Or(hn::And(hn::Gt(to_first, zero), hn::Gt(square(to_first), reach2(to_first))),
+                  hn::And(hn::Lt(to_last, zero), hn::Gt(square(to_last), reach2(to_last))));
+  }
+  HWY_INLINE M beyond(V k2, const Kernel& k, V xz, V yz, V zz, const Projected& p) const {
+    return hn::Or(beyond(k2, p.x, static_cast<float>(view_.width), k.xx, xz, zz),
+                  beyond(k2, p.y, static_cast<float>(view_.height), k.yy, yz, zz));
+  }
+
   HWY_INLINE void perspective(const Kernel& k, const Vec3& t_x, const Vec3& t_y, const Vec3& z,
                               V amplitude, Projected& out) const {
     // Rows of the adjugate of (T_x, T_y, Z).
@@ -438,6 +458,7 @@ class Projection {
     };
     range(out.x, k.xx, xz, out.x0, out.x1);
     range(out.y, k.yy, yz, out.y0, out.y1);
+    out.visible = hn::AndNot(beyond(k2, k, xz, yz, zz, out), out.visible);
   }
 
   HWY_INLINE void disc_bounds(const Kernel& k, V xz, V yz, V zz, V amplitude,
@@ -462,17 +483,21 @@ class Projection {
     const V room = neg_mul_add(reach2, zz, set(1));
     const M bounded = hn::Gt(room, set(kLeastRoom));
     const V filter = hn::Sqrt(hn::Mul(set(0.5F), reach2));
+    // Discs that reach behind the eye are seen anywhere or nowhere.
+    const M nowhere = beyond(reach2, k, xz, yz, zz, out);
     const auto range = [&](V center, V low, V variance, V with_depth, V& first, V& last) HWY_ATTR {
       const Extent e = extent(reach2, hn::Max(room, set(kLeastRoom)), variance, with_depth);
       const V half = hn::Sqrt(e.half2);
-      const V left = hn::Min(hn::Sub(e.middle, half), hn::Sub(low, filter));
-      const V right = hn::Max(hn::Add(e.middle, half), hn::Add(low, filter));
-      const V none = hn::Zero(D());
+      const auto seen = [&](V bound, float anywhere, V other) HWY_ATTR {
+        return hn::IfThenElse(nowhere, other, hn::IfThenElse(bounded, bound, set(anywhere)));
+      };
+      const V low_first = hn::Sub(low, filter);
+      const V low_last = hn::Add(low, filter);
+      const V left = hn::Min(seen(hn::Sub(e.middle, half), -kFar, low_first), low_first);
+      const V right = hn::Max(seen(hn::Add(e.middle, half), kFar, low_last), low_last);
       const V margin = set(kMargin);
-      first = hn::IfThenElse(bounded, first_pixel(hn::Add(center, hn::Sub(left, margin)), none),
-                             set(-kFar));
-      last = hn::IfThenElse(bounded, last_pixel(hn::Add(center, hn::Add(right, margin)), none),
-                            set(kFar));
+      first = first_pixel(hn::Add(center, left), margin);
+      last = last_pixel(hn::Add(center, right), margin);
       within(tiles(hn::Add(center, low), radius), first, last);
     };
     range(out.x, out.low_x, k.xx, xz, out.x0, out.x1);

@@ -7,7 +7,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/radix_sort.h>
 #include <surfel/base/timing.h>
 #include <surfel/gaussian/gaussian_projection.h>
 #include <surfel/gaussian/gaussian_raster.h>
@@ -20,8 +19,21 @@ constexpr std::size_t kProjectionGrain = 2048;
 /// Ranges in which splats are counted by tiles, at most: each has a counter for every tile.
 constexpr std::size_t kMostListRanges = 64;
 constexpr std::size_t kLeastListRange = 4096;
+constexpr std::size_t kSortRanges = 16;
 /// A raster reads lists by whole vectors.
 constexpr std::size_t kListSpare = 16;
+
+/// The first and the last tiles that a splat meets.
+struct TileBox {
+  std::uint16_t x0, y0, x1, y1;
+
+  explicit TileBox(const GaussianSplat& s)
+      : x0(s.x0 / kGaussianTile),
+        y0(s.y0 / kGaussianTile),
+        x1(s.x1 / kGaussianTile),
+        y1(s.y1 / kGaussianTile) {}
+  TileBox() = default;
+};
 
 /// The tiles of a picture.
 struct TileGrid {
@@ -35,14 +47,10 @@ struct TileGrid {
   }
   /// Calls body(tile) for the tiles that a splat's box meets.
   template <class Body>
-  void for_each(const GaussianSplat& s, const Body& body) const {
-    const int left = s.x0 / kGaussianTile;
-    const int right = s.x1 / kGaussianTile;
-    for (int row = s.y0 / kGaussianTile; row <= s.y1 / kGaussianTile; ++row) {
-      const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(columns);
-      for (int column = left; column <= right; ++column) {
-        body(first + static_cast<std::size_t>(column));
-      }
+  void for_each(const TileBox& box, const Body& body) const {
+    for (std::size_t row = box.y0; row <= box.y1; ++row) {
+      const std::size_t first = row * static_cast<std::size_t>(columns);
+      for (std::size_t column = box.x0; column <= box.x1; ++column) body(first + column);
     }
   }
 };
@@ -54,10 +62,13 @@ struct GaussianRenderer::Frame {
   Array<GaussianPerspective> perspective;
   Array<std::uint32_t> keys;
   std::vector<std::size_t> range_count;
-  Array<std::uint32_t> slot;          ///< Of all splats, in the order of the Gaussians.
-  Array<std::uint64_t> wide;          ///< Their keys.
-  Array<std::uint32_t> order;         ///< Slots in the order of keys.
-  std::vector<std::uint32_t> counts;  ///< By range of `order` and tile: where the tile's go.
+  /// A splat and what it is ordered by.
+  struct Ordered {
+    std::uint32_t key, splat;
+  };
+  Array<Ordered> order, spare;
+  Array<TileBox> boxes;               ///< Of the splats in their order.
+  std::vector<std::uint32_t> counts;  ///< By range of `order` and bucket.
   std::vector<std::size_t> tile_end;
   Array<std::uint32_t> lists;
   PerWorker<GaussianScratch> scratch;
@@ -65,6 +76,8 @@ struct GaussianRenderer::Frame {
   void project(const GaussianView& view, const GaussianCloud& cloud);
   void sort();
   void list(const TileGrid& grid);
+  template <class Tell>
+  std::size_t start_of_each(std::size_t ranges, std::size_t buckets, const Tell& tell);
 };
 
 /// Projects all Gaussians.
@@ -83,22 +96,56 @@ void GaussianRenderer::Frame::project(const GaussianView& view, const GaussianCl
   });
 }
 
-/// Orders the splats by their keys, and by the Gaussians' numbers where keys are equal.
+/// Orders the splats by their keys, and by the Gaussians' numbers where keys are equal: a radix
+/// sort whose passes each thread makes over ranges of its own, so that it stays stable.
 void GaussianRenderer::Frame::sort() {
+  constexpr int kBits = 11;
+  constexpr std::size_t kBuckets = std::size_t{1} << kBits;
   std::vector<std::size_t> first(range_count.size() + 1, 0);
   std::partial_sum(range_count.begin(), range_count.end(), first.begin() + 1);
   const std::size_t seen = first.back();
-  slot.resize(seen);
-  wide.resize(seen);
+  order.resize(seen);
+  spare.resize(seen);
   parallel_each(range_count.size(), 8, [&](std::size_t range) {
     const std::size_t from = range * kProjectionGrain;
     for (std::size_t i = 0; i < range_count[range]; ++i) {
-      slot[first[range] + i] = static_cast<std::uint32_t>(from + i);
-      wide[first[range] + i] = keys[from + i];
+      order[first[range] + i] = {keys[from + i], static_cast<std::uint32_t>(from + i)};
     }
   });
-  order = sort_keys(wide);
-  parallel_each(seen, 16384, [&](std::size_t i) { order[i] = slot[order[i]]; });
+  const std::size_t grain = std::max(kLeastListRange, (seen + kSortRanges - 1) / kSortRanges);
+  const std::size_t ranges = (seen + grain - 1) / grain;
+  for (int shift = 0; shift < 32; shift += kBits) {
+    counts.assign(ranges * kBuckets, 0);
+    const auto bucket_of = [shift](const Ordered& o) { return o.key >> shift & (kBuckets - 1); };
+    parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+      std::uint32_t* const count = counts.data() + begin / grain * kBuckets;
+      for (std::size_t i = begin; i < end; ++i) ++count[bucket_of(order[i])];
+    });
+    start_of_each(ranges, kBuckets, [](std::size_t, std::size_t) {});
+    parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+      std::uint32_t* const next = counts.data() + begin / grain * kBuckets;
+      for (std::size_t i = begin; i < end; ++i) spare[next[bucket_of(order[i])]++] = order[i];
+    });
+    order.swap(spare);
+  }
+}
+
+/// Makes of `counts`, by range and bucket, where each begins when buckets follow one another.
+/// \param tell  gets the end of each bucket.
+template <class Tell>
+std::size_t GaussianRenderer::Frame::start_of_each(std::size_t ranges, std::size_t buckets,
+                                                   const Tell& tell) {
+  std::size_t total = 0;
+  for (std::size_t bucket = 0; bucket < buckets; ++bucket) {
+    for (std::size_t range = 0; range < ranges; ++range) {
+      std::uint32_t& count = counts[range * buckets + bucket];
+      const std::uint32_t here = count;
+      count = static_cast<std::uint32_t>(total);
+      total += here;
+    }
+    tell(bucket, total);
+  }
+  return total;
 }
 
 /// Lists the splats of every tile, in their order.
@@ -109,23 +156,19 @@ void GaussianRenderer::Frame::list(const TileGrid& grid) {
       std::max(kLeastListRange, (seen + kMostListRanges - 1) / kMostListRanges);
   const std::size_t ranges = (seen + grain - 1) / grain;
   counts.assign(ranges * tiles, 0);
+  boxes.resize(seen);
   parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+    constexpr std::size_t kAhead = 16;
     std::uint32_t* const count = counts.data() + begin / grain * tiles;
     for (std::size_t i = begin; i < end; ++i) {
-      grid.for_each(splats[order[i]], [&](std::size_t tile) { ++count[tile]; });
+      if (i + kAhead < end) __builtin_prefetch(&splats[order[i + kAhead].splat].x0);
+      boxes[i] = TileBox(splats[order[i].splat]);
+      grid.for_each(boxes[i], [&](std::size_t tile) { ++count[tile]; });
     }
   });
   tile_end.resize(tiles);
-  std::size_t total = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    for (std::size_t range = 0; range < ranges; ++range) {
-      std::uint32_t& count = counts[range * tiles + tile];
-      const std::uint32_t here = count;
-      count = static_cast<std::uint32_t>(total);
-      total += here;
-    }
-    tile_end[tile] = total;
-  }
+  const std::size_t total = start_of_each(
+      ranges, tiles, [&](std::size_t tile, std::size_t end) { tile_end[tile] = end; });
   if (total > UINT32_MAX) {
     throw Error(ErrorKind::kInput, "more than 2^32 Gaussians meet tiles of the picture");
   }
@@ -134,8 +177,8 @@ void GaussianRenderer::Frame::list(const TileGrid& grid) {
   parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
     std::uint32_t* const next = counts.data() + begin / grain * tiles;
     for (std::size_t i = begin; i < end; ++i) {
-      const std::uint32_t splat = order[i];
-      grid.for_each(splats[splat], [&](std::size_t tile) { lists[next[tile]++] = splat; });
+      const std::uint32_t splat = order[i].splat;
+      grid.for_each(boxes[i], [&](std::size_t tile) { lists[next[tile]++] = splat; });
     }
   });
 }
