@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
 #include <surfel/base/timing.h>
 #include <surfel/gaussian/gaussian_projection.h>
 #include <surfel/gaussian/gaussian_raster.h>
@@ -201,21 +202,16 @@ GaussianRenderer::~GaussianRenderer() = default;
 Image GaussianRenderer::render(const Camera& camera, GaussianStatistics* statistics) {
   const Timer timer;
   GaussianStatistics stats;
-  auto lap = [&, before = 0.0]() mutable {
-    const double now = timer.milliseconds();
-    const double taken = now - before;
-    before = now;
-    return taken;
-  };
+  StageTimer stage(stats.stages);
   const GaussianView view = gaussian_view(cloud_, camera, options_);
   const TileGrid grid(camera);
   Frame& frame = *frame_;
   frame.project(view, cloud_);
-  stats.project_ms = lap();
+  stage.end("project");
   frame.sort();
-  stats.sort_ms = lap();
+  stage.end("sort");
   frame.list(grid);
-  stats.list_ms = lap();
+  stage.end("list");
 
   Image image = rgba_image(camera.width, camera.height);
   if (options_.depth) {
@@ -253,7 +249,7 @@ Image GaussianRenderer::render(const Camera& camera, GaussianStatistics* statist
       write_gaussian_tile(tile, x0, y0, out);
     }
   });
-  stats.raster_ms = lap();
+  stage.end("raster");
   stats.splats = frame.order.size();
   stats.pairs = frame.tile_end.empty() ? 0 : frame.tile_end.back();
   stats.milliseconds = timer.milliseconds();

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include <surfel/base/export.h>
+#include <surfel/base/timing.h>
 #include <surfel/gaussian/gaussian_options.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/gaussian_cloud.h>
@@ -16,7 +17,7 @@ struct GaussianStatistics {
   std::size_t splats = 0;  ///< Gaussians that may be seen.
   std::size_t pairs = 0;   ///< Splats by tiles that they meet.
   double milliseconds = 0;
-  double project_ms = 0, sort_ms = 0, list_ms = 0, raster_ms = 0;
+  StageTimes stages;  ///< project, sort, list, raster.
 };
 
 /// Pictures of Gaussians in space, on all threads. They do not depend on the number of threads or
