@@ -1,7 +1,9 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <iterator>
 #include <limits>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -16,7 +18,6 @@
 namespace surfel::test {
 namespace {
 
-constexpr double kHarmonic0 = 0.28209479177387814;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
@@ -79,7 +80,7 @@ std::string content(const std::string& path) {
 
 /// Colour of a Gaussian as .splat has it, 0..1.
 double base_color(const GaussianCloud& cloud, std::size_t i, std::size_t channel) {
-  return 0.5 + kHarmonic0 * cloud.harmonics[i * cloud.harmonics_stride() + channel];
+  return 0.5 + GaussianCloud::kHarmonic0 * cloud.harmonics[i * cloud.harmonics_stride() + channel];
 }
 
 TEST(GaussianPly, ValuesAreThoseThatTheRendererUses) {
@@ -418,11 +419,61 @@ TEST(ReadCloud, GaussiansAreNoSurfels) {
             std::string::npos);
 }
 
+/// The numbers of an attribute of a .usda text, one after the other.
+std::vector<float> numbers_of(const std::string& text, const std::string& attribute) {
+  const std::size_t name = text.find(" " + attribute + " = [");
+  EXPECT_NE(name, std::string::npos) << attribute;
+  const std::size_t begin = text.find('[', name);
+  std::string list = text.substr(begin, text.find(']', begin) - begin);
+  std::replace_if(
+      list.begin(), list.end(), [](char c) { return c == '[' || c == '(' || c == ')' || c == ','; },
+      ' ');
+  std::istringstream in(list);
+  return {std::istream_iterator<float>(in), std::istream_iterator<float>()};
+}
+
+TEST(UsdaFile, HoldsWhatParticleFieldsNeed) {
+  const TemporaryFolder folder;
+  GaussianCloud cloud = some_gaussians(3, 1);
+  write_gaussians(cloud, folder / "a.usda", {.provenance = {"by \"me\"\n"}});
+  std::string text = content(folder / "a.usda");
+  EXPECT_TRUE(text.starts_with("#usda 1.0\n"));
+  EXPECT_NE(text.find("def ParticleField \"Gaussians\""), std::string::npos);
+  EXPECT_NE(text.find("\"ParticleFieldKernelGaussianEllipsoidAPI\""), std::string::npos);
+  EXPECT_NE(text.find("doc = \"surfel"), std::string::npos);
+  EXPECT_EQ(text.find("xformOp"), std::string::npos);
+  EXPECT_EQ(std::count(text.begin(), text.end(), '"') % 2, 0);
+  const std::vector<float> positions = numbers_of(text, "positions");
+  ASSERT_EQ(positions.size(), 9U);
+  EXPECT_EQ(Vec3f(positions.data() + 3), cloud.position[1]);
+  const std::vector<float> turns = numbers_of(text, "orientations");
+  ASSERT_EQ(turns.size(), 12U);
+  EXPECT_EQ(turns[4], cloud.rotation[1][0]);
+  EXPECT_EQ(numbers_of(text, "opacities").size(), 3U);
+  EXPECT_EQ(numbers_of(text, "scales")[8], cloud.scale[2][2]);
+  const std::vector<float> colors = numbers_of(text, "radiance:sphericalHarmonicsCoefficients");
+  EXPECT_TRUE(
+      std::equal(colors.begin(), colors.end(), cloud.harmonics.begin(), cloud.harmonics.end()));
+  EXPECT_NE(text.find("int radiance:sphericalHarmonicsDegree = 1"), std::string::npos);
+
+  // Flat Gaussians are surflets; what is upside down, or far away, is moved.
+  for (Vec3f& scale : cloud.scale) scale[2] = 0;
+  cloud.origin = Vec3d(4000000.5, 0, 0);
+  cloud.up = Vec3d(0, -1, 0);
+  write_gaussians(cloud, folder / "a.usda");
+  text = content(folder / "a.usda");
+  EXPECT_NE(text.find("\"ParticleFieldKernelGaussianSurfletAPI\""), std::string::npos);
+  EXPECT_EQ(numbers_of(text, "scales")[2], 1);
+  EXPECT_NE(text.find("xformOp:translate = (4000000.5, 0, 0)"), std::string::npos);
+  EXPECT_NE(text.find("xformOpOrder = [\"xformOp:rotateX\", \"xformOp:translate\"]"),
+            std::string::npos);
+}
+
 TEST(WriteGaussians, OtherNamesAreRefused) {
   const TemporaryFolder folder;
   EXPECT_NE(message_of([&] {
               write_gaussians(some_gaussians(1, 0), folder / "a.xyz");
-            }).find("PLY or .splat"),
+            }).find("PLY, .splat or .usda"),
             std::string::npos);
   write_gaussians(some_gaussians(1, 0), folder / "a.ply");
   EXPECT_NE(message_of([&] {

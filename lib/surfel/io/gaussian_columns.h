@@ -12,9 +12,6 @@ namespace surfel {
 /// Gaussians that one thread decodes or encodes at a time.
 inline constexpr std::size_t kGaussianGrain = std::size_t{1} << 12;
 
-/// The spherical harmonic of degree 0, 1 / sqrt(4 pi): a colour is 0.5 + kHarmonic0 * coefficient.
-inline constexpr double kHarmonic0 = 0.28209479177387814;
-
 /// Opacity of the number that training optimises, 1 / (1 + exp(-x)).
 float opacity_of_logit(float x);
 /// The reverse, of opacities clamped to 1e-6..1 - 1e-6, so that it is finite.

@@ -1,3 +1,4 @@
+#include <filesystem>
 #include <optional>
 #include <utility>
 
@@ -6,6 +7,7 @@
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/gaussian_ply.h>
+#include <surfel/io/gaussian_usda.h>
 #include <surfel/io/splat.h>
 #include <surfel/io/text_scanner.h>
 
@@ -34,7 +36,11 @@ bool is_splat_name(const std::string& path) { return lower_extension(path) == ".
 bool holds_gaussians(const InputFile& input) { return splat_format(input).has_value(); }
 
 bool holds_gaussians(const std::string& path) {
-  return path != "-" && holds_gaussians(InputFile(path));
+  // What was read of a pipe would be lost.
+  std::error_code none;
+  const std::filesystem::file_status status = std::filesystem::status(path, none);
+  const bool pipe = std::filesystem::exists(status) && std::filesystem::is_other(status);
+  return path != "-" && !pipe && holds_gaussians(InputFile(path));
 }
 
 GaussianCloud read_gaussians(InputFile input) {
@@ -62,15 +68,18 @@ void write_gaussians(const GaussianCloud& cloud, const std::string& path,
                      const GaussianWriteOptions& options) {
   const std::string extension = lower_extension(path);
   const bool splat = extension == ".splat";
-  if (!splat && path != "-" && extension != ".ply") {
-    throw_usage(path + ": Gaussians are written as PLY or .splat; give such an extension");
+  const bool usda = extension == ".usda";
+  if (!splat && !usda && !extension.empty() && extension != ".ply") {
+    throw_usage(path + ": Gaussians are written as PLY, .splat or .usda; give such an extension");
   }
-  if (splat && cloud.rule == AmplitudeRule::kDensity) {
-    throw_usage(path + ": .splat has no place for densities; write PLY");
+  if ((splat || usda) && cloud.rule == AmplitudeRule::kDensity) {
+    throw_usage(path + ": " + extension + " has no place for densities; write PLY");
   }
   OutputFile file(path, options.no_clobber);
   if (splat) {
     write_splat(cloud, file);
+  } else if (usda) {
+    write_gaussian_usda(cloud, file, options);
   } else {
     write_gaussian_ply(cloud, file, options);
   }

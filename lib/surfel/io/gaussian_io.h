@@ -11,8 +11,8 @@ namespace surfel {
 
 /// Does a file hold Gaussians in space, i.e. trained splats? PLY files are told by the properties
 /// in their header, other formats by their first bytes or the extension of the name (.splat).
-/// False for "-", standard input, of which nothing is read. Throws Error (kIo, kInput) naming the
-/// file where it cannot be read or its PLY header is broken.
+/// False for "-", standard input, and for pipes, of which nothing is read. Throws Error (kIo,
+/// kInput) naming the file where it cannot be read or its PLY header is broken.
 SURFEL_API bool holds_gaussians(const std::string& path);
 /// As above, for a file that is open; of a pipe the bytes stay to be read.
 SURFEL_API bool holds_gaussians(const InputFile& input);
@@ -42,17 +42,18 @@ struct GaussianWriteOptions {
   std::vector<std::string> provenance = {};  ///< A PLY header gets a comment for each.
 };
 
-/// Writes Gaussians by the extension of the name: trained PLY (.ply; "-" is standard output, as
-/// PLY) or .splat, which keeps of the colours the part that does not depend on direction, and 8
-/// bits of colours, opacities and quaternions. Positions are written relative to the cloud's
-/// origin, since viewers compute in float; a comment of the PLY header tells the origin.
-/// Densities get a PLY property `density` instead of `opacity`. The file appears whole or not at
-/// all (OutputFile). Throws Error(kIo), and Error(kUsage) for other extensions and for densities in
-/// .splat.
+/// Writes Gaussians by the extension of the name: trained PLY (.ply or none; "-" is standard
+/// output), .splat, which keeps of the colours the part that does not depend on direction, and 8
+/// bits of colours, opacities and quaternions, or the text of a USD stage (.usda), a particle field
+/// of OpenUSD 26.03, whose kernels are Gaussian surflets where all third scales are zero. Positions
+/// are written relative to the cloud's origin, since viewers compute in float; a comment of a PLY
+/// header and a transform of a stage tell the origin, .splat has no place for it. Densities get a
+/// PLY property `density` instead of `opacity`. The file appears whole or not at all (OutputFile).
+/// Throws Error(kIo), and Error(kUsage) for other extensions and for densities in other formats.
 SURFEL_API void write_gaussians(const GaussianCloud& cloud, const std::string& path,
                                 const GaussianWriteOptions& options = {});
 
-/// Has a name the extension of a format that holds Gaussians alone (.splat)?
+/// Has a name the extension of a format that is read and holds Gaussians alone (.splat)?
 SURFEL_API bool is_splat_name(const std::string& path);
 
 }  // namespace surfel

@@ -50,7 +50,8 @@ GaussianCloud read_splat(const InputFile& input) {
       cloud.scale[i] = Vec3f(splat.scale.data());
       cloud.amplitude[i] = static_cast<float>(splat.rgba[3]) / 255;
       for (std::size_t k = 0; k < 3; ++k) {
-        cloud.harmonics[3 * i + k] = static_cast<float>((splat.rgba[k] / 255.0 - 0.5) / kHarmonic0);
+        cloud.harmonics[3 * i + k] =
+            static_cast<float>((splat.rgba[k] / 255.0 - 0.5) / GaussianCloud::kHarmonic0);
       }
       for (std::size_t k = 0; k < 4; ++k) {
         cloud.rotation[i][k] = (static_cast<float>(splat.rotation[k]) - 128) / 128;
@@ -73,7 +74,8 @@ void write_splat(const GaussianCloud& cloud, OutputFile& file) {
         const auto at = static_cast<std::size_t>(k);
         splat.position[at] = cloud.position[i][k];
         splat.scale[at] = cloud.scale[i][k];
-        splat.rgba[at] = to_byte(255 * (0.5 + kHarmonic0 * cloud.harmonics[i * stride + at]));
+        splat.rgba[at] =
+            to_byte(255 * (0.5 + GaussianCloud::kHarmonic0 * cloud.harmonics[i * stride + at]));
       }
       splat.rgba[3] = to_byte(255.0 * cloud.amplitude[i]);
       for (std::size_t k = 0; k < 4; ++k) {

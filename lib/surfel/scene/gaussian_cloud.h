@@ -33,6 +33,9 @@ enum class TrainedWith : std::uint8_t { kUnknown, kInria, kMip, k2dgs };
 struct GaussianCloud {
   /// Highest degree of spherical harmonics.
   static constexpr int kMostDegree = 4;
+  /// The spherical harmonic of degree 0, 1 / sqrt(4 pi): a colour that does not depend on the
+  /// direction is 0.5 + kHarmonic0 * coefficient.
+  static constexpr double kHarmonic0 = 0.28209479177387814;
 
   Vec3d origin{0, 0, 0};  ///< Added to positions: world coordinates, scene units.
   Array<Vec3f> position;
