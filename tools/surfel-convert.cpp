@@ -1,4 +1,5 @@
-// surfel-convert: files of surfels in another format, moved, or joined into one.
+// surfel-convert: files of surfels in another format, moved, joined into one, or as trained splats;
+// files of trained splats in another format.
 
 #include <algorithm>
 #include <array>
@@ -13,7 +14,11 @@
 #include <surfel/base/rotation.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/measure/cloud_statistics.h>
 #include <surfel/scene/coordinate_system.h>
+#include <surfel/scene/gaussian_transform.h>
+#include <surfel/scene/gaussians_of_surfels.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/keep_columns.h>
 #include <surfel/scene/transform.h>
@@ -28,6 +33,7 @@ namespace {
 struct Settings {
   std::vector<std::string> inputs;
   std::string output;
+  bool as_gaussians = false;
   bool ascii = false;
   std::string material;
   bool align = false;
@@ -46,13 +52,16 @@ void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   app.add_option("surfels", s.inputs,
                  "Surfels or points (PLY, PCD, LAS, LAZ, E57, PTX, text), one file or several (- = "
-                 "standard input)")
+                 "standard input), or one file of trained splats (PLY, .splat)")
       ->default_str("")
       ->required();
   app.add_option("-o,--output", s.output,
                  "Surfels to write (PLY, PCD, LAS, LAZ, XYZ, CSV, points of OBJ; - = standard "
-                 "output)")
+                 "output), or Gaussians (.splat, .usda, PLY with --gaussians)")
       ->required();
+  app.add_flag("--gaussians", s.as_gaussians,
+               "Write surfels as Gaussians in space, as PLY files of trained splats have them, for "
+               "viewers of splats; names that end in .splat and .usda say so themselves");
   app.add_flag("--ascii", s.ascii, "Write PLY as text; every value reads back as it was");
   app.add_option("--keep-columns", s.kept_columns,
                  "Columns of the result beside the positions, parted by commas: names of the file "
@@ -158,6 +167,12 @@ surfel::Similarity similarity(const Settings& s) {
   return out;
 }
 
+bool names_gaussians(const std::string& path) {
+  const std::string extension = surfel::tool::lower_extension(path);
+  return extension == ".splat" || extension == ".usda";
+}
+bool writes_gaussians(const Settings& s) { return s.as_gaussians || names_gaussians(s.output); }
+
 void check(const CLI::App& app, Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
@@ -185,6 +200,14 @@ void check(const CLI::App& app, Settings& s) {
   const std::string extension = surfel::tool::lower_extension(s.output);
   if (s.ascii && !extension.empty() && extension != ".ply") {
     problems.emplace_back("--ascii has no effect on formats other than PLY; leave it out");
+  }
+  if (s.as_gaussians && !extension.empty() && extension != ".ply" && !names_gaussians(s.output)) {
+    problems.push_back(s.output + ": Gaussians are written as PLY, .splat or .usda");
+  }
+  if (writes_gaussians(s)) {
+    surfel::tool::append(
+        problems, surfel::tool::without_effect(app, {"--ascii", "--keep-columns", "--epsg"},
+                                               "on Gaussians, which have columns of their own"));
   }
   surfel::tool::require_valid(problems);
 }
@@ -288,9 +311,15 @@ void allow_open_files(std::size_t files) {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
+/// Reports the number of surfels that were written; returns what the file holds.
+std::string counted_surfels(surfel::tool::Tool& tool, std::size_t surfels) {
+  tool.report()["surfels"] = surfels;
+  return fmt::format("{} surfels", surfels);
+}
+
 /// Converts and joins files piece by piece: they are read twice, first to know how many surfels
 /// there will be and which types hold their values.
-std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
+std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   const Changes changes(s);
   const surfel::Timer timer;
   allow_open_files(s.inputs.size());
@@ -346,11 +375,11 @@ std::size_t convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
     writer.append(out);
   });
   writer.commit();
-  return survey.count;
+  return counted_surfels(tool, survey.count);
 }
 
-/// Moves scans onto one another, which needs all of them in memory, and joins them.
-std::size_t convert_aligned(surfel::tool::Tool& tool, const Settings& s) {
+/// All files in memory, moved onto one another where that is asked for, joined and changed.
+surfel::SurfelCloud joined_in_memory(surfel::tool::Tool& tool, const Settings& s) {
   nlohmann::json& report = tool.report();
   const surfel::Timer timer;
   std::vector<surfel::SurfelCloud> clouds;
@@ -364,35 +393,116 @@ std::size_t convert_aligned(surfel::tool::Tool& tool, const Settings& s) {
   }
   report["load_ms"] = timer.milliseconds();
 
-  align(tool, s, clouds);
+  if (s.align) align(tool, s, clouds);
   surfel::JoinReport joined;
   surfel::SurfelCloud cloud = surfel::join_clouds(std::move(clouds), s.join, s.inputs, &joined);
   tell(tool, s, joined);
 
   Changes(s).apply(cloud);
+  return cloud;
+}
+
+std::string convert_aligned(surfel::tool::Tool& tool, const Settings& s) {
+  surfel::SurfelCloud cloud = joined_in_memory(tool, s);
   surfel::tool::write_result(tool, cloud, s.output, s.ascii);
-  return cloud.size();
+  return counted_surfels(tool, cloud.size());
+}
+
+/// Writes Gaussians; returns what the file holds.
+std::string write_gaussians(surfel::tool::Tool& tool, const surfel::GaussianCloud& cloud,
+                            const Settings& s) {
+  const std::string extension = surfel::tool::lower_extension(s.output);
+  if (extension == ".splat" && cloud.degree > 0) {
+    tool.note(s.output + ": colours no longer depend on the direction, .splat has one for all");
+  }
+  if (extension == ".splat" && !cloud.origin.isZero(0)) {
+    tool.note(
+        fmt::format("{}: coordinates are relative to {:.10g},{:.10g},{:.10g}, as .splat has "
+                    "no place for it",
+                    s.output, cloud.origin.x(), cloud.origin.y(), cloud.origin.z()));
+  }
+  surfel::write_gaussians(
+      cloud, s.output, {.no_clobber = tool.common().no_clobber, .provenance = {tool.provenance()}});
+  tool.report()["gaussians"] = cloud.size();
+  return fmt::format("{} Gaussians", cloud.size());
+}
+
+/// Writes surfels as Gaussians in space.
+std::string convert_to_gaussians(surfel::tool::Tool& tool, const Settings& s) {
+  const surfel::SurfelCloud cloud = joined_in_memory(tool, s);
+  surfel::GaussiansOfSurfelsOptions options;
+  const surfel::CloudStatistics measured = surfel::cloud_statistics(cloud);
+  if (measured.coverage && measured.coverage->overlap > 0) {
+    options.overlap = measured.coverage->overlap;
+  }
+  // A stage has flat kernels; other formats store the thickness' logarithm.
+  if (surfel::tool::lower_extension(s.output) == ".usda") options.thickness = 0;
+  surfel::GaussiansOfSurfelsReport r;
+  const surfel::GaussianCloud gaussians =
+      surfel::gaussians_of_surfels(cloud, s.inputs.front(), options, &r);
+  surfel::tool::tell_left_out(tool, s.inputs.front(), r.left_out);
+  if (r.clipped + r.mirrored > 0) {
+    tool.note(
+        fmt::format("{}: {} surfels that end at lines are whole Gaussians now, {} that lie "
+                    "beyond their lines are left out",
+                    s.output, r.clipped, r.mirrored));
+  }
+  tool.report()["overlap"] = options.overlap;
+  tool.report()["opacity"] = r.opacity;
+  return write_gaussians(tool, gaussians, s);
+}
+
+/// Converts and moves a file of trained splats.
+std::string convert_gaussians(surfel::tool::Tool& tool, const Settings& s) {
+  if (s.inputs.size() > 1) {
+    surfel::throw_usage("files of Gaussians are not joined; give one file");
+  }
+  surfel::tool::require_valid(
+      surfel::tool::without_effect(tool.app(),
+                                   {"--ascii", "--keep-columns", "--columns", "--level", "--bounds",
+                                    "--every", "--material", "--separate-materials", "--epsg"},
+                                   "on Gaussians in space"));
+  const std::string extension = surfel::tool::lower_extension(s.output);
+  if (!extension.empty() && extension != ".ply" && !names_gaussians(s.output)) {
+    surfel::throw_usage(
+        fmt::format("{}: {} holds Gaussians in space, which are written as PLY, "
+                    ".splat or .usda",
+                    s.output, s.inputs.front()));
+  }
+  surfel::GaussianCloud cloud = surfel::read_gaussians(s.inputs.front());
+  surfel::tool::tell_unusable(tool, s.inputs.front(), cloud);
+  surfel::transform_gaussians(cloud, similarity(s));
+  return write_gaussians(tool, cloud, s);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  surfel::tool::Tool tool("surfel-convert",
-                          "Converts files of surfels, moves them, and joins several into one.");
+  surfel::tool::Tool tool(
+      "surfel-convert",
+      "Converts files of surfels or of trained splats, moves them, joins several "
+      "into one, and makes splats of surfels.");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday(
-      {"--output", "--ascii", "--align", "--material", "--scale", "--rotate", "--translate"},
-      {"surfel-convert scan.ply -o scan.pcd",
-       "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
-       "surfel-convert front.ply back.ply --align -o whole.ply"});
+  tool.everyday({"--output", "--gaussians", "--ascii", "--align", "--material", "--scale",
+                 "--rotate", "--translate"},
+                {"surfel-convert scan.ply -o scan.pcd",
+                 "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
+                 "surfel-convert front.ply back.ply --align -o whole.ply",
+                 "surfel-convert lion.ply -o lion.splat"});
   tool.files().reads({"surfels"});
-  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
+  tool.files().writes("--output", surfel::tool::Writes::kSurfelsOrGaussians);
   tool.name_fields({{"reach", "--align-reach"}, {"rotation", "--rotate"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), s);
-    const std::size_t surfels = s.align ? convert_aligned(tool, s) : convert_pieces(tool, s);
-    tool.report()["surfels"] = surfels;
-    tool.wrote(s.output, fmt::format("{} surfels", surfels));
+    const auto holds_gaussians = [](const std::string& file) {
+      return surfel::holds_gaussians(file);
+    };
+    const bool splats = std::any_of(s.inputs.begin(), s.inputs.end(), holds_gaussians);
+    const auto convert = splats                ? convert_gaussians
+                         : writes_gaussians(s) ? convert_to_gaussians
+                         : s.align             ? convert_aligned
+                                               : convert_pieces;
+    tool.wrote(s.output, convert(tool, s));
   });
 }

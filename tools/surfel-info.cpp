@@ -11,6 +11,7 @@
 #include <surfel/intake/intake.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/measure/cloud_needs.h>
@@ -215,18 +216,26 @@ Json describe_image(const std::string& file) {
           {"next", fmt::format("surfel-compare {} OTHER.png", surfel::shell_file(file))}};
 }
 
+Json describe_gaussians(const std::string& file) {
+  const surfel::GaussianCloud cloud = surfel::read_gaussians(file);
+  return {{"file", file}, {"kind", "gaussians"}, {"count", cloud.size()}, {"degree", cloud.degree}};
+}
+
 Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
                    const surfel::CloudStatisticsOptions& options, Tool& tool) {
   const surfel::FileKind kind = surfel::file_kind(file);
   if (kind != surfel::FileKind::kCloud) {
-    surfel::tool::require_valid(surfel::tool::without_effect(
-        tool.app(), {"--columns", "--level", "--bounds", "--every"}, "on meshes and images"));
+    surfel::tool::require_valid(
+        surfel::tool::without_effect(tool.app(), {"--columns", "--level", "--bounds", "--every"},
+                                     "on meshes, Gaussians and images"));
   }
   switch (kind) {
     case surfel::FileKind::kMesh:
       return describe_mesh(file, tool);
     case surfel::FileKind::kImage:
       return describe_image(file);
+    case surfel::FileKind::kGaussians:
+      return describe_gaussians(file);
     case surfel::FileKind::kCloud:
       break;
   }

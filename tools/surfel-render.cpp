@@ -27,6 +27,7 @@
 
 #include "tools/render/coloring.h"
 #include "tools/render/frame_report.h"
+#include "tools/render/gaussians.h"
 #include "tools/render/light.h"
 #include "tools/render/movie.h"
 #include "tools/render/painters.h"
@@ -62,21 +63,29 @@ std::vector<char*> with_output(int argc, char** argv) {
   return words;
 }
 
-/// What is drawn: surfels, or a mesh in their stead, which the surfels then only frame.
+/// What is drawn: surfels, or a mesh in their stead, which the surfels then only frame, or
+/// Gaussians.
 struct Subject {
   std::unique_ptr<surfel::LoadedCloud> loaded;
   std::optional<MeshPainter> mesh;
+  std::optional<GaussianPainter> gaussians;
   std::optional<surfel::Legend> legend;  ///< Of the surfels' colours, where they have one.
 
   surfel::SceneExtent extent() const {
+    if (gaussians) return gaussians->extent();
     return loaded ? loaded->surfels().extent() : mesh->extent();
   }
 };
 
 /// Reads what is to be drawn, and reports what it is.
 void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scene,
-          const std::vector<AskedView>& asked, Subject& subject) {
+          const std::vector<AskedView>& asked, bool gaussians, Subject& subject) {
   const surfel::Timer timer;
+  if (gaussians) {
+    subject.gaussians.emplace(tool, s);
+    tool.report()["load_ms"] = timer.milliseconds();
+    return;
+  }
   if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked, subject.legend);
   if (!s.mesh.empty()) subject.mesh.emplace(tool, s, scene);
   const surfel::LoadedCloud* loaded = subject.loaded.get();
@@ -96,7 +105,9 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
 std::vector<surfel::View> find_views(surfel::tool::Tool& tool, const Settings& s,
                                      const Subject& subject, std::vector<AskedView> asked,
                                      surfel::Scene& scene) {
-  if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
+  if (subject.gaussians) {
+    subject.gaussians->aim(tool, s, asked);
+  } else if (const surfel::LoadedCloud* loaded = subject.loaded.get()) {
     aim(tool, s, loaded->sample(), {.up = loaded->up(), .viewpoint = loaded->viewpoint()}, asked);
   } else if (needs_guess(s, asked)) {
     const surfel::TriangleMesh& mesh = subject.mesh->mesh();
@@ -233,6 +244,7 @@ int main(int argc, char** argv) {
   std::vector<char*> words = with_output(argc, argv);
   return tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
+    const bool gaussians = draws_gaussians(tool.app(), s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
     std::optional<Movie> movie;
@@ -251,14 +263,15 @@ int main(int argc, char** argv) {
     }
     if (s.map) tool.files().write_also("the world file", surfel::world_file_name(s.output));
     Subject subject;
-    load(tool, s, scene, asked, subject);
-    if (!subject.mesh) {
+    load(tool, s, scene, asked, gaussians, subject);
+    if (subject.loaded && !subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
       choose_light(tool, s, *subject.loaded, named || subject.legend);
     }
     const std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
-    const std::vector<Paint> steps =
-        subject.mesh ? std::vector{subject.mesh->paint()} : surfel_steps(s, *subject.loaded, scene);
+    const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
+                                     : subject.mesh    ? std::vector{subject.mesh->paint()}
+                                                       : surfel_steps(s, *subject.loaded, scene);
     std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots);
     if (movie) {
       movie->join();

@@ -10,6 +10,7 @@
 #include <surfel/base/color.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/coordinate_file.h>
+#include <surfel/io/gaussian_io.h>
 
 #include "support/run_tool.h"
 
@@ -374,6 +375,60 @@ TEST_F(SurfelConvert, AlignsOverlappingScansAndTellsTheirPoses) {
   refused({first, moved, "--align", "--align-reach", "-1"}, 2, "--align-reach is -1;");
   ASSERT_EQ(convert({first, "--translate", "9,0,0"}, "moved.ply").exit_code, 0);
   refused({first, moved, "--align"}, 1, "moved.ply: does not overlap");
+}
+
+TEST_F(SurfelConvert, SurfelsBecomeSplats) {
+  const SurfelCloud cloud = read_cloud(sphere_);
+  for (const auto& [output, options] :
+       {std::pair{"a.splat", Words{}}, {"a.ply", {"--gaussians"}}, {"b", {"--gaussians"}}}) {
+    Words words = options;
+    words.insert(words.end(), {sphere_, "--translate", "1,0,0"});
+    const RunResult result = convert(words, output);
+    ASSERT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_TRUE(contains(result.errors, "300 Gaussians")) << result.errors;
+    const GaussianCloud splats = read_gaussians(folder_ / output);
+    ASSERT_EQ(splats.size(), cloud.size());
+    EXPECT_LT((splats.position[7] - cloud.position[7] - Vec3f(1, 0, 0)).norm(), 1e-6F);
+    EXPECT_NEAR(splats.scale[7][0], std::sqrt(cloud.variance[7]), 1e-6);
+    EXPECT_TRUE(splats.amplitude[7] > 0.5F && splats.amplitude[7] < 1);
+  }
+  ASSERT_EQ(convert({sphere_, layers_}, "two.usda").exit_code, 0);
+  EXPECT_TRUE(contains(read_text(folder_ / "two.usda"), "GaussianSurfletAPI"));
+}
+
+TEST_F(SurfelConvert, SplatsAreMovedAndConverted) {
+  ASSERT_EQ(convert({sphere_}, "a.splat").exit_code, 0);
+  const std::string splats = folder_ / "a.splat";
+  const RunResult result = convert({splats, "--rotate", "1,0,0,180", "--scale", "2"}, "b.ply");
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(read_text(folder_ / "b.ply"), "comment surfel_provenance surfel-convert"));
+  const GaussianCloud before = read_gaussians(splats);
+  const GaussianCloud after = read_gaussians(folder_ / "b.ply");
+  ASSERT_EQ(after.size(), before.size());
+  const Vec3f& p = before.position[3];
+  EXPECT_LT((after.position[3] - 2 * Vec3f(p[0], -p[1], -p[2])).norm(), 1e-5F);
+  EXPECT_NEAR(after.scale[3][1], 2 * before.scale[3][1], 1e-6F * after.scale[3][1]);
+}
+
+TEST_F(SurfelConvert, WhatSplatsCannotBeIsRefused) {
+  ASSERT_EQ(convert({sphere_}, "a.splat").exit_code, 0);
+  const std::string splats = folder_ / "a.splat";
+  for (const auto& [words, output] : {std::pair{Words{splats}, "b.pcd"},
+                                      {Words{splats, splats}, "b.ply"},
+                                      {Words{splats, "--every", "2"}, "b.ply"},
+                                      {Words{sphere_, "--gaussians"}, "b.pcd"},
+                                      {Words{sphere_, "--ascii"}, "b.splat"}}) {
+    const RunResult result = convert(words, output);
+    EXPECT_EQ(result.exit_code, 2) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(folder_ / output)) << output;
+  }
+  write_text(folder_ / "points.xyz", "0 0 1\n1 2 3\n");
+  const RunResult result = convert({folder_ / "points.xyz"}, "b.splat");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "has no variances")) << result.errors;
+  write_text(folder_ / "cut.splat", read_text(splats).substr(0, 100));
+  EXPECT_EQ(convert({folder_ / "cut.splat"}, "b.ply").exit_code, 1);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "b.ply"));
 }
 
 }  // namespace

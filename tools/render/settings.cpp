@@ -163,6 +163,32 @@ void declare_texture(CLI::App& app, Settings& s) {
   add_normal_maps(app, s.normals);
 }
 
+void declare_gaussians(CLI::App& app, Settings& s) {
+  using namespace tool;
+  app.option_defaults()->group("Gaussians");
+  std::string names;
+  for (const auto& [name, profile] : gaussian_profiles()) names += ", " + name;
+  add_text(app, "--profile", "NAME", "auto",
+           "Whose picture to make of trained splats: that of 3D Gaussian splatting as published, "
+           "of gsplat, of Mip-Splatting or of 2D Gaussian splatting; or exact, which integrates "
+           "kernels along rays in perspective and orders them by pixel; auto: as the file says "
+           "what it was trained with, else inria (auto" +
+               names + ")",
+           [&s](const std::string& text) {
+             s.profile.reset();
+             if (text == "auto") return;
+             std::vector<std::string> known{"auto"};
+             for (const auto& [name, profile] : gaussian_profiles()) {
+               if (name == text) s.profile = profile;
+               known.push_back(name);
+             }
+             if (s.profile) return;
+             throw CLI::ValidationError(
+                 "--profile", fmt::format("'{}' is not one of {}{}", text, fmt::join(known, ", "),
+                                          did_you_mean(text, known)));
+           });
+}
+
 void declare_truth(CLI::App& app, Settings& s) {
   using namespace tool;
   app.option_defaults()->group("Truth");
@@ -465,13 +491,24 @@ void check(const Settings& s) {
 
 }  // namespace
 
+const std::vector<std::pair<std::string, GaussianProfile>>& gaussian_profiles() {
+  static const std::vector<std::pair<std::string, GaussianProfile>> profiles{
+      {"inria", GaussianProfile::kInria},
+      {"gsplat", GaussianProfile::kGsplat},
+      {"mip", GaussianProfile::kMip},
+      {"2dgs", GaussianProfile::k2dgs},
+      {"exact", GaussianProfile::kExact}};
+  return profiles;
+}
+
 void declare_options(CLI::App& app, Settings& s) {
   using namespace tool;
   app.add_option(
       "files", s.inputs,
       "Surfels (PLY, PCD, LAS, LAZ; - = standard input), meshes, which are sampled at half a pixel "
       "and textured, and raw points (E57, PTX and text, too), which are estimated; several files "
-      "are joined. With --mesh surfels only frame the picture, and may be left out");
+      "are joined; or one file of trained splats (PLY, .splat). With --mesh surfels only frame the "
+      "picture, and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d, their "
                  "number, or {name}, their name), or film of several views (MP4, WebM, GIF, WebP; "
@@ -483,6 +520,7 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_visibility(app, s);
   declare_levels(app, s);
   declare_texture(app, s);
+  declare_gaussians(app, s);
   declare_truth(app, s);
   declare_shading(app, s);
   declare_colors(app, s);

@@ -4,9 +4,11 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
+#include <surfel/gaussian/gaussian_options.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/camera_path.h>
@@ -80,7 +82,12 @@ struct Settings {
   tool::NormalMapSettings normals;
   int bounces = 0;
   tool::PartSettings part;
+  std::optional<GaussianProfile> profile;  ///< Of Gaussians; unset: as their file says.
+  GaussianOptions gaussians;               ///< Without what follows from the other settings.
 };
+
+/// The profiles of Gaussians by their names.
+const std::vector<std::pair<std::string, GaussianProfile>>& gaussian_profiles();
 
 /// Declares the options of surfel-render, bound to the settings.
 void declare_options(CLI::App& app, Settings& s);

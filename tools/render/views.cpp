@@ -220,12 +220,13 @@ void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewH
          std::vector<AskedView>& views) {
   bool said = false;
   const std::optional<Vec3d> up_of_file = hints.up;
+  const char* const reason_of_file = hints.up_reason;
   for (AskedView& asked : views) {
     if (asked.known && up_of_file) asked.likely_up = *up_of_file;
     CameraOptions& view = asked.options;
     if (asked.known || !s.view.needs_guess(view)) continue;
     hints.up = view.up ? view.up : up_of_file;
-    hints.up_reason = view.up ? "as given" : "as the file says";
+    hints.up_reason = view.up ? "as given" : reason_of_file;
     const std::string done = aim_camera(view, s.view, guess_view(sample, hints));
     if (s.projection == Projection::kEquirectangular) level(view);
     if (!said) tool.note(done);

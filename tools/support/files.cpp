@@ -28,6 +28,12 @@ Formats formats_of(Writes what) {
     case Writes::kSurfels:
       return {"surfels",
               {".ply", ".pcd", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv", ".obj", ""}};
+    case Writes::kSurfelsOrGaussians: {
+      Formats formats = formats_of(Writes::kSurfels);
+      formats.contents = "surfels and Gaussians";
+      formats.extensions.insert(formats.extensions.end() - 1, {".splat", ".usda"});
+      return formats;
+    }
     case Writes::kLevels:
       return {"surfels with levels of detail", {".ply", ""}};
     case Writes::kMesh:

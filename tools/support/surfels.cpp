@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/bounds.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
@@ -124,6 +125,14 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
       fmt::format("{}: {} surfels left out ({} with positions, {} with variances, {} with colours "
                   "that are not usable numbers)",
                   name, left_out.total(), left_out.position, left_out.variance, left_out.color));
+}
+
+void tell_unusable(const Tool& tool, const std::string& path, const GaussianCloud& cloud) {
+  if (cloud.unusable_skipped == 0) return;
+  tool.note(fmt::format(
+      "{}: {} of {} Gaussians left out, with values that are not finite or scales beyond {:g}",
+      shown_name(path), cloud.unusable_skipped, cloud.unusable_skipped + cloud.size(),
+      kLargestExtent));
 }
 
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <surfel/io/cloud_io.h>
+#include <surfel/scene/gaussian_cloud.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
@@ -54,6 +55,9 @@ SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOpti
 
 /// Tells how many surfels of an input are left out and why, if there are some.
 void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);
+
+/// Tells how many Gaussians of an input were left out, if there are some.
+void tell_unusable(const Tool& tool, const std::string& path, const GaussianCloud& cloud);
 
 /// Tells which columns of a cloud a file of that name does not get.
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path);

@@ -21,6 +21,8 @@
 #include <surfel/io/e57_header.h>
 #include <surfel/io/expe.h>
 #include <surfel/io/file_kind.h>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_ply.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/las.h>
 #include <surfel/io/las_header.h>
@@ -370,6 +372,7 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (is_expe(input)) return whole(read_expe(input));
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
+    if (has_trained_gaussians(ply.header())) refuse_gaussians(name);
     if (options.levels || needs_all_points(ply)) return whole(read_cloud(ply, options));
     return in_records(std::make_unique<OwnPlyPoints>(std::move(ply), options));
   }
@@ -385,6 +388,7 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (text) return in_records(std::make_unique<XyzPoints>(std::move(input), options.columns));
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
+  if (is_splat_name(name)) refuse_gaussians(name);
   throw_input(name,
               "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ, E57 "
               "and text (PTX, XYZ, PTS)" +

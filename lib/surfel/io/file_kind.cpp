@@ -7,6 +7,8 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/io/e57_header.h>
 #include <surfel/io/file_kind.h>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_ply.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/las_header.h>
 #include <surfel/io/ply.h>
@@ -30,7 +32,7 @@ struct Converter {
 };
 constexpr std::array<Converter, 2> kConverters = {{
     {" .3ds .3mf .dae .fbx .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
-    {" .ksplat .sog .splat .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
+    {" .ksplat .sog .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
 }};
 
 template <class Set>
@@ -44,6 +46,7 @@ FileKind ply_kind(InputFile file) {
     const PlyElement* found = ply.header().find(element);
     return found ? found->count : 0;
   };
+  if (has_trained_gaussians(ply.header())) return FileKind::kGaussians;
   if (count("face") > 0 || count("tristrips") > 0) return FileKind::kMesh;
   // Point clouds are often written with an empty list of faces; without points it is an empty mesh.
   const bool empty_mesh = ply.header().find("face") && count("vertex") == 0;
@@ -61,6 +64,12 @@ std::string converter_advice(const std::string& path) {
                        c.program);
   }
   return "";
+}
+
+void refuse_gaussians(const std::string& file) {
+  throw_input(file,
+              "holds Gaussians in space (trained splats), not surfels or points; surfel-render "
+              "draws them, surfel-info describes them");
 }
 
 bool is_las_name(const std::string& path) {
@@ -86,9 +95,11 @@ FileKind file_kind(const std::string& path) {
   }
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
+  if (is_splat_name(path)) return FileKind::kGaussians;
   throw_input(path, std::string("format not supported; known are PLY, PCD, LAS, LAZ, E57, PTX and "
                                 "text such as XYZ (surfels), "
-                                "PLY, OBJ, OFF, STL and glTF (meshes) and images") +
+                                "PLY, OBJ, OFF, STL and glTF (meshes), PLY and .splat (Gaussians) "
+                                "and images") +
                         converter_advice(path));
 }
 

@@ -33,6 +33,9 @@ enum class TrainedWith : std::uint8_t { kUnknown, kInria, kMip, k2dgs };
 struct GaussianCloud {
   /// Highest degree of spherical harmonics.
   static constexpr int kMostDegree = 4;
+  /// The spherical harmonic of degree 0, 1 / sqrt(4 pi): a colour that does not depend on the
+  /// direction is 0.5 + kHarmonic0 * coefficient.
+  static constexpr double kHarmonic0 = 0.28209479177387814;
 
   Vec3d origin{0, 0, 0};  ///< Added to positions: world coordinates, scene units.
   Array<Vec3f> position;
@@ -50,6 +53,9 @@ struct GaussianCloud {
   TrainedWith trained_with = TrainedWith::kUnknown;
   /// Upward direction where the file or its format says it.
   std::optional<Vec3d> up{};
+  /// Gaussians that the file holds and that were left out because one of their values is not
+  /// finite, or a scale too large for float arithmetic (kLargestExtent).
+  std::size_t unusable_skipped = 0;
 
   std::size_t size() const { return position.size(); }
   /// Numbers in `harmonics` for each Gaussian.

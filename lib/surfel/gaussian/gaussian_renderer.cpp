@@ -1,0 +1,260 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include <surfel/base/color.h>
+#include <surfel/base/error.h>
+#include <surfel/base/option_check.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/stage_timer.h>
+#include <surfel/base/timing.h>
+#include <surfel/gaussian/gaussian_projection.h>
+#include <surfel/gaussian/gaussian_raster.h>
+#include <surfel/gaussian/gaussian_renderer.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kProjectionGrain = 2048;
+/// Ranges in which splats are counted by tiles, at most: each has a counter for every tile.
+constexpr std::size_t kMostListRanges = 64;
+constexpr std::size_t kLeastListRange = 4096;
+constexpr std::size_t kSortRanges = 16;
+/// A raster reads lists by whole vectors.
+constexpr std::size_t kListSpare = 16;
+
+/// The first and the last tiles that a splat meets.
+struct TileBox {
+  std::uint16_t x0, y0, x1, y1;
+
+  explicit TileBox(const GaussianSplat& s)
+      : x0(s.x0 / kGaussianTile),
+        y0(s.y0 / kGaussianTile),
+        x1(s.x1 / kGaussianTile),
+        y1(s.y1 / kGaussianTile) {}
+  TileBox() = default;
+};
+
+/// The tiles of a picture.
+struct TileGrid {
+  int columns, rows;
+
+  explicit TileGrid(const Camera& camera)
+      : columns((camera.width + kGaussianTile - 1) / kGaussianTile),
+        rows((camera.height + kGaussianTile - 1) / kGaussianTile) {}
+  std::size_t size() const {
+    return static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows);
+  }
+  /// Calls body(tile) for the tiles that a splat's box meets.
+  template <class Body>
+  void for_each(const TileBox& box, const Body& body) const {
+    for (std::size_t row = box.y0; row <= box.y1; ++row) {
+      const std::size_t first = row * static_cast<std::size_t>(columns);
+      for (std::size_t column = box.x0; column <= box.x1; ++column) body(first + column);
+    }
+  }
+};
+
+}  // namespace
+
+struct GaussianRenderer::Frame {
+  Array<GaussianSplat> splats;  ///< In ranges of kProjectionGrain Gaussians, each with gaps after.
+  Array<GaussianPerspective> perspective;
+  Array<std::uint32_t> keys;
+  std::vector<std::size_t> range_count;
+  /// A splat and what it is ordered by.
+  struct Ordered {
+    std::uint32_t key, splat;
+  };
+  Array<Ordered> order, spare;
+  Array<TileBox> boxes;               ///< Of the splats in their order.
+  std::vector<std::uint32_t> counts;  ///< By range of `order` and bucket.
+  std::vector<std::size_t> tile_end;
+  Array<std::uint32_t> lists;
+  PerWorker<GaussianScratch> scratch;
+
+  void project(const GaussianView& view, const GaussianCloud& cloud);
+  void sort();
+  void list(const TileGrid& grid);
+  template <class Tell>
+  std::size_t start_of_each(std::size_t ranges, std::size_t buckets, const Tell& tell);
+};
+
+/// Projects all Gaussians.
+void GaussianRenderer::Frame::project(const GaussianView& view, const GaussianCloud& cloud) {
+  const std::size_t size = cloud.size();
+  const bool in_perspective =
+      view.profile == GaussianProfile::k2dgs || view.profile == GaussianProfile::kExact;
+  splats.resize(size);
+  perspective.resize(in_perspective ? size : 0);
+  keys.resize(size);
+  range_count.assign((size + kProjectionGrain - 1) / kProjectionGrain, 0);
+  parallel_for(size, kProjectionGrain, [&](std::size_t begin, std::size_t end, int) {
+    range_count[begin / kProjectionGrain] = project_gaussians(
+        view, cloud, begin, end, splats.data() + begin,
+        in_perspective ? perspective.data() + begin : nullptr, keys.data() + begin);
+  });
+}
+
+/// Orders the splats by their keys, and by the Gaussians' numbers where keys are equal: a radix
+/// sort whose passes each thread makes over ranges of its own, so that it stays stable.
+void GaussianRenderer::Frame::sort() {
+  constexpr int kBits = 11;
+  constexpr std::size_t kBuckets = std::size_t{1} << kBits;
+  std::vector<std::size_t> first(range_count.size() + 1, 0);
+  std::partial_sum(range_count.begin(), range_count.end(), first.begin() + 1);
+  const std::size_t seen = first.back();
+  order.resize(seen);
+  spare.resize(seen);
+  parallel_each(range_count.size(), 8, [&](std::size_t range) {
+    const std::size_t from = range * kProjectionGrain;
+    for (std::size_t i = 0; i < range_count[range]; ++i) {
+      order[first[range] + i] = {keys[from + i], static_cast<std::uint32_t>(from + i)};
+    }
+  });
+  const std::size_t grain = std::max(kLeastListRange, (seen + kSortRanges - 1) / kSortRanges);
+  const std::size_t ranges = (seen + grain - 1) / grain;
+  for (int shift = 0; shift < 32; shift += kBits) {
+    counts.assign(ranges * kBuckets, 0);
+    const auto bucket_of = [shift](const Ordered& o) { return o.key >> shift & (kBuckets - 1); };
+    parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+      std::uint32_t* const count = counts.data() + begin / grain * kBuckets;
+      for (std::size_t i = begin; i < end; ++i) ++count[bucket_of(order[i])];
+    });
+    start_of_each(ranges, kBuckets, [](std::size_t, std::size_t) {});
+    parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+      std::uint32_t* const next = counts.data() + begin / grain * kBuckets;
+      for (std::size_t i = begin; i < end; ++i) spare[next[bucket_of(order[i])]++] = order[i];
+    });
+    order.swap(spare);
+  }
+}
+
+/// Makes of `counts`, by range and bucket, where each begins when buckets follow one another.
+/// \param tell  gets the end of each bucket.
+template <class Tell>
+std::size_t GaussianRenderer::Frame::start_of_each(std::size_t ranges, std::size_t buckets,
+                                                   const Tell& tell) {
+  std::size_t total = 0;
+  for (std::size_t bucket = 0; bucket < buckets; ++bucket) {
+    for (std::size_t range = 0; range < ranges; ++range) {
+      std::uint32_t& count = counts[range * buckets + bucket];
+      const std::uint32_t here = count;
+      count = static_cast<std::uint32_t>(total);
+      total += here;
+    }
+    tell(bucket, total);
+  }
+  return total;
+}
+
+/// Lists the splats of every tile, in their order.
+void GaussianRenderer::Frame::list(const TileGrid& grid) {
+  const std::size_t seen = order.size();
+  const std::size_t tiles = grid.size();
+  const std::size_t grain =
+      std::max(kLeastListRange, (seen + kMostListRanges - 1) / kMostListRanges);
+  const std::size_t ranges = (seen + grain - 1) / grain;
+  counts.assign(ranges * tiles, 0);
+  boxes.resize(seen);
+  parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+    constexpr std::size_t kAhead = 16;
+    std::uint32_t* const count = counts.data() + begin / grain * tiles;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (i + kAhead < end) __builtin_prefetch(&splats[order[i + kAhead].splat].x0);
+      boxes[i] = TileBox(splats[order[i].splat]);
+      grid.for_each(boxes[i], [&](std::size_t tile) { ++count[tile]; });
+    }
+  });
+  tile_end.resize(tiles);
+  const std::size_t total = start_of_each(
+      ranges, tiles, [&](std::size_t tile, std::size_t end) { tile_end[tile] = end; });
+  if (total > UINT32_MAX) {
+    throw Error(ErrorKind::kInput, "more than 2^32 Gaussians meet tiles of the picture");
+  }
+  lists.resize(total + kListSpare);
+  std::fill_n(lists.data() + total, kListSpare, 0U);
+  parallel_for(seen, grain, [&](std::size_t begin, std::size_t end, int) {
+    std::uint32_t* const next = counts.data() + begin / grain * tiles;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t splat = order[i].splat;
+      grid.for_each(boxes[i], [&](std::size_t tile) { lists[next[tile]++] = splat; });
+    }
+  });
+}
+
+GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options)
+    : cloud_(cloud), options_(options), frame_(std::make_unique<Frame>()) {
+  require_usable(options);
+  const bool opacities =
+      cloud.rule == AmplitudeRule::kOpacity || cloud.rule == AmplitudeRule::kCompensated;
+  if (!opacities && options.profile != GaussianProfile::kExact) {
+    throw_usage("densities are drawn by the profile exact alone");
+  }
+  if (cloud.size() > UINT32_MAX) {
+    throw Error(ErrorKind::kInput, "more than 2^32 Gaussians");
+  }
+}
+
+GaussianRenderer::~GaussianRenderer() = default;
+
+Image GaussianRenderer::render(const Camera& camera, GaussianStatistics* statistics) {
+  const Timer timer;
+  GaussianStatistics stats;
+  StageTimer stage(stats.stages);
+  const GaussianView view = gaussian_view(cloud_, camera, options_);
+  const TileGrid grid(camera);
+  Frame& frame = *frame_;
+  frame.project(view, cloud_);
+  stage.end("project");
+  frame.sort();
+  stage.end("sort");
+  frame.list(grid);
+  stage.end("list");
+
+  Image image = rgba_image(camera.width, camera.height);
+  if (options_.depth) {
+    image.channels.insert(image.channels.end(), {"Z", "Z.mean"});
+    image.data.resize(image.channels.size() * static_cast<std::size_t>(camera.width) *
+                      static_cast<std::size_t>(camera.height));
+  }
+  GaussianOutput out{.pixels = image.data.data(),
+                     .width = camera.width,
+                     .height = camera.height,
+                     .channels = image.channel_count(),
+                     .background = {},
+                     .display = options_.display};
+  const std::array<float, 4>& background = options_.background;
+  for (std::size_t c = 0; c < 3; ++c) {
+    out.background[c] = linear_to_srgb(background[c]) * background[3];
+  }
+  out.background[3] = background[3];
+  parallel_for(grid.size(), 4, [&](std::size_t begin, std::size_t end, int worker) {
+    GaussianTile tile;
+    for (std::size_t number = begin; number < end; ++number) {
+      const std::size_t first = number == 0 ? 0 : frame.tile_end[number - 1];
+      const int x0 = static_cast<int>(number) % grid.columns * kGaussianTile;
+      const int y0 = static_cast<int>(number) / grid.columns * kGaussianTile;
+      const GaussianTileJob job{
+          .view = &view,
+          .splats = frame.splats.data(),
+          .perspective = frame.perspective.empty() ? nullptr : frame.perspective.data(),
+          .order = frame.lists.data() + first,
+          .count = frame.tile_end[number] - first,
+          .x0 = x0,
+          .y0 = y0,
+          .depth = options_.depth};
+      draw_gaussian_tile(job, frame.scratch[worker], tile);
+      write_gaussian_tile(tile, x0, y0, out);
+    }
+  });
+  stage.end("raster");
+  stats.splats = frame.order.size();
+  stats.pairs = frame.tile_end.empty() ? 0 : frame.tile_end.back();
+  stats.milliseconds = timer.milliseconds();
+  if (statistics) *statistics = stats;
+  return image;
+}
+
+}  // namespace surfel

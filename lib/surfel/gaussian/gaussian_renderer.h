@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+
+#include <surfel/base/export.h>
+#include <surfel/base/timing.h>
+#include <surfel/gaussian/gaussian_options.h>
+#include <surfel/scene/camera.h>
+#include <surfel/scene/gaussian_cloud.h>
+#include <surfel/scene/image.h>
+
+namespace surfel {
+
+/// What was done for a picture.
+struct GaussianStatistics {
+  std::size_t splats = 0;  ///< Gaussians that may be seen.
+  std::size_t pairs = 0;   ///< Splats by tiles that they meet.
+  double milliseconds = 0;
+  StageTimes stages;  ///< project, sort, list, raster.
+};
+
+/// Pictures of Gaussians in space, on all threads. They do not depend on the number of threads or
+/// on the instruction set.
+///
+/// Memory: 68 bytes a Gaussian, of discs and exact kernels 100, and about 25 for each that is seen,
+/// kept for the next picture.
+class SURFEL_API GaussianRenderer {
+ public:
+  /// Refers to the cloud. Throws Error(kUsage) if an option is not usable, or if the profile does
+  /// not draw the cloud's amplitude rule: densities are kExact's.
+  GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options);
+  ~GaussianRenderer();
+  GaussianRenderer(const GaussianRenderer&) = delete;
+  GaussianRenderer& operator=(const GaussianRenderer&) = delete;
+
+  /// The picture, with the channels R G B A, premultiplied, and those of GaussianOptions::depth.
+  /// Throws Error(kUsage) for orthographic cameras.
+  Image render(const Camera& camera, GaussianStatistics* statistics = nullptr);
+
+ private:
+  struct Frame;
+
+  const GaussianCloud& cloud_;
+  GaussianOptions options_;
+  std::unique_ptr<Frame> frame_;  ///< What one picture leaves for the next.
+};
+
+}  // namespace surfel

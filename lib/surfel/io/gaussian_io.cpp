@@ -1,0 +1,89 @@
+#include <filesystem>
+#include <optional>
+#include <utility>
+
+#include <surfel/base/error.h>
+#include <surfel/base/output_file.h>
+#include <surfel/io/file_kind.h>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_ply.h>
+#include <surfel/io/gaussian_usda.h>
+#include <surfel/io/splat.h>
+#include <surfel/io/text_scanner.h>
+
+namespace surfel {
+namespace {
+
+enum class SplatFormat { kTrainedPly, kSplat };
+
+/// The format of a file of Gaussians, or nothing where it holds none.
+std::optional<SplatFormat> splat_format(const InputFile& input) {
+  if (PlyFile::matches(input.head(4))) {
+    // The header alone tells; the records stay where they are.
+    const std::string_view text = input.header("end_header");
+    const PlyFile ply(InputFile(input.name(), std::as_bytes(std::span(text.data(), text.size()))));
+    if (has_trained_gaussians(ply.header())) return SplatFormat::kTrainedPly;
+    return std::nullopt;
+  }
+  if (lower_extension(input.name()) == ".splat") return SplatFormat::kSplat;
+  return std::nullopt;
+}
+
+}  // namespace
+
+bool is_splat_name(const std::string& path) { return lower_extension(path) == ".splat"; }
+
+bool holds_gaussians(const InputFile& input) { return splat_format(input).has_value(); }
+
+bool holds_gaussians(const std::string& path) {
+  // What was read of a pipe would be lost.
+  std::error_code none;
+  const std::filesystem::file_status status = std::filesystem::status(path, none);
+  const bool pipe = std::filesystem::exists(status) && std::filesystem::is_other(status);
+  return path != "-" && !pipe && holds_gaussians(InputFile(path));
+}
+
+GaussianCloud read_gaussians(InputFile input) {
+  const std::string name = input.name();
+  if (input.size() == 0) throw_input(name, "is empty; make it anew");
+  const std::optional<SplatFormat> format = splat_format(input);
+  if (!format) {
+    throw_input(name, "holds no trained Gaussians; they are read from PLY and .splat" +
+                          converter_advice(name));
+  }
+  switch (*format) {
+    case SplatFormat::kTrainedPly: {
+      PlyFile ply(std::move(input));
+      return read_gaussian_ply(ply);
+    }
+    case SplatFormat::kSplat:
+      break;
+  }
+  return read_splat(input);
+}
+
+GaussianCloud read_gaussians(const std::string& path) { return read_gaussians(InputFile(path)); }
+
+void write_gaussians(const GaussianCloud& cloud, const std::string& path,
+                     const GaussianWriteOptions& options) {
+  const std::string extension = lower_extension(path);
+  const bool splat = extension == ".splat";
+  const bool usda = extension == ".usda";
+  if (!splat && !usda && !extension.empty() && extension != ".ply") {
+    throw_usage(path + ": Gaussians are written as PLY, .splat or .usda; give such an extension");
+  }
+  if ((splat || usda) && cloud.rule == AmplitudeRule::kDensity) {
+    throw_usage(path + ": " + extension + " has no place for densities; write PLY");
+  }
+  OutputFile file(path, options.no_clobber);
+  if (splat) {
+    write_splat(cloud, file);
+  } else if (usda) {
+    write_gaussian_usda(cloud, file, options);
+  } else {
+    write_gaussian_ply(cloud, file, options);
+  }
+  file.commit();
+}
+
+}  // namespace surfel

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/gaussian_cloud.h>
+
+namespace surfel {
+
+/// Numbers of a colour's spherical harmonics up to the highest degree.
+inline constexpr int kMostHarmonics =
+    (GaussianCloud::kMostDegree + 1) * (GaussianCloud::kMostDegree + 1);
+
+/// The spherical harmonics of a unit direction, in the order and with the signs of 3D Gaussian
+/// splatting, which a colour's coefficients are multiplied by. Internal to the library.
+SURFEL_API std::array<double, kMostHarmonics> harmonics_of(const Vec3d& direction);
+
+/// Turns functions on the sphere that are sums of spherical harmonics. Internal to the library.
+class HarmonicRotation {
+ public:
+  HarmonicRotation(const Eigen::Matrix3d& rotation, int degree);
+
+  /// Turns the coefficients of one Gaussian, red, green and blue of each harmonic together.
+  void turn(float* harmonics) const;
+
+ private:
+  /// The matrix of each degree from 1 on, which takes coefficients to those of the turned function.
+  std::vector<Eigen::MatrixXd> bands_;
+};
+
+}  // namespace surfel
