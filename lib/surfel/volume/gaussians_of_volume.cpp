@@ -1,0 +1,344 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include <fmt/format.h>
+#include <surfel/base/elementary.h>
+#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
+#include <surfel/volume/gaussians_of_volume.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kBlock = 8;  ///< Voxels along the edge of the largest merged block.
+constexpr double kHarmonic1 = 0.4886025119029199;  ///< sqrt(3 / (4 pi)).
+
+/// What a voxel, or a block of voxels, looks like.
+struct Look {
+  double density = 0;              ///< Optical depth per scene unit.
+  Vec3f color{0, 0, 0};            ///< Seen at right angles to the normal, or without a normal.
+  Eigen::Matrix3f by_sight;        ///< Row k: what the colour channel k gains along the sight.
+
+  static Look of(double density, const Vec3f& color) {
+    return {density, color, Eigen::Matrix3f::Zero()};
+  }
+};
+
+class Builder {
+ public:
+  Builder(const Volume& volume, const TransferFunction& function,
+          const GaussiansOfVolumeOptions& options)
+      : volume_(volume), function_(function), options_(options) {
+    const auto [least, most] = std::minmax_element(volume.value.begin(), volume.value.end());
+    range_ = static_cast<double>(*most) - static_cast<double>(*least);
+    double product = 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+      edge_[k] = volume.step[k].norm();
+      product *= edge_[k];
+    }
+    mean_edge_ = std::cbrt(product);
+    // A kernel's density at its centre, times (2 pi)^(3/2) s^3, is a voxel's density times its size.
+    const double s = options.deviation;
+    peak_ = 1 / (std::pow(2 * std::numbers::pi, 1.5) * s * s * s);
+  }
+
+  GaussianCloud run(GaussiansOfVolumeReport& report) {
+    std::array<std::size_t, 3> blocks;
+    for (std::size_t k = 0; k < 3; ++k) blocks[k] = (volume_.size[k] + kBlock - 1) / kBlock;
+    const std::size_t count = blocks[0] * blocks[1] * blocks[2];
+    std::vector<Part> part(count);
+    ProgressStage stage("classifying", volume_.voxels(), "voxels");
+    parallel_for(count, 1, [&](std::size_t begin, std::size_t end, int) {
+      for (std::size_t b = begin; b < end; ++b) {
+        build_block({b % blocks[0] * kBlock, b / blocks[0] % blocks[1] * kBlock,
+                     b / blocks[0] / blocks[1] * kBlock},
+                    part[b]);
+        stage.add(part[b].voxels);
+      }
+    });
+    return joined(part, report);
+  }
+
+ private:
+  struct Kernel {
+    Vec3f position;  ///< In voxels.
+    std::uint8_t edge;  ///< Of the block, voxels.
+    Look look;
+  };
+  struct Part {
+    std::vector<Kernel> kernel;
+    std::size_t voxels = 0;
+    std::size_t empty = 0;
+    std::size_t merged = 0;
+  };
+
+  /// Mean density and colour of what the transfer function makes of a voxel.
+  Look classify(const Vec3d& center) const {
+    constexpr double kQuarter = 0.25;
+    double density = 0;
+    Vec3d color(0, 0, 0);
+    for (int k = 0; k < 8; ++k) {
+      const Vec3d offset(k & 1 ? kQuarter : -kQuarter, k & 2 ? kQuarter : -kQuarter,
+                         k & 4 ? kQuarter : -kQuarter);
+      const TransferFunction::Point p = function_(value_at(volume_, center + offset));
+      density += p.density / 8;
+      color += p.color.cast<double>() * (p.density / 8);
+    }
+    if (density > 0) color /= density;
+    return Look::of(density * options_.density, color.cast<float>());
+  }
+
+  /// Adds what the colour depends on the sight.
+  void shade(const Vec3d& center, Look& look) const {
+    const Vec3d gradient = gradient_at(volume_, center);
+    const double length = gradient.norm();
+    if (!(length > 0) || options_.shading == 0) return;
+    const double weight = shading_weight(length, range_, mean_edge_);
+    const Vec3f normal = (-gradient / length).cast<float>();
+    const auto half = static_cast<float>(options_.shading * weight / 2);
+    look.by_sight = look.color * (half * normal.transpose());
+    look.color *= 1 - half;
+  }
+
+  void build_block(const std::array<std::size_t, 3>& first, Part& part) const {
+    std::array<std::size_t, 3> size;
+    for (std::size_t k = 0; k < 3; ++k) size[k] = std::min(kBlock, volume_.size[k] - first[k]);
+    part.voxels = size[0] * size[1] * size[2];
+    // One voxel more on each side, for the Laplacian.
+    constexpr std::size_t kWide = kBlock + 2;
+    std::vector<Look> look(kWide * kWide * kWide);
+    const auto at = [&](std::size_t x, std::size_t y, std::size_t z) -> Look& {
+      return look[(z * kWide + y) * kWide + x];
+    };
+    const auto center = [&](std::size_t x, std::size_t y, std::size_t z) {
+      return Vec3d(static_cast<double>(first[0] + x) - 1, static_cast<double>(first[1] + y) - 1,
+                   static_cast<double>(first[2] + z) - 1);
+    };
+    for (std::size_t z = 0; z < size[2] + 2; ++z) {
+      for (std::size_t y = 0; y < size[1] + 2; ++y) {
+        for (std::size_t x = 0; x < size[0] + 2; ++x) at(x, y, z) = classify(center(x, y, z));
+      }
+    }
+    std::vector<Kernel> kernels;
+    for (std::size_t z = 1; z <= size[2]; ++z) {
+      for (std::size_t y = 1; y <= size[1]; ++y) {
+        for (std::size_t x = 1; x <= size[0]; ++x) {
+          Look sharp = at(x, y, z);
+          const double laplacian = at(x - 1, y, z).density + at(x + 1, y, z).density +
+                                   at(x, y - 1, z).density + at(x, y + 1, z).density +
+                                   at(x, y, z - 1).density + at(x, y, z + 1).density -
+                                   6 * sharp.density;
+          sharp.density =
+              std::max(0.0, sharp.density - portable::squared(options_.deviation) / 2 * laplacian);
+          shade(center(x, y, z), sharp);
+          kernels.push_back({center(x, y, z).cast<float>(), 1, sharp});
+        }
+      }
+    }
+    merge(size, kernels);
+    for (const Kernel& kernel : kernels) {
+      const std::size_t voxels = std::size_t{kernel.edge} * kernel.edge * kernel.edge;
+      if (kernel.look.density * mean_edge_ < options_.least_depth) {
+        part.empty += voxels;
+        continue;
+      }
+      if (kernel.edge > 1) part.merged += voxels;
+      part.kernel.push_back(kernel);
+    }
+  }
+
+  /// Whether kernels look so much alike that their mean can stand for them.
+  bool alike(const std::array<Kernel*, 8>& child) const {
+    const double edge = mean_edge_ * child[0]->edge * 2;
+    Look least = child[0]->look;
+    Look most = least;
+    for (const Kernel* kernel : child) {
+      const Look& look = kernel->look;
+      least.density = std::min(least.density, look.density);
+      most.density = std::max(most.density, look.density);
+      least.color = least.color.cwiseMin(look.color);
+      most.color = most.color.cwiseMax(look.color);
+      least.by_sight = least.by_sight.cwiseMin(look.by_sight);
+      most.by_sight = most.by_sight.cwiseMax(look.by_sight);
+    }
+    const double opacity = -portable::expm1(-most.density * edge);
+    const double thinnest = -portable::expm1(-least.density * edge);
+    const double color = static_cast<double>((most.color - least.color).maxCoeff() +
+                                             (most.by_sight - least.by_sight).maxCoeff());
+    return opacity - thinnest <= options_.max_error && color * opacity <= options_.max_error;
+  }
+
+  /// Merges the kernels of a block, which lie in rows, as long as eight of them look alike.
+  void merge(const std::array<std::size_t, 3>& size, std::vector<Kernel>& kernels) const {
+    std::array<std::size_t, 3> cells = size;
+    std::vector<Kernel> done;
+    // A kernel that has no edge is part of a larger one, or never was.
+    std::vector<Kernel> grid = std::move(kernels);
+    for (std::size_t edge = 1; edge < kBlock; edge *= 2) {
+      std::array<std::size_t, 3> halves;
+      for (std::size_t k = 0; k < 3; ++k) halves[k] = cells[k] / 2;
+      std::vector<Kernel> coarse(halves[0] * halves[1] * halves[2]);
+      const auto index = [&](std::size_t x, std::size_t y, std::size_t z) {
+        return (z * cells[1] + y) * cells[0] + x;
+      };
+      for (std::size_t z = 0; z < halves[2]; ++z) {
+        for (std::size_t y = 0; y < halves[1]; ++y) {
+          for (std::size_t x = 0; x < halves[0]; ++x) {
+            std::array<Kernel*, 8> child;
+            bool all = true;
+            for (std::size_t k = 0; k < 8; ++k) {
+              child[k] = &grid[index(2 * x + (k & 1), 2 * y + (k >> 1 & 1), 2 * z + (k >> 2))];
+              all = all && child[k]->edge == edge;
+            }
+            Kernel& parent = coarse[(z * halves[1] + y) * halves[0] + x];
+            parent.edge = 0;
+            if (!all || !alike(child)) continue;
+            parent = mean(child);
+            for (Kernel* kernel : child) kernel->edge = 0;
+          }
+        }
+      }
+      for (const Kernel& kernel : grid) {
+        if (kernel.edge > 0) done.push_back(kernel);
+      }
+      grid = std::move(coarse);
+      cells = halves;
+    }
+    for (const Kernel& kernel : grid) {
+      if (kernel.edge > 0) done.push_back(kernel);
+    }
+    kernels = std::move(done);
+  }
+
+  static Kernel mean(const std::array<Kernel*, 8>& child) {
+    Kernel out{Vec3f(0, 0, 0), static_cast<std::uint8_t>(2 * child[0]->edge),
+               Look::of(0, Vec3f(0, 0, 0))};
+    double weight = 0;
+    for (const Kernel* kernel : child) {
+      out.position += kernel->position / 8;
+      out.look.density += kernel->look.density / 8;
+      const double w = kernel->look.density;
+      weight += w;
+      out.look.color += kernel->look.color * static_cast<float>(w);
+      out.look.by_sight += kernel->look.by_sight * static_cast<float>(w);
+    }
+    if (weight > 0) {
+      out.look.color /= static_cast<float>(weight);
+      out.look.by_sight /= static_cast<float>(weight);
+    }
+    return out;
+  }
+
+  GaussianCloud joined(const std::vector<Part>& part, GaussiansOfVolumeReport& report) const {
+    std::size_t count = 0;
+    for (const Part& p : part) {
+      count += p.kernel.size();
+      report.voxels += p.voxels;
+      report.empty += p.empty;
+      report.merged += p.merged;
+    }
+    GaussianCloud cloud;
+    cloud.rule = AmplitudeRule::kDensity;
+    cloud.up = volume_.up;
+    cloud.degree = options_.shading > 0 ? 1 : 0;
+    Vec3d last;
+    for (int k = 0; k < 3; ++k) {
+      last[k] = static_cast<double>(volume_.size[static_cast<std::size_t>(k)] - 1);
+    }
+    cloud.origin = volume_.world(last / 2);
+    cloud.position.resize(count);
+    cloud.scale.resize(count);
+    cloud.rotation.resize(count);
+    cloud.amplitude.resize(count);
+    cloud.harmonics.resize(count * cloud.harmonics_stride());
+    const std::array<float, 4> rotation = axes_quaternion();
+    std::size_t i = 0;
+    for (const Part& p : part) {
+      for (const Kernel& kernel : p.kernel) {
+        cloud.position[i] =
+            (volume_.world(kernel.position.cast<double>()) - cloud.origin).cast<float>();
+        for (int k = 0; k < 3; ++k) {
+          cloud.scale[i][k] = static_cast<float>(options_.deviation * kernel.edge *
+                                                 edge_[static_cast<std::size_t>(k)]);
+        }
+        cloud.rotation[i] = rotation;
+        cloud.amplitude[i] = static_cast<float>(peak_ * kernel.look.density);
+        put_color(kernel.look, cloud.harmonics.data() + i * cloud.harmonics_stride());
+        ++i;
+      }
+    }
+    return cloud;
+  }
+
+  /// The rotation to the volume's axes; a Gaussian does not tell an axis from its opposite.
+  std::array<float, 4> axes_quaternion() const {
+    Eigen::Matrix3d axes;
+    for (int k = 0; k < 3; ++k) axes.col(k) = volume_.step[static_cast<std::size_t>(k)].normalized();
+    if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+    const Quaternion q(axes);
+    return {static_cast<float>(q.w()), static_cast<float>(q.x()), static_cast<float>(q.y()),
+            static_cast<float>(q.z())};
+  }
+
+  /// Spherical harmonics, whose direction goes from the eye, of a colour that depends on the sight,
+  /// which goes to the eye.
+  void put_color(const Look& look, float* harmonics) const {
+    for (int c = 0; c < 3; ++c) {
+      harmonics[c] = static_cast<float>((static_cast<double>(look.color[c]) - 0.5) /
+                                        GaussianCloud::kHarmonic0);
+      if (options_.shading == 0) continue;
+      const auto scale = static_cast<float>(1 / kHarmonic1);
+      harmonics[3 + c] = look.by_sight(c, 1) * scale;
+      harmonics[6 + c] = -look.by_sight(c, 2) * scale;
+      harmonics[9 + c] = look.by_sight(c, 0) * scale;
+    }
+  }
+
+  const Volume& volume_;
+  const TransferFunction& function_;
+  const GaussiansOfVolumeOptions& options_;
+  std::array<double, 3> edge_;
+  double mean_edge_;
+  double range_;
+  double peak_;
+};
+
+}  // namespace
+
+std::vector<std::string> GaussiansOfVolumeOptions::problems() const {
+  std::vector<std::string> out;
+  if (!(deviation >= 0.4 && deviation <= 2)) out.emplace_back("`deviation` must be in 0.4..2");
+  if (!(max_error >= 0 && max_error <= 1)) out.emplace_back("`max_error` must be in 0..1");
+  if (!(least_depth >= 0)) out.emplace_back("`least_depth` must be 0 or more");
+  if (!(shading >= 0 && shading <= 1)) out.emplace_back("`shading` must be in 0..1");
+  if (!(density > 0) || !std::isfinite(density)) out.emplace_back("`density` must be above 0");
+  return out;
+}
+
+double shading_weight(double gradient, double range, double edge) {
+  constexpr double kNoise = 0.02;  // Of the range, over a voxel: what noise makes.
+  const double change = gradient * edge / (kNoise * range);
+  return change * change / (1 + change * change);
+}
+
+GaussianCloud gaussians_of_volume(const Volume& volume, const TransferFunction& function,
+                                  const std::string& name, const GaussiansOfVolumeOptions& options,
+                                  GaussiansOfVolumeReport* report) {
+  const std::vector<std::string> problems = options.problems();
+  if (!problems.empty()) throw_usage(problems.front());
+  GaussiansOfVolumeReport done;
+  GaussianCloud cloud = Builder(volume, function, options).run(done);
+  if (report) *report = done;
+  if (cloud.size() == 0) {
+    throw_input(name, "no voxel can be seen: the transfer function gives all of them a density of "
+                      "0; surfel-info tells the range of the values");
+  }
+  return cloud;
+}
+
+}  // namespace surfel

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/scene/gaussian_cloud.h>
+#include <surfel/scene/transfer_function.h>
+#include <surfel/scene/volume.h>
+
+namespace surfel {
+
+struct GaussiansOfVolumeOptions {
+  /// Standard deviation of the Gaussians, edges of a voxel, 0.4..2: below 0.5 sums of kernels ripple
+  /// by more than 3 %, above that the volume is blurred.
+  double deviation = 0.6;
+  /// Voxels of a block of 2, 4 or 8 cubed become one Gaussian where neither the opacity of a ray
+  /// through the block nor the colours that it adds differ by more than this among them, 0..1; 0:
+  /// only where all of them are the same.
+  double max_error = 0.01;
+  /// Voxels whose optical depth is below this are left out, >= 0.
+  double least_depth = 1e-4;
+  /// How much the colours depend on the angle between the line of sight and the gradient, 0..1: a
+  /// surface seen edge-on has 1 - shading of the colour of one that faces the eye.
+  double shading = 0.6;
+  /// Multiplies densities, > 0.
+  double density = 1;
+
+  SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
+};
+
+/// What became of the voxels.
+struct GaussiansOfVolumeReport {
+  std::size_t voxels = 0;
+  std::size_t empty = 0;   ///< Voxels that are left out, as they can hardly be seen ...
+  std::size_t merged = 0;  ///< ... and those that share a Gaussian with others.
+};
+
+/// Gaussians whose densities add up to the densities of a volume: one for each voxel that can be
+/// seen, or for a block of voxels.
+///
+/// A voxel's density and colour are the means of what the transfer function makes of the values in
+/// it, interpolated linearly at 2 x 2 x 2 places. Sums of Gaussians of variance s^2 blur by that
+/// variance; densities are sharpened by 1 - s^2/2 times the Laplacian before, as far as they do not
+/// become negative. Colours have spherical harmonics of degree 1, by which they depend on the line
+/// of sight v and the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2).
+/// Where the values hardly change there is no normal, and colours depend on it less and less.
+///
+/// \param function  of absolute values.
+/// \param name      of the volume, for messages.
+/// Throws Error(kUsage) for bad options, and Error(kInput) if no voxel can be seen.
+SURFEL_API GaussianCloud gaussians_of_volume(const Volume& volume, const TransferFunction& function,
+                                             const std::string& name,
+                                             const GaussiansOfVolumeOptions& options = {},
+                                             GaussiansOfVolumeReport* report = nullptr);
+
+/// How much a voxel's colours depend on its normal, 0..1.
+/// \param gradient  length of the gradient, values per scene unit.
+/// \param range     of the values.
+/// \param edge      of a voxel, scene units.
+double shading_weight(double gradient, double range, double edge);
+
+}  // namespace surfel
