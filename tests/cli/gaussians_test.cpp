@@ -28,13 +28,13 @@ GaussianCloud two_gaussians() {
 class Gaussians : public testing::Test {
  protected:
   void SetUp() override { write_gaussians(two_gaussians(), splats_); }
-  RunResult render(Words words, const std::string& picture = "p.exr") const {
+  RunResult render(Words words, const std::string& picture = "p.png") const {
     words.insert(words.begin(), {tool("surfel-render"), splats_});
     words.insert(words.end(), {"-o", folder_ / picture, "--size", "64"});
     return run(words);
   }
   /// Red less blue in the upper and in the lower half of a picture.
-  std::array<float, 2> halves(const std::string& picture = "p.exr") const {
+  std::array<float, 2> halves(const std::string& picture = "p.png") const {
     const Image image = read_image(folder_ / picture, true);
     std::array<float, 2> sum{};
     for (int y = 0; y < image.height; ++y) {
@@ -68,7 +68,7 @@ TEST_F(Gaussians, AreUprightBeforeAnEyeThatIsGiven) {
 }
 
 TEST_F(Gaussians, PicturesOfFloatsHaveDepths) {
-  ASSERT_EQ(render({"--quiet"}).exit_code, 0);
+  ASSERT_EQ(render({"--quiet"}, "p.exr").exit_code, 0);
   const std::string bytes = read_text(folder_ / "p.exr");
   EXPECT_TRUE(contains(bytes, "Z.mean"));
   EXPECT_TRUE(contains(bytes, "worldToCamera"));
@@ -93,7 +93,7 @@ TEST_F(Gaussians, OptionsWithoutEffectAreRefused) {
     EXPECT_EQ(result.exit_code, 2) << words.front() << ": " << result.errors;
     EXPECT_TRUE(contains(result.errors, words[words.size() > 3 ? 2 : 0])) << result.errors;
   }
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "p.exr"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "p.png"));
   EXPECT_EQ(render({"--profile", "exact", "--lowpass", "1"}).exit_code, 0);
 }
 
