@@ -101,7 +101,8 @@ class Sampler {
                              hn::Mul(hn::Mul(set(p.dyy), dy), dy));
     const V den = hn::Add(hn::Add(set(p.d), linear), square);
     const V inv = hn::Div(set(1), den);
-    const V disc = hn::Mul(form, inv);
+    // Not below zero, where the plane is seen nearly from its edge and rounding decides.
+    const V disc = hn::Max(hn::Mul(form, inv), hn::Zero(D()));
     // The filter's exponent d^2, base 2.
     const V low_x = hn::Sub(dx, set(s.low_x));
     const V low_y = hn::Sub(dy, set(s.low_y));
@@ -151,7 +152,7 @@ class RaySampler {
                              hn::Mul(hn::Mul(set(p.dyy), dy), dy));
     const V den = hn::Add(hn::Add(set(p.d), linear), square);
     const V inv = hn::Div(set(1), den);
-    const V exponent = hn::Mul(form, inv);
+    const V exponent = hn::Max(hn::Mul(form, inv), hn::Zero(d));
     const V t = hn::Mul(set(s.z), hn::Mul(mul_add(set(0.5F), linear, set(p.d)), inv));
     const M covered = hn::And(hn::And(hn::Le(exponent, set(s.cut)), hn::Gt(den, hn::Zero(d))),
                               hn::Gt(t, set(near_)));
