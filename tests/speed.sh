@@ -13,6 +13,7 @@
 #   files      reading and whole processes, beside cat
 #   memory     200 million surfels at --memory 2G (ten minutes, 8 GB of disk)
 #   neighbors, estimate   beside FLANN, nanoflann, PCL
+#   gaussians  frames of trained splats, beside a plain loop
 #
 # A section is a function section_NAME that calls `row` for each of its rows and is named in `sections`.
 set -euo pipefail
@@ -22,7 +23,7 @@ out=docs/speed.md
 runs=3
 counts="1000000 4000000"
 prefix=()
-sections=(render lod files memory neighbors estimate)
+sections=(render lod files memory neighbors estimate gaussians)
 while getopts o:n:c:p: option; do
   case $option in
     o) out=$OPTARG ;;
@@ -245,6 +246,18 @@ section_estimate() {
     done
     row "surfel-estimate, $count points, random order, whole process, 2 threads" "$log.auto" "1 thread" "$log.one" \
       "$command --threads 1"
+  done
+}
+
+section_gaussians() {
+  local profile loop
+  build/release/bench/gaussian_bench --benchmark_repetitions="$runs" 2> /dev/null |
+    awk '/real_time / { print $1, "ms", $2 }' > "$work/gaussians.log"
+  grep '^plain_loop' "$work/gaussians.log" > "$work/gaussians.loop"
+  for profile in kInria kGsplat kMip k2dgs kExact; do
+    grep "$profile>/500000" "$work/gaussians.log" > "$work/gaussians.ours"
+    row "500,000 Gaussians, 1920 x 1080, profile $profile" "$work/gaussians.ours" \
+      "plain loop of profile inria, -O3, AVX2, 2 threads" "$work/gaussians.loop" "gaussian_bench"
   done
 }
 

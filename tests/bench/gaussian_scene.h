@@ -52,8 +52,7 @@ inline GaussianCloud trained_like(std::size_t count) {
         const auto ball = static_cast<double>(i / 10 % 7);
         const double angle = 0.9 * ball;
         const double radius = 0.5 + 0.05 * ball;
-        p = radius * on_sphere +
-            Vec3d(2.2 * std::cos(angle), 1 - radius, 2.2 * std::sin(angle));
+        p = radius * on_sphere + Vec3d(2.2 * std::cos(angle), 1 - radius, 2.2 * std::sin(angle));
         n = on_sphere;
         area = 7 * 12.57 * 0.45;
         share = 0.5;
@@ -65,8 +64,9 @@ inline GaussianCloud trained_like(std::size_t count) {
     cloud.scale[i] = (spacing * Vec3d(std::exp(0.5 * normal()), std::exp(0.5 * normal()),
                                       0.15 * std::exp(0.5 * normal())))
                          .cast<float>();
-    const Eigen::Quaterniond q = Eigen::Quaterniond::FromTwoVectors(Vec3d(0, 0, 1), n) *
-                                 Eigen::Quaterniond(Eigen::AngleAxisd(6.28 * uniform(), Vec3d(0, 0, 1)));
+    const Eigen::Quaterniond q =
+        Eigen::Quaterniond::FromTwoVectors(Vec3d(0, 0, 1), n) *
+        Eigen::Quaterniond(Eigen::AngleAxisd(6.28 * uniform(), Vec3d(0, 0, 1)));
     cloud.rotation[i] = {static_cast<float>(q.w()), static_cast<float>(q.x()),
                          static_cast<float>(q.y()), static_cast<float>(q.z())};
     cloud.amplitude[i] = static_cast<float>(1 / (1 + std::exp(-(0.5 + 2.5 * normal()))));

@@ -75,12 +75,12 @@ void expect_oracles_picture(const GaussianCloud& cloud, const Camera& camera,
   ::testing::Test::RecordProperty(std::string(name(profile)) + "_dB", std::to_string(color));
 }
 
-struct Scene {
+struct RandomScene {
   int degree;
   AmplitudeRule rule;
 };
 
-class RandomScenes : public ::testing::TestWithParam<Scene> {};
+class RandomScenes : public ::testing::TestWithParam<RandomScene> {};
 
 TEST_P(RandomScenes, EveryProfileGivesItsRenderersPicture) {
   GaussianCloud cloud = random_gaussians(800, 7, GetParam().degree);
@@ -92,9 +92,9 @@ TEST_P(RandomScenes, EveryProfileGivesItsRenderersPicture) {
 }
 
 INSTANTIATE_TEST_SUITE_P(GaussianRenderer, RandomScenes,
-                         ::testing::Values(Scene{3, AmplitudeRule::kOpacity},
-                                           Scene{0, AmplitudeRule::kOpacity},
-                                           Scene{4, AmplitudeRule::kCompensated}));
+                         ::testing::Values(RandomScene{3, AmplitudeRule::kOpacity},
+                                           RandomScene{0, AmplitudeRule::kOpacity},
+                                           RandomScene{4, AmplitudeRule::kCompensated}));
 
 TEST(GaussianRenderer, DensitiesAreIntegratedAlongRays) {
   GaussianCloud cloud = random_gaussians(800, 3);

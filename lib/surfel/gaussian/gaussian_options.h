@@ -51,7 +51,7 @@ struct GaussianOptions {
 };
 
 /// The profile of the renderer that a file was trained with: kInria where it does not say, kExact
-/// for densities and samples of surfaces.
+/// for densities.
 SURFEL_API GaussianProfile profile_of(const GaussianCloud& cloud);
 
 }  // namespace surfel

@@ -101,7 +101,8 @@ class Sampler {
                              hn::Mul(hn::Mul(set(p.dyy), dy), dy));
     const V den = hn::Add(hn::Add(set(p.d), linear), square);
     const V inv = hn::Div(set(1), den);
-    const V disc = hn::Mul(form, inv);
+    // Not below zero, where the plane is seen nearly from its edge and rounding decides.
+    const V disc = hn::Max(hn::Mul(form, inv), hn::Zero(D()));
     // The filter's exponent d^2, base 2.
     const V low_x = hn::Sub(dx, set(s.low_x));
     const V low_y = hn::Sub(dy, set(s.low_y));
@@ -151,7 +152,7 @@ class RaySampler {
                              hn::Mul(hn::Mul(set(p.dyy), dy), dy));
     const V den = hn::Add(hn::Add(set(p.d), linear), square);
     const V inv = hn::Div(set(1), den);
-    const V exponent = hn::Mul(form, inv);
+    const V exponent = hn::Max(hn::Mul(form, inv), hn::Zero(d));
     const V t = hn::Mul(set(s.z), hn::Mul(mul_add(set(0.5F), linear, set(p.d)), inv));
     const M covered = hn::And(hn::And(hn::Le(exponent, set(s.cut)), hn::Gt(den, hn::Zero(d))),
                               hn::Gt(t, set(near_)));
@@ -279,7 +280,7 @@ class TileRaster {
   template <bool kDepth>
   void draw_sorted() {
     room(job_.count);
-    list<false>(0, job_.count, job_.count);
+    list<true, true>(0, job_.count, job_.count);
     for (std::size_t pixel = 0; pixel < kGaussianTilePixels; pixel += hn::MaxLanes(D())) {
       const std::size_t patch = pixel / kPatchPixels;
       if (count_[patch] > 0) blend_sorted<kDepth>(patch, pixel);
@@ -310,7 +311,8 @@ class TileRaster {
 
   /// Lists the splats [begin, end) of the order by the patches that they meet.
   /// \tparam kEllipses  tests the least exponent within a patch, not only the splat's box.
-  template <bool kEllipses>
+  /// \tparam kRays      kernels are kExact's.
+  template <bool kEllipses, bool kRays = false>
   void list(std::size_t begin, std::size_t end, std::size_t most) {
     const D d;
     const Unsigned du;
@@ -360,8 +362,11 @@ class TileRaster {
                               field(offsetof(GaussianSplat, xx)),
                               field(offsetof(GaussianSplat, xy)),
                               field(offsetof(GaussianSplat, yy)), x0_ + 0.5F, y0_ + 0.5F);
-        const V limit =
+        V limit =
             hn::Add(field(offsetof(GaussianSplat, log_opacity)), set(kSlack - kLeastLogAlpha));
+        if constexpr (kRays) {
+          limit = hn::Mul(field(offsetof(GaussianSplat, cut)), ellipse.most_den(job_, index));
+        }
         for (int r = 0; r < kPatchesAcross; ++r) {
           for (int c = 0; c < kPatchesAcross; ++c) {
             const auto near = hn::RebindMask(du, hn::Le(ellipse.least(c, r), limit));
@@ -415,6 +420,25 @@ class TileRaster {
       const V on_column = mul_add(mul_add(yy_, y, mixed_x_[column]), y, form_x_[column]);
       const V on_row = mul_add(mul_add(xx_, x, mixed_y_[row]), x, form_y_[row]);
       return hn::Min(on_column, on_row);
+    }
+
+    /// No less than GaussianPerspective's `den` anywhere in the tile.
+    HWY_INLINE V most_den(const GaussianTileJob& job, hn::Vec<Unsigned> index) const {
+      const D d;
+      const auto* fields = reinterpret_cast<const float*>(job.perspective);
+      const auto place = hn::BitCast(Ints(), hn::ShiftLeft<3>(index));
+      const auto field = [&](std::size_t offset) HWY_ATTR {
+        return hn::Abs(hn::GatherIndex(d, fields + offset / sizeof(float), place));
+      };
+      const V x = hn::Max(hn::Abs(x0_[0]), hn::Abs(x1_[kPatchesAcross - 1]));
+      const V y = hn::Max(hn::Abs(y0_[0]), hn::Abs(y1_[kPatchesAcross - 1]));
+      const V along_x = mul_add(field(offsetof(GaussianPerspective, dxx)), x,
+                                mul_add(field(offsetof(GaussianPerspective, dxy)), y,
+                                        field(offsetof(GaussianPerspective, dx))));
+      const V along_y = mul_add(field(offsetof(GaussianPerspective, dyy)), y,
+                                field(offsetof(GaussianPerspective, dy)));
+      const V sum = mul_add(along_x, x, hn::Mul(along_y, y));
+      return hn::Mul(hn::Add(sum, field(offsetof(GaussianPerspective, d))), set(1 + kSlack));
     }
 
    private:

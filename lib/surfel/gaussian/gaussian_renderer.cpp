@@ -187,6 +187,10 @@ void GaussianRenderer::Frame::list(const TileGrid& grid) {
 GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options)
     : cloud_(cloud), options_(options), frame_(std::make_unique<Frame>()) {
   require_usable(options);
+  if (cloud.rule == AmplitudeRule::kSurfel) {
+    throw_usage(
+        "samples of a surface are drawn as surfels, whose kernels are divided by their sum");
+  }
   const bool opacities =
       cloud.rule == AmplitudeRule::kOpacity || cloud.rule == AmplitudeRule::kCompensated;
   if (!opacities && options.profile != GaussianProfile::kExact) {

@@ -28,7 +28,8 @@ struct GaussianStatistics {
 class SURFEL_API GaussianRenderer {
  public:
   /// Refers to the cloud. Throws Error(kUsage) if an option is not usable, or if the profile does
-  /// not draw the cloud's amplitude rule: densities are kExact's.
+  /// not draw the cloud's amplitude rule: densities are kExact's, samples of a surface are drawn by
+  /// Renderer.
   GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options);
   ~GaussianRenderer();
   GaussianRenderer(const GaussianRenderer&) = delete;

@@ -1,0 +1,118 @@
+// surfel-render on files of trained Gaussians.
+
+#include <cmath>
+#include <filesystem>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/io/image_io.h>
+#include <surfel/scene/gaussian_cloud.h>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+/// A red Gaussian above a blue one, as trained files have it: y points down.
+GaussianCloud two_gaussians() {
+  GaussianCloud cloud;
+  cloud.position = {Vec3f(0, -1, 0), Vec3f(0, 1, 0)};
+  cloud.scale.assign(2, Vec3f::Constant(0.4F));
+  cloud.rotation.assign(2, {1, 0, 0, 0});
+  cloud.amplitude.assign(2, 0.95F);
+  cloud.harmonics = {1.7F, -1.7F, -1.7F, -1.7F, -1.7F, 1.7F};
+  return cloud;
+}
+
+class Gaussians : public testing::Test {
+ protected:
+  void SetUp() override { write_gaussians(two_gaussians(), splats_); }
+  RunResult render(Words words, const std::string& picture = "p.png") const {
+    words.insert(words.begin(), {tool("surfel-render"), splats_});
+    words.insert(words.end(), {"-o", folder_ / picture, "--size", "64"});
+    return run(words);
+  }
+  /// Red less blue in the upper and in the lower half of a picture.
+  std::array<float, 2> halves(const std::string& picture = "p.png") const {
+    const Image image = read_image(folder_ / picture, true);
+    std::array<float, 2> sum{};
+    for (int y = 0; y < image.height; ++y) {
+      for (int x = 0; x < image.width; ++x) {
+        sum[y < image.height / 2 ? 0 : 1] += image.pixel(x, y)[0] - image.pixel(x, y)[2];
+      }
+    }
+    return sum;
+  }
+  TemporaryFolder folder_;
+  std::string splats_ = folder_ / "two.ply";
+};
+
+TEST_F(Gaussians, AreUprightWhateverTheProfile) {
+  for (const char* profile : {"auto", "inria", "gsplat", "mip", "2dgs", "exact"}) {
+    const RunResult result = render({"--profile", profile});
+    ASSERT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_TRUE(contains(result.errors, "up -y")) << result.errors;
+    EXPECT_GT(halves()[0], 10) << profile;
+    EXPECT_LT(halves()[1], -10) << profile;
+  }
+  ASSERT_EQ(render({"--up", "y"}).exit_code, 0);
+  EXPECT_LT(halves()[0], -10);
+}
+
+TEST_F(Gaussians, AreUprightBeforeAnEyeThatIsGiven) {
+  const RunResult result = render({"--eye=0,0,-5", "--target=0,0,0"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "--up sets another")) << result.errors;
+  EXPECT_GT(halves()[0], 10);
+}
+
+TEST_F(Gaussians, PicturesOfFloatsHaveDepths) {
+  ASSERT_EQ(render({"--quiet"}, "p.exr").exit_code, 0);
+  const std::string bytes = read_text(folder_ / "p.exr");
+  EXPECT_TRUE(contains(bytes, "Z.mean"));
+  EXPECT_TRUE(contains(bytes, "worldToCamera"));
+}
+
+TEST_F(Gaussians, TurntablesAndPanoramasAreDrawn) {
+  ASSERT_EQ(render({"--turntable", "3"}, "t_%d.png").exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "t_2.png"));
+  const RunResult panorama =
+      run({tool("surfel-render"), splats_, "-o", folder_ / "all.png", "--projection",
+           "equirectangular", "--eye", "0,0,-3", "--size", "128x64"});
+  EXPECT_EQ(panorama.exit_code, 0) << panorama.errors;
+}
+
+TEST_F(Gaussians, OptionsWithoutEffectAreRefused) {
+  for (const Words& words :
+       {Words{"--shading", "phong"}, Words{"--layers", "3"}, Words{"--ortho", "2"},
+        Words{"--color-by", "x"}, Words{"--map", "0.1"}, Words{"--reference"},
+        Words{"--lowpass", "1"}, Words{"--profile", "mip", "--lowpass", "1"},
+        Words{"--profile", "3dgs"}, Words{"--every", "2"}}) {
+    const RunResult result = render(words);
+    EXPECT_EQ(result.exit_code, 2) << words.front() << ": " << result.errors;
+    EXPECT_TRUE(contains(result.errors, words[words.size() > 3 ? 2 : 0])) << result.errors;
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "p.png"));
+  EXPECT_EQ(render({"--profile", "exact", "--lowpass", "1"}).exit_code, 0);
+}
+
+TEST_F(Gaussians, ProfilesAreOfGaussiansAlone) {
+  write_text(folder_ / "points.xyz", "0 0 0\n1 0 0\n0 1 0\n");
+  const RunResult result = run(
+      {tool("surfel-render"), folder_ / "points.xyz", "--profile", "mip", "-o", folder_ / "p.png"});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_TRUE(contains(result.errors, "--profile")) << result.errors;
+}
+
+TEST_F(Gaussians, BrokenFilesAreNamedAndLeaveNothing) {
+  const std::string bytes = read_text(splats_);
+  write_text(splats_, bytes.substr(0, bytes.size() - 9));
+  const RunResult result = render({});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "two.ply")) << result.errors;
+  EXPECT_EQ(entries(folder_ / ""), Words{"two.ply"});
+}
+
+}  // namespace
+}  // namespace surfel::test
