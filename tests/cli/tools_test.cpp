@@ -24,6 +24,7 @@ struct Inputs {
   TemporaryFolder folder;
   std::string surfels = folder / "surfels.ply";
   std::string mesh = folder / "mesh.obj";
+  std::string volume = folder / "volume.nrrd";
   std::string image = folder / "image.png";
   std::string other_image = folder / "other.png";
 
@@ -34,6 +35,8 @@ struct Inputs {
     run({tool("surfel-generate"), "checker", "--size", "16x16", "--image", image, "--quiet"});
     run({tool("surfel-generate"), "noise", "--size", "16x16", "--image", other_image, "--quiet"});
     run({tool("surfel-from-mesh"), mesh, "--spacing", "0.05", "-o", surfels, "--quiet"});
+    write_text(volume, "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 3 3\nencoding: raw\n\n" +
+                           std::string(13, '\1') + "a" + std::string(13, '\1'));
   }
   static const Inputs& get() {
     static const Inputs inputs;
@@ -45,7 +48,8 @@ struct Inputs {
 struct Usage {
   std::string name;
   Words options;
-  std::string input;   ///< "surfels", "mesh", "image" (with another one), "any"; "" for none.
+  std::string
+      input;  ///< "surfels", "mesh", "volume", "image" (with another one), "any"; "" for none.
   std::string output;  ///< Extension of the output; empty for none.
 };
 
@@ -56,6 +60,7 @@ const std::vector<Usage>& usages() {
   static const std::vector<Usage> all = {
       {"surfel-generate", {"plane", "--count", "400"}, "", ".ply"},
       {"surfel-from-mesh", {"--spacing", "0.05"}, "mesh", ".ply"},
+      {"surfel-from-volume", {"--transfer", "ct"}, "volume", ".ply"},
       {"surfel-estimate", {"-k", "8", "--orient", "up"}, "surfels", ".ply"},
       {"surfel-texture", {"--image", "checker"}, "surfels", ".ply"},
       {"surfel-group", {}, "surfels", ".ply"},
@@ -76,6 +81,7 @@ const std::vector<Usage>& usages() {
 
 std::string good_input(const Usage& usage) {
   if (usage.input == "image") return Inputs::get().image;
+  if (usage.input == "volume") return Inputs::get().volume;
   return usage.input == "mesh" ? Inputs::get().mesh : Inputs::get().surfels;
 }
 

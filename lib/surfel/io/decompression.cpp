@@ -26,8 +26,8 @@ struct Inflater {
   z_stream stream{};
   int state;
   Inflater() {
-    constexpr int kGzipOnly = 16;
-    state = inflateInit2(&stream, kGzipOnly + MAX_WBITS);
+    constexpr int kGzipOrZlib = 32;
+    state = inflateInit2(&stream, kGzipOrZlib + MAX_WBITS);
   }
   ~Inflater() { inflateEnd(&stream); }
   Inflater(const Inflater&) = delete;

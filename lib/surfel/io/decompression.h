@@ -13,7 +13,7 @@ namespace surfel {
 inline constexpr std::size_t kMostGzipRatio = 1032;
 inline constexpr std::size_t kMostZstdRatio = std::size_t{1} << 15;
 
-/// The first `size` bytes that gzip-compressed data stands for; the rest is not decoded, so that no
+/// The first `size` bytes that data compressed by gzip or zlib stands for; the rest is not decoded, so that no
 /// more memory is taken than is asked for. Throws Error(kInput) naming the file if the data is
 /// damaged or stands for fewer bytes. Internal to the io module.
 Array<std::byte> gunzip(std::span<const std::byte> data, std::size_t size, const std::string& file);

@@ -21,6 +21,7 @@ namespace surfel {
 namespace {
 
 constexpr std::string_view kOriginComment = "surfel_origin";
+constexpr std::string_view kUpwardComment = "surfel_up";
 /// Properties that all trained Gaussians have, beside an opacity or a density.
 constexpr const char* kTrainedProperties[] = {"x", "y", "z", "f_dc_0", "scale_0", "rot_0"};
 
@@ -73,6 +74,11 @@ void read_tags(const std::vector<std::string>& comments, const std::string& file
       if (on == "1") says(AmplitudeRule::kCompensated, TrainedWith::kMip);
     } else if (key == kOriginComment) {
       for (double& coordinate : cloud.origin) coordinate = words.number("an origin's coordinate");
+    } else if (key == kUpwardComment) {
+      Vec3d up;
+      for (double& coordinate : up)
+        coordinate = words.number("a coordinate of the upward direction");
+      if (up.norm() > 0) cloud.up = up.normalized();
     }
   }
 }
@@ -246,6 +252,7 @@ std::string ply_header(const GaussianCloud& cloud, const std::vector<std::string
   if (!cloud.origin.isZero(0)) {
     header += fmt::format("comment {} {}\n", kOriginComment, fmt::join(cloud.origin, " "));
   }
+  if (cloud.up) header += fmt::format("comment {} {}\n", kUpwardComment, fmt::join(*cloud.up, " "));
   for (std::string line : options.provenance) {
     std::replace_if(
         line.begin(), line.end(), [](unsigned char c) { return c < ' '; }, ' ');

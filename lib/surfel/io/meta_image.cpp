@@ -89,9 +89,9 @@ class MetaHeader {
 
 ScalarType scalar_type(const MetaHeader& header) {
   static const std::map<std::string, ScalarType, std::less<>> types{
-      {"MET_CHAR", ScalarType::kInt8},    {"MET_UCHAR", ScalarType::kUint8},
-      {"MET_SHORT", ScalarType::kInt16},  {"MET_USHORT", ScalarType::kUint16},
-      {"MET_INT", ScalarType::kInt32},    {"MET_UINT", ScalarType::kUint32},
+      {"MET_CHAR", ScalarType::kInt8},     {"MET_UCHAR", ScalarType::kUint8},
+      {"MET_SHORT", ScalarType::kInt16},   {"MET_USHORT", ScalarType::kUint16},
+      {"MET_INT", ScalarType::kInt32},     {"MET_UINT", ScalarType::kUint32},
       {"MET_FLOAT", ScalarType::kFloat32}, {"MET_DOUBLE", ScalarType::kFloat64}};
   const std::string name = header.get("ElementType");
   const auto found = types.find(name);

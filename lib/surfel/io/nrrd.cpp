@@ -104,20 +104,34 @@ class NrrdHeader {
 
 ScalarType scalar_type(const NrrdHeader& header) {
   static const std::map<std::string, ScalarType, std::less<>> types{
-      {"signed char", ScalarType::kInt8},      {"int8", ScalarType::kInt8},
-      {"int8_t", ScalarType::kInt8},           {"uchar", ScalarType::kUint8},
-      {"unsigned char", ScalarType::kUint8},   {"uint8", ScalarType::kUint8},
-      {"uint8_t", ScalarType::kUint8},         {"short", ScalarType::kInt16},
-      {"short int", ScalarType::kInt16},       {"signed short", ScalarType::kInt16},
-      {"signed short int", ScalarType::kInt16}, {"int16", ScalarType::kInt16},
-      {"int16_t", ScalarType::kInt16},         {"ushort", ScalarType::kUint16},
-      {"unsigned short", ScalarType::kUint16}, {"unsigned short int", ScalarType::kUint16},
-      {"uint16", ScalarType::kUint16},         {"uint16_t", ScalarType::kUint16},
-      {"int", ScalarType::kInt32},             {"signed int", ScalarType::kInt32},
-      {"int32", ScalarType::kInt32},           {"int32_t", ScalarType::kInt32},
-      {"uint", ScalarType::kUint32},           {"unsigned int", ScalarType::kUint32},
-      {"uint32", ScalarType::kUint32},         {"uint32_t", ScalarType::kUint32},
-      {"float", ScalarType::kFloat32},         {"double", ScalarType::kFloat64}};
+      {"signed char", ScalarType::kInt8},
+      {"int8", ScalarType::kInt8},
+      {"int8_t", ScalarType::kInt8},
+      {"uchar", ScalarType::kUint8},
+      {"unsigned char", ScalarType::kUint8},
+      {"uint8", ScalarType::kUint8},
+      {"uint8_t", ScalarType::kUint8},
+      {"short", ScalarType::kInt16},
+      {"short int", ScalarType::kInt16},
+      {"signed short", ScalarType::kInt16},
+      {"signed short int", ScalarType::kInt16},
+      {"int16", ScalarType::kInt16},
+      {"int16_t", ScalarType::kInt16},
+      {"ushort", ScalarType::kUint16},
+      {"unsigned short", ScalarType::kUint16},
+      {"unsigned short int", ScalarType::kUint16},
+      {"uint16", ScalarType::kUint16},
+      {"uint16_t", ScalarType::kUint16},
+      {"int", ScalarType::kInt32},
+      {"signed int", ScalarType::kInt32},
+      {"int32", ScalarType::kInt32},
+      {"int32_t", ScalarType::kInt32},
+      {"uint", ScalarType::kUint32},
+      {"unsigned int", ScalarType::kUint32},
+      {"uint32", ScalarType::kUint32},
+      {"uint32_t", ScalarType::kUint32},
+      {"float", ScalarType::kFloat32},
+      {"double", ScalarType::kFloat64}};
   const std::string name = header.get("type");
   const auto found = types.find(name);
   if (found == types.end()) {
@@ -143,7 +157,8 @@ void read_grid(const NrrdHeader& header, Volume& volume) {
   }
   if (header.find("space directions")) {
     const std::vector<double> numbers = header.numbers("space directions");
-    if (numbers.size() != 9) header.fail("space directions", "has other than three vectors of three");
+    if (numbers.size() != 9)
+      header.fail("space directions", "has other than three vectors of three");
     for (std::size_t k = 0; k < 3; ++k) volume.step[k] = Vec3d(numbers.data() + 3 * k);
   } else if (header.find("spacings")) {
     const std::vector<double> numbers = header.numbers("spacings");

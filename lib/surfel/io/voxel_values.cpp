@@ -69,10 +69,9 @@ void read_voxels(const InputFile& input, const VoxelLayout& layout, Volume& volu
   parallel_for(volume.voxels(), kVoxelGrain, [&](std::size_t begin, std::size_t end, int) {
     static thread_local Array<std::byte> scratch;
     const std::size_t size = scalar_size(layout.type);
-    const std::byte* from =
-        layout.compressed
-            ? unpacked.data() + begin * size
-            : input.read_at(layout.offset + begin * size, (end - begin) * size, scratch);
+    const std::byte* from = layout.compressed ? unpacked.data() + begin * size
+                                              : input.read_at(layout.offset + begin * size,
+                                                              (end - begin) * size, scratch);
     decode(from, layout.type, layout.big_endian, end - begin, volume.value.data() + begin);
   });
 }

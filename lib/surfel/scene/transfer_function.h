@@ -30,8 +30,8 @@ struct TransferFunction {
   SURFEL_API Point operator()(double value) const;
 };
 
-/// The transfer functions that have names: "ct" (Hounsfield units; translucent skin, bone), "ct-bone"
-/// and "mr" (relative values).
+/// The transfer functions that have names: "ct" (Hounsfield units; translucent skin, bone),
+/// "ct-bone" and "mr" (relative values).
 SURFEL_API const std::vector<std::string>& transfer_function_names();
 /// Throws Error(kUsage) for other names.
 SURFEL_API TransferFunction transfer_function(const std::string& name);

@@ -9,11 +9,11 @@
 namespace surfel {
 
 struct VolumeMarchOptions {
-  double step = 0.25;      ///< Between samples along a ray, mean edges of a voxel, > 0.
+  double step = 0.25;       ///< Between samples along a ray, mean edges of a voxel, > 0.
   double lowpass = 0.5477;  ///< Standard deviation of the pixel filter, pixels, >= 0.
-  int rays = 4;            ///< Along each axis of a pixel's filter, 1..16.
-  double shading = 0.6;    ///< As GaussiansOfVolumeOptions::shading.
-  double density = 1;      ///< As GaussiansOfVolumeOptions::density.
+  int rays = 4;             ///< Along each axis of a pixel's filter, 1..16.
+  double shading = 0.6;     ///< As GaussiansOfVolumeOptions::shading.
+  double density = 1;       ///< As GaussiansOfVolumeOptions::density.
 };
 
 /// The truth that Gaussians of volumes are measured against: emission and absorption along rays,

@@ -20,9 +20,9 @@ constexpr double kHarmonic1 = 0.4886025119029199;  ///< sqrt(3 / (4 pi)).
 
 /// What a voxel, or a block of voxels, looks like.
 struct Look {
-  double density = 0;              ///< Optical depth per scene unit.
-  Vec3f color{0, 0, 0};            ///< Seen at right angles to the normal, or without a normal.
-  Eigen::Matrix3f by_sight;        ///< Row k: what the colour channel k gains along the sight.
+  double density = 0;        ///< Optical depth per scene unit.
+  Vec3f color{0, 0, 0};      ///< Seen at right angles to the normal, or without a normal.
+  Eigen::Matrix3f by_sight;  ///< Row k: what the colour channel k gains along the sight.
 
   static Look of(double density, const Vec3f& color) {
     return {density, color, Eigen::Matrix3f::Zero()};
@@ -42,7 +42,8 @@ class Builder {
       product *= edge_[k];
     }
     mean_edge_ = std::cbrt(product);
-    // A kernel's density at its centre, times (2 pi)^(3/2) s^3, is a voxel's density times its size.
+    // A kernel's density at its centre, times (2 pi)^(3/2) s^3, is a voxel's density times its
+    // size.
     const double s = options.deviation;
     peak_ = 1 / (std::pow(2 * std::numbers::pi, 1.5) * s * s * s);
   }
@@ -66,7 +67,7 @@ class Builder {
 
  private:
   struct Kernel {
-    Vec3f position;  ///< In voxels.
+    Vec3f position;     ///< In voxels.
     std::uint8_t edge;  ///< Of the block, voxels.
     Look look;
   };
@@ -278,7 +279,8 @@ class Builder {
   /// The rotation to the volume's axes; a Gaussian does not tell an axis from its opposite.
   std::array<float, 4> axes_quaternion() const {
     Eigen::Matrix3d axes;
-    for (int k = 0; k < 3; ++k) axes.col(k) = volume_.step[static_cast<std::size_t>(k)].normalized();
+    for (int k = 0; k < 3; ++k)
+      axes.col(k) = volume_.step[static_cast<std::size_t>(k)].normalized();
     if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
     const Quaternion q(axes);
     return {static_cast<float>(q.w()), static_cast<float>(q.x()), static_cast<float>(q.y()),
@@ -335,8 +337,9 @@ GaussianCloud gaussians_of_volume(const Volume& volume, const TransferFunction& 
   GaussianCloud cloud = Builder(volume, function, options).run(done);
   if (report) *report = done;
   if (cloud.size() == 0) {
-    throw_input(name, "no voxel can be seen: the transfer function gives all of them a density of "
-                      "0; surfel-info tells the range of the values");
+    throw_input(name,
+                "no voxel can be seen: the transfer function gives all of them a density of "
+                "0; surfel-info tells the range of the values");
   }
   return cloud;
 }
