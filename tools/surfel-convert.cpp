@@ -52,7 +52,7 @@ void declare_options(CLI::App& app, Settings& s) {
   using namespace surfel::tool;
   app.add_option("surfels", s.inputs,
                  "Surfels or points (PLY, PCD, LAS, LAZ, E57, PTX, text), one file or several (- = "
-                 "standard input), or one file of trained splats (PLY, .splat)")
+                 "standard input), or one file of trained splats (PLY, .splat, .spz, .ksplat)")
       ->default_str("")
       ->required();
   app.add_option("-o,--output", s.output,

@@ -1,4 +1,4 @@
-// surfel-info: what is in a file of surfels, a mesh or an image, and is it sound.
+// surfel-info: what is in a file of surfels, Gaussians, a mesh or an image, and is it sound.
 
 #include <array>
 #include <cmath>
@@ -16,6 +16,7 @@
 #include <surfel/io/mesh_io.h>
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/measure/gaussian_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
 #include <surfel/measure/view_guess.h>
@@ -216,9 +217,65 @@ Json describe_image(const std::string& file) {
           {"next", fmt::format("surfel-compare {} OTHER.png", surfel::shell_file(file))}};
 }
 
+Json describe(const surfel::Histogram& h) { return {{"edges", h.edges}, {"counts", h.counts}}; }
+
+/// The renderer that a file was trained with, as far as it says.
+Json trained_with(const surfel::GaussianCloud& cloud) {
+  switch (cloud.trained_with) {
+    case surfel::TrainedWith::kInria:
+      return "inria";
+    case surfel::TrainedWith::kMip:
+      return "mip";
+    case surfel::TrainedWith::k2dgs:
+      return "2dgs";
+    case surfel::TrainedWith::kUnknown:
+      break;
+  }
+  return nullptr;
+}
+
+/// What the amplitudes of Gaussians are.
+const char* rule_name(surfel::AmplitudeRule rule) {
+  switch (rule) {
+    case surfel::AmplitudeRule::kSurfel:
+      return "surfel";
+    case surfel::AmplitudeRule::kCompensated:
+      return "opacity, compensated";
+    case surfel::AmplitudeRule::kDensity:
+      return "density";
+    case surfel::AmplitudeRule::kOpacity:
+      break;
+  }
+  return "opacity";
+}
+
 Json describe_gaussians(const std::string& file) {
   const surfel::GaussianCloud cloud = surfel::read_gaussians(file);
-  return {{"file", file}, {"kind", "gaussians"}, {"count", cloud.size()}, {"degree", cloud.degree}};
+  const surfel::GaussianStatistics s = surfel::gaussian_statistics(cloud);
+  const std::string amplitude =
+      cloud.rule == surfel::AmplitudeRule::kDensity ? "density" : "opacity";
+  Json out = {{"file", file},
+              {"kind", "gaussians"},
+              {"count", s.count},
+              {"unusable", cloud.unusable_skipped},
+              {"degree", cloud.degree},
+              {"amplitude", rule_name(cloud.rule)},
+              {"trained_with", trained_with(cloud)},
+              {"up", cloud.up ? describe(*cloud.up) : Json(nullptr)},
+              {"bounds", describe(s.bounds)},
+              {"origin", describe(cloud.origin)}};
+  out[amplitude] = describe(s.amplitude);
+  out[amplitude + "_histogram"] = describe(s.amplitudes);
+  out["scale"] = describe(s.scale);
+  out["scale_histogram"] = describe(s.scales);
+  out["elongation"] = describe(s.elongation);
+  out["flatness"] = describe(s.flatness);
+  out["invisible"] = s.invisible;
+  out["invisible_share"] = static_cast<double>(s.invisible) / static_cast<double>(s.count);
+  out["isolated"] = s.isolated;
+  out["veils"] = s.veils;
+  out["next"] = surfel::picture_command(file);
+  return out;
 }
 
 Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
@@ -308,15 +365,18 @@ std::string for_people(const Json& description) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  Tool tool("surfel-info",
-            "Tells what is in a file of surfels, a mesh or an image, whether it is sound, what "
-            "surfels need, and the command to run next.");
+  Tool tool(
+      "surfel-info",
+      "Tells what is in a file of surfels, Gaussians, a mesh or an image, whether it is sound, "
+      "what "
+      "surfels need, and the command to run next.");
   std::string file;
   bool json = false;
   surfel::CloudStatisticsOptions options;
   surfel::tool::PartSettings part;
   tool.app()
-      .add_option("file", file, "Surfels, mesh or image (- = surfels from standard input)")
+      .add_option("file", file,
+                  "Surfels, trained splats, mesh or image (- = surfels from standard input)")
       ->required();
   tool.app().add_flag("--json", json, "Print JSON");
   surfel::tool::add_part(tool.app(), part);

@@ -260,6 +260,7 @@ TEST(GaussianPly, RealFile) {
   }
   EXPECT_NEAR(least, -13.021, 1e-3);
   EXPECT_NEAR(most, 10.2932, 1e-4);
+  EXPECT_LT((cloud.position[0] - Vec3f(2.09585F, -0.59983F, 1.21915F)).norm(), 1e-5F);
 }
 
 /// 32 bytes of a .splat file.

@@ -7,7 +7,7 @@ surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 # The compiler, and the libraries of the core.
 surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
-  libcli11-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev nlohmann-json3-dev
+  libcli11-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
 )
 surfel_packages=(
   "${surfel_demo_packages[@]}"

@@ -17,6 +17,7 @@
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_to_records.h>
+#include <surfel/io/compressed_ply.h>
 #include <surfel/io/e57.h>
 #include <surfel/io/e57_header.h>
 #include <surfel/io/expe.h>
@@ -31,6 +32,7 @@
 #include <surfel/io/ply.h>
 #include <surfel/io/ptx.h>
 #include <surfel/io/range_grid.h>
+#include <surfel/io/spz.h>
 #include <surfel/io/text_records.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
@@ -372,7 +374,9 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (is_expe(input)) return whole(read_expe(input));
   if (PlyFile::matches(input.head(4))) {
     PlyFile ply(std::move(input));
-    if (has_trained_gaussians(ply.header())) refuse_gaussians(name);
+    if (has_trained_gaussians(ply.header()) || has_packed_gaussians(ply.header())) {
+      refuse_gaussians(name);
+    }
     if (options.levels || needs_all_points(ply)) return whole(read_cloud(ply, options));
     return in_records(std::make_unique<OwnPlyPoints>(std::move(ply), options));
   }
@@ -388,7 +392,7 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (text) return in_records(std::make_unique<XyzPoints>(std::move(input), options.columns));
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
-  if (is_splat_name(name)) refuse_gaussians(name);
+  if (is_splat_name(name) || is_spz(input)) refuse_gaussians(name);
   throw_input(name,
               "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ, E57 "
               "and text (PTX, XYZ, PTS)" +

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/shell_quote.h>
+#include <surfel/io/compressed_ply.h>
 #include <surfel/io/e57_header.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
@@ -13,6 +14,7 @@
 #include <surfel/io/las_header.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/ptx.h>
+#include <surfel/io/spz.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
 
@@ -32,7 +34,7 @@ struct Converter {
 };
 constexpr std::array<Converter, 2> kConverters = {{
     {" .3ds .3mf .dae .fbx .x3d ", "assimp export ", " mesh.obj", "Assimp, assimp-utils"},
-    {" .ksplat .sog .spz ", "splat-transform ", " splats.ply", "PlayCanvas"},
+    {" .lcc .sog ", "splat-transform ", " splats.ply", "PlayCanvas"},
 }};
 
 template <class Set>
@@ -46,7 +48,9 @@ FileKind ply_kind(InputFile file) {
     const PlyElement* found = ply.header().find(element);
     return found ? found->count : 0;
   };
-  if (has_trained_gaussians(ply.header())) return FileKind::kGaussians;
+  if (has_trained_gaussians(ply.header()) || has_packed_gaussians(ply.header())) {
+    return FileKind::kGaussians;
+  }
   if (count("face") > 0 || count("tristrips") > 0) return FileKind::kMesh;
   // Point clouds are often written with an empty list of faces; without points it is an empty mesh.
   const bool empty_mesh = ply.header().find("face") && count("vertex") == 0;
@@ -95,10 +99,11 @@ FileKind file_kind(const std::string& path) {
   }
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
-  if (is_splat_name(path)) return FileKind::kGaussians;
+  if (is_splat_name(path) || is_spz(file)) return FileKind::kGaussians;
   throw_input(path, std::string("format not supported; known are PLY, PCD, LAS, LAZ, E57, PTX and "
                                 "text such as XYZ (surfels), "
-                                "PLY, OBJ, OFF, STL and glTF (meshes), PLY and .splat (Gaussians) "
+                                "PLY, OBJ, OFF, STL and glTF (meshes), PLY, .splat, .spz "
+                                "and .ksplat (Gaussians) "
                                 "and images") +
                         converter_advice(path));
 }

@@ -4,17 +4,20 @@
 
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
+#include <surfel/io/compressed_ply.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/gaussian_ply.h>
 #include <surfel/io/gaussian_usda.h>
+#include <surfel/io/ksplat.h>
 #include <surfel/io/splat.h>
+#include <surfel/io/spz.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {
 
-enum class SplatFormat { kTrainedPly, kSplat };
+enum class SplatFormat { kTrainedPly, kCompressedPly, kSplat, kSpz, kKsplat };
 
 /// The format of a file of Gaussians, or nothing where it holds none.
 std::optional<SplatFormat> splat_format(const InputFile& input) {
@@ -23,15 +26,22 @@ std::optional<SplatFormat> splat_format(const InputFile& input) {
     const std::string_view text = input.header("end_header");
     const PlyFile ply(InputFile(input.name(), std::as_bytes(std::span(text.data(), text.size()))));
     if (has_trained_gaussians(ply.header())) return SplatFormat::kTrainedPly;
+    if (has_packed_gaussians(ply.header())) return SplatFormat::kCompressedPly;
     return std::nullopt;
   }
-  if (lower_extension(input.name()) == ".splat") return SplatFormat::kSplat;
+  const std::string extension = lower_extension(input.name());
+  if (is_spz(input) || extension == ".spz") return SplatFormat::kSpz;
+  if (extension == ".splat") return SplatFormat::kSplat;
+  if (extension == ".ksplat") return SplatFormat::kKsplat;
   return std::nullopt;
 }
 
 }  // namespace
 
-bool is_splat_name(const std::string& path) { return lower_extension(path) == ".splat"; }
+bool is_splat_name(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  return extension == ".splat" || extension == ".spz" || extension == ".ksplat";
+}
 
 bool holds_gaussians(const InputFile& input) { return splat_format(input).has_value(); }
 
@@ -48,14 +58,24 @@ GaussianCloud read_gaussians(InputFile input) {
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
   const std::optional<SplatFormat> format = splat_format(input);
   if (!format) {
-    throw_input(name, "holds no trained Gaussians; they are read from PLY and .splat" +
-                          converter_advice(name));
+    throw_input(name,
+                "holds no trained Gaussians; they are read from PLY, .splat, .spz and "
+                ".ksplat" +
+                    converter_advice(name));
   }
   switch (*format) {
     case SplatFormat::kTrainedPly: {
       PlyFile ply(std::move(input));
       return read_gaussian_ply(ply);
     }
+    case SplatFormat::kCompressedPly: {
+      PlyFile ply(std::move(input));
+      return read_compressed_ply(ply);
+    }
+    case SplatFormat::kSpz:
+      return read_spz(input);
+    case SplatFormat::kKsplat:
+      return read_ksplat(input);
     case SplatFormat::kSplat:
       break;
   }

@@ -10,7 +10,7 @@
 namespace surfel {
 
 /// Does a file hold Gaussians in space, i.e. trained splats? PLY files are told by the properties
-/// in their header, other formats by their first bytes or the extension of the name (.splat).
+/// in their header, other formats by their first bytes (.spz) or the extension of the name.
 /// False for "-", standard input, and for pipes, of which nothing is read. Throws Error (kIo,
 /// kInput) naming the file where it cannot be read or its PLY header is broken.
 SURFEL_API bool holds_gaussians(const std::string& path);
@@ -19,13 +19,15 @@ SURFEL_API bool holds_gaussians(const InputFile& input);
 
 /// Reads trained splats: PLY as 3D Gaussian splatting writes it (ascii, binary of either byte
 /// order, spherical harmonics of degree 0 to 4), without the third scale as 2D Gaussian splatting
-/// does, or with the 3D filter of Mip-Splatting, which is baked into scales and opacities; and
-/// .splat. What comments of a PLY header say of the renderer is kept (`rule`, `trained_with`).
+/// does, or with the 3D filter of Mip-Splatting, which is baked into scales and opacities;
+/// compressed PLY (PlayCanvas), .splat, .spz (versions 1 to 4) and .ksplat. What a file says of the
+/// renderer is kept (`rule`, `trained_with`).
 ///
 /// All values are as GaussianCloud has them, whatever the file stores (logits, logarithms, bytes).
 /// The axes are those of the files of 3D Gaussian splatting, where y mostly points down;
-/// GaussianCloud::up is set only where the format says which way is up, which PLY and .splat do
-/// not. Normals of splat files are not read: no program writes normals that mean something.
+/// GaussianCloud::up is set only where the format says which way is up, as .spz does, whose axes
+/// are turned to those of PLY. Normals of splat files are not read: no program writes normals that
+/// mean something.
 ///
 /// Files of trained splats hold broken Gaussians now and then, which no renderer shows: a Gaussian
 /// with a value that is not finite, or with a scale above kLargestExtent, is left out and counted
@@ -53,7 +55,8 @@ struct GaussianWriteOptions {
 SURFEL_API void write_gaussians(const GaussianCloud& cloud, const std::string& path,
                                 const GaussianWriteOptions& options = {});
 
-/// Has a name the extension of a format that is read and holds Gaussians alone (.splat)?
+/// Has a name the extension of a format that is read and holds Gaussians alone (.splat, .spz,
+/// .ksplat)?
 SURFEL_API bool is_splat_name(const std::string& path);
 
 }  // namespace surfel

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include <surfel/base/bounds.h>
+#include <surfel/base/export.h>
+#include <surfel/measure/cloud_statistics.h>
+#include <surfel/scene/gaussian_cloud.h>
+
+namespace surfel {
+
+/// How many values lie between two edges each.
+struct Histogram {
+  std::vector<double> edges;        ///< Ascending, one more than there are counts.
+  std::vector<std::size_t> counts;  ///< The last one includes its upper edge.
+};
+
+/// Counts and measures of Gaussians in space. Lengths are in scene units; a scale is the largest
+/// standard deviation of a Gaussian.
+struct GaussianStatistics {
+  std::size_t count = 0;
+  Bounds bounds;           ///< Of the centres, world coordinates.
+  Distribution amplitude;  ///< Opacities, or densities.
+  Distribution scale;
+  /// Largest standard deviation by the middle one: 1 for discs and spheres, large for needles. Of
+  /// the Gaussians whose middle one is not zero.
+  std::optional<Distribution> elongation;
+  /// Smallest standard deviation by the middle one: 0 for discs, 1 for spheres and needles.
+  std::optional<Distribution> flatness;
+  Histogram amplitudes;  ///< Ten equal parts of 0..1, or of 0 to the largest density.
+  Histogram scales;      ///< By powers of ten; scales of zero are in the lowest part.
+  /// Opacity below 1 / 255: no renderer of splats draws these.
+  std::size_t invisible = 0;
+  /// Far from others: the seventh nearest one is ten times as far as in the median, and out of
+  /// reach (three standard deviations). Most are remains of training.
+  std::size_t isolated = 0;
+  /// Larger than 20 times the median scale, and of an opacity below 0.1: veils before the scene.
+  std::size_t veils = 0;
+};
+
+/// Measures all Gaussians. Results do not depend on the number of threads. The cloud is not empty,
+/// as a cloud that was read never is.
+SURFEL_API GaussianStatistics gaussian_statistics(const GaussianCloud& cloud);
+
+}  // namespace surfel
