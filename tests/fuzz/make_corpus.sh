@@ -8,7 +8,7 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx gaussian_ply gaussian_splat gaussian_spz gaussian_ksplat mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
@@ -94,6 +94,83 @@ e57() {
   number 2 2
   printf '\x10\x20\0\0\0\0\0\0\x80\x3f\x05\x64\x65\0'
 } | e57 28 '<e57Root><data3D><v><points type="CompressedVector" fileOffset="48" recordCount="2"><prototype><sphericalRange type="ScaledInteger" minimum="0" maximum="255" scale="0.1" offset="1"/><sphericalAzimuth type="Float" precision="single"/><sphericalElevation type="Integer" minimum="-1" maximum="1"/><intensity type="Integer" minimum="0" maximum="255"/></prototype></points></v><v><name>a</name><points type="CompressedVector" fileOffset="48" recordCount="1"><prototype><cartesianX type="ScaledInteger" minimum="0" maximum="255"/><cartesianY type="Float" precision="single"/><cartesianZ type="Integer" minimum="0" maximum="3"/><rowIndex type="Integer" minimum="0" maximum="200"/></prototype></points></v></data3D></e57Root>' > cloud_e57/spherical.e57
+
+# Splats: trained PLY, packed PLY, .splat, .spz of all versions, .ksplat of all levels.
+surfel-convert cloud_ply/binary.ply -o gaussian_ply/trained.ply --gaussians --quiet
+surfel-convert cloud_ply/binary.ply -o gaussian_splat/six.splat --quiet
+{
+  printf 'ply\nformat ascii 1.0\ncomment SplatRenderMode: mip\ncomment surfel_origin 1 2 3\nelement vertex 2\nproperty double x\nproperty float y\nproperty float z\n'
+  printf 'property float f_dc_%s\n' 0 1 2
+  printf 'property float f_rest_%s\n' 0 1 2 3 4 5 6 7 8
+  printf 'property float %s\n' opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3 filter_3D
+  printf 'end_header\n'
+  printf '1 2 3 1 1 1 1 2 3 4 5 6 7 8 9 0 -1 -2 1 0 0 0 0.5\n'
+  printf 'nan 2 3 1 1 1 1 2 3 4 5 6 7 8 9 inf -1 99 0 0 0 0 0\n'
+} > gaussian_ply/text.ply
+{
+  printf 'ply\nformat ascii 1.0\nelement chunk 1\n'
+  printf 'property float %s\n' min_x min_y min_z max_x max_y max_z min_scale_x min_scale_y min_scale_z max_scale_x max_scale_y max_scale_z
+  printf 'property float %s\n' min_r min_g min_b max_r max_g max_b
+  printf 'element vertex 2\n'
+  printf 'property uint packed_%s\n' position rotation scale color
+  printf 'element sh 2\n'
+  printf 'property uchar f_rest_%s\n' 0 1 2 3 4 5 6 7 8
+  printf 'end_header\n0 0 0 1 1 1 -3 -3 -3 1 1 1 0 0 0 1 1 1\n1 2 3 4\n4294967295 1 2 3\n1 2 3 4 5 6 7 8 9\n0 255 3 4 5 6 7 8 9\n'
+} > gaussian_ply/packed.ply
+spz() {
+  printf 'NGSP'
+  number "$1" 4
+  number 1 4
+  number "$2" 1
+  number 12 1
+  number "$3" 1
+  number "$4" 1
+}
+# A Zstandard frame with one block that is not compressed.
+frame() {
+  printf '\x28\xb5\x2f\xfd\x20'
+  number "$1" 1
+  number $((8 * $1 + 1)) 3
+  head -c "$1" /dev/zero
+}
+{ spz 1 0 0 0; printf 'position/abc/abc/abc'; } > gaussian_spz/one.spz
+{ spz 2 1 1 0; printf 'positions/abcabcabcsphericalharmonics'; } > gaussian_spz/two.spz
+{ spz 3 0 0 0; printf 'positions/abcabc1234'; } > gaussian_spz/three.spz
+gzip -nc gaussian_spz/three.spz > gaussian_spz/packed.spz
+{
+  spz 4 0 2 5
+  number 44 4
+  head -c 12 /dev/zero
+  number $((0xADBE0003)) 4
+  number 4 4
+  number 6 4
+  for size in 9 1 3 3 4; do
+    number $((size + 9)) 8
+    number $size 8
+  done
+  for size in 9 1 3 3 4; do frame $size; done
+} > gaussian_spz/four.spz
+for level in 0 1 2; do
+  {
+    number 256 4
+    number 1 4
+    number 1 4
+    number 1 4
+    number 1 4
+    number $level 2
+    head -c 26 /dev/zero
+    for word in 1 1 1 1; do number $word 4; done
+    printf '\0\0\x80\x3f'
+    number 12 4
+    number 1000 4
+    number 0 4
+    number 1 4
+    number 0 4
+    number 1 2
+    head -c 54 /dev/zero
+    head -c 92 /dev/zero | tr '\0' '1'
+  } > gaussian_ksplat/level$level
+done
 
 quad='1 2 3 4'
 printf 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0 0\nf %s\nf -4 -3 -2\nf 1/1/1 2/1/1 3/1/1\n' "$quad" > mesh_obj/quad.obj

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <span>
@@ -10,6 +11,7 @@
 #include <surfel/io/camera_file.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/colmap.h>
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mtl.h>
@@ -87,6 +89,42 @@ void named_columns(Bytes bytes) {
     read_cloud(file_of(bytes, ".csv"), {.columns = {"x", "y", "z", "-", "r", "g", "b"}})
         .check_columns("the cloud");
   });
+}
+
+/// All Gaussians that are read can be drawn.
+void gaussians(Bytes bytes, const char* extension) {
+  read_or_refuse([&] {
+    const GaussianCloud cloud = read_gaussians(file_of(bytes, extension));
+    require(cloud.size() > 0 && cloud.scale.size() == cloud.size() &&
+                cloud.rotation.size() == cloud.size() && cloud.amplitude.size() == cloud.size() &&
+                cloud.harmonics.size() == cloud.size() * cloud.harmonics_stride(),
+            "columns of Gaussians differ in length");
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      const Eigen::Vector4f rotation(cloud.rotation[i].data());
+      require(cloud.position[i].allFinite() && cloud.scale[i].allFinite() &&
+                  cloud.scale[i].minCoeff() >= 0 && std::isfinite(cloud.amplitude[i]) &&
+                  std::abs(rotation.norm() - 1) < 1e-5F,
+              "a Gaussian that was read cannot be drawn");
+    }
+    require(std::all_of(cloud.harmonics.begin(), cloud.harmonics.end(),
+                        [](float value) { return std::isfinite(value); }),
+            "a colour is not finite");
+  });
+}
+
+/// The bytes are what a .ksplat file of two sections means, without the room that it leaves: 48
+/// bytes of each header, then the sections.
+void ksplat(Bytes bytes) {
+  constexpr std::size_t kMeant = 48;
+  std::string file;
+  for (const std::size_t room : {4096, 1024, 1024}) {
+    const Bytes part = bytes.first(std::min(kMeant, bytes.size()));
+    bytes = bytes.subspan(part.size());
+    file += as_text(part);
+    file.append(room - part.size(), '\0');
+  }
+  file += as_text(bytes);
+  gaussians(std::as_bytes(std::span(file)), ".ksplat");
 }
 
 void mesh(Bytes bytes, const char* extension) {
@@ -173,6 +211,10 @@ constexpr Fuzzer kReaders[] = {
     {"cloud_e57", e57},
     {"cloud_expe", [](Bytes bytes) { cloud(bytes, ".pts"); }},
     {"cloud_ptx", [](Bytes bytes) { cloud(bytes, ".ptx"); }},
+    {"gaussian_ply", [](Bytes bytes) { gaussians(bytes, ".ply"); }},
+    {"gaussian_splat", [](Bytes bytes) { gaussians(bytes, ".splat"); }},
+    {"gaussian_spz", [](Bytes bytes) { gaussians(bytes, ".spz"); }},
+    {"gaussian_ksplat", ksplat},
     {"mesh_ply", [](Bytes bytes) { mesh(bytes, ".ply"); }},
     {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},
     {"mesh_stl", [](Bytes bytes) { mesh(bytes, ".stl"); }},

@@ -162,7 +162,11 @@ class RaySampler {
       value = hn::Sub(set(1), exp2_of(hn::Max(hn::Mul(set(-kLog2e), tau), set(-100))));
     }
     alpha = hn::IfThenElseZero(covered, value);
-    depth = hn::IfThenElse(hn::And(covered, hn::Gt(t, set(s.nearest))), t, set(s.nearest));
+    // Pixels without a contribution keep the order that the splat has beside them, as far as it
+    // reaches, lest they move through the list of those that wait.
+    depth = hn::IfThenElse(hn::Gt(t, set(s.nearest)), t, set(s.nearest));
+    const V farthest = set(2 * s.z - s.nearest);
+    depth = hn::IfThenElse(hn::Gt(depth, farthest), farthest, depth);
   }
 
   /// No contribution of a splat is nearer.
