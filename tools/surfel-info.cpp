@@ -1,7 +1,9 @@
-// surfel-info: what is in a file of surfels, Gaussians, a mesh or an image, and is it sound.
+// surfel-info: what is in a file of surfels, Gaussians, a mesh, a volume or an image, and is it
+// sound.
 
 #include <array>
 #include <cmath>
+#include <filesystem>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -14,12 +16,14 @@
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
+#include <surfel/io/volume_io.h>
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/measure/gaussian_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
 #include <surfel/measure/view_guess.h>
+#include <surfel/measure/volume_statistics.h>
 #include <surfel/render/render_options.h>
 #include <surfel/scene/clips.h>
 #include <surfel/scene/image.h>
@@ -278,13 +282,30 @@ Json describe_gaussians(const std::string& file) {
   return out;
 }
 
+Json describe_volume(const std::string& file) {
+  const surfel::Volume volume = surfel::read_volume(file);
+  const surfel::VolumeStatistics s = surfel::volume_statistics(volume);
+  return {{"file", file},
+          {"kind", "volume"},
+          {"size", volume.size},
+          {"spacing", {volume.step[0].norm(), volume.step[1].norm(), volume.step[2].norm()}},
+          {"origin", describe(volume.origin)},
+          {"up", volume.up ? describe(*volume.up) : Json(nullptr)},
+          {"not_finite", volume.not_finite},
+          {"value", describe(s.value)},
+          {"value_histogram", describe(s.values)},
+          {"next",
+           fmt::format("surfel-from-volume {} -o {}", surfel::shell_file(file),
+                       surfel::shell_file(std::filesystem::path(file).stem().string() + ".ply"))}};
+}
+
 Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
                    const surfel::CloudStatisticsOptions& options, Tool& tool) {
   const surfel::FileKind kind = surfel::file_kind(file);
   if (kind != surfel::FileKind::kCloud) {
     surfel::tool::require_valid(
         surfel::tool::without_effect(tool.app(), {"--columns", "--level", "--bounds", "--every"},
-                                     "on meshes, Gaussians and images"));
+                                     "on meshes, Gaussians, volumes and images"));
   }
   switch (kind) {
     case surfel::FileKind::kMesh:
@@ -293,6 +314,8 @@ Json describe_file(const std::string& file, const surfel::CloudReadOptions& part
       return describe_image(file);
     case surfel::FileKind::kGaussians:
       return describe_gaussians(file);
+    case surfel::FileKind::kVolume:
+      return describe_volume(file);
     case surfel::FileKind::kCloud:
       break;
   }

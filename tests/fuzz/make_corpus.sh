@@ -8,7 +8,7 @@ tools=$(realpath "$2")
 PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
-mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx gaussian_ply gaussian_splat gaussian_spz gaussian_ksplat mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
+mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx gaussian_ply gaussian_splat gaussian_spz gaussian_ksplat volume_nrrd volume_mha mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
   material options polygon estimate render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
@@ -171,6 +171,18 @@ for level in 0 1 2; do
     head -c 92 /dev/zero | tr '\0' '1'
   } > gaussian_ksplat/level$level
 done
+
+nrrd() {
+  printf 'NRRD0004\ntype: %s\ndimension: 3\nsizes: 2 3 2\nendian: little\nencoding: %s\n%b\n' "$@"
+}
+{ nrrd uchar raw ''; printf 'abcdefghijkl'; } > volume_nrrd/raw.nrrd
+{ nrrd short raw 'space: left-posterior-superior\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (4,5,6)\n'; printf 'abcdefghijklabcdefghijkl'; } > volume_nrrd/space.nrrd
+{ nrrd uchar gzip 'spacings: 1 2 3\n'; printf 'abcdefghijkl' | gzip -nc; } > volume_nrrd/gzip.nrrd
+mha() {
+  printf 'ObjectType = Image\nNDims = 3\nDimSize = 2 3 2\nElementSpacing = 1 2 3\nOffset = 4 5 6\nTransformMatrix = 1 0 0 0 1 0 0 0 1\nCompressedData = %s\nElementType = %s\nElementDataFile = LOCAL\n' "$@"
+}
+{ mha False MET_UCHAR; printf 'abcdefghijkl'; } > volume_mha/raw.mha
+{ mha True MET_UCHAR; printf 'abcdefghijkl' | gzip -nc; } > volume_mha/gzip.mha
 
 quad='1 2 3 4'
 printf 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0 0\nf %s\nf -4 -3 -2\nf 1/1/1 2/1/1 3/1/1\n' "$quad" > mesh_obj/quad.obj

@@ -17,6 +17,7 @@
 #include <surfel/io/mtl.h>
 #include <surfel/io/scene_file.h>
 #include <surfel/io/view_file.h>
+#include <surfel/io/volume_io.h>
 #include <surfel/scene/view.h>
 
 #include "fuzz/checks.h"
@@ -132,6 +133,17 @@ void mesh(Bytes bytes, const char* extension) {
 }
 
 /// Bytes of other formats are left to the libraries that know them.
+void volume(Bytes bytes, const char* extension) {
+  read_or_refuse([&] {
+    const Volume volume = read_volume(file_of(bytes, extension));
+    require(volume.value.size() == volume.voxels() && volume.voxels() > 0,
+            "a volume has other than its voxels");
+    require(std::all_of(volume.value.begin(), volume.value.end(),
+                        [](float value) { return std::isfinite(value); }),
+            "a voxel is not finite");
+  });
+}
+
 void image(Bytes bytes, const char* extension, std::string_view magic) {
   if (!as_text(bytes).starts_with(magic)) return;
   set_most_image_pixels(1 << 12);
@@ -215,6 +227,8 @@ constexpr Fuzzer kReaders[] = {
     {"gaussian_splat", [](Bytes bytes) { gaussians(bytes, ".splat"); }},
     {"gaussian_spz", [](Bytes bytes) { gaussians(bytes, ".spz"); }},
     {"gaussian_ksplat", ksplat},
+    {"volume_nrrd", [](Bytes bytes) { volume(bytes, ".nrrd"); }},
+    {"volume_mha", [](Bytes bytes) { volume(bytes, ".mha"); }},
     {"mesh_ply", [](Bytes bytes) { mesh(bytes, ".ply"); }},
     {"mesh_obj", [](Bytes bytes) { mesh(bytes, ".obj"); }},
     {"mesh_stl", [](Bytes bytes) { mesh(bytes, ".stl"); }},

@@ -161,7 +161,7 @@ TEST_F(VolumeIo, RefusesBrokenNrrd) {
   EXPECT_NE(refused("a.nrrd", nrrd("uchar", "") + body.substr(1)).find("room for 11"),
             std::string::npos);
   EXPECT_NE(
-      refused("b.nrrd", nrrd("uchar", "", "gzip") + packed(body, 31).substr(0, 15)).find("b.nrrd"),
+      refused("b.nrrd", nrrd("uchar", "", "gzip") + packed(body, 31).substr(0, 11)).find("b.nrrd"),
       std::string::npos);
   EXPECT_NE(refused("c.nrrd", nrrd("uchar", "", "gzip") + body).find("c.nrrd"), std::string::npos);
   EXPECT_NE(refused("d.nrrd", nrrd("block", "") + body).find("block"), std::string::npos);

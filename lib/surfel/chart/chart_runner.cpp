@@ -174,6 +174,7 @@ ChartRunner::Impl::Impl(ChartOptions given) : options(std::move(given)) {
     throw_input(options.input, "is a picture; give surfels, points or a mesh");
   }
   if (kind == FileKind::kGaussians) refuse_gaussians(options.input);
+  if (kind == FileKind::kVolume) refuse_volume(options.input);
   // The tools run in another folder. A name that is no file's may be a procedural texture's.
   for (std::string* file :
        {&options.input, &options.image, &options.mesh, &options.scene, &options.folder}) {

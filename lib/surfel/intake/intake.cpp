@@ -365,6 +365,8 @@ Intake::Intake(const std::vector<std::string>& files, const CloudReadOptions& pa
         break;
       case FileKind::kImage:
         throw_input(path, "is a picture; give meshes, points or surfels");
+      case FileKind::kVolume:
+        refuse_volume(path);
       case FileKind::kGaussians:
         throw_input(path,
                     "holds Gaussians in space (trained splats), which are not drawn together with "

@@ -36,6 +36,7 @@
 #include <surfel/io/text_records.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/tree_records.h>
+#include <surfel/io/volume_io.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
@@ -393,6 +394,7 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
   if (is_mesh_name(name)) throw_input(name, "is a mesh; surfel-from-mesh makes surfels of it");
   if (is_image_name(name)) throw_input(name, "is a picture; surfels or points are needed");
   if (is_splat_name(name) || is_spz(input)) refuse_gaussians(name);
+  if (is_volume_name(name)) refuse_volume(name);
   throw_input(name,
               "format not supported; surfels and points are read from PLY, PCD, LAS, LAZ, E57 "
               "and text (PTX, XYZ, PTS)" +

@@ -16,6 +16,7 @@
 #include <surfel/io/ptx.h>
 #include <surfel/io/spz.h>
 #include <surfel/io/text_scanner.h>
+#include <surfel/io/volume_io.h>
 #include <surfel/io/xyz.h>
 
 namespace surfel {
@@ -76,6 +77,12 @@ void refuse_gaussians(const std::string& file) {
               "draws them, surfel-info describes them");
 }
 
+void refuse_volume(const std::string& file) {
+  throw_input(file,
+              "is a volume, not surfels or points; surfel-from-volume makes Gaussians of it, which "
+              "surfel-render draws");
+}
+
 bool is_las_name(const std::string& path) {
   const std::string extension = lower_extension(path);
   return extension == ".las" || extension == ".laz";
@@ -100,10 +107,11 @@ FileKind file_kind(const std::string& path) {
   if (is_mesh_name(path)) return FileKind::kMesh;
   if (is_image_name(path)) return FileKind::kImage;
   if (is_splat_name(path) || is_spz(file)) return FileKind::kGaussians;
+  if (is_volume_name(path)) return FileKind::kVolume;
   throw_input(path, std::string("format not supported; known are PLY, PCD, LAS, LAZ, E57, PTX and "
                                 "text such as XYZ (surfels), "
                                 "PLY, OBJ, OFF, STL and glTF (meshes), PLY, .splat, .spz "
-                                "and .ksplat (Gaussians) "
+                                "and .ksplat (Gaussians), NRRD and MetaImage (volumes) "
                                 "and images") +
                         converter_advice(path));
 }

@@ -12,6 +12,7 @@ enum class FileKind {
   kMesh,       ///< Triangles.
   kImage,      ///< A picture.
   kGaussians,  ///< Gaussians in space, i.e. trained splats (gaussian_io.h).
+  kVolume,     ///< A scalar field on a grid (volume_io.h).
 };
 
 /// Tells the kind of a file from its name's extension, and for PLY from the header: a file with
@@ -27,6 +28,9 @@ std::string converter_advice(const std::string& path);
 
 /// Throws Error(kInput): a file that was taken for surfels or points holds Gaussians in space.
 [[noreturn]] SURFEL_API void refuse_gaussians(const std::string& file);
+
+/// Throws Error(kInput): a file that was taken for surfels or points holds a volume.
+[[noreturn]] SURFEL_API void refuse_volume(const std::string& file);
 
 /// Whether a name has the extension of LAS or LAZ files, of E57 files, of a format that holds
 /// meshes alone, or pictures alone.

@@ -7,15 +7,10 @@
 #include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/measure/histogram.h>
 #include <surfel/scene/gaussian_cloud.h>
 
 namespace surfel {
-
-/// How many values lie between two edges each.
-struct Histogram {
-  std::vector<double> edges;        ///< Ascending, one more than there are counts.
-  std::vector<std::size_t> counts;  ///< The last one includes its upper edge.
-};
 
 /// Counts and measures of Gaussians in space. Lengths are in scene units; a scale is the largest
 /// standard deviation of a Gaussian.

@@ -40,6 +40,14 @@ TransferFunction::Point TransferFunction::operator()(double value) const {
           a.density + t * (b.density - a.density)};
 }
 
+double TransferFunction::most_density(double low, double high) const {
+  double most = std::max((*this)(low).density, (*this)(high).density);
+  for (const Point& p : point) {
+    if (p.value >= low && p.value <= high) most = std::max(most, p.density);
+  }
+  return most;
+}
+
 const std::vector<std::string>& transfer_function_names() {
   static const std::vector<std::string> names{"ct", "ct-bone", "mr"};
   return names;

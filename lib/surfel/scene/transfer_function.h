@@ -28,6 +28,8 @@ struct TransferFunction {
   SURFEL_API std::vector<std::string> problems() const;
   /// Colour and density of a value.
   SURFEL_API Point operator()(double value) const;
+  /// The largest density of values from `low` to `high`.
+  SURFEL_API double most_density(double low, double high) const;
 };
 
 /// The transfer functions that have names: "ct" (Hounsfield units; translucent skin, bone),

@@ -106,10 +106,35 @@ class Builder {
     look.color *= 1 - half;
   }
 
+  /// Whether the transfer function gives no density to any value in a block or beside it.
+  bool is_clear(const std::array<std::size_t, 3>& first,
+                const std::array<std::size_t, 3>& size) const {
+    const auto begin = [&](std::size_t k) { return first[k] - std::min<std::size_t>(first[k], 1); };
+    const auto end = [&](std::size_t k) {
+      return std::min(first[k] + size[k] + 1, volume_.size[k]);
+    };
+    float low = volume_.value[volume_.index(first[0], first[1], first[2])];
+    float high = low;
+    for (std::size_t z = begin(2); z < end(2); ++z) {
+      for (std::size_t y = begin(1); y < end(1); ++y) {
+        const float* row = volume_.value.data() + volume_.index(0, y, z);
+        for (std::size_t x = begin(0); x < end(0); ++x) {
+          low = std::min(low, row[x]);
+          high = std::max(high, row[x]);
+        }
+      }
+    }
+    return function_.most_density(low, high) == 0;
+  }
+
   void build_block(const std::array<std::size_t, 3>& first, Part& part) const {
     std::array<std::size_t, 3> size;
     for (std::size_t k = 0; k < 3; ++k) size[k] = std::min(kBlock, volume_.size[k] - first[k]);
     part.voxels = size[0] * size[1] * size[2];
+    if (is_clear(first, size)) {
+      part.empty = part.voxels;
+      return;
+    }
     // One voxel more on each side, for the Laplacian.
     constexpr std::size_t kWide = kBlock + 2;
     std::vector<Look> look(kWide * kWide * kWide);
