@@ -72,7 +72,9 @@ void expect_oracles_picture(const GaussianCloud& cloud, const Camera& camera,
   EXPECT_GT(alpha, least) << name(profile);
   EXPECT_LT(share_off(ours, truth, 4, 1e-3F), 0.02) << name(profile);
   EXPECT_LT(share_off(ours, truth, 5, 1e-2F), 0.05) << name(profile);
-  ::testing::Test::RecordProperty(std::string(name(profile)) + "_dB", std::to_string(color));
+  ::testing::Test::RecordProperty(
+      std::string(name(profile)) + "_" + std::to_string(cloud.size()) + "_dB",
+      std::to_string(color));
 }
 
 struct RandomScene {
@@ -122,7 +124,7 @@ TEST(GaussianRenderer, TrainedFiles) {
     }
   }
   const GaussianCloud cloud = read_gaussians(folder + "/table.splat");
-  Camera camera = gaussian_camera(20, 16);
+  Camera camera = gaussian_camera(14, 11);
   camera.eye = {-0.45, 0.3, 0};
   for (const GaussianProfile profile : kProfiles) {
     expect_oracles_picture(cloud, camera, profile, 55);
