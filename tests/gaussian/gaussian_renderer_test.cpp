@@ -124,7 +124,7 @@ TEST(GaussianRenderer, TrainedFiles) {
     }
   }
   const GaussianCloud cloud = read_gaussians(folder + "/table.splat");
-  Camera camera = gaussian_camera(14, 11);
+  Camera camera = gaussian_camera(20, 16);
   camera.eye = {-0.45, 0.3, 0};
   for (const GaussianProfile profile : kProfiles) {
     expect_oracles_picture(cloud, camera, profile, 55);
