@@ -244,7 +244,6 @@ int main(int argc, char** argv) {
   std::vector<char*> words = with_output(argc, argv);
   return tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
-    const bool gaussians = draws_gaussians(tool.app(), s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
     std::optional<Movie> movie;
@@ -263,6 +262,7 @@ int main(int argc, char** argv) {
     }
     if (s.map) tool.files().write_also("the world file", surfel::world_file_name(s.output));
     Subject subject;
+    const bool gaussians = draws_gaussians(tool.app(), s);
     load(tool, s, scene, asked, gaussians, subject);
     if (subject.loaded && !subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";

@@ -72,7 +72,9 @@ void expect_oracles_picture(const GaussianCloud& cloud, const Camera& camera,
   EXPECT_GT(alpha, least) << name(profile);
   EXPECT_LT(share_off(ours, truth, 4, 1e-3F), 0.02) << name(profile);
   EXPECT_LT(share_off(ours, truth, 5, 1e-2F), 0.05) << name(profile);
-  ::testing::Test::RecordProperty(std::string(name(profile)) + "_dB", std::to_string(color));
+  ::testing::Test::RecordProperty(
+      std::string(name(profile)) + "_" + std::to_string(cloud.size()) + "_dB",
+      std::to_string(color));
 }
 
 struct RandomScene {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/io/gaussian_io.h>

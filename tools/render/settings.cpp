@@ -507,7 +507,8 @@ void declare_options(CLI::App& app, Settings& s) {
       "files", s.inputs,
       "Surfels (PLY, PCD, LAS, LAZ; - = standard input), meshes, which are sampled at half a pixel "
       "and textured, and raw points (E57, PTX and text, too), which are estimated; several files "
-      "are joined; or one file of trained splats (PLY, .splat). With --mesh surfels only frame the "
+      "are joined; or one file of trained splats (PLY, .splat, .spz, .ksplat). With --mesh surfels "
+      "only frame the "
       "picture, and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d, their "

@@ -300,7 +300,8 @@ class TileRaster {
   }
   HWY_INLINE V row(std::size_t pixel) const {
     const std::size_t patch = pixel / kPatchPixels;
-    const float top = y0_ + static_cast<float>(patch / kPatchesAcross * kPatch) + 0.5F;
+    const std::size_t patch_row = patch / kPatchesAcross;
+    const float top = y0_ + static_cast<float>(patch_row * kPatch) + 0.5F;
     return hn::Add(hn::LoadU(D(), kRowOfLane + pixel % kPatchPixels), set(top));
   }
   HWY_INLINE M in_picture(V x, V y) const {
