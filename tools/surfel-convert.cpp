@@ -486,10 +486,9 @@ int main(int argc, char** argv) {
   declare_options(tool.app(), s);
   tool.everyday({"--output", "--gaussians", "--ascii", "--align", "--material", "--scale",
                  "--rotate", "--translate"},
-                {"surfel-convert scan.ply -o scan.pcd",
+                {"surfel-convert lion.ply -o lion.splat",
                  "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
-                 "surfel-convert front.ply back.ply --align -o whole.ply",
-                 "surfel-convert lion.ply -o lion.splat"});
+                 "surfel-convert front.ply back.ply --align -o whole.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfelsOrGaussians);
   tool.name_fields({{"reach", "--align-reach"}, {"rotation", "--rotate"}});

@@ -522,14 +522,14 @@ TEST(SurfelInfo, DescribesSplats) {
   ASSERT_EQ(run({tool("surfel-convert"), Inputs::get().surfels, "-o", splats}).exit_code, 0);
   const RunResult result = run({tool("surfel-info"), splats, "--json"});
   ASSERT_EQ(result.exit_code, 0) << result.errors;
-  const auto json = nlohmann::json::parse(result.output);
-  EXPECT_EQ(json["kind"], "gaussians");
-  EXPECT_EQ(json["degree"], 0);
-  EXPECT_EQ(json["trained_with"], nullptr);
-  EXPECT_EQ(json["opacity_histogram"]["counts"].size(), 10U);
-  EXPECT_GT(json["opacity_histogram"]["counts"][9], 100);
-  EXPECT_EQ(json["invisible"], 0);
-  EXPECT_NEAR(json["flatness"]["median"].get<double>(), 0.01, 1e-4);
+  const auto info = nlohmann::json::parse(result.output);
+  EXPECT_EQ(info["kind"], "gaussians");
+  EXPECT_EQ(info["degree"], 0);
+  EXPECT_EQ(info["trained_with"], nullptr);
+  EXPECT_EQ(info["opacity_histogram"]["counts"].size(), 10U);
+  EXPECT_GT(info["opacity_histogram"]["counts"][9], 100);
+  EXPECT_EQ(info["invisible"], 0);
+  EXPECT_NEAR(info["flatness"]["median"].get<double>(), 0.01, 1e-4);
   EXPECT_EQ(run({tool("surfel-info"), splats, "--every", "2"}).exit_code, 2);
   EXPECT_TRUE(contains(run({tool("surfel-info"), splats}).output, "opacity_histogram"));
 }
