@@ -19,7 +19,7 @@ class Marcher {
     Eigen::Matrix3d steps;
     for (int k = 0; k < 3; ++k) steps.col(k) = volume.step[static_cast<std::size_t>(k)];
     voxel_from_world_ = steps.inverse();
-    edge_ = std::cbrt(std::abs(steps.determinant()));
+    edge_ = portable::exp(portable::log(std::abs(steps.determinant())) / 3);
     const auto [least, most] = std::minmax_element(volume.value.begin(), volume.value.end());
     range_ = static_cast<double>(*most) - static_cast<double>(*least);
   }

@@ -41,11 +41,11 @@ class Builder {
       edge_[k] = volume.step[k].norm();
       product *= edge_[k];
     }
-    mean_edge_ = std::cbrt(product);
+    mean_edge_ = portable::exp(portable::log(product) / 3);
     // A kernel's density at its centre, times (2 pi)^(3/2) s^3, is a voxel's density times its
     // size.
     const double s = options.deviation;
-    peak_ = 1 / (std::pow(2 * std::numbers::pi, 1.5) * s * s * s);
+    peak_ = 1 / (2 * std::numbers::pi * std::sqrt(2 * std::numbers::pi) * s * s * s);
   }
 
   GaussianCloud run(GaussiansOfVolumeReport& report) {
