@@ -139,7 +139,8 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
     expect_refused(command, message);
   };
   const std::string surfels = "q.stl: surfels are not written as '.stl'; use .ply or .pcd";
-  other("surfel-convert cloud.ply -o q.stl", surfels);
+  other("surfel-convert cloud.ply -o q.stl",
+        "q.stl: surfels and Gaussians are not written as '.stl'; use .ply or .pcd");
   other("surfel-estimate cloud.ply -o q.stl", surfels);
   other("surfel-texture cloud.ply --image checker -o q.stl", surfels);
   other("surfel-group cloud.ply -o q.stl", surfels);
