@@ -76,8 +76,6 @@ TEXT
   cat "$work/table.md"
   cat <<'TEXT'
 
-What is not right: `gaussians_train_1000.ply` holds trained splats, which are drawn as raw points, without their colours.
-
 Made by `tests/first_pictures.sh`.
 TEXT
 } > "$work/first-pictures.md"

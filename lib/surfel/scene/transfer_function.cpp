@@ -64,12 +64,12 @@ TransferFunction transfer_function(const std::string& name) {
              {-20, skin, 0.04},
              {60, muscle, 0.06},
              {180, muscle, 0.15},
-             {350, bone, 1.2},
-             {1500, bone, 3}},
+             {350, bone, 0.5},
+             {1500, bone, 1}},
             false};
   }
   if (name == "ct-bone") {
-    return {{{150, bone, 0}, {300, bone, 0.8}, {1500, bone, 3}}, false};
+    return {{{150, bone, 0}, {300, bone, 0.4}, {1500, bone, 1}}, false};
   }
   if (name == "mr") {
     return {{{0.12, skin, 0},
