@@ -15,6 +15,9 @@ constexpr float kClear = 0.1F;
 constexpr double kDeviations = 2;
 /// Share of the Gaussians beyond the part that is framed, at either end of an axis.
 constexpr double kOuter = 0.01;
+/// What lies no further beyond them than this share of their extent is a part of them, such as the
+/// tips of what they show.
+constexpr double kTips = 0.15;
 
 /// Gaussians as spheres.
 struct Sphere {
@@ -51,7 +54,7 @@ SceneExtent extent_of(std::shared_ptr<const std::vector<Sphere>> spheres) {
   return extent;
 }
 
-/// The box of the middle 98 % of the centres along each axis.
+/// The box of the middle 98 % of the centres along each axis, and of what is close to them.
 Bounds middle(const std::vector<Sphere>& spheres) {
   Bounds box;
   std::vector<double> along(spheres.size());
@@ -65,6 +68,9 @@ Bounds middle(const std::vector<Sphere>& spheres) {
     const auto last = along.end() - 1 - outer;
     std::nth_element(along.begin(), last, along.end());
     box.max[axis] = *last;
+    const double margin = kTips * (box.max[axis] - box.min[axis]);
+    box.min[axis] -= margin;
+    box.max[axis] += margin;
   }
   return box;
 }

@@ -9,7 +9,7 @@ namespace surfel {
 
 /// What cameras are to see of Gaussians: each up to two standard deviations, where it is not nearly
 /// clear. What is framed is the part of the scene that holds the middle 98 % of them along every
-/// axis, since training leaves floaters and far surroundings.
+/// axis, and what is close to it, since training leaves floaters and far surroundings.
 SURFEL_API SceneExtent gaussian_extent(const GaussianCloud& cloud);
 
 /// Places of Gaussians that are not nearly clear, without normals, enough to judge a scene by.
