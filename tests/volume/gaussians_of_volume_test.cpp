@@ -90,7 +90,8 @@ TEST(GaussiansOfVolume, ABlockHasItsOpticalDepth) {
     EXPECT_EQ(cloud.size(), 27U);  // Blocks of 8 cubed.
     EXPECT_EQ(report.merged, volume.voxels());
     EXPECT_EQ(cloud.rule, AmplitudeRule::kDensity);
-    const float* middle = picture(cloud, view).pixel(16, 16);
+    const Image image = picture(cloud, view);
+    const float* middle = image.pixel(16, 16);
     EXPECT_NEAR(middle[3], 1 - std::exp(-1.3), 0.004);
     EXPECT_NEAR(middle[0], middle[3], 1e-5);
   }

@@ -138,7 +138,7 @@ void GaussianPainter::aim(tool::Tool& tool, const Settings& s,
 Paint GaussianPainter::paint() const {
   return [renderer = renderer_](const Camera& camera, FrameStatistics& statistics,
                                 const std::function<void(double)>&) {
-    GaussianStatistics frame;
+    GaussianFrameStatistics frame;
     Image image = renderer->render(camera, &frame);
     statistics.milliseconds = frame.milliseconds;
     statistics.splats = frame.splats;

@@ -203,9 +203,9 @@ GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOpt
 
 GaussianRenderer::~GaussianRenderer() = default;
 
-Image GaussianRenderer::render(const Camera& camera, GaussianStatistics* statistics) {
+Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* statistics) {
   const Timer timer;
-  GaussianStatistics stats;
+  GaussianFrameStatistics stats;
   StageTimer stage(stats.stages);
   const GaussianView view = gaussian_view(cloud_, camera, options_);
   const TileGrid grid(camera);

@@ -13,7 +13,7 @@
 namespace surfel {
 
 /// What was done for a picture.
-struct GaussianStatistics {
+struct GaussianFrameStatistics {
   std::size_t splats = 0;  ///< Gaussians that may be seen.
   std::size_t pairs = 0;   ///< Splats by tiles that they meet.
   double milliseconds = 0;
@@ -37,7 +37,7 @@ class SURFEL_API GaussianRenderer {
 
   /// The picture, with the channels R G B A, premultiplied, and those of GaussianOptions::depth.
   /// Throws Error(kUsage) for orthographic cameras.
-  Image render(const Camera& camera, GaussianStatistics* statistics = nullptr);
+  Image render(const Camera& camera, GaussianFrameStatistics* statistics = nullptr);
 
  private:
   struct Frame;
