@@ -43,9 +43,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--shading", s.gaussians.shading,
                  "How much colours depend on the angle between the line of sight and the gradient, "
                  "0..1");
-  surfel::tool::add_vector(app, "--spacing", s.spacing,
-                           "Distances of voxels along the axes, scene units; default: the file's, "
-                           "1,1,1 for images");
+  surfel::tool::add_vector(
+      app, "--spacing", s.spacing,
+      "Distances of voxels along the axes, scene units, 1e-15..1e15; default: the "
+      "file's, 1,1,1 for images");
   app.option_defaults()->group("How many");
   app.add_option("--max-error", s.gaussians.max_error,
                  "Voxels become one Gaussian where their opacities and colours differ by no more, "
@@ -86,8 +87,8 @@ std::pair<surfel::TransferFunction, std::string> choose_transfer(const Settings&
 
 std::vector<std::string> problems(const Settings& s) {
   std::vector<std::string> out = s.gaussians.problems();
-  if (s.spacing && !(s.spacing->minCoeff() > 0 && s.spacing->allFinite())) {
-    out.emplace_back("`spacing` must be above 0");
+  if (s.spacing && !(s.spacing->minCoeff() >= 1e-15 && s.spacing->maxCoeff() <= 1e15)) {
+    out.emplace_back("`spacing` must be in 1e-15..1e15");
   }
   return out;
 }
@@ -105,7 +106,7 @@ int main(int argc, char** argv) {
                  "surfel-from-volume head.mha --transfer ct-bone -o bones.ply",
                  "surfel-from-volume slice-*.png --spacing 0.5,0.5,1.5 -o stack.ply"});
   tool.files().reads({"volume"});
-  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
+  tool.files().writes("--output", surfel::tool::Writes::kDensities);
   tool.reads_images();
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(problems(s));

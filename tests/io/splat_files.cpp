@@ -4,11 +4,11 @@
 #include <zstd.h>
 
 namespace surfel::test {
+namespace {
 
-std::string gzipped(const std::string& bytes) {
+std::string deflated(const std::string& bytes, int window_bits) {
   z_stream z{};
-  constexpr int kGzip = 16 + MAX_WBITS;
-  EXPECT_EQ(deflateInit2(&z, 9, Z_DEFLATED, kGzip, 9, Z_DEFAULT_STRATEGY), Z_OK);
+  EXPECT_EQ(deflateInit2(&z, 9, Z_DEFLATED, window_bits, 9, Z_DEFAULT_STRATEGY), Z_OK);
   std::string out(deflateBound(&z, bytes.size()), '\0');
   std::string in = bytes;
   z.next_in = reinterpret_cast<Bytef*>(in.data());
@@ -20,6 +20,11 @@ std::string gzipped(const std::string& bytes) {
   deflateEnd(&z);
   return out;
 }
+
+}  // namespace
+
+std::string gzipped(const std::string& bytes) { return deflated(bytes, 16 + MAX_WBITS); }
+std::string zlib_packed(const std::string& bytes) { return deflated(bytes, MAX_WBITS); }
 
 std::string zstandard(const std::string& bytes) {
   std::string out(ZSTD_compressBound(bytes.size()), '\0');

@@ -32,8 +32,9 @@ void append(std::string& bytes, T value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof(value));
 }
 
-/// A zlib's gzip stream, and a Zstandard frame.
+/// A gzip stream, a zlib stream, and a Zstandard frame.
 std::string gzipped(const std::string& bytes);
+std::string zlib_packed(const std::string& bytes);
 std::string zstandard(const std::string& bytes);
 
 }  // namespace surfel::test

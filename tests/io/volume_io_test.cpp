@@ -12,27 +12,12 @@
 #include <surfel/io/image_io.h>
 #include <surfel/io/transfer_file.h>
 #include <surfel/io/volume_io.h>
-#include <zlib.h>
 
+#include "io/splat_files.h"
 #include "support/message_of.h"
 
 namespace surfel::test {
 namespace {
-
-/// Bytes that `windowBits` of zlib makes of others: 15 zlib, 31 gzip.
-std::string packed(const std::string& bytes, int window_bits) {
-  z_stream z{};
-  deflateInit2(&z, 6, Z_DEFLATED, window_bits, 8, Z_DEFAULT_STRATEGY);
-  std::string out(deflateBound(&z, bytes.size()) + 64, '\0');
-  z.next_in = const_cast<Bytef*>(reinterpret_cast<const Bytef*>(bytes.data()));
-  z.avail_in = static_cast<uInt>(bytes.size());
-  z.next_out = reinterpret_cast<Bytef*>(out.data());
-  z.avail_out = static_cast<uInt>(out.size());
-  EXPECT_EQ(deflate(&z, Z_FINISH), Z_STREAM_END);
-  out.resize(z.total_out);
-  deflateEnd(&z);
-  return out;
-}
 
 template <class T>
 std::string bytes_of(const std::vector<double>& values, bool swap = false) {
@@ -96,7 +81,7 @@ TEST_F(VolumeIo, NrrdOfAllTypes) {
       read_volume(put("d.nrrd", nrrd("double", "endian: big\n") + bytes_of<double>(values_, true))),
       values_);
   expect_values(read_volume(put("e.nrrd", nrrd("int", "endian: little\n", "gzip") +
-                                              packed(bytes_of<std::int32_t>(values_), 31))),
+                                              gzipped(bytes_of<std::int32_t>(values_)))),
                 values_);
 }
 
@@ -138,7 +123,7 @@ TEST_F(VolumeIo, MetaImagePlainAndCompressed) {
   expect_values(read_volume(put("b.mha", header +
                                              "CompressedData = True\nElementType = MET_FLOAT\n"
                                              "ElementDataFile = LOCAL\n" +
-                                             packed(bytes_of<float>(values_), 15))),
+                                             zlib_packed(bytes_of<float>(values_)))),
                 values_);
 }
 
@@ -161,9 +146,10 @@ TEST_F(VolumeIo, RefusesBrokenNrrd) {
   EXPECT_NE(refused("a.nrrd", nrrd("uchar", "") + body.substr(1)).find("room for 11"),
             std::string::npos);
   EXPECT_NE(
-      refused("b.nrrd", nrrd("uchar", "", "gzip") + packed(body, 31).substr(0, 11)).find("b.nrrd"),
+      refused("b.nrrd", nrrd("uchar", "", "gzip") + gzipped(body).substr(0, 11)).find("truncated"),
       std::string::npos);
-  EXPECT_NE(refused("c.nrrd", nrrd("uchar", "", "gzip") + body).find("c.nrrd"), std::string::npos);
+  EXPECT_NE(refused("c.nrrd", nrrd("uchar", "", "gzip") + body).find("compressed"),
+            std::string::npos);
   EXPECT_NE(refused("d.nrrd", nrrd("block", "") + body).find("block"), std::string::npos);
   EXPECT_NE(refused("e.nrrd", nrrd("uchar", "", "bzip2") + body).find("raw and gzip"),
             std::string::npos);
@@ -188,8 +174,10 @@ TEST_F(VolumeIo, RefusesBrokenNrrd) {
             std::string::npos);
   EXPECT_NE(refused("k.nrrd", nrrd("uchar", "spacings: 0 1 1\n") + body).find("zero"),
             std::string::npos);
+  EXPECT_NE(refused("n.nrrd", nrrd("uchar", "spacings: 1e300 1 1\n") + body).find("1e15"),
+            std::string::npos);
   EXPECT_NE(refused("l.nrrd", "no volume at all").find("neither"), std::string::npos);
-  EXPECT_NE(refused("m.nrrd", "").find("m.nrrd"), std::string::npos);
+  EXPECT_NE(refused("m.nrrd", "").find("empty"), std::string::npos);
 }
 
 TEST_F(VolumeIo, RefusesBrokenMetaImage) {

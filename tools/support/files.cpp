@@ -34,6 +34,8 @@ Formats formats_of(Writes what) {
       formats.extensions.insert(formats.extensions.end() - 1, {".splat", ".usda"});
       return formats;
     }
+    case Writes::kDensities:
+      return {"Gaussians of volumes", {".ply", ""}};
     case Writes::kLevels:
       return {"surfels with levels of detail", {".ply", ""}};
     case Writes::kMesh:

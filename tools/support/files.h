@@ -11,6 +11,7 @@ namespace surfel::tool {
 enum class Writes {
   kSurfels,             ///< .ply, .pcd, .las, .laz; a name without extension is PLY.
   kSurfelsOrGaussians,  ///< The same, or .splat, .usda.
+  kDensities,           ///< Gaussians that are densities: .ply; a name without extension is PLY.
   kLevels,              ///< Surfels with levels of detail: .ply; a name without extension is PLY.
   kMesh,                ///< .obj, .ply.
   kPicture,             ///< What write_image() writes.

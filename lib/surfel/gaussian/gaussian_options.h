@@ -11,7 +11,7 @@
 namespace surfel {
 
 /// Whose picture of Gaussians is wanted. Renderers differ in their approximations, and trained
-/// files make up for those of the renderer that they were trained with.
+/// files make up for the approximations of the renderer that they were trained with.
 enum class GaussianProfile : std::uint8_t {
   /// Kerbl et al. 2023, as published: centres nearer than 0.2 are skipped, affine kernels with a
   /// variance of 0.3 pixels^2 added, squares of 3 standard deviations in tiles of 16 x 16 pixels,

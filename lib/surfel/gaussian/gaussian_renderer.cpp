@@ -196,8 +196,10 @@ GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOpt
   if (!opacities && options.profile != GaussianProfile::kExact) {
     throw_usage("densities are drawn by the profile exact alone");
   }
-  if (cloud.size() > UINT32_MAX) {
-    throw Error(ErrorKind::kInput, "more than 2^32 Gaussians");
+  // Splats are addressed by 32 bits that count floats.
+  constexpr std::size_t kMostGaussians = (std::size_t{1} << 31) / (sizeof(GaussianSplat) / 4) - 1;
+  if (cloud.size() > kMostGaussians) {
+    throw Error(ErrorKind::kInput, "more than 2^27 Gaussians; leave some out");
   }
 }
 

@@ -35,7 +35,8 @@ class SURFEL_API GaussianRenderer {
   GaussianRenderer(const GaussianRenderer&) = delete;
   GaussianRenderer& operator=(const GaussianRenderer&) = delete;
 
-  /// The picture, with the channels R G B A, premultiplied, and those of GaussianOptions::depth.
+  /// The picture, with the channels R G B A, premultiplied, and the channels of
+  /// GaussianOptions::depth.
   /// Throws Error(kUsage) for orthographic cameras.
   Image render(const Camera& camera, GaussianFrameStatistics* statistics = nullptr);
 

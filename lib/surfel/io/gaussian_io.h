@@ -24,9 +24,9 @@ SURFEL_API bool holds_gaussians(const InputFile& input);
 /// renderer is kept (`rule`, `trained_with`).
 ///
 /// All values are as GaussianCloud has them, whatever the file stores (logits, logarithms, bytes).
-/// The axes are those of the files of 3D Gaussian splatting, where y mostly points down;
+/// The axes are the axes of files of 3D Gaussian splatting, whose y mostly points down;
 /// GaussianCloud::up is set only where the format says which way is up, as .spz does, whose axes
-/// are turned to those of PLY. Normals of splat files are not read: no program writes normals that
+/// are turned to PLY's. Normals of splat files are not read: no program writes normals that
 /// mean something.
 ///
 /// Files of trained splats hold broken Gaussians now and then, which no renderer shows: a Gaussian

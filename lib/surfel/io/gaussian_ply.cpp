@@ -175,8 +175,8 @@ class GaussianPlyReader {
     cloud_.origin += origin;
   }
 
-  /// The file has the coefficients of one colour after those of another, the cloud colours of one
-  /// coefficient together.
+  /// The file has all coefficients of red before all of green and all of blue, the cloud colours of
+  /// one coefficient together.
   void want_harmonics(const std::vector<const RecordColumn*>& rest) {
     const std::size_t stride = cloud_.harmonics_stride();
     const std::size_t coefficients = rest.size() / 3;

@@ -129,7 +129,7 @@ void read_grid(const MetaHeader& header, Volume& volume) {
     volume.origin = Vec3d(header.numbers(key, 3).data());
     break;
   }
-  // MetaImage's coordinates are those of ITK: left, posterior, superior.
+  // MetaImage has ITK's coordinates: left, posterior, superior.
   volume.up = Vec3d(0, 0, 1);
 }
 

@@ -45,6 +45,7 @@ bool before(std::string_view a, std::string_view b) {
 Volume read_volume(const std::string& path) { return read_volume(InputFile(path)); }
 
 Volume read_volume(const InputFile& input) {
+  if (input.size() == 0) throw_input(input.name(), "is empty; make it anew");
   constexpr std::size_t kStart = 512;
   const std::string_view start = as_text(input.head(std::min(kStart, input.size())));
   Volume volume;

@@ -87,12 +87,15 @@ void finish_volume(Volume& volume, const std::string& file) {
     value = least;
     ++volume.not_finite;
   }
+  // Squares and products of edges stay within the range of floats.
+  constexpr double kLeastEdge = 1e-15;
+  constexpr double kMostEdge = 1e15;
   constexpr double kRightAngle = 1e-3;  // Cosine that rounded numbers in headers have at most.
   for (std::size_t k = 0; k < 3; ++k) {
     const Vec3d& a = volume.step[k];
     const Vec3d& b = volume.step[(k + 1) % 3];
-    if (!a.allFinite() || !(a.norm() > 0) || !volume.origin.allFinite()) {
-      throw_input(file, "the distances of voxels must be finite and not zero");
+    if (!(a.norm() >= kLeastEdge && a.norm() <= kMostEdge) || !volume.origin.allFinite()) {
+      throw_input(file, "the distances of voxels must be finite and not zero: 1e-15 to 1e15");
     }
     if (!(std::abs(a.dot(b)) <= kRightAngle * a.norm() * b.norm())) {
       throw_input(file, "the axes are not at right angles; resample the volume");

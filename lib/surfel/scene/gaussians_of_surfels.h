@@ -47,7 +47,7 @@ SURFEL_API double opacity_for(double overlap, double hidden);
 /// for an opacity of 0.98; wider kernels would hide more, and blur the colours.
 /// A surfel of opacity `alpha` gets opacity_for(overlap, 0.99 alpha).
 ///
-/// Colours are those of the surfels (`coefficient` or `color`, else SurfelCloud::colorless()), as
+/// Colours are the surfels' (`coefficient` or `color`, else SurfelCloud::colorless()), as
 /// displays take them; they are not lit. Surfels without a normal become spheres. Throws
 /// Error(kUsage) for bad options, and Error(kInput), starting with `name`, for a cloud without
 /// variances or without any usable surfel.

@@ -26,7 +26,8 @@ class HarmonicRotation {
   void turn(float* harmonics) const;
 
  private:
-  /// The matrix of each degree from 1 on, which takes coefficients to those of the turned function.
+  /// The matrix of each degree from 1 on, which takes a function's coefficients to the turned
+  /// function's.
   std::vector<Eigen::MatrixXd> bands_;
 };
 
