@@ -63,7 +63,7 @@ double share_off(const Image& a, const Image& b, int channel, float most) {
 /// Compares a picture with the oracle's. \param least  PSNR of colours and of alpha, dB.
 void expect_oracles_picture(const GaussianCloud& cloud, const Camera& camera,
                             GaussianProfile profile, double least) {
-  const GaussianOptions options{.profile = profile, .depth = true, .display = true};
+  const GaussianOptions options{.profile = profile, .samples = 1, .depth = true, .display = true};
   const Image ours = GaussianRenderer(cloud, options).render(camera);
   const Image truth = gaussian_oracle(cloud, camera, options);
   const double color = psnr(ours, truth, 0, kAlpha);
@@ -211,6 +211,77 @@ TEST(GaussianRenderer, OpticalDepthOfABall) {
   EXPECT_NEAR(image.pixel(100, 100)[kAlpha], 1 - std::exp(-0.5 * std::sqrt(2 * M_PI)), 1e-3);
 }
 
+/// A faint kernel is as good as linear, so that it does not matter when the filter is applied.
+TEST(GaussianRenderer, SamplesAreFilteredAsAFaintKernelIs) {
+  const GaussianCloud cloud = one_gaussian(4, 0.3, 0.02);
+  Camera camera = middle_camera(97);
+  camera.center_x = 12.3;  // The kernel reaches over the picture's border.
+  for (const double lowpass : {0.5477, 4.0}) {
+    GaussianOptions options{
+        .profile = GaussianProfile::kExact, .lowpass = lowpass, .samples = 1, .depth = true};
+    const Image expected = GaussianRenderer(cloud, options).render(camera);
+    for (const int samples : {2, 3, 4}) {
+      options.samples = samples;
+      const Image image = GaussianRenderer(cloud, options).render(camera);
+      for (int y = 0; y < image.height; ++y) {
+        // Filters reach less far at the border, where what is beyond it is unknown.
+        for (int x = static_cast<int>(3 * lowpass) + 1; x < image.width; ++x) {
+          const float* a = image.pixel(x, y);
+          const float* b = expected.pixel(x, y);
+          ASSERT_NEAR(a[kAlpha], b[kAlpha], 2e-4) << x << ' ' << y << ' ' << samples;
+          ASSERT_NEAR(a[0], b[0], 2e-4);
+          if (b[kAlpha] > 1e-3F) ASSERT_NEAR(a[5], b[5], 0.02 * b[5]);
+        }
+      }
+    }
+  }
+}
+
+/// What is left of the light by many kernels is a product: each kernel filtered by itself, an
+/// opaque body would be larger by the filter.
+TEST(GaussianRenderer, OpaqueBodiesOfFaintKernelsKeepTheirSize) {
+  GaussianCloud cloud;
+  constexpr int kCount = 400;
+  for (int i = 0; i < kCount; ++i) {
+    const GaussianCloud one = one_gaussian(4, 4 * 3.0 / 64, 0.1);  // 3 pixels.
+    cloud.position.push_back(one.position[0]);
+    cloud.scale.push_back(one.scale[0]);
+    cloud.rotation.push_back(one.rotation[0]);
+    cloud.amplitude.push_back(one.amplitude[0]);
+    cloud.harmonics.insert(cloud.harmonics.end(), {0, 0, 0});
+  }
+  double area = 0;
+  constexpr double kStep = 0.01;  // Pixels.
+  for (double r = kStep / 2; r < 20; r += kStep) {
+    const double left = std::pow(1 - 0.1 * std::exp(-r * r / (2 * 9)), kCount);
+    area += 2 * M_PI * r * kStep * (1 - left);
+  }
+  const auto area_of = [&](int samples) {
+    const Image image =
+        GaussianRenderer(cloud, {.profile = GaussianProfile::kExact, .samples = samples})
+            .render(middle_camera(64));
+    return sum_of(image, kAlpha);
+  };
+  EXPECT_NEAR(area_of(3), area, 0.02 * area);
+  EXPECT_GT(area_of(1), 1.04 * area);
+}
+
+TEST(GaussianRenderer, DepthsOfSamplesAreOfTheNearerHalf) {
+  const GaussianCloud cloud = one_gaussian(4, 0.5, 0.9);
+  for (const int samples : {1, 2, 4}) {
+    const Image image = GaussianRenderer(cloud, {.profile = GaussianProfile::kExact,
+                                                 .samples = samples,
+                                                 .background = {1, 1, 1, 1},
+                                                 .depth = true})
+                            .render(middle_camera(65));
+    EXPECT_NEAR(image.pixel(32, 32)[4], 4, 1e-2);
+    EXPECT_NEAR(image.pixel(32, 32)[5], 4, 1e-2);
+    EXPECT_EQ(image.pixel(32, 32)[kAlpha], 1);
+    EXPECT_TRUE(std::isinf(image.pixel(0, 0)[4]));
+    EXPECT_TRUE(std::isinf(image.pixel(0, 0)[5]));
+  }
+}
+
 TEST(GaussianRenderer, ColorsBecomeLinearAndBackgroundsAreBlendedAsDisplaysDo) {
   const GaussianCloud cloud = one_gaussian(4, 1, 0.6);
   const Image image =
@@ -230,6 +301,10 @@ TEST(GaussianRenderer, WhatCannotBeDrawnIsRefused) {
   orthographic.orthographic = true;
   EXPECT_THROW(GaussianRenderer(cloud, {}).render(orthographic), Error);
   EXPECT_THROW(GaussianRenderer(cloud, {.lowpass = 0}), Error);
+  EXPECT_THROW(GaussianRenderer(cloud, {.samples = kMostSamples + 1}), Error);
+  Camera large = middle_camera(16);
+  large.width = Camera::kMostSide / 2 + 1;
+  EXPECT_THROW(GaussianRenderer(cloud, {.samples = 2}).render(large), Error);
   EXPECT_THROW(GaussianRenderer(cloud, {.background = {0, 0, 0, 2}}), Error);
   cloud.rule = AmplitudeRule::kDensity;
   EXPECT_THROW(GaussianRenderer(cloud, {.profile = GaussianProfile::kMip}), Error);

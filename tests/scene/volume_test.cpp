@@ -53,8 +53,8 @@ TEST(TransferFunction, IsLinearBetweenPointsAndConstantBeyond) {
   EXPECT_EQ(function(1).color, Vec3f(0.5F, 0.25F, 0));
   EXPECT_EQ(function(2).density, 5);
   EXPECT_EQ(function(9).density, 5);
-  EXPECT_EQ(function.most_density(-2, 1), 2);
-  EXPECT_EQ(function.most_density(1, 3), 5);
+  EXPECT_EQ(function.density_range(-2, 1)[1], 2);
+  EXPECT_EQ(function.density_range(1, 3)[1], 5);
 }
 
 TEST(TransferFunction, NamesAreKnownAndUsable) {

@@ -130,6 +130,24 @@ TEST(GaussiansOfVolume, PicturesAreAsMarchedOnes) {
   }
 }
 
+/// Opaque bodies whose values jump within a fifth of a voxel have the surfaces that rays find: an
+/// error of a tenth of a voxel all around is 37 dB in these pictures.
+TEST(GaussiansOfVolume, OpaqueSurfacesAreWhereRaysFindThem) {
+  const Volume volume = volume_of(32, [](const Vec3d& p) {
+    const double ball = (0.33 - p.norm()) * 32;
+    const double bar = (0.08 - Vec3d(p.x() - 0.3, p.y(), 0).norm()) * 32;
+    return 1 / (1 + std::exp(-2 * std::max(ball, bar)));
+  });
+  // A voxel's edge has an optical depth of 1, as bone has, and of 10.
+  for (const auto& [density, least] : {std::pair{32.0, 37.0}, std::pair{320.0, 31.0}}) {
+    const TransferFunction bone{{{0.4, {0.9F, 0.9F, 0.8F}, 0}, {0.5, {0.9F, 0.9F, 0.8F}, density}},
+                                false};
+    const GaussianCloud cloud = gaussians_of_volume(volume, bone, "bone");
+    const Image truth = march_volume(volume, bone, camera(36), {.step = 0.1, .rays = 8});
+    EXPECT_GT(psnr(picture(cloud, camera(36)), truth), least) << density;
+  }
+}
+
 /// Axes may be turned, mirrored and of different lengths.
 TEST(GaussiansOfVolume, FollowsTheAxesOfTheVolume) {
   Volume volume = volume_of(24, lumps);

@@ -46,7 +46,6 @@ std::vector<std::string> options_of_surfels() {
                                    "--image",
                                    "--wrap",
                                    "--reference",
-                                   "--samples",
                                    "--shading",
                                    "--relief",
                                    "--scene",
@@ -71,6 +70,9 @@ std::vector<std::string> options_of_surfels() {
   return options;
 }
 
+/// Options that other renderers' profiles have their own values of.
+std::vector<std::string> options_of_exact() { return {"--lowpass", "--samples"}; }
+
 }  // namespace
 
 bool draws_gaussians(const CLI::App& app, Settings& s) {
@@ -79,17 +81,24 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
   if (!gaussians) {
     tool::require_valid(
         tool::without_effect(app, {"--profile"}, "on what is no file of Gaussians"));
+    if (!s.reference && s.mesh.empty()) {
+      tool::require_valid(tool::without_effect(app, {"--samples"}, "with the fast renderer"));
+    }
     return false;
   }
   tool::require_valid(tool::without_effect(app, options_of_surfels(), "on Gaussians"));
   if (s.profile && *s.profile != GaussianProfile::kExact) {
-    tool::require_valid(tool::without_effect(app, {"--lowpass"},
+    tool::require_valid(tool::without_effect(app, options_of_exact(),
                                              std::string("with --profile ") + name_of(*s.profile)));
   }
   if (app.get_option("--lowpass")->count() > 0) {
     s.gaussians.lowpass = s.render.lowpass;
   } else {
     s.render.lowpass = s.gaussians.lowpass;
+  }
+  if (app.get_option("--samples")->count() > 0) {
+    s.gaussians.samples = s.rays.samples;
+    tool::require_valid(s.gaussians.problems());
   }
   return true;
 }
@@ -104,7 +113,7 @@ GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
   const std::string profile = name_of(options.profile);
   if (options.profile != GaussianProfile::kExact) {
     tool::require_valid(tool::without_effect(
-        tool.app(), {"--lowpass"}, "with --profile " + profile + ", which the file asks for"));
+        tool.app(), options_of_exact(), "with --profile " + profile + ", which the file asks for"));
   }
   tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", s.inputs.front(),
                         cloud_.size(), profile));

@@ -201,7 +201,8 @@ void declare_truth(CLI::App& app, Settings& s) {
                  "to measure surfels made from it against (R G B A only)")
       ->excludes(reference);
   app.add_option("--samples", s.rays.samples,
-                 "Of --reference and --mesh: rays along each side of a pixel, 1..64");
+                 "Of --reference and --mesh: rays along each side of a pixel, 1..64; of --profile "
+                 "exact: samples along each side, 1..4, by default 2 for volumes and 1 for splats");
 }
 
 void declare_colors(CLI::App& app, Settings& s) {
@@ -443,7 +444,6 @@ void require_effect(const CLI::App& app, const Settings& s) {
   if (s.color_map == MapChoice::kClasses) refuse("--color-map classes", {"--color-range"});
   if (s.mesh.empty()) refuse("surfels", {"--bounces"});
   if (s.bounces > 0) refuse("--bounces", {"--refraction"});
-  if (!s.reference && s.mesh.empty()) refuse("the fast renderer", {"--samples"});
 }
 
 void check(const Settings& s) {

@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <surfel/base/option_check.h>
 #include <surfel/gaussian/gaussian_options.h>
 
@@ -6,6 +7,9 @@ namespace surfel {
 std::vector<std::string> GaussianOptions::problems() const {
   std::vector<std::string> out;
   check_positive(out, "lowpass", lowpass);
+  if (samples < 0 || samples > kMostSamples) {
+    out.push_back(fmt::format("`samples` must be in 0..{}", kMostSamples));
+  }
   check_background(out, background);
   return out;
 }

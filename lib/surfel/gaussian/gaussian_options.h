@@ -31,11 +31,20 @@ enum class GaussianProfile : std::uint8_t {
   kExact,
 };
 
+/// Most samples in a pixel along each axis.
+inline constexpr int kMostSamples = 4;
+
 struct GaussianOptions {
   GaussianProfile profile = GaussianProfile::kExact;
   /// Standard deviation of the pixel filter of kExact, pixels, > 0. The default is the filter
   /// under which 3D Gaussian splatting trains. Other profiles have their own.
   double lowpass = 0.5477;
+  /// Samples in a pixel along each axis of kExact, 1..kMostSamples, each a picture's pixel with a
+  /// narrow filter, before the pixel filter is applied to them; 0: as the amplitude rule needs, 2
+  /// for densities, else 1. A filter of each kernel by itself, as of one sample, makes opaque
+  /// bodies of many faint kernels larger, since what is left of the light by all of them is a
+  /// product.
+  int samples = 0;
   /// Linear R G B and straight alpha, each >= 0 and alpha at most 1; composited as displays take
   /// it, as the Gaussians are.
   std::array<float, 4> background{0, 0, 0, 0};

@@ -3,7 +3,9 @@
 #include <cmath>
 #include <numeric>
 
+#include <fmt/format.h>
 #include <surfel/base/color.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -12,6 +14,7 @@
 #include <surfel/gaussian/gaussian_projection.h>
 #include <surfel/gaussian/gaussian_raster.h>
 #include <surfel/gaussian/gaussian_renderer.h>
+#include <surfel/gaussian/sample_filter.h>
 
 namespace surfel {
 namespace {
@@ -56,6 +59,33 @@ struct TileGrid {
   }
 };
 
+/// Standard deviation of the filter of each sample of a pixel, samples: kernels that are smaller
+/// would hardly ever be met.
+constexpr double kSampleLowpass = 0.15;
+
+int samples_of(const GaussianCloud& cloud, const GaussianOptions& options) {
+  if (options.profile != GaussianProfile::kExact) return 1;
+  if (options.samples > 0) return options.samples;
+  return cloud.rule == AmplitudeRule::kDensity ? 2 : 1;
+}
+
+/// The camera of a picture that is `times` as large.
+Camera magnified(Camera camera, int times) {
+  const int most = Camera::kMostSide / times;
+  if (camera.width > most || camera.height > most) {
+    throw_usage(
+        fmt::format("pictures of {} samples a pixel along each axis have at most {} pixels "
+                    "along a side; set a smaller size, or fewer samples",
+                    times, most));
+  }
+  camera.width *= times;
+  camera.height *= times;
+  for (double* length : {&camera.focal_x, &camera.focal_y, &camera.center_x, &camera.center_y}) {
+    *length *= times;
+  }
+  return camera;
+}
+
 }  // namespace
 
 struct GaussianRenderer::Frame {
@@ -77,6 +107,10 @@ struct GaussianRenderer::Frame {
   void project(const GaussianView& view, const GaussianCloud& cloud);
   void sort();
   void list(const TileGrid& grid);
+  void draw(const GaussianView& view, const TileGrid& grid, int begin, int end,
+            const GaussianOutput& out);
+  void draw_filtered(const GaussianView& view, const TileGrid& grid, int per_pixel,
+                     const SampleFilter& filter, const GaussianOutput& out);
   template <class Tell>
   std::size_t start_of_each(std::size_t ranges, std::size_t buckets, const Tell& tell);
 };
@@ -205,12 +239,84 @@ GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOpt
 
 GaussianRenderer::~GaussianRenderer() = default;
 
+/// Draws rows [begin, end) of the grid's tiles, whose first pixel row is row 0 of `out`.
+void GaussianRenderer::Frame::draw(const GaussianView& view, const TileGrid& grid, int begin,
+                                   int end, const GaussianOutput& out) {
+  const auto columns = static_cast<std::size_t>(grid.columns);
+  const std::size_t first_tile = static_cast<std::size_t>(begin) * columns;
+  const std::size_t count = static_cast<std::size_t>(end - begin) * columns;
+  parallel_for(count, 4, [&](std::size_t from, std::size_t to, int worker) {
+    GaussianTile tile;
+    for (std::size_t i = from; i < to; ++i) {
+      const std::size_t number = first_tile + i;
+      const std::size_t first = number == 0 ? 0 : tile_end[number - 1];
+      const int x0 = static_cast<int>(number % columns) * kGaussianTile;
+      const int y0 = static_cast<int>(number / columns) * kGaussianTile;
+      const GaussianTileJob job{.view = &view,
+                                .splats = splats.data(),
+                                .perspective = perspective.empty() ? nullptr : perspective.data(),
+                                .order = lists.data() + first,
+                                .count = tile_end[number] - first,
+                                .x0 = x0,
+                                .y0 = y0,
+                                .depth = out.channels > 4};
+      draw_gaussian_tile(job, scratch[worker], tile);
+      write_gaussian_tile(tile, x0, y0 - begin * kGaussianTile, out);
+    }
+  });
+}
+
+/// Draws a picture of samples, some rows of tiles at a time, and filters it.
+void GaussianRenderer::Frame::draw_filtered(const GaussianView& view, const TileGrid& grid,
+                                            int per_pixel, const SampleFilter& filter,
+                                            const GaussianOutput& out) {
+  constexpr int kBand = 4;  // Rows of tiles.
+  constexpr int kBandRows = kBand * kGaussianTile;
+  const int bands_kept = (2 * filter.reach() + per_pixel + kBandRows - 1) / kBandRows + 1;
+  SampleRows kept{.samples = {},
+                  .width = view.width,
+                  .height = view.height,
+                  .rows = bands_kept * kBandRows,
+                  .channels = out.channels};
+  const std::size_t row_size =
+      static_cast<std::size_t>(kept.width) * static_cast<std::size_t>(kept.channels);
+  kept.samples.resize(row_size * static_cast<std::size_t>(kept.rows));
+  PerWorker<std::vector<float>> columns;
+  int done = 0;
+  for (int begin = 0; begin < grid.rows; begin += kBand) {
+    const int end = std::min(grid.rows, begin + kBand);
+    const int first = begin * kGaussianTile % kept.rows;
+    draw(view, grid, begin, end,
+         {.pixels = kept.samples.data() + static_cast<std::size_t>(first) * row_size,
+          .width = kept.width,
+          .height = std::min(kBandRows, kept.height - begin * kGaussianTile),
+          .channels = kept.channels,
+          .background = {},
+          .display = true});
+    // Rows of pixels whose filter does not reach beyond what is drawn.
+    const int ready = end == grid.rows
+                          ? out.height
+                          : std::max(done, (end * kGaussianTile - filter.reach()) / per_pixel);
+    parallel_for(static_cast<std::size_t>(ready - done), 1,
+                 [&](std::size_t from, std::size_t to, int worker) {
+                   for (std::size_t i = from; i < to; ++i) {
+                     filter.write_row(kept, done + static_cast<int>(i), out, columns[worker]);
+                   }
+                 });
+    done = ready;
+  }
+}
+
 Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* statistics) {
   const Timer timer;
   GaussianFrameStatistics stats;
   StageTimer stage(stats.stages);
-  const GaussianView view = gaussian_view(cloud_, camera, options_);
-  const TileGrid grid(camera);
+  const int per_pixel = samples_of(cloud_, options_);
+  const Camera sampled = magnified(camera, per_pixel);
+  GaussianOptions options = options_;
+  if (per_pixel > 1) options.lowpass = std::min(kSampleLowpass, per_pixel * options.lowpass / 2);
+  const GaussianView view = gaussian_view(cloud_, sampled, options);
+  const TileGrid grid(sampled);
   Frame& frame = *frame_;
   frame.project(view, cloud_);
   stage.end("project");
@@ -236,25 +342,13 @@ Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* st
     out.background[c] = linear_to_srgb(background[c]) * background[3];
   }
   out.background[3] = background[3];
-  parallel_for(grid.size(), 4, [&](std::size_t begin, std::size_t end, int worker) {
-    GaussianTile tile;
-    for (std::size_t number = begin; number < end; ++number) {
-      const std::size_t first = number == 0 ? 0 : frame.tile_end[number - 1];
-      const int x0 = static_cast<int>(number) % grid.columns * kGaussianTile;
-      const int y0 = static_cast<int>(number) / grid.columns * kGaussianTile;
-      const GaussianTileJob job{
-          .view = &view,
-          .splats = frame.splats.data(),
-          .perspective = frame.perspective.empty() ? nullptr : frame.perspective.data(),
-          .order = frame.lists.data() + first,
-          .count = frame.tile_end[number] - first,
-          .x0 = x0,
-          .y0 = y0,
-          .depth = options_.depth};
-      draw_gaussian_tile(job, frame.scratch[worker], tile);
-      write_gaussian_tile(tile, x0, y0, out);
-    }
-  });
+  if (per_pixel == 1) {
+    frame.draw(view, grid, 0, grid.rows, out);
+  } else {
+    const double remaining =
+        portable::squared(options_.lowpass) - portable::squared(options.lowpass / per_pixel);
+    frame.draw_filtered(view, grid, per_pixel, SampleFilter(per_pixel, std::sqrt(remaining)), out);
+  }
   stage.end("raster");
   stats.splats = frame.order.size();
   stats.pairs = frame.tile_end.empty() ? 0 : frame.tile_end.back();

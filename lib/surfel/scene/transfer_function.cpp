@@ -40,12 +40,17 @@ TransferFunction::Point TransferFunction::operator()(double value) const {
           a.density + t * (b.density - a.density)};
 }
 
-double TransferFunction::most_density(double low, double high) const {
-  double most = std::max((*this)(low).density, (*this)(high).density);
+std::array<double, 2> TransferFunction::density_range(double low, double high) const {
+  const double first = (*this)(low).density;
+  const double last = (*this)(high).density;
+  double least = std::min(first, last);
+  double most = std::max(first, last);
   for (const Point& p : point) {
-    if (p.value >= low && p.value <= high) most = std::max(most, p.density);
+    if (p.value < low || p.value > high) continue;
+    least = std::min(least, p.density);
+    most = std::max(most, p.density);
   }
-  return most;
+  return {least, most};
 }
 
 const std::vector<std::string>& transfer_function_names() {

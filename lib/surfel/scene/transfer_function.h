@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -28,8 +29,8 @@ struct TransferFunction {
   SURFEL_API std::vector<std::string> problems() const;
   /// Colour and density of a value.
   SURFEL_API Point operator()(double value) const;
-  /// The largest density of values from `low` to `high`.
-  SURFEL_API double most_density(double low, double high) const;
+  /// The least and the largest density of values from `low` to `high`.
+  SURFEL_API std::array<double, 2> density_range(double low, double high) const;
 };
 
 /// The transfer functions that have names: "ct" (Hounsfield units; translucent skin, bone),

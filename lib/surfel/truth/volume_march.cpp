@@ -46,7 +46,8 @@ class Marcher {
     const double step = options_.step * edge_;
     const auto steps = static_cast<std::size_t>(std::ceil((last - first) / step));
     const double length = (last - first) / static_cast<double>(steps);
-    for (std::size_t i = 0; i < steps; ++i) {
+    constexpr double kOpaque = 1 - 1e-6;
+    for (std::size_t i = 0; i < steps && out[3] < kOpaque; ++i) {
       const Vec3d at = from + along * (first + (static_cast<double>(i) + 0.5) * length);
       const TransferFunction::Point p = function_(value_at(volume_, at));
       if (p.density == 0) continue;

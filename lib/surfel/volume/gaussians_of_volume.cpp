@@ -1,3 +1,4 @@
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -16,6 +17,9 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kBlock = 8;  ///< Voxels along the edge of the largest merged block.
+/// Optical depth of a voxel that counts as opaque. More would make its kernel opaque far beyond the
+/// voxel.
+constexpr double kMostDepth = 3;
 constexpr double kHarmonic1 = 0.4886025119029199;  ///< sqrt(3 / (4 pi)).
 
 /// What a voxel, or a block of voxels, looks like.
@@ -68,8 +72,12 @@ class Builder {
  private:
   struct Kernel {
     Vec3f position;     ///< In voxels.
-    std::uint8_t edge;  ///< Of the block, voxels.
+    std::uint8_t edge;  ///< Of the block, voxels; 0: part of a larger one, or never was.
     Look look;
+    /// Unit direction in voxels across which the kernel is flat, and by how much its variance along
+    /// it is smaller than along others, voxels^2.
+    Vec3f across{0, 0, 0};
+    float thinner = 0;
   };
   struct Part {
     std::vector<Kernel> kernel;
@@ -78,20 +86,85 @@ class Builder {
     std::size_t merged = 0;
   };
 
-  /// Mean density and colour of what the transfer function makes of a voxel.
-  Look classify(const Vec3d& center) const {
-    constexpr double kQuarter = 0.25;
-    double density = 0;
-    Vec3d color(0, 0, 0);
-    for (int k = 0; k < 8; ++k) {
-      const Vec3d offset(k & 1 ? kQuarter : -kQuarter, k & 2 ? kQuarter : -kQuarter,
-                         k & 4 ? kQuarter : -kQuarter);
-      const TransferFunction::Point p = function_(value_at(volume_, center + offset));
-      density += p.density / 8;
-      color += p.color.cast<double>() * (p.density / 8);
+  /// Values along an axis at the places kPlace, in voxels from the middle one of three.
+  static constexpr std::array<double, 3> kPlace{-1.0 / 3, 0, 1.0 / 3};
+  static std::array<double, 3> interpolated(double before, double here, double after) {
+    return {here + kPlace[0] * (here - before), here, here + kPlace[2] * (after - here)};
+  }
+
+  /// Values at 3 x 3 x 3 places in a voxel, of which the first index is along z.
+  using Samples = std::array<std::array<std::array<double, 3>, 3>, 3>;
+  Samples samples(const std::array<std::size_t, 3>& voxel) const {
+    std::array<std::array<std::size_t, 3>, 3> near;
+    for (std::size_t k = 0; k < 3; ++k) {
+      near[k] = {voxel[k] - std::min<std::size_t>(voxel[k], 1), voxel[k],
+                 std::min(voxel[k] + 1, volume_.size[k] - 1)};
     }
-    if (density > 0) color /= density;
-    return Look::of(density * options_.density, color.cast<float>());
+    Samples out;
+    for (std::size_t z = 0; z < 3; ++z) {
+      for (std::size_t y = 0; y < 3; ++y) {
+        const float* row = volume_.value.data() + volume_.index(0, near[1][y], near[2][z]);
+        out[z][y] =
+            interpolated(static_cast<double>(row[near[0][0]]), static_cast<double>(row[near[0][1]]),
+                         static_cast<double>(row[near[0][2]]));
+      }
+      for (std::size_t x = 0; x < 3; ++x) {
+        const auto column = interpolated(out[z][0][x], out[z][1][x], out[z][2][x]);
+        for (std::size_t y = 0; y < 3; ++y) out[z][y][x] = column[y];
+      }
+    }
+    for (std::size_t y = 0; y < 3; ++y) {
+      for (std::size_t x = 0; x < 3; ++x) {
+        const auto line = interpolated(out[0][y][x], out[1][y][x], out[2][y][x]);
+        for (std::size_t z = 0; z < 3; ++z) out[z][y][x] = line[z];
+      }
+    }
+    return out;
+  }
+
+  /// The kernel of a voxel: mean density and colour of what the transfer function makes of the
+  /// values in it, the density's centre, and its variance along the gradient.
+  Kernel classify(const std::array<std::size_t, 3>& voxel) const {
+    const Samples value = samples(voxel);
+    const Vec3d gradient(value[1][1][2] - value[1][1][0], value[1][2][1] - value[1][0][1],
+                         value[2][1][1] - value[0][1][1]);
+    const Vec3d across = gradient.normalized();  // Zero stays zero.
+    double sum = 0;
+    double square = 0;
+    Vec3d color(0, 0, 0);
+    Vec3d center(0, 0, 0);
+    for (std::size_t z = 0; z < 3; ++z) {
+      for (std::size_t y = 0; y < 3; ++y) {
+        for (std::size_t x = 0; x < 3; ++x) {
+          const TransferFunction::Point p = function_(value[z][y][x]);
+          if (p.density == 0) continue;
+          const Vec3d place(kPlace[x], kPlace[y], kPlace[z]);
+          sum += p.density;
+          color += p.color.cast<double>() * p.density;
+          center += place * p.density;
+          square += portable::squared(across.dot(place)) * p.density;
+        }
+      }
+    }
+    const Vec3d middle(static_cast<double>(voxel[0]), static_cast<double>(voxel[1]),
+                       static_cast<double>(voxel[2]));
+    Kernel kernel{middle.cast<float>(), 1, Look::of(0, Vec3f(0, 0, 0))};
+    if (sum == 0) return kernel;
+    color /= sum;
+    center /= sum;
+    const double density = std::min(sum / 27 * options_.density, kMostDepth / mean_edge_);
+    kernel.look = Look::of(density, color.cast<float>());
+    shade(middle, kernel.look);
+    kernel.position += center.cast<float>();
+    // Each sample stands for a third of the voxel's edge.
+    constexpr double kOfSample = 1.0 / (12 * 9);
+    const double along = square / sum - portable::squared(across.dot(center)) + kOfSample;
+    if (across.squaredNorm() > 0) {
+      kernel.across = across.cast<float>();
+      kernel.thinner =
+          static_cast<float>(std::max(0.0, portable::squared(options_.deviation) - along));
+    }
+    return kernel;
   }
 
   /// Adds what the colour depends on the sight.
@@ -106,12 +179,14 @@ class Builder {
     look.color *= 1 - half;
   }
 
-  /// Whether the transfer function gives no density to any value in a block or beside it.
-  bool is_clear(const std::array<std::size_t, 3>& first,
-                const std::array<std::size_t, 3>& size) const {
-    const auto begin = [&](std::size_t k) { return first[k] - std::min<std::size_t>(first[k], 1); };
+  /// The least and the largest density that the transfer function gives to values in a block, or
+  /// within a margin of voxels around it.
+  std::array<double, 2> densities_around(const std::array<std::size_t, 3>& first,
+                                         const std::array<std::size_t, 3>& size,
+                                         std::size_t margin) const {
+    const auto begin = [&](std::size_t k) { return first[k] - std::min(first[k], margin); };
     const auto end = [&](std::size_t k) {
-      return std::min(first[k] + size[k] + 1, volume_.size[k]);
+      return std::min(first[k] + size[k] + margin, volume_.size[k]);
     };
     float low = volume_.value[volume_.index(first[0], first[1], first[2])];
     float high = low;
@@ -124,49 +199,27 @@ class Builder {
         }
       }
     }
-    return function_.most_density(low, high) == 0;
+    return function_.density_range(low, high);
   }
 
   void build_block(const std::array<std::size_t, 3>& first, Part& part) const {
     std::array<std::size_t, 3> size;
     for (std::size_t k = 0; k < 3; ++k) size[k] = std::min(kBlock, volume_.size[k] - first[k]);
     part.voxels = size[0] * size[1] * size[2];
-    if (is_clear(first, size)) {
+    if (densities_around(first, size, 1)[1] == 0) {
       part.empty = part.voxels;
       return;
     }
-    // One voxel more on each side, for the Laplacian.
-    constexpr std::size_t kWide = kBlock + 2;
-    std::vector<Look> look(kWide * kWide * kWide);
-    const auto at = [&](std::size_t x, std::size_t y, std::size_t z) -> Look& {
-      return look[(z * kWide + y) * kWide + x];
-    };
-    const auto center = [&](std::size_t x, std::size_t y, std::size_t z) {
-      return Vec3d(static_cast<double>(first[0] + x) - 1, static_cast<double>(first[1] + y) - 1,
-                   static_cast<double>(first[2] + z) - 1);
-    };
-    for (std::size_t z = 0; z < size[2] + 2; ++z) {
-      for (std::size_t y = 0; y < size[1] + 2; ++y) {
-        for (std::size_t x = 0; x < size[0] + 2; ++x) at(x, y, z) = classify(center(x, y, z));
-      }
-    }
     std::vector<Kernel> kernels;
-    for (std::size_t z = 1; z <= size[2]; ++z) {
-      for (std::size_t y = 1; y <= size[1]; ++y) {
-        for (std::size_t x = 1; x <= size[0]; ++x) {
-          Look sharp = at(x, y, z);
-          const double laplacian = at(x - 1, y, z).density + at(x + 1, y, z).density +
-                                   at(x, y - 1, z).density + at(x, y + 1, z).density +
-                                   at(x, y, z - 1).density + at(x, y, z + 1).density -
-                                   6 * sharp.density;
-          sharp.density =
-              std::max(0.0, sharp.density - portable::squared(options_.deviation) / 2 * laplacian);
-          shade(center(x, y, z), sharp);
-          kernels.push_back({center(x, y, z).cast<float>(), 1, sharp});
+    kernels.reserve(part.voxels);
+    for (std::size_t z = 0; z < size[2]; ++z) {
+      for (std::size_t y = 0; y < size[1]; ++y) {
+        for (std::size_t x = 0; x < size[0]; ++x) {
+          kernels.push_back(classify({first[0] + x, first[1] + y, first[2] + z}));
         }
       }
     }
-    merge(size, kernels);
+    merge(first, size, kernels);
     for (const Kernel& kernel : kernels) {
       const std::size_t voxels = std::size_t{kernel.edge} * kernel.edge * kernel.edge;
       if (kernel.look.density * mean_edge_ < options_.least_depth) {
@@ -176,6 +229,19 @@ class Builder {
       if (kernel.edge > 1) part.merged += voxels;
       part.kernel.push_back(kernel);
     }
+  }
+
+  static double opacity_of(double density, double length) {
+    return -portable::expm1(-density * length);
+  }
+
+  /// Whether a kernel as wide as a block may reach beyond the block: what is around it is as dense.
+  bool has_room(const std::array<std::size_t, 3>& first, std::size_t edge) const {
+    const auto [least, most] = densities_around(first, {edge, edge, edge}, edge / 2);
+    const double length = mean_edge_ * static_cast<double>(edge);
+    return opacity_of(most * options_.density, length) -
+               opacity_of(least * options_.density, length) <=
+           options_.max_error;
   }
 
   /// Whether kernels look so much alike that their mean can stand for them.
@@ -192,18 +258,19 @@ class Builder {
       least.by_sight = least.by_sight.cwiseMin(look.by_sight);
       most.by_sight = most.by_sight.cwiseMax(look.by_sight);
     }
-    const double opacity = -portable::expm1(-most.density * edge);
-    const double thinnest = -portable::expm1(-least.density * edge);
+    const double opacity = opacity_of(most.density, edge);
     const double color = static_cast<double>((most.color - least.color).maxCoeff() +
                                              (most.by_sight - least.by_sight).maxCoeff());
-    return opacity - thinnest <= options_.max_error && color * opacity <= options_.max_error;
+    return opacity - opacity_of(least.density, edge) <= options_.max_error &&
+           color * opacity <= options_.max_error;
   }
 
-  /// Merges the kernels of a block, which lie in rows, as long as eight of them look alike.
-  void merge(const std::array<std::size_t, 3>& size, std::vector<Kernel>& kernels) const {
+  /// Merges the kernels of a block, which lie in rows, as long as eight of them look alike and have
+  /// room.
+  void merge(const std::array<std::size_t, 3>& first, const std::array<std::size_t, 3>& size,
+             std::vector<Kernel>& kernels) const {
     std::array<std::size_t, 3> cells = size;
     std::vector<Kernel> done;
-    // A kernel that has no edge is part of a larger one, or never was.
     std::vector<Kernel> grid = std::move(kernels);
     for (std::size_t edge = 1; edge < kBlock; edge *= 2) {
       std::array<std::size_t, 3> halves;
@@ -224,6 +291,10 @@ class Builder {
             Kernel& parent = coarse[(z * halves[1] + y) * halves[0] + x];
             parent.edge = 0;
             if (!all || !alike(child)) continue;
+            const std::size_t wide = 2 * edge;
+            if (!has_room({first[0] + wide * x, first[1] + wide * y, first[2] + wide * z}, wide)) {
+              continue;
+            }
             parent = mean(child);
             for (Kernel* kernel : child) kernel->edge = 0;
           }
@@ -282,18 +353,12 @@ class Builder {
     cloud.rotation.resize(count);
     cloud.amplitude.resize(count);
     cloud.harmonics.resize(count * cloud.harmonics_stride());
-    const std::array<float, 4> rotation = axes_quaternion();
     std::size_t i = 0;
     for (const Part& p : part) {
       for (const Kernel& kernel : p.kernel) {
         cloud.position[i] =
             (volume_.world(kernel.position.cast<double>()) - cloud.origin).cast<float>();
-        for (int k = 0; k < 3; ++k) {
-          cloud.scale[i][k] = static_cast<float>(options_.deviation * kernel.edge *
-                                                 edge_[static_cast<std::size_t>(k)]);
-        }
-        cloud.rotation[i] = rotation;
-        cloud.amplitude[i] = static_cast<float>(peak_ * kernel.look.density);
+        shape(kernel, cloud, i);
         put_color(kernel.look, cloud.harmonics.data() + i * cloud.harmonics_stride());
         ++i;
       }
@@ -301,15 +366,38 @@ class Builder {
     return cloud;
   }
 
-  /// The rotation to the volume's axes; a Gaussian does not tell an axis from its opposite.
-  std::array<float, 4> axes_quaternion() const {
+  /// Gives Gaussian i its scales, rotation and density: its mass is a voxel's, or a block's.
+  void shape(const Kernel& kernel, GaussianCloud& cloud, std::size_t i) const {
+    const double variance = portable::squared(options_.deviation);
+    const double thin = variance - static_cast<double>(kernel.thinner);
     Eigen::Matrix3d axes;
-    for (int k = 0; k < 3; ++k)
-      axes.col(k) = volume_.step[static_cast<std::size_t>(k)].normalized();
+    Vec3d scale;
+    if (kernel.thinner == 0) {
+      for (int k = 0; k < 3; ++k) {
+        scale[k] = options_.deviation * kernel.edge * edge_[static_cast<std::size_t>(k)];
+        axes.col(k) = volume_.step[static_cast<std::size_t>(k)].normalized();
+      }
+    } else {
+      Eigen::Matrix3d world;
+      for (int k = 0; k < 3; ++k) world.col(k) = volume_.step[static_cast<std::size_t>(k)];
+      const Vec3d across = kernel.across.cast<double>();
+      const Eigen::Matrix3d covariance =
+          world *
+          (variance * Eigen::Matrix3d::Identity() -
+           static_cast<double>(kernel.thinner) * across * across.transpose()) *
+          world.transpose();
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+      axes = solver.eigenvectors();
+      scale = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
+    }
+    // A Gaussian does not tell an axis from its opposite.
     if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
     const Quaternion q(axes);
-    return {static_cast<float>(q.w()), static_cast<float>(q.x()), static_cast<float>(q.y()),
-            static_cast<float>(q.z())};
+    cloud.rotation[i] = {static_cast<float>(q.w()), static_cast<float>(q.x()),
+                         static_cast<float>(q.y()), static_cast<float>(q.z())};
+    cloud.scale[i] = scale.cast<float>();
+    cloud.amplitude[i] =
+        static_cast<float>(peak_ * kernel.look.density * std::sqrt(variance / thin));
   }
 
   /// Spherical harmonics, whose direction goes from the eye, of a colour that depends on the sight,
