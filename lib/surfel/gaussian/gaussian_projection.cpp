@@ -155,7 +155,7 @@ struct Projected {
   V red, green, blue;
   V x0, y0, x1, y1;
   V low_x, low_y, nearest;
-  V d, dx, dy, dxx, dxy, dyy;
+  V d, dx, dy, dxx, dxy, dyy, tx, ty;
   M visible;
 };
 
@@ -420,6 +420,9 @@ class Projection {
     out.dxx = mul_add(k.h2, zz, dot(c_x, c_x));
     out.dxy = hn::Mul(two, dot(c_x, c_y));
     out.dyy = mul_add(k.h2, zz, dot(c_y, c_y));
+    const V half_z = hn::Mul(set(0.5F), out.z);
+    out.tx = hn::Mul(half_z, out.dx);
+    out.ty = hn::Mul(half_z, out.dy);
     conic(k, set(1), out);
     if constexpr (kExact) {
       exact_bounds(k, xz, yz, zz, dot(t_x, c_x), amplitude, out);
@@ -543,7 +546,7 @@ class Projection {
                           kExact ? p.nearest : zero, d, quarters[3]);
     if constexpr (kPerspective) {
       hn::StoreInterleaved4(p.d, p.dx, p.dy, p.dxx, d, quarters[4]);
-      hn::StoreInterleaved4(p.dxy, p.dyy, zero, zero, d, quarters[5]);
+      hn::StoreInterleaved4(p.dxy, p.dyy, p.tx, p.ty, d, quarters[5]);
     }
     HWY_ALIGN std::int32_t seen[kMostLanes];
     HWY_ALIGN float order[kMostLanes];

@@ -30,11 +30,11 @@ static_assert(sizeof(GaussianSplat) == 64);
 
 /// What perspective adds to a kernel: den = d + dx x + dy y + dxx x^2 + dxy x y + dyy y^2 with
 /// (x, y) from the centre to the pixel's. The depth of a pixel's largest contribution is
-/// z (d + (dx x + dy y) / 2) / den.
+/// (z d + tx x + ty y) / den.
 struct GaussianPerspective {
   float d, dx, dy, dxx;
   float dxy, dyy;
-  float unused[2];
+  float tx, ty;
 };
 static_assert(sizeof(GaussianPerspective) == 32);
 
