@@ -1,5 +1,6 @@
 // Kernels along rays, in the order of every pixel's depths: Radl et al., "StopThePop", SIGGRAPH
-// 2024, whose short windows of a fixed length are lists here that end by bounds.
+// 2024, whose short windows of a fixed length are lists here that end by bounds. Zwicker, Pfister,
+// van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01): surfaces.
 
 #include <algorithm>
 #include <bit>
@@ -45,6 +46,7 @@ class RaySampler {
     const V slope_x = hn::Mul(hn::Sub(x, set(view.center_x)), set(1 / view.focal_x));
     const V slope_y = hn::Mul(hn::Sub(y, set(view.center_y)), set(1 / view.focal_y));
     ray_length_ = hn::Sqrt(mul_add(slope_x, slope_x, mul_add(slope_y, slope_y, set(1))));
+    if (view.orthographic) ray_length_ = set(1);
   }
 
   /// Alpha, 0 where there is none, and the depth of the largest contribution.
@@ -97,7 +99,12 @@ class RayTile {
     order();
     list();
     for (std::size_t patch = 0; patch < kPatches; ++patch) {
-      if (count_[patch] > 0) blend<kDepth>(patch);
+      if (count_[patch] == 0) continue;
+      if (job_.view->rule == AmplitudeRule::kSurfel) {
+        blend<SurfaceBlend<kDepth>>(patch);
+      } else {
+        blend<Blend<kDepth>>(patch);
+      }
     }
   }
 
@@ -120,7 +127,8 @@ class RayTile {
                              mul_add(p(offsetof(GaussianPerspective, ty)), y, hn::Mul(z, d)));
     const V t = hn::Div(toward, den);
     const V farthest = hn::Sub(hn::Add(z, z), near);
-    const V bounded = hn::IfThenElse(hn::Gt(t, near), t, near);
+    const V least = hn::Max(near, hn::Zero(D()));
+    const V bounded = hn::IfThenElse(hn::Gt(t, least), t, least);
     return hn::IfThenElse(hn::Gt(bounded, farthest), farthest, bounded);
   }
 
@@ -254,8 +262,9 @@ class RayTile {
       scratch_.nearest.resize(needed);
       scratch_.excess.resize(needed);
     }
-    for (Array<float>* color : {&scratch_.red, &scratch_.green, &scratch_.blue}) {
-      color->resize(room_);
+    for (Array<float>* field :
+         {&scratch_.red, &scratch_.green, &scratch_.blue, &scratch_.epsilon}) {
+      field->resize(room_);
     }
     std::fill_n(count_, kPatches, std::size_t{0});
     for (std::size_t i = 0; i < job_.count; i += kLanes) {
@@ -265,6 +274,7 @@ class RayTile {
       hn::StoreU(splat(offsetof(GaussianSplat, red)), d, scratch_.red.data() + i);
       hn::StoreU(splat(offsetof(GaussianSplat, green)), d, scratch_.green.data() + i);
       hn::StoreU(splat(offsetof(GaussianSplat, blue)), d, scratch_.blue.data() + i);
+      hn::StoreU(splat(offsetof(GaussianSplat, epsilon)), d, scratch_.epsilon.data() + i);
       const auto place = hn::Iota(du, static_cast<std::uint32_t>(i));
       const V cut = splat(offsetof(GaussianSplat, cut));
       const PatchBoxes boxes(job_, splat, exists);
@@ -379,18 +389,8 @@ class RayTile {
     HWY_INLINE void add(const float* row) {
       const D d;
       for (std::size_t part = 0; part < kParts; ++part) {
-        Sums<kDepth>& sums = sums_[part];
-        const float* const from = row + part * kLanes;
-        const V alpha = hn::Load(d, from + kPatchPixels);
-        const auto place = hn::BitCast(Ints(), hn::Load(d, from + 2 * kPatchPixels));
-        const V left = neg_mul_add(alpha, sums.transmittance, sums.transmittance);
-        const M added = hn::And(hn::Gt(live_[part], hn::Zero(d)), hn::Gt(alpha, hn::Zero(d)));
-        const V weight = hn::IfThenElseZero(added, hn::Mul(alpha, sums.transmittance));
-        sums.add(added, weight, left, hn::GatherIndex(d, scratch_.red.data(), place),
-                 hn::GatherIndex(d, scratch_.green.data(), place),
-                 hn::GatherIndex(d, scratch_.blue.data(), place), hn::Load(d, from));
-        live_[part] =
-            hn::IfThenElseZero(hn::Ge(sums.transmittance, set(kLeastTransmittance)), live_[part]);
+        const Contribution c(scratch_, row + part * kLanes);
+        add(part, hn::Gt(c.alpha, hn::Zero(d)), c);
       }
     }
     /// The largest transmittance of pixels that are not complete; 0: all are.
@@ -408,15 +408,104 @@ class RayTile {
       }
     }
 
-   private:
+   protected:
+    /// A vector of a row's fragments.
+    struct Contribution {
+      V depth, alpha, red, green, blue;
+
+      Contribution() = default;
+      HWY_INLINE Contribution(const GaussianRayScratch& scratch, const float* from) {
+        const D d;
+        const auto place = hn::BitCast(Ints(), hn::Load(d, from + 2 * kPatchPixels));
+        depth = hn::Load(d, from);
+        alpha = hn::Load(d, from + kPatchPixels);
+        red = hn::GatherIndex(d, scratch.red.data(), place);
+        green = hn::GatherIndex(d, scratch.green.data(), place);
+        blue = hn::GatherIndex(d, scratch.blue.data(), place);
+      }
+    };
+    /// Adds contributions to some pixels of a part, if they are not complete.
+    HWY_INLINE void add(std::size_t part, M where, const Contribution& c) {
+      const D d;
+      Sums<kDepth>& sums = sums_[part];
+      const V left = neg_mul_add(c.alpha, sums.transmittance, sums.transmittance);
+      const M added = hn::And(where, hn::Gt(live_[part], hn::Zero(d)));
+      const V weight = hn::IfThenElseZero(added, hn::Mul(c.alpha, sums.transmittance));
+      sums.add(added, weight, left, c.red, c.green, c.blue, c.depth);
+      live_[part] =
+          hn::IfThenElseZero(hn::Ge(sums.transmittance, set(kLeastTransmittance)), live_[part]);
+    }
+
     const GaussianRayScratch& scratch_;
     Sums<kDepth> sums_[kParts];
     V live_[kParts];  ///< 1 where a pixel may take more, else 0.
   };
 
+  /// Contributions whose depths are within their epsilon of one another's mean are a surface: its
+  /// colour and depth are their mean (SS01 (6), (9)), and kernels that sum up to 1 cover the pixel.
+  /// Surfaces are blended front to back (SS01 (12)).
+  template <bool kDepth>
+  class SurfaceBlend : public Blend<kDepth> {
+   public:
+    using Contribution = typename Blend<kDepth>::Contribution;
+
+    SurfaceBlend(const TilePixels& pixels, const GaussianRayScratch& scratch,
+                 const GaussianTile& tile, std::size_t patch)
+        : Blend<kDepth>(pixels, scratch, tile, patch) {
+      for (Contribution& sum : surface_) {
+        sum.depth = sum.alpha = sum.red = sum.green = sum.blue = hn::Zero(D());
+      }
+    }
+    HWY_INLINE void add(const float* row) {
+      const D d;
+      for (std::size_t part = 0; part < kParts; ++part) {
+        const float* const from = row + part * kLanes;
+        const Contribution c(this->scratch_, from);
+        const auto place = hn::BitCast(Ints(), hn::Load(d, from + 2 * kPatchPixels));
+        const V epsilon = hn::GatherIndex(d, this->scratch_.epsilon.data(), place);
+        Contribution& surface = surface_[part];
+        const V behind = mul_sub(c.depth, surface.alpha, surface.depth);
+        const M any = hn::Gt(c.alpha, hn::Zero(d));
+        const M ends = hn::And(any, hn::Gt(hn::Abs(behind), hn::Mul(epsilon, surface.alpha)));
+        if (!hn::AllFalse(d, ends)) close(part, ends);
+        surface.depth = mul_add(c.alpha, c.depth, surface.depth);
+        surface.red = mul_add(c.alpha, c.red, surface.red);
+        surface.green = mul_add(c.alpha, c.green, surface.green);
+        surface.blue = mul_add(c.alpha, c.blue, surface.blue);
+        surface.alpha = hn::Add(surface.alpha, c.alpha);
+      }
+    }
+    HWY_INLINE void store(GaussianTile& tile, std::size_t patch) {
+      const D d;
+      for (std::size_t part = 0; part < kParts; ++part) close(part, hn::FirstN(d, kLanes));
+      Blend<kDepth>::store(tile, patch);
+    }
+
+   private:
+    /// Blends the surfaces of some pixels, and opens new ones.
+    HWY_INLINE void close(std::size_t part, M where) {
+      const D d;
+      Contribution& sum = surface_[part];
+      const M any = hn::And(where, hn::Gt(sum.alpha, hn::Zero(d)));
+      const V inv = hn::Div(set(1), hn::IfThenElse(any, sum.alpha, set(1)));
+      Contribution mean;
+      mean.depth = hn::Mul(sum.depth, inv);
+      mean.alpha = hn::Min(sum.alpha, set(1));
+      mean.red = hn::Mul(sum.red, inv);
+      mean.green = hn::Mul(sum.green, inv);
+      mean.blue = hn::Mul(sum.blue, inv);
+      Blend<kDepth>::add(part, any, mean);
+      for (V* value : {&sum.depth, &sum.alpha, &sum.red, &sum.green, &sum.blue}) {
+        *value = hn::IfThenZeroElse(where, *value);
+      }
+    }
+
+    Contribution surface_[kParts];  ///< Sums over the surfaces that are not yet complete.
+  };
+
   /// Hands the rows to a blend that are nearer than a bound in all pixels.
-  template <class Blend>
-  static HWY_INLINE void blend_before(float bound, Fragments& waiting, Blend& blend) {
+  template <class Blender>
+  static HWY_INLINE void blend_before(float bound, Fragments& waiting, Blender& blend) {
     const D d;
     while (!waiting.empty()) {
       const float* const row = waiting.first();
@@ -434,7 +523,8 @@ class RayTile {
     return static_cast<float>(bits) * 0x1p-23F;
   }
 
-  template <bool kDepth>
+  /// \tparam Blender  Blend or SurfaceBlend.
+  template <class Blender>
   void blend(std::size_t patch) {
     const D d;
     RaySampler samplers[kParts];
@@ -442,7 +532,7 @@ class RayTile {
       const std::size_t pixel = patch * kPatchPixels + part * kLanes;
       samplers[part] = RaySampler(*job_.view, pixels_.column(pixel), pixels_.row(pixel));
     }
-    Blend<kDepth> blend(pixels_, scratch_, tile_, patch);
+    Blender blend(pixels_, scratch_, tile_, patch);
     Fragments waiting(scratch_.fragments);
     const std::size_t count = count_[patch];
     const std::uint32_t* const listed = scratch_.listed.data() + patch * room_;
@@ -482,7 +572,7 @@ class RayTile {
       }
       for (std::size_t k = 0; k < fresh; ++k) waiting.sift_in();
     }
-    blend_before(__builtin_inff(), waiting, blend);
+    for (; !waiting.empty(); waiting.drop_first()) blend.add(waiting.first());
     blend.store(tile_, patch);
   }
 

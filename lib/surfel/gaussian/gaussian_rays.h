@@ -19,8 +19,8 @@ struct GaussianRayScratch {
   };
   std::vector<float> depth;  ///< Of the tile's splats, about the middle of the tile.
   std::vector<Ordered> order, spare;
-  Array<std::uint32_t> splat;  ///< The tile's splats in their order, and their colours.
-  Array<float> red, green, blue;
+  Array<std::uint32_t> splat;  ///< The tile's splats in their order, and fields of theirs.
+  Array<float> red, green, blue, epsilon;
   /// Splats of the tile that meet each patch, as places in `splat`.
   Array<std::uint32_t> listed;
   Array<float> nearest;  ///< Of the listed splats: no contribution within the patch is nearer.

@@ -19,12 +19,16 @@ struct alignas(64) GaussianSplat {
   float
       log_opacity;  ///< Binary logarithm of alpha at the centre; of the optical depth, of density.
   float z;          ///< Depth of the centre.
-  float cut;        ///< kExact: the exponent, base 2, at which the kernel ends.
+  float cut;        ///< kExact, kSurfel: the exponent, base 2, at which the kernel ends.
   float red, green, blue;
   std::uint16_t x0, y0;  ///< First and ...
   std::uint16_t x1, y1;  ///< ... last pixel in which it may be seen.
-  float low_x, low_y;    ///< k2dgs: from the centre to the one of the disc's box, pixels.
-  float nearest;         ///< kExact: no contribution is nearer than this depth.
+  union {
+    float low_x;    ///< k2dgs: from the centre to the one of the disc's box, pixels ...
+    float epsilon;  ///< kSurfel: surfaces whose depths differ by less are one.
+  };
+  float low_y;    ///< ... along y.
+  float nearest;  ///< kExact, kSurfel: no contribution is nearer than this depth.
 };
 static_assert(sizeof(GaussianSplat) == 64);
 
