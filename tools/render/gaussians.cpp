@@ -1,5 +1,6 @@
 #include "tools/render/gaussians.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -11,9 +12,15 @@
 
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
 namespace {
+
+/// Is the pixel filter a choice? Other profiles have their own.
+bool has_lowpass(GaussianProfile profile) {
+  return profile == GaussianProfile::kExact || profile == GaussianProfile::kSurfel;
+}
 
 const char* name_of(GaussianProfile profile) {
   for (const auto& [name, choice] : gaussian_profiles()) {
@@ -61,8 +68,6 @@ std::vector<std::string> options_of_surfels() {
                                    "--print-commands",
                                    "--explain",
                                    "--memory",
-                                   "--map",
-                                   "--ortho",
                                    "--columns",
                                    "--level",
                                    "--bounds",
@@ -75,14 +80,15 @@ std::vector<std::string> options_of_surfels() {
 
 bool draws_gaussians(const CLI::App& app, Settings& s) {
   const bool gaussians =
-      s.mesh.empty() && s.inputs.size() == 1 && holds_gaussians(s.inputs.front());
+      s.mesh.empty() && std::any_of(s.inputs.begin(), s.inputs.end(),
+                                    [](const std::string& file) { return holds_gaussians(file); });
   if (!gaussians) {
     tool::require_valid(
         tool::without_effect(app, {"--profile"}, "on what is no file of Gaussians"));
     return false;
   }
   tool::require_valid(tool::without_effect(app, options_of_surfels(), "on Gaussians"));
-  if (s.profile && *s.profile != GaussianProfile::kExact) {
+  if (s.profile && !has_lowpass(*s.profile)) {
     tool::require_valid(tool::without_effect(app, {"--lowpass"},
                                              std::string("with --profile ") + name_of(*s.profile)));
   }
@@ -95,21 +101,21 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
 }
 
 GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
-    : cloud_(read_gaussians(s.inputs.front())) {
+    : cloud_(tool::read_gaussians(tool, s.inputs)) {
   GaussianOptions options = s.gaussians;
   options.profile = s.profile.value_or(profile_of(cloud_));
   options.background = s.render.background;
   options.depth = s.render.aovs;
   renderer_ = std::make_shared<GaussianRenderer>(cloud_, options);
-  const std::string profile = name_of(options.profile);
-  if (options.profile != GaussianProfile::kExact) {
+  profile_ = name_of(options.profile);
+  if (!has_lowpass(options.profile)) {
     tool::require_valid(tool::without_effect(
-        tool.app(), {"--lowpass"}, "with --profile " + profile + ", which the file asks for"));
+        tool.app(), {"--lowpass"}, "with --profile " + profile_ + ", which the file asks for"));
   }
-  tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", s.inputs.front(),
-                        cloud_.size(), profile));
+  tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", fmt::join(s.inputs, ", "),
+                        cloud_.size(), profile_));
   tool.report()["gaussians"] = cloud_.size();
-  tool.report()["profile"] = profile;
+  tool.report()["profile"] = profile_;
 }
 
 SceneExtent GaussianPainter::extent() const { return gaussian_extent(cloud_); }
