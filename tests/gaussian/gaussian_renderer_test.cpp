@@ -117,7 +117,7 @@ TEST(GaussianRenderer, WideAnglesAreRightWithTheExactProfile) {
 }
 
 TEST(GaussianRenderer, ParallelRays) {
-  for (const AmplitudeRule rule : {AmplitudeRule::kOpacity, AmplitudeRule::kDensity}) {
+  for (const AmplitudeRule rule : {AmplitudeRule::kDensity, AmplitudeRule::kOpacity}) {
     GaussianCloud cloud = random_gaussians(800, 9);
     cloud.rule = rule;
     Camera camera = camera_before(cloud, 90, 61);
