@@ -452,16 +452,13 @@ std::string convert_to_gaussians(surfel::tool::Tool& tool, const Settings& s) {
   return write_gaussians(tool, gaussians, s);
 }
 
-/// Converts and moves a file of trained splats.
+/// Converts, joins and moves files of trained splats.
 std::string convert_gaussians(surfel::tool::Tool& tool, const Settings& s) {
-  if (s.inputs.size() > 1) {
-    surfel::throw_usage("files of Gaussians are not joined; give one file");
-  }
-  surfel::tool::require_valid(
-      surfel::tool::without_effect(tool.app(),
-                                   {"--ascii", "--keep-columns", "--columns", "--level", "--bounds",
-                                    "--every", "--material", "--separate-materials", "--epsg"},
-                                   "on Gaussians in space"));
+  surfel::tool::require_valid(surfel::tool::without_effect(
+      tool.app(),
+      {"--ascii", "--keep-columns", "--columns", "--level", "--bounds", "--every", "--material",
+       "--separate-materials", "--epsg", "--align"},
+      "on Gaussians in space"));
   const std::string extension = surfel::tool::lower_extension(s.output);
   if (!extension.empty() && extension != ".ply" && !names_gaussians(s.output)) {
     surfel::throw_usage(
@@ -469,8 +466,7 @@ std::string convert_gaussians(surfel::tool::Tool& tool, const Settings& s) {
                     ".splat or .usda",
                     s.output, s.inputs.front()));
   }
-  surfel::GaussianCloud cloud = surfel::read_gaussians(s.inputs.front());
-  surfel::tool::tell_unusable(tool, s.inputs.front(), cloud);
+  surfel::GaussianCloud cloud = surfel::tool::read_gaussians(tool, s.inputs);
   surfel::transform_gaussians(cloud, similarity(s));
   return write_gaussians(tool, cloud, s);
 }

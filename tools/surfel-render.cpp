@@ -163,6 +163,13 @@ surfel::Image explained(const Settings& s, const surfel::LoadedCloud& loaded,
                                {color[0], color[1], color[2]});
 }
 
+/// What files of pictures say of how they were made.
+std::vector<std::pair<std::string, std::string>> metadata(const Subject& subject) {
+  std::vector<std::pair<std::string, std::string>> said{{"Software", "surfel-render"}};
+  if (subject.gaussians) said.emplace_back("Profile", subject.gaussians->profile());
+  return said;
+}
+
 /// Makes the pictures of all views, each in several steps where that is asked for, and writes them;
 /// returns their files.
 std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
@@ -201,7 +208,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     if (step == 0) files.push_back(shot.file);
     queue.write(std::move(image), shot.file,
                 {.no_clobber = tool.common().no_clobber && step == 0,
-                 .metadata = {{"Software", "surfel-render"}},
+                 .metadata = metadata(subject),
                  .world_to_camera = surfel::world_to_camera_matrix(view.camera),
                  .map = map_of(s, view.camera)});
     progress(1);

@@ -145,6 +145,111 @@ void wide_angles() {
   }
 }
 
+/// Round grey Gaussians about the origin, which a camera of 101 x 101 pixels looks at.
+GaussianCloud round_gaussians(std::size_t count, double pixels, double opacity) {
+  GaussianCloud cloud;
+  for (std::size_t i = 0; i < count; ++i) {
+    // Apart in depth, so that none hides another's middle.
+    const double z = 10 + 0.01 * static_cast<double>(i);
+    cloud.position.emplace_back(0.0F, 0.0F, static_cast<float>(z));
+    cloud.scale.push_back(Vec3f::Constant(static_cast<float>(pixels * z / 400)));
+    cloud.rotation.push_back({1, 0, 0, 0});
+    cloud.amplitude.push_back(static_cast<float>(opacity));
+    cloud.harmonics.insert(cloud.harmonics.end(), 3, 1.772454F);  // White.
+  }
+  return cloud;
+}
+Camera middle_camera() {
+  Camera camera;
+  camera.width = camera.height = 101;
+  camera.focal_x = camera.focal_y = 400;
+  camera.center_x = camera.center_y = 50.5;
+  return camera;
+}
+
+/// The picture over nothing, whose alpha tells what is covered.
+Image draw_clear(const GaussianCloud& cloud, const Camera& camera, const Way& way) {
+  return GaussianRenderer(cloud, {.profile = way.profile, .lowpass = way.lowpass, .display = true})
+      .render(camera);
+}
+/// Variance of a profile's pixel filter.
+double filter_of(const Way& way) {
+  switch (way.profile) {
+    case GaussianProfile::kMip:
+      return 0.1;
+    case GaussianProfile::k2dgs:
+      return 0;
+    case GaussianProfile::kExact:
+    case GaussianProfile::kSurfel:
+      return way.lowpass * way.lowpass;
+    case GaussianProfile::kInria:
+    case GaussianProfile::kGsplat:
+      break;
+  }
+  return 0.3;
+}
+/// What the haze of haze() lets through, in the mean of the picture, without any filter.
+double mean_haze(std::size_t count, double opacity) {
+  double sum = 0;
+  for (int y = 0; y < 101; ++y) {
+    for (int x = 0; x < 101; ++x) {
+      const double r2 = (x - 50) * (x - 50) + (y - 50) * (y - 50);
+      const double alpha = opacity * std::exp(-0.5 * r2 / (12 * 12));
+      sum += std::pow(1 - alpha, static_cast<double>(count));
+    }
+  }
+  return sum / (101 * 101);
+}
+
+/// Across a faint Gaussian of 12 pixels: the largest step between two pixels beyond the step of the
+/// Gaussian itself, in steps of 8 bits. Kernels that end early leave a ring.
+void rings() {
+  for (const double opacity : {1.0, 0.25}) {
+    constexpr double kDeviation = 12;
+    const GaussianCloud cloud = round_gaussians(1, kDeviation, opacity);
+    fmt::print("a Gaussian of opacity {}, largest step off the truth's, of 255:", opacity);
+    for (const Way& way : kWays) {
+      const Image image = draw_clear(cloud, middle_camera(), way);
+      // The filters of the renderers, and the truth with them.
+      double worst = 0;
+      const double variance = kDeviation * kDeviation + filter_of(way);
+      const auto truth = [&](int x) {
+        return opacity * std::exp(-0.5 * (x - 50) * (x - 50) / variance);
+      };
+      for (int x = 1; x < 101; ++x) {
+        const double step = double{image.pixel(x, 50)[3]} - double{image.pixel(x - 1, 50)[3]};
+        worst = std::max(worst, std::abs(step - (truth(x) - truth(x - 1))));
+      }
+      fmt::print(" {} {:.2f}", way.name, 255 * worst);
+    }
+    fmt::print("\n");
+  }
+}
+
+/// Gaussians too faint to be blended one by one where the least alpha is 1/255: what is seen
+/// through all of them, and in truth.
+void haze() {
+  constexpr std::size_t kCount = 1000;
+  for (const double opacity : {0.01, 0.0035}) {
+    const GaussianCloud cloud = round_gaussians(kCount, 12, opacity);
+    fmt::print("{} Gaussians of opacity {}, transmittance of the middle (truth {:.4f}):", kCount,
+               opacity, std::pow(1 - opacity, static_cast<double>(kCount)));
+    for (const Way& way : kWays) {
+      const Image image = draw_clear(cloud, middle_camera(), way);
+      fmt::print(" {} {:.4f}", way.name, 1 - image.pixel(50, 50)[3]);
+    }
+    fmt::print("; mean of the picture's transmittances (truth {:.4f}):",
+               mean_haze(kCount, opacity));
+    for (const Way& way : kWays) {
+      const Image image = draw_clear(cloud, middle_camera(), way);
+      double sum = 0;
+      for (std::size_t i = 3; i < image.data.size(); i += 4) sum += 1 - image.data[i];
+      fmt::print(" {} {:.4f}", way.name, sum / (101 * 101));
+    }
+    fmt::print("\n");
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -161,5 +266,7 @@ int main(int argc, char** argv) {
   minified(cloud, view);
   popping(cloud, view);
   wide_angles();
+  rings();
+  haze();
   return 0;
 }

@@ -414,7 +414,7 @@ TEST_F(SurfelConvert, WhatSplatsCannotBeIsRefused) {
   ASSERT_EQ(convert({sphere_}, "a.splat").exit_code, 0);
   const std::string splats = folder_ / "a.splat";
   for (const auto& [words, output] : {std::pair{Words{splats}, "b.pcd"},
-                                      {Words{splats, splats}, "b.ply"},
+                                      {Words{splats, sphere_}, "b.ply"},
                                       {Words{splats, "--every", "2"}, "b.ply"},
                                       {Words{sphere_, "--gaussians"}, "b.pcd"},
                                       {Words{sphere_, "--ascii"}, "b.splat"}}) {

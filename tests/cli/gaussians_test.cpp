@@ -49,7 +49,7 @@ class Gaussians : public testing::Test {
 };
 
 TEST_F(Gaussians, AreUprightWhateverTheProfile) {
-  for (const char* profile : {"auto", "inria", "gsplat", "mip", "2dgs", "exact"}) {
+  for (const char* profile : {"auto", "inria", "gsplat", "mip", "2dgs", "exact", "surfel"}) {
     const RunResult result = render({"--profile", profile});
     ASSERT_EQ(result.exit_code, 0) << result.errors;
     EXPECT_TRUE(contains(result.errors, "up -y")) << result.errors;
@@ -74,6 +74,63 @@ TEST_F(Gaussians, PicturesOfFloatsHaveDepths) {
   EXPECT_TRUE(contains(bytes, "worldToCamera"));
 }
 
+TEST_F(Gaussians, PicturesSayByWhichProfileTheyWereMade) {
+  for (const char* picture : {"p.png", "p.exr"}) {
+    ASSERT_EQ(render({"--profile", "gsplat"}, picture).exit_code, 0);
+    const std::string bytes = read_text(folder_ / picture);
+    EXPECT_TRUE(contains(bytes, "Profile")) << picture;
+    EXPECT_TRUE(contains(bytes, "gsplat")) << picture;
+  }
+}
+
+TEST_F(Gaussians, ParallelRaysAndMapsAreDrawn) {
+  const RunResult parallel = render({"--ortho", "4"});
+  ASSERT_EQ(parallel.exit_code, 0) << parallel.errors;
+  EXPECT_GT(halves()[0], 10);
+  const RunResult map =
+      run({tool("surfel-render"), splats_, "--map", "0.1", "-o", folder_ / "m.png"});
+  EXPECT_EQ(map.exit_code, 0) << map.errors;
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "m.pgw"));
+}
+
+TEST_F(Gaussians, SeveralFilesAreJoined) {
+  GaussianCloud upper = two_gaussians();
+  GaussianCloud lower = two_gaussians();
+  for (GaussianCloud* cloud : {&upper, &lower}) {
+    const std::size_t drop = cloud == &upper ? 1 : 0;
+    for (auto* column : {&cloud->position, &cloud->scale}) {
+      column->erase(column->begin() + static_cast<std::ptrdiff_t>(drop));
+    }
+    cloud->rotation.pop_back();
+    cloud->amplitude.pop_back();
+    const auto from = cloud->harmonics.begin() + static_cast<std::ptrdiff_t>(3 * drop);
+    cloud->harmonics.erase(from, from + 3);
+  }
+  write_gaussians(upper, folder_ / "a.ply");
+  write_gaussians(lower, folder_ / "b.ply");
+  ASSERT_EQ(render({}).exit_code, 0);
+  const RunResult drawn = run({tool("surfel-render"), folder_ / "a.ply", folder_ / "b.ply", "-o",
+                               folder_ / "ab.png", "--size", "64"});
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.errors;
+  EXPECT_EQ(read_image(folder_ / "ab.png", true).data, read_image(folder_ / "p.png", true).data);
+  const RunResult joined =
+      run({tool("surfel-convert"), folder_ / "a.ply", folder_ / "b.ply", "-o", folder_ / "ab.ply"});
+  ASSERT_EQ(joined.exit_code, 0) << joined.errors;
+  EXPECT_EQ(read_gaussians(folder_ / "ab.ply").size(), 2u);
+  upper.rule = AmplitudeRule::kDensity;
+  write_gaussians(upper, folder_ / "a.ply");
+  const RunResult mixed =
+      run({tool("surfel-render"), folder_ / "a.ply", folder_ / "b.ply", "-o", folder_ / "c.png"});
+  EXPECT_EQ(mixed.exit_code, 1) << mixed.errors;
+  EXPECT_TRUE(contains(mixed.errors, "b.ply: has opacities")) << mixed.errors;
+  write_text(folder_ / "points.xyz", "0 0 0\n1 0 0\n0 1 0\n");
+  const RunResult points =
+      run({tool("surfel-render"), splats_, folder_ / "points.xyz", "-o", folder_ / "c.png"});
+  EXPECT_EQ(points.exit_code, 2) << points.errors;
+  EXPECT_TRUE(contains(points.errors, "points.xyz")) << points.errors;
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "c.png"));
+}
+
 TEST_F(Gaussians, TurntablesAndPanoramasAreDrawn) {
   ASSERT_EQ(render({"--turntable", "3"}, "t_%d.png").exit_code, 0);
   EXPECT_TRUE(std::filesystem::exists(folder_ / "t_2.png"));
@@ -85,9 +142,8 @@ TEST_F(Gaussians, TurntablesAndPanoramasAreDrawn) {
 
 TEST_F(Gaussians, OptionsWithoutEffectAreRefused) {
   for (const Words& words :
-       {Words{"--shading", "phong"}, Words{"--layers", "3"}, Words{"--ortho", "2"},
-        Words{"--color-by", "x"}, Words{"--map", "0.1"}, Words{"--reference"},
-        Words{"--lowpass", "1"}, Words{"--profile", "mip", "--lowpass", "1"},
+       {Words{"--shading", "phong"}, Words{"--layers", "3"}, Words{"--color-by", "x"},
+        Words{"--reference"}, Words{"--lowpass", "1"}, Words{"--profile", "mip", "--lowpass", "1"},
         Words{"--profile", "3dgs"}, Words{"--every", "2"}}) {
     const RunResult result = render(words);
     EXPECT_EQ(result.exit_code, 2) << words.front() << ": " << result.errors;

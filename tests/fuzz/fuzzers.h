@@ -20,12 +20,16 @@ std::span<const Fuzzer> readers();
 
 // Each says at its definition what the bytes are, and what must hold.
 void estimate(Bytes bytes);
+void gaussians(Bytes bytes);
 void options(Bytes bytes);
 void polygon(Bytes bytes);
 void render(Bytes bytes);
 
-inline constexpr Fuzzer kOthers[] = {
-    {"estimate", estimate}, {"options", options}, {"polygon", polygon}, {"render", render}};
+inline constexpr Fuzzer kOthers[] = {{"estimate", estimate},
+                                     {"gaussians", gaussians},
+                                     {"options", options},
+                                     {"polygon", polygon},
+                                     {"render", render}};
 
 template <class Visit>
 void for_each_fuzzer(const Visit& visit) {

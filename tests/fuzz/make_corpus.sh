@@ -9,7 +9,7 @@ PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
 mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx gaussian_ply gaussian_splat gaussian_spz gaussian_ksplat volume_nrrd volume_mha mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
-  material options polygon estimate render
+  material options polygon estimate gaussians render
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_ply/text.ply --ascii --quiet
@@ -255,7 +255,11 @@ printf 'number = 1.5\nword = "text"\nflag = true\ncount = 7\nwords = ["a", 1, 2.
 printf '# comment\n[table]\nnumber = [1, 2]\nword = """a\nb"""\n' > options/tables
 printf '0.5 -1e3 inf' > options/blanks
 printf '1.5GiB' > options/bytes
-for name in polygon estimate render; do
+for name in polygon estimate gaussians render; do
   head -c 400 "$script" > "$name/text"
   printf '\0\x20\x10\x10\x70\x10\x70\x70\x10\x70\x20\x30\x40\x50' > "$name/few"
+done
+# Each profile with both kinds of cameras, numbers of one scale and any.
+for choice in $(seq 0 4 127) 131 147; do
+  { printf "\\x$(printf %02x "$choice")\\x1f"; head -c 300 "$script" | tail -c 240; } > "gaussians/choice_$choice"
 done

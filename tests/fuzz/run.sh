@@ -26,7 +26,7 @@ for name in "$@"; do
     continue
   fi
   # Where bytes are numbers, few of them cover as much as many do, in less time.
-  case $name in estimate) most=256 ;; render) most=512 ;; *) most=1024 ;; esac
+  case $name in estimate) most=256 ;; gaussians | render) most=512 ;; *) most=1024 ;; esac
   options=(-max_total_time=$((60 * minutes)) -timeout=10 -rss_limit_mb=2048 -max_len=$most -entropic=0 -print_final_stats=1)
   if [ -f "$here/dictionaries/$name.txt" ]; then options+=(-dict="$here/dictionaries/$name.txt"); fi
   folders=("$corpus" "$here/corpus/$name")

@@ -96,6 +96,12 @@ std::vector<Seen> see(const GaussianCloud& cloud, const Camera& camera) {
              Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix() *
              cloud.scale[i].cast<double>().asDiagonal();
     s.amplitude = cloud.amplitude[i];
+    if (camera.orthographic) {
+      s.color = color_of(cloud, i, camera.camera_from_world.row(2));
+      s.at = {camera.focal_x * s.mean.x() + camera.center_x,
+              camera.focal_y * s.mean.y() + camera.center_y};
+      continue;
+    }
     s.color = color_of(cloud, i, (world - camera.eye).normalized());
     s.at = {camera.focal_x * s.mean.x() / s.mean.z() + camera.center_x,
             camera.focal_y * s.mean.y() / s.mean.z() + camera.center_y};
@@ -105,6 +111,10 @@ std::vector<Seen> see(const GaussianCloud& cloud, const Camera& camera) {
 
 Eigen::Matrix<double, 2, 3> jacobian(const Camera& camera, const Vec3d& at) {
   Eigen::Matrix<double, 2, 3> J;
+  if (camera.orthographic) {
+    J << camera.focal_x, 0, 0, 0, camera.focal_y, 0;
+    return J;
+  }
   J << camera.focal_x / at.z(), 0, -camera.focal_x * at.x() / (at.z() * at.z()), 0,
       camera.focal_y / at.z(), -camera.focal_y * at.y() / (at.z() * at.z());
   return J;
@@ -132,7 +142,7 @@ class Affine {
       : at_(s.at), depth_(s.mean.z()) {
     const bool gsplat = profile == GaussianProfile::kGsplat;
     const bool mip = profile == GaussianProfile::kMip;
-    if (depth_ <= (gsplat ? 0.01 : 0.2)) return;
+    if (depth_ <= (camera.orthographic ? 0 : gsplat ? 0.01 : 0.2)) return;
     const double tan_x = camera.width / (2 * camera.focal_x);
     const double tan_y = camera.height / (2 * camera.focal_y);
     Vec3d p = s.mean;
@@ -192,11 +202,31 @@ class Affine {
   Rect rect_;
 };
 
+/// Of a pixel's centre, by depth.
+struct Ray {
+  Vec3d start{0, 0, 0};
+  Vec3d direction{0, 0, 1};
+
+  Ray(const Camera& camera, int x, int y) {
+    Vec3d& place = camera.orthographic ? start : direction;
+    place.x() = (x + 0.5 - camera.center_x) / camera.focal_x;
+    place.y() = (y + 0.5 - camera.center_y) / camera.focal_y;
+  }
+  Vec3d at(double depth) const { return start + depth * direction; }
+};
+
 /// Discs that rays meet, with the filter of 2DGS.
 class Disc {
  public:
   Disc(const Seen& s, const Camera& camera) : camera_(camera), s_(s) {
-    if (s.mean.z() <= 0.2) return;
+    if (s.mean.z() <= least_depth()) return;
+    if (camera.orthographic) {
+      box_ = s.at;
+      const double half = 3 * std::max(camera.focal_x * s.axes.row(0).head<2>().norm(),
+                                       camera.focal_y * s.axes.row(1).head<2>().norm());
+      rect_ = inria_rect(box_, std::ceil(std::max(half, 3 * 0.707106)));
+      return;
+    }
     // Homogeneous pixels from the disc's coordinates (u, v, 1).
     Mat3 K;
     K << camera.focal_x, 0, camera.center_x, 0, camera.focal_y, camera.center_y, 0, 0, 1;
@@ -219,22 +249,23 @@ class Disc {
     Contribution out;
     if (!rect_.holds(x, y)) return out;
     const Vec2 pixel(x + 0.5, y + 0.5);
-    const Vec3d ray((pixel.x() - camera_.center_x) / camera_.focal_x,
-                    (pixel.y() - camera_.center_y) / camera_.focal_y, 1);
+    const Ray ray(camera_, x, y);
     const Vec3d u = s_.axes.col(0);
     const Vec3d v = s_.axes.col(1);
     const Vec3d n = u.cross(v);
-    out.depth = n.dot(s_.mean) / n.dot(ray);
-    const Vec3d hit = out.depth * ray - s_.mean;
+    out.depth = n.dot(s_.mean - ray.start) / n.dot(ray.direction);
+    const Vec3d hit = ray.at(out.depth) - s_.mean;
     const double rho3 =
         std::pow(hit.dot(u) / u.squaredNorm(), 2) + std::pow(hit.dot(v) / v.squaredNorm(), 2);
     const double rho = std::min(rho3, 2 * (pixel - box_).squaredNorm());
     out.alpha = std::min(0.99, s_.amplitude * std::exp(-rho / 2));
-    out.counts = out.depth >= 0.2 && out.alpha >= 1.0 / 255;
+    out.counts = out.depth >= least_depth() && out.alpha >= 1.0 / 255;
     return out;
   }
 
  private:
+  double least_depth() const { return camera_.orthographic ? 0 : 0.2; }
+
   const Camera& camera_;
   const Seen& s_;
   Vec2 box_{0, 0};
@@ -242,14 +273,15 @@ class Disc {
 };
 
 /// Kernels along rays.
-class Ray {
+class Integrated {
  public:
-  Ray(const Seen& s, const Camera& camera, AmplitudeRule rule, double lowpass)
+  Integrated(const Seen& s, const Camera& camera, AmplitudeRule rule, double lowpass)
       : camera_(camera), s_(s), density_(rule == AmplitudeRule::kDensity) {
     if (s.mean.z() <= 0) return;
     const Mat3 S = s.axes * s.axes.transpose();
     // A pixel at the centre's depth, scene units.
-    const Vec3d pixel(s.mean.z() / camera.focal_x, s.mean.z() / camera.focal_y, 0);
+    const double depth = camera.orthographic ? 1 : s.mean.z();
+    const Vec3d pixel(depth / camera.focal_x, depth / camera.focal_y, 0);
     const Mat3 filtered = S + lowpass * lowpass * Mat3(pixel.cwiseProduct(pixel).asDiagonal());
     inverse_ = filtered.inverse();
     amplitude_ = s.amplitude;
@@ -266,14 +298,14 @@ class Ray {
   Contribution at(int x, int y) const {
     Contribution out;
     if (amplitude_ <= 0) return out;
-    const Vec3d ray((x + 0.5 - camera_.center_x) / camera_.focal_x,
-                    (y + 0.5 - camera_.center_y) / camera_.focal_y, 1);
-    out.depth = ray.dot(inverse_ * s_.mean) / ray.dot(inverse_ * ray);
+    const Ray ray(camera_, x, y);
+    const Vec3d& w = ray.direction;
+    out.depth = w.dot(inverse_ * (s_.mean - ray.start)) / w.dot(inverse_ * w);
     if (out.depth <= 0) return out;
-    const Vec3d off = s_.mean - out.depth * ray;
+    const Vec3d off = s_.mean - ray.at(out.depth);
     const double kernel = amplitude_ * std::exp(-0.5 * off.dot(inverse_ * off));
     if (density_) {
-      const Vec3d unit = ray.normalized();
+      const Vec3d unit = w.normalized();
       out.alpha = -std::expm1(-kernel * std::sqrt(2 * kPi / unit.dot(inverse_ * unit)));
     } else {
       out.alpha = kernel;
@@ -343,7 +375,7 @@ Image gaussian_oracle(const GaussianCloud& cloud, const Camera& camera,
                       const GaussianOptions& options) {
   const std::vector<Seen> seen = see(cloud, camera);
   if (options.profile == GaussianProfile::kExact) {
-    std::vector<Ray> kernels;
+    std::vector<Integrated> kernels;
     for (const Seen& s : seen) kernels.emplace_back(s, camera, cloud.rule, options.lowpass);
     return draw(seen, kernels, camera, true, false);
   }

@@ -18,11 +18,15 @@
 namespace surfel::test {
 namespace {
 
+/// The profiles that the oracle draws.
 constexpr GaussianProfile kProfiles[] = {GaussianProfile::kInria, GaussianProfile::kGsplat,
                                          GaussianProfile::kMip, GaussianProfile::k2dgs,
                                          GaussianProfile::kExact};
+constexpr GaussianProfile kAllProfiles[] = {GaussianProfile::kInria, GaussianProfile::kGsplat,
+                                            GaussianProfile::kMip,   GaussianProfile::k2dgs,
+                                            GaussianProfile::kExact, GaussianProfile::kSurfel};
 const char* name(GaussianProfile profile) {
-  static constexpr const char* kNames[] = {"inria", "gsplat", "mip", "2dgs", "exact"};
+  static constexpr const char* kNames[] = {"inria", "gsplat", "mip", "2dgs", "exact", "surfel"};
   return kNames[static_cast<std::size_t>(profile)];
 }
 
@@ -112,6 +116,21 @@ TEST(GaussianRenderer, WideAnglesAreRightWithTheExactProfile) {
   expect_oracles_picture(cloud, camera, GaussianProfile::kExact, 60);
 }
 
+TEST(GaussianRenderer, ParallelRays) {
+  for (const AmplitudeRule rule : {AmplitudeRule::kDensity, AmplitudeRule::kOpacity}) {
+    GaussianCloud cloud = random_gaussians(800, 9);
+    cloud.rule = rule;
+    Camera camera = camera_before(cloud, 90, 61);
+    camera.orthographic = true;
+    camera.focal_x = 18;
+    camera.focal_y = 21;
+    for (const GaussianProfile profile : kProfiles) {
+      if (rule == AmplitudeRule::kDensity && profile != GaussianProfile::kExact) continue;
+      expect_oracles_picture(cloud, camera, profile, 70);
+    }
+  }
+}
+
 TEST(GaussianRenderer, TrainedFiles) {
   const std::string folder = data_folder() / "surfels";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no test data";
@@ -134,7 +153,7 @@ TEST(GaussianRenderer, TrainedFiles) {
 /// The bytes of pictures of all profiles.
 std::vector<float> all_pictures(const GaussianCloud& cloud, const Camera& camera) {
   std::vector<float> values;
-  for (const GaussianProfile profile : kProfiles) {
+  for (const GaussianProfile profile : kAllProfiles) {
     for (const bool depth : {false, true}) {
       const Image image =
           GaussianRenderer(cloud, {.profile = profile, .depth = depth}).render(camera);
@@ -297,9 +316,6 @@ TEST(GaussianRenderer, ColorsBecomeLinearAndBackgroundsAreBlendedAsDisplaysDo) {
 
 TEST(GaussianRenderer, WhatCannotBeDrawnIsRefused) {
   GaussianCloud cloud = one_gaussian(4, 1, 0.6);
-  Camera orthographic = middle_camera(16);
-  orthographic.orthographic = true;
-  EXPECT_THROW(GaussianRenderer(cloud, {}).render(orthographic), Error);
   EXPECT_THROW(GaussianRenderer(cloud, {.lowpass = 0}), Error);
   EXPECT_THROW(GaussianRenderer(cloud, {.samples = kMostSamples + 1}), Error);
   Camera large = middle_camera(16);
@@ -308,7 +324,11 @@ TEST(GaussianRenderer, WhatCannotBeDrawnIsRefused) {
   EXPECT_THROW(GaussianRenderer(cloud, {.background = {0, 0, 0, 2}}), Error);
   cloud.rule = AmplitudeRule::kDensity;
   EXPECT_THROW(GaussianRenderer(cloud, {.profile = GaussianProfile::kMip}), Error);
+  EXPECT_THROW(GaussianRenderer(cloud, {.profile = GaussianProfile::kSurfel}), Error);
   EXPECT_EQ(profile_of(cloud), GaussianProfile::kExact);
+  cloud.rule = AmplitudeRule::kSurfel;
+  EXPECT_THROW(GaussianRenderer(cloud, {.profile = GaussianProfile::kExact}), Error);
+  EXPECT_EQ(profile_of(cloud), GaussianProfile::kSurfel);
 }
 
 TEST(GaussianRenderer, ExtremeGaussiansLeaveNoNumbersThatAreNone) {
@@ -323,7 +343,7 @@ TEST(GaussianRenderer, ExtremeGaussiansLeaveNoNumbersThatAreNone) {
       cloud.harmonics.insert(cloud.harmonics.end(), {0.1F, 0.2F, 0.3F});
     }
   }
-  for (const GaussianProfile profile : kProfiles) {
+  for (const GaussianProfile profile : kAllProfiles) {
     const Image image = GaussianRenderer(cloud, {.profile = profile}).render(middle_camera(40));
     for (const float value : image.data) ASSERT_TRUE(std::isfinite(value)) << name(profile);
   }

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <string>
 
 #include <gtest/gtest.h>
 #include <surfel/gaussian/gaussian_renderer.h>
@@ -79,6 +80,52 @@ TEST(SurfelRule, FlatGaussiansDividedByTheirSumGiveTheSurfelsPicture) {
     }
     ASSERT_GT(pixels, 200u);
     EXPECT_GT(-10 * std::log10(sum / static_cast<double>(2 * pixels)), view.least) << view.distance;
+  }
+}
+
+TEST(SurfelRule, SurfacesAreDrawnAsTheRendererOfSurfelsDoes) {
+  // A plane, and a smaller one before it.
+  SurfelCloud surfels = jittered_plane(60, 1.5, 0.5);
+  const SurfelCloud before = jittered_plane(24, 0.6, 0.5, 2, -0.4);
+  surfels.position.insert(surfels.position.end(), before.position.begin(), before.position.end());
+  surfels.normal.insert(surfels.normal.end(), before.normal.begin(), before.normal.end());
+  surfels.variance.insert(surfels.variance.end(), before.variance.begin(), before.variance.end());
+  surfels.area.insert(surfels.area.end(), before.area.begin(), before.area.end());
+  surfels.coefficient.insert(surfels.coefficient.end(), before.coefficient.begin(),
+                             before.coefficient.end());
+  GaussianCloud gaussians = faint_gaussians(surfels);
+  gaussians.rule = AmplitudeRule::kSurfel;
+  gaussians.amplitude.assign(gaussians.size(), 1.0F);
+  for (std::size_t i = 0; i < gaussians.size(); ++i) {
+    gaussians.harmonics[3 * i + 2] = (surfels.coefficient[i].z() - 0.5F) / kHarmonic0;
+  }
+  for (const double distance : {1.0, 4.0, 12.0}) {
+    const Camera camera = slanted_camera(distance);
+    RenderOptions options;
+    options.kernel = Kernel::kPerspective;
+    options.cutoff = kCutoff;
+    const Image truth = render_unlit(surfels, camera, options);
+    const Image ours =
+        GaussianRenderer(
+            gaussians,
+            {.profile = GaussianProfile::kSurfel, .lowpass = 1, .depth = true, .display = true})
+            .render(camera);
+    double sum = 0;
+    std::size_t pixels = 0;
+    for (int y = 0; y < camera.height; ++y) {
+      for (int x = 0; x < camera.width; ++x) {
+        const float* a = ours.pixel(x, y);
+        const float* b = truth.pixel(x, y);
+        if (b[3] < 1 || b[kSumOfRho] < 0.9F) continue;
+        ++pixels;
+        EXPECT_EQ(a[3], 1) << x << "," << y;
+        for (int c = 0; c < 3; ++c) sum += std::pow(double{a[c]} - double{b[c]}, 2);
+      }
+    }
+    ASSERT_GT(pixels, 200u);
+    const double psnr = -10 * std::log10(sum / static_cast<double>(3 * pixels));
+    EXPECT_GT(psnr, 45) << distance;
+    RecordProperty("dB_at_" + std::to_string(static_cast<int>(distance)), std::to_string(psnr));
   }
 }
 

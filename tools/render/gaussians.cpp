@@ -1,5 +1,6 @@
 #include "tools/render/gaussians.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
+#include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
 namespace {
@@ -28,56 +30,42 @@ constexpr const char* kTrainedReason = "as trained splats mostly have it; --up s
 
 /// Options that say nothing of Gaussians.
 std::vector<std::string> options_of_surfels() {
-  std::vector<std::string> options{"--kernel",
-                                   "--kernel-tolerance",
-                                   "--filter",
-                                   "--cutoff",
-                                   "--method",
-                                   "--voronoi",
-                                   "--layers-by",
-                                   "--peel",
-                                   "--layers",
-                                   "--depth-epsilon",
-                                   "--cull",
-                                   "--coverage-threshold",
-                                   "--lod",
-                                   "--lod-error",
-                                   "--progressive",
-                                   "--image",
-                                   "--wrap",
-                                   "--reference",
-                                   "--shading",
-                                   "--relief",
-                                   "--scene",
-                                   "--refraction",
-                                   "--bounces",
-                                   "--color-by",
-                                   "--color-map",
-                                   "--color-range",
-                                   "--legend",
-                                   "--contact-sheet",
-                                   "--keep",
-                                   "--print-commands",
-                                   "--explain",
-                                   "--memory",
-                                   "--map",
-                                   "--ortho",
-                                   "--columns",
-                                   "--level",
-                                   "--bounds",
-                                   "--every"};
+  std::vector<std::string> options{"--kernel",      "--kernel-tolerance",
+                                   "--filter",      "--cutoff",
+                                   "--method",      "--voronoi",
+                                   "--layers-by",   "--peel",
+                                   "--layers",      "--depth-epsilon",
+                                   "--cull",        "--coverage-threshold",
+                                   "--lod",         "--lod-error",
+                                   "--progressive", "--image",
+                                   "--wrap",        "--reference",
+                                   "--shading",     "--relief",
+                                   "--scene",       "--refraction",
+                                   "--bounces",     "--color-by",
+                                   "--color-map",   "--color-range",
+                                   "--legend",      "--contact-sheet",
+                                   "--keep",        "--print-commands",
+                                   "--explain",     "--memory",
+                                   "--columns",     "--level",
+                                   "--bounds",      "--every"};
   for (const std::string& option : tool::normal_map_options()) options.push_back(option);
   return options;
 }
 
-/// Options that other renderers' profiles have their own values of.
-std::vector<std::string> options_of_exact() { return {"--lowpass", "--samples"}; }
+/// Options that a profile has no use for: the pixel filter of a trained renderer is its own, and
+/// only exact pictures are filtered after they are blended.
+std::vector<std::string> options_without(GaussianProfile profile) {
+  if (profile == GaussianProfile::kExact) return {};
+  if (profile == GaussianProfile::kSurfel) return {"--samples"};
+  return {"--lowpass", "--samples"};
+}
 
 }  // namespace
 
 bool draws_gaussians(const CLI::App& app, Settings& s) {
   const bool gaussians =
-      s.mesh.empty() && s.inputs.size() == 1 && holds_gaussians(s.inputs.front());
+      s.mesh.empty() && std::any_of(s.inputs.begin(), s.inputs.end(),
+                                    [](const std::string& file) { return holds_gaussians(file); });
   if (!gaussians) {
     tool::require_valid(
         tool::without_effect(app, {"--profile"}, "on what is no file of Gaussians"));
@@ -87,8 +75,8 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
     return false;
   }
   tool::require_valid(tool::without_effect(app, options_of_surfels(), "on Gaussians"));
-  if (s.profile && *s.profile != GaussianProfile::kExact) {
-    tool::require_valid(tool::without_effect(app, options_of_exact(),
+  if (s.profile) {
+    tool::require_valid(tool::without_effect(app, options_without(*s.profile),
                                              std::string("with --profile ") + name_of(*s.profile)));
   }
   if (app.get_option("--lowpass")->count() > 0) {
@@ -104,21 +92,20 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
 }
 
 GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
-    : cloud_(read_gaussians(s.inputs.front())) {
+    : cloud_(tool::read_gaussians(tool, s.inputs)) {
   GaussianOptions options = s.gaussians;
   options.profile = s.profile.value_or(profile_of(cloud_));
   options.background = s.render.background;
   options.depth = s.render.aovs;
   renderer_ = std::make_shared<GaussianRenderer>(cloud_, options);
-  const std::string profile = name_of(options.profile);
-  if (options.profile != GaussianProfile::kExact) {
-    tool::require_valid(tool::without_effect(
-        tool.app(), options_of_exact(), "with --profile " + profile + ", which the file asks for"));
-  }
-  tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", s.inputs.front(),
-                        cloud_.size(), profile));
+  profile_ = name_of(options.profile);
+  tool::require_valid(
+      tool::without_effect(tool.app(), options_without(options.profile),
+                           "with --profile " + profile_ + ", which the file asks for"));
+  tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", fmt::join(s.inputs, ", "),
+                        cloud_.size(), profile_));
   tool.report()["gaussians"] = cloud_.size();
-  tool.report()["profile"] = profile;
+  tool.report()["profile"] = profile_;
 }
 
 SceneExtent GaussianPainter::extent() const { return gaussian_extent(cloud_); }

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -16,19 +17,21 @@
 
 namespace surfel::render_tool {
 
-/// Are Gaussians in space to be drawn, as their file says? Throws Error(kUsage) for options that
-/// have no effect on what is drawn: on Gaussians, or --profile on anything else.
+/// Are Gaussians in space to be drawn, as one of the files says? Throws Error(kUsage) for options
+/// that have no effect on what is drawn: on Gaussians, or --profile on anything else.
 bool draws_gaussians(const CLI::App& app, Settings& s);
 
-/// A file of Gaussians, and its renderer.
+/// Files of Gaussians, joined, and their renderer.
 class GaussianPainter {
  public:
-  /// Reads the file that the settings name, and says by which profile it is drawn.
+  /// Reads the files that the settings name, and says by which profile they are drawn.
   GaussianPainter(tool::Tool& tool, const Settings& s);
   GaussianPainter(const GaussianPainter&) = delete;
   GaussianPainter& operator=(const GaussianPainter&) = delete;
 
   SceneExtent extent() const;
+  /// Name of the profile by which they are drawn.
+  const std::string& profile() const { return profile_; }
   /// Completes the views by guesses, where up is what the file or the custom of trained files says,
   /// and says so.
   void aim(tool::Tool& tool, const Settings& s, std::vector<AskedView>& views) const;
@@ -37,6 +40,7 @@ class GaussianPainter {
 
  private:
   GaussianCloud cloud_;
+  std::string profile_;
   std::shared_ptr<GaussianRenderer> renderer_;  ///< Refers to the cloud.
 };
 

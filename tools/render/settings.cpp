@@ -171,7 +171,8 @@ void declare_gaussians(CLI::App& app, Settings& s) {
   add_text(app, "--profile", "NAME", "auto",
            "Whose picture to make of trained splats: that of 3D Gaussian splatting as published, "
            "of gsplat, of Mip-Splatting or of 2D Gaussian splatting; or exact, which integrates "
-           "kernels along rays in perspective and orders them by pixel; auto: as the file says "
+           "kernels along rays in perspective and orders them by pixel; or surfel, which draws "
+           "kernels as samples of opaque surfaces, divided by their sum; auto: as the file says "
            "what it was trained with, else inria (auto" +
                names + ")",
            [&s](const std::string& text) {
@@ -493,11 +494,9 @@ void check(const Settings& s) {
 
 const std::vector<std::pair<std::string, GaussianProfile>>& gaussian_profiles() {
   static const std::vector<std::pair<std::string, GaussianProfile>> profiles{
-      {"inria", GaussianProfile::kInria},
-      {"gsplat", GaussianProfile::kGsplat},
-      {"mip", GaussianProfile::kMip},
-      {"2dgs", GaussianProfile::k2dgs},
-      {"exact", GaussianProfile::kExact}};
+      {"inria", GaussianProfile::kInria}, {"gsplat", GaussianProfile::kGsplat},
+      {"mip", GaussianProfile::kMip},     {"2dgs", GaussianProfile::k2dgs},
+      {"exact", GaussianProfile::kExact}, {"surfel", GaussianProfile::kSurfel}};
   return profiles;
 }
 
@@ -507,8 +506,8 @@ void declare_options(CLI::App& app, Settings& s) {
       "files", s.inputs,
       "Surfels (PLY, PCD, LAS, LAZ; - = standard input), meshes, which are sampled at half a pixel "
       "and textured, and raw points (E57, PTX and text, too), which are estimated; several files "
-      "are joined; or one file of trained splats (PLY, .splat, .spz, .ksplat). With --mesh surfels "
-      "only frame the "
+      "are joined; or trained splats (PLY, .splat, .spz, .ksplat). With --mesh surfels only frame "
+      "the "
       "picture, and may be left out");
   app.add_option("-o,--output", s.output,
                  "Picture (EXR, PNG, TIFF, JPEG, ...; several views: a pattern with %04d, their "

@@ -2,14 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/bounds.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
+#include <surfel/scene/gaussian_join.h>
 
 #include "tools/support/options.h"
 
@@ -133,6 +137,22 @@ void tell_unusable(const Tool& tool, const std::string& path, const GaussianClou
       "{}: {} of {} Gaussians left out, with values that are not finite or scales beyond {:g}",
       shown_name(path), cloud.unusable_skipped, cloud.unusable_skipped + cloud.size(),
       kLargestExtent));
+}
+
+GaussianCloud read_gaussians(const Tool& tool, const std::vector<std::string>& files) {
+  const auto other = std::find_if(files.begin(), files.end(),
+                                  [](const std::string& file) { return !holds_gaussians(file); });
+  if (other != files.end()) {
+    throw_usage(
+        fmt::format("{}: holds no Gaussians, unlike other files, which it is not joined with",
+                    shown_name(*other)));
+  }
+  std::vector<GaussianCloud> clouds;
+  for (const std::string& file : files) {
+    clouds.push_back(surfel::read_gaussians(file));
+    tell_unusable(tool, file, clouds.back());
+  }
+  return join_gaussians(std::move(clouds), files);
 }
 
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path) {

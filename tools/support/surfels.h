@@ -59,6 +59,10 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
 /// Tells how many Gaussians of an input were left out, if there are some.
 void tell_unusable(const Tool& tool, const std::string& path, const GaussianCloud& cloud);
 
+/// The Gaussians of several files, joined; tells what was left out. Throws Error(kUsage) where one
+/// file holds no Gaussians, and what read_gaussians() and join_gaussians() throw.
+GaussianCloud read_gaussians(const Tool& tool, const std::vector<std::string>& files);
+
 /// Tells which columns of a cloud a file of that name does not get.
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path);
 

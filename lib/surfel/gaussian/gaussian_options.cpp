@@ -16,6 +16,7 @@ std::vector<std::string> GaussianOptions::problems() const {
 
 GaussianProfile profile_of(const GaussianCloud& cloud) {
   if (cloud.rule == AmplitudeRule::kDensity) return GaussianProfile::kExact;
+  if (cloud.rule == AmplitudeRule::kSurfel) return GaussianProfile::kSurfel;
   switch (cloud.trained_with) {
     case TrainedWith::kMip:
       return GaussianProfile::kMip;

@@ -29,6 +29,9 @@ enum class GaussianProfile : std::uint8_t {
   /// Kernels along rays in perspective, without affine approximation; a filter that keeps the
   /// kernels' mass; order by pixel, no least and no greatest alpha.
   kExact,
+  /// Kernels as with kExact, but as samples of opaque surfaces: the ones that are of one surface by
+  /// their depths are divided by their sum, and where they sum up to 1 nothing behind is seen.
+  kSurfel,
 };
 
 /// Most samples in a pixel along each axis.
@@ -36,8 +39,8 @@ inline constexpr int kMostSamples = 4;
 
 struct GaussianOptions {
   GaussianProfile profile = GaussianProfile::kExact;
-  /// Standard deviation of the pixel filter of kExact, pixels, > 0. The default is the filter
-  /// under which 3D Gaussian splatting trains. Other profiles have their own.
+  /// Standard deviation of the pixel filter of kExact and kSurfel, pixels, > 0. The default is the
+  /// filter under which 3D Gaussian splatting trains. Other profiles have their own.
   double lowpass = 0.5477;
   /// Samples in a pixel along each axis of kExact, 1..kMostSamples, each a picture's pixel with a
   /// narrow filter, before the pixel filter is applied to them; 0: as the amplitude rule needs, 2
@@ -60,7 +63,7 @@ struct GaussianOptions {
 };
 
 /// The profile of the renderer that a file was trained with: kInria where it does not say, kExact
-/// for densities.
+/// for densities, kSurfel for samples of surfaces.
 SURFEL_API GaussianProfile profile_of(const GaussianCloud& cloud);
 
 }  // namespace surfel

@@ -14,14 +14,15 @@
 // whose numerator is a quadratic form of (dx, dy), and whose denominator is |J A A' J' + h^2 I| at
 // the centre: without its other terms D^2 is the affine kernel's. The largest contribution along
 // the ray lies at w' adj(S) m / (w' adj(S) w). adj(S) is made of products of rows, which do not
-// cancel where a Gaussian is flat or thin.
+// cancel where a Gaussian is flat or thin. With parallel rays, T_x = f_x A_x, T_y = f_y A_y and
+// Z = A_z; D^2 is the affine kernel's, and the largest contribution is the conditional mean of the
+// depth, z + (T_x . Z, T_y . Z) (J A A' J' + h^2 I)^-1 (dx, dy).
 
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 
-#include <surfel/base/error.h>
 #include <surfel/gaussian/gaussian_projection.h>
 
 #undef HWY_TARGET_INCLUDE
@@ -154,8 +155,9 @@ struct Projected {
   V xx, xy, yy, log_opacity, cut;
   V red, green, blue;
   V x0, y0, x1, y1;
-  V low_x, low_y, nearest;
-  V d, dx, dy, dxx, dxy, dyy;
+  V low_x, low_y, nearest, epsilon;
+  V deviation_z;  ///< Of depths.
+  V d, dx, dy, dxx, dxy, dyy, tx, ty;
   M visible;
 };
 
@@ -237,14 +239,22 @@ class Projection {
     out.z = p.z;
     out.visible = hn::And(hn::FirstN(d, left), hn::Gt(p.z, set(view_.near)));
     if (hn::AllFalse(d, out.visible)) return out;
-    const V inv_z = hn::Div(set(1), p.z);
+    // Parallel rays: all is as at depth 1, but that nothing depends on the slope of rays.
+    const bool parallel = view_.orthographic;
+    const V inv_z = parallel ? set(1) : hn::Div(set(1), p.z);
     const V slope_x = hn::Mul(p.x, inv_z);
     const V slope_y = hn::Mul(p.y, inv_z);
     out.x = mul_add(set(view_.focal_x), slope_x, set(view_.center_x));
     out.y = mul_add(set(view_.focal_y), slope_y, set(view_.center_y));
     const Axes a = axes(i, left);
-    const V w_x = kPerspective ? slope_x : clamp(slope_x, view_.least_slope_x, view_.most_slope_x);
-    const V w_y = kPerspective ? slope_y : clamp(slope_y, view_.least_slope_y, view_.most_slope_y);
+    V w_x = slope_x;
+    V w_y = slope_y;
+    if (parallel) {
+      w_x = w_y = hn::Zero(d);
+    } else if constexpr (!kPerspective) {
+      w_x = clamp(slope_x, view_.least_slope_x, view_.most_slope_x);
+      w_y = clamp(slope_y, view_.least_slope_y, view_.most_slope_y);
+    }
     const Vec3 t_x = scaled(minus(a.x, w_x, a.z), hn::Mul(set(view_.focal_x), inv_z));
     const Vec3 t_y = scaled(minus(a.y, w_y, a.z), hn::Mul(set(view_.focal_y), inv_z));
     Kernel k;
@@ -264,6 +274,7 @@ class Projection {
     const V amplitude = Column(&cloud_.amplitude[i], 1, left)[0];
     if constexpr (kPerspective) {
       perspective(k, t_x, t_y, scaled(a.z, inv_z), amplitude, out);
+      if constexpr (kExact) out.epsilon = footprint(i, left, parallel ? set(1) : p.z);
     } else {
       affine(k, amplitude, out);
     }
@@ -285,6 +296,15 @@ class Projection {
     Vec3 cross;  ///< T_x x T_y.
     V det0;      ///< |J A A' J'|.
   };
+
+  /// Radius of a kernel with the pixel filter, to sqrt(2) standard deviations, scene units: what
+  /// surfels of one surface differ by in depth at most (RenderOptions::depth_epsilon).
+  HWY_INLINE V footprint(std::size_t i, std::size_t left, V z) const {
+    const Column s(floats(&cloud_.scale[i]), 3, left);
+    const V longest = hn::Max(s[0], hn::Max(s[1], s[2]));
+    const V pixel = hn::Mul(set(view_.pixel), z);
+    return hn::Sqrt(hn::Mul(set(2), mul_add(longest, longest, hn::Mul(pixel, pixel))));
+  }
 
   /// Factor on opacities for what the filter adds to kernels.
   HWY_INLINE V compensation(const Kernel& k) const {
@@ -407,22 +427,35 @@ class Projection {
 
   HWY_INLINE void perspective(const Kernel& k, const Vec3& t_x, const Vec3& t_y, const Vec3& z,
                               V amplitude, Projected& out) const {
-    // Rows of the adjugate of (T_x, T_y, Z).
-    const Vec3 c_x = cross(t_y, z);
-    const Vec3 c_y = cross(z, t_x);
-    const V xz = dot(t_x, z);
-    const V yz = dot(t_y, z);
-    const V zz = dot(z, z);
-    const V two = set(2);
+    V xz = dot(t_x, z);
+    V yz = dot(t_y, z);
+    V zz = dot(z, z);
+    const V volume = dot(z, k.cross);
     out.d = k.det;
-    out.dx = hn::Mul(two, neg_mul_add(k.h2, xz, dot(c_x, k.cross)));
-    out.dy = hn::Mul(two, neg_mul_add(k.h2, yz, dot(c_y, k.cross)));
-    out.dxx = mul_add(k.h2, zz, dot(c_x, c_x));
-    out.dxy = hn::Mul(two, dot(c_x, c_y));
-    out.dyy = mul_add(k.h2, zz, dot(c_y, c_y));
+    if (view_.orthographic) {
+      // The denominator is the affine kernel's, and the largest contributions lie on a plane.
+      out.tx = mul_sub(xz, k.yy, hn::Mul(yz, k.xy));
+      out.ty = mul_sub(yz, k.xx, hn::Mul(xz, k.xy));
+      out.deviation_z = hn::Sqrt(zz);
+      out.dx = out.dy = out.dxx = out.dxy = out.dyy = xz = yz = zz = hn::Zero(D());
+    } else {
+      // Rows of the adjugate of (T_x, T_y, Z).
+      const Vec3 c_x = cross(t_y, z);
+      const Vec3 c_y = cross(z, t_x);
+      const V two = set(2);
+      out.dx = hn::Mul(two, neg_mul_add(k.h2, xz, dot(c_x, k.cross)));
+      out.dy = hn::Mul(two, neg_mul_add(k.h2, yz, dot(c_y, k.cross)));
+      out.dxx = mul_add(k.h2, zz, dot(c_x, c_x));
+      out.dxy = hn::Mul(two, dot(c_x, c_y));
+      out.dyy = mul_add(k.h2, zz, dot(c_y, c_y));
+      out.deviation_z = hn::Mul(out.z, hn::Sqrt(zz));
+      const V half_z = hn::Mul(set(0.5F), out.z);
+      out.tx = hn::Mul(half_z, out.dx);
+      out.ty = hn::Mul(half_z, out.dy);
+    }
     conic(k, set(1), out);
     if constexpr (kExact) {
-      exact_bounds(k, xz, yz, zz, dot(t_x, c_x), amplitude, out);
+      exact_bounds(k, xz, yz, zz, volume, amplitude, out);
     } else {
       disc_bounds(k, xz, yz, zz, amplitude, out);
     }
@@ -436,7 +469,8 @@ class Projection {
     if (view_.rule == AmplitudeRule::kDensity) {
       // The optical depth is 2^log_opacity |w| / sqrt(den) times the kernel, with the volume
       // |det(T_x, T_y, Z)| z of the unfiltered Gaussian, since the filter keeps its mass.
-      const V mass = hn::Mul(hn::Mul(amplitude, set(kRootTwoPi)), hn::Mul(hn::Abs(volume), out.z));
+      const V depth = view_.orthographic ? set(1) : out.z;
+      const V mass = hn::Mul(hn::Mul(amplitude, set(kRootTwoPi)), hn::Mul(hn::Abs(volume), depth));
       out.log_opacity = log2_of(mass);
       // |w| / sqrt(den) is taken for up to eight times its value on the axis, for the cut alone.
       peak = hn::Sub(hn::Add(out.log_opacity, set(3)), hn::Mul(set(0.5F), log2_of(k.det)));
@@ -448,7 +482,7 @@ class Projection {
     const V k2 = hn::Mul(set(2 * kLn2), out.cut);
     const V room = neg_mul_add(k2, zz, set(1));
     const M bounded = hn::Gt(room, set(kLeastRoom));
-    out.nearest = hn::Max(hn::Zero(d), hn::Mul(out.z, hn::Sub(set(1), hn::Sqrt(hn::Mul(k2, zz)))));
+    out.nearest = neg_mul_add(hn::Sqrt(k2), out.deviation_z, out.z);
     const auto range = [&](V center, V variance, V with_depth, V& first, V& last) HWY_ATTR {
       const Extent e = extent(k2, hn::Max(room, set(kLeastRoom)), variance, with_depth);
       const V half = mul_add(hn::Sqrt(e.half2), set(kWiden), set(kMargin));
@@ -509,6 +543,9 @@ class Projection {
     const Column harmonics(cloud_.harmonics.data() + i * stride, stride, left);
     Vec3 direction{hn::Sub(at.x, set(view_.eye[0])), hn::Sub(at.y, set(view_.eye[1])),
                    hn::Sub(at.z, set(view_.eye[2]))};
+    if (view_.orthographic) {
+      direction = {set(view_.rotation[6]), set(view_.rotation[7]), set(view_.rotation[8])};
+    }
     direction = scaled(direction, hn::Div(set(1), hn::Sqrt(dot(direction, direction))));
     V red = set(0.5F);
     V green = red;
@@ -539,16 +576,17 @@ class Projection {
     hn::StoreInterleaved4(p.x, p.y, p.xx, p.xy, d, quarters[0]);
     hn::StoreInterleaved4(p.yy, p.log_opacity, p.z, kExact ? p.cut : zero, d, quarters[1]);
     hn::StoreInterleaved4(p.red, p.green, p.blue, pair(p.x0, p.y0), d, quarters[2]);
-    hn::StoreInterleaved4(pair(p.x1, p.y1), kDiscs ? p.low_x : zero, kDiscs ? p.low_y : zero,
+    const V first = kDiscs ? p.low_x : kExact ? p.epsilon : zero;
+    hn::StoreInterleaved4(pair(p.x1, p.y1), first, kDiscs ? p.low_y : zero,
                           kExact ? p.nearest : zero, d, quarters[3]);
     if constexpr (kPerspective) {
       hn::StoreInterleaved4(p.d, p.dx, p.dy, p.dxx, d, quarters[4]);
-      hn::StoreInterleaved4(p.dxy, p.dyy, zero, zero, d, quarters[5]);
+      hn::StoreInterleaved4(p.dxy, p.dyy, p.tx, p.ty, d, quarters[5]);
     }
     HWY_ALIGN std::int32_t seen[kMostLanes];
     HWY_ALIGN float order[kMostLanes];
     hn::Store(hn::VecFromMask(di, hn::RebindMask(di, p.visible)), di, seen);
-    hn::Store(kExact ? p.nearest : p.z, d, order);
+    hn::Store(kExact ? hn::Max(p.nearest, zero) : p.z, d, order);
     std::size_t count = 0;
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
       if (seen[lane] == 0) continue;
@@ -589,6 +627,7 @@ std::size_t project_gaussians_simd(const GaussianView& view, const GaussianCloud
     case GaussianProfile::k2dgs:
       return run.template operator()<GaussianProfile::k2dgs>();
     case GaussianProfile::kExact:
+    case GaussianProfile::kSurfel:
       return run.template operator()<GaussianProfile::kExact>();
     case GaussianProfile::kInria:
       break;
@@ -607,12 +646,10 @@ HWY_EXPORT(project_gaussians_simd);
 
 GaussianView gaussian_view(const GaussianCloud& cloud, const Camera& camera,
                            const GaussianOptions& options) {
-  if (camera.orthographic) {
-    throw_usage("Gaussians are drawn in perspective; an orthographic camera needs surfels");
-  }
   GaussianView view{};
-  view.profile = options.profile;
-  view.rule = cloud.rule;
+  const bool surfaces = options.profile == GaussianProfile::kSurfel;
+  view.profile = surfaces ? GaussianProfile::kExact : options.profile;
+  view.rule = surfaces ? AmplitudeRule::kSurfel : cloud.rule;
   const Vec3d eye = camera.eye - cloud.origin;
   const Vec3d translation = camera.camera_from_world * -eye;
   for (int i = 0; i < 3; ++i) {
@@ -626,6 +663,7 @@ GaussianView gaussian_view(const GaussianCloud& cloud, const Camera& camera,
   view.focal_y = static_cast<float>(camera.focal_y);
   view.center_x = static_cast<float>(camera.center_x);
   view.center_y = static_cast<float>(camera.center_y);
+  view.orthographic = camera.orthographic;
   view.width = camera.width;
   view.height = camera.height;
   // 1.3 times the tangent of half the field of view, from the principal point on both sides.
@@ -652,11 +690,14 @@ GaussianView gaussian_view(const GaussianCloud& cloud, const Camera& camera,
       view.lowpass2 = 0;
       break;
     case GaussianProfile::kExact:
+    case GaussianProfile::kSurfel:
       view.lowpass2 = static_cast<float>(options.lowpass * options.lowpass);
       near = 0;
       break;
   }
-  view.near = static_cast<float>(std::fmax(near, camera.near));
+  view.pixel = std::sqrt(view.lowpass2) / std::fmin(view.focal_x, view.focal_y);
+  // The trained renderers' least depths are of their perspective.
+  view.near = static_cast<float>(camera.orthographic ? camera.near : std::fmax(near, camera.near));
   return view;
 }
 

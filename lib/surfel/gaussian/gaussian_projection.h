@@ -17,20 +17,21 @@ inline constexpr float kExactCut = 12;
 
 /// A camera and a profile, as the projection uses them.
 struct GaussianView {
-  GaussianProfile profile;
+  GaussianProfile profile;  ///< kExact for kSurfel, whose rule is the switch.
   AmplitudeRule rule;
   float rotation[9];     ///< Camera from world, row by row.
   float translation[3];  ///< Camera from the cloud's offsets.
   float eye[3];          ///< In the cloud's offsets.
   float focal_x, focal_y, center_x, center_y;
   int width, height;
-  float near;  ///< Centres beyond this depth are drawn.
+  bool orthographic;  ///< Focal lengths are pixels a scene unit.
+  float near;         ///< Centres beyond this depth are drawn.
   /// Bounds of x / z and y / z in the derivative of the projection, of trained renderers.
   float least_slope_x, most_slope_x, least_slope_y, most_slope_y;
   float lowpass2;  ///< Variance of the pixel filter, pixels^2.
+  float pixel;     ///< Deviation of the pixel filter at depth 1, scene units.
 };
 
-/// Throws Error(kUsage) for orthographic cameras, which no profile knows.
 GaussianView gaussian_view(const GaussianCloud& cloud, const Camera& camera,
                            const GaussianOptions& options);
 

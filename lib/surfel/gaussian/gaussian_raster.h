@@ -6,6 +6,7 @@
 
 #include <surfel/base/types.h>
 #include <surfel/gaussian/gaussian_projection.h>
+#include <surfel/gaussian/gaussian_rays.h>
 #include <surfel/gaussian/gaussian_splat.h>
 
 namespace surfel {
@@ -27,7 +28,7 @@ struct GaussianTileJob {
 /// Room that a worker keeps between tiles.
 struct GaussianScratch {
   std::vector<std::uint32_t> listed;  ///< Splats that meet each patch of a tile.
-  Array<float> fragments;             ///< Of a vector of pixels, kExact.
+  GaussianRayScratch rays;            ///< kExact's.
 };
 
 /// Sums of the splats of a tile at its pixels, colours as displays take them. The pixels of a patch

@@ -221,13 +221,11 @@ void GaussianRenderer::Frame::list(const TileGrid& grid) {
 GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options)
     : cloud_(cloud), options_(options), frame_(std::make_unique<Frame>()) {
   require_usable(options);
-  if (cloud.rule == AmplitudeRule::kSurfel) {
-    throw_usage(
-        "samples of a surface are drawn as surfels, whose kernels are divided by their sum");
+  const GaussianProfile profile = options.profile;
+  if (cloud.rule == AmplitudeRule::kSurfel && profile != GaussianProfile::kSurfel) {
+    throw_usage("samples of a surface are drawn by the profile surfel alone");
   }
-  const bool opacities =
-      cloud.rule == AmplitudeRule::kOpacity || cloud.rule == AmplitudeRule::kCompensated;
-  if (!opacities && options.profile != GaussianProfile::kExact) {
+  if (cloud.rule == AmplitudeRule::kDensity && profile != GaussianProfile::kExact) {
     throw_usage("densities are drawn by the profile exact alone");
   }
   // Splats are addressed by 32 bits that count floats.

@@ -28,8 +28,7 @@ struct GaussianFrameStatistics {
 class SURFEL_API GaussianRenderer {
  public:
   /// Refers to the cloud. Throws Error(kUsage) if an option is not usable, or if the profile does
-  /// not draw the cloud's amplitude rule: densities are kExact's, samples of a surface are drawn by
-  /// Renderer.
+  /// not draw the cloud's amplitude rule: densities are kExact's, samples of a surface kSurfel's.
   GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options);
   ~GaussianRenderer();
   GaussianRenderer(const GaussianRenderer&) = delete;
@@ -37,7 +36,6 @@ class SURFEL_API GaussianRenderer {
 
   /// The picture, with the channels R G B A, premultiplied, and the channels of
   /// GaussianOptions::depth.
-  /// Throws Error(kUsage) for orthographic cameras.
   Image render(const Camera& camera, GaussianFrameStatistics* statistics = nullptr);
 
  private:

@@ -19,22 +19,26 @@ struct alignas(64) GaussianSplat {
   float
       log_opacity;  ///< Binary logarithm of alpha at the centre; of the optical depth, of density.
   float z;          ///< Depth of the centre.
-  float cut;        ///< kExact: the exponent, base 2, at which the kernel ends.
+  float cut;        ///< kExact, kSurfel: the exponent, base 2, at which the kernel ends.
   float red, green, blue;
   std::uint16_t x0, y0;  ///< First and ...
   std::uint16_t x1, y1;  ///< ... last pixel in which it may be seen.
-  float low_x, low_y;    ///< k2dgs: from the centre to the one of the disc's box, pixels.
-  float nearest;         ///< kExact: no contribution is nearer than this depth.
+  union {
+    float low_x;    ///< k2dgs: from the centre to the one of the disc's box, pixels ...
+    float epsilon;  ///< kSurfel: surfaces whose depths differ by less are one.
+  };
+  float low_y;    ///< ... along y.
+  float nearest;  ///< kExact, kSurfel: no contribution is nearer than this depth.
 };
 static_assert(sizeof(GaussianSplat) == 64);
 
 /// What perspective adds to a kernel: den = d + dx x + dy y + dxx x^2 + dxy x y + dyy y^2 with
 /// (x, y) from the centre to the pixel's. The depth of a pixel's largest contribution is
-/// z (d + (dx x + dy y) / 2) / den.
+/// (z d + tx x + ty y) / den.
 struct GaussianPerspective {
   float d, dx, dy, dxx;
   float dxy, dyy;
-  float unused[2];
+  float tx, ty;
 };
 static_assert(sizeof(GaussianPerspective) == 32);
 
