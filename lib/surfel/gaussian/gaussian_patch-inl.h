@@ -23,8 +23,6 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-namespace gaussian_raster {
-
 using D = hn::CappedTag<float, kGaussianTile>;
 using V = hn::Vec<D>;
 using M = hn::Mask<D>;
@@ -248,7 +246,6 @@ struct Sums {
   }
 };
 
-}  // namespace gaussian_raster
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel
 HWY_AFTER_NAMESPACE();

@@ -21,9 +21,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using namespace gaussian_raster;
-
 /// Splats that are listed at a time; their records stay in the first-level cache.
 constexpr std::size_t kChunk = 256;
 

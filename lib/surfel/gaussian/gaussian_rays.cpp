@@ -24,9 +24,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using namespace gaussian_raster;
-
 constexpr std::size_t kLanes = hn::MaxLanes(D());
 /// Vectors of pixels of a patch.
 constexpr std::size_t kParts = kPatchPixels / kLanes;
