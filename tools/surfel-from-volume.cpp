@@ -53,8 +53,9 @@ void declare_options(CLI::App& app, Settings& s) {
                  "0..1; 0: only where they are the same");
   app.add_option("--least-depth", s.gaussians.least_depth,
                  "Voxels of less optical depth are left out, >= 0");
-  app.add_option("--deviation", s.gaussians.deviation,
-                 "Standard deviation of the Gaussians, edges of a voxel, 0.4..2");
+  app.add_option(
+      "--deviation", s.gaussians.deviation,
+      "Standard deviation of the Gaussians across the gradient, edges of a voxel, 0.4..2");
 }
 
 surfel::Volume read(const Settings& s) {

@@ -12,8 +12,9 @@
 namespace surfel {
 
 struct GaussiansOfVolumeOptions {
-  /// Standard deviation of the Gaussians, edges of a voxel, 0.4..2: sums of kernels ripple by 8 %
-  /// at 0.4, 1.4 % at 0.5 and 0.2 % at 0.6 along an axis, and larger ones blur the volume.
+  /// Standard deviation of the Gaussians across the gradient, edges of a voxel, 0.4..2: sums of
+  /// kernels ripple by 8 % at 0.4, 1.4 % at 0.5 and 0.2 % at 0.6 along an axis, and larger ones
+  /// blur the volume.
   double deviation = 0.5;
   /// Voxels of a block of 2, 4 or 8 cubed become one Gaussian where neither the opacity of a ray
   /// through the block nor the colours that it adds differ by more than this among them, 0..1; 0:
@@ -40,10 +41,15 @@ struct GaussiansOfVolumeReport {
 /// Gaussians whose densities add up to the densities of a volume: one for each voxel that can be
 /// seen, or for a block of voxels.
 ///
-/// A voxel's density and colour are the means of what the transfer function makes of the values in
-/// it, interpolated linearly at 2 x 2 x 2 places. Sums of Gaussians of variance s^2 blur by that
-/// variance; densities are sharpened by 1 - s^2/2 times the Laplacian before, as far as they do not
-/// become negative. Colours have spherical harmonics of degree 1, by which they depend on the line
+/// The transfer function is evaluated at 3 x 3 x 3 places in a voxel, with values that are
+/// interpolated linearly. A Gaussian has the mass, the centre and the mean colour of the densities
+/// there, and along the gradient of the values their variance; across the gradient it has
+/// `deviation`, so that it overlaps its neighbours. Surfaces at which densities jump within a voxel
+/// are as sharp as the values tell. A voxel's optical depth is 3 at most, by which it is opaque:
+/// kernels of more would be opaque beyond the voxel. Blocks are merged as isotropic Gaussians where
+/// what is around them, as far as these reach, is as dense.
+///
+/// Colours have spherical harmonics of degree 1, by which they depend on the line
 /// of sight v and the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2).
 /// Where the values hardly change there is no normal, and colours depend on it less and less.
 ///
