@@ -130,9 +130,9 @@ using Matrix3 = Eigen::Matrix3d;
 
 /// A Gaussian that is to be drawn.
 struct Shape {
-  Matrix3 axes;  ///< Columns, the longest first.
-  Vec3d scale;
-  double amplitude;
+  Matrix3 axes = Matrix3::Identity();  ///< Columns, the longest first.
+  Vec3d scale{0, 0, 0};
+  double amplitude = 0;
   double growth = 1;  ///< Mass by the mass that the amplitude and the scales have, >= 1.
 };
 
@@ -173,11 +173,28 @@ class Growth {
   Growth(const MergeGaussians& gaussians, const Array<Shape>& shapes)
       : gaussians_(gaussians), shapes_(shapes) {}
 
-  /// The factor on the variances of Gaussian i.
+  /// The factor on the variances of Gaussian i: the largest that it needs across its own planes, of
+  /// which the flat side is one.
   double at(std::size_t i, std::span<const std::uint32_t> around) const {
     const Shape& own = shapes_[i];
-    if (own.growth <= 1) return 1;
-    const Plane plane = own.axes.leftCols<2>();
+    double growth = 1;
+    for (int axis = 0; axis < 3 && own.growth > growth; ++axis) {
+      Plane plane;
+      plane << own.axes.col(axis), own.axes.col((axis + 1) % 3);
+      growth = std::max(growth, needed(i, around, plane));
+    }
+    return std::min({growth, own.growth, kMostGrowth});
+  }
+
+ private:
+  using Plane = Eigen::Matrix<double, 3, 2>;
+
+  Matrix2 projected(std::size_t i, const Plane& plane) const {
+    return plane.transpose() * matrix_of(gaussians_.covariance[i]) * plane;
+  }
+
+  /// The factor after which the optical depth over Gaussian i, seen across a plane, is as wanted.
+  double needed(std::size_t i, std::span<const std::uint32_t> around, const Plane& plane) const {
     const Matrix2 variance = projected(i, plane);
     double depth = 0;
     double shown = 0;
@@ -198,16 +215,9 @@ class Growth {
       depth += here * shapes_[j].growth;
     }
     if (!(shown > 0)) return 1;
-    const double peak = kFilteredPeak * own.amplitude;
+    const double peak = kFilteredPeak * shapes_[i].amplitude;
     const double wanted = std::min(depth, std::max(1.0, depth * peak / dilogarithm(peak)));
-    return std::clamp(std::min(wanted, kMostDepth) / shown, 1.0, std::min(own.growth, kMostGrowth));
-  }
-
- private:
-  using Plane = Eigen::Matrix<double, 3, 2>;
-
-  Matrix2 projected(std::size_t i, const Plane& plane) const {
-    return plane.transpose() * matrix_of(gaussians_.covariance[i]) * plane;
+    return std::min(wanted, kMostDepth) / shown;
   }
 
   /// What the pixel filter (variance 0.3) leaves of a kernel's peak, where a merged Gaussian has a
@@ -223,26 +233,12 @@ class Growth {
   const Array<Shape>& shapes_;
 };
 
-void resize_gaussians(GaussianCloud& cloud, std::size_t size) {
-  cloud.position.resize(size);
-  cloud.scale.resize(size);
-  cloud.rotation.resize(size);
-  cloud.amplitude.resize(size);
-  cloud.harmonics.resize(size * cloud.harmonics_stride());
-}
-
 }  // namespace
 
 GaussianCloud drawn_gaussians(const MergeGaussians& gaussians, const GaussianCloud& cloud) {
-  GaussianCloud out;
-  out.origin = cloud.origin;
-  out.degree = cloud.degree;
-  out.rule = cloud.rule;
-  out.trained_with = cloud.trained_with;
-  out.up = cloud.up;
+  GaussianCloud out = cloud.without_gaussians();
   const std::size_t size = gaussians.size();
-  const std::size_t stride = cloud.harmonics_stride();
-  resize_gaussians(out, size);
+  out.resize(size);
   Array<Shape> shapes(size);
   parallel_each(size, kMergeGrain, [&](std::size_t i) {
     const std::uint32_t source = gaussians.source[i];
@@ -254,29 +250,24 @@ GaussianCloud drawn_gaussians(const MergeGaussians& gaussians, const GaussianClo
     }
   });
   const Growth growth(gaussians, shapes);
-  const NeighborRows rows =
-      make_neighbor_search(gaussians.position)->rows(std::min<std::size_t>(kNeighbors, size));
+  const std::unique_ptr<NeighborSearch> search = make_neighbor_search(gaussians.position);
+  const NeighborRows rows = search->rows(std::min(kNeighbors, size));
   parallel_each(size, kMergeGrain, [&](std::size_t i) {
     const std::uint32_t source = gaussians.source[i];
     if (source != MergeGaussians::kMerged) {
-      out.position[i] = cloud.position[source];
-      out.scale[i] = cloud.scale[source];
-      out.rotation[i] = cloud.rotation[source];
-      out.amplitude[i] = cloud.amplitude[source];
-      std::copy_n(cloud.harmonics.data() + source * stride, stride,
-                  out.harmonics.data() + i * stride);
+      out.assign(i, cloud, source);
       return;
     }
     const Shape& shape = shapes[i];
     Eigen::Quaterniond q(shape.axes);
     q.normalize();
-    if (q.w() < 0) q.coeffs() = -q.coeffs();
     out.position[i] = gaussians.position[i];
     out.scale[i] = (shape.scale * std::sqrt(growth.at(i, rows.of(i)))).cast<float>();
     out.rotation[i] = {static_cast<float>(q.w()), static_cast<float>(q.x()),
                        static_cast<float>(q.y()), static_cast<float>(q.z())};
     out.amplitude[i] = static_cast<float>(shape.amplitude);
-    std::copy_n(gaussians.harmonics_of(i), stride, out.harmonics.data() + i * stride);
+    const auto at = out.harmonics.begin() + static_cast<std::ptrdiff_t>(i * gaussians.stride);
+    std::copy_n(gaussians.harmonics_of(i), gaussians.stride, at);
   });
   return out;
 }

@@ -98,11 +98,7 @@ GaussianCloud gaussians_of_surfels(const SurfelCloud& cloud, const std::string& 
   GaussianCloud out;
   out.origin = cloud.origin;
   out.up = cloud.up;
-  out.position.resize(order.size());
-  out.scale.resize(order.size());
-  out.rotation.resize(order.size());
-  out.amplitude.resize(order.size());
-  out.harmonics.resize(order.size() * out.harmonics_stride());
+  out.resize(order.size());
   const Array<Vec3f>* const color = cloud.render_color();
   constexpr std::size_t kGrain = std::size_t{1} << 10;
   parallel_each(order.size(), kGrain, [&](std::size_t to) {
