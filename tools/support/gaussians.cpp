@@ -28,6 +28,10 @@ GaussianCloud load_gaussians(Tool& tool, const std::string& path) {
   GaussianCloud cloud = read_gaussians(path);
   tool.report()["load_ms"] = timer.milliseconds();
   tell_unusable(tool, path, cloud);
+  if (cloud.coarser_skipped > 0) {
+    tool.note(fmt::format("{}: has levels of detail; the finest alone is used, {} of {} Gaussians",
+                          path, cloud.size(), cloud.size() + cloud.coarser_skipped));
+  }
   return cloud;
 }
 

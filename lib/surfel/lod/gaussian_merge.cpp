@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include <surfel/base/elementary.h>
+#include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/lod/gaussian_merge.h>
 #include <surfel/scene/gaussian_mass.h>
@@ -93,6 +94,15 @@ bool has_mass(const GaussianCloud& cloud, std::size_t i) {
   // What is left of a product in float must be a number to divide by.
   const auto mass = static_cast<float>(mass_of(cloud, i));
   return mass >= std::numeric_limits<float>::min() && std::isfinite(mass);
+}
+
+std::size_t without_massless(const GaussianCloud& cloud, Array<std::uint32_t>& order,
+                             const std::string& name) {
+  const auto without = std::erase_if(order, [&](std::uint32_t i) { return !has_mass(cloud, i); });
+  if (order.empty()) {
+    throw_input(name, "holds no Gaussian that can be seen: all are points, or clearer than 1/255");
+  }
+  return without;
 }
 
 MergeGaussians merge_gaussians(const GaussianCloud& cloud, std::span<const std::uint32_t> which) {

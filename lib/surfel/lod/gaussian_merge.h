@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -46,6 +47,11 @@ struct SURFEL_API MergeGaussians {
 /// Is a Gaussian of a cloud worth merging: can a trained renderer show it at all? Not with an
 /// opacity below 1/255, which none of them blends, and not without a mass (points and lines).
 SURFEL_API bool has_mass(const GaussianCloud& cloud, std::size_t i);
+
+/// Takes the Gaussians without has_mass() out of an order, and returns how many. Throws
+/// Error(kInput), starting with `name`, where none is left.
+SURFEL_API std::size_t without_massless(const GaussianCloud& cloud, Array<std::uint32_t>& order,
+                                        const std::string& name);
 
 /// Gaussians of a cloud, in the order of `which`.
 SURFEL_API MergeGaussians merge_gaussians(const GaussianCloud& cloud,

@@ -31,10 +31,7 @@ GaussianCloud simplify_gaussians(const GaussianCloud& cloud,
   SimplifyGaussiansReport done;
   StageTimer stage(done.times);
   Array<std::uint32_t> order = morton_order(cloud.position);
-  done.unseen = std::erase_if(order, [&](std::uint32_t i) { return !has_mass(cloud, i); });
-  if (order.empty()) {
-    throw_input(name, "holds no Gaussian that can be seen: all are points, or clearer than 1/255");
-  }
+  done.unseen = without_massless(cloud, order, name);
   MergeGaussians gaussians = merge_gaussians(cloud, order);
   stage.end("prepare");
   const std::size_t before = gaussians.size();
