@@ -191,6 +191,10 @@ GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOpt
     throw_usage(
         "samples of a surface are drawn as surfels, whose kernels are divided by their sum");
   }
+  if (!cloud.tree.empty()) {
+    throw_usage(
+        "the Gaussians are levels of detail, all of them together; draw a cut (gaussian_cut.h)");
+  }
   const bool opacities =
       cloud.rule == AmplitudeRule::kOpacity || cloud.rule == AmplitudeRule::kCompensated;
   if (!opacities && options.profile != GaussianProfile::kExact) {

@@ -27,7 +27,8 @@ struct GaussianFrameStatistics {
 /// kept for the next picture.
 class SURFEL_API GaussianRenderer {
  public:
-  /// Refers to the cloud. Throws Error(kUsage) if an option is not usable, or if the profile does
+  /// Refers to the cloud, whose Gaussians may be others from picture to picture. Throws Error(kUsage)
+  /// if an option is not usable, if the cloud has levels of detail, or if the profile does
   /// not draw the cloud's amplitude rule: densities are kExact's, samples of a surface are drawn by
   /// Renderer.
   GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options);

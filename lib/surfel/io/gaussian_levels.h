@@ -7,6 +7,7 @@
 #include <string>
 
 #include <surfel/base/export.h>
+#include <surfel/io/input_file.h>
 #include <surfel/scene/gaussian_cloud.h>
 
 namespace surfel {
@@ -25,6 +26,7 @@ class SURFEL_API GaussianLevels {
   /// Reads the header and the tree. Throws Error (kIo, kInput) naming the file where it has no
   /// levels, or broken ones.
   explicit GaussianLevels(const std::string& path);
+  explicit GaussianLevels(InputFile file);
   ~GaussianLevels();
   GaussianLevels(const GaussianLevels&) = delete;
   GaussianLevels& operator=(const GaussianLevels&) = delete;

@@ -330,8 +330,10 @@ bool has_gaussian_levels(const PlyHeader& header) {
   return has_trained_gaussians(header) && header.find(kMergedElement) && header.find(kTreeElement);
 }
 
-GaussianLevels::GaussianLevels(const std::string& path)
-    : ply_(std::make_unique<PlyFile>(InputFile(path))), head_(std::make_unique<GaussianCloud>()) {
+GaussianLevels::GaussianLevels(const std::string& path) : GaussianLevels(InputFile(path)) {}
+
+GaussianLevels::GaussianLevels(InputFile file)
+    : ply_(std::make_unique<PlyFile>(std::move(file))), head_(std::make_unique<GaussianCloud>()) {
   const std::string& name = ply_->name();
   if (!has_gaussian_levels(ply_->header())) {
     throw_input(name, "has no levels of detail; run surfel-lod on it");
