@@ -41,7 +41,7 @@ std::vector<std::uint32_t> leaves(const ClusterTree& tree) {
 
 TEST(GaussianCut, WhatIsCulledChangesNoBit) {
   // Many small Gaussians and some as large as the scene, before, beside and behind the eye.
-  GaussianCloud cloud = random_gaussians(20000, 3, 0, 0.01);
+  GaussianCloud cloud = random_gaussians(40000, 3, 0, 0.003);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (i % 3 == 0) cloud.position[i].z() -= 3;
     if (i % 4999 == 0) cloud.scale[i] *= 60;
@@ -52,7 +52,7 @@ TEST(GaussianCut, WhatIsCulledChangesNoBit) {
        {GaussianProfile::kInria, GaussianProfile::kGsplat, GaussianProfile::kMip,
         GaussianProfile::k2dgs, GaussianProfile::kExact}) {
     const GaussianOptions options{.profile = profile};
-    for (const double zoom : {0.3, 1.0, 6.0}) {
+    for (const double zoom : {0.3, 1.0, 15.0}) {
       Camera camera = camera_before(cloud, 72, 56);
       camera.focal_x *= zoom;
       camera.focal_y *= zoom;
