@@ -200,7 +200,8 @@ int main(int argc, char** argv) {
        "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
        "surfel-simplify trained.ply --factor 10 -o tenth.ply"});
   tool.files().reads({"surfels"});
-  tool.files().writes("--output", surfel::tool::Writes::kSurfelsOrGaussians);
+  // What may be written depends on the input.
+  tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
     if (s.factor) {
       surfel::tool::require_valid(
