@@ -24,6 +24,7 @@
 #include <surfel/scene/transform.h>
 #include <sys/resource.h>
 
+#include "tools/support/gaussians.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -167,11 +168,9 @@ surfel::Similarity similarity(const Settings& s) {
   return out;
 }
 
-bool names_gaussians(const std::string& path) {
-  const std::string extension = surfel::tool::lower_extension(path);
-  return extension == ".splat" || extension == ".usda";
+bool writes_gaussians(const Settings& s) {
+  return s.as_gaussians || surfel::tool::names_gaussians(s.output);
 }
-bool writes_gaussians(const Settings& s) { return s.as_gaussians || names_gaussians(s.output); }
 
 void check(const CLI::App& app, Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
@@ -201,7 +200,8 @@ void check(const CLI::App& app, Settings& s) {
   if (s.ascii && !extension.empty() && extension != ".ply") {
     problems.emplace_back("--ascii has no effect on formats other than PLY; leave it out");
   }
-  if (s.as_gaussians && !extension.empty() && extension != ".ply" && !names_gaussians(s.output)) {
+  if (s.as_gaussians && !extension.empty() && extension != ".ply" &&
+      !surfel::tool::names_gaussians(s.output)) {
     problems.push_back(s.output + ": Gaussians are written as PLY, .splat or .usda");
   }
   if (writes_gaussians(s)) {
@@ -411,19 +411,7 @@ std::string convert_aligned(surfel::tool::Tool& tool, const Settings& s) {
 /// Writes Gaussians; returns what the file holds.
 std::string write_gaussians(surfel::tool::Tool& tool, const surfel::GaussianCloud& cloud,
                             const Settings& s) {
-  const std::string extension = surfel::tool::lower_extension(s.output);
-  if (extension == ".splat" && cloud.degree > 0) {
-    tool.note(s.output + ": colours no longer depend on the direction, .splat has one for all");
-  }
-  if (extension == ".splat" && !cloud.origin.isZero(0)) {
-    tool.note(
-        fmt::format("{}: coordinates are relative to {:.10g},{:.10g},{:.10g}, as .splat has "
-                    "no place for it",
-                    s.output, cloud.origin.x(), cloud.origin.y(), cloud.origin.z()));
-  }
-  surfel::write_gaussians(
-      cloud, s.output, {.no_clobber = tool.common().no_clobber, .provenance = {tool.provenance()}});
-  tool.report()["gaussians"] = cloud.size();
+  surfel::tool::write_result(tool, cloud, s.output);
   return fmt::format("{} Gaussians", cloud.size());
 }
 
@@ -459,14 +447,8 @@ std::string convert_gaussians(surfel::tool::Tool& tool, const Settings& s) {
       {"--ascii", "--keep-columns", "--columns", "--level", "--bounds", "--every", "--material",
        "--separate-materials", "--epsg", "--align"},
       "on Gaussians in space"));
-  const std::string extension = surfel::tool::lower_extension(s.output);
-  if (!extension.empty() && extension != ".ply" && !names_gaussians(s.output)) {
-    surfel::throw_usage(
-        fmt::format("{}: {} holds Gaussians in space, which are written as PLY, "
-                    ".splat or .usda",
-                    s.output, s.inputs.front()));
-  }
-  surfel::GaussianCloud cloud = surfel::tool::read_gaussians(tool, s.inputs);
+  surfel::tool::require_gaussian_name(s.output, s.inputs.front());
+  surfel::GaussianCloud cloud = surfel::tool::load_gaussians(tool, s.inputs);
   surfel::transform_gaussians(cloud, similarity(s));
   return write_gaussians(tool, cloud, s);
 }

@@ -14,6 +14,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_levels.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/volume_io.h>
@@ -253,6 +254,17 @@ const char* rule_name(surfel::AmplitudeRule rule) {
   return "opacity";
 }
 
+/// How many Gaussians the levels of detail of a file have, finest first.
+Json levels_of(const std::string& file) {
+  const surfel::GaussianLevels levels(file);
+  std::vector<std::size_t> counts;
+  for (const surfel::TreeCluster& cluster : levels.head().tree) {
+    counts.resize(std::max<std::size_t>(counts.size(), cluster.level + std::size_t{1}));
+    counts[cluster.level] += cluster.end - cluster.begin;
+  }
+  return counts;
+}
+
 Json describe_gaussians(const std::string& file) {
   const surfel::GaussianCloud cloud = surfel::read_gaussians(file);
   const surfel::GaussianStatistics s = surfel::gaussian_statistics(cloud);
@@ -278,6 +290,7 @@ Json describe_gaussians(const std::string& file) {
   out["invisible_share"] = static_cast<double>(s.invisible) / static_cast<double>(s.count);
   out["isolated"] = s.isolated;
   out["veils"] = s.veils;
+  if (cloud.coarser_skipped > 0) out["levels"] = levels_of(file);
   out["next"] = surfel::picture_command(file);
   return out;
 }

@@ -2,8 +2,11 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/io/gaussian_io.h>
+#include <surfel/lod/gaussian_hierarchy.h>
 #include <surfel/lod/hierarchy.h>
 
+#include "tools/support/gaussians.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -17,10 +20,13 @@ struct Settings {
 };
 
 void declare_options(CLI::App& app, Settings& s) {
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
+  app.add_option(
+         "surfels", s.input,
+         "Surfels (PLY, PCD, LAS, LAZ; - = standard input), or trained splats (PLY, .splat, .spz, "
+         ".ksplat)")
       ->required();
   app.add_option("-o,--output", s.output,
-                 "Surfels of all levels to write (PLY; - = standard output)")
+                 "Surfels or Gaussians of all levels to write (PLY; - = standard output)")
       ->required();
   app.option_defaults()->group("Levels");
   app.add_option("--reduction", s.hierarchy.reduction,
@@ -42,33 +48,68 @@ void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
   surfel::tool::add_stages(json, r.stages);
 }
 
+void report(nlohmann::json& json, const surfel::GaussianHierarchyReport& r) {
+  json["dropped"] = r.unseen;
+  json["levels"] = r.levels;
+  json["spacing"] = r.spacing;
+  json["clusters"] = r.clusters;
+  surfel::tool::add_stages(json, r.stages);
+}
+
+void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
+  surfel::tool::require_valid(surfel::tool::without_effect(
+      tool.app(), {"--normal-angle", "--sheet-weight"}, "on Gaussians in space"));
+  surfel::GaussianHierarchyReport levels;
+  surfel::GaussianCloud result;
+  {
+    const surfel::GaussianCloud cloud = surfel::tool::load_gaussians(tool, {s.input});
+    result = surfel::build_gaussian_hierarchy(cloud, {.reduction = s.hierarchy.reduction}, s.input,
+                                              &levels);
+  }
+  if (levels.unseen > 0) {
+    tool.note(fmt::format("{}: {} Gaussians left out, which no trained renderer shows", s.input,
+                          levels.unseen));
+  }
+  report(tool.report(), levels);
+  surfel::tool::write_result(tool, result, s.output);
+  tool.wrote(s.output,
+             fmt::format("{} Gaussians in {} levels of {} down to {}", result.size(),
+                         levels.levels.size(), levels.levels.front(), levels.levels.back()));
+}
+
+void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
+  const std::string name = surfel::tool::shown_name(s.input);
+  surfel::HierarchyReport levels;
+  surfel::SurfelCloud result;
+  {
+    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+    result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
+  }
+  surfel::tool::tell_left_out(tool, name, levels.dropped);
+  report(tool.report(), levels);
+  surfel::tool::write_result(tool, result, s.output);
+  tool.wrote(s.output,
+             fmt::format("{} surfels in {} levels of {} down to {}", result.size(),
+                         levels.levels.size(), levels.levels.front(), levels.levels.back()));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  surfel::tool::Tool tool("surfel-lod",
-                          "Adds levels of detail: fewer, larger surfels for distant views.");
+  surfel::tool::Tool tool(
+      "surfel-lod", "Adds levels of detail: fewer, larger surfels or Gaussians for distant views.");
   Settings s;
   declare_options(tool.app(), s);
   tool.everyday(
       {"--output", "--reduction", "--normal-angle"},
       {"surfel-lod city.ply -o levels.ply", "surfel-lod city.ply --reduction 2 -o levels.ply",
-       "surfel-lod city.ply --normal-angle 30 --stats levels.json -o levels.ply"});
+       "surfel-lod trained.splat -o levels.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kLevels);
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(s.hierarchy.problems());
-    const std::string name = surfel::tool::shown_name(s.input);
-    surfel::HierarchyReport levels;
-    surfel::SurfelCloud result;
-    {
-      const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-      result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
-    }
-    surfel::tool::tell_left_out(tool, name, levels.dropped);
-    report(tool.report(), levels);
-    surfel::tool::write_result(tool, result, s.output);
-    tool.wrote(s.output,
-               fmt::format("{} surfels in {} levels of {} down to {}", result.size(),
-                           levels.levels.size(), levels.levels.front(), levels.levels.back()));
+    const auto add_levels =
+        surfel::holds_gaussians(s.input) ? add_levels_of_gaussians : add_levels_of_surfels;
+    add_levels(tool, s);
   });
 }

@@ -1,11 +1,18 @@
-// surfel-simplify: fewer surfels for the same look.
+// surfel-simplify: fewer surfels, or fewer Gaussians in space, for the same look.
+
+#include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
 #include <surfel/base/progress.h>
+#include <surfel/io/gaussian_io.h>
 #include <surfel/simplify/simplify.h>
+#include <surfel/simplify/simplify_gaussians.h>
 
+#include "tools/support/gaussians.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
@@ -15,15 +22,18 @@ namespace {
 struct Settings {
   std::string input;
   std::string output;
+  std::optional<double> factor;
   surfel::SimplifyOptions simplify;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
   app.add_option("surfels", s.input,
-                 "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input)")
+                 "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input), or trained splats "
+                 "(PLY, .splat, .spz, .ksplat)")
       ->required();
   app.add_option("-o,--output", s.output,
-                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
+                 "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output); of Gaussians PLY, "
+                 ".splat or .usda")
       ->required();
 
   app.option_defaults()->group("How few");
@@ -35,6 +45,8 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--count", s.simplify.count,
                  "Exactly this many surfels, with the least error; more where that many sheets or "
                  "materials have to be told apart; surfels mirrored beyond edges come on top")
+      ->check(CLI::Range(1.0, 4294967295.0).description(""));
+  app.add_option("--factor", s.factor, "So many times fewer than there are, instead of --count")
       ->check(CLI::Range(1.0, 4294967295.0).description(""));
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
@@ -104,41 +116,98 @@ void tell(const surfel::tool::Tool& tool, const std::string& name, const Setting
   }
 }
 
+/// How many are left of so many.
+std::size_t count_of(const Settings& s, std::size_t before) {
+  if (!s.factor) return s.simplify.count.value_or(before);
+  return std::max<std::size_t>(
+      1, static_cast<std::size_t>(std::ceil(static_cast<double>(before) / *s.factor)));
+}
+
+void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
+  surfel::tool::require_valid(
+      surfel::tool::without_effect(tool.app(),
+                                   {"--max-error", "--unit-deviation", "--light", "--normal-angle",
+                                    "--sheet-weight", "--cutoff", "--seed"},
+                                   "on Gaussians in space"));
+  if (!s.factor && !s.simplify.count) {
+    surfel::throw_usage("give --count or --factor: how many Gaussians are to be left");
+  }
+  surfel::tool::require_gaussian_name(s.output, s.input);
+  surfel::SimplifyGaussiansReport done;
+  surfel::GaussianCloud result;
+  std::size_t before = 0;
+  {
+    const surfel::GaussianCloud cloud = surfel::tool::load_gaussians(tool, {s.input});
+    before = cloud.size();
+    result = surfel::simplify_gaussians(cloud, {.count = count_of(s, before)}, s.input, &done);
+  }
+  nlohmann::json& json = tool.report();
+  json["before"] = before;
+  json["unseen"] = done.unseen;
+  json["merged"] = done.merged;
+  json["blur"] = done.blur;
+  surfel::tool::add_stages(json, done.times);
+  surfel::tool::write_result(tool, result, s.output);
+  tool.wrote(
+      s.output,
+      fmt::format(
+          "{} of {} Gaussians{}, {} of them merged", result.size(), before,
+          done.unseen > 0 ? fmt::format(" ({} that nobody can see left out)", done.unseen) : "",
+          done.merged));
+}
+
+void simplify_surfels(surfel::tool::Tool& tool, Settings& s) {
+  surfel::tool::require_format(s.output, surfel::tool::Writes::kSurfels);
+  if (s.factor) {
+    s.simplify.count = 1;  // Until it is known how many surfels there are.
+  }
+  surfel::tool::require_valid(s.simplify.problems());
+  const std::string name = surfel::tool::shown_name(s.input);
+  surfel::SimplifyReport done;
+  surfel::SurfelCloud result;
+  {
+    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+    surfel::ProgressStage stage("simplifying", cloud.size(), "surfels");
+    if (s.factor) s.simplify.count = count_of(s, cloud.size());
+    s.simplify.progress = [&stage](double share) { stage.set_share(share); };
+    result = surfel::simplify_surfels(cloud, s.simplify, &done, name);
+  }
+  report(tool.report(), done);
+  tell(tool, name, s, done);
+  surfel::tool::write_result(tool, result, s.output);
+  tool.wrote(
+      s.output,
+      fmt::format(
+          "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+          "shape {:.3g} of {:.3g} units)",
+          done.result, done.surfels,
+          done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
+          done.error.total(), done.error.color, done.error.shading, done.error.shape,
+          done.unit_deviation));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   surfel::tool::Tool tool("surfel-simplify",
-                          "Merges surfels where the surface is flat and its colours are smooth.");
+                          "Merges surfels where the surface is flat and its colours are smooth, "
+                          "or Gaussians that look the same from afar.");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday({"--output", "--count", "--max-error", "--light", "--normal-angle", "--cutoff"},
-                {"surfel-simplify lion.ply --count 20k -o few.ply",
-                 "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
-                 "surfel-simplify lion.ply --max-error 0.02 --light 0 -o unlit.ply"});
+  tool.everyday(
+      {"--output", "--count", "--factor", "--max-error", "--light", "--normal-angle", "--cutoff"},
+      {"surfel-simplify lion.ply --count 20k -o few.ply",
+       "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
+       "surfel-simplify trained.ply --factor 10 -o tenth.ply"});
   tool.files().reads({"surfels"});
-  tool.files().writes("--output", surfel::tool::Writes::kSurfels);
+  // What may be written depends on the input.
+  tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
-    surfel::tool::require_valid(s.simplify.problems());
-    const std::string name = surfel::tool::shown_name(s.input);
-    surfel::SimplifyReport done;
-    surfel::SurfelCloud result;
-    {
-      const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-      surfel::ProgressStage stage("simplifying", cloud.size(), "surfels");
-      s.simplify.progress = [&stage](double share) { stage.set_share(share); };
-      result = surfel::simplify_surfels(cloud, s.simplify, &done, name);
+    if (s.factor) {
+      surfel::tool::require_valid(
+          surfel::tool::without_effect(tool.app(), {"--count", "--max-error"}, "beside --factor"));
     }
-    report(tool.report(), done);
-    tell(tool, name, s, done);
-    surfel::tool::write_result(tool, result, s.output);
-    tool.wrote(
-        s.output,
-        fmt::format(
-            "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-            "shape {:.3g} of {:.3g} units)",
-            done.result, done.surfels,
-            done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
-            done.error.total(), done.error.color, done.error.shading, done.error.shape,
-            done.unit_deviation));
+    const auto simplify = surfel::holds_gaussians(s.input) ? simplify_gaussians : simplify_surfels;
+    simplify(tool, s);
   });
 }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/gaussian_cloud.h>
@@ -168,6 +169,103 @@ TEST_F(Gaussians, BrokenFilesAreNamedAndLeaveNothing) {
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_TRUE(contains(result.errors, "two.ply")) << result.errors;
   EXPECT_EQ(entries(folder_ / ""), Words{"two.ply"});
+}
+
+/// A sphere of splats with and without levels of detail, made once.
+struct SplatSphere {
+  TemporaryFolder folder;
+  std::string plain = folder / "plain.ply";
+  std::string levels = folder / "levels.ply";
+
+  SplatSphere() {
+    const std::string surfels = folder / "surfels.ply";
+    run({tool("surfel-generate"), "sphere", "--count", "6000", "-o", surfels, "--quiet"});
+    run({tool("surfel-convert"), surfels, "--gaussians", "-o", plain, "--quiet"});
+    run({tool("surfel-lod"), plain, "-o", levels, "--quiet"});
+  }
+  static const SplatSphere& get() {
+    static const SplatSphere sphere;
+    return sphere;
+  }
+};
+
+class LevelsOfGaussians : public testing::Test {
+ protected:
+  RunResult render(const std::string& file, Words words) const {
+    words.insert(words.begin(), {tool("surfel-render"), file});
+    words.insert(words.end(), {"-o", folder_ / "p.png", "--size", "48", "--stats", stats_});
+    return run(words);
+  }
+  /// The picture's bytes.
+  std::string picture(const std::string& file, const Words& words) const {
+    const RunResult result = render(file, words);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_text(folder_ / "p.png");
+  }
+  double drawn() const {
+    return nlohmann::json::parse(read_text(stats_))["frames"][0]["splats"].get<double>();
+  }
+
+  TemporaryFolder folder_;
+  std::string stats_ = folder_ / "stats.json";
+  const SplatSphere& sphere_ = SplatSphere::get();
+};
+
+TEST_F(LevelsOfGaussians, AreStreamedToTheSamePicture) {
+  for (const char* profile : {"inria", "exact"}) {
+    for (const char* eye : {"--eye=0,0,3", "--eye=0,0.2,1.2"}) {
+      const Words view{"--profile", profile, eye, "--target=0,0,0"};
+      Words streamed = view;
+      streamed.insert(streamed.end(), {"--lod", "on", "--lod-error", "0", "--memory", "3M"});
+      Words whole = view;
+      whole.insert(whole.end(), {"--lod", "off"});
+      EXPECT_EQ(picture(sphere_.levels, streamed), picture(sphere_.levels, whole)) << eye;
+    }
+  }
+}
+
+TEST_F(LevelsOfGaussians, PicturesFromAfarDrawFewer) {
+  picture(sphere_.levels, {"--eye=0,0,40", "--target=0,0,0"});
+  EXPECT_LT(drawn(), 600);
+  picture(sphere_.levels, {"--eye=0,0,40", "--target=0,0,0", "--lod", "off"});
+  EXPECT_EQ(drawn(), 6000);
+  // A scene is framed alike.
+  picture(sphere_.levels, {"--lod-error", "0"});
+  const std::string view = nlohmann::json::parse(read_text(stats_))["view"];
+  picture(sphere_.levels, {"--lod", "off"});
+  EXPECT_EQ(nlohmann::json::parse(read_text(stats_))["view"], view);
+}
+
+TEST_F(LevelsOfGaussians, WhatDoesNotFitIntoMemorySaysWhatHelps) {
+  const RunResult whole = render(sphere_.plain, {"--memory", "500K"});
+  EXPECT_EQ(whole.exit_code, 1);
+  EXPECT_TRUE(contains(whole.errors, "plain.ply: to draw 6000 Gaussians takes 0.894 MB"))
+      << whole.errors;
+  EXPECT_TRUE(contains(whole.errors, "surfel-lod")) << whole.errors;
+  const RunResult levels = render(sphere_.levels, {"--memory", "500K", "--lod-error", "0"});
+  EXPECT_EQ(levels.exit_code, 1);
+  EXPECT_TRUE(contains(levels.errors, "--lod-error")) << levels.errors;
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "p.png"));
+  EXPECT_EQ(
+      render(sphere_.levels, {"--memory", "500K", "--eye=0,0,40", "--target=0,0,0"}).exit_code, 0);
+}
+
+TEST_F(LevelsOfGaussians, OtherToolsUseTheFinestLevel) {
+  const std::string out = folder_ / "out.ply";
+  const RunResult result = run({tool("surfel-convert"), sphere_.levels, "-o", out});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "the finest alone is used, 6000 of")) << result.errors;
+  EXPECT_EQ(read_gaussians(out).size(), 6000U);
+  const RunResult info = run({tool("surfel-info"), sphere_.levels, "--json"});
+  EXPECT_EQ(nlohmann::json::parse(info.output)["levels"][0], 6000U);
+  EXPECT_EQ(nlohmann::json::parse(info.output)["levels"][1], 2000U);
+  const RunResult missing = render(sphere_.plain, {"--lod", "on"});
+  EXPECT_EQ(missing.exit_code, 1);
+  EXPECT_TRUE(contains(missing.errors, "plain.ply: has no levels of detail; run surfel-lod on it"))
+      << missing.errors;
+  EXPECT_EQ(run({tool("surfel-lod"), sphere_.plain, "--normal-angle", "9", "-o", out}).exit_code,
+            2);
+  EXPECT_EQ(run({tool("surfel-lod"), sphere_.plain, "-o", folder_ / "a.splat"}).exit_code, 2);
 }
 
 }  // namespace

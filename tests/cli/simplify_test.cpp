@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/image.h>
 #include <surfel/truth/image_error.h>
@@ -116,6 +117,50 @@ TEST_F(SurfelSimplify, RefusesBadOptionsAndBadClouds) {
           "holds no");
   EXPECT_EQ(simplify(folder_ / "none.ply", {"--count", "5"}).exit_code, 1);
   EXPECT_FALSE(std::filesystem::exists(output_)) << "nothing is left behind";
+}
+
+TEST_F(SurfelSimplify, TakesAFactorInsteadOfACount) {
+  ASSERT_EQ(simplify(input(), {"--factor", "8", "--quiet"}).exit_code, 0);
+  EXPECT_EQ(read_cloud(output_).size(), 2500U);
+  EXPECT_EQ(simplify(input(), {"--factor", "8", "--count", "9"}).exit_code, 2);
+  EXPECT_EQ(simplify(input(), {"--factor", "8", "--max-error", "9"}).exit_code, 2);
+  EXPECT_EQ(simplify(input(), {"--factor", "0.5"}).exit_code, 2);
+}
+
+TEST_F(SurfelSimplify, Gaussians) {
+  const std::string splats = folder_ / "head.splat";
+  ASSERT_EQ(run({tool("surfel-convert"), input(), "-o", splats, "--quiet"}).exit_code, 0);
+  const RunResult result = simplify(splats, {"--factor", "10"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "2000 of 20000 Gaussians")) << result.errors;
+  EXPECT_EQ(report()["gaussians"], 2000U);
+  EXPECT_EQ(report()["before"], 20000U);
+  EXPECT_EQ(read_gaussians(output_).size(), 2000U);
+  const ImageError error = image_error(picture(output_), picture(splats));
+  EXPECT_GT(error.psnr, 26);
+  EXPECT_EQ(error.holes, 0);
+  for (const std::string& name : {folder_ / "few.splat", folder_ / "few.usda"}) {
+    ASSERT_EQ(
+        run({tool("surfel-simplify"), splats, "--count", "99", "-o", name, "--quiet"}).exit_code,
+        0);
+    EXPECT_TRUE(std::filesystem::exists(name));
+  }
+}
+
+TEST_F(SurfelSimplify, RefusesOptionsThatSayNothingOfGaussians) {
+  const std::string splats = folder_ / "head.splat";
+  ASSERT_EQ(run({tool("surfel-convert"), input(), "-o", splats, "--quiet"}).exit_code, 0);
+  for (const Words& options :
+       {Words{}, Words{"--max-error", "0.1"}, Words{"--count", "9", "--light", "1"},
+        Words{"--count", "9", "--normal-angle", "9"}, Words{"--count", "9", "--seed", "2"}}) {
+    EXPECT_EQ(simplify(splats, options).exit_code, 2);
+  }
+  EXPECT_FALSE(std::filesystem::exists(output_)) << "nothing is left behind";
+  EXPECT_EQ(
+      run({tool("surfel-simplify"), splats, "--count", "9", "-o", folder_ / "a.las"}).exit_code, 2);
+  EXPECT_EQ(
+      run({tool("surfel-simplify"), input(), "--count", "9", "-o", folder_ / "a.splat"}).exit_code,
+      2);
 }
 
 TEST_F(SurfelSimplify, Pipes) {

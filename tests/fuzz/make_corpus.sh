@@ -97,6 +97,7 @@ e57() {
 
 # Splats: trained PLY, packed PLY, .splat, .spz of all versions, .ksplat of all levels.
 surfel-convert cloud_ply/binary.ply -o gaussian_ply/trained.ply --gaussians --quiet
+surfel-lod gaussian_ply/trained.ply -o gaussian_ply/levels.ply --quiet
 surfel-convert cloud_ply/binary.ply -o gaussian_splat/six.splat --quiet
 {
   printf 'ply\nformat ascii 1.0\ncomment SplatRenderMode: mip\ncomment surfel_origin 1 2 3\nelement vertex 2\nproperty double x\nproperty float y\nproperty float z\n'

@@ -12,6 +12,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/colmap.h>
 #include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_levels.h>
 #include <surfel/io/image_io.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/mtl.h>
@@ -92,24 +93,35 @@ void named_columns(Bytes bytes) {
   });
 }
 
+void require_drawable(const GaussianCloud& cloud) {
+  require(cloud.size() > 0 && cloud.scale.size() == cloud.size() &&
+              cloud.rotation.size() == cloud.size() && cloud.amplitude.size() == cloud.size() &&
+              cloud.harmonics.size() == cloud.size() * cloud.harmonics_stride(),
+          "columns of Gaussians differ in length");
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const Eigen::Vector4f rotation(cloud.rotation[i].data());
+    require(cloud.position[i].allFinite() && cloud.scale[i].allFinite() &&
+                cloud.scale[i].minCoeff() >= 0 && std::isfinite(cloud.amplitude[i]) &&
+                std::abs(rotation.norm() - 1) < 1e-5F,
+            "a Gaussian that was read cannot be drawn");
+  }
+  require(std::all_of(cloud.harmonics.begin(), cloud.harmonics.end(),
+                      [](float value) { return std::isfinite(value); }),
+          "a colour is not finite");
+}
+
 /// All Gaussians that are read can be drawn.
 void gaussians(Bytes bytes, const char* extension) {
+  read_or_refuse([&] { require_drawable(read_gaussians(file_of(bytes, extension))); });
+}
+
+/// The same of those of each level of detail.
+void gaussian_levels(Bytes bytes) {
   read_or_refuse([&] {
-    const GaussianCloud cloud = read_gaussians(file_of(bytes, extension));
-    require(cloud.size() > 0 && cloud.scale.size() == cloud.size() &&
-                cloud.rotation.size() == cloud.size() && cloud.amplitude.size() == cloud.size() &&
-                cloud.harmonics.size() == cloud.size() * cloud.harmonics_stride(),
-            "columns of Gaussians differ in length");
-    for (std::size_t i = 0; i < cloud.size(); ++i) {
-      const Eigen::Vector4f rotation(cloud.rotation[i].data());
-      require(cloud.position[i].allFinite() && cloud.scale[i].allFinite() &&
-                  cloud.scale[i].minCoeff() >= 0 && std::isfinite(cloud.amplitude[i]) &&
-                  std::abs(rotation.norm() - 1) < 1e-5F,
-              "a Gaussian that was read cannot be drawn");
+    const GaussianLevels levels(file_of(bytes, ".ply"));
+    for (std::uint32_t c = 0; c < levels.head().tree.size(); ++c) {
+      require_drawable(levels.read(std::span(&c, 1)));
     }
-    require(std::all_of(cloud.harmonics.begin(), cloud.harmonics.end(),
-                        [](float value) { return std::isfinite(value); }),
-            "a colour is not finite");
   });
 }
 
@@ -223,7 +235,11 @@ constexpr Fuzzer kReaders[] = {
     {"cloud_e57", e57},
     {"cloud_expe", [](Bytes bytes) { cloud(bytes, ".pts"); }},
     {"cloud_ptx", [](Bytes bytes) { cloud(bytes, ".ptx"); }},
-    {"gaussian_ply", [](Bytes bytes) { gaussians(bytes, ".ply"); }},
+    {"gaussian_ply",
+     [](Bytes bytes) {
+       gaussians(bytes, ".ply");
+       gaussian_levels(bytes);
+     }},
     {"gaussian_splat", [](Bytes bytes) { gaussians(bytes, ".splat"); }},
     {"gaussian_spz", [](Bytes bytes) { gaussians(bytes, ".spz"); }},
     {"gaussian_ksplat", ksplat},

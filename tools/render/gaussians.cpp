@@ -7,12 +7,15 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/base/timing.h>
+#include <surfel/gaussian/gaussian_cut.h>
 #include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/io/gaussian_io.h>
 
+#include "tools/support/gaussians.h"
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
-#include "tools/support/surfels.h"
 
 namespace surfel::render_tool {
 namespace {
@@ -36,7 +39,6 @@ std::vector<std::string> options_of_surfels() {
                                    "--layers-by",   "--peel",
                                    "--layers",      "--depth-epsilon",
                                    "--cull",        "--coverage-threshold",
-                                   "--lod",         "--lod-error",
                                    "--progressive", "--image",
                                    "--wrap",        "--reference",
                                    "--shading",     "--relief",
@@ -45,9 +47,9 @@ std::vector<std::string> options_of_surfels() {
                                    "--color-map",   "--color-range",
                                    "--legend",      "--contact-sheet",
                                    "--keep",        "--print-commands",
-                                   "--explain",     "--memory",
-                                   "--columns",     "--level",
-                                   "--bounds",      "--every"};
+                                   "--explain",     "--columns",
+                                   "--level",       "--bounds",
+                                   "--every"};
   for (const std::string& option : tool::normal_map_options()) options.push_back(option);
   return options;
 }
@@ -92,26 +94,94 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
 }
 
 GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
-    : cloud_(tool::read_gaussians(tool, s.inputs)) {
-  GaussianOptions options = s.gaussians;
-  options.profile = s.profile.value_or(profile_of(cloud_));
-  options.background = s.render.background;
-  options.depth = s.render.aovs;
-  renderer_ = std::make_shared<GaussianRenderer>(cloud_, options);
-  profile_ = name_of(options.profile);
+    : name_(fmt::format("{}", fmt::join(s.inputs, ", "))), options_(s.gaussians) {
+  constexpr std::uint64_t kShareOfMemory = 4;  // All but a fourth.
+  const std::uint64_t available = available_memory_bytes();
+  memory_ = s.memory.value_or(available - available / kShareOfMemory);
+  load(tool, s);
+  const GaussianCloud& said = levels_ ? levels_->head() : cloud_;
+  options_.profile = s.profile.value_or(profile_of(said));
+  options_.background = s.render.background;
+  options_.depth = s.render.aovs;
+  if (!levels_) require_memory(cloud_.size());
+  renderer_ = std::make_shared<GaussianRenderer>(cloud_, options_);
+  profile_ = name_of(options_.profile);
   tool::require_valid(
-      tool::without_effect(tool.app(), options_without(options.profile),
+      tool::without_effect(tool.app(), options_without(options_.profile),
                            "with --profile " + profile_ + ", which the file asks for"));
-  tool.note(fmt::format("{}: {} Gaussians, drawn as --profile {} does", fmt::join(s.inputs, ", "),
-                        cloud_.size(), profile_));
-  tool.report()["gaussians"] = cloud_.size();
+  const std::size_t gaussians = levels_ ? levels_->finest() : cloud_.size();
+  tool.note(fmt::format("{}: {} Gaussians{}, drawn as --profile {} does", name_, gaussians,
+                        levels_ ? " with levels of detail" : "", profile_));
+  tool.report()["gaussians"] = gaussians;
   tool.report()["profile"] = profile_;
 }
 
-SceneExtent GaussianPainter::extent() const { return gaussian_extent(cloud_); }
+/// Opens the file, and reads it unless pictures read parts of it.
+void GaussianPainter::load(tool::Tool& tool, const Settings& s) {
+  const std::string& file = s.inputs.front();
+  const bool has_levels = s.inputs.size() == 1 && has_gaussian_levels(file);
+  if (!has_levels && (s.lod == Lod::kOn || s.render.lod_error)) {
+    throw_input(name_, s.inputs.size() == 1
+                           ? "has no levels of detail; run surfel-lod on it"
+                           : "levels of detail are drawn of one file; join the files with "
+                             "surfel-convert and run surfel-lod on the result");
+  }
+  if (!has_levels || s.lod == Lod::kOff) cloud_ = tool::load_gaussians(tool, s.inputs);
+  if (!has_levels) return;
+  auto levels = std::make_unique<GaussianLevels>(file);
+  // A scene is framed alike, whatever of it is drawn.
+  constexpr std::size_t kFraming = 20000;
+  const ClusterTree& tree = levels->head().tree;
+  std::vector<std::uint32_t> clusters;
+  for (std::uint32_t c = 0; c < tree.size(); ++c) {
+    if (!clusters.empty() && tree[c].level != tree[clusters.back()].level) {
+      const std::size_t count = tree[c].begin - tree[clusters.front()].begin;
+      if (count >= kFraming) break;
+      clusters.clear();
+    }
+    clusters.push_back(c);
+  }
+  sample_ = levels->read(clusters);
+  if (s.lod == Lod::kOff) return;
+  cloud_ = levels->head().without_gaussians();
+  error_ = s.render.lod_error.value_or(kGaussianLodError);
+  levels_ = std::move(levels);
+}
+
+/// Throws Error(kInput) where so many Gaussians take more memory than they may.
+void GaussianPainter::require_memory(std::size_t gaussians) const {
+  const std::uint64_t needed = gaussian_memory(gaussians, cloud_, options_.profile);
+  if (needed <= memory_) return;
+  throw_input(
+      name_,
+      fmt::format("to draw {} Gaussians takes {:.4g} MB, more than the {:.4g} MB that they "
+                  "may take; {}",
+                  gaussians, static_cast<double>(needed) / 1e6, static_cast<double>(memory_) / 1e6,
+                  levels_ ? "a larger --lod-error draws fewer"
+                          : "run surfel-lod on the file, so that pictures read what they "
+                            "show, or surfel-simplify; or give more --memory"));
+}
+
+/// Reads what a picture shows of levels.
+void GaussianPainter::choose_clusters(const Camera& camera) {
+  if (!levels_) return;
+  const ClusterTree& tree = levels_->head().tree;
+  const std::vector<std::uint32_t> clusters =
+      gaussian_cut(levels_->head(), camera, options_, error_);
+  std::size_t count = 0;
+  for (const std::uint32_t c : clusters) count += tree[c].end - tree[c].begin;
+  require_memory(count);
+  cloud_ = {};  // Before others take its place.
+  cloud_ = levels_->read(clusters);
+}
+
+SceneExtent GaussianPainter::extent() const {
+  return gaussian_extent(sample_.size() > 0 ? sample_ : cloud_);
+}
 
 void GaussianPainter::aim(tool::Tool& tool, const Settings& s,
                           std::vector<AskedView>& views) const {
+  const GaussianCloud& sample = sample_.size() > 0 ? sample_ : cloud_;
   const Vec3d up = cloud_.up.value_or(kTrainedUp);
   const char* reason = cloud_.up ? "as the file says" : kTrainedReason;
   bool said = false;
@@ -128,17 +198,22 @@ void GaussianPainter::aim(tool::Tool& tool, const Settings& s,
     hints.up = up;
     hints.up_reason = reason;
   }
-  if (needs_guess(s, views)) render_tool::aim(tool, s, sample_surface(cloud_), hints, views);
+  if (needs_guess(s, views)) render_tool::aim(tool, s, sample_surface(sample), hints, views);
 }
 
-Paint GaussianPainter::paint() const {
-  return [renderer = renderer_](const Camera& camera, FrameStatistics& statistics,
-                                const std::function<void(double)>&) {
+Paint GaussianPainter::paint() {
+  return [this](const Camera& camera, FrameStatistics& statistics,
+                const std::function<void(double)>&) {
+    const Timer timer;
+    choose_clusters(camera);
+    StageTimes stages;
+    if (levels_) stages.add("read", timer.milliseconds());
     GaussianFrameStatistics frame;
-    Image image = renderer->render(camera, &frame);
-    statistics.milliseconds = frame.milliseconds;
+    Image image = renderer_->render(camera, &frame);
+    for (const auto& [stage, ms] : frame.stages.stages()) stages.add(stage, ms);
+    statistics.milliseconds = timer.milliseconds();
     statistics.splats = frame.splats;
-    statistics.stages = frame.stages;
+    statistics.stages = stages;
     return image;
   };
 }

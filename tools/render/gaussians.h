@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 #include <surfel/gaussian/gaussian_renderer.h>
+#include <surfel/io/gaussian_levels.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/gaussian_cloud.h>
 
@@ -21,7 +22,8 @@ namespace surfel::render_tool {
 /// that have no effect on what is drawn: on Gaussians, or --profile on anything else.
 bool draws_gaussians(const CLI::App& app, Settings& s);
 
-/// Files of Gaussians, joined, and their renderer.
+/// Files of Gaussians, joined, and their renderer. Of a single file with levels of detail the
+/// clusters alone that a picture shows are read, for each picture anew.
 class GaussianPainter {
  public:
   /// Reads the files that the settings name, and says by which profile they are drawn.
@@ -36,11 +38,21 @@ class GaussianPainter {
   /// and says so.
   void aim(tool::Tool& tool, const Settings& s, std::vector<AskedView>& views) const;
   /// Makes pictures, as long as this object lives.
-  Paint paint() const;
+  Paint paint();
 
  private:
-  GaussianCloud cloud_;
+  void load(tool::Tool& tool, const Settings& s);
+  void require_memory(std::size_t gaussians) const;
+  void choose_clusters(const Camera& camera);
+
+  std::string name_;  ///< Of the files.
   std::string profile_;
+  std::unique_ptr<GaussianLevels> levels_;  ///< Null where all Gaussians are in memory.
+  GaussianOptions options_;
+  double error_ = 0;          ///< Of levels, pixels.
+  std::uint64_t memory_ = 0;  ///< Bytes that Gaussians may take while they are drawn.
+  GaussianCloud cloud_;       ///< What is drawn; of levels what the last picture drew.
+  GaussianCloud sample_;      ///< Of levels: a coarse one, by which the scene is framed.
   std::shared_ptr<GaussianRenderer> renderer_;  ///< Refers to the cloud.
 };
 

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/gaussian/gaussian_cut.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/coordinate_system.h>
 #include <surfel/store/attribute_values.h>
@@ -141,10 +142,12 @@ void declare_levels(CLI::App& app, Settings& s) {
              "Use the levels of detail of the file (surfel-lod), so that the time follows the "
              "pixels, not the surfels; auto: where it has them, with --method abuffer and --filter "
              "ewa; off: the finest level");
-  app.add_option("--lod-error", s.render.lod_error,
-                 fmt::format("Piece of surface that one surfel may stand for, pixels, 0..1000; "
-                             "default: {:g} --lowpass",
-                             RenderOptions::kLodError));
+  app.add_option(
+      "--lod-error", s.render.lod_error,
+      fmt::format("Piece of surface that one surfel may stand for, pixels, 0..1000; "
+                  "default: {:g} --lowpass; of Gaussians twice the standard deviation of "
+                  "merged ones, default: {:g}",
+                  RenderOptions::kLodError, kGaussianLodError));
   app.add_option("--progressive", s.progressive,
                  "Make every picture in that many steps, 1..10, each with half the --lod-error of "
                  "the one before it, and write each over the last");
@@ -533,10 +536,11 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_flag("--explain", s.explain,
                "Say what was chosen for the (first) picture where there was a choice, and why");
   add_text(app, "--memory", "BYTES", "auto",
-           "Memory for surfels and what a picture makes of them, such as 512M or 2G; a binary PLY "
+           "Memory for surfels or Gaussians and what a picture makes of them, such as 512M or 2G; "
+           "a binary PLY "
            "file that needs more, in space-filling order or nearly, is read piece by piece, for "
-           "each picture anew; of levels of detail only what is shown is read, and kept; auto = "
-           "three quarters of what is free",
+           "each picture anew; of levels of detail only what is shown is read; auto = three "
+           "quarters of what is free",
            [&s](const std::string& text) {
              s.memory.reset();
              if (text != "auto") s.memory = parse_bytes("--memory", text);

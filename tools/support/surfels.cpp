@@ -131,30 +131,6 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
                   name, left_out.total(), left_out.position, left_out.variance, left_out.color));
 }
 
-void tell_unusable(const Tool& tool, const std::string& path, const GaussianCloud& cloud) {
-  if (cloud.unusable_skipped == 0) return;
-  tool.note(fmt::format(
-      "{}: {} of {} Gaussians left out, with values that are not finite or scales beyond {:g}",
-      shown_name(path), cloud.unusable_skipped, cloud.unusable_skipped + cloud.size(),
-      kLargestExtent));
-}
-
-GaussianCloud read_gaussians(const Tool& tool, const std::vector<std::string>& files) {
-  const auto other = std::find_if(files.begin(), files.end(),
-                                  [](const std::string& file) { return !holds_gaussians(file); });
-  if (other != files.end()) {
-    throw_usage(
-        fmt::format("{}: holds no Gaussians, unlike other files, which it is not joined with",
-                    shown_name(*other)));
-  }
-  std::vector<GaussianCloud> clouds;
-  for (const std::string& file : files) {
-    clouds.push_back(surfel::read_gaussians(file));
-    tell_unusable(tool, file, clouds.back());
-  }
-  return join_gaussians(std::move(clouds), files);
-}
-
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path) {
   const std::vector<std::string> lost = columns_left_out(cloud, path);
   if (lost.empty()) return;

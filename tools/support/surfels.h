@@ -7,7 +7,6 @@
 #include <vector>
 
 #include <surfel/io/cloud_io.h>
-#include <surfel/scene/gaussian_cloud.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
 #include <surfel/scene/usable_surfels.h>
@@ -55,13 +54,6 @@ SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOpti
 
 /// Tells how many surfels of an input are left out and why, if there are some.
 void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurfels& left_out);
-
-/// Tells how many Gaussians of an input were left out, if there are some.
-void tell_unusable(const Tool& tool, const std::string& path, const GaussianCloud& cloud);
-
-/// The Gaussians of several files, joined; tells what was left out. Throws Error(kUsage) where one
-/// file holds no Gaussians, and what read_gaussians() and join_gaussians() throw.
-GaussianCloud read_gaussians(const Tool& tool, const std::vector<std::string>& files);
 
 /// Tells which columns of a cloud a file of that name does not get.
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path);

@@ -225,6 +225,10 @@ GaussianRenderer::GaussianRenderer(const GaussianCloud& cloud, const GaussianOpt
   if (cloud.rule == AmplitudeRule::kSurfel && profile != GaussianProfile::kSurfel) {
     throw_usage("samples of a surface are drawn by the profile surfel alone");
   }
+  if (!cloud.tree.empty()) {
+    throw_usage(
+        "the Gaussians are levels of detail, all of them together; draw a cut (gaussian_cut.h)");
+  }
   if (cloud.rule == AmplitudeRule::kDensity && profile != GaussianProfile::kExact) {
     throw_usage("densities are drawn by the profile exact alone");
   }

@@ -27,8 +27,10 @@ struct GaussianFrameStatistics {
 /// kept for the next picture.
 class SURFEL_API GaussianRenderer {
  public:
-  /// Refers to the cloud. Throws Error(kUsage) if an option is not usable, or if the profile does
-  /// not draw the cloud's amplitude rule: densities are kExact's, samples of a surface kSurfel's.
+  /// Refers to the cloud, whose Gaussians may be others from picture to picture. Throws
+  /// Error(kUsage) if an option is not usable, if the cloud has levels of detail, or if the profile
+  /// does not draw the cloud's amplitude rule: densities are kExact's, samples of a surface
+  /// kSurfel's.
   GaussianRenderer(const GaussianCloud& cloud, const GaussianOptions& options);
   ~GaussianRenderer();
   GaussianRenderer(const GaussianRenderer&) = delete;

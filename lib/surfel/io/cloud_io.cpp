@@ -218,15 +218,6 @@ class OwnPlyPoints final : public PointRecords {
   PlyPoints points_;
 };
 
-std::string ply_element(const char* name, const std::vector<RecordColumn>& columns,
-                        std::size_t count) {
-  std::string lines = fmt::format("element {} {}\n", name, count);
-  for (const RecordColumn& column : columns) {
-    lines += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
-  }
-  return lines;
-}
-
 /// Header of a file with `count` points, and with a tree over them if that is not empty.
 std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count,
                        const ClusterTree& tree, bool ascii,
@@ -289,7 +280,7 @@ void write_text(const CloudRecords& records, std::size_t count, char separator, 
 
 void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
   const std::vector<RecordColumn> columns = tree_columns();
-  const Array<std::byte> bytes = tree_to_records(cloud);
+  const Array<std::byte> bytes = tree_to_records(cloud.tree, cloud.origin);
   if (!ascii) return file.write(bytes.data(), bytes.size());
   const std::size_t stride = bytes.size() / cloud.tree.size();
   std::string text;

@@ -44,23 +44,11 @@ bool make_usable(GaussianCloud& cloud, std::size_t i) {
 
 /// Leaves out the Gaussians that are not usable.
 void compact(GaussianCloud& cloud, const Array<std::uint8_t>& usable) {
-  const std::size_t stride = cloud.harmonics_stride();
   std::size_t to = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    if (usable[i] == 0) continue;
-    cloud.position[to] = cloud.position[i];
-    cloud.scale[to] = cloud.scale[i];
-    cloud.rotation[to] = cloud.rotation[i];
-    cloud.amplitude[to] = cloud.amplitude[i];
-    std::copy_n(cloud.harmonics.begin() + static_cast<std::ptrdiff_t>(i * stride), stride,
-                cloud.harmonics.begin() + static_cast<std::ptrdiff_t>(to * stride));
-    ++to;
+    if (usable[i] != 0) cloud.assign(to++, cloud, i);
   }
-  cloud.position.resize(to);
-  cloud.scale.resize(to);
-  cloud.rotation.resize(to);
-  cloud.amplitude.resize(to);
-  cloud.harmonics.resize(to * stride);
+  cloud.resize(to);
 }
 
 }  // namespace
@@ -95,11 +83,7 @@ void allocate_gaussians(GaussianCloud& cloud, std::size_t count, const std::stri
     throw_input(file, fmt::format("{} Gaussians need more than the {} MB of memory that are free",
                                   count, available >> 20));
   }
-  cloud.position.resize(count);
-  cloud.scale.resize(count);
-  cloud.rotation.resize(count);
-  cloud.amplitude.resize(count);
-  cloud.harmonics.resize(count * stride);
+  cloud.resize(count);
 }
 
 void finish_gaussians(GaussianCloud& cloud, const std::string& file) {

@@ -7,6 +7,7 @@
 #include <surfel/io/compressed_ply.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
+#include <surfel/io/gaussian_levels.h>
 #include <surfel/io/gaussian_ply.h>
 #include <surfel/io/gaussian_usda.h>
 #include <surfel/io/ksplat.h>
@@ -19,12 +20,16 @@ namespace {
 
 enum class SplatFormat { kTrainedPly, kCompressedPly, kSplat, kSpz, kKsplat };
 
+/// The header of a PLY file alone; the records stay where they are.
+PlyFile header_of(const InputFile& input) {
+  const std::string_view text = input.header("end_header");
+  return PlyFile(InputFile(input.name(), std::as_bytes(std::span(text.data(), text.size()))));
+}
+
 /// The format of a file of Gaussians, or nothing where it holds none.
 std::optional<SplatFormat> splat_format(const InputFile& input) {
   if (PlyFile::matches(input.head(4))) {
-    // The header alone tells; the records stay where they are.
-    const std::string_view text = input.header("end_header");
-    const PlyFile ply(InputFile(input.name(), std::as_bytes(std::span(text.data(), text.size()))));
+    const PlyFile ply = header_of(input);
     if (has_trained_gaussians(ply.header())) return SplatFormat::kTrainedPly;
     if (has_packed_gaussians(ply.header())) return SplatFormat::kCompressedPly;
     return std::nullopt;
@@ -34,6 +39,14 @@ std::optional<SplatFormat> splat_format(const InputFile& input) {
   if (extension == ".splat") return SplatFormat::kSplat;
   if (extension == ".ksplat") return SplatFormat::kKsplat;
   return std::nullopt;
+}
+
+/// May a file be opened before it is read? What was read of a pipe would be lost.
+bool may_look(const std::string& path) {
+  std::error_code none;
+  const std::filesystem::file_status status = std::filesystem::status(path, none);
+  const bool pipe = std::filesystem::exists(status) && std::filesystem::is_other(status);
+  return path != "-" && !pipe;
 }
 
 }  // namespace
@@ -46,11 +59,13 @@ bool is_splat_name(const std::string& path) {
 bool holds_gaussians(const InputFile& input) { return splat_format(input).has_value(); }
 
 bool holds_gaussians(const std::string& path) {
-  // What was read of a pipe would be lost.
-  std::error_code none;
-  const std::filesystem::file_status status = std::filesystem::status(path, none);
-  const bool pipe = std::filesystem::exists(status) && std::filesystem::is_other(status);
-  return path != "-" && !pipe && holds_gaussians(InputFile(path));
+  return may_look(path) && holds_gaussians(InputFile(path));
+}
+
+bool has_gaussian_levels(const std::string& path) {
+  if (!may_look(path)) return false;
+  const InputFile input(path);
+  return PlyFile::matches(input.head(4)) && has_gaussian_levels(header_of(input).header());
 }
 
 GaussianCloud read_gaussians(InputFile input) {
@@ -94,6 +109,9 @@ void write_gaussians(const GaussianCloud& cloud, const std::string& path,
   }
   if ((splat || usda) && cloud.rule == AmplitudeRule::kDensity) {
     throw_usage(path + ": " + extension + " has no place for densities; write PLY");
+  }
+  if ((splat || usda) && !cloud.tree.empty()) {
+    throw_usage(path + ": " + extension + " has no place for levels of detail; write PLY");
   }
   OutputFile file(path, options.no_clobber);
   if (splat) {

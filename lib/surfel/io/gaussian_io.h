@@ -27,7 +27,7 @@ SURFEL_API bool holds_gaussians(const InputFile& input);
 /// The axes are the axes of files of 3D Gaussian splatting, whose y mostly points down;
 /// GaussianCloud::up is set only where the format says which way is up, as .spz does, whose axes
 /// are turned to PLY's. Normals of splat files are not read: no program writes normals that
-/// mean something.
+/// mean something. Of a file with levels of detail the finest is read (gaussian_levels.h).
 ///
 /// Files of trained splats hold broken Gaussians now and then, which no renderer shows: a Gaussian
 /// with a value that is not finite, or with a scale above kLargestExtent, is left out and counted
@@ -50,8 +50,9 @@ struct GaussianWriteOptions {
 /// of OpenUSD 26.03, whose kernels are Gaussian surflets where all third scales are zero. Positions
 /// are written relative to the cloud's origin, since viewers compute in float; a comment of a PLY
 /// header and a transform of a stage tell the origin, .splat has no place for it. Densities get a
-/// PLY property `density` instead of `opacity`. The file appears whole or not at all (OutputFile).
-/// Throws Error(kIo), and Error(kUsage) for other extensions and for densities in other formats.
+/// PLY property `density` instead of `opacity`; levels of detail are written as GaussianLevels
+/// reads them. The file appears whole or not at all (OutputFile). Throws Error(kIo), and
+/// Error(kUsage) for other extensions and for densities and levels in other formats.
 SURFEL_API void write_gaussians(const GaussianCloud& cloud, const std::string& path,
                                 const GaussianWriteOptions& options = {});
 

@@ -94,12 +94,21 @@ std::vector<RecordColumn> tree_columns() {
   return columns;
 }
 
-Array<std::byte> tree_to_records(const SurfelCloud& cloud) {
+std::string ply_element(const std::string& name, const std::vector<RecordColumn>& columns,
+                        std::size_t count) {
+  std::string lines = fmt::format("element {} {}\n", name, count);
+  for (const RecordColumn& column : columns) {
+    lines += fmt::format("property {} {}\n", scalar_name(column.type), column.name);
+  }
+  return lines;
+}
+
+Array<std::byte> tree_to_records(const ClusterTree& tree, const Vec3d& origin) {
   const std::vector<RecordColumn> columns = tree_columns();
   const std::size_t stride = columns.back().offset + scalar_size(columns.back().type);
-  Array<std::byte> bytes(cloud.tree.size() * stride);
-  for (std::size_t i = 0; i < cloud.tree.size(); ++i) {
-    const Row row = to_row(cloud.tree[i], cloud.origin);
+  Array<std::byte> bytes(tree.size() * stride);
+  for (std::size_t i = 0; i < tree.size(); ++i) {
+    const Row row = to_row(tree[i], origin);
     for (std::size_t k = 0; k < row.size(); ++k) {
       visit_type(columns[k].type, [&]<class T>(T) {
         const T value = static_cast<T>(row[k]);

@@ -12,6 +12,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
+#include <surfel/lod/cluster_levels.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
@@ -24,70 +25,6 @@ namespace {
 
 constexpr std::size_t kGrain = std::size_t{1} << 15;
 constexpr std::size_t kClusterGrain = 8;
-
-/// A surfel while clusters are cut; `index` numbers the usable ones along the Morton curve, so that
-/// ties do not depend on the order of the cloud.
-struct Place {
-  Vec3f position;
-  std::uint32_t index;
-};
-
-/// Orders places so that each run of kClusterSurfels is compact, each sequence of `reduction` such
-/// runs is, each sequence of `reduction` such sequences, and so on: places are cut at a multiple of
-/// the largest of these sizes, across the longest side of the box.
-void split_places(Array<Place>& places, int reduction) {
-  struct Run {
-    std::size_t begin, end;  ///< Places among the clusters.
-  };
-  std::vector<Run> runs{{0, (places.size() + kClusterSurfels - 1) / kClusterSurfels}};
-  std::vector<Run> parts;
-  while (!runs.empty()) {
-    parts.assign(2 * runs.size(), {0, 0});
-    parallel_for(runs.size(), 1, [&](std::size_t r, std::size_t, int) {
-      const Run run = runs[r];
-      const std::size_t count = run.end - run.begin;
-      if (count < 2) return;
-      std::size_t unit = 1;
-      while (unit * reduction < count) unit *= static_cast<std::size_t>(reduction);
-      const std::size_t units = (count + unit - 1) / unit;
-      const std::size_t middle = run.begin + units / 2 * unit;
-
-      const auto at = [&](std::size_t cluster) {
-        return places.begin() +
-               static_cast<std::ptrdiff_t>(std::min(places.size(), cluster * kClusterSurfels));
-      };
-      Vec3f lo = at(run.begin)->position;
-      Vec3f hi = lo;
-      std::for_each(at(run.begin), at(run.end), [&](const Place& p) {
-        lo = lo.cwiseMin(p.position);
-        hi = hi.cwiseMax(p.position);
-      });
-      Eigen::Index axis = 0;
-      (hi - lo).maxCoeff(&axis);
-      std::nth_element(
-          at(run.begin), at(middle), at(run.end), [axis](const Place& a, const Place& b) {
-            return a.position[axis] != b.position[axis] ? a.position[axis] < b.position[axis]
-                                                        : a.index < b.index;
-          });
-      parts[2 * r] = {run.begin, middle};
-      parts[2 * r + 1] = {middle, run.end};
-    });
-    runs.clear();
-    std::copy_if(parts.begin(), parts.end(), std::back_inserter(runs),
-                 [](const Run& run) { return run.end - run.begin > 1; });
-  }
-  // Within a cluster surfels are in the order of the curve again.
-  const std::size_t clusters = (places.size() + kClusterSurfels - 1) / kClusterSurfels;
-  parallel_for(clusters, kClusterGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t c = begin; c < end; ++c) {
-      const std::size_t first = c * kClusterSurfels;
-      const std::size_t last = std::min(places.size(), first + kClusterSurfels);
-      std::sort(places.begin() + static_cast<std::ptrdiff_t>(first),
-                places.begin() + static_cast<std::ptrdiff_t>(last),
-                [](const Place& a, const Place& b) { return a.index < b.index; });
-    }
-  });
-}
 
 /// One level: its clusters, which count surfels and children from the level's first, and its merged
 /// surfels; level 0 has none.
@@ -107,9 +44,7 @@ class Builder {
   void order_finest(StageTimer& stage, HierarchyReport& report);
   void make_finest();
   void make_coarser();
-  void bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const;
   void bound_discs(TreeCluster& cluster) const;
-  std::size_t surfels_below(std::size_t level, std::size_t cluster) const;
   SurfelCloud assemble() const;
   void write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const;
 
@@ -125,17 +60,7 @@ void Builder::order_finest(StageTimer& stage, HierarchyReport& report) {
   report.dropped = remove_unusable(cloud_, false, order);
   if (order.empty()) throw_input(name_, "holds no surfel that can be drawn");
   stage.end("sort");
-  Array<Place> places(order.size());
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      places[i] = {cloud_.position[order[i]], static_cast<std::uint32_t>(i)};
-    }
-  });
-  split_places(places, options_.reduction);
-  finest_.resize(order.size());
-  parallel_for(order.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) finest_[i] = order[places[i].index];
-  });
+  finest_ = cluster_order(cloud_.position, order, options_.reduction);
   stage.end("split");
 }
 
@@ -192,14 +117,11 @@ void Builder::bound_discs(TreeCluster& cluster) const {
 
 void Builder::make_finest() {
   Level& level = levels_.emplace_back();
-  level.clusters.resize((finest_.size() + kClusterSurfels - 1) / kClusterSurfels);
+  level.clusters = finest_clusters(finest_.size());
   parallel_for(level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int) {
     std::vector<MergeSurfel> surfels;
     for (std::size_t c = first; c < last; ++c) {
       TreeCluster& cluster = level.clusters[c];
-      cluster.begin = static_cast<std::uint32_t>(c * kClusterSurfels);
-      cluster.end = static_cast<std::uint32_t>(
-          std::min<std::size_t>(finest_.size(), cluster.begin + kClusterSurfels));
       surfels.clear();
       for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
         surfels.push_back(merge_surfel(cloud_, finest_[i]));
@@ -209,32 +131,6 @@ void Builder::make_finest() {
       bound_discs(cluster);
     }
   });
-}
-
-/// Index of the first surfel of level 0 below a cluster.
-std::size_t Builder::surfels_below(std::size_t level, std::size_t cluster) const {
-  std::size_t place = cluster * kClusterSurfels;
-  for (std::size_t l = 0; l < level; ++l) place *= static_cast<std::size_t>(options_.reduction);
-  return std::min(place, finest_.size());
-}
-
-/// Sphere around all surfels of level 0 below a cluster: merged surfels lie between them.
-void Builder::bound_sphere(std::size_t level, TreeCluster& cluster, std::size_t index) const {
-  const std::size_t begin = surfels_below(level, index);
-  const std::size_t end = surfels_below(level, index + 1);
-  const auto position = [&](std::size_t i) -> const Vec3f& { return cloud_.position[finest_[i]]; };
-  Vec3f lo = position(begin);
-  Vec3f hi = lo;
-  for (std::size_t i = begin; i < end; ++i) {
-    lo = lo.cwiseMin(position(i));
-    hi = hi.cwiseMax(position(i));
-  }
-  cluster.bounds.center = lo + (hi - lo) / 2;
-  float radius2 = 0;
-  for (std::size_t i = begin; i < end; ++i) {
-    radius2 = std::max(radius2, (position(i) - cluster.bounds.center).squaredNorm());
-  }
-  cluster.bounds.radius = std::sqrt(radius2) * (1.0F + 1e-5F);  // Means are rounded.
 }
 
 /// Cone around the cones of all children.
@@ -260,26 +156,12 @@ void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
 }
 
 void Builder::make_coarser() {
-  const auto reduction = static_cast<std::size_t>(options_.reduction);
   const std::size_t number = levels_.size();
   levels_.emplace_back();
   Level& level = levels_.back();
   const Level& finer = levels_[number - 1];
-  level.clusters.resize((finer.clusters.size() + reduction - 1) / reduction);
-  std::uint32_t surfels = 0;
-  for (std::size_t c = 0; c < level.clusters.size(); ++c) {
-    TreeCluster& cluster = level.clusters[c];
-    cluster.level = static_cast<std::uint8_t>(number);
-    cluster.first_child = static_cast<std::uint32_t>(c * reduction);
-    cluster.child_count = static_cast<std::uint32_t>(
-        std::min(finer.clusters.size() - cluster.first_child, reduction));
-    const TreeCluster& last = finer.clusters[cluster.first_child + cluster.child_count - 1];
-    const std::size_t members = last.end - finer.clusters[cluster.first_child].begin;
-    cluster.begin = surfels;
-    surfels += static_cast<std::uint32_t>((members + reduction - 1) / reduction);
-    cluster.end = surfels;
-  }
-  level.surfels.resize(surfels);
+  level.clusters = coarser_clusters(finer.clusters, options_.reduction);
+  level.surfels.resize(level.clusters.back().end);
 
   struct Worker {
     SurfelPartition partition;
@@ -319,7 +201,8 @@ void Builder::make_coarser() {
             cluster.reach_min = cluster.reach_min.cwiseMin(child.reach_min);
             cluster.reach_max = cluster.reach_max.cwiseMax(child.reach_max);
           }
-          bound_sphere(number, cluster, c);
+          bound_sphere(cluster.bounds, cloud_.position,
+                       finest_below(finest_, number, c, options_.reduction));
           bound_cone(cluster.bounds, children);
         }
       });
@@ -368,6 +251,9 @@ SurfelCloud Builder::assemble() const {
     }
   });
 
+  std::vector<std::span<const TreeCluster>> clusters;
+  for (const Level& level : levels_) clusters.emplace_back(level.clusters);
+  out.tree = joined_levels(clusters);
   std::size_t surfels = 0;
   for (std::size_t l = levels_.size(); l-- > 0;) {
     const Level& level = levels_[l];
@@ -377,13 +263,6 @@ SurfelCloud Builder::assemble() const {
         out.level[surfels + i] = static_cast<std::uint8_t>(l);
       }
     });
-    const std::size_t next_level = out.tree.size() + level.clusters.size();
-    for (TreeCluster cluster : level.clusters) {
-      cluster.begin += static_cast<std::uint32_t>(surfels);
-      cluster.end += static_cast<std::uint32_t>(surfels);
-      if (cluster.child_count > 0) cluster.first_child += static_cast<std::uint32_t>(next_level);
-      out.tree.push_back(cluster);
-    }
     surfels += l > 0 ? level.surfels.size() : finest_.size();
   }
   return out;

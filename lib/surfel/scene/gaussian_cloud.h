@@ -5,7 +5,9 @@
 #include <cstdint>
 #include <optional>
 
+#include <surfel/base/export.h>
 #include <surfel/base/types.h>
+#include <surfel/scene/cluster_tree.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -30,7 +32,7 @@ enum class TrainedWith : std::uint8_t { kUnknown, kInria, kMip, k2dgs };
 
 /// Gaussians in space with colours by direction: trained splats, or volumes. Columns are as long as
 /// `position`.
-struct GaussianCloud {
+struct SURFEL_API GaussianCloud {
   /// Highest degree of spherical harmonics.
   static constexpr int kMostDegree = 4;
   /// The spherical harmonic of degree 0, 1 / sqrt(4 pi): a colour that does not depend on the
@@ -56,12 +58,22 @@ struct GaussianCloud {
   /// Gaussians that the file holds and that were left out because one of their values is not
   /// finite, or a scale too large for float arithmetic (kLargestExtent).
   std::size_t unusable_skipped = 0;
+  /// Gaussians of coarser levels of detail that the file holds and that were not read.
+  std::size_t coarser_skipped = 0;
+  /// Levels of detail; empty: there are none, and all Gaussians are drawn.
+  ClusterTree tree{};
 
   std::size_t size() const { return position.size(); }
   /// Numbers in `harmonics` for each Gaussian.
   std::size_t harmonics_stride() const {
     return static_cast<std::size_t>(3 * (degree + 1) * (degree + 1));
   }
+  /// Makes all columns so long; the degree is set before.
+  void resize(std::size_t size);
+  /// Gaussian `to` becomes Gaussian i of a cloud with the same origin and degree.
+  void assign(std::size_t to, const GaussianCloud& other, std::size_t i);
+  /// What is said of all Gaussians together, without any of them and without levels.
+  GaussianCloud without_gaussians() const;
 };
 
 }  // namespace surfel

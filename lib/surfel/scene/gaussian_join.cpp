@@ -60,6 +60,7 @@ GaussianCloud join_gaussians(std::vector<GaussianCloud> clouds,
     if (cloud.up != first.up) out.up.reset();
     out.degree = std::max(out.degree, cloud.degree);
     out.unusable_skipped += cloud.unusable_skipped;
+    out.coarser_skipped += cloud.coarser_skipped;
     total += cloud.size();
     for (const Vec3f& p : cloud.position) box.add(cloud.origin + p.cast<double>());
   }

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 
 #include <surfel/base/color.h>
@@ -9,6 +8,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/clips.h>
+#include <surfel/scene/gaussian_mass.h>
 #include <surfel/scene/gaussians_of_surfels.h>
 #include <surfel/scene/surfel_variance.h>
 
@@ -19,19 +19,6 @@ namespace {
 constexpr double kHidden = 0.99;
 /// Opacity that renderers of splats cap at.
 constexpr double kMostOpacity = 0.99;
-
-/// The dilogarithm, the sum of x^k / k^2, of 0 <= x < 1.
-double dilogarithm(double x) {
-  if (x > 0.5) {
-    // Euler's reflection formula: the series converges slowly near 1.
-    const double sum = std::numbers::pi * std::numbers::pi / 6;
-    return sum - portable::log(x) * portable::log(1 - x) - dilogarithm(1 - x);
-  }
-  double sum = 0;
-  double power = x;
-  for (int k = 1; power > 1e-17; ++k, power *= x) sum += power / (k * k);
-  return sum;
-}
 
 /// A rotation whose third axis is the unit vector `n`.
 Eigen::Quaterniond rotation_onto(const Eigen::Vector3d& n) {
@@ -86,16 +73,7 @@ std::vector<std::string> GaussiansOfSurfelsOptions::problems() const {
 }
 
 double opacity_for(double overlap, double hidden) {
-  const double depth = -portable::log(1 - hidden);
-  double low = 0;
-  double high = kMostOpacity;
-  if (overlap * dilogarithm(high) <= depth) return high;
-  constexpr int kSteps = 40;  // The last one moves by 1e-12.
-  for (int k = 0; k < kSteps; ++k) {
-    const double middle = (low + high) / 2;
-    (overlap * dilogarithm(middle) < depth ? low : high) = middle;
-  }
-  return (low + high) / 2;
+  return opacity_of_dilogarithm(-portable::log(1 - hidden) / overlap, kMostOpacity);
 }
 
 GaussianCloud gaussians_of_surfels(const SurfelCloud& cloud, const std::string& name,
@@ -120,11 +98,7 @@ GaussianCloud gaussians_of_surfels(const SurfelCloud& cloud, const std::string& 
   GaussianCloud out;
   out.origin = cloud.origin;
   out.up = cloud.up;
-  out.position.resize(order.size());
-  out.scale.resize(order.size());
-  out.rotation.resize(order.size());
-  out.amplitude.resize(order.size());
-  out.harmonics.resize(order.size() * out.harmonics_stride());
+  out.resize(order.size());
   const Array<Vec3f>* const color = cloud.render_color();
   constexpr std::size_t kGrain = std::size_t{1} << 10;
   parallel_each(order.size(), kGrain, [&](std::size_t to) {

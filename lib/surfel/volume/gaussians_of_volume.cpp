@@ -348,11 +348,7 @@ class Builder {
       last[k] = static_cast<double>(volume_.size[static_cast<std::size_t>(k)] - 1);
     }
     cloud.origin = volume_.world(last / 2);
-    cloud.position.resize(count);
-    cloud.scale.resize(count);
-    cloud.rotation.resize(count);
-    cloud.amplitude.resize(count);
-    cloud.harmonics.resize(count * cloud.harmonics_stride());
+    cloud.resize(count);
     std::size_t i = 0;
     for (const Part& p : part) {
       for (const Kernel& kernel : p.kernel) {
