@@ -138,6 +138,8 @@ TEST(MergeGaussians, TellsWhatNobodyCanSee) {
   EXPECT_TRUE(has_mass(cloud, 2));
   EXPECT_FALSE(has_mass(cloud, 3));
   EXPECT_TRUE(has_mass(cloud, 4));
+  cloud.position[0].x() = 1e30F;
+  EXPECT_FALSE(has_mass(cloud, 0));
   cloud.rule = AmplitudeRule::kDensity;
   EXPECT_TRUE(has_mass(cloud, 1));
   EXPECT_FALSE(has_mass(cloud, 4));  // A sheet has no volume.

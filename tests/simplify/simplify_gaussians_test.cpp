@@ -92,6 +92,11 @@ TEST(SimplifyGaussians, RefusesWhatHasNoSense) {
   for (float& a : clear.amplitude) a = 0.001F;
   EXPECT_EQ(message_of([&] { simplify_gaussians(clear, {.count = 1}, "a.ply"); }),
             "a.ply: holds no Gaussian that can be seen: all are points, or clearer than 1/255");
+  GaussianCloud vast = random_gaussians(2000, 5);
+  for (Vec3f& s : vast.scale) s.setConstant(1e18F);
+  EXPECT_TRUE(message_of([&] {
+                simplify_gaussians(vast, {.count = 1}, "a.ply");
+              }).starts_with("a.ply: its extent is too large"));
 }
 
 }  // namespace

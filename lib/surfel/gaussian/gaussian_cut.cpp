@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <surfel/base/elementary.h>
@@ -21,16 +22,21 @@ constexpr float kSparePixels = 2;
 class Frustum {
  public:
   explicit Frustum(const GaussianView& view) : view_(view) {
-    sides_[0] = {-view.center_x / view.focal_x, 0};
-    sides_[1] = {(static_cast<float>(view.width) - view.center_x) / view.focal_x, 0};
-    sides_[2] = {-view.center_y / view.focal_y, 1};
-    sides_[3] = {(static_cast<float>(view.height) - view.center_y) / view.focal_y, 1};
+    const float left = -view.center_x / view.focal_x;
+    const float right = (static_cast<float>(view.width) - view.center_x) / view.focal_x;
+    const float top = -view.center_y / view.focal_y;
+    const float bottom = (static_cast<float>(view.height) - view.center_y) / view.focal_y;
+    const float filter = std::max(kWidestFilter, std::sqrt(view.lowpass2));
+    margin_ = (kReach * filter + kSparePixels) / std::min(view.focal_x, view.focal_y);
+    if (view.orthographic) {
+      sides_ = {{{0, left, 0}, {0, right, 0}, {0, top, 1}, {0, bottom, 1}}};
+      return;
+    }
+    sides_ = {{{left, 0, 0}, {right, 0, 0}, {top, 0, 1}, {bottom, 0, 1}}};
     float steepest = std::max({std::abs(view.least_slope_x), std::abs(view.most_slope_x),
                                std::abs(view.least_slope_y), std::abs(view.most_slope_y)});
     for (const Side& side : sides_) steepest = std::max(steepest, std::abs(side.slope));
     stretch_ = std::sqrt(1 + steepest * steepest);
-    const float filter = std::max(kWidestFilter, std::sqrt(view.lowpass2));
-    margin_ = (kReach * filter + kSparePixels) / std::min(view.focal_x, view.focal_y);
   }
 
   Vec3f in_camera(const Vec3f& p) const {
@@ -44,17 +50,19 @@ class Frustum {
 
   /// Is none of the Gaussians seen whose centres lie in a sphere at `center`, camera space?
   ///
-  /// Seen from x = slope z, a kernel of standard deviation s at depth z reaches over a distance
-  /// k (s sqrt(1 + w^2) + h z / f) at most, w being the slope at which its projection is
-  /// linearised: the rows of J A are no longer than f / z s sqrt(1 + w^2).
+  /// Seen from a side x = slope z + offset, a kernel of standard deviation s at depth z reaches
+  /// over a distance k (s sqrt(1 + w^2) + h z / f) at most, w being the slope at which its
+  /// projection is linearised: the rows of J A are no longer than f / z s sqrt(1 + w^2). Parallel
+  /// rays: k (s + h / f).
   bool misses(const Vec3f& center, const ClusterBounds& bounds) const {
     const float furthest = center.z() + bounds.radius;
     if (!(furthest > view_.near)) return true;
-    const float reach = kReach * bounds.max_deviation * stretch_ + margin_ * furthest;
+    const float reach =
+        kReach * bounds.max_deviation * stretch_ + margin_ * (view_.orthographic ? 1 : furthest);
     for (std::size_t k = 0; k < 4; ++k) {
-      const auto [slope, axis] = sides_[k];
+      const auto [slope, offset, axis] = sides_[k];
       const float inwards = k % 2 == 0 ? 1.0F : -1.0F;
-      const float inside = inwards * (center[axis] - slope * center.z()) +
+      const float inside = inwards * (center[axis] - slope * center.z() - offset) +
                            bounds.radius * std::sqrt(1 + slope * slope);
       const float rounding = 1e-5F * (center.cwiseAbs().sum() + bounds.radius);
       if (inside + reach + rounding < 0) return true;
@@ -64,13 +72,13 @@ class Frustum {
 
  private:
   struct Side {
-    float slope;
+    float slope, offset;
     int axis;
   };
 
   const GaussianView& view_;
-  Side sides_[4];
-  float stretch_;
+  std::array<Side, 4> sides_;
+  float stretch_ = 1;
   float margin_;
 };
 
@@ -86,7 +94,8 @@ std::vector<std::uint32_t> gaussian_cut(const GaussianCloud& head, const Camera&
     const Vec3f center = frustum.in_camera(cluster.bounds.center);
     if (frustum.misses(center, cluster.bounds)) return CutStep::kSkip;
     const float nearest = center.z() - cluster.bounds.radius;
-    return fine_enough(cluster, nearest, pixels_per_unit, false, static_cast<float>(error))
+    return fine_enough(cluster, nearest, pixels_per_unit, view.orthographic,
+                       static_cast<float>(error))
                ? CutStep::kDraw
                : CutStep::kRefine;
   });
@@ -94,7 +103,9 @@ std::vector<std::uint32_t> gaussian_cut(const GaussianCloud& head, const Camera&
 
 std::uint64_t gaussian_memory(std::size_t count, const GaussianCloud& cloud,
                               GaussianProfile profile) {
-  const bool perspective = profile == GaussianProfile::k2dgs || profile == GaussianProfile::kExact;
+  const bool perspective = profile == GaussianProfile::k2dgs ||
+                           profile == GaussianProfile::kExact ||
+                           profile == GaussianProfile::kSurfel;
   const std::uint64_t columns = sizeof(float) * (3 + 3 + 4 + 1 + cloud.harmonics_stride());
   const std::uint64_t splats = (perspective ? 100 : 68) + 25;  // See GaussianRenderer.
   return count * (columns + splats);

@@ -20,7 +20,6 @@ inline constexpr double kGaussianLodError = 1.5;
 /// does not show are left out by bounds that hold for the kernels of every profile, so that the
 /// picture does not change, not a bit.
 /// \param head  a cloud with levels; its Gaussians are not needed.
-/// Throws Error(kUsage) for orthographic cameras.
 SURFEL_API std::vector<std::uint32_t> gaussian_cut(const GaussianCloud& head, const Camera& camera,
                                                    const GaussianOptions& options, double error);
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <surfel/base/bounds.h>
 #include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
@@ -91,6 +92,8 @@ void MergeGaussians::merge(std::size_t i, std::size_t j) {
 
 bool has_mass(const GaussianCloud& cloud, std::size_t i) {
   if (!is_density(cloud.rule) && cloud.amplitude[i] < kLeastOpacity) return false;
+  if (!(cloud.position[i].cwiseAbs().maxCoeff() <= static_cast<float>(kLargestExtent)))
+    return false;
   // What is left of a product in float must be a number to divide by.
   const auto mass = static_cast<float>(mass_of(cloud, i));
   return mass >= std::numeric_limits<float>::min() && std::isfinite(mass);

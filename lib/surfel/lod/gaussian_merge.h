@@ -45,7 +45,8 @@ struct SURFEL_API MergeGaussians {
 };
 
 /// Is a Gaussian of a cloud worth merging: can a trained renderer show it at all? Not with an
-/// opacity below 1/255, which none of them blends, and not without a mass (points and lines).
+/// opacity below 1/255, which none of them blends, not without a mass (points and lines), and not
+/// further away than kLargestExtent.
 SURFEL_API bool has_mass(const GaussianCloud& cloud, std::size_t i);
 
 /// Takes the Gaussians without has_mass() out of an order, and returns how many. Throws
