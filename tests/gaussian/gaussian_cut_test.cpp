@@ -50,15 +50,17 @@ TEST(GaussianCut, WhatIsCulledChangesNoBit) {
   const GaussianCloud all = part(levels, leaves(levels.tree));
   for (const GaussianProfile profile :
        {GaussianProfile::kInria, GaussianProfile::kGsplat, GaussianProfile::kMip,
-        GaussianProfile::k2dgs, GaussianProfile::kExact}) {
+        GaussianProfile::k2dgs, GaussianProfile::kExact, GaussianProfile::kSurfel}) {
     const GaussianOptions options{.profile = profile};
-    for (const double zoom : {0.3, 1.0, 15.0}) {
+    for (const double zoom : {0.3, 1.0, 15.0, -1.0, -15.0}) {
+      // Negative: by parallel rays, as large as what is 5 units away.
       Camera camera = camera_before(cloud, 72, 56);
-      camera.focal_x *= zoom;
-      camera.focal_y *= zoom;
+      camera.orthographic = zoom < 0;
+      camera.focal_x *= zoom < 0 ? -zoom / 5 : zoom;
+      camera.focal_y *= zoom < 0 ? -zoom / 5 : zoom;
       const std::vector<std::uint32_t> cut = gaussian_cut(levels, camera, options, 0);
       const GaussianCloud seen = part(levels, cut);
-      if (zoom > 1) {
+      if (std::abs(zoom) > 1) {
         EXPECT_LT(seen.size(), all.size() / 2);
       }
       EXPECT_LT(seen.size(), all.size());
