@@ -290,6 +290,10 @@ Json describe_gaussians(const std::string& file) {
   out["invisible_share"] = static_cast<double>(s.invisible) / static_cast<double>(s.count);
   out["isolated"] = s.isolated;
   out["veils"] = s.veils;
+  for (const surfel::PictureNeed& need : s.needs) {
+    out["picture_rows"].push_back(need.rows);
+    out["picture_needs"].push_back(need.gaussians);
+  }
   if (cloud.coarser_skipped > 0) out["levels"] = levels_of(file);
   out["next"] = surfel::picture_command(file);
   return out;
@@ -403,9 +407,8 @@ std::string for_people(const Json& description) {
 int main(int argc, char** argv) {
   Tool tool(
       "surfel-info",
-      "Tells what is in a file of surfels, Gaussians, a mesh or an image, whether it is sound, "
-      "what "
-      "surfels need, and the command to run next.");
+      "Tells what is in a file of surfels, Gaussians, a mesh, a volume or an image, whether it is "
+      "sound, what surfels need, and the command to run next.");
   std::string file;
   bool json = false;
   surfel::CloudStatisticsOptions options;

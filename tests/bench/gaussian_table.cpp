@@ -22,16 +22,22 @@ struct Way {
   const char* name;
   GaussianProfile profile;
   double lowpass = GaussianOptions().lowpass;
+  int samples = 1;
 };
 constexpr double kFine = 0.3162;  ///< The filter of Mip-Splatting.
-const Way kWays[] = {
-    {"inria", GaussianProfile::kInria}, {"gsplat", GaussianProfile::kGsplat},
-    {"mip", GaussianProfile::kMip},     {"2dgs", GaussianProfile::k2dgs},
-    {"exact", GaussianProfile::kExact}, {"exact --lowpass 0.316", GaussianProfile::kExact, kFine}};
+const Way kWays[] = {{"inria", GaussianProfile::kInria},
+                     {"gsplat", GaussianProfile::kGsplat},
+                     {"mip", GaussianProfile::kMip},
+                     {"2dgs", GaussianProfile::k2dgs},
+                     {"exact", GaussianProfile::kExact},
+                     {"exact --lowpass 0.316", GaussianProfile::kExact, kFine},
+                     {"exact --samples 2", GaussianProfile::kExact, GaussianOptions().lowpass, 2},
+                     {"exact --lowpass 0.316 --samples 2", GaussianProfile::kExact, kFine, 2}};
 
 Image draw(const GaussianCloud& cloud, const Camera& camera, const Way& way) {
   return GaussianRenderer(cloud, {.profile = way.profile,
                                   .lowpass = way.lowpass,
+                                  .samples = way.samples,
                                   .background = {1, 1, 1, 1},
                                   .display = true})
       .render(camera);

@@ -46,6 +46,27 @@ TEST(GaussianStatistics, MeasuresShapesAndOpacities) {
   EXPECT_EQ(s.invisible + s.isolated + s.veils, 0U);
 }
 
+TEST(GaussianStatistics, SmallPicturesNeedFewer) {
+  // 100 groups of 20, each much smaller than the pixels of small pictures.
+  GaussianCloud cloud;
+  for (int i = 0; i < 2000; ++i) {
+    const int group = i / 20;
+    cloud.position.emplace_back(static_cast<float>(group % 10) + 1e-4F * static_cast<float>(i % 20),
+                                static_cast<float>(group / 10), 0.5F);
+    cloud.scale.emplace_back(0.001F, 0.001F, 0.001F);
+    cloud.rotation.push_back({1, 0, 0, 0});
+    cloud.amplitude.push_back(i % 20 == 0 ? 0.001F : 0.5F);
+    cloud.harmonics.insert(cloud.harmonics.end(), {0, 0, 0});
+  }
+  const GaussianStatistics s = gaussian_statistics(cloud);
+  EXPECT_EQ(s.needs[0].rows, 128);
+  EXPECT_EQ(s.needs[3].rows, 1024);
+  EXPECT_GE(s.needs[0].gaussians, 100U);
+  EXPECT_LE(s.needs[0].gaussians, 110U);  // Few groups lie in two cubes.
+  EXPECT_LE(s.needs[3].gaussians, 200U);
+  EXPECT_EQ(s.invisible, 100U);
+}
+
 TEST(GaussianStatistics, RemainsOfTrainingAreCounted) {
   GaussianCloud cloud = grid();
   cloud.position[3] = Vec3f(100, 0, 0);   // Alone.

@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 
 #include <surfel/base/elementary.h>
+#include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/measure/gaussian_statistics.h>
 #include <surfel/surface/neighbor_search.h>
 
@@ -55,6 +57,44 @@ std::vector<double> neighbor_distances(const GaussianCloud& cloud) {
   return distances;
 }
 
+/// Number of cubes with that edge that hold a centre, of the Gaussians with an amplitude of at
+/// least `least`.
+std::size_t occupied_cubes(const GaussianCloud& cloud, const Bounds& box, double edge,
+                           double least) {
+  constexpr int kBits = 21;
+  constexpr double kMost = (1 << kBits) - 1;  // Far floaters share the cubes at the rim.
+  std::vector<std::uint64_t> cubes;
+  cubes.reserve(cloud.size());
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (static_cast<double>(cloud.amplitude[i]) < least) continue;
+    const Vec3d p = cloud.origin + cloud.position[i].cast<double>() - box.min;
+    std::uint64_t cube = 0;
+    for (int k = 0; k < 3; ++k) {
+      const double at = std::clamp(std::floor(p[k] / edge) + kMost / 2, 0.0, kMost);
+      cube = cube << kBits | static_cast<std::uint64_t>(at);
+    }
+    cubes.push_back(cube);
+  }
+  std::sort(cubes.begin(), cubes.end());
+  return static_cast<std::size_t>(std::unique(cubes.begin(), cubes.end()) - cubes.begin());
+}
+
+/// What pictures of the part of a scene need that cameras frame.
+std::array<PictureNeed, 4> picture_needs(const GaussianCloud& cloud, double least) {
+  constexpr double kPixels = 1.5;  // As kGaussianLodError.
+  const SceneExtent extent = gaussian_extent(cloud);
+  const Bounds& box = extent.core ? extent.core->box : extent.box;
+  const double side = box.empty() ? 0 : (box.max - box.min).maxCoeff();
+  std::array<PictureNeed, 4> needs;
+  for (std::size_t k = 0; k < needs.size(); ++k) {
+    needs[k].rows = 128 << k;
+    if (side > 0) {
+      needs[k].gaussians = occupied_cubes(cloud, box, kPixels * side / needs[k].rows, least);
+    }
+  }
+  return needs;
+}
+
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -103,6 +143,7 @@ GaussianStatistics gaussian_statistics(const GaussianCloud& cloud) {
     out.invisible += amplitude[i] < kUnseen;
     out.veils += scale[i] > kHuge * out.scale.median && amplitude[i] < kFaint;
   }
+  out.needs = picture_needs(cloud, density ? 0 : kUnseen);
   return out;
 }
 

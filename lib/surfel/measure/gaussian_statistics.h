@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <vector>
@@ -11,6 +12,15 @@
 #include <surfel/scene/gaussian_cloud.h>
 
 namespace surfel {
+
+/// How many Gaussians pictures of a whole scene need.
+struct PictureNeed {
+  int rows = 0;  ///< Of the picture, which the longest side of the scene fills.
+  /// Cubes with an edge of 1.5 pixels, the error of levels of detail, in which a centre of a
+  /// Gaussian lies that is not invisible. Where they are far fewer than the Gaussians, levels of
+  /// detail or a simplified file look the same.
+  std::size_t gaussians = 0;
+};
 
 /// Counts and measures of Gaussians in space. Lengths are in scene units; a scale is the largest
 /// standard deviation of a Gaussian.
@@ -33,6 +43,7 @@ struct GaussianStatistics {
   std::size_t isolated = 0;
   /// Larger than 20 times the median scale, and of an opacity below 0.1: veils before the scene.
   std::size_t veils = 0;
+  std::array<PictureNeed, 4> needs{};  ///< Of 128, 256, 512 and 1024 rows.
 };
 
 /// Measures all Gaussians. Results do not depend on the number of threads. The cloud is not empty,
