@@ -256,5 +256,32 @@ TEST(SpzFile, RealFilesHoldTheGaussiansOfOtherFormats) {
   }
 }
 
+/// Who reads a file hears of its Gaussians before memory is taken for them, whatever the format.
+TEST(GaussianReadOptions, CountsAreSaidBeforeGaussiansAreRead) {
+  SURFEL_REQUIRE_TEST_DATA();
+  std::vector<std::filesystem::path> files{data_folder() / "surfels/gaussians_train_1000.ply"};
+  for (const char* name : {"minimal.splat", "minimal-v3.spz", "minimal-v4.spz", "minimal.ksplat"}) {
+    files.push_back(data_folder() / "formats/splats" / name);
+  }
+  for (const std::filesystem::path& file : files) {
+    SCOPED_TRACE(file);
+    std::vector<std::size_t> said;
+    int degree = -1;
+    GaussianReadOptions options;
+    options.accept = [&](std::size_t count, const GaussianCloud& head) {
+      EXPECT_EQ(head.size(), 0U);
+      said.push_back(count);
+      degree = head.degree;
+    };
+    const GaussianCloud cloud = read_gaussians(file, options);
+    EXPECT_EQ(said, std::vector{cloud.size()});
+    EXPECT_EQ(degree, cloud.degree);
+    options.accept = [](std::size_t, const GaussianCloud&) {
+      throw Error(ErrorKind::kInput, "too many");
+    };
+    EXPECT_EQ(message_of([&] { read_gaussians(file, options); }), "too many");
+  }
+}
+
 }  // namespace
 }  // namespace surfel::test

@@ -103,7 +103,7 @@ GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
   options_.profile = s.profile.value_or(profile_of(said));
   options_.background = s.render.background;
   options_.depth = s.render.aovs;
-  if (!levels_) require_memory(cloud_.size());
+  if (!levels_) require_memory(cloud_.size(), cloud_);
   renderer_ = std::make_shared<GaussianRenderer>(cloud_, options_);
   profile_ = name_of(options_.profile);
   tool::require_valid(
@@ -126,7 +126,7 @@ void GaussianPainter::load(tool::Tool& tool, const Settings& s) {
                            : "levels of detail are drawn of one file; join the files with "
                              "surfel-convert and run surfel-lod on the result");
   }
-  if (!has_levels || s.lod == Lod::kOff) cloud_ = tool::load_gaussians(tool, s.inputs);
+  if (!has_levels || s.lod == Lod::kOff) cloud_ = load_all(tool, s);
   if (!has_levels) return;
   auto levels = std::make_unique<GaussianLevels>(file);
   // A scene is framed alike, whatever of it is drawn.
@@ -148,9 +148,20 @@ void GaussianPainter::load(tool::Tool& tool, const Settings& s) {
   levels_ = std::move(levels);
 }
 
+/// Reads all Gaussians of files, unless the files say that they are too many.
+GaussianCloud GaussianPainter::load_all(tool::Tool& tool, const Settings& s) {
+  std::size_t total = 0;
+  return tool::load_gaussians(tool, s.inputs,
+                              {.accept = [&](std::size_t count, const GaussianCloud& head) {
+                                total += count;
+                                options_.profile = s.profile.value_or(profile_of(head));
+                                require_memory(total, head);
+                              }});
+}
+
 /// Throws Error(kInput) where so many Gaussians take more memory than they may.
-void GaussianPainter::require_memory(std::size_t gaussians) const {
-  const std::uint64_t needed = gaussian_memory(gaussians, cloud_, options_.profile);
+void GaussianPainter::require_memory(std::size_t gaussians, const GaussianCloud& head) const {
+  const std::uint64_t needed = gaussian_memory(gaussians, head, options_.profile);
   if (needed <= memory_) return;
   throw_input(
       name_,
@@ -170,7 +181,7 @@ void GaussianPainter::choose_clusters(const Camera& camera) {
       gaussian_cut(levels_->head(), camera, options_, error_);
   std::size_t count = 0;
   for (const std::uint32_t c : clusters) count += tree[c].end - tree[c].begin;
-  require_memory(count);
+  require_memory(count, cloud_);
   cloud_ = {};  // Before others take its place.
   cloud_ = levels_->read(clusters);
 }

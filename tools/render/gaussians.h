@@ -42,7 +42,8 @@ class GaussianPainter {
 
  private:
   void load(tool::Tool& tool, const Settings& s);
-  void require_memory(std::size_t gaussians) const;
+  GaussianCloud load_all(tool::Tool& tool, const Settings& s);
+  void require_memory(std::size_t gaussians, const GaussianCloud& head) const;
   void choose_clusters(const Camera& camera);
 
   std::string name_;  ///< Of the files.

@@ -43,7 +43,8 @@ void require_gaussian_name(const std::string& path, const std::string& input) {
       "{}: {} holds Gaussians in space, which are written as PLY, .splat or .usda", path, input));
 }
 
-GaussianCloud load_gaussians(Tool& tool, const std::vector<std::string>& files) {
+GaussianCloud load_gaussians(Tool& tool, const std::vector<std::string>& files,
+                             const GaussianReadOptions& options) {
   const auto other = std::find_if(files.begin(), files.end(),
                                   [](const std::string& file) { return !holds_gaussians(file); });
   if (other != files.end()) {
@@ -54,7 +55,7 @@ GaussianCloud load_gaussians(Tool& tool, const std::vector<std::string>& files) 
   const Timer timer;
   std::vector<GaussianCloud> clouds;
   for (const std::string& file : files) {
-    clouds.push_back(read_gaussians(file));
+    clouds.push_back(read_gaussians(file, options));
     tell_left_out(tool, file, clouds.back());
   }
   GaussianCloud joined = join_gaussians(std::move(clouds), files);

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/io/gaussian_io.h>
 #include <surfel/scene/gaussian_cloud.h>
 
 #include "tools/support/tool.h"
@@ -18,7 +19,9 @@ void require_gaussian_name(const std::string& path, const std::string& input);
 /// Reads files of Gaussians and joins them, reports the time that takes (`load_ms`), and tells how
 /// many were left out. Throws Error(kUsage) where one file holds no Gaussians, and what
 /// read_gaussians() and join_gaussians() throw.
-GaussianCloud load_gaussians(Tool& tool, const std::vector<std::string>& files);
+/// \param options  for each file.
+GaussianCloud load_gaussians(Tool& tool, const std::vector<std::string>& files,
+                             const GaussianReadOptions& options = {});
 
 /// Writes the Gaussians that a tool made, with its line of provenance, tells what the format has no
 /// place for, and reports their number (`gaussians`).

@@ -92,7 +92,7 @@ bool has_packed_gaussians(const PlyHeader& header) {
   return vertex && vertex->find("packed_position") && header.find("chunk");
 }
 
-GaussianCloud read_compressed_ply(PlyFile& ply) {
+GaussianCloud read_compressed_ply(PlyFile& ply, const GaussianReadOptions& options) {
   const auto words = [&](const char* name) { return ply.column<std::uint32_t>("vertex", name); };
   const Array<std::uint32_t> position = words("packed_position");
   const Array<std::uint32_t> rotation = words("packed_rotation");
@@ -112,7 +112,7 @@ GaussianCloud read_compressed_ply(PlyFile& ply) {
 
   GaussianCloud cloud;
   cloud.degree = degree_of_coefficients(coefficients.size(), ply.name());
-  allocate_gaussians(cloud, count, ply.name());
+  allocate_gaussians(cloud, count, ply.name(), options);
   const std::size_t stride = cloud.harmonics_stride();
   parallel_each(count, kGaussianGrain, [&](std::size_t i) {
     const std::size_t chunk = i / kChunkSize;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/ply.h>
 #include <surfel/scene/gaussian_cloud.h>
 
@@ -10,6 +11,6 @@ bool has_packed_gaussians(const PlyHeader& header);
 
 /// Reads a compressed PLY file of Gaussians: four words each, in chunks of 256 with the bounds of
 /// their values. Internal to the io module.
-GaussianCloud read_compressed_ply(PlyFile& ply);
+GaussianCloud read_compressed_ply(PlyFile& ply, const GaussianReadOptions& options);
 
 }  // namespace surfel

@@ -72,7 +72,9 @@ int degree_of_coefficients(std::size_t numbers, const std::string& file) {
                                 numbers, GaussianCloud::kMostDegree));
 }
 
-void allocate_gaussians(GaussianCloud& cloud, std::size_t count, const std::string& file) {
+void allocate_gaussians(GaussianCloud& cloud, std::size_t count, const std::string& file,
+                        const GaussianReadOptions& options) {
+  if (options.accept) options.accept(count, cloud);
   const std::size_t stride = cloud.harmonics_stride();
   const std::uint64_t bytes_each = sizeof(float) * (3 + 3 + 4 + 1 + stride);
   // More Gaussians than any memory holds, so that their bytes can be counted.

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <string>
 
+#include <surfel/io/gaussian_io.h>
 #include <surfel/scene/gaussian_cloud.h>
 
 namespace surfel {
@@ -21,9 +22,10 @@ float logit_of_opacity(float opacity);
 /// numbers each; throws Error(kInput) naming the file where no degree has as many.
 int degree_of_coefficients(std::size_t numbers, const std::string& file);
 
-/// Makes all columns of a cloud, whose degree is set, so long. Throws Error(kInput) naming the file
-/// where memory is short.
-void allocate_gaussians(GaussianCloud& cloud, std::size_t count, const std::string& file);
+/// Makes all columns of a cloud, whose degree is set, so long, if the options accept it. Throws
+/// Error(kInput) naming the file where memory is short.
+void allocate_gaussians(GaussianCloud& cloud, std::size_t count, const std::string& file,
+                        const GaussianReadOptions& options = {});
 
 /// What is done last to the Gaussians of any format, as read_gaussians() says: quaternions become
 /// unit, scales get their absolute values, Gaussians that cannot be drawn are left out. Throws

@@ -68,7 +68,7 @@ bool has_gaussian_levels(const std::string& path) {
   return PlyFile::matches(input.head(4)) && has_gaussian_levels(header_of(input).header());
 }
 
-GaussianCloud read_gaussians(InputFile input) {
+GaussianCloud read_gaussians(InputFile input, const GaussianReadOptions& options) {
   const std::string name = input.name();
   if (input.size() == 0) throw_input(name, "is empty; make it anew");
   const std::optional<SplatFormat> format = splat_format(input);
@@ -81,23 +81,25 @@ GaussianCloud read_gaussians(InputFile input) {
   switch (*format) {
     case SplatFormat::kTrainedPly: {
       PlyFile ply(std::move(input));
-      return read_gaussian_ply(ply);
+      return read_gaussian_ply(ply, options);
     }
     case SplatFormat::kCompressedPly: {
       PlyFile ply(std::move(input));
-      return read_compressed_ply(ply);
+      return read_compressed_ply(ply, options);
     }
     case SplatFormat::kSpz:
-      return read_spz(input);
+      return read_spz(input, options);
     case SplatFormat::kKsplat:
-      return read_ksplat(input);
+      return read_ksplat(input, options);
     case SplatFormat::kSplat:
       break;
   }
-  return read_splat(input);
+  return read_splat(input, options);
 }
 
-GaussianCloud read_gaussians(const std::string& path) { return read_gaussians(InputFile(path)); }
+GaussianCloud read_gaussians(const std::string& path, const GaussianReadOptions& options) {
+  return read_gaussians(InputFile(path), options);
+}
 
 void write_gaussians(const GaussianCloud& cloud, const std::string& path,
                      const GaussianWriteOptions& options) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,12 @@ namespace surfel {
 SURFEL_API bool holds_gaussians(const std::string& path);
 /// As above, for a file that is open; of a pipe the bytes stay to be read.
 SURFEL_API bool holds_gaussians(const InputFile& input);
+
+struct GaussianReadOptions {
+  /// Called once, when a file has said how many Gaussians it has and of which degree, before memory
+  /// is taken for them; it may throw. Unset: all are read.
+  std::function<void(std::size_t count, const GaussianCloud& head)> accept = {};
+};
 
 /// Reads trained splats: PLY as 3D Gaussian splatting writes it (ascii, binary of either byte
 /// order, spherical harmonics of degree 0 to 4), without the third scale as 2D Gaussian splatting
@@ -36,8 +44,9 @@ SURFEL_API bool holds_gaussians(const InputFile& input);
 ///
 /// Throws Error (kIo, kInput) naming the file: it is truncated, its header promises more than it
 /// holds, no usable Gaussian is left.
-SURFEL_API GaussianCloud read_gaussians(const std::string& path);
-SURFEL_API GaussianCloud read_gaussians(InputFile input);
+SURFEL_API GaussianCloud read_gaussians(const std::string& path,
+                                        const GaussianReadOptions& options = {});
+SURFEL_API GaussianCloud read_gaussians(InputFile input, const GaussianReadOptions& options = {});
 
 struct GaussianWriteOptions {
   bool no_clobber = false;

@@ -307,13 +307,13 @@ bool has_trained_gaussians(const PlyHeader& header) {
                      [&](const char* name) { return vertex->find(name) != nullptr; });
 }
 
-GaussianCloud read_gaussian_ply(PlyFile& ply) {
+GaussianCloud read_gaussian_ply(PlyFile& ply, const GaussianReadOptions& options) {
   GaussianCloud cloud;
   const RecordTable& table = ply.scalars("vertex");
   read_tags(ply.header().comments, ply.name(), cloud);
   GaussianDecoder decoder(table, ply.name());
   decoder.describe(cloud);
-  allocate_gaussians(cloud, table.count, ply.name());
+  allocate_gaussians(cloud, table.count, ply.name(), options);
   decoder.into(cloud);
   if (decoder.wide()) place_wide(ply, cloud);
   table.for_pieces(kGaussianGrain,

@@ -15,7 +15,7 @@ bool has_gaussian_levels(const PlyHeader& header);
 /// Reads the finest level of a PLY file of trained Gaussians: opacities as logits, scales as
 /// logarithms, colours as spherical harmonics, the red coefficients first, then the green ones. See
 /// read_gaussians(). Internal to the io module.
-GaussianCloud read_gaussian_ply(PlyFile& ply);
+GaussianCloud read_gaussian_ply(PlyFile& ply, const GaussianReadOptions& options);
 
 /// Writes the layout of 3D Gaussian splatting, and levels of detail as GaussianLevels has them.
 /// Internal to the io module.

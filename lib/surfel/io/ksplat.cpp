@@ -56,7 +56,7 @@ class KsplatReader {
  public:
   explicit KsplatReader(const InputFile& input) : file_(input.name()), bytes_(input.bytes()) {}
 
-  GaussianCloud read() {
+  GaussianCloud read(const GaussianReadOptions& options) {
     read_header();
     GaussianCloud cloud;
     std::size_t count = 0;
@@ -65,7 +65,7 @@ class KsplatReader {
       count += section.count;
       cloud.degree = std::max(cloud.degree, static_cast<int>(section.degree));
     }
-    allocate_gaussians(cloud, count, file_);
+    allocate_gaussians(cloud, count, file_, options);
     for (const KsplatSection& section : sections_) decode(section, cloud);
     finish_gaussians(cloud, file_);
     return cloud;
@@ -232,6 +232,8 @@ class KsplatReader {
 
 }  // namespace
 
-GaussianCloud read_ksplat(const InputFile& input) { return KsplatReader(input).read(); }
+GaussianCloud read_ksplat(const InputFile& input, const GaussianReadOptions& options) {
+  return KsplatReader(input).read(options);
+}
 
 }  // namespace surfel

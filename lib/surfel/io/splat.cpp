@@ -30,7 +30,7 @@ std::uint8_t to_byte(double value) {
 
 }  // namespace
 
-GaussianCloud read_splat(const InputFile& input) {
+GaussianCloud read_splat(const InputFile& input, const GaussianReadOptions& options) {
   const std::size_t record = sizeof(SplatRecord);
   if (input.size() % record != 0) {
     throw_input(input.name(),
@@ -39,7 +39,7 @@ GaussianCloud read_splat(const InputFile& input) {
                             input.size(), record));
   }
   GaussianCloud cloud;
-  allocate_gaussians(cloud, input.size() / record, input.name());
+  allocate_gaussians(cloud, input.size() / record, input.name(), options);
   parallel_for(cloud.size(), kGaussianGrain, [&](std::size_t begin, std::size_t end, int) {
     static thread_local Array<std::byte> scratch;
     const std::byte* at = input.read_at(begin * record, (end - begin) * record, scratch);

@@ -257,7 +257,8 @@ std::array<float, kMostHarmonics> harmonic_signs(const AxisSigns& axes) {
   return signs;
 }
 
-GaussianCloud decode(const SpzColumns& in, const std::string& file) {
+GaussianCloud decode(const SpzColumns& in, const std::string& file,
+                     const GaussianReadOptions& options) {
   GaussianCloud cloud;
   cloud.degree = in.header.degree;
   if ((in.header.flags & kAntialiased) != 0) {
@@ -265,7 +266,7 @@ GaussianCloud decode(const SpzColumns& in, const std::string& file) {
     cloud.trained_with = TrainedWith::kMip;
   }
   cloud.up = Vec3d(0, -1, 0);
-  allocate_gaussians(cloud, in.header.count, file);
+  allocate_gaussians(cloud, in.header.count, file, options);
   const std::array<std::size_t, kSpzColumns> sizes = column_sizes(in.header);
   const std::size_t stride = cloud.harmonics_stride();
   const float unit = 1.0F / static_cast<float>(1U << in.header.fractional_bits);
@@ -311,12 +312,12 @@ bool is_spz(const InputFile& input) {
          (start.starts_with(kGzipMagic) && lower_extension(input.name()) == ".spz");
 }
 
-GaussianCloud read_spz(const InputFile& input) {
+GaussianCloud read_spz(const InputFile& input, const GaussianReadOptions& options) {
   const std::string_view start = as_text(input.head(sizeof(SpzHeader)));
   const bool by_column = start.starts_with(kSpzMagic) && start.size() == sizeof(SpzHeader) &&
                          load_scalar<std::uint32_t, false>(input.head(sizeof(SpzHeader)).data() +
                                                            4) == kCompressedByColumn;
-  return decode(by_column ? read_streams(input) : read_whole(input), input.name());
+  return decode(by_column ? read_streams(input) : read_whole(input), input.name(), options);
 }
 
 }  // namespace surfel

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <surfel/io/gaussian_io.h>
 #include <surfel/io/input_file.h>
 #include <surfel/scene/gaussian_cloud.h>
 
@@ -12,6 +13,6 @@ bool is_spz(const InputFile& input);
 /// Reads a .spz file of versions 1 to 4. Its y axis points up; the cloud has the axes of the PLY
 /// files of 3D Gaussian splatting, y down and z forwards, and says so (`up`). Internal to the io
 /// module.
-GaussianCloud read_spz(const InputFile& input);
+GaussianCloud read_spz(const InputFile& input, const GaussianReadOptions& options);
 
 }  // namespace surfel
