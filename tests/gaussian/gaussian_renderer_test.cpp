@@ -249,7 +249,9 @@ TEST(GaussianRenderer, SamplesAreFilteredAsAFaintKernelIs) {
           const float* b = expected.pixel(x, y);
           ASSERT_NEAR(a[kAlpha], b[kAlpha], 2e-4) << x << ' ' << y << ' ' << samples;
           ASSERT_NEAR(a[0], b[0], 2e-4);
-          if (b[kAlpha] > 1e-3F) ASSERT_NEAR(a[5], b[5], 0.02 * b[5]);
+          if (b[kAlpha] > 1e-3F) {
+            ASSERT_NEAR(a[5], b[5], 0.02 * b[5]);
+          }
         }
       }
     }
