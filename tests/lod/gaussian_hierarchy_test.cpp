@@ -111,6 +111,11 @@ TEST(GaussianHierarchy, RefusesWhatHasNoSense) {
   EXPECT_NE(
       message_of([&] { build_gaussian_hierarchy(cloud, {}, "a.ply"); }).find("a.ply: holds no"),
       std::string::npos);
+  GaussianCloud vast = random_gaussians(2000, 5);
+  for (Vec3f& s : vast.scale) s.setConstant(1e18F);
+  EXPECT_TRUE(message_of([&] {
+                build_gaussian_hierarchy(vast, {}, "a.ply");
+              }).starts_with("a.ply: its extent is too large"));
 }
 
 }  // namespace

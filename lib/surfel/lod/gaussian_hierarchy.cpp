@@ -209,11 +209,6 @@ GaussianCloud build_gaussian_hierarchy(const GaussianCloud& cloud,
   }
   GaussianHierarchyReport done;
   GaussianCloud out = GaussianHierarchy(cloud, options.reduction).build(name, done);
-  if (const std::string problem = tree_problem(out.tree, out.size()); !problem.empty()) {
-    throw_input(name,
-                "its extent is too large for single precision, in which Gaussians are "
-                "merged; scale it down");
-  }
   if (report) *report = done;
   return out;
 }

@@ -2,6 +2,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <surfel/base/bounds.h>
@@ -11,6 +12,7 @@
 #include <surfel/lod/gaussian_merge.h>
 #include <surfel/scene/gaussian_mass.h>
 #include <surfel/surface/neighbor_search.h>
+
 namespace surfel {
 namespace {
 
@@ -99,11 +101,35 @@ bool has_mass(const GaussianCloud& cloud, std::size_t i) {
   return mass >= std::numeric_limits<float>::min() && std::isfinite(mass);
 }
 
+namespace {
+
+/// Are all moments of any of these Gaussians together finite in float? Covariances are means of
+/// covariances and of squares of distances, and optical depths less than twice the masses.
+bool moments_are_finite(const GaussianCloud& cloud, const Array<std::uint32_t>& order) {
+  double mass = 0;
+  double largest = 0;
+  Bounds box;
+  for (const std::uint32_t i : order) {
+    mass += mass_of(cloud, i);
+    largest = std::max(largest, static_cast<double>(cloud.scale[i].cwiseAbs().maxCoeff()));
+    box.add(cloud.position[i].cast<double>());
+  }
+  constexpr double kMost = std::numeric_limits<float>::max() / 4;
+  return mass < kMost && portable::squared(largest) + portable::squared(box.diagonal()) < kMost;
+}
+
+}  // namespace
+
 std::size_t without_massless(const GaussianCloud& cloud, Array<std::uint32_t>& order,
                              const std::string& name) {
   const auto without = std::erase_if(order, [&](std::uint32_t i) { return !has_mass(cloud, i); });
   if (order.empty()) {
     throw_input(name, "holds no Gaussian that can be seen: all are points, or clearer than 1/255");
+  }
+  if (!moments_are_finite(cloud, order)) {
+    throw_input(name,
+                "its extent is too large for single precision, in which Gaussians are merged; "
+                "scale it down");
   }
   return without;
 }
@@ -170,7 +196,8 @@ Shape shape_of(const MergeGaussians& gaussians, std::size_t i) {
     // Coplanar members have no volume; with a thickness of a hundredth their mass is shown.
     constexpr double kThin = 0.01;
     out.scale = out.scale.cwiseMax(kThin * out.scale[0]);
-    out.amplitude = mass / volume_of(out.scale);
+    out.amplitude =
+        std::min(mass / volume_of(out.scale), double{std::numeric_limits<float>::max()});
     return out;
   }
   const double projection = mean_projection(out.scale);

@@ -50,7 +50,8 @@ struct SURFEL_API MergeGaussians {
 SURFEL_API bool has_mass(const GaussianCloud& cloud, std::size_t i);
 
 /// Takes the Gaussians without has_mass() out of an order, and returns how many. Throws
-/// Error(kInput), starting with `name`, where none is left.
+/// Error(kInput), starting with `name`, where none is left, and where sums of masses or squares of
+/// lengths would overflow.
 SURFEL_API std::size_t without_massless(const GaussianCloud& cloud, Array<std::uint32_t>& order,
                                         const std::string& name);
 

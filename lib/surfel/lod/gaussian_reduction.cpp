@@ -8,6 +8,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/lod/gaussian_reduction.h>
+
 namespace surfel {
 namespace {
 

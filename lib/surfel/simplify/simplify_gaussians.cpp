@@ -47,16 +47,6 @@ GaussianCloud simplify_gaussians(const GaussianCloud& cloud,
   }
   stage.end("merge");
   GaussianCloud out = drawn_gaussians(gaussians, cloud);
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    // Masses are squares of lengths, whose sums overflow long before the lengths do.
-    if (out.position[i].allFinite() && out.scale[i].allFinite() &&
-        std::isfinite(out.amplitude[i])) {
-      continue;
-    }
-    throw_input(name,
-                "its extent is too large for single precision, in which Gaussians are merged; "
-                "scale it down");
-  }
   done.merged = static_cast<std::size_t>(
       std::count(gaussians.source.begin(), gaussians.source.end(), MergeGaussians::kMerged));
   stage.end("write");
