@@ -25,8 +25,8 @@ struct Taps {
 }  // namespace
 
 SampleFilter::SampleFilter(int samples, double deviation) : samples_(samples) {
-  constexpr double kReach = 3;  // Standard deviations, beyond which 0.3 % of the filter lie.
-  reach_ = static_cast<int>(std::ceil(std::max(0.0, kReach * deviation - 0.5) * samples));
+  constexpr double kFilterReach = 3;  // Standard deviations, beyond which 0.3 % of the filter lie.
+  reach_ = static_cast<int>(std::ceil(std::max(0.0, kFilterReach * deviation - 0.5) * samples));
   for (int i = -reach_; i < samples + reach_; ++i) {
     const double from_center = ((i + 0.5) / samples - 0.5) / deviation;
     weight_.push_back(portable::exp(static_cast<float>(-from_center * from_center / 2)));
