@@ -46,8 +46,8 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Exactly this many surfels, with the least error; more where that many sheets or "
                  "materials have to be told apart; surfels mirrored beyond edges come on top")
       ->check(CLI::Range(1.0, 4294967295.0).description(""));
-  app.add_option("--factor", s.factor, "So many times fewer than there are, instead of --count")
-      ->check(CLI::Range(1.0, 4294967295.0).description(""));
+  app.add_option("--factor", s.factor,
+                 "So many times fewer than there are, instead of --count; >= 1");
   app.option_defaults()->group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "
@@ -204,6 +204,10 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
     if (s.factor) {
+      // Not a range of CLI11's, in which what is no number would be.
+      if (!(*s.factor >= 1 && std::isfinite(*s.factor))) {
+        surfel::throw_usage(fmt::format("--factor is {:g}; it must be a number >= 1", *s.factor));
+      }
       surfel::tool::require_valid(
           surfel::tool::without_effect(tool.app(), {"--count", "--max-error"}, "beside --factor"));
     }

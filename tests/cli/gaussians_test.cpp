@@ -145,13 +145,28 @@ TEST_F(Gaussians, OptionsWithoutEffectAreRefused) {
   for (const Words& words :
        {Words{"--shading", "phong"}, Words{"--layers", "3"}, Words{"--color-by", "x"},
         Words{"--reference"}, Words{"--lowpass", "1"}, Words{"--profile", "mip", "--lowpass", "1"},
-        Words{"--profile", "3dgs"}, Words{"--every", "2"}}) {
+        Words{"--profile", "3dgs"}, Words{"--every", "2"}, Words{"--samples", "2"},
+        Words{"--profile", "surfel", "--samples", "2"}}) {
     const RunResult result = render(words);
     EXPECT_EQ(result.exit_code, 2) << words.front() << ": " << result.errors;
     EXPECT_TRUE(contains(result.errors, words[words.size() > 3 ? 2 : 0])) << result.errors;
   }
   EXPECT_FALSE(std::filesystem::exists(folder_ / "p.png"));
   EXPECT_EQ(render({"--profile", "exact", "--lowpass", "1"}).exit_code, 0);
+  for (const char* samples : {"0", "5"}) {
+    const RunResult result = render({"--profile", "exact", "--samples", samples});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, "--samples is")) << result.errors;
+  }
+}
+
+TEST_F(Gaussians, SamplesAreFilteredAfterTheyAreBlended) {
+  ASSERT_EQ(render({"--profile", "exact", "--samples", "1"}, "one.exr").exit_code, 0);
+  ASSERT_EQ(render({"--profile", "exact"}, "default.exr").exit_code, 0);
+  ASSERT_EQ(render({"--profile", "exact", "--samples", "2"}, "two.exr").exit_code, 0);
+  const Image one = read_image(folder_ / "one.exr", false);
+  EXPECT_EQ(read_image(folder_ / "default.exr", false).data, one.data);
+  EXPECT_NE(read_image(folder_ / "two.exr", false).data, one.data);
 }
 
 TEST_F(Gaussians, ProfilesAreOfGaussiansAlone) {

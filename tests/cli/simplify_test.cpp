@@ -124,7 +124,13 @@ TEST_F(SurfelSimplify, TakesAFactorInsteadOfACount) {
   EXPECT_EQ(read_cloud(output_).size(), 2500U);
   EXPECT_EQ(simplify(input(), {"--factor", "8", "--count", "9"}).exit_code, 2);
   EXPECT_EQ(simplify(input(), {"--factor", "8", "--max-error", "9"}).exit_code, 2);
-  EXPECT_EQ(simplify(input(), {"--factor", "0.5"}).exit_code, 2);
+  std::filesystem::remove(output_);
+  for (const char* factor : {"0.5", "nan", "inf", "-3"}) {
+    const RunResult result = simplify(input(), {"--factor", factor});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_TRUE(contains(result.errors, "--factor")) << result.errors;
+  }
+  EXPECT_FALSE(std::filesystem::exists(output_));
 }
 
 TEST_F(SurfelSimplify, Gaussians) {

@@ -26,9 +26,9 @@ Camera camera_of(const CloudNumbers& numbers) {
 
 }  // namespace
 
-/// Renders Gaussians that the bytes are, by a profile that they choose: pixels are finite but for
-/// depths, opacities are from 0 to 1, and three threads give the bytes that one gives, where they
-/// are asked (on_three_threads()).
+/// Renders Gaussians whose numbers are made of the bytes, by a profile and with samples that the
+/// bytes choose: colours are finite, depths are numbers or infinite, opacities are from 0 to 1, and
+/// three threads give the bytes that one gives, where they are asked (on_three_threads()).
 void gaussians(Bytes bytes) {
   CloudNumbers numbers(bytes);
   GaussianCloud cloud;
@@ -64,7 +64,8 @@ void gaussians(Bytes bytes) {
   if (way == 6) cloud.rule = AmplitudeRule::kDensity;
   if (way == 7) cloud.rule = AmplitudeRule::kCompensated;
   const Camera camera = camera_of(numbers);
-  const GaussianOptions options{.profile = profile, .depth = true};
+  const int samples = profile == GaussianProfile::kExact ? numbers.choice() / 32 * 3 : 0;
+  const GaussianOptions options{.profile = profile, .samples = samples, .depth = true};
   const auto rendered = [&](int threads) {
     set_thread_count(threads);
     return GaussianRenderer(cloud, options).render(camera);

@@ -115,7 +115,7 @@ void gaussians(Bytes bytes, const char* extension) {
   read_or_refuse([&] { require_drawable(read_gaussians(file_of(bytes, extension))); });
 }
 
-/// The same of those of each level of detail.
+/// All Gaussians of every level of detail that is read can be drawn.
 void gaussian_levels(Bytes bytes) {
   read_or_refuse([&] {
     const GaussianLevels levels(file_of(bytes, ".ply"));

@@ -235,7 +235,7 @@ TEST(GaussianRenderer, SamplesAreFilteredAsAFaintKernelIs) {
   const GaussianCloud cloud = one_gaussian(4, 0.3, 0.02);
   Camera camera = middle_camera(97);
   camera.center_x = 12.3;  // The kernel reaches over the picture's border.
-  for (const double lowpass : {0.5477, 4.0}) {
+  for (const double lowpass : {0.1, 0.5477, 16.0}) {
     GaussianOptions options{
         .profile = GaussianProfile::kExact, .lowpass = lowpass, .samples = 1, .depth = true};
     const Image expected = GaussianRenderer(cloud, options).render(camera);
@@ -318,7 +318,9 @@ TEST(GaussianRenderer, ColorsBecomeLinearAndBackgroundsAreBlendedAsDisplaysDo) {
 
 TEST(GaussianRenderer, WhatCannotBeDrawnIsRefused) {
   GaussianCloud cloud = one_gaussian(4, 1, 0.6);
-  EXPECT_THROW(GaussianRenderer(cloud, {.lowpass = 0}), Error);
+  for (const double lowpass : {0.0, 0.09, 16.1, std::nan("")}) {
+    EXPECT_THROW(GaussianRenderer(cloud, {.lowpass = lowpass}), Error);
+  }
   EXPECT_THROW(GaussianRenderer(cloud, {.samples = kMostSamples + 1}), Error);
   Camera large = middle_camera(16);
   large.width = Camera::kMostSide / 2 + 1;

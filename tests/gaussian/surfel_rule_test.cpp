@@ -50,6 +50,21 @@ Camera slanted_camera(double distance) {
   return camera;
 }
 
+/// Calls visit(ours, truth) for the pixels inside surfaces, and returns how many there are.
+template <class Visit>
+std::size_t for_inner_pixels(const Image& ours, const Image& truth, const Visit& visit) {
+  std::size_t pixels = 0;
+  for (int y = 0; y < truth.height; ++y) {
+    for (int x = 0; x < truth.width; ++x) {
+      const float* b = truth.pixel(x, y);
+      if (b[3] < 1 || b[kSumOfRho] < 0.9F) continue;
+      ++pixels;
+      visit(ours.pixel(x, y), b);
+    }
+  }
+  return pixels;
+}
+
 TEST(SurfelRule, FlatGaussiansDividedByTheirSumGiveTheSurfelsPicture) {
   const SurfelCloud surfels = jittered_plane(60, 1.5, 0.5);
   const GaussianCloud gaussians = faint_gaussians(surfels);
@@ -68,16 +83,9 @@ TEST(SurfelRule, FlatGaussiansDividedByTheirSumGiveTheSurfelsPicture) {
                          {.profile = GaussianProfile::kExact, .lowpass = 1, .display = true})
             .render(camera);
     double sum = 0;
-    std::size_t pixels = 0;
-    for (int y = 0; y < camera.height; ++y) {
-      for (int x = 0; x < camera.width; ++x) {
-        const float* a = ours.pixel(x, y);
-        const float* b = truth.pixel(x, y);
-        if (b[3] < 1 || b[kSumOfRho] < 0.9F) continue;
-        ++pixels;
-        for (int c = 0; c < 2; ++c) sum += std::pow(double{a[c]} / double{a[2]} - double{b[c]}, 2);
-      }
-    }
+    const std::size_t pixels = for_inner_pixels(ours, truth, [&](const float* a, const float* b) {
+      for (int c = 0; c < 2; ++c) sum += std::pow(double{a[c]} / double{a[2]} - double{b[c]}, 2);
+    });
     ASSERT_GT(pixels, 200u);
     EXPECT_GT(-10 * std::log10(sum / static_cast<double>(2 * pixels)), view.least) << view.distance;
   }
@@ -111,17 +119,10 @@ TEST(SurfelRule, SurfacesAreDrawnAsTheRendererOfSurfelsDoes) {
             {.profile = GaussianProfile::kSurfel, .lowpass = 1, .depth = true, .display = true})
             .render(camera);
     double sum = 0;
-    std::size_t pixels = 0;
-    for (int y = 0; y < camera.height; ++y) {
-      for (int x = 0; x < camera.width; ++x) {
-        const float* a = ours.pixel(x, y);
-        const float* b = truth.pixel(x, y);
-        if (b[3] < 1 || b[kSumOfRho] < 0.9F) continue;
-        ++pixels;
-        EXPECT_EQ(a[3], 1) << x << "," << y;
-        for (int c = 0; c < 3; ++c) sum += std::pow(double{a[c]} - double{b[c]}, 2);
-      }
-    }
+    const std::size_t pixels = for_inner_pixels(ours, truth, [&](const float* a, const float* b) {
+      EXPECT_EQ(a[3], 1);
+      for (int c = 0; c < 3; ++c) sum += std::pow(double{a[c]} - double{b[c]}, 2);
+    });
     ASSERT_GT(pixels, 200u);
     const double psnr = -10 * std::log10(sum / static_cast<double>(3 * pixels));
     EXPECT_GT(psnr, 45) << distance;

@@ -15,16 +15,16 @@ namespace surfel {
 /// twice the standard deviation of merged Gaussians.
 inline constexpr double kGaussianLodError = 1.5;
 
-/// The clusters of a picture, in ascending order: of those that may be seen, the coarsest whose
-/// spacing is at most `error` pixels at the nearest of their Gaussians. Clusters that the picture
-/// does not show are left out by bounds that hold for the kernels of every profile, so that the
-/// picture does not change, not a bit.
-/// \param head  a cloud with levels; its Gaussians are not needed.
+/// The clusters of a picture, in ascending order: of the clusters that may be seen, the coarsest
+/// whose spacing is at most `error` pixels at the nearest of their Gaussians. Clusters that the
+/// picture does not show are left out by bounds that hold for the kernels of every profile, so that
+/// the picture does not change, not a bit. \param head  a cloud with levels; its Gaussians are not
+/// needed.
 SURFEL_API std::vector<std::uint32_t> gaussian_cut(const GaussianCloud& head, const Camera& camera,
                                                    const GaussianOptions& options, double error);
 
-/// Bytes that so many Gaussians of such a cloud take while they are drawn: their columns and what
-/// GaussianRenderer keeps of them.
+/// Bytes that `count` Gaussians take while they are drawn: the columns of a cloud of the degree of
+/// `cloud`, and what GaussianRenderer keeps of each Gaussian.
 SURFEL_API std::uint64_t gaussian_memory(std::size_t count, const GaussianCloud& cloud,
                                          GaussianProfile profile);
 

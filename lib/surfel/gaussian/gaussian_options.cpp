@@ -1,4 +1,3 @@
-#include <fmt/format.h>
 #include <surfel/base/option_check.h>
 #include <surfel/gaussian/gaussian_options.h>
 
@@ -6,10 +5,8 @@ namespace surfel {
 
 std::vector<std::string> GaussianOptions::problems() const {
   std::vector<std::string> out;
-  check_positive(out, "lowpass", lowpass);
-  if (samples < 0 || samples > kMostSamples) {
-    out.push_back(fmt::format("`samples` must be in 0..{}", kMostSamples));
-  }
+  check_option(out, lowpass >= 0.1 && lowpass <= 16, "lowpass", lowpass, "in 0.1..16 pixels");
+  check_option(out, samples >= 0 && samples <= kMostSamples, "samples", samples, "in 0..4");
   check_background(out, background);
   return out;
 }

@@ -39,14 +39,14 @@ inline constexpr int kMostSamples = 4;
 
 struct GaussianOptions {
   GaussianProfile profile = GaussianProfile::kExact;
-  /// Standard deviation of the pixel filter of kExact and kSurfel, pixels, > 0. The default is the
-  /// filter under which 3D Gaussian splatting trains. Other profiles have their own.
+  /// Standard deviation of the pixel filter of kExact and kSurfel, pixels, 0.1..16. The default
+  /// is the filter under which 3D Gaussian splatting trains. Other profiles have their own.
   double lowpass = 0.5477;
-  /// Samples in a pixel along each axis of kExact, 1..kMostSamples, each a picture's pixel with a
-  /// narrow filter, before the pixel filter is applied to them; 0: as the amplitude rule needs, 2
-  /// for densities, else 1. A filter of each kernel by itself, as of one sample, makes opaque
-  /// bodies of many faint kernels larger, since what is left of the light by all of them is a
-  /// product.
+  /// Samples in a pixel along each axis of kExact, 1..kMostSamples; 0: 2 for densities, else 1.
+  /// Several samples are drawn with a narrow filter each, and the pixel filter is applied to them
+  /// when they are blended. One sample filters each kernel by itself instead, which makes opaque
+  /// bodies of many faint kernels larger: the transmittance of all kernels is a product, whose
+  /// filtered value is not the product of filtered values.
   int samples = 0;
   /// Linear R G B and straight alpha, each >= 0 and alpha at most 1; composited as displays take
   /// it, as the Gaussians are.

@@ -239,7 +239,7 @@ class Projection {
     out.z = p.z;
     out.visible = hn::And(hn::FirstN(d, left), hn::Gt(p.z, set(view_.near)));
     if (hn::AllFalse(d, out.visible)) return out;
-    // Parallel rays: all is as at depth 1, but that nothing depends on the slope of rays.
+    // Parallel rays: all is as at depth 1, and nothing depends on the slope of rays.
     const bool parallel = view_.orthographic;
     const V inv_z = parallel ? set(1) : hn::Div(set(1), p.z);
     const V slope_x = hn::Mul(p.x, inv_z);

@@ -71,7 +71,7 @@ class RaySampler {
     }
     alpha = hn::IfThenElseZero(covered, value);
     // Pixels without a contribution keep the order that the splat has beside them, as far as it
-    // reaches, lest they move through the list of those that wait.
+    // reaches, lest they move through the list of contributions that wait.
     depth = hn::IfThenElse(hn::Gt(t, set(s.nearest)), t, set(s.nearest));
     const V farthest = set(2 * s.z - s.nearest);
     depth = hn::IfThenElse(hn::Gt(depth, farthest), farthest, depth);

@@ -29,8 +29,8 @@ struct GaussianRayScratch {
   Array<float> fragments;
 };
 
-/// Draws a tile by GaussianProfile::kExact, whose sums are those of nothing so far. The same bits
-/// for every instruction set.
+/// Draws a tile by GaussianProfile::kExact, or by kSurfel, onto an empty tile. The same bits for
+/// every instruction set.
 void draw_gaussian_rays(const GaussianTileJob& job, GaussianRayScratch& scratch,
                         GaussianTile& tile);
 

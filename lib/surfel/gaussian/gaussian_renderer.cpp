@@ -60,7 +60,7 @@ struct TileGrid {
 };
 
 /// Standard deviation of the filter of each sample of a pixel, samples: kernels that are smaller
-/// would hardly ever be met.
+/// would hardly ever be met. Less than the least GaussianOptions::lowpass where a pixel has two.
 constexpr double kSampleLowpass = 0.15;
 
 int samples_of(const GaussianCloud& cloud, const GaussianOptions& options) {
@@ -316,7 +316,7 @@ Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* st
   const int per_pixel = samples_of(cloud_, options_);
   const Camera sampled = magnified(camera, per_pixel);
   GaussianOptions options = options_;
-  if (per_pixel > 1) options.lowpass = std::min(kSampleLowpass, per_pixel * options.lowpass / 2);
+  if (per_pixel > 1) options.lowpass = kSampleLowpass;
   const GaussianView view = gaussian_view(cloud_, sampled, options);
   const TileGrid grid(sampled);
   Frame& frame = *frame_;

@@ -24,7 +24,7 @@ struct GaussianFrameStatistics {
 /// on the instruction set.
 ///
 /// Memory: 68 bytes a Gaussian, of discs and exact kernels 100, and about 25 for each that is seen,
-/// kept for the next picture.
+/// kept for the next picture; several samples a pixel take a band of their rows besides.
 class SURFEL_API GaussianRenderer {
  public:
   /// Refers to the cloud, whose Gaussians may be others from picture to picture. Throws

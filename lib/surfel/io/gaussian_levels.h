@@ -37,9 +37,9 @@ class SURFEL_API GaussianLevels {
   std::size_t size() const { return size_; }              ///< Gaussians of all levels.
   std::size_t finest() const { return size_ - merged_; }  ///< Gaussians of the finest level.
 
-  /// The Gaussians of some clusters, one cluster after the other, without those that cannot be
-  /// drawn (GaussianCloud::unusable_skipped). Throws Error(kInput) naming the file where memory is
-  /// short or no usable Gaussian is left. One call at a time.
+  /// The Gaussians of some clusters, one cluster after the other; Gaussians that cannot be drawn
+  /// are left out (GaussianCloud::unusable_skipped). Throws Error(kInput) naming the file where
+  /// memory is short or no usable Gaussian is left. One call at a time.
   GaussianCloud read(std::span<const std::uint32_t> clusters) const;
 
  private:

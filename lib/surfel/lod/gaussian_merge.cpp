@@ -49,6 +49,21 @@ double mass_of(const GaussianCloud& cloud, std::size_t i) {
          (is_density(cloud.rule) ? volume_of(scale) : mean_projection(scale));
 }
 
+/// Are all moments of any of these Gaussians together finite in float? Covariances are means of
+/// covariances and of squares of distances, and optical depths less than twice the masses.
+bool moments_are_finite(const GaussianCloud& cloud, const Array<std::uint32_t>& order) {
+  double mass = 0;
+  double largest = 0;
+  Bounds box;
+  for (const std::uint32_t i : order) {
+    mass += mass_of(cloud, i);
+    largest = std::max(largest, static_cast<double>(cloud.scale[i].cwiseAbs().maxCoeff()));
+    box.add(cloud.position[i].cast<double>());
+  }
+  constexpr double kMost = std::numeric_limits<float>::max() / 4;
+  return mass < kMost && portable::squared(largest) + portable::squared(box.diagonal()) < kMost;
+}
+
 }  // namespace
 
 void MergeGaussians::resize(std::size_t size) {
@@ -96,29 +111,10 @@ bool has_mass(const GaussianCloud& cloud, std::size_t i) {
   if (!is_density(cloud.rule) && cloud.amplitude[i] < kLeastOpacity) return false;
   if (!(cloud.position[i].cwiseAbs().maxCoeff() <= static_cast<float>(kLargestExtent)))
     return false;
-  // What is left of a product in float must be a number to divide by.
+  // Sums are divided by masses, which must be normal numbers in float.
   const auto mass = static_cast<float>(mass_of(cloud, i));
   return mass >= std::numeric_limits<float>::min() && std::isfinite(mass);
 }
-
-namespace {
-
-/// Are all moments of any of these Gaussians together finite in float? Covariances are means of
-/// covariances and of squares of distances, and optical depths less than twice the masses.
-bool moments_are_finite(const GaussianCloud& cloud, const Array<std::uint32_t>& order) {
-  double mass = 0;
-  double largest = 0;
-  Bounds box;
-  for (const std::uint32_t i : order) {
-    mass += mass_of(cloud, i);
-    largest = std::max(largest, static_cast<double>(cloud.scale[i].cwiseAbs().maxCoeff()));
-    box.add(cloud.position[i].cast<double>());
-  }
-  constexpr double kMost = std::numeric_limits<float>::max() / 4;
-  return mass < kMost && portable::squared(largest) + portable::squared(box.diagonal()) < kMost;
-}
-
-}  // namespace
 
 std::size_t without_massless(const GaussianCloud& cloud, Array<std::uint32_t>& order,
                              const std::string& name) {

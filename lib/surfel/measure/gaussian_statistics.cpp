@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include <surfel/base/elementary.h>
+#include <surfel/gaussian/gaussian_cut.h>
 #include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/measure/gaussian_statistics.h>
 #include <surfel/surface/neighbor_search.h>
@@ -81,7 +82,6 @@ std::size_t occupied_cubes(const GaussianCloud& cloud, const Bounds& box, double
 
 /// What pictures of the part of a scene need that cameras frame.
 std::array<PictureNeed, 4> picture_needs(const GaussianCloud& cloud, double least) {
-  constexpr double kPixels = 1.5;  // As kGaussianLodError.
   const SceneExtent extent = gaussian_extent(cloud);
   const Bounds& box = extent.core ? extent.core->box : extent.box;
   const double side = box.empty() ? 0 : (box.max - box.min).maxCoeff();
@@ -89,7 +89,8 @@ std::array<PictureNeed, 4> picture_needs(const GaussianCloud& cloud, double leas
   for (std::size_t k = 0; k < needs.size(); ++k) {
     needs[k].rows = 128 << k;
     if (side > 0) {
-      needs[k].gaussians = occupied_cubes(cloud, box, kPixels * side / needs[k].rows, least);
+      needs[k].gaussians =
+          occupied_cubes(cloud, box, kGaussianLodError * side / needs[k].rows, least);
     }
   }
   return needs;

@@ -16,9 +16,9 @@ namespace surfel {
 /// How many Gaussians pictures of a whole scene need.
 struct PictureNeed {
   int rows = 0;  ///< Of the picture, which the longest side of the scene fills.
-  /// Cubes with an edge of 1.5 pixels, the error of levels of detail, in which a centre of a
-  /// Gaussian lies that is not invisible. Where they are far fewer than the Gaussians, levels of
-  /// detail or a simplified file look the same.
+  /// Cubes with an edge of kGaussianLodError pixels in which the centre of a visible Gaussian lies.
+  /// Where they are far fewer than the Gaussians, levels of detail or a simplified file look the
+  /// same.
   std::size_t gaussians = 0;
 };
 
