@@ -18,6 +18,7 @@
 #include <surfel/io/coordinate_file.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
+#include <surfel/io/picture_part.h>
 #include <surfel/render/contact_sheet.h>
 #include <surfel/render/legend.h>
 #include <surfel/scene/camera.h>
@@ -123,6 +124,21 @@ std::vector<surfel::View> find_views(surfel::tool::Tool& tool, const Settings& s
   return complete_views(tool, s, asked, extent);
 }
 
+/// Leaves only a part of each picture to be drawn. Throws Error(kUsage) where there is none.
+void choose_part(const surfel::PartNumber& part, std::vector<surfel::View>& views) {
+  for (surfel::View& view : views) {
+    if (view.lens) {
+      surfel::throw_usage("--tiles is of cameras without distortion; see colmap image_undistorter");
+    }
+    const int height = view.camera.height;
+    if (part.parts > surfel::PartNumber::most_parts(height)) {
+      surfel::throw_usage(fmt::format("--tiles asks for {} parts, but {} rows have {} at most",
+                                      part.parts, height, surfel::PartNumber::most_parts(height)));
+    }
+    view.camera.rows = part.rows(height);
+  }
+}
+
 /// The coordinate system of a map: as asked for, or what the files say alike.
 std::optional<surfel::CoordinateSystem> map_system(const Settings& s) {
   if (s.epsg) return surfel::coordinate_system_of_code(*s.epsg);
@@ -185,7 +201,9 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
   std::uint64_t pixels = 0;
   for (const Shot& shot : shots) {
     const surfel::Camera& camera = views[shot.number].camera;
-    pixels += static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);
+    const surfel::RowRange rows = camera.drawn_rows();
+    pixels += static_cast<std::uint64_t>(camera.width) *
+              static_cast<std::uint64_t>(rows.end - rows.begin);
   }
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
@@ -206,11 +224,16 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     frames[i] = to_json(frame);
     // Only the first step must find no file: the others find its.
     if (step == 0) files.push_back(shot.file);
-    queue.write(std::move(image), shot.file,
-                {.no_clobber = tool.common().no_clobber && step == 0,
-                 .metadata = metadata(subject),
-                 .world_to_camera = surfel::world_to_camera_matrix(view.camera),
-                 .map = map_of(s, view.camera)});
+    surfel::ImageWriteOptions options{
+        .no_clobber = tool.common().no_clobber && step == 0,
+        .metadata = metadata(subject),
+        .world_to_camera = surfel::world_to_camera_matrix(view.camera),
+        .map = map_of(s, view.camera)};
+    if (s.tiles) {
+      options = surfel::part_options(*s.tiles, image.height, tool.provenance(), options);
+      image = surfel::part_of(image, *s.tiles);
+    }
+    queue.write(std::move(image), shot.file, std::move(options));
     progress(1);
   }
   queue.finish();
@@ -224,7 +247,9 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
 /// Says what was written.
 void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::Camera& camera,
           std::size_t pictures, const std::vector<std::string>& files) {
-  const std::string size = fmt::format("{}x{} pixels", camera.width, camera.height);
+  const std::string part =
+      s.tiles ? fmt::format("part {} of {} of ", s.tiles->number, s.tiles->parts) : "";
+  const std::string size = fmt::format("{}{}x{} pixels", part, camera.width, camera.height);
   tool.wrote(s.output, pictures == 1 ? size : fmt::format("{} pictures of {}", pictures, size),
              files);
 }
@@ -275,7 +300,8 @@ int main(int argc, char** argv) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
       choose_light(tool, s, *subject.loaded, named || subject.legend);
     }
-    const std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
+    std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
+    if (s.tiles) choose_part(*s.tiles, views);
     const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
                                      : subject.mesh    ? std::vector{subject.mesh->paint()}
                                                        : surfel_steps(s, *subject.loaded, scene);

@@ -76,7 +76,7 @@ Image with_edges(double cutoff, const std::function<Sums(int, int)>& sums,
       std::copy_n(color, 4, image.pixel(x, y));
     }
   }
-  edges.apply(image, [](int, int) { return Rgba{0, 0, 1, 1}; });
+  edges.apply(image, {0, image.height}, [](int, int) { return Rgba{0, 0, 1, 1}; });
   return image;
 }
 

@@ -16,7 +16,7 @@ constexpr int kSide = 200;
 template <class Depth>
 Array<float> shares_of(const Camera& camera, Relief relief, const Depth& z) {
   NearnessPicture nearness;
-  nearness.reset(camera.width, camera.height, relief_margin(relief, camera));
+  nearness.reset(camera.width, {0, camera.height}, relief_margin(relief, camera));
   for (int y = 0; y < camera.height; ++y) {
     for (int x = 0; x < camera.width; ++x) {
       const double depth = z(x + 0.5, y + 0.5);

@@ -127,7 +127,7 @@ TEST(CompositeOver, PutsAStraightBackgroundBehindPremultipliedColors) {
   Image image = supersample(picture(2, 2), {1, 0}, [](double, double, int) {
     return Rgba{0.25F, 0, 0, 0.5F};
   });
-  composite_over(image, {0, 0.5F, 1, 0.5F});
+  composite_over(image, {0, image.height}, {0, 0.5F, 1, 0.5F});
   const float* p = image.pixel(1, 1);
   EXPECT_FLOAT_EQ(p[0], 0.25F);
   EXPECT_FLOAT_EQ(p[1], 0.125F);

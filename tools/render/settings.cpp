@@ -70,6 +70,10 @@ void declare_camera(CLI::App& app, Settings& s) {
            "Of several pictures those from number A to number B, the first of which is 0",
            [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
   app.add_flag("--skip-existing", s.skip_existing, "Leave pictures alone that are there already");
+  add_text(app, "--tiles", "I/N", "",
+           "The I-th of N parts of each picture, 1 the uppermost, as EXR: surfel-join makes one "
+           "picture of all parts, which has the bytes that it has when it is made in one",
+           [&s](const std::string& text) { s.tiles = parse_part("--tiles", text); });
 }
 
 void declare_kernel(CLI::App& app, Settings& s) {
@@ -450,6 +454,22 @@ void require_effect(const CLI::App& app, const Settings& s) {
   if (s.bounces > 0) refuse("--bounces", {"--refraction"});
 }
 
+/// Throws Error(kUsage) where no parts can be made of the pictures.
+void check_tiles(const CLI::App& app, const Settings& s) {
+  if (!s.tiles) return;
+  tool::require_valid(tool::without_effect(
+      app, {"--map", "--contact-sheet", "--progressive", "--explain"}, "--tiles"));
+  if (s.projection == Projection::kEquirectangular) {
+    throw_usage("--tiles has no effect with --projection equirectangular; leave it out");
+  }
+  if (tool::lower_extension(s.output) != ".exr") {
+    throw_usage(
+        fmt::format("--output is \"{}\", but parts of pictures are written as .exr, which "
+                    "surfel-join makes other formats of",
+                    s.output));
+  }
+}
+
 void check(const Settings& s) {
   if (s.print_commands && s.output == "-") {
     throw_usage("--print-commands and --output - both write to standard output");
@@ -574,6 +594,7 @@ void settle(const CLI::App& app, Settings& s) {
   check_views(app, s);
   check_projection(app, s);
   check_map(app, s);
+  check_tiles(app, s);
   require_effect(app, s);
   check_levels(app, s);
   check(s);

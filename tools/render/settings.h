@@ -9,6 +9,7 @@
 
 #include <CLI/CLI.hpp>
 #include <surfel/gaussian/gaussian_options.h>
+#include <surfel/io/picture_part.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/camera_path.h>
@@ -45,6 +46,7 @@ struct Settings {
   bool resize = false;  ///< The size was given, so that known views are scaled to it.
   std::optional<std::array<std::size_t, 2>> frames;  ///< First and last picture; unset: all.
   bool skip_existing = false;
+  std::optional<PartNumber> tiles;  ///< The part of each picture to be made; unset: all of it.
   std::string scene_file;
   Refractions refraction = Refractions::kScene;
   CameraOptions camera;

@@ -165,6 +165,12 @@ std::array<std::size_t, 2> parse_range(const std::string& option, const std::str
   throw_conversion(option, text, "two whole numbers such as 0-99, the smaller one first");
 }
 
+PartNumber parse_part(const std::string& option, const std::string& text) {
+  const std::optional<PartNumber> part = PartNumber::parse(text);
+  if (!part) throw_conversion(option, text, "a part of several such as 3/8, from 1/8 to 8/8");
+  return *part;
+}
+
 CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,
                       const std::string& value, const std::string& description,
                       const std::function<void(const std::string&)>& assign) {

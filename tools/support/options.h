@@ -13,6 +13,7 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <surfel/base/nearest_name.h>
+#include <surfel/io/picture_part.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
@@ -35,6 +36,9 @@ std::uint64_t parse_bytes(const std::string& option, const std::string& text);
 
 /// "A-B", whole numbers with A <= B. Throws CLI::ConversionError.
 std::array<std::size_t, 2> parse_range(const std::string& option, const std::string& text);
+
+/// "I/N", the I-th of N parts, I from 1 on. Throws CLI::ConversionError.
+PartNumber parse_part(const std::string& option, const std::string& text);
 
 /// Names of options by the fields that they set, where an option's name is not its field's.
 using FieldNames = std::map<std::string, std::string>;

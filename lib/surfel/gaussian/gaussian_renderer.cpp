@@ -80,6 +80,7 @@ Camera magnified(Camera camera, int times) {
   }
   camera.width *= times;
   camera.height *= times;
+  camera.rows = {camera.rows.begin * times, std::min(Camera::kMostSide, camera.rows.end * times)};
   for (double* length : {&camera.focal_x, &camera.focal_y, &camera.center_x, &camera.center_y}) {
     *length *= times;
   }
@@ -109,8 +110,8 @@ struct GaussianRenderer::Frame {
   void list(const TileGrid& grid);
   void draw(const GaussianView& view, const TileGrid& grid, int begin, int end,
             const GaussianOutput& out);
-  void draw_filtered(const GaussianView& view, const TileGrid& grid, int per_pixel,
-                     const SampleFilter& filter, const GaussianOutput& out);
+  void draw_filtered(const GaussianView& view, const TileGrid& grid, const RowRange& rows,
+                     int per_pixel, const SampleFilter& filter, const GaussianOutput& out);
   template <class Tell>
   std::size_t start_of_each(std::size_t ranges, std::size_t buckets, const Tell& tell);
 };
@@ -269,9 +270,10 @@ void GaussianRenderer::Frame::draw(const GaussianView& view, const TileGrid& gri
 }
 
 /// Draws a picture of samples, some rows of tiles at a time, and filters it.
+/// \param rows  of pixels.
 void GaussianRenderer::Frame::draw_filtered(const GaussianView& view, const TileGrid& grid,
-                                            int per_pixel, const SampleFilter& filter,
-                                            const GaussianOutput& out) {
+                                            const RowRange& rows, int per_pixel,
+                                            const SampleFilter& filter, const GaussianOutput& out) {
   constexpr int kBand = 4;  // Rows of tiles.
   constexpr int kBandRows = kBand * kGaussianTile;
   const int bands_kept = (2 * filter.reach() + per_pixel + kBandRows - 1) / kBandRows + 1;
@@ -284,8 +286,9 @@ void GaussianRenderer::Frame::draw_filtered(const GaussianView& view, const Tile
       static_cast<std::size_t>(kept.width) * static_cast<std::size_t>(kept.channels);
   kept.samples.resize(row_size * static_cast<std::size_t>(kept.rows));
   PerWorker<std::vector<float>> columns;
-  int done = 0;
-  for (int begin = 0; begin < grid.rows; begin += kBand) {
+  int done = rows.begin;
+  const int first_seen = std::max(0, rows.begin * per_pixel - filter.reach()) / kBandRows * kBand;
+  for (int begin = first_seen; begin < grid.rows && done < rows.end; begin += kBand) {
     const int end = std::min(grid.rows, begin + kBand);
     const int first = begin * kGaussianTile % kept.rows;
     draw(view, grid, begin, end,
@@ -296,9 +299,10 @@ void GaussianRenderer::Frame::draw_filtered(const GaussianView& view, const Tile
           .background = {},
           .display = true});
     // Rows of pixels whose filter does not reach beyond what is drawn.
-    const int ready = end == grid.rows
-                          ? out.height
-                          : std::max(done, (end * kGaussianTile - filter.reach()) / per_pixel);
+    const int ready =
+        end == grid.rows
+            ? rows.end
+            : std::clamp((end * kGaussianTile - filter.reach()) / per_pixel, done, rows.end);
     parallel_for(static_cast<std::size_t>(ready - done), 1,
                  [&](std::size_t from, std::size_t to, int worker) {
                    for (std::size_t i = from; i < to; ++i) {
@@ -344,12 +348,18 @@ Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* st
     out.background[c] = linear_to_srgb(background[c]) * background[3];
   }
   out.background[3] = background[3];
+  const RowRange rows = camera.drawn_rows();
   if (per_pixel == 1) {
-    frame.draw(view, grid, 0, grid.rows, out);
+    GaussianOutput drawn = out;
+    const int begin = rows.begin / kGaussianTile;
+    drawn.pixels = image.pixel(0, begin * kGaussianTile);
+    drawn.height -= begin * kGaussianTile;
+    frame.draw(view, grid, begin, (rows.end + kGaussianTile - 1) / kGaussianTile, drawn);
   } else {
     const double remaining =
         portable::squared(options_.lowpass) - portable::squared(options.lowpass / per_pixel);
-    frame.draw_filtered(view, grid, per_pixel, SampleFilter(per_pixel, std::sqrt(remaining)), out);
+    frame.draw_filtered(view, grid, rows, per_pixel, SampleFilter(per_pixel, std::sqrt(remaining)),
+                        out);
   }
   stage.end("raster");
   stats.splats = frame.order.size();

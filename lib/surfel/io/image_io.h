@@ -77,6 +77,12 @@ SURFEL_API std::shared_ptr<ImageReader> open_image(const std::string& path);
 /// Takes over a file that is open, or in memory.
 SURFEL_API std::shared_ptr<ImageReader> open_image(InputFile file);
 
+/// Where the rows of an image lie in a picture of its width.
+struct RowsOfPicture {
+  int first_row;
+  int height;  ///< Of the picture.
+};
+
 struct ImageWriteOptions {
   bool no_clobber = false;
   /// String attributes for the file's metadata (formats without any ignore them).
@@ -86,6 +92,9 @@ struct ImageWriteOptions {
   std::vector<float> world_to_camera;
   /// Written to TIFF as the tags of GeoTIFF.
   std::optional<MapPlace> map = {};
+  /// Set: the image is of some rows of a picture, and EXR gets its data window and the picture's
+  /// display window; see picture_part.h.
+  std::optional<RowsOfPicture> rows_of = {};
 };
 
 /// Writes by extension, whole or not at all: EXR (float, linear, premultiplied, all channels), TIFF

@@ -92,6 +92,12 @@ bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c)
          input.spec().get_int_attribute("oiio:UnassociatedAlpha") == 0;
 }
 
+/// Texts that OpenImageIO finds in every EXR file, or makes of it.
+bool is_of_every_file(const std::string& attribute) {
+  return attribute == "DateTime" || attribute == "compression" ||
+         attribute.find(':') != std::string::npos;
+}
+
 /// Reads the pixels as T and converts them.
 template <class T>
 Image read_pixels(OIIO::ImageInput& input, const std::string& name, ImageForm form) {
@@ -354,6 +360,13 @@ std::vector<float> select_color(const Image& image) {
   });
 }
 
+/// OpenEXR's matrices act on row vectors: they are the transposes of ours.
+std::array<float, 16> transposed_matrix(const float* matrix) {
+  std::array<float, 16> transposed{};
+  for (std::size_t i = 0; i < 16; ++i) transposed[i] = matrix[i % 4 * 4 + i / 4];
+  return transposed;
+}
+
 void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions& options) {
   const bool floats = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kFloatColor;
   spec.attribute("oiio:ColorSpace", floats ? "Linear" : "sRGB");
@@ -365,12 +378,12 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
   spec.attribute("DateTime", "");
   // libtiff has to read a file back to append Exif tags, which output in memory does not allow.
   spec.attribute("tiff:write_exif", 0);
+  if (options.rows_of) {
+    spec.y = options.rows_of->first_row;
+    spec.full_height = options.rows_of->height;
+  }
   if (options.world_to_camera.size() == 16) {
-    // OpenEXR's matrices act on row vectors: the transpose of ours.
-    std::array<float, 16> transposed{};
-    for (std::size_t i = 0; i < 16; ++i) {
-      transposed[i] = options.world_to_camera[i % 4 * 4 + i / 4];
-    }
+    const std::array<float, 16> transposed = transposed_matrix(options.world_to_camera.data());
     spec.attribute("worldToCamera", OIIO::TypeMatrix, transposed.data());
   }
 }
@@ -466,6 +479,37 @@ SURFEL_API void surfel_image_plugin_read(surfel::InputFile& file, const std::str
   } else {
     image = read_pixels<std::uint16_t>(input, name, form);
   }
+}
+
+SURFEL_API void surfel_image_plugin_read_exr_window(surfel::InputFile& file,
+                                                    const std::string& path,
+                                                    surfel::ExrWindow& window,
+                                                    surfel::Image& image) {
+  using namespace surfel;
+  if (!exr_size(file)) throw_input(file.name(), "is no EXR file");
+  const OpenedImage opened(std::move(file), path, most_megabytes());
+  const OIIO::ImageSpec& spec = opened.input->spec();
+  const std::string& name = opened.file.name();
+  check_fits({static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)},
+             spec.nchannels, name);
+  if (spec.x != spec.full_x || spec.width != spec.full_width || spec.y < spec.full_y ||
+      spec.y - spec.full_y > spec.full_height - spec.height) {
+    throw_input(name, "its data window is not some of the rows of its display window");
+  }
+  check_pixel_count(
+      {static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.full_height)}, name);
+  window.first_row = spec.y - spec.full_y;
+  window.height = spec.full_height;
+  for (const OIIO::ParamValue& attribute : spec.extra_attribs) {
+    const std::string key = attribute.name().string();
+    if (key == "worldToCamera" && attribute.type() == OIIO::TypeMatrix) {
+      const auto matrix = transposed_matrix(static_cast<const float*>(attribute.data()));
+      window.world_to_camera.assign(matrix.begin(), matrix.end());
+    } else if (attribute.type() == OIIO::TypeString && !is_of_every_file(key)) {
+      window.metadata.emplace_back(key, attribute.get_string());
+    }
+  }
+  image = read_pixels<float>(*opened.input, name, ImageForm::kRaw);
 }
 
 SURFEL_API void surfel_image_plugin_open(surfel::InputFile& file, const std::string& path,

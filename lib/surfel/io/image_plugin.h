@@ -23,10 +23,19 @@ struct ChannelDifference {
   std::size_t beyond = 0;         ///< Pixels with a channel that differs by more than `threshold`.
 };
 
+/// What an EXR file says of its picture beside the pixels.
+struct ExrWindow {
+  int first_row = 0;  ///< Of the data window, from the display window's first row on.
+  int height = 0;     ///< Rows of the display window.
+  std::vector<float> world_to_camera;  ///< As in ImageWriteOptions; or empty.
+  std::vector<std::pair<std::string, std::string>> metadata;  ///< Texts that write_image() wrote.
+};
+
 /// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
 /// tools that see no image but PNG. The first four have the contracts of read_image(),
 /// open_image(), write_image() and image_format_has_alpha(); reading takes over the file at `path`.
-/// The last compares the channels [first, last) of two pictures of equal size and channels, all of
+/// The fifth reads an EXR file with ImageForm::kRaw, and its windows, of one width. The last
+/// compares the channels [first, last) of two pictures of equal size and channels, all of
 /// whose values are finite.
 using ReadImageFunction = void(InputFile& file, const std::string& path, ImageForm form,
                                Image& image);
@@ -38,10 +47,14 @@ using ImageAlphaFunction = void(const std::string& path, bool& alpha);
 using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
                                    float threshold, ChannelDifference& difference);
 
+using ReadExrWindowFunction = void(InputFile& file, const std::string& path, ExrWindow& window,
+                                   Image& image);
+
 inline constexpr char kReadImageSymbol[] = "surfel_image_plugin_read";
 inline constexpr char kOpenImageSymbol[] = "surfel_image_plugin_open";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";
 inline constexpr char kImageAlphaSymbol[] = "surfel_image_plugin_alpha";
+inline constexpr char kReadExrWindowSymbol[] = "surfel_image_plugin_read_exr_window";
 inline constexpr char kCompareImagesSymbol[] = "surfel_image_plugin_compare";
 
 }  // namespace surfel

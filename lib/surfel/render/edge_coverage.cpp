@@ -373,8 +373,13 @@ void EdgeCoverage::fill(const Unreached& pixel, Image& image,
   out[3] = color.alpha;
 }
 
-void EdgeCoverage::apply(Image& image, FunctionRef<Rgba(int x, int y)> behind) {
+void EdgeCoverage::apply(Image& image, const RowRange& rows,
+                         FunctionRef<Rgba(int x, int y)> behind) {
   constexpr std::size_t kGrain = 4;  // Tiles.
+  // Pixels that no kernel reaches take the colours of the tiles next to theirs.
+  const auto row = static_cast<std::size_t>(tiles_x_);
+  const std::size_t first = row * std::max(0, rows.begin / kTileSize - 1);
+  const std::size_t end_tile = row * std::min(tiles_y_, tiles_along(rows.end) + 1);
   const auto is_looked_at = [&](std::size_t tile) {
     return any_around(static_cast<int>(tile % tiles_x_), static_cast<int>(tile / tiles_x_),
                       [&](int x, int y) { return may_have_edges(x, y); });
@@ -382,8 +387,8 @@ void EdgeCoverage::apply(Image& image, FunctionRef<Rgba(int x, int y)> behind) {
   parallel_each(ranges_.size(), 8 * kGrain, [&](std::size_t tile) {
     if (ranges_[tile].raw && is_looked_at(tile)) unpack(tile);
   });
-  parallel_for(ranges_.size(), kGrain, [&](std::size_t begin, std::size_t end, int w) {
-    for (std::size_t tile = begin; tile < end; ++tile) {
+  parallel_for(end_tile - first, kGrain, [&](std::size_t begin, std::size_t end, int w) {
+    for (std::size_t tile = first + begin; tile < first + end; ++tile) {
       const int x = static_cast<int>(tile % tiles_x_);
       const int y = static_cast<int>(tile / tiles_x_);
       if (!may_have_edges(x, y)) continue;

@@ -15,6 +15,7 @@
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/edge_search.h>
+#include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>
 
 namespace surfel {
@@ -59,12 +60,16 @@ class SURFEL_API EdgeCoverage {
     for (int i = 0; i < kStripWidth; ++i) note_opacity(pixels[i], opacity[i]);
   }
 
+  /// Tiles on either side of a row of tiles that must have been stored before apply() changes it.
+  static constexpr int kTilesAround = 2;
+
   /// Gives the pixels near edges the opacities that follow from the surface's coverage; their
   /// colours stay. Pixels that no kernel reaches get the mean colour around them.
   /// \param image   channels R G B A, premultiplied, over what is behind; where there are more
   ///                channels, Z and Z.first follow.
+  /// \param rows    of pixels that are to be right; those next to them may be changed, too.
   /// \param behind  what is behind the surfaces at a pixel, premultiplied.
-  void apply(Image& image, FunctionRef<Rgba(int x, int y)> behind);
+  void apply(Image& image, const RowRange& rows, FunctionRef<Rgba(int x, int y)> behind);
 
  private:
   /// Surfaces end within so many pixels of filtered sums of less than one half.

@@ -2,6 +2,7 @@
 
 // The parts that a picture is drawn in: bands of rows, blocks of tiles.
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -43,6 +44,8 @@ struct BlockGrid {
   /// \param share    share of the band that a cluster's splats reach over, in the mean.
   BlockGrid(const Band& band, std::size_t surfels, double share);
   std::size_t blocks() const { return static_cast<std::size_t>(blocks_x) * blocks_y; }
+  /// Rows of blocks.
+  int row_of(std::size_t block) const { return static_cast<int>(block / blocks_x); }
   int size() const { return kTileSize << shift; }  ///< Pixels.
   int first_tile_x(std::size_t block) const { return static_cast<int>(block % blocks_x) << shift; }
   int first_tile_y(std::size_t block) const { return static_cast<int>(block / blocks_x) << shift; }
@@ -56,10 +59,27 @@ struct Frame {
   /// For each of Compositor::lists(), the clusters that reach into the band, nearest first.
   std::vector<std::vector<VisibleCluster>> clusters;
   BlockGrid grid;
+  /// Rows of pixels to be drawn. What else there is of the picture, its grid for one, is as if all
+  /// rows were.
+  RowRange rows;
 
-  /// One past the last row of pixels around which `reach` rows have been drawn when this band has.
-  int end_of_surrounded_rows(int reach) const {
-    return band.y1 == camera.height ? band.y1 : band.y1 - reach;
+  /// Whether a tile is to be drawn, by its first row of pixels.
+  bool draws_tile(int y0) const { return y0 + kTileSize > rows.begin && y0 < rows.end; }
+  /// The rows of blocks that have tiles to be drawn.
+  RowRange block_rows() const {
+    return {std::max(0, rows.begin - band.y0) / grid.size(),
+            (std::min(rows.end, band.y1) - band.y0 + grid.size() - 1) / grid.size()};
+  }
+  bool draws_block(std::size_t block) const {
+    const RowRange range = block_rows();
+    return grid.row_of(block) >= range.begin && grid.row_of(block) < range.end;
+  }
+
+  /// The rows of pixels around which `reach` rows have been drawn when this band has: rows of bands
+  /// before are among them.
+  RowRange surrounded_rows(int reach) const {
+    const int end = std::min(band.y1, rows.end);
+    return {rows.begin == 0 ? 0 : rows.begin + reach, end == camera.height ? end : end - reach};
   }
 };
 

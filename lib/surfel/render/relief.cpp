@@ -236,14 +236,14 @@ Array<float> without_dots(const Array<float>& shares, std::size_t width, std::si
 
 }  // namespace
 
-void NearnessPicture::reset(int width, int height, int margin) {
+void NearnessPicture::reset(int width, const RowRange& rows, int margin) {
   width_ = width;
-  height_ = height;
+  rows_ = rows;
   margin_ = margin;
   // Vectors may reach beyond the last pixel that a row's last pixel looks at.
   constexpr int kSpare = 64;
   stride_ = width + 2 * margin + kSpare;
-  value_.resize(static_cast<std::size_t>(stride_) * (height + 2 * margin) + kSpare);
+  value_.resize(static_cast<std::size_t>(stride_) * (rows.end - rows.begin + 2 * margin) + kSpare);
   std::fill(value_.begin(), value_.end(), kNothing);
 }
 
@@ -254,27 +254,38 @@ int relief_margin(Relief relief, const Camera& camera) {
 
 Array<float> relief_shares(const NearnessPicture& nearness, const Camera& camera, Relief relief) {
   const std::size_t width = nearness.width();
-  Array<float> shares(width * nearness.height());
+  const RowRange& rows = nearness.rows();
+  const auto height = static_cast<std::size_t>(rows.end - rows.begin);
+  Array<float> shares(width * height);
   const ReliefTaps taps = make_taps(camera, relief, nearness.stride());
-  parallel_for(nearness.height(), kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(height, kRowGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t y = begin; y < end; ++y) {
       HWY_DYNAMIC_DISPATCH(relief_row)
-      (taps, relief, nearness.at(0, static_cast<int>(y)), width, shares.data() + y * width);
+      (taps, relief, nearness.at(0, rows.begin + static_cast<int>(y)), width,
+       shares.data() + y * width);
     }
   });
   // Eye-dome lighting is there for lines.
-  return relief == Relief::kOcclusion ? without_dots(shares, width, nearness.height()) : shares;
+  return relief == Relief::kOcclusion ? without_dots(shares, width, height) : shares;
 }
 
-void add_relief(Image& image, const Array<float>& shares, const Rgba& background) {
+void add_relief(Image& image, const NearnessPicture& nearness, const Camera& camera, Relief relief,
+                const Rgba& background) {
+  const Array<float> shares = relief_shares(nearness, camera, relief);
   const std::size_t channels = image.channels.size();
   const float behind[4] = {background.red, background.green, background.blue, background.alpha};
-  parallel_for(image.height, kRowGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin * image.width; i < end * image.width; ++i) {
-      float* pixel = image.data.data() + i * channels;
-      const float left = 1 - pixel[3];
-      for (int c = 0; c < 3; ++c) pixel[c] = pixel[c] * shares[i] + left * behind[c];
-      pixel[3] += left * behind[3];
+  const RowRange rows = camera.drawn_rows();
+  parallel_for(rows.end - rows.begin, kRowGrain, [&](std::size_t begin, std::size_t end, int) {
+    for (std::size_t row = begin; row < end; ++row) {
+      const int y = rows.begin + static_cast<int>(row);
+      float* pixel = image.pixel(0, y);
+      const float* share =
+          shares.data() + static_cast<std::size_t>(y - nearness.rows().begin) * image.width;
+      for (int x = 0; x < image.width; ++x, pixel += channels, ++share) {
+        const float left = 1 - pixel[3];
+        for (int c = 0; c < 3; ++c) pixel[c] = pixel[c] * *share + left * behind[c];
+        pixel[3] += left * behind[3];
+      }
     }
   });
 }

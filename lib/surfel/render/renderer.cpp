@@ -123,11 +123,14 @@ struct Renderer::Impl {
   }
 
   void set_weights();
+  RowRange rows_seen(const Camera& camera) const;
   int band_rows(const Camera& camera, int y0) const;
   void begin(const Camera& camera);
-  void apply_edges(const Shader& shader, Image& image);
-  void draw_band(const Camera& camera, const Band& band, const Shader& shader, Image& image,
-                 FrameStatistics& statistics);
+  void apply_edges(const Shader& shader, const RowRange& rows, Image& image);
+  void draw_band(const Camera& camera, const Band& band, const RowRange& rows, const Shader& shader,
+                 Image& image, FrameStatistics& statistics);
+  std::vector<VisibleCluster> drawn_clusters(const Frame& frame,
+                                             std::span<const VisibleCluster> clusters) const;
   void draw(const Pass& pass);
   void draw_block(const Pass& pass, std::size_t block, int w);
   void draw_tile(TileABuffer& tile, int x, int y, int w);
@@ -153,6 +156,18 @@ void Renderer::Impl::set_weights() {
   blank_tile.full_weight = full;
   blank_tile.mean_weight = options.coverage_threshold ? full : mean;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
+}
+
+/// Rows to draw of which the camera's rows depend: pixels look at those around them to find edges
+/// and to fill what no kernel reaches, and at many more for relief.
+RowRange Renderer::Impl::rows_seen(const Camera& camera) const {
+  const RowRange drawn = camera.drawn_rows();
+  int around = 0;
+  if (options.relief != Relief::kNone) around += relief_margin(options.relief, camera);
+  around += kTileSize * (edges ? EdgeCoverage::kTilesAround + 1 : 1);
+  // Tiles are drawn whole.
+  return {std::max(0, drawn.begin - around) / kTileSize * kTileSize,
+          std::min(camera.height, tiles_along(drawn.end + around) * kTileSize)};
 }
 
 /// Rows of the picture to draw together, from y0 on: all, unless their A-buffers are to be kept and
@@ -280,12 +295,12 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
 void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
   TileABuffer tile = blank_tile;
   tile.shader = &frame.shader;
-  const int end_row = frame.end_of_surrounded_rows(kEdgeReach);
+  const RowRange rows = frame.surrounded_rows(kEdgeReach);
   constexpr std::size_t kGrain = 256;  // Pixels: tens of microseconds' work.
   const auto for_each_surrounded = [&](const auto& pixels, const auto& body) {
     parallel_for(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t i = begin; i < end; ++i) {
-        if (pixels[i].y < end_row) body(pixels[i]);
+        if (pixels[i].y >= rows.begin && pixels[i].y < rows.end) body(pixels[i]);
       }
     });
   };
@@ -305,7 +320,7 @@ void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
         ++out;
       }
     });
-    open.keep_from_row(end_row);
+    open.keep_from_row(rows.end);
   });
 }
 
@@ -345,10 +360,11 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
     }
     for (int y = 0; y < tiles_y; ++y) {
       for (int x = 0; x < tiles_x; ++x) {
+        tile.y0 = band.y0 + (first_y + y) * kTileSize;
+        if (!frame.draws_tile(tile.y0)) continue;
         tile.data = buffer(x, y);
         if (first && begin == 0) std::fill_n(tile.data, size, 0.0F);
         tile.x0 = (first_x + x) * kTileSize;
-        tile.y0 = band.y0 + (first_y + y) * kTileSize;
         tile.width = std::min(kTileSize, image.width - tile.x0);
         tile.height = std::min(kTileSize, band.y1 - tile.y0);
         tile.merges = {};
@@ -369,6 +385,7 @@ void Renderer::Impl::draw(const Pass& pass) {
   // The blocks with most splats come first, so that none is left to one thread at the end.
   std::vector<std::size_t> blocks(frame.grid.blocks());
   std::iota(blocks.begin(), blocks.end(), std::size_t{0});
+  std::erase_if(blocks, [&](std::size_t block) { return !frame.draws_block(block); });
   std::stable_sort(blocks.begin(), blocks.end(), [&](std::size_t a, std::size_t b) {
     return lists.front().clusters(a) > lists.front().clusters(b);
   });
@@ -376,11 +393,27 @@ void Renderer::Impl::draw(const Pass& pass) {
                [&](std::size_t i, std::size_t, int w) { draw_block(pass, blocks[i], w); });
 }
 
-void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Shader& shader,
-                               Image& image, FrameStatistics& statistics) {
+/// The clusters that reach into blocks to be drawn, in their order.
+std::vector<VisibleCluster> Renderer::Impl::drawn_clusters(
+    const Frame& frame, std::span<const VisibleCluster> clusters) const {
+  const RowRange blocks = frame.block_rows();
+  std::vector<VisibleCluster> drawn;
+  drawn.reserve(clusters.size());
+  for (const VisibleCluster& cluster : clusters) {
+    const TileRange tiles = lists.front().culling().tiles_of(cloud.clusters()[cluster.index]);
+    if (tiles.y0 >> frame.grid.shift < blocks.end && tiles.y1 >> frame.grid.shift >= blocks.begin) {
+      drawn.push_back(cluster);
+    }
+  }
+  return drawn;
+}
+
+/// \param rows  of pixels to be drawn, see Frame.
+void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const RowRange& rows,
+                               const Shader& shader, Image& image, FrameStatistics& statistics) {
   StageTimes& stages = statistics.stages;
   Timer timer;
-  Frame being_made{camera, shader, band, {}, {}};
+  Frame being_made{camera, shader, band, {}, {}, rows};
   std::size_t most = 0;
   for (SplatLists& list : lists) {
     being_made.clusters.push_back(list.cull(camera, band));
@@ -391,24 +424,29 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Sha
   statistics.clusters += most;
   const Frame& frame = being_made;
   stages.add("cull", timer.milliseconds());
-  rims.begin(camera, band, blank_tile.layout.layers);
   const std::span<const VisibleCluster> clusters = frame.clusters.front();
   const std::size_t size =
       std::min(store.batch_clusters(), std::max<std::size_t>(1, clusters.size()));
+  const auto batch_from = [&](std::size_t begin) {
+    return drawn_clusters(frame,
+                          clusters.subspan(begin).first(std::min(size, clusters.size() - begin)));
+  };
+  std::vector<VisibleCluster> batch;
+  std::vector<VisibleCluster> next = batch_from(0);
   for (std::size_t begin = 0; begin == 0 || begin < clusters.size(); begin += size) {
-    const std::span<const VisibleCluster> rest = clusters.subspan(begin);
-    const std::span<const VisibleCluster> batch = rest.first(std::min(size, rest.size()));
-    const std::span<const VisibleCluster> next = rest.subspan(batch.size());
+    const std::size_t end = std::min(begin + size, clusters.size());
+    batch = std::move(next);
+    next = batch_from(end);
     timer.restart();
     store.fetch(batch);
-    store.expect(next.first(std::min(size, next.size())));
+    store.expect(next);
     if (!store.resident()) stages.add("read", timer.milliseconds());
     timer.restart();
     lists.front().bin(frame, batch);
     for (std::size_t i = 1; i < lists.size(); ++i) lists[i].bin(frame, frame.clusters[i]);
     stages.add("cull", timer.milliseconds());
     timer.restart();
-    const bool last = begin + batch.size() == clusters.size();
+    const bool last = end == clusters.size();
     draw({frame, begin == 0, last, image});
     if (last) resolve_open(frame, image);
     stages.add("raster", timer.milliseconds());
@@ -426,13 +464,13 @@ void Renderer::Impl::begin(const Camera& camera) {
 }
 
 /// Gives pixels near edges their opacities, when all else is drawn.
-void Renderer::Impl::apply_edges(const Shader& shader, Image& image) {
+void Renderer::Impl::apply_edges(const Shader& shader, const RowRange& rows, Image& image) {
   const Rgba back = backdrop();
   if (!shader.has_environment()) {
-    edges->apply(image, [&](int /*x*/, int /*y*/) { return back; });
+    edges->apply(image, rows, [&](int /*x*/, int /*y*/) { return back; });
     return;
   }
-  edges->apply(image, [&](int x, int y) {
+  edges->apply(image, rows, [&](int x, int y) {
     Rgba behind = shader.open_view(static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F);
     behind.composite(back);
     return behind;
@@ -470,23 +508,25 @@ Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   r.begin(camera);
   Image image = blank_image(camera, r.options.aovs);
   const Relief relief = r.options.relief;
+  const RowRange seen = r.rows_seen(camera);
   if (relief != Relief::kNone) {
-    r.nearness.reset(camera.width, camera.height, relief_margin(relief, camera));
+    r.nearness.reset(camera.width, seen, relief_margin(relief, camera));
   }
   for (int y0 = 0; y0 < camera.height;) {
     const Band band(camera, y0, y0 + r.band_rows(camera, y0));
     y0 = band.y1;
-    r.draw_band(camera, band, shader, image, stats);
+    r.rims.begin(camera, band, r.blank_tile.layout.layers);
+    if (band.y1 <= seen.begin || band.y0 >= seen.end) continue;
+    r.draw_band(camera, band, seen, shader, image, stats);
   }
   if (r.edges) {
     const Timer timer;
-    r.apply_edges(shader, image);
+    r.apply_edges(shader, camera.drawn_rows(), image);
     stats.stages.add("edges", timer.milliseconds());
   }
   if (relief != Relief::kNone) {
     const Timer timer;
-    add_relief(image, relief_shares(r.nearness, camera, relief),
-               premultiplied(r.options.background));
+    add_relief(image, r.nearness, camera, relief, premultiplied(r.options.background));
     stats.stages.add("relief", timer.milliseconds());
   }
   r.finish(stats);

@@ -16,6 +16,9 @@ std::vector<std::string> Camera::problems() const {
              fmt::format("the focal lengths are {} and {}; they must be > 0", focal_x, focal_y));
   check_rule(found, std::isfinite(center_x) && std::isfinite(center_y),
              "`center_x` and `center_y` must be finite");
+  check_rule(found, rows.begin >= 0 && rows.begin < drawn_rows().end,
+             fmt::format("`rows` are {} to {}; there must be some among the picture's {}",
+                         rows.begin, rows.end, height));
   check_option(found, near >= 0 && std::isfinite(near), "near", near, ">= 0");
   return found;
 }

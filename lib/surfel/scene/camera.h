@@ -8,6 +8,11 @@
 
 namespace surfel {
 
+/// Rows of a picture: the first, and one past the last.
+struct RowRange {
+  int begin, end;
+};
+
 /// Pinhole or orthographic camera without distortion. Camera space: x right, y down, z forward.
 /// A point p in camera space is seen at pixel coordinates (focal_x p.x / p.z + center_x,
 /// focal_y p.y / p.z + center_y), orthographic without the division; (0, 0) is the corner of the
@@ -25,6 +30,13 @@ struct Camera {
   double near = 0;  ///< Nothing nearer along z is drawn; scene units, >= 0.
 
   static constexpr int kMostSide = 65536;  ///< Pixels: places in a picture fit 32 bits.
+
+  /// The rows of the picture to be drawn, for parts of pictures that are joined later; `end` may be
+  /// beyond the last. Drawn rows have the bytes that they have in the whole picture; renderers
+  /// return all rows, and do not set the others, which take no memory then.
+  RowRange rows{0, kMostSide};
+  /// These rows, all within the picture.
+  RowRange drawn_rows() const { return {rows.begin, rows.end < height ? rows.end : height}; }
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;

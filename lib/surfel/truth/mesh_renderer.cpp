@@ -334,7 +334,7 @@ Image MeshRenderer::render(const Camera& camera,
         return options.bounces > 0 ? impl_->trace_bent(view, x, y) : impl_->trace(view, x, y);
       },
       progress);
-  composite_over(image, options.background);
+  composite_over(image, camera.drawn_rows(), options.background);
   return image;
 }
 

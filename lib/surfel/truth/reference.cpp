@@ -117,7 +117,7 @@ Image ReferenceRenderer::render(const Camera& camera,
   Image image = supersample(
       camera, {reference_.samples, options_.lowpass},
       [&](double x, double y, int worker) { return workers[worker].trace(x, y); }, progress);
-  composite_over(image, options_.background);
+  composite_over(image, camera.drawn_rows(), options_.background);
   return image;
 }
 

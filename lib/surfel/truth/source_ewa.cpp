@@ -164,30 +164,31 @@ Image SourceEwaRenderer::render(const Camera& camera,
   });
 
   Image image = rgba_image(camera.width, camera.height);
+  const RowRange rows = camera.drawn_rows();
+  const int count = rows.end - rows.begin;
   std::atomic<int> rows_done{0};
-  parallel_for(
-      static_cast<std::size_t>(camera.height), 1, [&](std::size_t row, std::size_t, int w) {
-        Worker& worker = workers[w];
-        const int y = static_cast<int>(row);
-        for (int x = 0; x < camera.width; ++x) {
-          const ViewRay ray = view_ray(camera, x + 0.5, y + 0.5);
-          Beam beam = kernels.beam(ray);
-          beam.origin += camera.eye - cloud_.origin();
-          worker.hits.clear();
-          hierarchy_.for_each(beam, [&](std::uint32_t surfel) {
-            const std::optional<RayHit> hit = kernels.meet(Disc(cloud_, surfel, camera), ray);
-            if (hit) worker.hits.push_back(*hit);
-          });
-          const Rgba color = worker.surfaces.color(worker.hits, x + 0.5, y + 0.5);
-          float* pixel = image.pixel(x, y);
-          pixel[0] = color.red;
-          pixel[1] = color.green;
-          pixel[2] = color.blue;
-          pixel[3] = color.alpha;
-        }
-        if (progress) progress(static_cast<double>(++rows_done) / camera.height);
+  parallel_for(static_cast<std::size_t>(count), 1, [&](std::size_t row, std::size_t, int w) {
+    Worker& worker = workers[w];
+    const int y = rows.begin + static_cast<int>(row);
+    for (int x = 0; x < camera.width; ++x) {
+      const ViewRay ray = view_ray(camera, x + 0.5, y + 0.5);
+      Beam beam = kernels.beam(ray);
+      beam.origin += camera.eye - cloud_.origin();
+      worker.hits.clear();
+      hierarchy_.for_each(beam, [&](std::uint32_t surfel) {
+        const std::optional<RayHit> hit = kernels.meet(Disc(cloud_, surfel, camera), ray);
+        if (hit) worker.hits.push_back(*hit);
       });
-  composite_over(image, options_.background);
+      const Rgba color = worker.surfaces.color(worker.hits, x + 0.5, y + 0.5);
+      float* pixel = image.pixel(x, y);
+      pixel[0] = color.red;
+      pixel[1] = color.green;
+      pixel[2] = color.blue;
+      pixel[3] = color.alpha;
+    }
+    if (progress) progress(static_cast<double>(++rows_done) / count);
+  });
+  composite_over(image, rows, options_.background);
   return image;
 }
 

@@ -97,26 +97,33 @@ Image supersample(const Camera& camera, const SupersampleOptions& options,
   const FilterTaps taps(options);
   const auto width = static_cast<std::size_t>(camera.width);
   Image image = rgba_image(camera.width, camera.height);
-  std::fill(image.data.begin(), image.data.end(), 0.0F);
+  const RowRange drawn = camera.drawn_rows();
+  std::fill(image.pixel(0, drawn.begin), image.pixel(0, drawn.end), 0.0F);
 
-  // A band of sample rows at a time, whose height depends on the picture's width alone: so does
-  // then the order of the sums.
+  // A band of sample rows at a time, whose height does not depend on the number of threads or on
+  // the rows that are drawn: so does then the order of the sums.
   const int first_row = taps.first_sample();
   const int end_row = taps.end_sample(camera.height);
   const int band_rows =
       static_cast<int>(std::clamp<std::size_t>(kRowsBytes / (width * sizeof(Eigen::Array4d)), 1,
                                                static_cast<std::size_t>(end_row - first_row)));
   std::vector<Eigen::Array4d> rows(width * static_cast<std::size_t>(band_rows));
+  const int first_seen = taps.n * drawn.begin - taps.margin;
+  const int end_seen = taps.n * drawn.end + taps.margin;
   std::atomic<int> rows_done{0};
   for (int band = first_row; band < end_row; band += band_rows) {
     const int count = std::min(band_rows, end_row - band);
-    parallel_for(static_cast<std::size_t>(count), 1, [&](std::size_t i, std::size_t, int worker) {
-      trace_row(camera, taps, band + static_cast<int>(i), trace, worker, rows.data() + i * width);
-      if (progress) progress(static_cast<double>(++rows_done) / (end_row - first_row));
-    });
-    const int begin = taps.begin_pixel(band);
-    const int end = taps.end_pixel(band + count - 1, camera.height);
+    const int begin = std::max(drawn.begin, taps.begin_pixel(band));
+    const int end = std::min(drawn.end, taps.end_pixel(band + count - 1, camera.height));
     if (begin >= end) continue;
+    const int from_row = std::max(band, first_seen);
+    const int seen = std::min(band + count, end_seen) - from_row;
+    parallel_for(static_cast<std::size_t>(seen), 1, [&](std::size_t i, std::size_t, int worker) {
+      const int row = from_row + static_cast<int>(i);
+      trace_row(camera, taps, row, trace, worker,
+                rows.data() + static_cast<std::size_t>(row - band) * width);
+      if (progress) progress(static_cast<double>(++rows_done) / (end_seen - first_seen));
+    });
     parallel_for(static_cast<std::size_t>(end - begin), 1, [&](std::size_t i, std::size_t, int) {
       const int y = begin + static_cast<int>(i);
       const int from = std::max(band, taps.n * y - taps.margin);
@@ -134,10 +141,10 @@ Image supersample(const Camera& camera, const SupersampleOptions& options,
   return image;
 }
 
-void composite_over(Image& image, const std::array<float, 4>& background) {
+void composite_over(Image& image, const RowRange& rows, const std::array<float, 4>& background) {
   const Rgba back{background[0] * background[3], background[1] * background[3],
                   background[2] * background[3], background[3]};
-  for (int y = 0; y < image.height; ++y) {
+  for (int y = rows.begin; y < rows.end; ++y) {
     for (int x = 0; x < image.width; ++x) {
       float* pixel = image.pixel(x, y);
       Rgba color{pixel[0], pixel[1], pixel[2], pixel[3]};

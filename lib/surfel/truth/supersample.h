@@ -42,7 +42,9 @@ SURFEL_API Image supersample(const Camera& camera, const SupersampleOptions& opt
                              FunctionRef<Rgba(double x, double y, int worker)> trace,
                              const std::function<void(double)>& progress = {});
 
-/// Composites a premultiplied picture over a background (linear R G B, straight alpha), in place.
-SURFEL_API void composite_over(Image& image, const std::array<float, 4>& background);
+/// Composites rows of a premultiplied picture over a background (linear R G B, straight alpha), in
+/// place.
+SURFEL_API void composite_over(Image& image, const RowRange& rows,
+                               const std::array<float, 4>& background);
 
 }  // namespace surfel
