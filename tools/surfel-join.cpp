@@ -1,5 +1,7 @@
 // surfel-join: one picture of the parts that surfel-render --tiles makes, or a film of pictures.
 
+#include <algorithm>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -8,9 +10,10 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/input_file.h>
 #include <surfel/io/picture_part.h>
-#include <surfel/render/a_buffer.h>
 
+#include "tools/support/movie.h"
 #include "tools/support/tool.h"
 
 namespace {
@@ -18,9 +21,10 @@ namespace {
 using surfel::tool::Tool;
 
 struct Settings {
-  std::vector<std::string> parts;
+  std::vector<std::string> files;
   std::string output;
   bool missing = false;
+  double fps = 30;  ///< Pictures a second of films.
 };
 
 /// Formats without alpha get the picture over white, as surfel-render draws it for them.
@@ -44,62 +48,112 @@ std::string named_part(int number, const surfel::PartHeader& header) {
 /// Reads the parts that can be read; `failures` are the messages of the others.
 surfel::PictureJoin read_parts(const Settings& s, std::vector<std::string>& failures) {
   surfel::PictureJoin join;
-  for (const std::string& path : s.parts) {
+  for (const std::string& path : s.files) {
     try {
       join.add(path);
     } catch (const surfel::Error& error) {
       failures.emplace_back(error.what());
     }
   }
-  if (join.parts() == 0) surfel::throw_input(s.parts.front(), failures.front());
+  if (join.parts() == 0) throw surfel::Error(surfel::ErrorKind::kInput, failures.front());
   return join;
+}
+
+/// Missing parts that messages name.
+constexpr std::size_t kMostNamed = 8;
+
+void print_missing(const Tool& tool, const surfel::PictureJoin& join,
+                   const std::vector<std::string>& failures) {
+  for (const std::string& failure : failures) tool.note(failure);
+  const std::vector<int> missing = join.missing();
+  if (!missing.empty()) surfel::tool::print(fmt::format("{}\n", fmt::join(missing, ",")));
+}
+
+void write_picture(const Tool& tool, const Settings& s, surfel::PictureJoin& join,
+                   std::vector<std::string> failures) {
+  const surfel::PartHeader& header = join.header();
+  const std::vector<int> missing = join.missing();
+  for (std::size_t i = 0; i < std::min(missing.size(), kMostNamed); ++i) {
+    failures.push_back("there is no part " + named_part(missing[i], header));
+  }
+  if (missing.size() > kMostNamed) {
+    failures.push_back(fmt::format("{} more are missing", missing.size() - kMostNamed));
+  }
+  if (!failures.empty()) {
+    surfel::throw_input(s.output,
+                        fmt::format("cannot be made: {}; make the missing parts by {} "
+                                    "--tiles I/{}, and leave out what is none",
+                                    fmt::join(failures, "; "), header.made_by, header.part.parts));
+  }
+  surfel::Image picture = join.take();
+  if (!surfel::image_format_has_alpha(s.output)) composite_over_white(picture);
+  surfel::write_image(picture, s.output,
+                      {.no_clobber = tool.common().no_clobber,
+                       .metadata = header.metadata,
+                       .world_to_camera = header.world_to_camera});
+  tool.wrote(s.output,
+             fmt::format("{}x{} pixels of {} parts", picture.width, picture.height, join.parts()));
+}
+
+void write_film(const Tool& tool, const Settings& s) {
+  const std::string extension = surfel::tool::lower_extension(s.files.front());
+  for (const std::string& file : s.files) {
+    const surfel::InputFile there(file);
+    if (surfel::tool::lower_extension(file) != extension) {
+      surfel::throw_input(file, fmt::format("is no {} file as {} is; join pictures of one format",
+                                            extension, s.files.front()));
+    }
+  }
+  surfel::tool::Movie movie(s.output, s.fps, tool.common().no_clobber, extension);
+  movie.take(s.files);
+  movie.join();
+  tool.wrote(s.output, fmt::format("film of {} pictures", s.files.size()));
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  Tool tool("surfel-join", "Joins the parts of a picture that surfel-render --tiles makes.");
+  Tool tool(
+      "surfel-join",
+      "Joins the parts of a picture that surfel-render --tiles makes, or pictures to a film.");
   Settings s;
-  tool.app().add_option("parts", s.parts, "Parts of one picture, in any order (EXR)")->required();
-  tool.app().add_option("-o,--output", s.output, "Picture (EXR, PNG, TIFF, JPEG, ...)");
+  tool.app()
+      .add_option("files", s.files,
+                  "Parts of one picture (EXR), in any order, or pictures of a film, in their order")
+      ->required();
+  tool.app().add_option("-o,--output", s.output,
+                        "Picture (EXR, PNG, TIFF, JPEG, ...), or film (MP4, WebM, GIF; ffmpeg "
+                        "makes it)");
   tool.app().add_flag("--missing", s.missing,
                       "Print the numbers of the parts that are not there or are damaged, such as "
                       "2,5, instead of joining them; nothing where all are there");
-  tool.everyday({"--output", "--missing"},
-                {"surfel-join part_*.exr -o lion.png", "surfel-join --missing part_*.exr"});
+  tool.app().add_option("--fps", s.fps, "Pictures a second of films, 0.1..1000");
+  tool.everyday({"--output", "--missing", "--fps"},
+                {"surfel-join part_*.exr -o lion.png", "surfel-join --missing part_*.exr",
+                 "surfel-join lion_*.png -o lion.mp4 --fps 25"});
   tool.reads_images();
-  tool.files().reads({"parts"});
-  tool.files().writes("--output", surfel::tool::Writes::kPicture);
+  tool.files().reads({"files"});
+  tool.files().writes("--output", surfel::tool::Writes::kFilm);
   return tool.run(argc, argv, [&] {
     if (s.missing == !s.output.empty()) {
-      surfel::throw_usage("give either --output, the picture, or --missing");
+      surfel::throw_usage("give either --output or --missing");
     }
-    std::vector<std::string> failures;
-    surfel::PictureJoin join = read_parts(s, failures);
-    const std::vector<int> missing = join.missing();
-    tool.report()["parts"] = join.parts();
-    tool.report()["missing"] = missing;
-    if (s.missing) {
-      for (const std::string& failure : failures) tool.note(failure);
-      if (!missing.empty()) surfel::tool::print(fmt::format("{}\n", fmt::join(missing, ",")));
+    if (!(s.fps >= 0.1 && s.fps <= 1000)) {
+      surfel::throw_usage(fmt::format("--fps is {:g}; it must be in 0.1..1000", s.fps));
+    }
+    if (surfel::tool::is_film_name(s.output)) {
+      write_film(tool, s);
       return;
     }
-    const surfel::PartHeader& header = join.header();
-    for (const int number : missing)
-      failures.push_back("there is no part " + named_part(number, header));
-    if (!failures.empty()) {
-      surfel::throw_input(
-          s.parts.front(),
-          fmt::format("the picture is not whole: {}; make them by {} --tiles=I/{}",
-                      fmt::join(failures, "; "), header.made_by, header.part.parts));
+    surfel::tool::require_valid(surfel::tool::without_effect(tool.app(), {"--fps"}, "on pictures"));
+    std::vector<std::string> failures;
+    surfel::PictureJoin join = read_parts(s, failures);
+    tool.report()["parts"] = join.parts();
+    tool.report()["missing"] = join.missing();
+    if (s.missing) {
+      print_missing(tool, join, failures);
+    } else {
+      write_picture(tool, s, join, failures);
     }
-    surfel::Image picture = join.take();
-    if (!surfel::image_format_has_alpha(s.output)) composite_over_white(picture);
-    surfel::write_image(picture, s.output,
-                        {.no_clobber = tool.common().no_clobber,
-                         .metadata = header.metadata,
-                         .world_to_camera = header.world_to_camera});
-    tool.wrote(s.output, fmt::format("{}x{} pixels of {} parts", picture.width, picture.height,
-                                     join.parts()));
   });
 }

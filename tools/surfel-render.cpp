@@ -30,11 +30,11 @@
 #include "tools/render/frame_report.h"
 #include "tools/render/gaussians.h"
 #include "tools/render/light.h"
-#include "tools/render/movie.h"
 #include "tools/render/painters.h"
 #include "tools/render/settings.h"
 #include "tools/render/surfels.h"
 #include "tools/render/views.h"
+#include "tools/support/movie.h"
 #include "tools/support/tool.h"
 
 using namespace surfel::render_tool;
@@ -278,7 +278,7 @@ int main(int argc, char** argv) {
     settle(tool.app(), s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
-    std::optional<Movie> movie;
+    std::optional<surfel::tool::Movie> movie;
     if (wants_film(s)) {
       if (s.skip_existing && std::filesystem::exists(s.output)) {
         tool.note(s.output + " is there already");

@@ -12,9 +12,9 @@
 #include <surfel/scene/coordinate_system.h>
 #include <surfel/store/attribute_values.h>
 
-#include "tools/render/movie.h"
 #include "tools/render/views.h"
 #include "tools/support/color.h"
+#include "tools/support/movie.h"
 #include "tools/support/options.h"
 #include "tools/support/tool.h"
 
@@ -488,7 +488,7 @@ void check(const Settings& s) {
     problems.push_back(fmt::format("--color-range is {:g},{:g}; the first must be the smaller one",
                                    (*s.color_range)[0], (*s.color_range)[1]));
   }
-  if (is_film_name(s.output) && is_pattern(s.output)) {
+  if (tool::is_film_name(s.output) && is_pattern(s.output)) {
     problems.push_back(fmt::format(
         "--output is \"{}\", but one film is made of all views; leave out %d and {{name}}",
         s.output));
@@ -570,7 +570,7 @@ void declare_options(CLI::App& app, Settings& s) {
 bool wants_film(const Settings& s) {
   // What is one picture as WebP is a film where there are several to be joined.
   const bool several = (s.turntable > 0 || s.path) && !is_pattern(s.output);
-  return is_film_name(s.output) || (several && tool::lower_extension(s.output) == ".webp");
+  return tool::is_film_name(s.output) || (several && tool::lower_extension(s.output) == ".webp");
 }
 
 bool wants_legend(const Settings& s) {

@@ -33,8 +33,8 @@ struct PartNumber {
 /// What a part's file says of the picture.
 struct PartHeader {
   PartNumber part = {};
-  int height = 0;                      ///< Rows of the picture.
-  std::string made_by = {};            ///< The same for all parts of one picture.
+  int height = 0;                           ///< Rows of the picture.
+  std::string made_by = {};                 ///< The same for all parts of one picture.
   std::vector<float> world_to_camera = {};  ///< As in ImageWriteOptions.
   std::vector<std::pair<std::string, std::string>> metadata = {};  ///< The picture's.
 };

@@ -5,7 +5,7 @@
 
 #include "tools/support/tool.h"
 
-namespace surfel::render_tool {
+namespace surfel::tool {
 
 /// Is this the name of a film, which several pictures become: .mp4, .webm, .gif?
 bool is_film_name(const std::string& path);
@@ -15,25 +15,31 @@ bool is_film_name(const std::string& path);
 class Movie {
  public:
   /// Throws Error(kIo) where the film or the folder cannot be written.
-  Movie(std::string film, double pictures_a_second, bool no_clobber);
+  /// \param extension  of the pictures' names.
+  Movie(std::string film, double pictures_a_second, bool no_clobber,
+        std::string extension = ".png");
   ~Movie();
   Movie(const Movie&) = delete;
   Movie& operator=(const Movie&) = delete;
 
   /// Pattern of the pictures' names, for numbers from 0 on.
-  std::string pattern() const { return folder_ + "/%06d.png"; }
+  std::string pattern() const { return folder_ + "/" + names(); }
+  /// Takes pictures that are there already, in this order. Throws Error(kIo) where it cannot.
+  void take(const std::vector<std::string>& pictures);
   /// Joins the pictures, all of which have been written. Throws Error(kIo) with what ffmpeg says,
   /// or, where there is none, with the command that joins them.
   void join();
 
  private:
+  std::string names() const { return "%06d" + extension_; }
   std::vector<std::string> command(const std::string& pictures, const std::string& film) const;
 
   std::string film_;
   double pictures_a_second_;
   bool no_clobber_;
+  std::string extension_;
   std::string ffmpeg_;  ///< Empty if there is none.
   std::string folder_;
 };
 
-}  // namespace surfel::render_tool
+}  // namespace surfel::tool

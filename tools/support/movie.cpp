@@ -1,4 +1,4 @@
-#include "tools/render/movie.h"
+#include "tools/support/movie.h"
 
 #include <cerrno>
 #include <cstdlib>
@@ -13,7 +13,7 @@
 #include <surfel/base/shell_quote.h>
 #include <surfel/chart/process.h>
 
-namespace surfel::render_tool {
+namespace surfel::tool {
 namespace {
 
 namespace fs = std::filesystem;
@@ -57,14 +57,15 @@ std::string temporary_folder(const std::string& film) {
 }  // namespace
 
 bool is_film_name(const std::string& path) {
-  const std::string extension = tool::lower_extension(path);
+  const std::string extension = lower_extension(path);
   return extension == ".mp4" || extension == ".webm" || extension == ".gif";
 }
 
-Movie::Movie(std::string film, double pictures_a_second, bool no_clobber)
+Movie::Movie(std::string film, double pictures_a_second, bool no_clobber, std::string extension)
     : film_(std::move(film)),
       pictures_a_second_(pictures_a_second),
       no_clobber_(no_clobber),
+      extension_(std::move(extension)),
       ffmpeg_(find_program("ffmpeg")) {
   // Before the work, so that a film that cannot be written is found at once.
   const OutputFile film_file(film_, no_clobber);
@@ -83,12 +84,21 @@ Movie::~Movie() {
   if (!ffmpeg_.empty()) fs::remove_all(folder_, ignored);
 }
 
+void Movie::take(const std::vector<std::string>& pictures) {
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    std::error_code error;
+    const fs::path link = fs::path(folder_) / fmt::format("{:06}{}", i, extension_);
+    fs::create_symlink(fs::absolute(pictures[i]), link, error);
+    if (error) throw_io(link.string(), "cannot be made: " + error.message());
+  }
+}
+
 std::vector<std::string> Movie::command(const std::string& pictures,
                                         const std::string& film) const {
   std::vector<std::string> words{"ffmpeg", "-y",         "-loglevel",
                                  "error",  "-framerate", fmt::format("{}", pictures_a_second_),
                                  "-i",     pictures};
-  for (std::string& word : encoder(tool::lower_extension(film_))) words.push_back(std::move(word));
+  for (std::string& word : encoder(lower_extension(film_))) words.push_back(std::move(word));
   words.push_back(film);
   return words;
 }
@@ -100,7 +110,7 @@ void Movie::join() {
                                 folder_, shell_command(command(pattern(), film_))));
   }
   OutputFile film(film_, no_clobber_);
-  std::vector<std::string> words = command("%06d.png", fs::absolute(film.temporary()).string());
+  std::vector<std::string> words = command(names(), fs::absolute(film.temporary()).string());
   words[0] = ffmpeg_;
   const ProcessResult result = run_process(words, folder_);
   if (result.exit_code != 0) {
@@ -110,4 +120,4 @@ void Movie::join() {
   film.commit();
 }
 
-}  // namespace surfel::render_tool
+}  // namespace surfel::tool
