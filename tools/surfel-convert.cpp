@@ -11,9 +11,11 @@
 #include <nlohmann/json.hpp>
 #include <surfel/align/align_scans.h>
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/base/rotation.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_sort.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/scene/coordinate_system.h>
@@ -47,6 +49,8 @@ struct Settings {
   std::optional<std::array<double, 16>> transform;
   std::string kept_columns;
   std::optional<int> epsg;
+  bool sorted = false;  ///< In space-filling order, instead of the files'.
+  std::optional<std::uint64_t> memory;
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -67,6 +71,16 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--keep-columns", s.kept_columns,
                  "Columns of the result beside the positions, parted by commas: names of the file "
                  "format such as intensity, or normal, color, size; default: all");
+
+  app.option_defaults()->group("Order");
+  add_choice(
+      app, "--sort", s.sorted, {{"none", false}, {"curve", true}},
+      "Order of the surfels: that of the files, one after the other, or along a curve that "
+      "fills space, where what is near in space is near in the file: such files (binary PLY) "
+      "are read faster, and worked on piece by piece where they are larger than memory");
+  add_memory(app, s.memory,
+             "Of --sort curve: memory for surfels; what does not fit is sorted on the disk of the "
+             "result, and takes as much again there meanwhile");
 
   add_part(app, s.part);
   app.option_defaults()->group("Scans of one surface, before they are joined");
@@ -193,6 +207,13 @@ void check(const CLI::App& app, Settings& s) {
                          surfel::tool::without_effect(app, {"--scale", "--rotate", "--translate"},
                                                       "beside --transform"));
   }
+  if (!s.sorted) {
+    surfel::tool::append(problems,
+                         surfel::tool::without_effect(app, {"--memory"}, "without --sort curve"));
+  } else {
+    surfel::tool::append(
+        problems, surfel::tool::without_effect(app, {"--ascii", "--align"}, "beside --sort curve"));
+  }
   if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 1) {
     problems.emplace_back("standard input can be read once only; name files for the others");
   }
@@ -204,10 +225,14 @@ void check(const CLI::App& app, Settings& s) {
       !surfel::tool::names_gaussians(s.output)) {
     problems.push_back(s.output + ": Gaussians are written as PLY, .splat or .usda");
   }
+  if (s.sorted && !extension.empty() && extension != ".ply" && !writes_gaussians(s)) {
+    problems.push_back(s.output + ": --sort curve writes PLY alone; give a .ply");
+  }
   if (writes_gaussians(s)) {
-    surfel::tool::append(
-        problems, surfel::tool::without_effect(app, {"--ascii", "--keep-columns", "--epsg"},
-                                               "on Gaussians, which have columns of their own"));
+    surfel::tool::append(problems,
+                         surfel::tool::without_effect(
+                             app, {"--ascii", "--keep-columns", "--epsg", "--sort", "--memory"},
+                             "on Gaussians, which have columns of their own"));
   }
   surfel::tool::require_valid(problems);
 }
@@ -317,6 +342,22 @@ std::string counted_surfels(surfel::tool::Tool& tool, std::size_t surfels) {
   return fmt::format("{} surfels", surfels);
 }
 
+/// Begins to sort surfels, and says what disk that takes.
+void begin_sort(surfel::tool::Tool& tool, const Settings& s, const surfel::CloudSurvey& survey,
+                const surfel::PositionSample& sample, const surfel::SurfelCloud& first,
+                std::optional<surfel::SortedCloudWriter>& sorter) {
+  sorter.emplace(s.output, survey, sample, first,
+                 surfel::CloudSortOptions{.memory = surfel::memory_to_use(s.memory),
+                                          .no_clobber = tool.common().no_clobber});
+  const std::uint64_t bytes = sorter->scratch_bytes();
+  tool.report()["scratch_bytes"] = bytes;
+  if (bytes == 0) return;
+  tool.note(
+      fmt::format("{}: {} surfels do not fit into memory; sorting takes {:.3g} GB beside it "
+                  "until it is done",
+                  s.output, survey.count, static_cast<double>(bytes) / 1e9));
+}
+
 /// Converts and joins files piece by piece: they are read twice, first to know how many surfels
 /// there will be and which types hold their values.
 std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
@@ -346,6 +387,7 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   };
 
   surfel::CloudSurvey survey(s.output);
+  surfel::PositionSample sample;
   std::vector<surfel::tool::NotFinite> not_finite(readers.size());
   std::vector<std::uint64_t> counts(readers.size());
   const surfel::JoinReport joined =
@@ -355,7 +397,9 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
         not_finite[k].add(piece);
         // How many bits the colours of a LAS file have is known once it was read.
         heads[k] = surfel::CloudJoiner::head(piece);
-        survey.add(changed());
+        const surfel::SurfelCloud out = changed();
+        survey.add(out);
+        if (s.sorted) sample.add(out);
       });
   for (std::size_t k = 0; k < readers.size(); ++k) {
     surfel::tool::tell_not_finite(tool, s.inputs[k], not_finite[k]);
@@ -364,17 +408,27 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   tell(tool, s, joined);
   tool.report()["survey_ms"] = timer.milliseconds();
 
-  surfel::CloudWriter writer(s.output, survey,
-                             {.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
-  bool first = true;
+  std::optional<surfel::CloudWriter> writer;
+  std::optional<surfel::SortedCloudWriter> sorter;
   for_each([&](std::size_t, const surfel::SurfelCloud&, const auto& changed) {
     surfel::SurfelCloud out = changed();
     survey.settle(out);
     out.provenance.push_back(tool.provenance());
-    if (std::exchange(first, false)) surfel::tool::tell_lost_columns(tool, out, s.output);
-    writer.append(out);
+    if (!writer && !sorter) {
+      surfel::tool::tell_lost_columns(tool, out, s.output);
+      if (s.sorted) {
+        begin_sort(tool, s, survey, sample, out, sorter);
+      } else {
+        writer.emplace(
+            s.output, survey,
+            surfel::CloudWriteOptions{.no_clobber = tool.common().no_clobber, .ascii = s.ascii});
+      }
+    }
+    if (writer) writer->append(out);
+    if (sorter) sorter->append(out);
   });
-  writer.commit();
+  if (writer) writer->commit();
+  if (sorter) sorter->commit();
   return counted_surfels(tool, survey.count);
 }
 
@@ -462,10 +516,11 @@ int main(int argc, char** argv) {
       "into one, and makes splats of surfels.");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday({"--output", "--gaussians", "--ascii", "--align", "--material", "--scale",
+  tool.everyday({"--output", "--gaussians", "--ascii", "--sort", "--align", "--material", "--scale",
                  "--rotate", "--translate"},
                 {"surfel-convert lion.ply -o lion.splat",
                  "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
+                 "surfel-convert city.laz --sort curve -o sorted.ply",
                  "surfel-convert front.ply back.ply --align -o whole.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfelsOrGaussians);

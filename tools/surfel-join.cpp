@@ -80,10 +80,11 @@ void write_picture(const Tool& tool, const Settings& s, surfel::PictureJoin& joi
     failures.push_back(fmt::format("{} more are missing", missing.size() - kMostNamed));
   }
   if (!failures.empty()) {
-    surfel::throw_input(s.output,
-                        fmt::format("cannot be made: {}; make the missing parts by {} "
-                                    "--tiles I/{}, and leave out what is none",
-                                    fmt::join(failures, "; "), header.made_by, header.part.parts));
+    surfel::throw_input(
+        s.output,
+        fmt::format("cannot be made: {}; make what is missing as the others were made ({}), with "
+                    "--tiles I/{}, and leave out what is no part",
+                    fmt::join(failures, "; "), header.made_by, header.part.parts));
   }
   surfel::Image picture = join.take();
   if (!surfel::image_format_has_alpha(s.output)) composite_over_white(picture);

@@ -45,7 +45,7 @@ const std::vector<std::pair<std::string, std::string>>& shortened() {
 bool made_by_hand(const std::string& picture) { return picture == "chart.png"; }
 
 /// The lines of README.md's code blocks.
-std::vector<std::string> commands() {
+std::vector<std::string> readme_commands() {
   std::vector<std::string> found;
   for (const std::string& block :
        matches(text_of(kRoot / "README.md"), std::regex("\n```\n([^`]*)```"))) {
@@ -115,7 +115,7 @@ TEST(Readme, EveryCommandRunsAndThePicturesAreTheirs) {
   }
   std::vector<bool> used(shortened().size());
   int ran = 0;
-  for (const std::string& printed : commands()) {
+  for (const std::string& printed : readme_commands()) {
     if (is_excepted(printed)) continue;
     const std::string command = shorten(printed, used);
     const RunResult result = run({"/bin/bash", "-c",

@@ -20,6 +20,8 @@ surfel_packages=(
   ffmpeg
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
+  # Tests of the scripts for clusters.
+  munge parallel slurm-wlm
   # The benchmarks, which CI builds.
   libbenchmark-dev
   # The sanitizers.

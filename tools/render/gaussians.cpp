@@ -98,9 +98,7 @@ bool draws_gaussians(const CLI::App& app, Settings& s) {
 
 GaussianPainter::GaussianPainter(tool::Tool& tool, const Settings& s)
     : name_(fmt::format("{}", fmt::join(s.inputs, ", "))), options_(s.gaussians) {
-  constexpr std::uint64_t kShareOfMemory = 4;  // All but a fourth.
-  const std::uint64_t available = available_memory_bytes();
-  memory_ = s.memory.value_or(available - available / kShareOfMemory);
+  memory_ = memory_to_use(s.memory);
   load(tool, s);
   const GaussianCloud& said = levels_ ? levels_->head() : cloud_;
   options_.profile = s.profile.value_or(profile_of(said));

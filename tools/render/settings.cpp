@@ -555,16 +555,10 @@ void declare_options(CLI::App& app, Settings& s) {
                "Write the commands that do the same, one by one, to standard output");
   app.add_flag("--explain", s.explain,
                "Say what was chosen for the (first) picture where there was a choice, and why");
-  add_text(app, "--memory", "BYTES", "auto",
-           "Memory for surfels or Gaussians and what a picture makes of them, such as 512M or 2G; "
-           "a binary PLY "
-           "file that needs more, in space-filling order or nearly, is read piece by piece, for "
-           "each picture anew; of levels of detail only what is shown is read; auto = three "
-           "quarters of what is free",
-           [&s](const std::string& text) {
-             s.memory.reset();
-             if (text != "auto") s.memory = parse_bytes("--memory", text);
-           });
+  add_memory(app, s.memory,
+             "Memory for surfels or Gaussians and what a picture makes of them; a binary PLY file "
+             "that needs more, in space-filling order or nearly, is read piece by piece, for each "
+             "picture anew; of levels of detail only what is shown is read");
 }
 
 bool wants_film(const Settings& s) {

@@ -184,6 +184,16 @@ CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string
   return option->type_name(type)->default_str(value)->expected(1);
 }
 
+CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,
+                        const std::string& description) {
+  return add_text(app, "--memory", "BYTES", "auto",
+                  description + ", such as 512M or 2G; auto = three quarters of what is free",
+                  [&value](const std::string& text) {
+                    value.reset();
+                    if (text != "auto") value = parse_bytes("--memory", text);
+                  });
+}
+
 CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
                          const std::string& value, const std::string& description,
                          const std::function<void(const std::vector<double>&)>& assign) {

@@ -34,6 +34,10 @@ std::pair<int, int> parse_size(const std::string& option, const std::string& tex
 /// Bytes: "64M", "2G", "1.5G" (powers of 1024), or a plain number. Throws CLI::ConversionError.
 std::uint64_t parse_bytes(const std::string& option, const std::string& text);
 
+/// Option --memory: bytes, or auto, for which `value` is not set.
+CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,
+                        const std::string& description);
+
 /// "A-B", whole numbers with A <= B. Throws CLI::ConversionError.
 std::array<std::size_t, 2> parse_range(const std::string& option, const std::string& text);
 

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include <surfel/base/export.h>
 
@@ -18,6 +19,9 @@ SURFEL_API std::uint64_t available_memory_bytes() noexcept;
 /// As available_memory_bytes(), for somebody who wants at most so many bytes: the system, whose
 /// answer takes a tenth of a millisecond, is not asked about less than every process has, 4 MB.
 SURFEL_API std::uint64_t available_memory_for(std::uint64_t wanted) noexcept;
+
+/// Bytes that a run keeps to: as asked for, else three quarters of available_memory_bytes().
+SURFEL_API std::uint64_t memory_to_use(std::optional<std::uint64_t> asked) noexcept;
 
 /// Memory for large arrays of plain values, which begins at a cache line, as SIMD code wants it.
 /// An array of at least a huge page begins at the border of one and consists of huge pages, where

@@ -120,4 +120,8 @@ std::uint64_t available_memory_for(std::uint64_t wanted) noexcept {
   return wanted <= kAlwaysThere ? kAlwaysThere : available_memory_bytes();
 }
 
+std::uint64_t memory_to_use(std::optional<std::uint64_t> asked) noexcept {
+  return asked ? *asked : available_memory_bytes() / 4 * 3;
+}
+
 }  // namespace surfel

@@ -31,6 +31,10 @@ bool about_the_same(const Bounds& said, const Bounds& box) {
          ((said.max - box.max).array().abs() <= tolerance).all();
 }
 
+Vec3d origin_for(const Bounds& box, bool stepped) {
+  return stepped ? central_origin(box) : float_origin(box);
+}
+
 class Reader {
  public:
   /// \param decoder  of a table with the same columns
@@ -73,11 +77,7 @@ class Reader {
   template <int kSize>
   void add_vector(SurfelAttribute attribute, Array<Eigen::Matrix<float, kSize, 1>>& to);
   void add_columns();
-  Vec3d origin_for(const Bounds& box) const {
-    return table_.stepped ? central_origin(box) : float_origin(box);
-  }
   bool counts_decimals() const { return !table_.stepped && decoder_.double_positions(); }
-  void keep_decimals(int decimals, PointPlace& place) const;
   PointPlace place_of(const Measures& measures) const;
   void pass(std::span<const Column> columns, Measures* measures);
   SurfelCloud finished(bool double_positions, const PointPlace& place);
@@ -157,32 +157,12 @@ void Reader::add_columns() {
   }
 }
 
-/// Finds an origin from which offsets tell coordinates of so many decimals apart, if there is one.
-void Reader::keep_decimals(int decimals, PointPlace& place) const {
-  if (decimals >= kManyDecimals) return;
-  const Bounds& box = place.bounds;
-  const auto tells_apart = [&](const Vec3d& origin) {
-    const double reach = std::max((box.max - origin).maxCoeff(), (origin - box.min).maxCoeff());
-    return reach * 0x1p-23 * power_of_ten(decimals) < 1;
-  };
-  for (const Vec3d& origin : {place.origin, central_origin(box)}) {
-    if (!tells_apart(origin)) continue;
-    place.origin = origin;
-    place.decimals = decimals;
-    return;
-  }
-}
-
 PointPlace Reader::place_of(const Measures& measures) const {
-  PointPlace place;
-  place.bounds = measures.box();
-  require_float_extent(place.bounds, file_);
-  place.origin = origin_for(place.bounds);
+  const Bounds box = measures.box();
+  require_float_extent(box, file_);
   const std::vector<int>& decimals = measures.decimals;
-  if (!decimals.empty()) {
-    keep_decimals(*std::max_element(decimals.begin(), decimals.end()), place);
-  }
-  return place;
+  if (decimals.empty()) return place_points(box, table_.stepped, {});
+  return place_points(box, table_.stepped, *std::max_element(decimals.begin(), decimals.end()));
 }
 
 /// Fills columns and measures the points.
@@ -226,7 +206,7 @@ SurfelCloud Reader::finished(bool double_positions, const PointPlace& place) {
 SurfelCloud Reader::read(bool double_positions) {
   add_columns();
   PointPlace place;
-  if (table_.said_bounds) place.origin = origin_for(*table_.said_bounds);
+  if (table_.said_bounds) place.origin = origin_for(*table_.said_bounds, table_.stepped);
   decoder_.set_origin(place.origin);
   Measures measures;
   pass(columns_, &measures);
@@ -257,6 +237,24 @@ PointPlace Reader::measure() {
 }
 
 }  // namespace
+
+PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<int>& decimals) {
+  PointPlace place{bounds, origin_for(bounds, stepped), {}};
+  if (!decimals || *decimals >= kManyDecimals) return place;
+  // An origin from which offsets tell coordinates of so many decimals apart, if there is one.
+  const auto tells_apart = [&](const Vec3d& origin) {
+    const double reach =
+        std::max((bounds.max - origin).maxCoeff(), (origin - bounds.min).maxCoeff());
+    return reach * 0x1p-23 * power_of_ten(*decimals) < 1;
+  };
+  for (const Vec3d& origin : {place.origin, central_origin(bounds)}) {
+    if (!tells_apart(origin)) continue;
+    place.origin = origin;
+    place.decimals = decimals;
+    break;
+  }
+  return place;
+}
 
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
                                bool double_positions) {

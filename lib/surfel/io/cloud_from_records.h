@@ -43,6 +43,11 @@ struct PointPlace {
   std::optional<int> decimals;  ///< SurfelCloud::decimals.
 };
 
+/// Where points are placed whose bounds are known, one at least.
+/// \param stepped   RecordTable::stepped.
+/// \param decimals  the most decimals of the coordinates where they are doubles; else unset.
+PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<int>& decimals);
+
 /// Points of a file piece by piece. The columns are the same for all pieces; each piece has an
 /// origin of its own. Keeps a reference to the points. Internal to the io module.
 class PieceReader {

@@ -171,7 +171,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
                             memory >> 20,
                             why ? why
                                 : "consecutive ones do not lie close together, as streaming "
-                                  "wants; raise it, or sort them"));
+                                  "wants; raise it, or sort them: surfel-convert --sort curve"));
   }
   if (has_levels) {
     surfels.emplace(source(), tree, options.columns, ply->name());

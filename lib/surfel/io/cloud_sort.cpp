@@ -1,0 +1,282 @@
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <span>
+#include <utility>
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
+#include <surfel/base/scratch_file.h>
+#include <surfel/io/cloud_from_records.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_sort.h>
+#include <surfel/io/cloud_to_records.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kGrain = std::size_t{1} << 14;
+/// Bytes that a part collects before they go to the scratch file: the most, and the least.
+constexpr std::uint64_t kMostChunk = std::uint64_t{1} << 20;
+constexpr std::uint64_t kLeastChunk = std::uint64_t{1} << 14;
+/// What sorting a surfel takes beside its record and a copy of it: its position, key and place in
+/// the order, and the scratch memory of sort_keys().
+constexpr std::uint64_t kSortBytes = sizeof(Vec3f) + 2 * sizeof(std::uint64_t) + 32;
+/// Parts are cut by a sample, and this much smaller than memory allows.
+constexpr std::uint64_t kSpare = 2;
+constexpr std::uint64_t kMostParts = 4096;
+
+/// A place along the curve.
+struct CurvePlace {
+  std::uint64_t code;
+  Vec3f position;
+
+  CurvePlace(const Vec3f& p, const MortonGrid& grid)
+      : code(p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max()),
+        position(p) {}
+  /// As morton_order() orders points; what is not finite comes last.
+  bool operator<(const CurvePlace& other) const {
+    if (code != other.code) return code < other.code;
+    return position.allFinite() && before_on_curve(position, other.position);
+  }
+};
+
+/// Where positions stand in records.
+class RecordPositions {
+ public:
+  RecordPositions(const CloudRecords& records, const Vec3d& origin)
+      : stride_(records.stride()), origin_(origin) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const RecordColumn& column = records.columns()[axis];
+      offset_[axis] = column.offset;
+      doubles_ = column.type == ScalarType::kFloat64;
+    }
+  }
+  Vec3f operator()(const std::byte* records, std::size_t i) const {
+    const std::byte* const record = records + i * stride_;
+    Vec3d p;
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::byte* const at = record + offset_[axis];
+      p[axis] = doubles_ ? load_scalar<double, false>(at)
+                         : static_cast<double>(load_scalar<float, false>(at));
+    }
+    return (p - origin_).cast<float>();
+  }
+
+ private:
+  std::size_t stride_;
+  Vec3d origin_;
+  std::array<std::size_t, 3> offset_{};
+  bool doubles_ = false;
+};
+
+/// A part of the curve: its records in the order in which they came, in the scratch file first,
+/// then in memory.
+struct Part {
+  struct Extent {
+    std::uint64_t offset;
+    std::size_t bytes;
+  };
+  std::vector<Extent> extents;
+  Array<std::byte> tail;
+  std::size_t tail_bytes = 0;
+  std::uint64_t records = 0;
+};
+
+}  // namespace
+
+void PositionSample::add(const SurfelCloud& piece) {
+  const std::uint64_t end = count_ + piece.size();
+  for (std::uint64_t i = (count_ + step_ - 1) / step_ * step_; i < end; i += step_) {
+    const Vec3f& p = piece.position[i - count_];
+    if (p.allFinite()) positions_.emplace_back(piece.origin + p.cast<double>());
+  }
+  count_ = end;
+  while (positions_.size() > kMost) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < positions_.size(); i += 2) positions_[kept++] = positions_[i];
+    positions_.resize(kept);
+    step_ *= 2;
+  }
+}
+
+struct SortedCloudWriter::Impl {
+  std::string path;
+  SurfelCloud head;  ///< Without surfels; it decides on the columns of the file.
+  CloudWriter writer;
+  std::uint64_t count;
+  std::uint64_t memory;
+  std::size_t stride = 0;
+  Vec3d origin{0, 0, 0};
+  MortonGrid grid;
+  std::optional<RecordPositions> positions;
+  std::vector<CurvePlace> first;  ///< Of each part but the first: where it begins.
+  std::vector<Part> parts;
+  std::optional<ScratchFile> scratch;
+  Array<std::byte> records;  ///< Of a piece.
+  std::vector<std::uint16_t> part_of;
+
+  Impl(std::string to, CloudSurvey survey, const PositionSample& sample, const SurfelCloud& like,
+       const CloudSortOptions& options);
+  void place(const CloudSurvey& survey, const SurfelCloud& like);
+  void cut(const PositionSample& sample, std::size_t parts_wanted);
+  void put(Part& part, const std::byte* record);
+  Array<std::byte> read(Part& part) const;
+  void write(Part& part);
+  std::uint64_t bytes_to_sort(std::uint64_t surfels) const {
+    return surfels * (2 * stride + kSortBytes);
+  }
+};
+
+/// The origin and the grid that a reader of the file will find.
+void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud& like) {
+  if (survey.box.empty()) return;
+  const bool doubles = CloudRecords(like, {}).columns().front().type == ScalarType::kFloat64;
+  origin = place_points(survey.box, like.las.has_value(), doubles ? survey.decimals : std::nullopt)
+               .origin;
+  grid =
+      MortonGrid((survey.box.min - origin).cast<float>(), (survey.box.max - origin).cast<float>());
+}
+
+/// Cuts the curve so that parts have about as many surfels as each other.
+void SortedCloudWriter::Impl::cut(const PositionSample& sample, std::size_t parts_wanted) {
+  std::vector<CurvePlace> places;
+  places.reserve(sample.positions().size());
+  for (const Vec3d& p : sample.positions()) places.emplace_back((p - origin).cast<float>(), grid);
+  std::sort(places.begin(), places.end());
+  for (std::size_t k = 1; k < parts_wanted; ++k) {
+    const std::size_t i = places.size() * k / parts_wanted;
+    if (i < places.size() && (first.empty() || first.back() < places[i])) {
+      first.push_back(places[i]);
+    }
+  }
+}
+
+SortedCloudWriter::Impl::Impl(std::string to, CloudSurvey survey, const PositionSample& sample,
+                              const SurfelCloud& like, const CloudSortOptions& options)
+    : path(std::move(to)),
+      head(like.gathered({})),
+      writer(path, survey.count, {.no_clobber = options.no_clobber}),
+      count(survey.count),
+      memory(std::max<std::uint64_t>(options.memory, std::uint64_t{1} << 20)) {
+  const CloudRecords made(like, {});
+  stride = made.stride();
+  place(survey, like);
+  positions.emplace(made, origin);
+  if (bytes_to_sort(count) > memory) {
+    const std::uint64_t wanted = kSpare * bytes_to_sort(count) / memory + 1;
+    cut(sample, static_cast<std::size_t>(std::min(wanted, kMostParts)));
+    scratch.emplace(path);
+    const std::uint64_t needed = 2 * count * stride;
+    if (scratch->free_bytes() < needed) {
+      throw_io(path, fmt::format("sorting {} surfels takes {:.3g} GB on its disk, half of which "
+                                 "is free again after it, and {:.3g} GB are left; make room, or "
+                                 "give more `memory`",
+                                 count, static_cast<double>(needed) / 1e9,
+                                 static_cast<double>(scratch->free_bytes()) / 1e9));
+    }
+  }
+  parts.resize(first.size() + 1);
+  const std::uint64_t chunk = std::clamp(memory / (4 * parts.size()), kLeastChunk, kMostChunk);
+  for (Part& part : parts) {
+    part.tail.resize(scratch ? std::max<std::uint64_t>(1, chunk / stride) * stride
+                             : count * stride);
+  }
+}
+
+void SortedCloudWriter::Impl::put(Part& part, const std::byte* record) {
+  if (part.tail_bytes == part.tail.size()) {
+    if (!scratch) throw_input(path, "more surfels come than were promised");
+    part.extents.push_back({scratch->append(part.tail.data(), part.tail_bytes), part.tail_bytes});
+    part.tail_bytes = 0;
+  }
+  std::memcpy(part.tail.data() + part.tail_bytes, record, stride);
+  part.tail_bytes += stride;
+  ++part.records;
+}
+
+SortedCloudWriter::SortedCloudWriter(std::string path, CloudSurvey survey,
+                                     const PositionSample& sample, const SurfelCloud& first,
+                                     const CloudSortOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(path), std::move(survey), sample, first, options)) {}
+SortedCloudWriter::~SortedCloudWriter() = default;
+
+std::uint64_t SortedCloudWriter::scratch_bytes() const {
+  return impl_->scratch ? impl_->count * impl_->stride : 0;
+}
+
+void SortedCloudWriter::append(const SurfelCloud& piece) {
+  Impl& w = *impl_;
+  piece.check_columns(w.path);
+  const CloudRecords made(piece, {});
+  if (made.stride() != w.stride) throw_input(w.path, "pieces of the cloud differ in their columns");
+  w.records.resize(piece.size() * w.stride);
+  w.part_of.resize(piece.size());
+  parallel_for(piece.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+    std::byte* const from = w.records.data() + begin * w.stride;
+    made.encode(begin, end, from);
+    for (std::size_t i = begin; i < end && !w.first.empty(); ++i) {
+      const CurvePlace place((*w.positions)(from, i - begin), w.grid);
+      const auto next = std::upper_bound(w.first.begin(), w.first.end(), place);
+      w.part_of[i] = static_cast<std::uint16_t>(next - w.first.begin());
+    }
+  });
+  for (std::size_t i = 0; i < piece.size(); ++i) {
+    w.put(w.parts[w.first.empty() ? 0 : w.part_of[i]], w.records.data() + i * w.stride);
+  }
+}
+
+/// All records of a part, which it then has no more.
+Array<std::byte> SortedCloudWriter::Impl::read(Part& part) const {
+  if (part.extents.empty()) return std::move(part.tail);
+  Array<std::byte> all(part.records * stride);
+  std::byte* to = all.data();
+  for (const Part::Extent& extent : part.extents) {
+    scratch->read_at(extent.offset, to, extent.bytes);
+    to += extent.bytes;
+  }
+  std::memcpy(to, part.tail.data(), part.tail_bytes);
+  part = {};
+  return all;
+}
+
+/// Sorts a part, and writes it.
+void SortedCloudWriter::Impl::write(Part& part) {
+  const auto size = static_cast<std::size_t>(part.records);
+  if (size == 0) return;
+  if (bytes_to_sort(size) > memory) {
+    throw_input(path, fmt::format("{} surfels lie so near to each other that they are sorted "
+                                  "together, in {:.3g} MB; give more `memory`",
+                                  size, static_cast<double>(bytes_to_sort(size)) / 1e6));
+  }
+  const Array<std::byte> from = read(part);
+  Array<Vec3f> position(size);
+  parallel_each(size, kGrain, [&](std::size_t i) { position[i] = (*positions)(from.data(), i); });
+  const Array<std::uint32_t> order = morton_order(position, grid);
+  position = {};
+  Array<std::byte> sorted(size * stride);
+  parallel_each(size, kGrain, [&](std::size_t i) {
+    std::memcpy(sorted.data() + i * stride, from.data() + order[i] * stride, stride);
+  });
+  writer.append_records(head, sorted.data(), size);
+}
+
+void SortedCloudWriter::commit() {
+  Impl& w = *impl_;
+  w.records = {};
+  w.part_of = {};
+  ProgressStage stage("sorting", w.count, "surfels");
+  for (Part& part : w.parts) {
+    const std::uint64_t records = part.records;
+    w.write(part);
+    stage.add(records);
+  }
+  w.writer.commit();
+}
+
+}  // namespace surfel

@@ -1,0 +1,134 @@
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ranges.h>
+#include <surfel/io/cloud_sort.h>
+
+#include "support/message_of.h"
+#include "support/run_tool.h"
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+/// Points in a box with a dense corner, repeated points, points that are nowhere, and a number of
+/// each.
+SurfelCloud make_points(std::size_t count, const Vec3d& origin, bool double_positions) {
+  SurfelCloud cloud;
+  cloud.origin = origin;
+  cloud.double_positions = double_positions;
+  cloud.decimals = double_positions ? std::optional(3) : std::nullopt;
+  Array<std::byte> numbers(count * sizeof(std::uint32_t));
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto coordinate = [&](int axis) {
+      const double u = random_uniform(7, i % 97 == 0 ? i / 970 : i, axis);
+      const double wide = i % 3 == 0 ? u * u * u * u : u;
+      return static_cast<float>(std::floor(1000 * 500 * wide) / 1000);
+    };
+    Vec3f p(coordinate(0), coordinate(1), 0.1F * coordinate(2));
+    if (i % 1009 == 5) p[static_cast<int>(i % 3)] = std::numeric_limits<float>::quiet_NaN();
+    cloud.position.push_back(p);
+    cloud.variance.push_back(1 + static_cast<float>(i));
+    const auto number = static_cast<std::uint32_t>(i);
+    std::memcpy(numbers.data() + i * sizeof(number), &number, sizeof(number));
+  }
+  cloud.extra.push_back({"number", ScalarType::kUint32, std::move(numbers)});
+  return cloud;
+}
+
+/// Sorts a file as surfel-convert does.
+void sort_file(const std::string& from, const std::string& to, std::uint64_t memory) {
+  const CloudReader reader(from);
+  CloudSurvey survey(to);
+  PositionSample sample;
+  reader.for_each([&](const SurfelCloud& piece) {
+    survey.add(piece);
+    sample.add(piece);
+  });
+  std::optional<SortedCloudWriter> writer;
+  reader.for_each([&](SurfelCloud piece) {
+    survey.settle(piece);
+    if (!writer) {
+      writer.emplace(to, survey, sample, piece, CloudSortOptions{.memory = memory});
+      EXPECT_EQ(writer->scratch_bytes() == 0, memory > (std::uint64_t{1} << 30));
+    }
+    writer->append(piece);
+  });
+  writer->commit();
+}
+
+constexpr std::uint64_t kMuch = std::uint64_t{1} << 32;
+constexpr std::uint64_t kLittle = std::uint64_t{4} << 20;
+
+TEST(CloudSort, TheOrderIsTheReadersAndTheBytesDoNotDependOnMemory) {
+  const TemporaryFolder folder;
+  for (const auto& [origin, doubles] :
+       {std::pair{Vec3d(0, 0, 0), false}, {Vec3d(0, 0, 0), true}, {Vec3d(5e5, 4e6, 100), true}}) {
+    const SurfelCloud cloud = make_points(300'000, origin, doubles);
+    write_cloud(cloud, folder / "points.ply");
+    sort_file(folder / "points.ply", folder / "memory.ply", kMuch);
+    sort_file(folder / "points.ply", folder / "disk.ply", kLittle);
+    EXPECT_EQ(read_text(folder / "memory.ply"), read_text(folder / "disk.ply")) << origin.x();
+    const SurfelCloud sorted = read_cloud(folder / "disk.ply");
+    const SurfelCloud read = read_cloud(folder / "points.ply");
+    const SurfelCloud expected = read.gathered(morton_order(read.position));
+    ASSERT_EQ(sorted.size(), expected.size());
+    EXPECT_EQ(sorted.origin, expected.origin);
+    EXPECT_EQ(sorted.extra.front().data, expected.extra.front().data) << origin.x();
+    EXPECT_EQ(sorted.variance, expected.variance);
+    const Array<std::uint32_t> order = morton_order(sorted.position);
+    for (std::uint32_t i = 0; i < order.size(); ++i) ASSERT_EQ(order[i], i);
+  }
+}
+
+TEST(CloudSort, PointsAtOnePlaceKeepTheirOrder) {
+  const TemporaryFolder folder;
+  SurfelCloud cloud = make_points(1000, {0, 0, 0}, false);
+  std::fill(cloud.position.begin(), cloud.position.end(), Vec3f(1, 2, 3));
+  write_cloud(cloud, folder / "points.ply");
+  sort_file(folder / "points.ply", folder / "sorted.ply", kMuch);
+  EXPECT_EQ(read_cloud(folder / "sorted.ply").variance, cloud.variance);
+}
+
+TEST(CloudSort, TooManyPointsAtOnePlaceAreRefused) {
+  const TemporaryFolder folder;
+  SurfelCloud cloud = make_points(200'000, {0, 0, 0}, false);
+  std::fill(cloud.position.begin(), cloud.position.end(), Vec3f(1, 2, 3));
+  write_cloud(cloud, folder / "points.ply");
+  const std::string message =
+      message_of([&] { sort_file(folder / "points.ply", folder / "sorted.ply", kLittle); });
+  EXPECT_NE(message.find("lie so near to each other"), std::string::npos) << message;
+  EXPECT_FALSE(std::filesystem::exists(folder / "sorted.ply"));
+  // Nothing is left beside it.
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder / ""), {}), 1);
+}
+
+TEST(CloudSort, OtherFormatsAreRefused) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = make_points(10, {0, 0, 0}, false);
+  write_cloud(cloud, folder / "points.ply");
+  EXPECT_NE(message_of([&] {
+              sort_file(folder / "points.ply", folder / "sorted.pcd", kMuch);
+            }).find("binary PLY"),
+            std::string::npos);
+}
+
+TEST(CloudSort, SampleOfPositionsIsBounded) {
+  PositionSample sample;
+  SurfelCloud piece;
+  piece.position.resize(100'000, Vec3f(1, 2, 3));
+  for (int i = 0; i < 40; ++i) sample.add(piece);
+  EXPECT_LE(sample.positions().size(), std::size_t{1} << 20);
+  EXPECT_GE(sample.positions().size(), std::size_t{1} << 19);
+}
+
+}  // namespace
+}  // namespace surfel::test
