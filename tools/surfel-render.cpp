@@ -19,6 +19,7 @@
 #include <surfel/io/file_kind.h>
 #include <surfel/io/image_queue.h>
 #include <surfel/io/picture_part.h>
+#include <surfel/ranks/ranks.h>
 #include <surfel/render/contact_sheet.h>
 #include <surfel/render/legend.h>
 #include <surfel/scene/camera.h>
@@ -186,12 +187,42 @@ std::vector<std::pair<std::string, std::string>> metadata(const Subject& subject
   return said;
 }
 
+/// Throws Error(kUsage) where several processes cannot share the work.
+void check_ranks(surfel::tool::Tool& tool, const Settings& s) {
+  surfel::tool::require_valid(surfel::tool::without_effect(
+      tool.app(), {"--tiles", "--contact-sheet", "--keep", "--print-commands", "--explain"},
+      "by several processes"));
+  if (s.projection == Projection::kEquirectangular) {
+    surfel::throw_usage("panoramas are made by one process; start surfel-render without mpirun");
+  }
+}
+
+/// Paints the rows of a view that this process is to paint; process 0 has the whole picture then.
+surfel::Image paint_rows(const Settings& s, const Paint& paint, surfel::View view,
+                         surfel::Scene& scene, surfel::Ranks& ranks, surfel::RowBalance& balance,
+                         surfel::FrameStatistics& frame,
+                         const std::function<void(double)>& progress) {
+  if (view.lens) {
+    surfel::throw_usage(
+        "pictures through lenses are made by one process; start surfel-render without mpirun");
+  }
+  const std::vector<surfel::RowRange> rows = balance.rows(view.camera.height);
+  view.camera.rows = rows[static_cast<std::size_t>(ranks.rank())];
+  surfel::Image image;
+  if (view.camera.rows.begin < view.camera.rows.end) {
+    image = paint_view(s, paint, view, scene, frame, progress);
+  }
+  ranks.gather(image, rows);
+  balance.learn(rows, ranks.all(frame.milliseconds));
+  return image;
+}
+
 /// Makes the pictures of all views, each in several steps where that is asked for, and writes them;
-/// returns their files.
+/// returns their files. \param ranks  the processes that do so together; null: this one alone.
 std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
                               surfel::Scene& scene, const std::vector<Paint>& steps,
                               const std::vector<surfel::View>& views,
-                              const std::vector<Shot>& shots) {
+                              const std::vector<Shot>& shots, surfel::Ranks* ranks) {
   const std::size_t pictures = shots.size() * steps.size();
   const surfel::Legend* legend =
       subject.legend && wants_legend(s) && !s.contact_sheet ? &*subject.legend : nullptr;
@@ -208,6 +239,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
+  surfel::RowBalance balance(ranks ? ranks->count() : 1);
   for (std::size_t i = 0; i < pictures; ++i) {
     const Shot& shot = shots[i / steps.size()];
     const surfel::View& view = views[shot.number];
@@ -216,7 +248,10 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     const auto progress = [&](double share) {
       stage.set_share((static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
-    surfel::Image image = paint_view(s, steps[step], view, scene, frame, progress);
+    surfel::Image image =
+        ranks ? paint_rows(s, steps[step], view, scene, *ranks, balance, frame, progress)
+              : paint_view(s, steps[step], view, scene, frame, progress);
+    if (ranks && ranks->rank() > 0) continue;
     if (legend) surfel::draw_legend(*legend, image);
     if (s.contact_sheet) image = explained(s, *subject.loaded, view, image);
     warn(tool, s, shot.number, frame);
@@ -237,7 +272,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     progress(1);
   }
   queue.finish();
-  for (std::size_t i = 0; i < pictures; ++i) {
+  for (std::size_t i = 0; i < queue.milliseconds().size(); ++i) {
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = std::move(frames);
@@ -274,8 +309,13 @@ int main(int argc, char** argv) {
   tool.files().writes("--keep", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"y_down", "--normal-y"}});
   std::vector<char*> words = with_output(argc, argv);
-  return tool.run(static_cast<int>(words.size()), words.data(), [&] {
+  if (surfel::started_rank().rank > 0) tool.follow();
+  std::unique_ptr<surfel::Ranks> ranks;
+  const int code = tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
+    ranks = surfel::Ranks::join();
+    const bool leads = !ranks || ranks->rank() == 0;
+    if (ranks) check_ranks(tool, s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
     std::optional<surfel::tool::Movie> movie;
@@ -284,9 +324,12 @@ int main(int argc, char** argv) {
         tool.note(s.output + " is there already");
         return;
       }
-      movie.emplace(s.output, s.fps, tool.common().no_clobber);
+      if (leads) movie.emplace(s.output, s.fps, tool.common().no_clobber);
     }
-    const std::string output = movie ? movie->pattern() : s.output;
+    // Only process 0 writes pictures.
+    const std::string output = movie           ? movie->pattern()
+                               : wants_film(s) ? std::string("%06d.png")
+                                               : s.output;
     const std::vector<Shot> shots = asked_shots(tool, s, output, asked);
     if (shots.empty()) return;
     for (const Shot& shot : shots) {
@@ -305,7 +348,9 @@ int main(int argc, char** argv) {
     const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
                                      : subject.mesh    ? std::vector{subject.mesh->paint()}
                                                        : surfel_steps(s, *subject.loaded, scene);
-    std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots);
+    std::vector<std::string> files =
+        draw(tool, s, subject, scene, steps, views, shots, ranks.get());
+    if (!leads) return;
     if (movie) {
       movie->join();
       files = {s.output};
@@ -314,4 +359,7 @@ int main(int argc, char** argv) {
     if (s.map) write_world_file(tool, s, first);
     tell(tool, s, first, shots.size(), files);
   });
+  // The other processes wait for this one.
+  if (code != surfel::tool::kDone && ranks) ranks->abort();
+  return code;
 }

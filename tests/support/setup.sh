@@ -13,7 +13,7 @@ surfel_packages=(
   "${surfel_demo_packages[@]}"
   # The plug-ins. CMake finds OpenImageIO only where its tools are, too.
   libceres-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
-  libopenimageio-dev libopenmesh-dev libpcl-dev openimageio-tools
+  libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # surfel-render joins pictures to films with it.

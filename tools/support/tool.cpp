@@ -116,6 +116,7 @@ struct Tool::Impl {
   CommonOptions common;
   bool print_config = false;
   std::uint64_t most_pixels = most_image_pixels();
+  bool follows = false;  ///< See follow().
   nlohmann::json report = nlohmann::json::object();
   Timer total;
 
@@ -457,6 +458,8 @@ std::string Tool::options_given(const std::vector<std::string>& without) const {
   return text;
 }
 
+void Tool::follow() { impl_->follows = true; }
+
 int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   impl_->total.restart();
   install_signal_handlers();
@@ -465,6 +468,11 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
     use_chosen_instructions();
     proceed = impl_->parse(argc, argv);
   });
+  if (impl_->follows) {
+    impl_->common.quiet = true;
+    impl_->common.stats.clear();
+    if (outcome.code == kWrongUsage) return outcome.code;  // All say the same.
+  }
   if (outcome.code == kWrongUsage) {
     // What asks what was meant needs no further advice.
     const bool asks = outcome.message.ends_with('?');

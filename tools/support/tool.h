@@ -73,6 +73,9 @@ class Tool {
   /// command of this tool as it is typed, to stand below them.
   void everyday(std::vector<std::string> options, std::vector<std::string> examples);
   const CommonOptions& common() const;
+  /// Makes this process one that helps another, which runs the same command: it says errors alone,
+  /// and writes no report.
+  void follow();
   /// The files that the options name. A tool declares which options are files beside its options;
   /// run() checks them before the body begins.
   RunFiles& files();

@@ -1,0 +1,143 @@
+// Pictures that several processes make together, by mpirun.
+
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <surfel/chart/process.h>
+
+#include "support/run_tool.h"
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Mpi : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (find_program("mpirun").empty()) {
+      ASSERT_EQ(std::getenv("CI"), nullptr) << "mpirun is not installed";
+      GTEST_SKIP() << "mpirun is not installed";
+    }
+    const RunResult made =
+        run({tool("surfel-generate"), "terrain", "--count", "20000", "--no-uv", "-o", terrain_});
+    ASSERT_EQ(made.exit_code, 0) << made.errors;
+  }
+  /// The words before each process's command.
+  static Words mpirun() {
+    return {"env", "OMPI_ALLOW_RUN_AS_ROOT=1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
+            "OMPI_MCA_rmaps_base_oversubscribe=1", "mpirun"};
+  }
+  Words command(const std::string& output, const Words& more = {}) const {
+    Words words{tool("surfel-render"), terrain_, "--size", "120x100",
+                "--threads",           "1",      "-o",     output};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+  static RunResult run_ranks(int ranks, const Words& command) {
+    Words words = mpirun();
+    words.insert(words.end(), {"-n", std::to_string(ranks)});
+    words.insert(words.end(), command.begin(), command.end());
+    return run(words);
+  }
+
+  TemporaryFolder folder_;
+  std::string terrain_ = folder_ / "terrain.ply";
+};
+
+TEST_F(Mpi, AnyNumberOfProcessesMakesTheSameBytes) {
+  const Words views{"--turntable", "3"};
+  const RunResult alone = run(command(folder_ / "alone_%d.exr", views));
+  ASSERT_EQ(alone.exit_code, 0) << alone.errors;
+  // With 12 ranks some have no rows.
+  for (const int ranks : {1, 2, 4, 12}) {
+    const std::string name = folder_ / fmt::format("ranks{}_", ranks);
+    const RunResult together = run_ranks(ranks, command(name + "%d.exr", views));
+    ASSERT_EQ(together.exit_code, 0) << together.errors;
+    // Only one tells of it.
+    EXPECT_EQ(together.errors.find("surfel-render:"), together.errors.rfind("surfel-render: up"))
+        << together.errors;
+    for (int view = 0; view < 3; ++view) {
+      EXPECT_EQ(read_text(name + fmt::format("{}.exr", view)),
+                read_text(folder_ / fmt::format("alone_{}.exr", view)))
+          << ranks << " ranks, view " << view;
+    }
+  }
+}
+
+TEST_F(Mpi, ProcessorsMayDiffer) {
+  ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
+  Words words = mpirun();
+  const Words parts = command(folder_ / "together.exr");
+  for (const char* instructions : {"SSE4", "AVX2", "SSE2"}) {
+    words.insert(words.end(),
+                 {"-n", "1", "-x", fmt::format("SURFEL_INSTRUCTIONS={}", instructions)});
+    words.insert(words.end(), parts.begin(), parts.end());
+    words.emplace_back(":");
+  }
+  words.pop_back();
+  const RunResult together = run(words);
+  ASSERT_EQ(together.exit_code, 0) << together.errors;
+  EXPECT_EQ(read_text(folder_ / "together.exr"), read_text(folder_ / "alone.exr"));
+}
+
+TEST_F(Mpi, FilmsAndReportsAreWrittenOnce) {
+  if (find_program("ffmpeg").empty()) GTEST_SKIP() << "ffmpeg is not installed";
+  const Words views{"--turntable", "3", "--background", "white", "--stats", folder_ / "stats.json"};
+  const RunResult together = run_ranks(2, command(folder_ / "turn.mp4", views));
+  ASSERT_EQ(together.exit_code, 0) << together.errors;
+  ASSERT_EQ(
+      run(command(folder_ / "alone.mp4", {"--turntable", "3", "--background", "white"})).exit_code,
+      0);
+  EXPECT_EQ(read_text(folder_ / "turn.mp4"), read_text(folder_ / "alone.mp4"));
+  EXPECT_NE(read_text(folder_ / "stats.json").find("\"frames\""), std::string::npos);
+  // terrain.ply, two films and the report.
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / ""), {}), 4);
+}
+
+TEST_F(Mpi, AProcessThatFailsEndsTheRun) {
+  write_text(folder_ / "old.exr", "old");
+  // One of the processes names a file that is not there.
+  Words words = mpirun();
+  words.insert(words.end(), {"-n", "1"});
+  for (const std::string& word : command(folder_ / "old.exr")) words.push_back(word);
+  words.insert(words.end(), {":", "-n", "1"});
+  terrain_ = folder_ / "nowhere.ply";
+  for (const std::string& word : command(folder_ / "old.exr")) words.push_back(word);
+  const RunResult failed = run(words);
+  EXPECT_NE(failed.exit_code, 0);
+  EXPECT_NE(failed.errors.find("nowhere.ply"), std::string::npos) << failed.errors;
+  EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
+}
+
+TEST_F(Mpi, AProcessThatIsKilledEndsTheRun) {
+  write_text(folder_ / "old.exr", "old");
+  // A process that takes its own life instead of drawing.
+  Words words = mpirun();
+  words.insert(words.end(), {"-n", "1"});
+  for (const std::string& word : command(folder_ / "old.exr", {"--turntable", "1"})) {
+    words.push_back(word);
+  }
+  words.insert(words.end(), {":", "-n", "1", "sh", "-c", "kill -9 $$"});
+  const RunResult failed = run(words);
+  EXPECT_NE(failed.exit_code, 0);
+  EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
+  // Nothing is left but the surfels and the old picture.
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / ""), {}), 2);
+}
+
+TEST_F(Mpi, WhatOneProcessMakesIsRefused) {
+  for (const Words& more : {Words{"--contact-sheet"}, Words{"--tiles", "1/2"}}) {
+    const RunResult refused = run_ranks(2, command(folder_ / "a.exr", more));
+    EXPECT_EQ(refused.exit_code, 2) << refused.errors;
+    EXPECT_NE(refused.errors.find("by several processes"), std::string::npos) << refused.errors;
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
