@@ -313,9 +313,9 @@ int main(int argc, char** argv) {
   std::unique_ptr<surfel::Ranks> ranks;
   const int code = tool.run(static_cast<int>(words.size()), words.data(), [&] {
     settle(tool.app(), s);
+    if (surfel::started_rank().count > 1) check_ranks(tool, s);
     ranks = surfel::Ranks::join();
     const bool leads = !ranks || ranks->rank() == 0;
-    if (ranks) check_ranks(tool, s);
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
     std::optional<surfel::tool::Movie> movie;
@@ -360,6 +360,6 @@ int main(int argc, char** argv) {
     tell(tool, s, first, shots.size(), files);
   });
   // The other processes wait for this one.
-  if (code != surfel::tool::kDone && ranks) ranks->abort();
+  if (code != surfel::tool::kDone && ranks) ranks->abort(code);
   return code;
 }

@@ -63,8 +63,8 @@ TEST_F(Mpi, AnyNumberOfProcessesMakesTheSameBytes) {
     EXPECT_EQ(together.errors.find("surfel-render:"), together.errors.rfind("surfel-render: up"))
         << together.errors;
     for (int view = 0; view < 3; ++view) {
-      EXPECT_EQ(read_text(name + fmt::format("{}.exr", view)),
-                read_text(folder_ / fmt::format("alone_{}.exr", view)))
+      EXPECT_TRUE(read_text(name + fmt::format("{}.exr", view)) ==
+                  read_text(folder_ / fmt::format("alone_{}.exr", view)))
           << ranks << " ranks, view " << view;
     }
   }
@@ -74,7 +74,7 @@ TEST_F(Mpi, ProcessorsMayDiffer) {
   ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
   Words words = mpirun();
   const Words parts = command(folder_ / "together.exr");
-  for (const char* instructions : {"SSE4", "AVX2", "SSE2"}) {
+  for (const char* instructions : {"sse4", "scalar"}) {
     words.insert(words.end(),
                  {"-n", "1", "-x", fmt::format("SURFEL_INSTRUCTIONS={}", instructions)});
     words.insert(words.end(), parts.begin(), parts.end());
@@ -83,7 +83,7 @@ TEST_F(Mpi, ProcessorsMayDiffer) {
   words.pop_back();
   const RunResult together = run(words);
   ASSERT_EQ(together.exit_code, 0) << together.errors;
-  EXPECT_EQ(read_text(folder_ / "together.exr"), read_text(folder_ / "alone.exr"));
+  EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
 }
 
 TEST_F(Mpi, FilmsAndReportsAreWrittenOnce) {
@@ -94,7 +94,7 @@ TEST_F(Mpi, FilmsAndReportsAreWrittenOnce) {
   ASSERT_EQ(
       run(command(folder_ / "alone.mp4", {"--turntable", "3", "--background", "white"})).exit_code,
       0);
-  EXPECT_EQ(read_text(folder_ / "turn.mp4"), read_text(folder_ / "alone.mp4"));
+  EXPECT_TRUE(read_text(folder_ / "turn.mp4") == read_text(folder_ / "alone.mp4"));
   EXPECT_NE(read_text(folder_ / "stats.json").find("\"frames\""), std::string::npos);
   // terrain.ply, two films and the report.
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / ""), {}), 4);

@@ -425,8 +425,8 @@ std::string Tool::provenance() const {
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
-        "threads", "config",     "quiet",  "verbose", "progress",     "no-clobber",
-        "stats",   "max-pixels", "output", "tiles",   "skip-existing"};
+        "threads",    "memory", "config",     "quiet",  "verbose", "progress",
+        "no-clobber", "stats",  "max-pixels", "output", "tiles",   "skip-existing"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;
@@ -471,7 +471,6 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
   if (impl_->follows) {
     impl_->common.quiet = true;
     impl_->common.stats.clear();
-    if (outcome.code == kWrongUsage) return outcome.code;  // All say the same.
   }
   if (outcome.code == kWrongUsage) {
     // What asks what was meant needs no further advice.

@@ -107,7 +107,7 @@ void PositionSample::add(const SurfelCloud& piece) {
 
 struct SortedCloudWriter::Impl {
   std::string path;
-  SurfelCloud head;  ///< Without surfels; it decides on the columns of the file.
+  SurfelCloud head;  ///< A surfel with all columns of the file.
   CloudWriter writer;
   std::uint64_t count;
   std::uint64_t memory;
@@ -160,7 +160,7 @@ void SortedCloudWriter::Impl::cut(const PositionSample& sample, std::size_t part
 SortedCloudWriter::Impl::Impl(std::string to, CloudSurvey survey, const PositionSample& sample,
                               const SurfelCloud& like, const CloudSortOptions& options)
     : path(std::move(to)),
-      head(like.gathered({})),
+      head(like.gathered({0})),
       writer(path, survey.count, {.no_clobber = options.no_clobber}),
       count(survey.count),
       memory(std::max<std::uint64_t>(options.memory, std::uint64_t{1} << 20)) {

@@ -48,8 +48,8 @@ class MpiRanks final : public Ranks {
     }
   }
 
-  [[noreturn]] void abort() override {
-    MPI_Abort(MPI_COMM_WORLD, 1);
+  [[noreturn]] void abort(int code) override {
+    MPI_Abort(MPI_COMM_WORLD, code);
     std::abort();
   }
 

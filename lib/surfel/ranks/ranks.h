@@ -43,7 +43,8 @@ class SURFEL_API Ranks {
   /// \param rows  of each rank, which follow one another and are all rows of the picture.
   virtual void gather(Image& picture, std::span<const RowRange> rows) = 0;
   /// Ends all processes at once: this one has failed, and the others would wait for it.
-  [[noreturn]] virtual void abort() = 0;
+  /// \param code  exit code of the run.
+  [[noreturn]] virtual void abort(int code) = 0;
 };
 
 /// Shares the rows of pictures among ranks, so that all take as long as each other.
