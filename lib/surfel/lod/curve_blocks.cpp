@@ -28,6 +28,14 @@ bool may_follow(const CurvePoint& next, const CurvePoint& here) {
                                 : !before_on_curve(next.position, here.position);
 }
 
+/// How large the cells are whose border lies between two points along the curve.
+int step_between(const CurvePoint& here, const CurvePoint& next) {
+  // Cells of the grid are larger than all that is told apart within one of them.
+  constexpr int kCells = 1 << 16;
+  if (here.code == next.code) return step_on_curve(here.position, next.position);
+  return kCells + static_cast<int>(std::bit_width(here.code ^ next.code));
+}
+
 struct Piece {
   std::vector<CurvePoint> points;
   UnusableSurfels dropped;
@@ -80,7 +88,7 @@ class Cutter {
     int highest = -1;
     for (std::size_t size = most_; size >= std::max<std::size_t>(1, most_ / 4); --size) {
       const CurvePoint* const next = waiting_.data() + begin + size;
-      const auto entered = static_cast<int>(std::bit_width(next[-1].code ^ next->code));
+      const int entered = step_between(next[-1], *next);
       if (entered > highest) {
         highest = entered;
         best = size;

@@ -31,7 +31,7 @@ struct CurveBlocks {
 /// Cuts a cloud into blocks of `most` surfels that can be drawn, and of a quarter as many at least
 /// (the last may have fewer). Each is cut off where the curve, within these bounds, enters the
 /// largest of its cells anew, at the last such place: blocks are as compact as cells of an octree
-/// are. Where many points are at one place, the bounds alone count. The blocks depend on the
+/// are, however unlike the scales of the cloud. The blocks depend on the
 /// surfels that can be drawn, and on the grid, alone. Reads the surfels once, a few blocks at a
 /// time.
 SURFEL_API CurveBlocks curve_blocks(const SurfelRanges& ranges, std::size_t most);

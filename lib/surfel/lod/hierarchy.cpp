@@ -49,26 +49,6 @@ float spacing_of(std::span<const MergeSurfel> surfels) {
   return area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
 }
 
-/// Bounds of a cluster of level 0, whose surfels are drawn as they are.
-ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
-  constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
-  std::array<float, 7 * kSize> columns{};
-  const auto column = [&](std::size_t i) { return columns.data() + i * kSize; };
-  for (std::size_t i = 0; i < surfels.size(); ++i) {
-    const MergeSurfel& s = surfels[i];
-    for (int axis = 0; axis < 3; ++axis) {
-      column(axis)[i] = s.position[axis];
-      column(3 + axis)[i] = s.normal[axis];
-    }
-    column(6)[i] = std::sqrt(tangent_gaussian(s.covariance, s.normal).variance_u);
-  }
-  return cluster_bounds({.position = {column(0), column(1), column(2)},
-                         .normal = {column(3), column(4), column(5)},
-                         .deviation_u = column(6),
-                         .deviation_v = column(6),
-                         .count = surfels.size()});
-}
-
 /// Cone around the cones of all children.
 void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
   Vec3f sum(0, 0, 0);
@@ -186,7 +166,7 @@ class BlockLevels {
  private:
   void make_finest();
   void make_coarser();
-  void bound_discs(TreeCluster& cluster) const;
+  void bound_finest(TreeCluster& cluster) const;
 
   const SurfelCloud& cloud_;
   const HierarchyOptions& options_;
@@ -194,35 +174,47 @@ class BlockLevels {
   std::vector<Level> levels_;
 };
 
-/// Box around the discs of a cluster of level 0.
-void BlockLevels::bound_discs(TreeCluster& cluster) const {
+/// Fills in the bounds and the spacing of a cluster of level 0, whose surfels are drawn as they
+/// are.
+void BlockLevels::bound_finest(TreeCluster& cluster) const {
   const Array<float>& variance = cloud_.anisotropic() ? cloud_.variance_u : cloud_.variance;
+  constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
+  std::array<float, 7 * kSize> columns;
+  const auto column = [&](std::size_t i) { return columns.data() + i * kSize; };
+  columns.fill(0);
   cluster.reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
   cluster.reach_max = -cluster.reach_min;
-  for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-    const Vec3f& position = cloud_.position[finest_[i]];
-    const Vec3f reach = Vec3f::Constant(std::sqrt(variance[finest_[i]]));
-    cluster.reach_min = cluster.reach_min.cwiseMin(position - reach);
-    cluster.reach_max = cluster.reach_max.cwiseMax(position + reach);
+  double area = 0;
+  double spacing2 = 0;
+  for (std::size_t i = 0; i < cluster.end - cluster.begin; ++i) {
+    const std::uint32_t surfel = finest_[cluster.begin + i];
+    const Vec3f& position = cloud_.position[surfel];
+    const float deviation = std::sqrt(variance[surfel]);
+    for (int axis = 0; axis < 3; ++axis) {
+      column(axis)[i] = position[axis];
+      if (!cloud_.normal.empty()) column(3 + axis)[i] = cloud_.normal[surfel][axis];
+    }
+    column(6)[i] = deviation;
+    cluster.reach_min = cluster.reach_min.cwiseMin(position - Vec3f::Constant(deviation));
+    cluster.reach_max = cluster.reach_max.cwiseMax(position + Vec3f::Constant(deviation));
+    // Its piece of surface is taken for a square.
+    const double piece = std::max(0.0F, amplitude(cloud_, surfel));
+    area += piece;
+    spacing2 += piece * piece;
   }
+  cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+  cluster.bounds = cluster_bounds({.position = {column(0), column(1), column(2)},
+                                   .normal = {column(3), column(4), column(5)},
+                                   .deviation_u = column(6),
+                                   .deviation_v = column(6),
+                                   .count = cluster.end - cluster.begin});
 }
 
 void BlockLevels::make_finest() {
   Level& level = levels_.emplace_back();
   level.clusters = finest_clusters(finest_.size());
-  parallel_for(level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int) {
-    std::vector<MergeSurfel> surfels;
-    for (std::size_t c = first; c < last; ++c) {
-      TreeCluster& cluster = level.clusters[c];
-      surfels.clear();
-      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-        surfels.push_back(merge_surfel(cloud_, finest_[i]));
-      }
-      cluster.spacing = spacing_of(surfels);
-      cluster.bounds = bounds_of(surfels);
-      bound_discs(cluster);
-    }
-  });
+  parallel_each(level.clusters.size(), kClusterGrain,
+                [&](std::size_t c) { bound_finest(level.clusters[c]); });
 }
 
 void BlockLevels::make_coarser() {
