@@ -1,10 +1,19 @@
 // surfel-lod: levels of detail, so that pictures cost what their pixels cost.
 
+#include <cstdint>
+#include <optional>
+#include <string>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/error.h>
+#include <surfel/base/memory.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/io/gaussian_io.h>
+#include <surfel/io/levels_writer.h>
 #include <surfel/lod/gaussian_hierarchy.h>
 #include <surfel/lod/hierarchy.h>
+#include <surfel/scene/cloud_rows.h>
 
 #include "tools/support/gaussians.h"
 #include "tools/support/options.h"
@@ -17,6 +26,7 @@ struct Settings {
   std::string input;
   std::string output;
   surfel::HierarchyOptions hierarchy;
+  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -38,6 +48,14 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
                  "How much more distances across the surface count than along it, 1..1000");
   app.option_defaults()->group("Options");
+  surfel::tool::add_text(
+      app, "--memory", "BYTES", "auto",
+      "Memory for surfels and their levels, such as 512M or 2G; a binary PLY file in "
+      "space-filling order may be larger; auto = three quarters of what is free",
+      [&s](const std::string& text) {
+        s.memory.reset();
+        if (text != "auto") s.memory = surfel::tool::parse_bytes("--memory", text);
+      });
 }
 
 void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
@@ -58,7 +76,7 @@ void report(nlohmann::json& json, const surfel::GaussianHierarchyReport& r) {
 
 void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
   surfel::tool::require_valid(surfel::tool::without_effect(
-      tool.app(), {"--normal-angle", "--sheet-weight"}, "on Gaussians in space"));
+      tool.app(), {"--normal-angle", "--sheet-weight", "--memory"}, "on Gaussians in space"));
   surfel::GaussianHierarchyReport levels;
   surfel::GaussianCloud result;
   {
@@ -77,19 +95,60 @@ void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
 }
 
-void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
-  const std::string name = surfel::tool::shown_name(s.input);
-  surfel::HierarchyReport levels;
-  surfel::SurfelCloud result;
-  {
-    const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-    result = surfel::build_hierarchy(cloud, s.hierarchy, &levels, name);
+/// Throws if a cloud does not fit into memory, in which it must be as it is in no order.
+void require_room(const Settings& s, const surfel::SurfelCloud& cloud, std::size_t surfels,
+                  std::uint64_t memory) {
+  // Beside the surfels their order, and the keys that it is sorted by.
+  constexpr std::size_t kOrder = 4 + 16;
+  const std::uint64_t bytes = std::uint64_t{surfels} * (surfel::row_bytes(cloud) + kOrder);
+  if (bytes <= memory) return;
+  surfel::throw_input(surfel::tool::shown_name(s.input),
+                      fmt::format("is not in space-filling order and takes {} MB in memory, of "
+                                  "which {} MB are allowed (--memory); {}",
+                                  (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
+}
+
+/// Makes levels of the surfels of a file without loading it; false if that cannot be done.
+bool make_levels_of_file(surfel::tool::Tool& tool, const Settings& s,
+                         const surfel::HierarchyOptions& options, surfel::LevelsWriter& writer,
+                         surfel::HierarchyReport& levels) {
+  if (s.input == "-") return false;
+  const auto ranges = surfel::CloudRanges::open(s.input);
+  if (!ranges) return false;
+  const surfel::SurfelCloud first = ranges->read(0, 1);
+  if (!surfel::build_hierarchy(*ranges, options, writer, &levels, s.input)) {
+    require_room(s, first, ranges->size(), options.memory);
+    return false;
   }
-  surfel::tool::tell_left_out(tool, name, levels.dropped);
+  surfel::tool::tell_finest(tool, s.input, first, ranges->size());
+  return true;
+}
+
+void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
+                           surfel::HierarchyOptions options, surfel::LevelsWriter& writer,
+                           surfel::HierarchyReport& levels) {
+  const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+  require_room(s, cloud, cloud.size(), options.memory);
+  options.memory -= cloud.size() * surfel::row_bytes(cloud);
+  surfel::build_hierarchy(surfel::OrderedCloud(cloud), options, writer, &levels,
+                          surfel::tool::shown_name(s.input));
+}
+
+void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
+  surfel::HierarchyOptions options = s.hierarchy;
+  options.memory = s.memory.value_or(surfel::available_memory_bytes() / 4 * 3);
+  surfel::LevelsWriter writer(s.output, tool.provenance(), tool.common().no_clobber);
+  surfel::HierarchyReport levels;
+  if (!make_levels_of_file(tool, s, options, writer, levels)) {
+    make_levels_in_memory(tool, s, options, writer, levels);
+  }
+  writer.commit();
+  surfel::tool::tell_left_out(tool, surfel::tool::shown_name(s.input), levels.dropped);
   report(tool.report(), levels);
-  surfel::tool::write_result(tool, result, s.output);
+  tool.report()["blocks"] = levels.blocks;
+  tool.report()["blocks_at_once"] = levels.blocks_at_once;
   tool.wrote(s.output,
-             fmt::format("{} surfels in {} levels of {} down to {}", result.size(),
+             fmt::format("{} surfels in {} levels of {} down to {}", levels.surfels,
                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
 }
 
@@ -101,7 +160,7 @@ int main(int argc, char** argv) {
   Settings s;
   declare_options(tool.app(), s);
   tool.everyday(
-      {"--output", "--reduction", "--normal-angle"},
+      {"--output", "--reduction", "--normal-angle", "--memory"},
       {"surfel-lod city.ply -o levels.ply", "surfel-lod city.ply --reduction 2 -o levels.ply",
        "surfel-lod trained.splat -o levels.ply"});
   tool.files().reads({"surfels"});

@@ -1,4 +1,4 @@
-#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -130,6 +130,27 @@ TEST(MortonOrder, CurveThroughAllOfSpaceIsTheGridsWherePointsAreNotNegative) {
     EXPECT_EQ(before_on_curve(p, q), code(p) < code(q));
     EXPECT_EQ(before_on_curve(-p, -q), before_on_curve(q, p));
   }
+}
+
+TEST(MortonOrder, StepsAreAsLargeAsTheCellsWhoseBorderTheyCross) {
+  const auto code = [&](const Vec3f& p) {
+    const auto cell = [](float v) { return static_cast<std::uint32_t>(v); };
+    return morton_code(cell(p.x()), cell(p.y()), cell(p.z()));
+  };
+  const auto width = [&](const Vec3f& p, const Vec3f& q) {
+    return std::bit_width(code(p) ^ code(q));
+  };
+  Array<Vec3f> points = random_points(3000);
+  for (Vec3f& p : points) p = (0x200000 * p).array().floor();
+  for (std::size_t i = 2; i < points.size(); ++i) {
+    const Vec3f& p = points[i - 2];
+    const Vec3f& q = points[i - 1];
+    const Vec3f& r = points[i];
+    EXPECT_EQ(step_on_curve(p, q) < step_on_curve(q, r), width(p, q) < width(q, r));
+    EXPECT_EQ(step_on_curve(p, q), step_on_curve(q, p));
+  }
+  EXPECT_EQ(step_on_curve(points[0], points[0]), 0);
+  EXPECT_GT(step_on_curve({-1, 0, 0}, {1, 0, 0}), step_on_curve({1, 1, 1}, {1e30F, 1e30F, 1e30F}));
 }
 
 TEST(MortonOrder, CurveThroughAllOfSpaceOrdersNumbersOfAllScales) {

@@ -1,5 +1,8 @@
 // surfel-lod, and the other tools on what it writes.
 
+#include <algorithm>
+#include <filesystem>
+
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/io/cloud_io.h>
@@ -80,6 +83,37 @@ TEST_F(SurfelLod, WritesTheLevelsThatItReports) {
   const auto plain = bytes({});
   EXPECT_NE(bytes({"--normal-angle", "1"}), plain);
   EXPECT_NE(bytes({"--sheet-weight", "30"}), plain);
+}
+
+TEST_F(SurfelLod, TakesTheMemoryThatItMayAndMakesTheSameOfIt) {
+  // Generated surfels are in space-filling order; larger ones first are in none.
+  const std::string sorted = folder_ / "sorted.ply";
+  const std::string unsorted = folder_ / "unsorted.ply";
+  run({tool("surfel-generate"), "terrain", "--count", "150000", "-o", sorted, "--quiet"});
+  SurfelCloud cloud = read_cloud(sorted);
+  std::reverse(cloud.position.begin(), cloud.position.end());
+  write_cloud(cloud, unsorted);
+  const auto levels = [&](const std::string& input, const std::string& memory) {
+    return run({tool("surfel-lod"), input, "-o", folder_ / "out.ply", "--memory", memory, "--stats",
+                folder_ / "stats.json"});
+  };
+  for (const std::string& input : {sorted, unsorted}) {
+    ASSERT_EQ(levels(input, "auto").exit_code, 0);
+    const std::string bytes = read_text(folder_ / "out.ply");
+    const auto report = nlohmann::json::parse(read_text(folder_ / "stats.json"));
+    EXPECT_GT(report["blocks"], 2);
+    // An ordered file stays where it is.
+    EXPECT_EQ(report.contains("load_ms"), input == unsorted);
+    ASSERT_EQ(levels(input, "100M").exit_code, 0);
+    EXPECT_TRUE(read_text(folder_ / "out.ply") == bytes);
+  }
+  std::filesystem::remove(folder_ / "out.ply");
+  const RunResult result = levels(unsorted, "10M");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(contains(result.errors, "surfel-convert --sort curve")) << result.errors;
+  EXPECT_TRUE(contains(levels(sorted, "1M").errors, "(--memory)"));
+  EXPECT_EQ(levels(sorted, "much").exit_code, 2);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "out.ply"));
 }
 
 TEST_F(SurfelLod, RefusesWhatItCannotWrite) {

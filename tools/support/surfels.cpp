@@ -109,17 +109,22 @@ void add_part(CLI::App& app, PartSettings& part) {
   app.option_defaults()->group("Options");
 }
 
-SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {
-  const Timer timer;
-  SurfelCloud cloud = read_cloud(path, options);
-  tool.report()["load_ms"] = timer.milliseconds();
+void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
+                 std::size_t surfels) {
   tell_skipped(tool, path, cloud);
   if (cloud.coarser_skipped > 0) {
     tool.note(fmt::format(
         "{}: has levels of detail; the finest alone is used, {} of {} surfels (run surfel-lod on "
         "the result to have them again)",
-        shown_name(path), cloud.size(), cloud.size() + cloud.coarser_skipped));
+        shown_name(path), surfels, surfels + cloud.coarser_skipped));
   }
+}
+
+SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {
+  const Timer timer;
+  SurfelCloud cloud = read_cloud(path, options);
+  tool.report()["load_ms"] = timer.milliseconds();
+  tell_finest(tool, path, cloud, cloud.size());
   return cloud;
 }
 

@@ -48,6 +48,12 @@ struct PartSettings {
 /// Declares --columns, --level, --bounds and --every.
 void add_part(CLI::App& app, PartSettings& part);
 
+/// Tells what of a file is not used by a tool that works on the finest level alone.
+/// \param cloud    a part of the file, or all of it
+/// \param surfels  of the finest level
+void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
+                 std::size_t surfels);
+
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
 /// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.
 SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options = {});

@@ -2,6 +2,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -26,6 +27,20 @@ int highest_difference(float a, float b) {
   // Numbers below the least normal one have the exponent 0 and no leading one beside the bits.
   if (exponent(u) != exponent(v)) return std::max(exponent(u), exponent(v)) + kDigits;
   return std::max(exponent(u), 1) + std::bit_width(u ^ v) - 1;
+}
+
+/// The axis in which two points differ at the highest digit, the later one where digits are alike,
+/// and that digit.
+std::pair<int, int> deciding_axis(const Vec3f& p, const Vec3f& q) {
+  int axis = 2;
+  int highest = highest_difference(p.z(), q.z());
+  for (const int other : {1, 0}) {
+    const int place = highest_difference(p[other], q[other]);
+    if (place <= highest) continue;
+    highest = place;
+    axis = other;
+  }
+  return {axis, highest};
 }
 
 /// The order of the n points at(i) along the curve through a grid.
@@ -85,15 +100,14 @@ MortonGrid grid_around(std::size_t n, const At& at) {
 }  // namespace
 
 bool before_on_curve(const Vec3f& p, const Vec3f& q) {
-  int axis = 2;
-  int highest = highest_difference(p.z(), q.z());
-  for (const int other : {1, 0}) {
-    const int place = highest_difference(p[other], q[other]);
-    if (place <= highest) continue;
-    highest = place;
-    axis = other;
-  }
+  const int axis = deciding_axis(p, q).first;
   return p[axis] < q[axis];
+}
+
+int step_on_curve(const Vec3f& p, const Vec3f& q) {
+  const auto [axis, highest] = deciding_axis(p, q);
+  constexpr int kMostDigits = 1000;  // More than floats have.
+  return highest < 0 ? 0 : 1 + 3 * std::min(highest, kMostDigits) + axis;
 }
 
 MortonGrid morton_grid(std::span<const Vec3f> position) {

@@ -61,6 +61,12 @@ SURFEL_API MortonGrid morton_grid(std::span<const Vec3f> position);
 /// others leaves a single cell.
 SURFEL_API bool before_on_curve(const Vec3f& p, const Vec3f& q);
 
+/// How large the cells are whose border the curve of before_on_curve() crosses between two points,
+/// both finite: larger numbers stand for larger cells, 0 for equal points. Of two steps along one
+/// axis the higher digit is the larger one, and of one digit z's is larger than y's, and y's than
+/// x's.
+SURFEL_API int step_on_curve(const Vec3f& p, const Vec3f& q);
+
 /// Order of points along a Morton curve through the cube around the finite ones (2^21 cells a
 /// side). Points that are not finite come last, by index. Points in one cell are in the order of
 /// before_on_curve(), equal ones by index, so that a shuffled cloud gives the same sequence of

@@ -16,6 +16,7 @@
 #include <surfel/base/version.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ply_header.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/compressed_ply.h>
 #include <surfel/io/e57.h>
@@ -101,6 +102,13 @@ std::vector<std::string> write_comments(const SurfelCloud& cloud, bool pcd) {
 std::string las_comment(const LasStorage& las) {
   return fmt::format("{}{} {} {} {}", kLasComment, fmt::join(las.scale, " "),
                      fmt::join(las.offset, " "), las.point_format, las.global_encoding);
+}
+
+/// The comments of a file that is no LAS file.
+std::vector<std::string> file_comments(const SurfelCloud& cloud, bool pcd) {
+  std::vector<std::string> comments = write_comments(cloud, pcd);
+  if (cloud.las) comments.push_back(las_comment(*cloud.las));
+  return comments;
 }
 
 LasStorage parse_las_comment(std::string_view text, const std::string& file) {
@@ -218,18 +226,6 @@ class OwnPlyPoints final : public PointRecords {
   PlyPoints points_;
 };
 
-/// Header of a file with `count` points, and with a tree over them if that is not empty.
-std::string ply_header(const std::vector<RecordColumn>& columns, std::size_t count,
-                       const ClusterTree& tree, bool ascii,
-                       const std::vector<std::string>& comments) {
-  std::string header = "ply\n";
-  header += ascii ? "format ascii 1.0\n" : "format binary_little_endian 1.0\n";
-  for (const std::string& comment : comments) header += "comment " + comment + "\n";
-  header += ply_element("vertex", columns, count);
-  if (!tree.empty()) header += ply_element(kTreeElement, tree_columns(), tree.size());
-  return header + "end_header\n";
-}
-
 /// Records that one thread makes at a time: they fit into its cache.
 constexpr std::size_t kWriteBlock = 4096;
 
@@ -291,6 +287,18 @@ void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
 }
 
 }  // namespace
+
+std::string cloud_ply_header(const SurfelCloud& cloud, const std::vector<RecordColumn>& columns,
+                             std::size_t count, std::size_t clusters, bool ascii) {
+  std::string header = "ply\n";
+  header += ascii ? "format ascii 1.0\n" : "format binary_little_endian 1.0\n";
+  for (const std::string& comment : file_comments(cloud, false)) {
+    header += "comment " + comment + "\n";
+  }
+  header += ply_element("vertex", columns, count);
+  if (clusters > 0) header += ply_element(kTreeElement, tree_columns(), clusters);
+  return header + "end_header\n";
+}
 
 void read_comments(const std::vector<std::string>& comments, const std::string& file,
                    SurfelCloud& cloud) {
@@ -606,11 +614,10 @@ struct CloudWriter::Impl {
       return bare ? std::string() : column_line(columns, separator());
     }
     if (format == CloudFormat::kObj) return {};
-    const bool pcd = format == CloudFormat::kPcd;
-    std::vector<std::string> comments = write_comments(first, pcd);
-    if (first.las) comments.push_back(las_comment(*first.las));
-    return pcd ? pcd_header(columns, count, first.viewpoint, comments)
-               : ply_header(columns, count, first.tree, options.ascii, comments);
+    if (format == CloudFormat::kPcd) {
+      return pcd_header(columns, count, first.viewpoint, file_comments(first, true));
+    }
+    return cloud_ply_header(first, columns, count, first.tree.size(), options.ascii);
   }
 };
 

@@ -103,7 +103,7 @@ std::string ply_element(const std::string& name, const std::vector<RecordColumn>
   return lines;
 }
 
-Array<std::byte> tree_to_records(const ClusterTree& tree, const Vec3d& origin) {
+Array<std::byte> tree_to_records(std::span<const TreeCluster> tree, const Vec3d& origin) {
   const std::vector<RecordColumn> columns = tree_columns();
   const std::size_t stride = columns.back().offset + scalar_size(columns.back().type);
   Array<std::byte> bytes(tree.size() * stride);

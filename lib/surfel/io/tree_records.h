@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,9 +19,9 @@ inline constexpr const char* kTreeElement = "surfel_cluster";
 
 /// Columns of the element, without gaps between them.
 std::vector<RecordColumn> tree_columns();
-/// The records of a tree, in this machine's byte order.
+/// The records of clusters of a tree, in this machine's byte order.
 /// \param origin  what the bounds are relative to, world coordinates.
-Array<std::byte> tree_to_records(const ClusterTree& tree, const Vec3d& origin);
+Array<std::byte> tree_to_records(std::span<const TreeCluster> tree, const Vec3d& origin);
 /// The lines of a PLY header that declare an element.
 std::string ply_element(const std::string& name, const std::vector<RecordColumn>& columns,
                         std::size_t count);

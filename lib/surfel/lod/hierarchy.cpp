@@ -4,65 +4,32 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <span>
+#include <utility>
 
+#include <fmt/format.h>
 #include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
-#include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/lod/cluster_levels.h>
+#include <surfel/lod/curve_blocks.h>
 #include <surfel/lod/hierarchy.h>
+#include <surfel/lod/level_plan.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
 #include <surfel/scene/amplitude.h>
+#include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/cluster_tree.h>
 #include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = std::size_t{1} << 15;
+constexpr std::size_t kGrain = std::size_t{1} << 13;
 constexpr std::size_t kClusterGrain = 8;
-
-/// One level: its clusters, which count surfels and children from the level's first, and its merged
-/// surfels; level 0 has none.
-struct Level {
-  std::vector<TreeCluster> clusters;
-  Array<MergeSurfel> surfels;
-};
-
-class Builder {
- public:
-  Builder(const SurfelCloud& cloud, const HierarchyOptions& options, const std::string& name)
-      : cloud_(cloud), options_(options), name_(name) {}
-
-  SurfelCloud build(HierarchyReport& report);
-
- private:
-  void order_finest(StageTimer& stage, HierarchyReport& report);
-  void make_finest();
-  void make_coarser();
-  void bound_discs(TreeCluster& cluster) const;
-  SurfelCloud assemble() const;
-  void write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const;
-
-  const SurfelCloud& cloud_;
-  const HierarchyOptions& options_;
-  const std::string& name_;
-  Array<std::uint32_t> finest_;  ///< Surfels of the cloud in the order of level 0.
-  std::vector<Level> levels_;
-};
-
-void Builder::order_finest(StageTimer& stage, HierarchyReport& report) {
-  Array<std::uint32_t> order = morton_order(cloud_.position);
-  report.dropped = remove_unusable(cloud_, false, order);
-  if (order.empty()) throw_input(name_, "holds no surfel that can be drawn");
-  stage.end("sort");
-  finest_ = cluster_order(cloud_.position, order, options_.reduction);
-  stage.end("split");
-}
 
 /// The larger of the largest standard deviation and the root of the area, which renderers widen
 /// kernels to where they draw a level closer than it is meant to be seen.
@@ -80,57 +47,6 @@ float spacing_of(std::span<const MergeSurfel> surfels) {
     spacing2 += static_cast<double>(s.area) * s.extent2;
   }
   return area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
-}
-
-/// Bounds of a cluster of level 0, whose surfels are drawn as they are.
-ClusterBounds bounds_of(const std::vector<MergeSurfel>& surfels) {
-  constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
-  std::array<float, 7 * kSize> columns{};
-  const auto column = [&](std::size_t i) { return columns.data() + i * kSize; };
-  for (std::size_t i = 0; i < surfels.size(); ++i) {
-    const MergeSurfel& s = surfels[i];
-    for (int axis = 0; axis < 3; ++axis) {
-      column(axis)[i] = s.position[axis];
-      column(3 + axis)[i] = s.normal[axis];
-    }
-    column(6)[i] = std::sqrt(tangent_gaussian(s.covariance, s.normal).variance_u);
-  }
-  return cluster_bounds({.position = {column(0), column(1), column(2)},
-                         .normal = {column(3), column(4), column(5)},
-                         .deviation_u = column(6),
-                         .deviation_v = column(6),
-                         .count = surfels.size()});
-}
-
-/// Box around the discs of a cluster of level 0.
-void Builder::bound_discs(TreeCluster& cluster) const {
-  const Array<float>& variance = cloud_.anisotropic() ? cloud_.variance_u : cloud_.variance;
-  cluster.reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
-  cluster.reach_max = -cluster.reach_min;
-  for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-    const Vec3f& position = cloud_.position[finest_[i]];
-    const Vec3f reach = Vec3f::Constant(std::sqrt(variance[finest_[i]]));
-    cluster.reach_min = cluster.reach_min.cwiseMin(position - reach);
-    cluster.reach_max = cluster.reach_max.cwiseMax(position + reach);
-  }
-}
-
-void Builder::make_finest() {
-  Level& level = levels_.emplace_back();
-  level.clusters = finest_clusters(finest_.size());
-  parallel_for(level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int) {
-    std::vector<MergeSurfel> surfels;
-    for (std::size_t c = first; c < last; ++c) {
-      TreeCluster& cluster = level.clusters[c];
-      surfels.clear();
-      for (std::uint32_t i = cluster.begin; i < cluster.end; ++i) {
-        surfels.push_back(merge_surfel(cloud_, finest_[i]));
-      }
-      cluster.spacing = spacing_of(surfels);
-      cluster.bounds = bounds_of(surfels);
-      bound_discs(cluster);
-    }
-  });
 }
 
 /// Cone around the cones of all children.
@@ -155,141 +71,405 @@ void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
   bounds.cone_cosine = cosine;
 }
 
-void Builder::make_coarser() {
+/// The columns that all levels have, of surfels of a cloud: anisotropic variances, areas, levels.
+SurfelCloud level_columns(const SurfelCloud& cloud, const Array<std::uint32_t>& source) {
+  SurfelCloud out = cloud.gathered(source);
+  const std::size_t size = source.size();
+  // The positions of merged surfels are no floats in the world.
+  out.double_positions = out.double_positions || !out.origin.isZero();
+  const bool round = !cloud.anisotropic();
+  if (round) {
+    out.tangent.resize(size);
+    out.variance_u = out.variance;
+    out.variance_v = std::move(out.variance);
+  }
+  out.variance = {};
+  const bool without_area = cloud.area.empty();
+  if (without_area) out.area.resize(size);
+  out.level.assign(size, 0);
+  parallel_each(size, kGrain, [&](std::size_t i) {
+    if (round) {
+      const bool oriented = !out.normal.empty() && !out.normal[i].isZero();
+      out.tangent[i] = oriented ? Vec3f(out.normal[i].unitOrthogonal()) : Vec3f::UnitX();
+    }
+    if (without_area) out.area[i] = root_of_determinant(cloud, source[i]);
+  });
+  return out;
+}
+
+/// Gives row i of a cloud with level_columns() what a merged surfel has.
+void write_merged(SurfelCloud& out, std::size_t i, const MergeSurfel& s, std::size_t level) {
+  write_attributes(out, i, s);
+  const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
+  // A variance of zero is no surfel: collinear members of a plane leave a sliver.
+  constexpr float kSliver = 1e-6F;
+  out.tangent[i] = g.tangent;
+  out.variance_u[i] = g.variance_u;
+  out.variance_v[i] = std::max(g.variance_v, kSliver * g.variance_u);
+  out.level[i] = static_cast<std::uint8_t>(level);
+}
+
+/// What a thread needs to merge surfels.
+struct Merger {
+  SurfelPartition partition;
+  std::vector<MergeSurfel> members;
+
+  /// Merges `members` into as many surfels as a cluster has, and fills in its bounds from them and
+  /// from its children, all but the sphere.
+  void run(TreeCluster& cluster, std::span<const TreeCluster> children, const SheetRules& sheets,
+           MergeSurfel* to) {
+    partition.run(members, cluster.end - cluster.begin, sheets);
+    float reach = 0;
+    for (std::size_t g = 0; g < partition.size(); ++g) {
+      to[g] = merged(members, partition.members(g));
+      to[g].extent2 = partition.extent2(g);
+      reach = std::max(reach, reach_of(to[g]));
+    }
+    cluster.spacing = spacing_of({to, partition.size()});
+    cluster.bounds.max_deviation = reach;
+    cluster.reach_min = children.front().reach_min;
+    cluster.reach_max = children.front().reach_max;
+    for (const TreeCluster& child : children) {
+      cluster.bounds.max_deviation =
+          std::max(cluster.bounds.max_deviation, child.bounds.max_deviation);
+      cluster.reach_min = cluster.reach_min.cwiseMin(child.reach_min);
+      cluster.reach_max = cluster.reach_max.cwiseMax(child.reach_max);
+    }
+    bound_cone(cluster.bounds, children);
+  }
+};
+
+/// One level of a block: its clusters, which count surfels and children from the level's first, and
+/// its merged surfels; level 0 has none.
+struct Level {
+  std::vector<TreeCluster> clusters;
+  Array<MergeSurfel> surfels;
+};
+
+/// The levels of a block.
+class BlockLevels {
+ public:
+  /// Keeps a reference to the cloud, whose surfels can all be drawn.
+  BlockLevels(const SurfelCloud& cloud, std::size_t levels, const HierarchyOptions& options)
+      : cloud_(cloud), options_(options) {
+    Array<std::uint32_t> order(cloud.size());
+    std::iota(order.begin(), order.end(), 0U);
+    finest_ = cluster_order(cloud.position, order, options.reduction);
+    make_finest();
+    while (levels_.size() < levels) make_coarser();
+  }
+
+  const std::vector<Level>& levels() const { return levels_; }
+  /// The surfels of all levels, coarsest first.
+  SurfelCloud surfels() const;
+
+ private:
+  void make_finest();
+  void make_coarser();
+  void bound_finest(TreeCluster& cluster) const;
+
+  const SurfelCloud& cloud_;
+  const HierarchyOptions& options_;
+  Array<std::uint32_t> finest_;  ///< Surfels of the cloud in the order of level 0.
+  std::vector<Level> levels_;
+};
+
+/// Fills in the bounds and the spacing of a cluster of level 0, whose surfels are drawn as they
+/// are.
+void BlockLevels::bound_finest(TreeCluster& cluster) const {
+  const Array<float>& variance = cloud_.anisotropic() ? cloud_.variance_u : cloud_.variance;
+  constexpr std::size_t kSize = kClusterSurfels + kColumnPadding;
+  std::array<float, 7 * kSize> columns;
+  const auto column = [&](std::size_t i) { return columns.data() + i * kSize; };
+  columns.fill(0);
+  cluster.reach_min = Vec3f::Constant(std::numeric_limits<float>::infinity());
+  cluster.reach_max = -cluster.reach_min;
+  double area = 0;
+  double spacing2 = 0;
+  for (std::size_t i = 0; i < cluster.end - cluster.begin; ++i) {
+    const std::uint32_t surfel = finest_[cluster.begin + i];
+    const Vec3f& position = cloud_.position[surfel];
+    const float deviation = std::sqrt(variance[surfel]);
+    for (int axis = 0; axis < 3; ++axis) {
+      column(axis)[i] = position[axis];
+      if (!cloud_.normal.empty()) column(3 + axis)[i] = cloud_.normal[surfel][axis];
+    }
+    column(6)[i] = deviation;
+    cluster.reach_min = cluster.reach_min.cwiseMin(position - Vec3f::Constant(deviation));
+    cluster.reach_max = cluster.reach_max.cwiseMax(position + Vec3f::Constant(deviation));
+    // Its piece of surface is taken for a square.
+    const double piece = std::max(0.0F, amplitude(cloud_, surfel));
+    area += piece;
+    spacing2 += piece * piece;
+  }
+  cluster.spacing = area > 0 ? static_cast<float>(std::sqrt(spacing2 / area)) : 0.0F;
+  cluster.bounds = cluster_bounds({.position = {column(0), column(1), column(2)},
+                                   .normal = {column(3), column(4), column(5)},
+                                   .deviation_u = column(6),
+                                   .deviation_v = column(6),
+                                   .count = cluster.end - cluster.begin});
+}
+
+void BlockLevels::make_finest() {
+  Level& level = levels_.emplace_back();
+  level.clusters = finest_clusters(finest_.size());
+  parallel_each(level.clusters.size(), kClusterGrain,
+                [&](std::size_t c) { bound_finest(level.clusters[c]); });
+}
+
+void BlockLevels::make_coarser() {
   const std::size_t number = levels_.size();
   levels_.emplace_back();
   Level& level = levels_.back();
   const Level& finer = levels_[number - 1];
   level.clusters = coarser_clusters(finer.clusters, options_.reduction);
   level.surfels.resize(level.clusters.back().end);
-
-  struct Worker {
-    SurfelPartition partition;
-    std::vector<MergeSurfel> members;
-  };
-  PerWorker<Worker> workers;
-  ProgressStage stage("merging a level of detail", level.clusters.size(), "clusters");
+  PerWorker<Merger> workers;
   parallel_for(
       level.clusters.size(), kClusterGrain, [&](std::size_t first, std::size_t last, int w) {
-        stage.add(last - first);
-        Worker& worker = workers[w];
+        Merger& merger = workers[w];
         for (std::size_t c = first; c < last; ++c) {
           TreeCluster& cluster = level.clusters[c];
           const std::span<const TreeCluster> children(finer.clusters.data() + cluster.first_child,
                                                       cluster.child_count);
-          worker.members.clear();
+          merger.members.clear();
           for (std::uint32_t i = children.front().begin; i < children.back().end; ++i) {
-            worker.members.push_back(finer.surfels.empty() ? merge_surfel(cloud_, finest_[i])
+            merger.members.push_back(finer.surfels.empty() ? merge_surfel(cloud_, finest_[i])
                                                            : finer.surfels[i]);
           }
-          worker.partition.run(worker.members, cluster.end - cluster.begin, options_.sheets);
-          float reach = 0;
-          for (std::size_t g = 0; g < worker.partition.size(); ++g) {
-            MergeSurfel s = merged(worker.members, worker.partition.members(g));
-            s.extent2 = worker.partition.extent2(g);
-            reach = std::max(reach, reach_of(s));
-            level.surfels[cluster.begin + g] = s;
-          }
-          cluster.spacing =
-              spacing_of({level.surfels.data() + cluster.begin, cluster.end - cluster.begin});
-          cluster.bounds.max_deviation = reach;
-          cluster.reach_min = children.front().reach_min;
-          cluster.reach_max = children.front().reach_max;
-          for (const TreeCluster& child : children) {
-            cluster.bounds.max_deviation =
-                std::max(cluster.bounds.max_deviation, child.bounds.max_deviation);
-            cluster.reach_min = cluster.reach_min.cwiseMin(child.reach_min);
-            cluster.reach_max = cluster.reach_max.cwiseMax(child.reach_max);
-          }
+          merger.run(cluster, children, options_.sheets, level.surfels.data() + cluster.begin);
           bound_sphere(cluster.bounds, cloud_.position,
                        finest_below(finest_, number, c, options_.reduction));
-          bound_cone(cluster.bounds, children);
         }
       });
 }
 
-void Builder::write_merged(SurfelCloud& out, std::size_t at, const MergeSurfel& s) const {
-  write_attributes(out, at, s);
-  const TangentGaussian g = tangent_gaussian(s.covariance, s.normal);
-  // A variance of zero is no surfel: collinear members of a plane leave a sliver.
-  constexpr float kSliver = 1e-6F;
-  out.tangent[at] = g.tangent;
-  out.variance_u[at] = g.variance_u;
-  out.variance_v[at] = std::max(g.variance_v, kSliver * g.variance_u);
-}
-
-/// The surfels of all levels, coarsest first, and their tree.
-SurfelCloud Builder::assemble() const {
-  std::size_t total = finest_.size();
-  for (const Level& level : levels_) total += level.surfels.size();
-  Array<std::uint32_t> source(total);
+SurfelCloud BlockLevels::surfels() const {
+  std::size_t coarser = 0;
+  for (const Level& level : levels_) coarser += level.surfels.size();
+  Array<std::uint32_t> source(coarser + finest_.size());
   std::size_t at = 0;
   for (auto level = levels_.rbegin(); level != levels_.rend(); ++level) {
     for (const MergeSurfel& s : level->surfels) source[at++] = s.source;
   }
   std::copy(finest_.begin(), finest_.end(), source.begin() + static_cast<std::ptrdiff_t>(at));
-  SurfelCloud out = cloud_.gathered(source);
-
-  const bool anisotropic = cloud_.anisotropic();
-  if (!anisotropic) {
-    out.tangent.resize(total);
-    out.variance_u = out.variance;
-    out.variance_v = std::move(out.variance);
+  SurfelCloud out = level_columns(cloud_, source);
+  at = 0;
+  for (std::size_t l = levels_.size(); l-- > 1;) {
+    const Array<MergeSurfel>& surfels = levels_[l].surfels;
+    parallel_each(surfels.size(), kGrain,
+                  [&](std::size_t i) { write_merged(out, at + i, surfels[i], l); });
+    at += surfels.size();
   }
-  out.variance = {};
-  if (cloud_.area.empty()) out.area.resize(total);
-  out.level.resize(total);
-  parallel_for(finest_.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t k = at + i;
-      if (!anisotropic) {
-        const bool oriented = !out.normal.empty() && !out.normal[k].isZero();
-        out.tangent[k] = oriented ? Vec3f(out.normal[k].unitOrthogonal()) : Vec3f::UnitX();
-      }
-      if (cloud_.area.empty()) out.area[k] = root_of_determinant(cloud_, source[k]);
-      out.level[k] = 0;
+  return out;
+}
+
+/// The surfels of a block that can be drawn.
+SurfelCloud read_block(const SurfelRanges& ranges, const CurveBlock& block) {
+  SurfelCloud cloud = ranges.read(block.begin, block.end);
+  if (block.count == block.end - block.begin) return cloud;
+  Array<std::uint32_t> order(cloud.size());
+  std::iota(order.begin(), order.end(), 0U);
+  remove_unusable(cloud, false, order);
+  return cloud.gathered(order);
+}
+
+class Hierarchy {
+ public:
+  Hierarchy(const SurfelRanges& ranges, const std::vector<CurveBlock>& blocks,
+            const HierarchyOptions& options, LevelSink& sink, const std::string& name)
+      : ranges_(ranges),
+        blocks_(blocks),
+        options_(options),
+        sink_(sink),
+        name_(name),
+        plan_(blocks, options.reduction) {}
+
+  void merge(HierarchyReport& report);
+  void join(HierarchyReport& report);
+
+ private:
+  std::size_t blocks_at_once(const SurfelCloud& surfel, const SurfelCloud& drawn) const;
+  void make_block(std::size_t block);
+  void keep_root(const BlockLevels& block, const SurfelCloud& surfels, const LevelPart& part);
+  void make_upper(std::size_t number);
+  void describe(HierarchyReport& report) const;
+
+  const SurfelRanges& ranges_;
+  const std::vector<CurveBlock>& blocks_;
+  const HierarchyOptions& options_;
+  LevelSink& sink_;
+  const std::string& name_;
+  LevelPlan plan_;
+  ClusterTree tree_;
+  SurfelCloud roots_;          ///< The coarsest level of all blocks; empty where it is the root.
+  Array<MergeSurfel> merged_;  ///< The coarsest level so far, above the blocks or theirs.
+};
+
+/// How many blocks the threads may work on at the same time: one, on which they work together, or
+/// one each. Throws Error(kInput) if one is too much.
+std::size_t Hierarchy::blocks_at_once(const SurfelCloud& surfel, const SurfelCloud& drawn) const {
+  const std::size_t row = row_bytes(drawn);
+  std::size_t most = 0;
+  for (const CurveBlock& block : blocks_) most = std::max(most, block.end - block.begin);
+  // Of the surfels of coarser levels, half as many as of the finest at most (two thirds of them in
+  // the first), two copies are there, and the finest is there as it was read and as it is written.
+  constexpr std::size_t kOrders = 6 * sizeof(float);
+  const std::uint64_t each =
+      most * (row_bytes(surfel) + row + kOrders +
+              (row + sizeof(MergeSurfel)) / static_cast<std::size_t>(options_.reduction - 1));
+  const std::size_t roots =
+      plan_.block_levels() < plan_.levels() ? plan_.level(plan_.block_levels() - 1).surfels : 0;
+  const std::uint64_t always = plan_.clusters() * sizeof(TreeCluster) +
+                               blocks_.size() * (sizeof(CurveBlock) + 256) +
+                               std::uint64_t{roots} * 3 / 2 * (row + sizeof(MergeSurfel));
+  const auto threads = static_cast<std::size_t>(thread_count());
+  // Few blocks would leave threads without work.
+  const bool many = blocks_.size() >= 4 * threads;
+  if (options_.memory == 0) return many ? threads : 1;
+  if (always + each > options_.memory) {
+    throw_input(name_, fmt::format("levels of its surfels take {} MB of memory, and {} MB are "
+                                   "allowed (--memory)",
+                                   ((always + each) >> 20) + 1, options_.memory >> 20));
+  }
+  return many && (options_.memory - always) / each >= threads ? threads : 1;
+}
+
+void Hierarchy::merge(HierarchyReport& report) {
+  const SurfelCloud surfel = ranges_.read(0, 1);
+  const SurfelCloud drawn = level_columns(surfel, {0});
+  report.blocks = blocks_.size();
+  report.blocks_at_once = blocks_at_once(surfel, drawn);
+  sink_.begin(drawn, plan_.surfels(), plan_.clusters());
+  tree_.resize(plan_.clusters());
+  if (plan_.block_levels() < plan_.levels()) {
+    const std::size_t roots = plan_.level(plan_.block_levels() - 1).surfels;
+    roots_ = cloud_of_rows(drawn, roots);
+    merged_.resize(roots);
+  }
+  ProgressStage stage("merging levels of detail", plan_.level(0).surfels, "surfels");
+  const auto make = [&](std::size_t b) {
+    make_block(b);
+    stage.add(blocks_[b].count);
+  };
+  if (report.blocks_at_once == 1) {
+    for (std::size_t b = 0; b < blocks_.size(); ++b) make(b);
+  } else {
+    parallel_each(blocks_.size(), 1, make);
+  }
+}
+
+void Hierarchy::make_block(std::size_t number) {
+  const SurfelCloud cloud = read_block(ranges_, blocks_[number]);
+  const std::vector<LevelPart> parts = plan_.block(number);
+  const BlockLevels block(cloud, parts.size(), options_);
+  const SurfelCloud surfels = block.surfels();
+  std::size_t at = 0;
+  for (std::size_t l = parts.size(); l-- > 0;) {
+    const LevelPart& part = parts[l];
+    sink_.put(surfels, at, at + part.surfels, part.first_surfel);
+    at += part.surfels;
+    const std::vector<TreeCluster>& clusters = block.levels()[l].clusters;
+    for (std::size_t c = 0; c < clusters.size(); ++c) {
+      TreeCluster& cluster = tree_[part.first_cluster + c];
+      cluster = clusters[c];
+      cluster.begin += static_cast<std::uint32_t>(part.first_surfel);
+      cluster.end += static_cast<std::uint32_t>(part.first_surfel);
+      if (l > 0) cluster.first_child += static_cast<std::uint32_t>(parts[l - 1].first_cluster);
     }
+  }
+  if (!merged_.empty()) keep_root(block, surfels, parts.back());
+}
+
+/// Keeps a block's coarsest level, to be merged further.
+void Hierarchy::keep_root(const BlockLevels& block, const SurfelCloud& surfels,
+                          const LevelPart& part) {
+  const std::size_t at = part.first_surfel - plan_.level(plan_.block_levels() - 1).first_surfel;
+  copy_rows(surfels, 0, part.surfels, roots_, at);
+  const Array<MergeSurfel>& root = block.levels().back().surfels;
+  for (std::size_t i = 0; i < root.size(); ++i) {
+    merged_[at + i] = root[i];
+    merged_[at + i].source = static_cast<std::uint32_t>(at + i);
+  }
+}
+
+/// Makes a level above the blocks.
+void Hierarchy::make_upper(std::size_t number) {
+  const std::vector<LevelPlan::Upper>& clusters = plan_.upper(number);
+  const LevelPart& level = plan_.level(number);
+  const LevelPart& finer = plan_.level(number - 1);
+  Array<MergeSurfel> surfels(level.surfels);
+  PerWorker<Merger> workers;
+  parallel_for(clusters.size(), 1, [&](std::size_t c, std::size_t, int w) {
+    TreeCluster& cluster = tree_[level.first_cluster + c];
+    cluster = clusters[c].cluster;
+    const std::span<const TreeCluster> children(tree_.data() + cluster.first_child,
+                                                cluster.child_count);
+    const auto first = merged_.begin() - static_cast<std::ptrdiff_t>(finer.first_surfel);
+    Merger& merger = workers[w];
+    merger.members.assign(first + children.front().begin, first + children.back().end);
+    merger.run(cluster, children, options_.sheets,
+               surfels.data() + (cluster.begin - level.first_surfel));
+    // The positions below are no longer there: the sphere is the one of their box, or around the
+    // children's spheres.
+    const auto& [low, high] = clusters[c].box;
+    ClusterBounds& bounds = cluster.bounds;
+    bounds.center = low + (high - low) / 2;
+    float radius = 0;
+    for (const TreeCluster& child : children) {
+      radius = std::max(radius, (child.bounds.center - bounds.center).norm() + child.bounds.radius);
+    }
+    bounds.radius = std::min(radius, (high - bounds.center).norm()) * (1.0F + 1e-5F);
   });
-
-  std::vector<std::span<const TreeCluster>> clusters;
-  for (const Level& level : levels_) clusters.emplace_back(level.clusters);
-  out.tree = joined_levels(clusters);
-  std::size_t surfels = 0;
-  for (std::size_t l = levels_.size(); l-- > 0;) {
-    const Level& level = levels_[l];
-    parallel_for(level.surfels.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        write_merged(out, surfels + i, level.surfels[i]);
-        out.level[surfels + i] = static_cast<std::uint8_t>(l);
-      }
-    });
-    surfels += l > 0 ? level.surfels.size() : finest_.size();
-  }
-  return out;
+  Array<std::uint32_t> source(surfels.size());
+  for (std::size_t i = 0; i < source.size(); ++i) source[i] = surfels[i].source;
+  SurfelCloud part = level_columns(roots_, source);
+  parallel_each(surfels.size(), kGrain,
+                [&](std::size_t i) { write_merged(part, i, surfels[i], number); });
+  sink_.put(part, 0, part.size(), level.first_surfel);
+  merged_ = std::move(surfels);
 }
 
-SurfelCloud Builder::build(HierarchyReport& report) {
-  StageTimer stage(report.stages);
-  order_finest(stage, report);
-  make_finest();
-  while (levels_.back().clusters.size() > 1) make_coarser();
-  stage.end("merge");
-  for (const Level& level : levels_) {
-    double area = 0;
+void Hierarchy::join(HierarchyReport& report) {
+  for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l);
+  // Moments are areas times squared distances, which overflow long before the lengths do.
+  if (!tree_problem(tree_, plan_.surfels()).empty()) {
+    throw_input(name_,
+                "its extent is too large for single precision, in which surfels are merged; "
+                "scale it down, or remove points that lie far away");
+  }
+  describe(report);
+  sink_.finish(std::move(tree_));
+}
+
+void Hierarchy::describe(HierarchyReport& report) const {
+  for (std::size_t l = 0; l < plan_.levels(); ++l) {
+    const LevelPart& level = plan_.level(l);
     double spacing2 = 0;
-    for (const TreeCluster& cluster : level.clusters) {
-      area += cluster.end - cluster.begin;
-      spacing2 +=
-          (cluster.end - cluster.begin) * portable::squared(static_cast<double>(cluster.spacing));
+    for (std::size_t c = level.first_cluster; c < level.first_cluster + level.clusters; ++c) {
+      spacing2 += (tree_[c].end - tree_[c].begin) *
+                  portable::squared(static_cast<double>(tree_[c].spacing));
     }
-    report.levels.push_back(level.clusters.back().end);
-    report.spacing.push_back(std::sqrt(spacing2 / area));
-    report.clusters += level.clusters.size();
+    report.levels.push_back(level.surfels);
+    report.spacing.push_back(std::sqrt(spacing2 / static_cast<double>(level.surfels)));
   }
-  SurfelCloud out = assemble();
-  stage.end("assemble");
-  return out;
+  report.surfels = plan_.surfels();
+  report.clusters = plan_.clusters();
 }
+
+/// Levels in memory.
+class LevelsInMemory final : public LevelSink {
+ public:
+  void begin(const SurfelCloud& like, std::size_t surfels, std::size_t) override {
+    cloud = cloud_of_rows(like, surfels);
+  }
+  void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::size_t at) override {
+    copy_rows(part, begin, end, cloud, at);
+  }
+  void finish(ClusterTree tree) override { cloud.tree = std::move(tree); }
+
+  SurfelCloud cloud;
+};
 
 }  // namespace
 
@@ -299,31 +479,43 @@ std::vector<std::string> HierarchyOptions::problems() const {
   return found;
 }
 
-SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
-                            HierarchyReport* report, const std::string& name) {
+bool build_hierarchy(const SurfelRanges& ranges, const HierarchyOptions& options, LevelSink& sink,
+                     HierarchyReport* report, const std::string& name) {
   require_usable(options);
-  cloud.check_columns(name);
-  if (cloud.empty()) throw_input(name, "holds no surfel");
-  if (!has_variance(cloud)) {
+  if (ranges.size() == 0) throw_input(name, "holds no surfel");
+  if (!has_variance(ranges.read(0, 1))) {
     throw_input(name,
                 "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");
   }
   // Together with all coarser levels, 32-bit indices must do.
-  if (cloud.size() > std::numeric_limits<std::uint32_t>::max() / 2 - (1U << 20)) {
+  if (ranges.size() > std::numeric_limits<std::uint32_t>::max() / 2 - (1U << 20)) {
     throw_input(name, "holds more than 2.1 billion surfels; levels of detail take no more");
   }
   HierarchyReport own;
   HierarchyReport& r = report ? *report : own;
   r = {};
-  SurfelCloud made = Builder(cloud, options, name).build(r);
-  // Moments are areas times squared distances, which overflow long before the lengths do.
-  if (!tree_problem(made.tree, made.size()).empty()) {
-    throw_input(name,
-                "its extent is too large for single precision, in which surfels are merged; "
-                "scale it down, or remove points that lie far away");
-  }
-  return made;
+  StageTimer stage(r.stages);
+  const CurveBlocks cut = curve_blocks(ranges, most_block_surfels(options.reduction));
+  if (!cut.in_order) return false;
+  if (cut.blocks.empty()) throw_input(name, "holds no surfel that can be drawn");
+  r.dropped = cut.dropped;
+  stage.end("cut");
+  Hierarchy hierarchy(ranges, cut.blocks, options, sink, name);
+  hierarchy.merge(r);
+  stage.end("merge");
+  hierarchy.join(r);
+  stage.end("join");
+  return true;
+}
+
+SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
+                            HierarchyReport* report, const std::string& name) {
+  require_usable(options);
+  cloud.check_columns(name);
+  LevelsInMemory sink;
+  build_hierarchy(OrderedCloud(cloud), options, sink, report, name);
+  return std::move(sink.cloud);
 }
 
 }  // namespace surfel

@@ -39,7 +39,7 @@ std::pair<Vec3f, float> principal_direction(const std::array<float, 6>& c) {
 
 SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32_t end) const {
   Group group{begin, end, 0, 0, false, Vec3f(0, 0, 0), Vec3f(0, 0, 0)};
-  const MergeSurfel& first = surfels_[order_[begin]];
+  const Member& first = surfels_[order_[begin]];
   if (end - begin == 1) {
     group.extent2 = first.extent2;
     return group;
@@ -49,15 +49,14 @@ SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32
   Vec3f normal(0, 0, 0);
   float extent2 = 0;
   for (std::uint32_t k = begin; k < end; ++k) {
-    const MergeSurfel& s = surfels_[order_[k]];
+    const Member& s = surfels_[order_[k]];
     // Areas of zero must not leave a group without a mean.
     const float w = s.area + 1e-6F * piece2_;
     weights += w;
     offset += w * (s.position - first.position);
     normal += w * s.normal;
     extent2 += w * s.extent2;
-    group.conflict = group.conflict || s.material != first.material ||
-                     s.normal.isZero() != first.normal.isZero();
+    group.conflict = group.conflict || s.material != first.material || s.oriented != first.oriented;
   }
   if (!(weights > 0)) weights = 1;
   offset /= weights;
@@ -69,7 +68,7 @@ SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32
   std::array<float, 6> c{};
   float least_cosine = 1;
   for (std::uint32_t k = begin; k < end; ++k) {
-    const MergeSurfel& s = surfels_[order_[k]];
+    const Member& s = surfels_[order_[k]];
     const float w = (s.area + 1e-6F * piece2_) / weights;
     const Vec3f d = s.position - first.position - offset;
     const Vec3f e = d + (stretch_ - 1) * normal.dot(d) * normal;
@@ -79,7 +78,7 @@ SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32
     c[3] += w * e.y() * e.y();
     c[4] += w * e.y() * e.z();
     c[5] += w * e.z() * e.z();
-    if (!s.normal.isZero()) least_cosine = std::min(least_cosine, normal.dot(s.normal));
+    if (s.oriented) least_cosine = std::min(least_cosine, normal.dot(s.normal));
   }
   group.conflict = group.conflict || least_cosine < normal_cosine_;
   const auto [direction, variance] = principal_direction(c);
@@ -112,9 +111,9 @@ std::uint32_t SurfelPartition::divide(const Group& group, Side side) {
 }
 
 std::uint32_t SurfelPartition::cut_conflict(const Group& group) {
-  const MergeSurfel& first = surfels_[order_[group.begin]];
-  const auto like_first = [&](const MergeSurfel& s) {
-    return s.material == first.material && s.normal.isZero() == first.normal.isZero();
+  const Member& first = surfels_[order_[group.begin]];
+  const auto like_first = [&](const Member& s) {
+    return s.material == first.material && s.oriented == first.oriented;
   };
   const auto members = this->order_.begin();
   if (!std::all_of(members + group.begin, members + group.end,
@@ -136,25 +135,27 @@ std::uint32_t SurfelPartition::cut_conflict(const Group& group) {
   };
   const Vec3f a = farthest_from(first.normal);
   const Vec3f b = farthest_from(a);
-  return divide(group, [&](const MergeSurfel& s) { return s.normal.dot(a) > s.normal.dot(b); });
+  return divide(group, [&](const Member& s) { return s.normal.dot(a) > s.normal.dot(b); });
 }
 
 std::uint32_t SurfelPartition::cut(const Group& group) {
   if (group.conflict && group.extent2 <= kConflictReach * kConflictReach * piece2_) {
     return cut_conflict(group);
   }
-  return divide(group,
-                [&](const MergeSurfel& s) { return group.cut.dot(s.position - group.mean) < 0; });
+  return divide(group, [&](const Member& s) { return group.cut.dot(s.position - group.mean) < 0; });
 }
 
 void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t groups,
                           const SheetRules& rules) {
   require_usable(rules);
-  surfels_ = surfels;
   normal_cosine_ = rules.least_cosine();
   stretch_ = static_cast<float>(rules.sheet_weight);
   float area = 0;
-  for (const MergeSurfel& s : surfels) area += s.area;
+  surfels_.clear();
+  for (const MergeSurfel& s : surfels) {
+    surfels_.push_back({s.position, s.area, s.normal, s.extent2, s.material, !s.normal.isZero()});
+    area += s.area;
+  }
   piece2_ = area / static_cast<float>(groups);
 
   order_.resize(surfels.size());

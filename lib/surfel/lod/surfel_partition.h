@@ -46,7 +46,18 @@ class SURFEL_API SurfelPartition {
   template <class Side>
   std::uint32_t divide(const Group& group, Side side);
 
-  std::span<const MergeSurfel> surfels_;
+  /// What matters of a surfel, in so few bytes that those of some clusters stay in the first-level
+  /// cache.
+  struct Member {
+    Vec3f position;
+    float area;
+    Vec3f normal;
+    float extent2;
+    std::uint16_t material;
+    bool oriented;  ///< The normal is known.
+  };
+
+  std::vector<Member> surfels_;
   float normal_cosine_ = 0;
   float stretch_ = 0;  ///< SheetRules::sheet_weight.
   float piece2_ = 0;   ///< Square of a mean group's size.

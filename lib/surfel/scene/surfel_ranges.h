@@ -1,7 +1,7 @@
 #pragma once
 
 #include <cstddef>
-#include <string>
+#include <cstdint>
 
 #include <surfel/base/export.h>
 #include <surfel/base/morton.h>
@@ -24,6 +24,22 @@ class SURFEL_API SurfelRanges {
   /// The grid around the finite positions, relative to the origin of the ranges: the one of
   /// morton_order().
   virtual MortonGrid grid() const = 0;
+};
+
+/// A cloud in memory, in the order of morton_order(). Keeps a reference to it.
+class SURFEL_API OrderedCloud final : public SurfelRanges {
+ public:
+  explicit OrderedCloud(const SurfelCloud& cloud);
+  explicit OrderedCloud(SurfelCloud&& cloud) = delete;
+
+  std::size_t size() const override { return cloud_.size(); }
+  SurfelCloud read(std::size_t begin, std::size_t end) const override;
+  MortonGrid grid() const override { return grid_; }
+
+ private:
+  const SurfelCloud& cloud_;
+  MortonGrid grid_;
+  Array<std::uint32_t> order_;
 };
 
 }  // namespace surfel

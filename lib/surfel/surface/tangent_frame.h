@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include <surfel/base/elementary.h>
 #include <surfel/base/types.h>
 
 namespace surfel {
@@ -38,10 +37,17 @@ struct PrincipalAxes {
 
 inline PrincipalAxes principal_axes(double xx, double xy, double yy) {
   const double mean = (xx + yy) / 2;
-  const double radius = portable::hypot((xx - yy) / 2, xy);
-  const double angle = portable::atan2(2 * xy, xx - yy) / 2;
-  return {
-      {portable::cos(angle), portable::sin(angle)}, mean + radius, std::max(0.0, mean - radius)};
+  const double half = (xx - yy) / 2;
+  const double radius = std::sqrt(half * half + xy * xy);
+  Vec2d along(1, 0);
+  if (radius > 0) {
+    // The angle is half the one of (half, xy). Of its cosine and sine the larger one is a root, and
+    // the other one follows, without a difference of nearly equal numbers.
+    const double larger = std::sqrt((radius + std::abs(half)) / (2 * radius));
+    const double other = xy / (2 * radius * larger);
+    along = half >= 0 ? Vec2d(larger, other) : Vec2d(std::abs(other), std::copysign(larger, xy));
+  }
+  return {along, mean + radius, std::max(0.0, mean - radius)};
 }
 
 }  // namespace surfel
