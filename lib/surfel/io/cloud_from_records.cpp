@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cstring>
 #include <functional>
+#include <optional>
+#include <span>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -39,9 +41,27 @@ class Reader {
         available_(available_memory_for(std::min<std::uint64_t>(table.count, kManyPoints) *
                                         table.columns.size() * sizeof(double))) {}
 
+  /// Places the points by their own bounds.
   SurfelCloud read(bool double_positions);
+  SurfelCloud read(bool double_positions, const PointPlace& place);
+  /// Measures the points without keeping them.
+  PointPlace measure();
 
  private:
+  /// Of each piece of the table.
+  struct Measures {
+    std::vector<Bounds> boxes;
+    std::vector<int> decimals;  ///< Empty where they are not counted.
+
+    Bounds box() const {
+      Bounds all;
+      for (const Bounds& part : boxes) {
+        all.min = all.min.cwiseMin(part.min);
+        all.max = all.max.cwiseMax(part.max);
+      }
+      return all;
+    }
+  };
   /// Decodes `count` records in memory, the first of which is surfel `begin`.
   using Column =
       std::function<void(const std::byte* records, std::size_t begin, std::size_t count)>;
@@ -56,8 +76,11 @@ class Reader {
   Vec3d origin_for(const Bounds& box) const {
     return table_.stepped ? central_origin(box) : float_origin(box);
   }
-  void keep_decimals(int decimals, const Bounds& box);
-  void run();
+  bool counts_decimals() const { return !table_.stepped && decoder_.double_positions(); }
+  void keep_decimals(int decimals, PointPlace& place) const;
+  PointPlace place_of(const Measures& measures) const;
+  void pass(std::span<const Column> columns, Measures* measures);
+  SurfelCloud finished(bool double_positions, const PointPlace& place);
 
   const RecordTable& table_;
   const std::string& file_;
@@ -135,63 +158,102 @@ void Reader::add_columns() {
 }
 
 /// Finds an origin from which offsets tell coordinates of so many decimals apart, if there is one.
-void Reader::keep_decimals(int decimals, const Bounds& box) {
+void Reader::keep_decimals(int decimals, PointPlace& place) const {
   if (decimals >= kManyDecimals) return;
+  const Bounds& box = place.bounds;
   const auto tells_apart = [&](const Vec3d& origin) {
     const double reach = std::max((box.max - origin).maxCoeff(), (origin - box.min).maxCoeff());
     return reach * 0x1p-23 * power_of_ten(decimals) < 1;
   };
-  for (const Vec3d& origin : {decoder_.origin(), central_origin(box)}) {
+  for (const Vec3d& origin : {place.origin, central_origin(box)}) {
     if (!tells_apart(origin)) continue;
-    decoder_.set_origin(origin);
-    cloud_.decimals = decimals;
+    place.origin = origin;
+    place.decimals = decimals;
     return;
   }
 }
 
-/// Fills the columns, then the positions again if they lie so far from the origin that was assumed
-/// that it must move.
-void Reader::run() {
-  std::vector<Bounds> boxes(table_.pieces(kReadBlock));
-  std::vector<int> decimals(table_.stepped || !decoder_.double_positions() ? 0 : boxes.size());
-  const auto pass = [&](std::span<const Column> columns) {
-    ProgressStage stage("reading " + file_, table_.count, "points");
-    table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
-                                      const std::byte* records) {
-      Bounds& box = boxes[piece];
-      for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
-        const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
-        decoder_.measure(records, count, box);
-        if (!decimals.empty()) decoder_.count_decimals(records, count, decimals[piece]);
-        for (const Column& column : columns) column(records, i, count);
-        records += count * table_.stride;
-      }
-      stage.add(end - begin);
-    });
-  };
-  if (table_.said_bounds) decoder_.set_origin(origin_for(*table_.said_bounds));
-  pass(columns_);
-  Bounds all;
-  for (const Bounds& box : boxes) {
-    all.min = all.min.cwiseMin(box.min);
-    all.max = all.max.cwiseMax(box.max);
+PointPlace Reader::place_of(const Measures& measures) const {
+  PointPlace place;
+  place.bounds = measures.box();
+  require_float_extent(place.bounds, file_);
+  place.origin = origin_for(place.bounds);
+  const std::vector<int>& decimals = measures.decimals;
+  if (!decimals.empty()) {
+    keep_decimals(*std::max_element(decimals.begin(), decimals.end()), place);
   }
-  require_float_extent(all, file_);
-  if (table_.said_bounds && decimals.empty() && about_the_same(*table_.said_bounds, all)) return;
-  const Vec3d assumed = decoder_.origin();
-  decoder_.set_origin(origin_for(all));
-  if (!decimals.empty()) keep_decimals(*std::max_element(decimals.begin(), decimals.end()), all);
-  if (decoder_.origin() != assumed) pass(std::span(columns_).first(1));
+  return place;
 }
 
-SurfelCloud Reader::read(bool double_positions) {
+/// Fills columns and measures the points.
+/// \param measures  null where they are known
+void Reader::pass(std::span<const Column> columns, Measures* measures) {
+  if (measures) {
+    measures->boxes.assign(table_.pieces(kReadBlock), {});
+    measures->decimals.assign(counts_decimals() ? measures->boxes.size() : 0, 0);
+  }
+  // What is read range by range is part of a longer stage.
+  std::optional<ProgressStage> stage;
+  if (measures) stage.emplace("reading " + file_, table_.count, "points");
+  table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
+                                    const std::byte* records) {
+    for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
+      const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
+      if (measures) {
+        decoder_.measure(records, count, measures->boxes[piece]);
+        if (!measures->decimals.empty()) {
+          decoder_.count_decimals(records, count, measures->decimals[piece]);
+        }
+      }
+      for (const Column& column : columns) column(records, i, count);
+      records += count * table_.stride;
+    }
+    if (stage) stage->add(end - begin);
+  });
+}
+
+SurfelCloud Reader::finished(bool double_positions, const PointPlace& place) {
   cloud_.double_positions = double_positions;
   cloud_.color_encoding = decoder_.color_encoding();
   cloud_.alpha_as_uint8 = decoder_.alpha_as_uint8();
-  add_columns();
-  run();
-  cloud_.origin = decoder_.origin();
+  cloud_.origin = place.origin;
+  cloud_.decimals = place.decimals;
   return std::move(cloud_);
+}
+
+/// Fills the columns, then the positions again if they lie so far from the origin that was assumed
+/// that it must move.
+SurfelCloud Reader::read(bool double_positions) {
+  add_columns();
+  PointPlace place;
+  if (table_.said_bounds) place.origin = origin_for(*table_.said_bounds);
+  decoder_.set_origin(place.origin);
+  Measures measures;
+  pass(columns_, &measures);
+  const bool as_said = table_.said_bounds && !counts_decimals() &&
+                       about_the_same(*table_.said_bounds, measures.box());
+  if (as_said) {
+    require_float_extent(measures.box(), file_);
+  } else {
+    const Vec3d assumed = place.origin;
+    place = place_of(measures);
+    decoder_.set_origin(place.origin);
+    if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
+  }
+  return finished(double_positions, place);
+}
+
+SurfelCloud Reader::read(bool double_positions, const PointPlace& place) {
+  add_columns();
+  decoder_.set_origin(place.origin);
+  pass(columns_, nullptr);
+  return finished(double_positions, place);
+}
+
+PointPlace Reader::measure() {
+  Measures measures;
+  pass({}, &measures);
+  return place_of(measures);
 }
 
 }  // namespace
@@ -227,9 +289,9 @@ std::size_t PieceReader::first(std::size_t part) const {
 SurfelCloud PieceReader::read(std::size_t begin, std::size_t end) const {
   RecordTable part = impl_->points.table();
   Array<std::byte> records;
-  part.count = first(end) - first(begin);
   part.said_bounds.reset();
   if (part.blocks) {
+    part.count = first(end) - first(begin);
     // Made once, as the records are read twice where the origin has to move.
     records.resize(part.count * part.stride);
     parallel_for(end - begin, 1, [&](std::size_t k, std::size_t, int) {
@@ -242,15 +304,41 @@ SurfelCloud PieceReader::read(std::size_t begin, std::size_t end) const {
     });
     part.blocks = nullptr;
     part.data = records.data();
-  } else if (part.file) {
-    part.offset += first(begin) * part.stride;
   } else {
-    part.data += first(begin) * part.stride;
+    part.skip(first(begin));
+    part.count = first(end) - first(begin);
   }
   SurfelCloud piece =
       Reader(part, impl_->decoder, impl_->points.file()).read(impl_->points.double_positions());
   impl_->points.describe(piece);
   return piece;
+}
+
+struct RangeReader::Impl {
+  const PointRecords& points;
+  SurfelDecoder decoder;
+  PointPlace place;
+
+  explicit Impl(const PointRecords& of)
+      : points(of),
+        decoder(of.table(), of.file()),
+        place(Reader(of.table(), decoder, of.file()).measure()) {}
+};
+
+RangeReader::RangeReader(const PointRecords& points) : impl_(std::make_unique<Impl>(points)) {}
+RangeReader::~RangeReader() = default;
+
+const PointPlace& RangeReader::place() const { return impl_->place; }
+
+SurfelCloud RangeReader::read(std::size_t begin, std::size_t end) const {
+  const PointRecords& points = impl_->points;
+  RecordTable part = points.table();
+  part.skip(begin);
+  part.count = end - begin;
+  SurfelCloud range =
+      Reader(part, impl_->decoder, points.file()).read(points.double_positions(), impl_->place);
+  points.describe(range);
+  return range;
 }
 
 }  // namespace surfel

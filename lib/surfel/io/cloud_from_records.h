@@ -2,8 +2,10 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 
+#include <surfel/base/bounds.h>
 #include <surfel/io/record_table.h>
 #include <surfel/scene/surfel_cloud.h>
 
@@ -34,6 +36,13 @@ class PointRecords {
   SurfelCloud read_all() const;
 };
 
+/// Where all points of a file lie: what it needs all coordinates to know.
+struct PointPlace {
+  Bounds bounds;                ///< Of the finite positions, world coordinates.
+  Vec3d origin{0, 0, 0};        ///< SurfelCloud::origin.
+  std::optional<int> decimals;  ///< SurfelCloud::decimals.
+};
+
 /// Points of a file piece by piece. The columns are the same for all pieces; each piece has an
 /// origin of its own. Keeps a reference to the points. Internal to the io module.
 class PieceReader {
@@ -47,6 +56,25 @@ class PieceReader {
   std::size_t parts() const;
   std::size_t first(std::size_t part) const;  ///< Points before a part; of part parts() all.
   SurfelCloud read(std::size_t begin, std::size_t end) const;  ///< The points of some parts.
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Any ranges of a file's points, of records that are not in blocks, with the values that
+/// PointRecords::read_all() gives them. Keeps a reference to the points. Internal to the io module.
+class RangeReader {
+ public:
+  /// Reads all coordinates once to place the points.
+  explicit RangeReader(const PointRecords& points);
+  ~RangeReader();
+  RangeReader(const RangeReader&) = delete;
+  RangeReader& operator=(const RangeReader&) = delete;
+
+  const PointPlace& place() const;
+  /// The points [begin, end). Callable from any thread.
+  SurfelCloud read(std::size_t begin, std::size_t end) const;
 
  private:
   struct Impl;

@@ -392,6 +392,14 @@ void open_points(InputFile input, const CloudReadOptions& options, const InRecor
                   converter_advice(name));
 }
 
+/// Does the file hold its points as records of equal size?
+bool stores_records(const PlyFile& ply) {
+  const PlyElement* vertex = ply.header().find("vertex");
+  return ply.header().format != PlyFormat::kAscii && vertex &&
+         std::none_of(vertex->properties.begin(), vertex->properties.end(),
+                      [](const PlyProperty& property) { return property.is_list(); });
+}
+
 /// The surfels of a cloud that the options ask for.
 /// \param inside  counts the surfels within the bounds, of all pieces so far
 Array<std::uint32_t> asked_for(const SurfelCloud& cloud, const CloudReadOptions& options,
@@ -452,6 +460,14 @@ SurfelCloud read_cloud(InputFile input, const CloudReadOptions& options) {
 
 SurfelCloud read_cloud(const std::string& path, const CloudReadOptions& options) {
   return read_cloud(InputFile(path), options);
+}
+
+std::unique_ptr<PointRecords> open_records(InputFile input) {
+  if (!input.regular() || !PlyFile::matches(input.head(4))) return nullptr;
+  PlyFile ply(std::move(input));
+  const bool gaussians = has_trained_gaussians(ply.header()) || has_packed_gaussians(ply.header());
+  if (gaussians || needs_all_points(ply) || !stores_records(ply)) return nullptr;
+  return std::make_unique<OwnPlyPoints>(std::move(ply), CloudReadOptions{});
 }
 
 struct CloudReader::Impl {
