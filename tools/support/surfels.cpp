@@ -50,10 +50,16 @@ void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& 
 }
 
 void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
-  const std::size_t colors = not_finite(cloud.color);
-  if (colors == 0) return;
+  NotFinite found;
+  found.surfels = cloud.size();
+  found.colors = not_finite(cloud.color);
+  tell_unusable_colors(tool, path, found);
+}
+
+void tell_unusable_colors(const Tool& tool, const std::string& path, const NotFinite& found) {
+  if (found.colors == 0) return;
   tool.note(fmt::format("{}: {} of {} colours are not finite: such surfels will not be drawn",
-                        shown_name(path), colors, cloud.size()));
+                        shown_name(path), found.colors, found.surfels));
 }
 
 void NotFinite::add(const SurfelCloud& cloud) {
@@ -109,17 +115,22 @@ void add_part(CLI::App& app, PartSettings& part) {
   app.option_defaults()->group("Options");
 }
 
-SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {
-  const Timer timer;
-  SurfelCloud cloud = read_cloud(path, options);
-  tool.report()["load_ms"] = timer.milliseconds();
+void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
+                 std::size_t surfels) {
   tell_skipped(tool, path, cloud);
   if (cloud.coarser_skipped > 0) {
     tool.note(fmt::format(
         "{}: has levels of detail; the finest alone is used, {} of {} surfels (run surfel-lod on "
         "the result to have them again)",
-        shown_name(path), cloud.size(), cloud.size() + cloud.coarser_skipped));
+        shown_name(path), surfels, surfels + cloud.coarser_skipped));
   }
+}
+
+SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {
+  const Timer timer;
+  SurfelCloud cloud = read_cloud(path, options);
+  tool.report()["load_ms"] = timer.milliseconds();
+  tell_finest(tool, path, cloud, cloud.size());
   return cloud;
 }
 

@@ -22,6 +22,8 @@ std::string shown_name(const std::string& path);
 void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
 /// Tells how many colours of an input are not finite, where nothing else is kept of it as it is.
 void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
+struct NotFinite;
+void tell_unusable_colors(const Tool& tool, const std::string& path, const NotFinite& found);
 /// How many values of a cloud are NaN or infinite.
 struct NotFinite {
   std::size_t surfels = 0;
@@ -47,6 +49,12 @@ struct PartSettings {
 };
 /// Declares --columns, --level, --bounds and --every.
 void add_part(CLI::App& app, PartSettings& part);
+
+/// Tells what of a file is not used by a tool that works on the finest level alone.
+/// \param cloud    a part of the file, or all of it
+/// \param surfels  of the finest level
+void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
+                 std::size_t surfels);
 
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
 /// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.

@@ -423,9 +423,9 @@ std::string Tool::provenance() const {
   std::string line = fmt::format("{} {}", impl_->name, version());
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
-    static const std::vector<std::string> kWithoutEffect = {"threads", "config",     "quiet",
-                                                            "verbose", "progress",   "no-clobber",
-                                                            "stats",   "max-pixels", "output"};
+    static const std::vector<std::string> kWithoutEffect = {
+        "threads",    "config", "quiet",      "verbose", "progress",
+        "no-clobber", "stats",  "max-pixels", "output",  "memory"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;

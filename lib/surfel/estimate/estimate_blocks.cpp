@@ -21,6 +21,7 @@
 #include <surfel/estimate/point_estimates.h>
 #include <surfel/estimate/range_normals.h>
 #include <surfel/estimate/run_index.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/surface/exact_search.h>
 #include <surfel/surface/halo_search.h>
 #include <surfel/surface/neighbor_lists.h>
@@ -235,7 +236,7 @@ class BlockEstimator {
       const std::size_t end = std::min(begin + length, cloud_.size());
       SurfelCloud piece = cloud_.read(begin, end);
       if (begin == 0) {
-        look_at_columns(piece);
+        column_bytes_ = column_bytes(piece);
         told_once_ = piece.viewpoint.has_value();
         sensors_ = !piece.scan_viewpoints.empty();
         sensor_ = options_.normals.sensor.value_or(Vec3d(0, 0, 0)) - piece.origin;
@@ -266,16 +267,6 @@ class BlockEstimator {
   }
 
   std::size_t index_length() const { return kIndexPiece / kRunLength * index_.length(); }
-
-  /// Notes how many bytes the columns of a point take.
-  void look_at_columns(const SurfelCloud& piece) {
-    std::size_t bytes = 0;
-    SurfelCloud::visit_columns(piece, [&](const auto& column) {
-      if (!column.empty()) bytes += sizeof(column[0]);
-    });
-    for (const ExtraProperty& extra : piece.extra) bytes += scalar_size(extra.type);
-    column_bytes_ = bytes;
-  }
 
   /// Decides what holds for the whole cloud.
   void decide() {
@@ -531,9 +522,7 @@ class BlockEstimator {
     }
     if (task.needed.empty() &&
         read > kMostRead * std::max(block.cloud.size(), kMostRead * kRunLength)) {
-      throw_input(name_,
-                  "consecutive points do not lie close together, so that they cannot be "
-                  "estimated block by block; put them into order first");
+      refuse_disorder();
     }
     std::atomic<std::size_t> count = 0;
     parallel_each(parts.size(), 1, [&](std::size_t p) {
@@ -558,6 +547,7 @@ class BlockEstimator {
     append_own(task, regions, block, out);
     for (std::size_t p = before; p < parts.size(); ++p) out.append(parts[p].points);
     if (task.points.size() > 1 && (count > most_loaded_ || out.size() > most_loaded_)) {
+      if (task.needed.empty() && task.points.size() < most_loaded_ / kMostRead) refuse_disorder();
       return std::nullopt;
     }
     // All of the cloud is known.
@@ -570,6 +560,13 @@ class BlockEstimator {
     const Array<std::uint32_t> order = morton_order(out.position, grid_);
     return Loaded{in_order(out.position, order), in_order(out.known, order),
                   in_order(out.previous, order), in_order(out.point, order)};
+  }
+
+  [[noreturn]] void refuse_disorder() const {
+    throw_input(name_,
+                "consecutive points do not lie close together, as surfels that are made "
+                "block by block need it; " +
+                    range_advice(name_));
   }
 
   /// Appends the points of the block itself that lie in the regions.
@@ -777,6 +774,15 @@ std::vector<std::string> block_problems(const EstimateOptions& options, bool tol
         "scanners), align (to given normals) or none, or let all points fit into memory");
   }
   return found;
+}
+
+std::size_t column_bytes(const SurfelCloud& cloud) {
+  std::size_t bytes = 0;
+  SurfelCloud::visit_columns(cloud, [&](const auto& column) {
+    if (!column.empty()) bytes += sizeof(column[0]);
+  });
+  for (const ExtraProperty& extra : cloud.extra) bytes += scalar_size(extra.type);
+  return bytes;
 }
 
 std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes) {

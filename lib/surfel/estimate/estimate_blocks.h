@@ -34,7 +34,10 @@ class SurfelSink {
 /// they can. `told` is whether the cloud tells a viewpoint, of itself or of its scans.
 SURFEL_API std::vector<std::string> block_problems(const EstimateOptions& options, bool told);
 
-/// Bytes that estimate_surfels() takes for a cloud of so many points with so many bytes each.
+/// Bytes that the columns of a point take in memory.
+SURFEL_API std::size_t column_bytes(const SurfelCloud& cloud);
+/// Bytes that estimate_surfels() takes for a cloud of so many points whose columns take
+/// `point_bytes` each, the cloud and the surfels included.
 SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes);
 
 /// Makes surfels of a cloud that need not be in memory: the same ones, in the same order, as
