@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
@@ -10,7 +12,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/estimate/estimate.h>
+#include <surfel/estimate/estimate_blocks.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ranges.h>
 
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
@@ -32,6 +38,7 @@ struct Settings {
   surfel::SmoothingOptions smoothing;
   surfel::EstimateOptions estimate;
   surfel::tool::PartSettings part;
+  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
 };
 
 const std::vector<std::pair<std::string, surfel::Orientation>>& orientations() {
@@ -138,9 +145,17 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--crease-angle", s.creases.crease_angle,
                  "Least angle between faces beside a crease, 10..90 degrees; with --clip");
   app.option_defaults()->group("Options");
+  tool::add_text(app, "--memory", "BYTES", "auto",
+                 "Memory for the points and all that is made of them, such as 512M or 2G; a binary "
+                 "PLY file in space-filling order may be larger: its surfels are made block by "
+                 "block, and are the same; auto = three quarters of what is free",
+                 [&s](const std::string& text) {
+                   s.memory.reset();
+                   if (text != "auto") s.memory = tool::parse_bytes("--memory", text);
+                 });
 }
 
-/// Fills in where the scanner stood, which the file may tell.
+/// Fills in where the scanner stood, which the file may tell; `cloud` are points of it.
 void finish(Settings& s, const surfel::SurfelCloud& cloud) {
   s.estimate.orientation.viewpoint = s.viewpoint;
   if (s.viewpoint) {
@@ -291,6 +306,115 @@ void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
   count(r.capped, "are far from all others: their splats were cut to the neighbours' spacing");
 }
 
+/// Writes surfels as they are made.
+class Writer final : public surfel::SurfelSink {
+ public:
+  Writer(const surfel::tool::Tool& tool, std::string path) : tool_(tool), path_(std::move(path)) {}
+
+  void begin(std::size_t count) override {
+    writer_.reset();
+    not_finite_ = {};
+    writer_.emplace(path_, count,
+                    surfel::CloudWriteOptions{.no_clobber = tool_.common().no_clobber});
+  }
+  void append(surfel::SurfelCloud surfels) override {
+    surfels.provenance.push_back(tool_.provenance());
+    if (not_finite_.surfels == 0) surfel::tool::tell_lost_columns(tool_, surfels, path_);
+    not_finite_.add(surfels);
+    writer_->append(surfels);
+  }
+  /// Completes the file, and tells what of the input was not usable.
+  void commit(const std::string& input) {
+    writer_->commit();
+    surfel::tool::tell_unusable_colors(tool_, input, not_finite_);
+  }
+  std::size_t surfels() const { return not_finite_.surfels; }
+
+ private:
+  const surfel::tool::Tool& tool_;
+  std::string path_;
+  std::optional<surfel::CloudWriter> writer_;
+  surfel::tool::NotFinite not_finite_;
+};
+
+[[noreturn]] void refuse_size(const Settings& s, std::uint64_t bytes, std::uint64_t memory) {
+  surfel::throw_input(
+      surfel::tool::shown_name(s.input),
+      fmt::format("takes {} MB in memory or more, of which {} MB are allowed (--memory); {}",
+                  bytes >> 20, memory >> 20, surfel::range_advice(s.input)));
+}
+
+/// Throws if a file has more points than fit into memory. The points of a file that is small enough
+/// for any format are not counted.
+void require_room(const Settings& s, std::uint64_t memory) {
+  // A compressed point takes three bytes or more, and 350 bytes in memory.
+  constexpr std::uint64_t kMostGrowth = 128;
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(s.input, error);
+  if (error || size <= memory / kMostGrowth) return;
+  const surfel::CloudReader reader(s.input, s.part.options());
+  const std::size_t point_bytes = surfel::column_bytes(reader.first());
+  std::size_t points = 0;
+  reader.for_each([&](const surfel::SurfelCloud& piece) {
+    points += piece.size();
+    const std::uint64_t bytes = surfel::estimate_bytes(points, point_bytes);
+    if (bytes > memory) refuse_size(s, bytes, memory);
+  });
+}
+
+void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
+  const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input, s.part.options());
+  finish(s, cloud);
+  surfel::EstimateReport estimate;
+  surfel::SurfelCloud surfels = surfel::estimate_surfels(cloud, s.estimate, &estimate, s.input);
+  report(tool.report(), s.clip, estimate);
+  surfel::tool::tell_unusable_colors(tool, s.input, cloud);
+  warn(tool, s.input, s.clip, estimate);
+  surfel::tool::write_result(tool, surfels, s.output);
+  tool.report()["surfels"] = surfels.size();
+  tool.wrote(s.output, fmt::format("{} surfels", surfels.size()));
+}
+
+void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::CloudRanges& cloud,
+                        const surfel::SurfelCloud& first, std::uint64_t memory) {
+  const std::string extension = surfel::tool::lower_extension(s.output);
+  if (extension == ".las" || extension == ".laz") {
+    surfel::throw_usage(fmt::format(
+        "{}: {} has more points than fit into memory, and LAS files are not written before all "
+        "points are known; give a .ply",
+        s.output, surfel::tool::shown_name(s.input)));
+  }
+  finish(s, first);
+  surfel::tool::tell_finest(tool, s.input, first, cloud.size());
+  // What a process takes without any points.
+  constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
+  Writer writer(tool, s.output);
+  surfel::EstimateReport estimate;
+  surfel::estimate_by_blocks(cloud, s.estimate, {.memory = memory - std::min(memory / 2, kProcess)},
+                             writer, &estimate, s.input);
+  report(tool.report(), s.clip, estimate);
+  warn(tool, s.input, s.clip, estimate);
+  writer.commit(s.input);
+  tool.report()["surfels"] = writer.surfels();
+  tool.wrote(s.output, fmt::format("{} surfels", writer.surfels()));
+}
+
+/// Estimates a file that is larger than the memory, if that can be done; false if its points, or
+/// the part of them that is asked for, have to fit.
+bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
+  if (!s.part.whole()) return false;
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(s.input, error);
+  // A file of this size fits whatever it holds: a record has three coordinates at least.
+  if (error || surfel::estimate_bytes(size / 12 + 1, 12) <= memory) return false;
+  const auto cloud = surfel::CloudRanges::open(s.input);
+  if (!cloud || cloud->size() == 0) return false;
+  const surfel::SurfelCloud first = cloud->read(0, 1);
+  if (surfel::estimate_bytes(cloud->size(), surfel::column_bytes(first)) <= memory) return false;
+  estimate_in_blocks(tool, s, *cloud, first, memory);
+  return true;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -314,19 +438,9 @@ int main(int argc, char** argv) {
                     {"crease_angle", "--crease-angle"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
-    const surfel::SurfelCloud cloud =
-        surfel::tool::read_finest(tool, settings.input, settings.part.options());
-    finish(settings, cloud);
-
-    surfel::EstimateReport estimate;
-    surfel::SurfelCloud surfels =
-        surfel::estimate_surfels(cloud, settings.estimate, &estimate, settings.input);
-    report(tool.report(), settings.clip, estimate);
-    surfel::tool::tell_unusable_colors(tool, settings.input, cloud);
-    warn(tool, settings.input, settings.clip, estimate);
-
-    surfel::tool::write_result(tool, surfels, settings.output);
-    tool.report()["surfels"] = surfels.size();
-    tool.wrote(settings.output, fmt::format("{} surfels", surfels.size()));
+    const std::uint64_t memory = settings.memory.value_or(surfel::available_memory_bytes() / 4 * 3);
+    if (estimate_larger(tool, settings, memory)) return;
+    require_room(settings, memory);
+    estimate_in_memory(tool, settings);
   });
 }

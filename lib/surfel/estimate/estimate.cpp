@@ -11,13 +11,11 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate.h>
+#include <surfel/estimate/point_estimates.h>
 #include <surfel/surface/neighbor_lists.h>
 
 namespace surfel {
 namespace {
-
-/// Largest neighbourhoods of normals that are kept for the later stages: 256 bytes a point.
-constexpr int kMostShared = 64;
 
 constexpr std::size_t kCloudGrain = 1 << 14;
 
@@ -52,15 +50,6 @@ Array<std::uint32_t> file_order(std::size_t count, Array<std::uint32_t>& order) 
   return place;
 }
 
-/// Adds a property, in place of one of its name, and returns its values.
-template <class T>
-T* add_extra(SurfelCloud& cloud, const std::string& name, ScalarType type) {
-  std::erase_if(cloud.extra, [&](const ExtraProperty& p) { return p.name == name; });
-  ExtraProperty& property = cloud.extra.emplace_back(ExtraProperty{name, type, {}});
-  property.data.resize(cloud.size() * sizeof(T));
-  return reinterpret_cast<T*>(property.data.data());
-}
-
 /// Points along a space-filling curve, where neighbours are near in memory, too.
 struct OrderedPoints {
   Array<std::uint32_t> order;  ///< Points of the cloud.
@@ -89,8 +78,7 @@ std::size_t without_normal(const SurfelCloud& cloud, const OrderedPoints& points
                            const std::string& name) {
   const std::size_t count = points.order.size();
   const auto is_unknown = [&](std::size_t i) {
-    const Vec3f& normal = cloud.normal[points.order[i]];
-    return !normal.allFinite() || normal.isZero(0);
+    return !usable_normal(cloud.normal[points.order[i]]);
   };
   const std::size_t unknown = cloud.normal.empty() ? count : count_where(count, is_unknown);
   if (unknown == count) {
@@ -150,38 +138,21 @@ Array<Vec3f> directions_to_sensors(const SurfelCloud& cloud, const OrderedPoints
   Array<Vec3f> directions(points.order.size());
   parallel_each(directions.size(), kCloudGrain, [&](std::size_t i) {
     const Vec3d& sensor = sensors.empty() ? cloud.viewpoint->position : sensors[points.order[i]];
-    const Vec3d to = sensor - cloud.origin - points.position[i].cast<double>();
-    directions[i] = to.cast<float>();
+    directions[i] = direction_to_sensor(sensor, cloud.origin, points.position[i]);
   });
   return directions;
 }
 
-/// How many neighbours are kept for all stages, which go over the same neighbourhoods; large or
-/// adaptive neighbourhoods of the normals are searched for on their own.
-std::size_t shared_neighbors(const NormalOptions& normals) {
-  const std::size_t least = std::max(kSplatNeighbors, kOrientationNeighbors + 1);
-  if (normals.adaptive || normals.radius > 0) return least;
-  return std::max(least, static_cast<std::size_t>(std::min(normals.k, kMostShared)));
-}
-
-/// Normals and sizes of points along the curve.
-struct Estimates {
-  NormalEstimate normals;
-  Array<float> side_confidence;  ///< Empty if sides were not looked for.
-  SplatSizes sizes;
-  Array<EdgeLines> lines;  ///< Empty if edges were not looked for.
-};
-
-Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
-                          const EstimateOptions& options, const std::string& name,
-                          StageTimer& stage, EstimateReport& r) {
+PointEstimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
+                               const EstimateOptions& options, const std::string& name,
+                               StageTimer& stage, EstimateReport& r) {
   const Array<Vec3f>& position = points.position;
   const auto tree = make_neighbor_search(position, options.search);
   const NeighborLists search(*tree, position, shared_neighbors(options.normals));
   stage.end("search tree");
   std::optional<ProgressStage> progress;
   progress.emplace("estimating normals", position.size(), "points");
-  Estimates out;
+  PointEstimates out;
   NormalOptions normals = options.normals;
   // Depth cameras stand at the origin of their own coordinates; whether the points are a range
   // image from there is tested.
@@ -220,9 +191,7 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   r.orientation = orient_normals(position, cloud.origin, search, previous, options.orientation,
                                  out.normals.normal, &out.side_confidence);
   if (!out.side_confidence.empty()) {
-    double sum = 0;
-    for (const float c : out.side_confidence) sum += static_cast<double>(c);
-    r.side_confidence = sum / static_cast<double>(out.side_confidence.size());
+    r.side_confidence = mean_confidence(sum_of_confidences(out.side_confidence), position.size());
   }
   stage.end("orientation");
   progress->set_share(1);
@@ -248,68 +217,18 @@ Estimates estimate_points(const SurfelCloud& cloud, const OrderedPoints& points,
   return out;
 }
 
-/// Adds the columns of half-planes, the second ones where a surfel has two; none where none has
-/// one.
-void add_clips(const Array<std::uint32_t>& place, const Array<EdgeLines>& lines, SurfelCloud& out) {
-  int most = 0;
-  for (const EdgeLines& l : lines) most = std::max(most, l.count);
-  const auto add = [&](std::size_t j, Array<Vec3f>& direction, Array<float>& distance) {
-    direction.resize(out.size());
-    distance.resize(out.size());
-    parallel_each(out.size(), kCloudGrain, [&](std::size_t i) {
-      const EdgeLine& line = lines[place[i]].line[j];
-      direction[i] = line.outward;
-      distance[i] = line.distance;
-    });
-  };
-  if (most > 0) add(0, out.clip1, out.clip1_distance);
-  if (most > 1) add(1, out.clip2, out.clip2_distance);
-}
-
 /// The cloud's points, which are along the curve, as surfels in the order of the file; they stay
 /// where they are in the cloud if `points` have no positions.
 SurfelCloud in_file_order(const SurfelCloud& cloud, OrderedPoints points,
-                          const Estimates& estimates) {
+                          const PointEstimates& estimates) {
   const Array<std::uint32_t> place = file_order(cloud.size(), points.order);
   SurfelCloud out = cloud.gathered(points.order);
   points.order = {};
-  const std::size_t count = out.size();
-  const bool ellipses = estimates.sizes.ellipses;
-  out.normal.resize(count);
-  out.shading_normal = {};     // A map bent normals that are estimated anew.
-  out.clip1 = out.clip2 = {};  // Lines lay in planes that are estimated anew.
-  out.clip1_distance = out.clip2_distance = {};
-  out.area.resize(count);
-  out.variance.resize(ellipses ? 0 : count);
-  out.tangent.resize(ellipses ? count : 0);
-  out.variance_u.resize(ellipses ? count : 0);
-  out.variance_v.resize(ellipses ? count : 0);
-  auto* curvature = add_extra<float>(out, "curvature", ScalarType::kFloat32);
-  auto* confidence = add_extra<float>(out, "confidence", ScalarType::kFloat32);
-  const bool sided = !estimates.side_confidence.empty();
-  auto* side = sided ? add_extra<float>(out, "side_confidence", ScalarType::kFloat32) : nullptr;
-  static_assert(sizeof(PointFlag) == 1);
-  auto* flag = add_extra<PointFlag>(out, "flag", ScalarType::kUint8);
-  parallel_each(count, kCloudGrain, [&](std::size_t i) {
-    const std::uint32_t from = place[i];
-    const SplatSize& size = estimates.sizes.of[from];
-    const NormalQuality& quality = estimates.normals.quality[from];
-    if (!points.position.empty()) out.position[i] = points.position[from];
-    out.normal[i] = estimates.normals.normal[from];
-    out.area[i] = size.area;
-    if (ellipses) {
-      out.tangent[i] = size.tangent;
-      out.variance_u[i] = size.variance_u;
-      out.variance_v[i] = size.variance_v;
-    } else {
-      out.variance[i] = size.variance;
-    }
-    curvature[i] = quality.curvature;
-    confidence[i] = quality.confidence;
-    if (side) side[i] = estimates.side_confidence[from];
-    flag[i] = quality.flag;
-  });
-  if (!estimates.lines.empty()) add_clips(place, estimates.lines, out);
+  if (!points.position.empty()) {
+    parallel_each(out.size(), kCloudGrain,
+                  [&](std::size_t i) { out.position[i] = points.position[place[i]]; });
+  }
+  set_estimates(estimates, place, out);
   return out;
 }
 
@@ -355,7 +274,7 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
     stage.end("smoothing");
   }
   const SurfelCloud& source = options.voxels ? fewer : cloud;
-  const Estimates estimates = estimate_points(source, points, options, name, stage, r);
+  const PointEstimates estimates = estimate_points(source, points, options, name, stage, r);
   if (!options.smoothing) points.position = {};  // The surfels need the memory.
   SurfelCloud out = in_file_order(source, std::move(points), estimates);
   stage.end("gather");

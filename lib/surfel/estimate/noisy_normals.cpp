@@ -18,9 +18,8 @@ namespace {
 
 constexpr std::size_t kSampleGrain = 4;
 constexpr std::size_t kRefitGrain = 64;
-/// Points that tell what is wrong with planes; that a first look at noise takes, which is slow;
+/// Points that tell noise from shape; that a first look at noise takes, which is slow;
 /// most points whose noise is noted, and how many points there are for each of them at least.
-constexpr std::size_t kLook = 512;
 constexpr std::size_t kNoiseLook = 128;
 constexpr std::size_t kMostNoted = 3072;
 constexpr std::size_t kLeastPerNoted = 4;
@@ -56,6 +55,19 @@ constexpr double kLeastScale = 7.5;
 /// Distances whose variance exceeds the noise's variance by this factor are not noise alone.
 constexpr double kShaped = 1.5;
 
+Vec3d offset_between(const Vec3f& from, const Vec3f& to) {
+  return to.cast<double>() - from.cast<double>();
+}
+
+/// Is the plane of the points nearest to a place uncertain?
+bool uncertain_plane(const Vec3f& place, std::span<const Vec3f> near) {
+  Moments moments;
+  for (const Vec3f& p : near) moments.add(offset_between(place, p));
+  if (!(moments.variance() > 0)) return false;  // Coincident points are not noise.
+  const Plane plane = plane_of(moments);
+  return plane.thin() || !(plane.error(plane.noise()) <= kUncertain);
+}
+
 /// Noise at a point, and the neighbourhood that is large enough for it.
 struct NotedNoise {
   float extent = 0;  ///< Distance of the furthest neighbour.
@@ -63,74 +75,37 @@ struct NotedNoise {
   std::size_t neighbors = 0;
 };
 
+/// The noise at a place, if there is any that the shape can be told from.
+std::optional<NotedNoise> noise_at(const Vec3f& place, NearestPlaces nearest,
+                                   std::vector<Vec3f>& near) {
+  near.clear();
+  Moments moments;
+  double peak = 0;
+  std::size_t added = 0;
+  for (std::size_t size = kLeastNeighbors; size <= kMostGrown; size *= 2) {
+    // Few points need all neighbours.
+    if (near.size() < size) nearest(place, std::min(2 * size, kMostGrown), near);
+    if (near.size() < size) break;
+    for (; added < size; ++added) moments.add(offset_between(place, near[added]));
+    if (!(moments.variance() > 0)) continue;
+    const Plane plane = plane_of(moments);
+    const double flatness = plane.thin() ? 1 : plane.lambda[0] / plane.lambda[1];
+    peak = std::max(peak, flatness);
+    if (peak > kFlat && flatness < std::min(kFlat, kDrop * peak)) {
+      const float extent = std::sqrt((near[size - 1] - place).squaredNorm());
+      const auto noise = static_cast<float>(std::sqrt(plane.lambda[0]));
+      const double spacing = extent * std::sqrt(std::numbers::pi / static_cast<double>(size));
+      if (noise < kLeastNoise * spacing) return std::nullopt;  // Scan lines are thin, too.
+      return NotedNoise{extent, noise, size};
+    }
+  }
+  return std::nullopt;
+}
+
 class Remaker {
  public:
   Remaker(const Array<Vec3f>& points, const NeighborSearch& search)
       : points_(points), search_(search) {}
-
-  /// Is the plane of the nearest points uncertain?
-  bool uncertain(std::size_t i, std::vector<Neighbor>& near) const {
-    search_.nearest(points_[i], kLeastNeighbors, near);
-    Moments moments;
-    for (const Neighbor& n : near) moments.add(offset(points_, i, n));
-    if (!(moments.variance() > 0)) return false;  // Coincident points are not noise.
-    const Plane plane = plane_of(moments);
-    return plane.thin() || !(plane.error(plane.noise()) <= kUncertain);
-  }
-
-  /// The noise at a point, if there is any that the shape can be told from.
-  std::optional<NotedNoise> noise_at(std::size_t i, std::vector<Neighbor>& near) const {
-    near.clear();
-    Moments moments;
-    double peak = 0;
-    std::size_t added = 0;
-    for (std::size_t size = kLeastNeighbors; size <= kMostGrown; size *= 2) {
-      // Few points need all neighbours.
-      if (near.size() < size) search_.nearest(points_[i], std::min(2 * size, kMostGrown), near);
-      if (near.size() < size) break;
-      for (; added < size; ++added) moments.add(offset(points_, i, near[added]));
-      if (!(moments.variance() > 0)) continue;
-      const Plane plane = plane_of(moments);
-      const double flatness = plane.thin() ? 1 : plane.lambda[0] / plane.lambda[1];
-      peak = std::max(peak, flatness);
-      if (peak > kFlat && flatness < std::min(kFlat, kDrop * peak)) {
-        const float extent = std::sqrt(near[size - 1].distance2);
-        const auto noise = static_cast<float>(std::sqrt(plane.lambda[0]));
-        const double spacing = extent * std::sqrt(std::numbers::pi / static_cast<double>(size));
-        if (noise < kLeastNoise * spacing) return std::nullopt;  // Scan lines are thin, too.
-        return NotedNoise{extent, noise, size};
-      }
-    }
-    return std::nullopt;
-  }
-
-  /// Share of `look` points, spread evenly, for which holds(point, scratch) is true.
-  template <class Holds>
-  double share(std::size_t look, const Holds& holds) {
-    const std::size_t count = std::min(look, points_.size());
-    std::vector<std::uint8_t> found(count);
-    parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      for (std::size_t s = begin; s < end; ++s) {
-        found[s] = holds(s * points_.size() / count, scratch_[worker]) ? 1 : 0;
-      }
-    });
-    const auto held = std::count(found.begin(), found.end(), 1);
-    return static_cast<double>(held) / static_cast<double>(count);
-  }
-
-  bool often_uncertain() {
-    const auto is_uncertain = [&](std::size_t i, auto& near) { return uncertain(i, near); };
-    return share(kLook, is_uncertain) >= kLeastUncertainShare;
-  }
-
-  bool noisy() {
-    const auto has_noise = [&](std::size_t i, auto& near) {
-      const std::optional<NotedNoise> noise = noise_at(i, near);
-      return noise && noise->neighbors <= kMostTelling;
-    };
-    return share(kNoiseLook, has_noise) >= kLeastNoisyShare / 2 &&
-           share(kLook, has_noise) >= kLeastNoisyShare;
-  }
 
   void run(NormalEstimate& out) {
     if (!note_noise()) return;
@@ -145,21 +120,16 @@ class Remaker {
   }
 
  private:
-  static Vec3d offset(const Vec3f& from, const Vec3f& to) {
-    return to.cast<double>() - from.cast<double>();
-  }
-  static Vec3d offset(const Array<Vec3f>& points, std::size_t i, const Neighbor& neighbor) {
-    return offset(points[i], points[neighbor.index]);
-  }
-
   /// Notes the noise at points spread evenly, and thins the cloud as far as the noise allows; false
   /// if none of them has any.
   bool note_noise() {
     const std::size_t count = std::min(kMostNoted, points_.size() / kLeastPerNoted);
     std::vector<std::optional<NotedNoise>> found(count);
-    parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int worker) {
+    parallel_for(count, kSampleGrain, [&](std::size_t begin, std::size_t end, int) {
+      auto nearest = nearest_places(points_, search_);
+      std::vector<Vec3f> near;
       for (std::size_t s = begin; s < end; ++s) {
-        found[s] = noise_at(s * points_.size() / count, scratch_[worker]);
+        found[s] = noise_at(points_[s * points_.size() / count], nearest, near);
       }
     });
     double neighbors = 0;
@@ -193,7 +163,8 @@ class Remaker {
   std::size_t group_size(std::size_t first, std::size_t end, double reach) const {
     const std::size_t most = std::min(end, first + WindowPoints::kSize);
     std::size_t i = first + 1;
-    while (i < most && offset(points_[first], points_[i]).squaredNorm() <= reach * reach) ++i;
+    while (i < most && offset_between(points_[first], points_[i]).squaredNorm() <= reach * reach)
+      ++i;
     return i - first;
   }
 
@@ -212,12 +183,13 @@ class Remaker {
     const auto noise = static_cast<double>(median(group.noises));
     const std::size_t count = group_size(first, end, kSharedReach * extent);
     Vec3d middle(0, 0, 0);  // All offsets are from the first point.
-    for (std::size_t k = 0; k < count; ++k) middle += offset(points_[first], points_[first + k]);
+    for (std::size_t k = 0; k < count; ++k)
+      middle += offset_between(points_[first], points_[first + k]);
     middle /= static_cast<double>(count);
     WindowPoints& points = group.points;
     double radius = 0;
     for (std::size_t k = 0; k < count; ++k) {
-      const Vec3d p = offset(points_[first], points_[first + k]);
+      const Vec3d p = offset_between(points_[first], points_[first + k]);
       points.x[k] = p.x();
       points.y[k] = p.y();
       points.z[k] = p.z();
@@ -230,7 +202,7 @@ class Remaker {
     thinned_search_->within(query, static_cast<float>(extent + radius), kMostGrown, group.near);
     group.window.clear();
     for (const Neighbor& n : group.near) {
-      group.window.add(offset(points_[first], thinned_[n.index]));
+      group.window.add(offset_between(points_[first], thinned_[n.index]));
     }
     fit(first, count, noise, group, out, remade);
     return count;
@@ -284,7 +256,6 @@ class Remaker {
 
   const Array<Vec3f>& points_;
   const NeighborSearch& search_;
-  PerWorker<std::vector<Neighbor>> scratch_;
   PerWorker<Group> shared_;
   Array<Vec3f> noted_at_;
   std::vector<NotedNoise> noted_;
@@ -295,14 +266,42 @@ class Remaker {
 
 }  // namespace
 
+bool planes_often_uncertain(std::size_t points, std::span<const Vec3f> sample,
+                            NearestPlaces nearest) {
+  if (points < kNoiseSample) return false;
+  std::vector<Vec3f> near;
+  std::size_t uncertain = 0;
+  for (const Vec3f& place : sample) {
+    nearest(place, kLeastNeighbors, near);
+    uncertain += uncertain_plane(place, near) ? 1 : 0;
+  }
+  return static_cast<double>(uncertain) >=
+         kLeastUncertainShare * static_cast<double>(sample.size());
+}
+
+bool noise_hides_surface(std::span<const Vec3f> sample, NearestPlaces nearest) {
+  std::vector<Vec3f> near;
+  const auto share = [&](std::span<const Vec3f> places) {
+    std::size_t noisy = 0;
+    for (const Vec3f& place : places) {
+      const std::optional<NotedNoise> noise = noise_at(place, nearest, near);
+      noisy += noise && noise->neighbors <= kMostTelling ? 1 : 0;
+    }
+    return static_cast<double>(noisy) / static_cast<double>(places.size());
+  };
+  return !sample.empty() &&
+         share(sample.first(std::min(kNoiseLook, sample.size()))) >= kLeastNoisyShare / 2 &&
+         share(sample) >= kLeastNoisyShare;
+}
+
 void remake_noisy_normals(const Array<Vec3f>& points, const NeighborSearch& search,
                           const std::optional<Vec3d>& sensor, NormalEstimate& out) {
-  if (points.size() < kLook) return;
-  Remaker remaker(points, search);
-  if (!remaker.often_uncertain()) return;
+  auto nearest = nearest_places(points, search);
+  const std::vector<Vec3f> sample = sample_places(points, kNoiseSample);
+  if (!planes_often_uncertain(points.size(), sample, nearest)) return;
   if (!sensor || !remake_range_normals(points, *sensor, out)) {
-    if (!remaker.noisy()) return;
-    remaker.run(out);
+    if (!noise_hides_surface(sample, nearest)) return;
+    Remaker(points, search).run(out);
   }
   out.flagged.fill(0);
   out.neighbors = 0;

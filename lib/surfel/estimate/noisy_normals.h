@@ -1,18 +1,34 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
+#include <span>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/normals.h>
+#include <surfel/estimate/place_sample.h>
 #include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
 
+/// Places that planes_often_uncertain() is told from.
+inline constexpr std::size_t kNoiseSample = 512;
+
+/// Is there anything to do for remake_noisy_normals()? Not in clouds of fewer than 512 points.
+/// \param points  how many points the cloud has.
+/// \param sample  PlaceSample of kNoiseSample of its places.
+SURFEL_API bool planes_often_uncertain(std::size_t points, std::span<const Vec3f> sample,
+                                       NearestPlaces nearest);
+
+/// Does noise hide the surface, see remake_noisy_normals(), where planes are often uncertain and
+/// the points are no range image? \param sample  PlaceSample of kNoiseSample of the cloud's places.
+SURFEL_API bool noise_hides_surface(std::span<const Vec3f> sample, NearestPlaces nearest);
+
 /// Makes normals anew in clouds whose noise or quantisation exceeds the spacing of their points, as
 /// depth cameras': there the nearest points are a lump, or lie on one step of the quantised depth,
 /// and their plane stands on its edge (a flake) or along the step. Other clouds are left as they
-/// are, after a look at 512 points: only where the plane of the 16 nearest is uncertain at 15 % of
+/// are, after a look at 512 places: only where the plane of the 16 nearest is uncertain at 15 % of
 /// them (a standard error of more than 0.1, or thin) is there anything to do. Then, if the points
 /// are a range image of the `sensor`, range_normals.h makes their normals, and otherwise:
 ///

@@ -73,18 +73,21 @@ class Estimator {
 
   /// Whether more neighbours may help; not if all points are neighbours already.
   bool extensible(const Result& result, std::size_t found) const {
-    return result.flag != PointFlag::kGood && found < std::min(kMostExtended, points_.size());
+    return result.flag != PointFlag::kGood && found < std::min(kMostExtended, search_.whole());
   }
 
   /// Result of twice as many neighbours as were `found`, four times as many, and so on, until the
   /// neighbourhood is not thin.
   Result extended(std::size_t i, std::size_t found, std::vector<Neighbor>& scratch) const {
     Result result;
+    std::size_t before = 0;
     do {
+      before = found;
       search_.nearest(points_[i], std::min(2 * found, kMostExtended), scratch);
       found = scratch.size();
       result = classified(i, moments(i, scratch));
-    } while (extensible(result, found));
+      // A search of a part of a cloud may have no more points.
+    } while (extensible(result, found) && found > before);
     return result;
   }
 

@@ -20,9 +20,6 @@ namespace {
 
 constexpr std::size_t kRangeGrain = 1 << 14;
 constexpr std::size_t kWindowGrain = 64;
-/// Points whose nearest directions tell whether they are pixels; below a tenth of them not even a
-/// range image shows it.
-constexpr std::size_t kPixelLook = 1024;
 /// A pixel has four neighbours: the fourth is no further than this many times the first.
 constexpr double kSquareness = 1.6;
 /// Least distance that all but a twentieth of the pixels keep, by the median.
@@ -98,29 +95,32 @@ class RangeImage {
   RangeImage(const Array<Vec3f>& points, const Vec3d& sensor) : points_(points), sensor_(sensor) {
     direction_.resize(points.size());
     parallel_each(points.size(), kRangeGrain,
-                  [&](std::size_t i) { direction_[i] = ray(i).normalized().cast<float>(); });
+                  [&](std::size_t i) { direction_[i] = direction_from(sensor_, points_[i]); });
     search_ = make_neighbor_search(direction_);
     order_ = morton_order(direction_);
   }
 
-  /// Are the directions spread as evenly as pixels are? Notes the pitch of the pixels.
-  bool even() {
-    const std::size_t count = std::min(kPixelLook, points_.size());
-    if (10 * count < kPixelLook) return false;
-    std::vector<double> nearest(count), fourth(count), pitch(count);
+  /// Are the directions spread as evenly as pixels are?
+  bool even() const {
+    std::vector<Neighbor> near;
+    return seen_as_pixels(points_.size(), sample_places(points_, kPixelSample), sensor_,
+                          [&](const Vec3f& direction, std::size_t k, std::vector<float>& out) {
+                            search_->nearest(direction, k, near);
+                            out.clear();
+                            for (const Neighbor& n : near) out.push_back(n.distance2);
+                          });
+  }
+
+  /// Finds the pitch of the pixels.
+  void measure_pitch() {
+    const std::size_t count = std::min(kPixelSample, points_.size());
+    std::vector<double> pitch(count);
     for_windows(count, [&](std::size_t s, std::size_t i, Worker& w) {
       search_->nearest(direction_[i], kLeastWindow, w.near);
-      nearest[s] = std::sqrt(static_cast<double>(w.near[1].distance2));
-      fourth[s] = std::sqrt(static_cast<double>(w.near[4].distance2));
       pitch[s] = std::sqrt(static_cast<double>(w.near.back().distance2) * std::numbers::pi /
                            static_cast<double>(w.near.size()));
     });
     pitch_ = median(pitch);
-    const auto twentieth = nearest.begin() + static_cast<std::ptrdiff_t>(count / 20);
-    std::nth_element(nearest.begin(), twentieth, nearest.end());
-    const double low = *twentieth;
-    const double middle = median(nearest);
-    return low > kEvenness * middle && median(fourth) < kSquareness * middle;
   }
 
   /// False where the residuals are too large to be noise.
@@ -311,12 +311,32 @@ class RangeImage {
 
 }  // namespace
 
+bool seen_as_pixels(std::size_t points, std::span<const Vec3f> sample, const Vec3d& sensor,
+                    NearestDirections nearest) {
+  // Below a tenth of the sample not even a range image shows it.
+  if (10 * points < kPixelSample || sample.empty()) return false;
+  constexpr std::size_t kRing = 5;  // The pixel itself and its four neighbours.
+  std::vector<double> first, fourth;
+  std::vector<float> distance2;
+  for (const Vec3f& place : sample) {
+    nearest(direction_from(sensor, place), kRing, distance2);
+    first.push_back(std::sqrt(static_cast<double>(distance2[1])));
+    fourth.push_back(std::sqrt(static_cast<double>(distance2[4])));
+  }
+  const auto twentieth = first.begin() + static_cast<std::ptrdiff_t>(first.size() / 20);
+  std::nth_element(first.begin(), twentieth, first.end());
+  const double low = *twentieth;
+  const double middle = median(first);
+  return low > kEvenness * middle && median(fourth) < kSquareness * middle;
+}
+
 bool remake_range_normals(const Array<Vec3f>& points, const Vec3d& sensor, NormalEstimate& out) {
   for (const Vec3f& p : points) {
     if ((p.cast<double>() - sensor).isZero(0)) return false;
   }
   RangeImage image(points, sensor);
   if (!image.even()) return false;
+  image.measure_pitch();
   if (!image.measure_noise()) return false;
   out.noise.resize(points.size());
   image.remake(out);

@@ -1,10 +1,35 @@
 #pragma once
 
+#include <cstddef>
+#include <span>
+#include <vector>
+
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/normals.h>
+#include <surfel/estimate/place_sample.h>
 
 namespace surfel {
+
+/// Places whose nearest directions tell whether points are pixels.
+inline constexpr std::size_t kPixelSample = 1024;
+
+/// Direction in which a sensor sees a point, unit.
+inline Vec3f direction_from(const Vec3d& sensor, const Vec3f& point) {
+  return (point.cast<double>() - sensor).normalized().cast<float>();
+}
+
+/// Finds the squared distances, ascending, of the `k` directions nearest to one among the
+/// directions of all points of a cloud.
+using NearestDirections =
+    FunctionRef<void(const Vec3f& direction, std::size_t k, std::vector<float>& distance2)>;
+
+/// Do the directions to points spread as evenly as pixels do, see remake_range_normals()?
+/// \param points  how many points the cloud has; none is where the sensor is.
+/// \param sample  PlaceSample of kPixelSample of its places.
+SURFEL_API bool seen_as_pixels(std::size_t points, std::span<const Vec3f> sample,
+                               const Vec3d& sensor, NearestDirections nearest);
 
 /// Makes the normals of a range image anew, whose noise and quantisation are along the lines of
 /// sight. False, and nothing is done, if `points` are no range image of a sensor at `sensor`: if

@@ -1,6 +1,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -52,10 +53,9 @@ constexpr double kMargin = 1.05;
 /// enough not to reach the next line.
 constexpr std::size_t kLineNeighbors = 8;
 constexpr double kLineWidth2 = 0.1;
-/// A cloud consists of scan lines if this share of its points, told from so many of them, is on
-/// one: of a statue's scan 1 in 90 is, of a forest seen from the air 1 in 10.
+/// A cloud consists of scan lines if this share of its points is on one: of a statue's scan 1 in 90
+/// is, of a forest seen from the air 1 in 10.
 constexpr double kLeastLineShare = 0.25;
-constexpr std::size_t kLineLook = 512;
 /// Normals of one face differ by less than the angle of this cosine, 20 degrees, beside a crease.
 constexpr float kSameFaceCosine = 0.94F;
 /// A cell is at least this wide beside a line, in half sides of the square that it is cut from.
@@ -103,18 +103,26 @@ struct Shape {
   Vec2d half_axes2 = Vec2d::Zero();  ///< Squares of its half axes, the long one first.
 };
 
+/// Do points with these moments lie along a line?
+bool along_line(const Moments& moments) {
+  if (!(moments.variance() > 0)) return false;
+  const Plane plane = plane_of(moments);
+  return plane.lambda[1] < kLineWidth2 * plane.lambda[2];
+}
+
 class Sizer {
  public:
   Sizer(const Array<Vec3f>& position, const Array<Vec3f>& normal, bool oriented,
         const NeighborSearch& search, const SplatSizeOptions& options, std::span<const float> noise,
-        std::span<const EdgeLines> lines)
+        std::span<const EdgeLines> lines, const PartOfCloud* part)
       : position_(position),
         normal_(normal),
         oriented_(oriented),
         search_(search),
         options_(options),
         noise_(noise),
-        lines_(lines) {
+        lines_(lines),
+        part_(part) {
     const std::size_t count = position.size();
     kind_.resize(count);
     out_.of.resize(count);
@@ -122,7 +130,16 @@ class Sizer {
   }
 
   SplatSizes run() {
-    if (options_.max_radius > 0) scan_lines_ = has_scan_lines();
+    if (part_) {
+      size_part();
+      limit_lonely();
+      out_.kind = std::move(kind_);
+      return std::move(out_);
+    }
+    if (options_.max_radius > 0) {
+      scan_lines_ = consists_of_scan_lines(sample_places(position_, kScanLineSample),
+                                           nearest_places(position_, search_));
+    }
     search_.for_each_nearest(kSplatNeighbors,
                              [&](std::size_t i, std::span<const Neighbor> near, int worker) {
                                size_point(i, near, workers_[worker]);
@@ -138,6 +155,40 @@ class Sizer {
   }
 
  private:
+  /// Sizes the points of a part that are wanted, and the points whose spacings limit_lonely() looks
+  /// at.
+  void size_part() {
+    scan_lines_ = part_->scan_lines;
+    search_.for_each_nearest(kSplatNeighbors,
+                             [&](std::size_t i, std::span<const Neighbor> near, int worker) {
+                               if (wanted(i)) size_point(i, near, workers_[worker]);
+                             });
+    Array<std::uint8_t> needed;
+    needed.assign(position_.size(), 0);
+    parallel_for(position_.size(), kSizeGrain, [&](std::size_t begin, std::size_t end, int w) {
+      std::vector<Neighbor>& near = workers_[w].more;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!wanted(i) || kind_[i] == CellKind::kClosed) continue;
+        search_.nearest(position_[i], kSplatNeighbors, near);
+        for (const Neighbor& n : near) {
+          if (wanted(n.index)) continue;
+          std::atomic_ref<std::uint8_t>(needed[n.index]).store(1, std::memory_order_relaxed);
+        }
+      }
+    });
+    parallel_for(position_.size(), kSizeGrain, [&](std::size_t begin, std::size_t end, int w) {
+      std::vector<Neighbor> near;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (needed[i] == 0) continue;
+        search_.nearest(position_[i], kSplatNeighbors, near);
+        size_point(i, near, workers_[w]);
+      }
+    });
+    part_->sized();
+  }
+
+  bool wanted(std::size_t i) const { return !part_ || part_->wanted[i] != 0; }
+
   struct Worker {
     ClosedCell closed;
     VoronoiCell cell;
@@ -159,7 +210,7 @@ class Sizer {
       return;
     }
     std::size_t doublings = 0;
-    if (near.size() < search_.size()) {
+    if (near.size() < search_.whole()) {
       // Of random points 3 in 100 need this many to see that the surface goes on around them.
       find_more(i, 2 * near.size(), std::sqrt(near.back().distance2), worker.more);
       around = Neighborhood(worker.more);
@@ -175,7 +226,7 @@ class Sizer {
       if (usable) cut = cut_cell(i, around.near, cut, frame, worker);
       settled = usable && !open_corner(around, worker);
       const bool jump = around.reach() < kJumpReach * around.spacing;
-      if (settled || k >= search_.size() ||
+      if (settled || k >= search_.whole() ||
           doublings >= (jump ? kMostDoublingsAtJumps : kMostDoublings)) {
         break;
       }
@@ -279,19 +330,6 @@ class Sizer {
     shape.half_axes2 = shape.half_axes2.cwiseMin(most * most);
   }
 
-  /// Does the cloud consist of scan lines? In others a few points lie along a line by chance.
-  bool has_scan_lines() const {
-    const std::size_t looked = std::min(kLineLook, position_.size());
-    std::vector<Neighbor> near;
-    std::size_t lines = 0;
-    for (std::size_t s = 0; s < looked; ++s) {
-      const std::size_t i = s * position_.size() / looked;
-      search_.nearest(position_[i], kSplatNeighbors, near);
-      lines += on_line(i, Neighborhood(near)) ? 1 : 0;
-    }
-    return static_cast<double>(lines) >= kLeastLineShare * static_cast<double>(looked);
-  }
-
   /// Do the nearest points lie along a line?
   bool on_line(std::size_t i, const Neighborhood& around) const {
     Moments moments;
@@ -299,9 +337,7 @@ class Sizer {
     for (const Neighbor& n : near.first(std::min(near.size(), kLineNeighbors))) {
       moments.add((position_[n.index] - position_[i]).cast<double>());
     }
-    if (!(moments.variance() > 0)) return false;
-    const Plane plane = plane_of(moments);
-    return plane.lambda[1] < kLineWidth2 * plane.lambda[2];
+    return along_line(moments);
   }
 
   /// Finds the k nearest of point i, half of which lie within `reach`. It is faster to look first
@@ -309,7 +345,7 @@ class Sizer {
   void find_more(std::size_t i, std::size_t k, float reach, std::vector<Neighbor>& out) const {
     constexpr float kGrowth = 1.7F;  ///< sqrt(2) on an even surface, and some more for uneven ones.
     search_.within(position_[i], kGrowth * reach, k, out);
-    if (out.size() < std::min(k, search_.size())) search_.nearest(position_[i], k, out);
+    if (out.size() < std::min(k, search_.whole())) search_.nearest(position_[i], k, out);
   }
 
   /// Cuts the cell of point i out of its tangent plane; the first `cut` neighbours have cut it
@@ -481,7 +517,7 @@ class Sizer {
       std::vector<Neighbor>& near = workers_[w].more;
       std::vector<float> others;
       for (std::size_t i = begin; i < end; ++i) {
-        if (kind_[i] == CellKind::kClosed) continue;
+        if (!wanted(i) || kind_[i] == CellKind::kClosed) continue;
         search_.nearest(position_[i], kSplatNeighbors, near);
         others.clear();
         for (const Neighbor& neighbor : near) {
@@ -506,14 +542,14 @@ class Sizer {
 
   bool worth_ellipses() const {
     if (options_.anisotropy == Anisotropy::kOn) return true;
-    constexpr auto ratio2 = static_cast<float>(kElongated * kElongated);
-    const std::size_t elongated = count_where(position_.size(), [&](std::size_t i) {
-      const SplatSize& size = out_.of[i];
-      // A cell that ends at a line is narrow, however its points lie.
-      if (!lines_.empty() && lines_[i].count > 0) return false;
-      return kind_[i] == CellKind::kClosed && size.variance_u > ratio2 * size.variance_v;
-    });
-    return static_cast<double>(elongated) > kElongatedShare * static_cast<double>(position_.size());
+    return surfel::worth_ellipses(count_where(position_.size(),
+                                              [&](std::size_t i) {
+                                                // A cell that ends at a line is narrow, however its
+                                                // points lie.
+                                                return (lines_.empty() || lines_[i].count == 0) &&
+                                                       elongated(out_.of[i], kind_[i]);
+                                              }),
+                                  position_.size());
   }
 
   const Array<Vec3f>& position_;
@@ -523,6 +559,7 @@ class Sizer {
   const SplatSizeOptions& options_;
   std::span<const float> noise_;
   std::span<const EdgeLines> lines_;
+  const PartOfCloud* part_;
   bool scan_lines_ = false;
   PerWorker<Worker> workers_;
   Array<CellKind> kind_;
@@ -539,12 +576,40 @@ std::vector<std::string> SplatSizeOptions::problems() const {
   return found;
 }
 
+bool elongated(const SplatSize& size, CellKind kind) {
+  constexpr auto ratio2 = static_cast<float>(kElongated * kElongated);
+  return kind == CellKind::kClosed && size.variance_u > ratio2 * size.variance_v;
+}
+
+bool worth_ellipses(std::size_t elongated, std::size_t points) {
+  return static_cast<double>(elongated) > kElongatedShare * static_cast<double>(points);
+}
+
+bool consists_of_scan_lines(std::span<const Vec3f> sample, NearestPlaces nearest) {
+  std::vector<Vec3f> near;
+  std::size_t lines = 0;
+  for (const Vec3f& place : sample) {
+    nearest(place, kLineNeighbors, near);
+    Moments moments;
+    for (const Vec3f& p : near) moments.add((p - place).cast<double>());
+    lines += along_line(moments) ? 1 : 0;
+  }
+  return static_cast<double>(lines) >= kLeastLineShare * static_cast<double>(sample.size());
+}
+
 SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                 bool oriented, const NeighborSearch& search,
                                 const SplatSizeOptions& options, std::span<const float> noise,
                                 std::span<const EdgeLines> lines) {
   require_usable(options);
-  return Sizer(position, normal, oriented, search, options, noise, lines).run();
+  return Sizer(position, normal, oriented, search, options, noise, lines, nullptr).run();
+}
+
+SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                                bool oriented, const NeighborSearch& search,
+                                const SplatSizeOptions& options, const PartOfCloud& part) {
+  require_usable(options);
+  return Sizer(position, normal, oriented, search, options, {}, {}, &part).run();
 }
 
 }  // namespace surfel

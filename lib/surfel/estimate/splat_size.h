@@ -7,8 +7,10 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/edge_lines.h>
+#include <surfel/estimate/place_sample.h>
 #include <surfel/surface/neighbor_search.h>
 
 namespace surfel {
@@ -38,6 +40,14 @@ struct SplatSizeOptions {
 /// Nearest points that the cell of a point is first made from, the point itself among them; more
 /// are looked at where these do not suffice. Of points in even order they close nearly all cells.
 inline constexpr std::size_t kSplatNeighbors = 16;
+
+/// Places that consists_of_scan_lines() is told from.
+inline constexpr std::size_t kScanLineSample = 512;
+
+/// Does a cloud consist of scan lines, see estimate_splat_sizes()? In others a few points lie along
+/// a line by chance.
+/// \param sample  PlaceSample of kScanLineSample of its places.
+SURFEL_API bool consists_of_scan_lines(std::span<const Vec3f> sample, NearestPlaces nearest);
 
 /// Size of one point's splat. All values of a point are in one piece, as they are read together
 /// and in another order than they are made in.
@@ -99,5 +109,27 @@ SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const A
                                            const SplatSizeOptions& options = {},
                                            std::span<const float> noise = {},
                                            std::span<const EdgeLines> lines = {});
+
+/// What estimate_splat_sizes() has to know of a cloud of which it sees a part.
+struct PartOfCloud {
+  std::span<const std::uint8_t> wanted;  ///< By point: 1 where the size is wanted.
+  bool scan_lines = false;               ///< consists_of_scan_lines() of the whole cloud.
+  /// Called after the points' cells are measured, when a point's size may yet be cut by its
+  /// neighbours' spacings.
+  FunctionRef<void()> sized;
+};
+
+/// Sizes of splats of a part of a cloud: the same as of the whole cloud where `search` finds the
+/// same (halo_search.h). With Anisotropy::kAuto SplatSizes::of has ellipses, which are used for the
+/// whole cloud if they are worth it. SplatSizes does not count.
+SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                                           bool oriented, const NeighborSearch& search,
+                                           const SplatSizeOptions& options,
+                                           const PartOfCloud& part);
+
+/// Is a cell more than twice as long as wide?
+SURFEL_API bool elongated(const SplatSize& size, CellKind kind);
+/// Are ellipses used for a cloud with so many elongated cells?
+SURFEL_API bool worth_ellipses(std::size_t elongated, std::size_t points);
 
 }  // namespace surfel

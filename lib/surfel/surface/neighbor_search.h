@@ -52,6 +52,9 @@ class SURFEL_API NeighborSearch {
   virtual ~NeighborSearch() = default;
 
   virtual std::size_t size() const = 0;
+  /// Points of the cloud that neighbourhoods may hold: of a search of a part (halo_search.h) more
+  /// than it has.
+  virtual std::size_t whole() const { return size(); }
   /// Finds the `most` points nearest to `query` (all, if there are fewer) among the points whose
   /// squared distance is at most `limit2`.
   virtual void search(const Vec3f& query, std::size_t most, float limit2,

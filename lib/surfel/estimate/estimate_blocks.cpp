@@ -1,0 +1,804 @@
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <optional>
+#include <span>
+
+#include <fmt/format.h>
+#include <surfel/base/bounds.h>
+#include <surfel/base/error.h>
+#include <surfel/base/median.h>
+#include <surfel/base/option_check.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/progress.h>
+#include <surfel/base/stage_timer.h>
+#include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/noisy_normals.h>
+#include <surfel/estimate/place_sample.h>
+#include <surfel/estimate/point_estimates.h>
+#include <surfel/estimate/range_normals.h>
+#include <surfel/estimate/run_index.h>
+#include <surfel/io/cloud_ranges.h>
+#include <surfel/surface/exact_search.h>
+#include <surfel/surface/halo_search.h>
+#include <surfel/surface/neighbor_lists.h>
+
+namespace surfel {
+namespace {
+
+constexpr std::size_t kLoadGrain = 1 << 14;
+constexpr std::size_t kRunLength = 1024;
+/// Points that are read at once for the index.
+constexpr std::size_t kIndexPiece = std::size_t{256} * kRunLength;
+/// Points that one region is made of: a box with fewer is tighter, and there are more of them.
+constexpr std::size_t kRegionPoints = 512;
+/// Points of a region that tell their spacing.
+constexpr std::size_t kLeastTelling = 32;
+/// Width of halos in spacings, for neighbourhoods of 16: cells are mostly known from 32 points,
+/// which reach 3.2 spacings, and their normals from 16 more, which reach 2.3. The rest is for
+/// uneven points: of a fractal terrain 1 in 3000 is estimated again.
+constexpr double kHaloSpacings = 8;
+/// Runs from which it is guessed whether ellipses are worth it.
+constexpr std::size_t kProbes = 16;
+/// Bytes that the estimate of a point takes with its place in the search, besides its columns.
+constexpr std::size_t kPointBytes = 330;
+/// Points that are read for halos at most, by the points of a block: consecutive points that lie
+/// close together need less than half of that.
+constexpr std::size_t kMostRead = 16;
+
+constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max();
+
+/// Points that are in memory for one pass, along the curve of the whole cloud.
+struct Loaded {
+  Array<Vec3f> position;
+  Array<float> known;          ///< As HaloSearch has it.
+  Array<Vec3f> previous;       ///< Directions for orient_normals(); empty where it needs none.
+  Array<std::uint32_t> point;  ///< Number among the block's points, or kHalo.
+
+  std::size_t size() const { return position.size(); }
+  void append(const Loaded& more) {
+    position.insert(position.end(), more.position.begin(), more.position.end());
+    known.insert(known.end(), more.known.begin(), more.known.end());
+    previous.insert(previous.end(), more.previous.begin(), more.previous.end());
+    point.insert(point.end(), more.point.begin(), more.point.end());
+  }
+};
+
+template <class T>
+Array<T> in_order(const Array<T>& values, const Array<std::uint32_t>& order) {
+  Array<T> out(values.size());
+  if (!values.empty()) {
+    parallel_each(order.size(), kLoadGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
+  }
+  return out;
+}
+
+/// Regions, in the order of a space-filling curve as far as possible, with the boxes of some
+/// consecutive ones.
+class Regions {
+ public:
+  void add(const Region& region) {
+    if (region_.size() % kGroup == 0) group_.push_back(region);
+    Region& group = group_.back();
+    group.low = group.low.cwiseMin(region.low);
+    group.high = group.high.cwiseMax(region.high);
+    group.reach = std::max(group.reach, region.reach);
+    region_.push_back(region);
+  }
+
+  /// The regions that touch a box, or all points in it.
+  void touching(const Vec3f& low, const Vec3f& high, std::vector<const Region*>& out) const {
+    out.clear();
+    for (std::size_t g = 0; g < group_.size(); ++g) {
+      if (!group_[g].touches(low, high)) continue;
+      const std::size_t end = std::min((g + 1) * kGroup, region_.size());
+      for (std::size_t r = g * kGroup; r < end; ++r) {
+        if (region_[r].touches(low, high)) out.push_back(&region_[r]);
+      }
+    }
+  }
+  bool touch(const Vec3f& low, const Vec3f& high) const {
+    for (std::size_t g = 0; g < group_.size(); ++g) {
+      if (!group_[g].touches(low, high)) continue;
+      const std::size_t end = std::min((g + 1) * kGroup, region_.size());
+      for (std::size_t r = g * kGroup; r < end; ++r) {
+        if (region_[r].touches(low, high)) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  static constexpr std::size_t kGroup = 32;
+  std::vector<Region> region_;
+  std::vector<Region> group_;
+};
+
+/// How far all points around a point of a region are known; below zero outside of its reach.
+float known_around(const Region& region, const Vec3f& p) {
+  constexpr float kRounding = 1e-5F;
+  const float outside = region.outside(p);
+  if (outside > region.reach) return -1;
+  return std::max(0.0F, region.reach - outside - kRounding * (region.reach + std::abs(outside)));
+}
+
+/// Estimates of the points of a block, in the order of the file, and what they depend on.
+struct CloudBlock {
+  std::size_t begin_run = 0, end_run = 0;
+  SurfelCloud cloud;      ///< The block's finite points with all columns.
+  Array<Vec3f> previous;  ///< As Loaded has it.
+  Array<float> reach;     ///< Width of the halo around each point.
+  PointEstimates estimates;
+  Array<std::uint8_t> turned;  ///< 1 where orientation turned the normal.
+  std::size_t components = 0;
+};
+
+/// Points of a block that are estimated in one pass, along the curve, and regions that earlier
+/// passes found to be needed.
+struct PointTask {
+  Array<std::uint32_t> points;
+  std::vector<Region> needed;
+};
+
+class BlockEstimator {
+ public:
+  BlockEstimator(const SurfelRanges& cloud, const EstimateOptions& options,
+                 const BlockOptions& blocks, const std::string& name)
+      : cloud_(cloud),
+        options_(options),
+        name_(name),
+        grid_(cloud.grid()),
+        index_(run_length(blocks)) {
+    grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
+    options_.normals.grow_in_noise = false;
+    shared_ = shared_neighbors(options_.normals);
+    read_index();
+    const std::uint64_t point_bytes = kPointBytes + 2 * column_bytes_;
+    const std::uint64_t index_bytes = index_.size() * sizeof(RunIndex::Run);
+    most_loaded_ = static_cast<std::size_t>((blocks.memory - std::min(blocks.memory, index_bytes)) /
+                                            point_bytes);
+    std::size_t points = blocks.most_points;
+    if (points == 0) {
+      // The halo takes its part.
+      points = std::min(most_loaded_ / 10 * 7, kMostBlock);
+      if (points < kRunLength) {
+        throw_usage(fmt::format(
+            "{} bytes of memory are too few to estimate {} points: give at least {} bytes",
+            blocks.memory, index_.points(), index_bytes + 2 * kRunLength * point_bytes));
+      }
+    } else {
+      most_loaded_ = std::numeric_limits<std::size_t>::max();
+    }
+    block_runs_ = std::max<std::size_t>(1, points / run_length(blocks));
+    decide();
+  }
+
+  void run(SurfelSink& sink, EstimateReport& report, StageTimer& stage) {
+    stage.end("index");
+    const bool decide_ellipses =
+        options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kAuto;
+    ellipses_ =
+        options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kOn;
+    if (decide_ellipses) ellipses_ = guess_ellipses();
+    stage.end("probes");
+    for (;;) {
+      totals_ = {};
+      sink.begin(index_.finite());
+      ProgressStage progress("estimating surfels", index_.points(), "points");
+      for (std::size_t run = 0; run < index_.size(); run += block_runs_) {
+        const std::size_t end = std::min(run + block_runs_, index_.size());
+        CloudBlock block = estimate(run, end);
+        count(block, totals_);
+        stage.end("estimates");
+        if (block.cloud.size() > 0) sink.append(surfels(block));
+        stage.end("surfels");
+        progress.add(index_.begin(end) - index_.begin(run));
+      }
+      if (!decide_ellipses) break;
+      const bool worth = worth_ellipses(totals_.elongated, index_.finite());
+      if (worth == ellipses_) break;
+      ellipses_ = worth;
+    }
+    fill(report);
+  }
+
+ private:
+  /// A larger block saves hardly any halo, and is no longer in the processor's caches.
+  static constexpr std::size_t kMostBlock = std::size_t{1} << 20;
+
+  /// Sums over the points of all blocks.
+  struct Totals {
+    std::array<std::size_t, kPointFlags> flagged{};
+    std::size_t neighbors = 0, extended = 0, flipped = 0, unknown = 0;
+    std::size_t border = 0, capped = 0, elongated = 0, components = 0;
+    std::uint64_t confidence = 0;
+    Orientation method = Orientation::kNone;
+  };
+
+  static std::size_t run_length(const BlockOptions& blocks) {
+    return blocks.most_points == 0 ? kRunLength : std::min(kRunLength, blocks.most_points);
+  }
+
+  bool aligned() const { return options_.orientation.method == Orientation::kAlign; }
+  /// Do normals look to sensors that the points tell?
+  bool to_sensors() const { return to_sensors_; }
+
+  void read_index() {
+    PlaceSample sample(std::max({kNoiseSample, kScanLineSample, kPixelSample}));
+    ProgressStage progress("reading " + (name_.empty() ? "points" : name_), cloud_.size(),
+                           "points");
+    const std::size_t length = index_length();
+    bool all_told = true;
+    for (std::size_t begin = 0; begin < cloud_.size(); begin += length) {
+      const std::size_t end = std::min(begin + length, cloud_.size());
+      SurfelCloud piece = cloud_.read(begin, end);
+      if (begin == 0) {
+        column_bytes_ = column_bytes(piece);
+        told_once_ = piece.viewpoint.has_value();
+        sensors_ = !piece.scan_viewpoints.empty();
+        sensor_ = options_.normals.sensor.value_or(Vec3d(0, 0, 0)) - piece.origin;
+      }
+      if (sensors_ && all_told) all_told = !piece.sensors().empty();
+      index_.add(piece.position);
+      if (aligned()) {
+        without_normal_ +=
+            piece.normal.empty()
+                ? count_where(piece.size(),
+                              [&](std::size_t i) { return piece.position[i].allFinite(); })
+                : count_where(piece.size(), [&](std::size_t i) {
+                    return piece.position[i].allFinite() && !usable_normal(piece.normal[i]);
+                  });
+      }
+      std::erase_if(piece.position, [](const Vec3f& p) { return !p.allFinite(); });
+      at_sensor_ =
+          at_sensor_ || std::any_of(piece.position.begin(), piece.position.end(),
+                                    [&](const Vec3f& p) { return p.cast<double>() == sensor_; });
+      sample.add(piece.position);
+      progress.add(end - begin);
+    }
+    sensors_ = sensors_ && all_told;
+    if (index_.finite() == 0) {
+      throw_input(name_, "there is no point with finite coordinates; export the points again");
+    }
+    sample_ = sample.places();
+  }
+
+  std::size_t index_length() const { return kIndexPiece / kRunLength * index_.length(); }
+
+  /// Decides what holds for the whole cloud.
+  void decide() {
+    const OrientationOptions& orientation = options_.orientation;
+    const bool told = told_once_ || sensors_;
+    if (orientation.method == Orientation::kViewpoint && !orientation.viewpoint && !told) {
+      throw_usage((name_.empty() ? "the cloud" : name_) +
+                  " does not say where its scanner stood; give the `viewpoint`");
+    }
+    require_no_problems(block_problems(options_, told));
+    if (aligned() && without_normal_ > 0) {
+      throw_input(name_, fmt::format("{} of {} points have no normal to be aligned with: their "
+                                     "side follows the others', which only works in memory; orient "
+                                     "by another method, such as up or viewpoint, or give more "
+                                     "memory",
+                                     without_normal_, index_.finite()));
+    }
+    to_sensors_ = !orientation.viewpoint && (orientation.method == Orientation::kViewpoint ||
+                                             orientation.method == Orientation::kAuto);
+    RunSearch search(cloud_, index_);
+    const auto nearest = [&](const Vec3f& place, std::size_t k, std::vector<Vec3f>& out) {
+      search.nearest(place, k, out);
+    };
+    const auto first = [&](std::size_t most) {
+      return std::span<const Vec3f>(sample_).first(std::min(most, sample_.size()));
+    };
+    if (grow_in_noise_ && planes_often_uncertain(index_.finite(), first(kNoiseSample), nearest)) {
+      const auto directions = [&](const Vec3f& direction, std::size_t k, std::vector<float>& out) {
+        search.nearest_directions(sensor_, direction, k, out);
+      };
+      const bool pixels =
+          !at_sensor_ && seen_as_pixels(index_.finite(), sample_, sensor_, directions);
+      if (pixels || noise_hides_surface(first(kNoiseSample), nearest)) {
+        throw_input(name_, std::string(pixels ? "the points are a range image, whose"
+                                              : "noise hides the surface: its") +
+                               " normals can only be made with all points in memory; give more "
+                               "memory, or ignore noise (--noise ignore)");
+      }
+    }
+    scan_lines_ =
+        options_.size.max_radius > 0 && consists_of_scan_lines(first(kScanLineSample), nearest);
+  }
+
+  static void require_no_problems(const std::vector<std::string>& problems) {
+    if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+  }
+
+  /// Are ellipses worth it in some runs, spread evenly?
+  bool guess_ellipses() {
+    Totals totals;
+    std::size_t points = 0;
+    const std::size_t probes = std::min(kProbes, index_.size());
+    for (std::size_t p = 0; p < probes; ++p) {
+      const std::size_t run = p * index_.size() / probes;
+      const CloudBlock block = estimate(run, run + 1);
+      count(block, totals);
+      points += block.cloud.size();
+    }
+    return worth_ellipses(totals.elongated, points);
+  }
+
+  /// The directions that orient_normals() needs of some points.
+  Array<Vec3f> directions(const SurfelCloud& piece) const {
+    if (aligned()) return piece.normal;
+    if (!to_sensors_) return {};
+    Array<Vec3d> sensors;
+    if (sensors_) sensors = piece.sensors();
+    Array<Vec3f> out(piece.size());
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      const Vec3d& sensor = sensors_ ? sensors[i] : piece.viewpoint->position;
+      out[i] = direction_to_sensor(sensor, piece.origin, piece.position[i]);
+    }
+    return out;
+  }
+
+  CloudBlock read_block(std::size_t begin_run, std::size_t end_run) const {
+    CloudBlock block;
+    block.begin_run = begin_run;
+    block.end_run = end_run;
+    SurfelCloud all = cloud_.read(index_.begin(begin_run), index_.begin(end_run));
+    Array<std::uint32_t> finite(all.size());
+    std::size_t count = 0;
+    for (std::uint32_t i = 0; i < all.size(); ++i) {
+      if (all.position[i].allFinite()) finite[count++] = i;
+    }
+    finite.resize(count);
+    if (count == all.size()) {
+      all.tree = {};  // As gathered() does.
+      block.cloud = std::move(all);
+    } else {
+      block.cloud = all.gathered(finite);
+    }
+    block.previous = directions(block.cloud);
+    block.reach.resize(count);
+    block.estimates.normals.normal.resize(count);
+    block.estimates.normals.quality.resize(count);
+    block.estimates.sizes.of.resize(count);
+    block.estimates.sizes.kind.resize(count);
+    block.estimates.sizes.ellipses = ellipses_;
+    if (options_.orientation.method != Orientation::kNone) {
+      block.estimates.side_confidence.resize(count);
+    }
+    block.turned.resize(count);
+    return block;
+  }
+
+  CloudBlock estimate(std::size_t begin_run, std::size_t end_run) {
+    CloudBlock block = read_block(begin_run, end_run);
+    std::vector<PointTask> tasks(1);
+    tasks[0].points = morton_order(block.cloud.position, grid_);
+    if (tasks[0].points.empty()) return block;
+    measure_reach(tasks[0].points, block);
+    while (!tasks.empty()) {
+      const PointTask task = std::move(tasks.back());
+      tasks.pop_back();
+      const std::optional<Loaded> loaded = load(task, block);
+      if (!loaded) {
+        // Halves along the curve need fewer points each.
+        const std::size_t half = task.points.size() / 2;
+        const auto middle = task.points.begin() + static_cast<std::ptrdiff_t>(half);
+        tasks.push_back({Array<std::uint32_t>(middle, task.points.end()), task.needed});
+        tasks.push_back({Array<std::uint32_t>(task.points.begin(), middle), task.needed});
+        continue;
+      }
+      PointTask rest = estimate(*loaded, block);
+      if (rest.points.empty()) continue;
+      rest.needed.insert(rest.needed.end(), task.needed.begin(), task.needed.end());
+      tasks.push_back(std::move(rest));
+    }
+    return block;
+  }
+
+  /// Calls body(points) with the points of a block, which are given along the curve, in boxes of
+  /// kRegionPoints at most.
+  template <class Body>
+  void cut(std::span<const std::uint32_t> points, const CloudBlock& block, const Body& body) const {
+    const auto code = [&](std::uint32_t i) { return grid_.code(block.cloud.position[i]); };
+    const auto halve = [&](auto& self, std::span<const std::uint32_t> some, int bit) -> void {
+      if (some.empty()) return;
+      if (some.size() <= kRegionPoints) {
+        body(some);
+        return;
+      }
+      auto middle = some.begin() + static_cast<std::ptrdiff_t>(some.size() / 2);
+      if (bit >= 0) {
+        middle = std::partition_point(some.begin(), some.end(),
+                                      [&](std::uint32_t i) { return (code(i) >> bit & 1) == 0; });
+      }
+      self(self, some.first(static_cast<std::size_t>(middle - some.begin())), bit - 1);
+      self(self, some.subspan(static_cast<std::size_t>(middle - some.begin())), bit - 1);
+    };
+    constexpr int kHighestBit = 62;
+    halve(halve, points, kHighestBit);
+  }
+
+  static Region box_of(std::span<const std::uint32_t> points, const CloudBlock& block) {
+    Region box{block.cloud.position[points[0]], block.cloud.position[points[0]], 0};
+    for (const std::uint32_t i : points) {
+      box.low = box.low.cwiseMin(block.cloud.position[i]);
+      box.high = box.high.cwiseMax(block.cloud.position[i]);
+      box.reach = std::max(box.reach, block.reach[i]);
+    }
+    return box;
+  }
+
+  /// Finds how wide the halo around each point of a block should be, by the spacing that the points
+  /// of a box have on a surface or on a line.
+  void measure_reach(std::span<const std::uint32_t> points, CloudBlock& block) const {
+    std::fill(block.reach.begin(), block.reach.end(), 0.0F);
+    struct Measured {
+      std::span<const std::uint32_t> points;
+      float spacing;
+    };
+    std::vector<Measured> boxes;
+    std::vector<float> told;
+    cut(points, block, [&](std::span<const std::uint32_t> some) {
+      const Region box = box_of(some, block);
+      Vec3f side = box.high - box.low;
+      std::sort(side.begin(), side.end());
+      const auto count = static_cast<float>(some.size());
+      const float spacing = std::max(std::sqrt(side[2] * side[1] / count), side[2] / count);
+      boxes.push_back({some, spacing});
+      if (some.size() >= kLeastTelling) told.push_back(spacing);
+    });
+    const float middle = told.empty() ? 0 : median(told);
+    const NormalOptions& normals = options_.normals;
+    const double k = normals.radius > 0 ? 0 : normals.adaptive ? normals.k_max : normals.k;
+    const double spacings = kHaloSpacings * std::max(1.0, std::sqrt(k / 16));
+    for (const Measured& box : boxes) {
+      const float spacing =
+          box.points.size() < kLeastTelling ? std::max(middle, box.spacing) : box.spacing;
+      const auto reach =
+          static_cast<float>(spacings * static_cast<double>(spacing) + normals.radius);
+      for (const std::uint32_t i : box.points) block.reach[i] = reach;
+    }
+  }
+
+  /// Appends the points of `from` that lie in one of the regions.
+  static void append_within(const std::vector<const Region*>& regions, const Array<Vec3f>& position,
+                            const Array<Vec3f>& previous, std::span<const std::uint32_t> numbers,
+                            Loaded& out) {
+    for (std::size_t i = 0; i < position.size(); ++i) {
+      if (!position[i].allFinite()) continue;
+      float known = -1;
+      for (const Region* region : regions) {
+        known = std::max(known, known_around(*region, position[i]));
+      }
+      if (known < 0) continue;
+      out.position.push_back(position[i]);
+      out.known.push_back(known);
+      if (!previous.empty()) out.previous.push_back(previous[i]);
+      out.point.push_back(numbers.empty() ? kHalo : numbers[i]);
+    }
+  }
+
+  /// Loads the points of the task with their halo; none if there are more than the memory holds and
+  /// the task has several points.
+  std::optional<Loaded> load(const PointTask& task, const CloudBlock& block) const {
+    Regions regions;
+    cut(task.points, block,
+        [&](std::span<const std::uint32_t> some) { regions.add(box_of(some, block)); });
+    for (const Region& region : task.needed) regions.add(region);
+    Array<std::uint8_t> wanted;
+    wanted.assign(block.cloud.size(), 0);
+    for (const std::uint32_t i : task.points) wanted[i] = 1;
+
+    // Runs that may have points in the halo, some consecutive ones at a time.
+    Array<std::uint8_t> near(index_.size());
+    parallel_each(index_.size(), 64, [&](std::size_t r) {
+      const RunIndex::Run& run = index_[r];
+      const bool own = r >= block.begin_run && r < block.end_run;
+      near[r] = !own && run.finite > 0 && regions.touch(run.low, run.high) ? 1 : 0;
+    });
+    struct Part {
+      std::size_t begin, end;  ///< Runs.
+      Loaded points;
+    };
+    constexpr std::size_t kMostRuns = 16;
+    std::vector<Part> parts;
+    std::size_t before = 0;  // Parts before the block.
+    std::size_t read = 0;
+    for (std::size_t r = 0; r < index_.size(); ++r) {
+      if (r == block.begin_run) before = parts.size();
+      if (near[r] == 0) continue;
+      read += index_[r].finite;
+      const bool follows = !parts.empty() && parts.back().end == r && r != block.end_run &&
+                           r - parts.back().begin < kMostRuns;
+      if (follows) {
+        parts.back().end = r + 1;
+      } else {
+        parts.push_back({r, r + 1, {}});
+      }
+    }
+    if (task.needed.empty() &&
+        read > kMostRead * std::max(block.cloud.size(), kMostRead * kRunLength)) {
+      refuse_disorder();
+    }
+    std::atomic<std::size_t> count = 0;
+    parallel_each(parts.size(), 1, [&](std::size_t p) {
+      Part& part = parts[p];
+      if (count > most_loaded_) return;
+      const SurfelCloud piece = cloud_.read(index_.begin(part.begin), index_.begin(part.end));
+      const Array<Vec3f> previous = directions(piece);
+      Vec3f low = index_[part.begin].low;
+      Vec3f high = index_[part.begin].high;
+      for (std::size_t r = part.begin; r < part.end; ++r) {
+        low = low.cwiseMin(index_[r].low);
+        high = high.cwiseMax(index_[r].high);
+      }
+      std::vector<const Region*> touched;
+      regions.touching(low, high, touched);
+      append_within(touched, piece.position, previous, {}, part.points);
+      count += part.points.size();
+    });
+
+    Loaded out;
+    for (std::size_t p = 0; p < before; ++p) out.append(parts[p].points);
+    append_own(task, regions, block, out);
+    for (std::size_t p = before; p < parts.size(); ++p) out.append(parts[p].points);
+    if (task.points.size() > 1 && (count > most_loaded_ || out.size() > most_loaded_)) {
+      if (task.needed.empty() && task.points.size() < most_loaded_ / kMostRead) refuse_disorder();
+      return std::nullopt;
+    }
+    // All of the cloud is known.
+    if (out.size() == index_.finite()) {
+      std::fill(out.known.begin(), out.known.end(), std::numeric_limits<float>::infinity());
+    }
+    for (std::uint32_t& i : out.point) {
+      if (i != kHalo && wanted[i] == 0) i = kHalo;
+    }
+    const Array<std::uint32_t> order = morton_order(out.position, grid_);
+    return Loaded{in_order(out.position, order), in_order(out.known, order),
+                  in_order(out.previous, order), in_order(out.point, order)};
+  }
+
+  [[noreturn]] void refuse_disorder() const {
+    throw_input(name_,
+                "consecutive points do not lie close together, as surfels that are made "
+                "block by block need it; " +
+                    range_advice(name_));
+  }
+
+  /// Appends the points of the block itself that lie in the regions.
+  void append_own(const PointTask& task, const Regions& regions, const CloudBlock& block,
+                  Loaded& out) const {
+    const std::size_t count = block.cloud.size();
+    Array<std::uint32_t> number(count);
+    std::iota(number.begin(), number.end(), 0U);
+    if (task.points.size() == count) {  // Each is in the region that it made.
+      const std::size_t first = out.known.size();
+      out.append({block.cloud.position, Array<float>(count), block.previous, number});
+      cut(task.points, block, [&](std::span<const std::uint32_t> some) {
+        const Region box = box_of(some, block);
+        for (const std::uint32_t i : some) {
+          out.known[first + i] = known_around(box, block.cloud.position[i]);
+        }
+      });
+      return;
+    }
+    std::vector<const Region*> touched;
+    for (std::size_t begin = 0; begin < count; begin += kRunLength) {
+      const std::size_t end = std::min(begin + kRunLength, count);
+      const std::span<const std::uint32_t> some =
+          std::span<const std::uint32_t>(number).subspan(begin, end - begin);
+      const Region box = box_of(some, block);
+      regions.touching(box.low, box.high, touched);
+      if (touched.empty()) continue;
+      const auto part = [&](const Array<Vec3f>& values) {
+        return values.empty() ? Array<Vec3f>()
+                              : Array<Vec3f>(values.begin() + static_cast<std::ptrdiff_t>(begin),
+                                             values.begin() + static_cast<std::ptrdiff_t>(end));
+      };
+      append_within(touched, part(block.cloud.position), part(block.previous), some, out);
+    }
+  }
+
+  /// Estimates the points that are loaded, and notes those of the block that are certain. Returns
+  /// the others, with the regions that they need.
+  PointTask estimate(const Loaded& loaded, CloudBlock& block) {
+    const Array<Vec3f>& position = loaded.position;
+    const std::size_t count = loaded.size();
+    Array<std::uint8_t> wanted(count);
+    parallel_each(count, kLoadGrain,
+                  [&](std::size_t i) { wanted[i] = loaded.point[i] != kHalo ? 1 : 0; });
+    const ExactSearch tree(position);
+    const NeighborLists lists(tree, position, shared_);
+    HaloSearch search(lists, position, loaded.known, index_.finite(), wanted);
+
+    NormalEstimate normals = estimate_normals(position, search, options_.normals);
+    search.next_stage();
+    Array<std::uint8_t> negative(count);
+    parallel_each(count, kLoadGrain, [&](std::size_t i) {
+      negative[i] = std::signbit(normals.normal[i].x()) ? 1 : 0;
+    });
+    Array<float> confidence;
+    const OrientationReport sides =
+        orient_normals(position, block.cloud.origin, search, loaded.previous, options_.orientation,
+                       normals.normal, &confidence);
+    totals_.method = sides.method;
+    block.components = std::max(block.components, sides.components);
+    const bool oriented = options_.orientation.method != Orientation::kNone;
+    const auto sized = [&] { search.next_stage(); };
+    const SplatSizes sizes = estimate_splat_sizes(position, normals.normal, oriented, search,
+                                                  options_.size, {wanted, scan_lines_, sized});
+
+    PointEstimates& out = block.estimates;
+    parallel_each(count, kLoadGrain, [&](std::size_t i) {
+      if (wanted[i] == 0 || !search.certain(i)) return;
+      const std::uint32_t to = loaded.point[i];
+      out.normals.normal[to] = normals.normal[i];
+      out.normals.quality[to] = normals.quality[i];
+      if (!confidence.empty()) out.side_confidence[to] = confidence[i];
+      out.sizes.of[to] = sizes.of[i];
+      out.sizes.kind[to] = sizes.kind[i];
+      const bool known = !normals.normal[i].isZero(0);
+      block.turned[to] =
+          known && (std::signbit(normals.normal[i].x()) ? 1 : 0) != negative[i] ? 1 : 0;
+    });
+    PointTask rest;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (wanted[i] != 0 && !search.certain(i)) rest.points.push_back(loaded.point[i]);
+    }
+    if (!rest.points.empty()) rest.needed = needed_regions(loaded, search);
+    return rest;
+  }
+
+  /// What has to be loaded for the uncertain points to become certain.
+  std::vector<Region> needed_regions(const Loaded& loaded, const HaloSearch& search) const {
+    /// A neighbourhood that reaches beyond this many times what is known may hold far too much.
+    constexpr float kMostGrowth = 4;
+    constexpr float kRounding = 1 + 1e-4F;
+    RunSearch exact(cloud_, index_);
+    std::vector<Vec3f> near;
+    std::vector<Region> out;
+    for (const HaloSearch::Missing& missing : search.missing()) {
+      const Vec3f& p = loaded.position[missing.point];
+      float reach = missing.reach;
+      if (!(reach <= kMostGrowth * loaded.known[missing.point])) {
+        exact.nearest(p, missing.most, near);
+        reach = std::min(reach, (near.back() - p).norm());
+      }
+      out.push_back({p, p, kRounding * reach + std::numeric_limits<float>::min()});
+    }
+    return out;
+  }
+
+  void count(const CloudBlock& block, Totals& totals) const {
+    const NormalOptions& o = options_.normals;
+    // Neighbourhoods of more points than were searched for were enlarged.
+    const std::size_t searched =
+        o.radius > 0
+            ? std::numeric_limits<std::size_t>::max()
+            : std::min(static_cast<std::size_t>(o.adaptive ? o.k_max : o.k), index_.finite());
+    const PointEstimates& e = block.estimates;
+    for (std::size_t i = 0; i < block.cloud.size(); ++i) {
+      const NormalQuality& quality = e.normals.quality[i];
+      ++totals.flagged[static_cast<std::size_t>(quality.flag)];
+      totals.neighbors += quality.neighbors;
+      totals.extended += quality.neighbors > searched ? 1 : 0;
+      totals.flipped += block.turned[i];
+      totals.unknown += e.normals.normal[i].isZero(0) ? 1 : 0;
+      const CellKind kind = e.sizes.kind[i];
+      totals.border += kind != CellKind::kClosed ? 1 : 0;
+      totals.capped += kind == CellKind::kAlone ? 1 : 0;
+      totals.elongated += elongated(e.sizes.of[i], kind) ? 1 : 0;
+    }
+    totals.confidence += sum_of_confidences(e.side_confidence);
+    totals.components = std::max(totals.components, block.components);
+  }
+
+  /// The surfels of a block that has been estimated.
+  static SurfelCloud surfels(CloudBlock& block) {
+    SurfelCloud out = std::move(block.cloud);
+    Array<std::uint32_t> place(out.size());
+    std::iota(place.begin(), place.end(), 0U);
+    set_estimates(block.estimates, place, out);
+    return out;
+  }
+
+  void fill(EstimateReport& r) const {
+    r.points = index_.points();
+    r.nonfinite = index_.points() - index_.finite();
+    r.flagged = totals_.flagged;
+    r.extended = totals_.extended;
+    r.mean_neighbors =
+        static_cast<double>(totals_.neighbors) / static_cast<double>(index_.finite());
+    r.orientation.method = totals_.method;
+    r.orientation.components = totals_.components;
+    r.orientation.flipped = totals_.flipped;
+    r.orientation.unknown = totals_.unknown;
+    if (options_.orientation.method != Orientation::kNone) {
+      r.side_confidence = mean_confidence(totals_.confidence, index_.finite());
+    }
+    r.border = totals_.border;
+    r.capped = totals_.capped;
+    r.anisotropic = ellipses_;
+  }
+
+  const SurfelRanges& cloud_;
+  EstimateOptions options_;
+  const std::string& name_;
+  MortonGrid grid_;
+  RunIndex index_;
+  std::vector<Vec3f> sample_;
+  std::size_t shared_ = 0;        ///< Neighbours that are kept for all stages.
+  std::size_t column_bytes_ = 0;  ///< Bytes of a point's columns.
+  std::size_t most_loaded_ = 0;   ///< Points that the memory holds.
+  std::size_t block_runs_ = 0;    ///< Runs of a block.
+  std::size_t without_normal_ = 0;
+  bool told_once_ = false;   ///< The cloud tells a viewpoint for all points.
+  bool sensors_ = false;     ///< Each point tells its sensor.
+  bool to_sensors_ = false;  ///< Normals look to what the cloud tells.
+  bool grow_in_noise_ = false;
+  Vec3d sensor_{0, 0, 0};   ///< Where the points may have been seen from.
+  bool at_sensor_ = false;  ///< A point is there.
+  bool scan_lines_ = false;
+  bool ellipses_ = false;
+  Totals totals_;
+};
+
+}  // namespace
+
+std::vector<std::string> block_problems(const EstimateOptions& options, bool told) {
+  std::vector<std::string> found;
+  const auto refuse = [&](bool asked_for, const char* what) {
+    if (asked_for) {
+      found.push_back(std::string(what) +
+                      " cannot be done block by block: all points have to fit into memory for it");
+    }
+  };
+  refuse(options.outliers.has_value(), "removal of `outliers`");
+  refuse(options.voxels.has_value(), "averaging in `voxels`");
+  refuse(options.smoothing.has_value(), "`smoothing`");
+  refuse(options.edges.has_value(), "looking for `edges`");
+  refuse(options.search != SearchMethod::kExact, "a `search` other than exact");
+  const OrientationOptions& orientation = options.orientation;
+  const bool by_winding =
+      orientation.method == Orientation::kAuto && !orientation.viewpoint && !told;
+  if (by_winding || orientation.method == Orientation::kWinding ||
+      orientation.method == Orientation::kMst || orientation.method == Orientation::kOutward) {
+    found.emplace_back(
+        "sides that follow from the whole surface (winding, mst, outward; auto, where no viewpoint "
+        "is known) cannot be found block by block: orient by up (lidar from the air), viewpoint "
+        "(of "
+        "scanners), align (to given normals) or none, or let all points fit into memory");
+  }
+  return found;
+}
+
+std::size_t column_bytes(const SurfelCloud& cloud) {
+  std::size_t bytes = 0;
+  SurfelCloud::visit_columns(cloud, [&](const auto& column) {
+    if (!column.empty()) bytes += sizeof(column[0]);
+  });
+  for (const ExtraProperty& extra : cloud.extra) bytes += scalar_size(extra.type);
+  return bytes;
+}
+
+std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes) {
+  // The cloud, and the surfels with their normals, sizes and properties, are in memory at once.
+  constexpr std::uint64_t kSurfelBytes = 40;
+  return points * std::uint64_t{250 + kSurfelBytes + 2 * point_bytes};
+}
+
+void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& options,
+                        const BlockOptions& blocks, SurfelSink& sink, EstimateReport* report,
+                        const std::string& name) {
+  require_usable(options);
+  EstimateReport r;
+  StageTimer stage(r.times);
+  BlockEstimator(cloud, options, blocks, name).run(sink, r, stage);
+  if (report) *report = std::move(r);
+}
+
+}  // namespace surfel

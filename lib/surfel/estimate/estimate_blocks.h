@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/estimate/estimate.h>
+#include <surfel/scene/surfel_ranges.h>
+
+namespace surfel {
+
+struct BlockOptions {
+  /// Bytes that the work may take, what the process has already and what the sink takes excluded.
+  std::uint64_t memory = std::uint64_t{1} << 30;
+  std::size_t most_points = 0;  ///< Points of a block; 0 = as many as the memory holds.
+};
+
+/// Where surfels go that are made block by block.
+class SurfelSink {
+ public:
+  SurfelSink() = default;
+  virtual ~SurfelSink() = default;
+  SurfelSink(const SurfelSink&) = delete;
+  SurfelSink& operator=(const SurfelSink&) = delete;
+
+  /// Announces how many surfels will be appended. What was appended before an earlier call is void.
+  virtual void begin(std::size_t count) = 0;
+  virtual void append(SurfelCloud surfels) = 0;
+};
+
+/// Why surfels cannot be estimated block by block with these options: one sentence each, empty if
+/// they can. `told` is whether the cloud tells a viewpoint, of itself or of its scans.
+SURFEL_API std::vector<std::string> block_problems(const EstimateOptions& options, bool told);
+
+/// Bytes that the columns of a point take in memory.
+SURFEL_API std::size_t column_bytes(const SurfelCloud& cloud);
+/// Bytes that estimate_surfels() takes for a cloud of so many points whose columns take
+/// `point_bytes` each, the cloud and the surfels included.
+SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes);
+
+/// Makes surfels of a cloud that need not be in memory: the same ones, in the same order, as
+/// estimate_surfels() makes of all its points at once, whatever the size of the blocks.
+///
+/// A block is a range of consecutive points. Its neighbourhoods are searched for among its points
+/// and a halo: all points within a distance of it that suffices for nearly all of them, and is told
+/// from its density. A point of which that is not so (halo_search.h), as at the edges of gaps and
+/// far from all others, is estimated again with as much of the cloud around it as its
+/// neighbourhoods, and those of its neighbours, turn out to need. What is decided for the whole
+/// cloud is told from samples of it (place_sample.h), the same that estimate_surfels() looks at;
+/// that ellipses are worth it is guessed from some runs and counted on the way: after a wrong
+/// guess, which a mixed cloud may cause, the blocks are made once more.
+///
+/// In memory are 28 bytes for every 1024 points, a block, and a halo of about its size at most
+/// (parts of a block are made one by one if need be). The cloud is read once, for the boxes of its
+/// runs, and then block by block; with a cloud whose consecutive points do not lie close to one
+/// another halos would be most of it, and Error(kInput) is thrown that starts with `name`.
+///
+/// Throws Error(kUsage) for block_problems(), and as estimate_surfels() does otherwise.
+SURFEL_API void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& options,
+                                   const BlockOptions& blocks, SurfelSink& sink,
+                                   EstimateReport* report = nullptr, const std::string& name = {});
+
+}  // namespace surfel

@@ -1,0 +1,145 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <surfel/base/parallel.h>
+#include <surfel/estimate/range_normals.h>
+#include <surfel/estimate/run_index.h>
+
+namespace surfel {
+
+void RunIndex::add(const Array<Vec3f>& piece) {
+  constexpr std::size_t kGrain = 16;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const std::size_t first = runs_.size();
+  const std::size_t count = (piece.size() + length_ - 1) / length_;
+  runs_.resize(first + count);
+  parallel_each(count, kGrain, [&](std::size_t r) {
+    Run run{Vec3f::Constant(kInfinity), Vec3f::Constant(-kInfinity)};
+    for (std::size_t i = r * length_; i < std::min((r + 1) * length_, piece.size()); ++i) {
+      if (!piece[i].allFinite()) continue;
+      run.low = run.low.cwiseMin(piece[i]);
+      run.high = run.high.cwiseMax(piece[i]);
+      ++run.finite;
+    }
+    runs_[first + r] = run;
+  });
+  points_ += piece.size();
+  for (std::size_t r = first; r < runs_.size(); ++r) finite_ += runs_[r].finite;
+}
+
+/// As the keys of exact_search.h by distance, then as morton_order().
+bool RunSearch::before(const Found& a, const Found& b) {
+  if (a.distance2 != b.distance2) return a.distance2 < b.distance2;
+  if (a.code != b.code) return a.code < b.code;
+  if (a.position != b.position) return before_on_curve(a.position, b.position);
+  return a.index < b.index;
+}
+
+bool RunSearch::further(const Near& a, const Near& b) {
+  return a.distance2 != b.distance2 ? a.distance2 > b.distance2 : a.run > b.run;
+}
+
+const Array<Vec3f>& RunSearch::read(std::size_t run) {
+  constexpr std::size_t kMostKept = 256;
+  for (const Kept& kept : kept_) {
+    if (kept.run == run) return kept.position;
+  }
+  if (kept_.size() < kMostKept) kept_.emplace_back();
+  Kept& place = kept_[next_];
+  next_ = (next_ + 1) % kMostKept;
+  place = {run, cloud_.read(index_.begin(run), index_.begin(run + 1)).position};
+  return place.position;
+}
+
+void RunSearch::nearest(const Vec3f& place, std::size_t k, std::vector<Vec3f>& out) {
+  out.clear();
+  k = std::min(k, index_.finite());
+  if (k == 0) return;
+  std::vector<Near> runs;
+  for (std::size_t r = 0; r < index_.size(); ++r) {
+    const RunIndex::Run& run = index_[r];
+    if (run.finite == 0) continue;
+    const Vec3f gap = (run.low - place).cwiseMax(place - run.high).cwiseMax(0.0F);
+    runs.push_back({gap.squaredNorm(), r});
+  }
+  std::make_heap(runs.begin(), runs.end(), further);
+  std::vector<Found> found;  // A heap, the furthest first, of k points at most.
+  while (!runs.empty() && (found.size() < k || runs.front().distance2 <= found[0].distance2)) {
+    const std::size_t run = runs.front().run;
+    std::pop_heap(runs.begin(), runs.end(), further);
+    runs.pop_back();
+    const Array<Vec3f>& position = read(run);
+    for (std::size_t i = 0; i < position.size(); ++i) {
+      const Vec3f& p = position[i];
+      if (!p.allFinite()) continue;
+      const float distance2 = (p - place).squaredNorm();
+      if (found.size() == k && distance2 > found[0].distance2) continue;
+      const Found next{distance2, grid_.code(p), index_.begin(run) + i, p};
+      if (found.size() == k) {
+        if (!before(next, found[0])) continue;
+        std::pop_heap(found.begin(), found.end(), before);
+        found.pop_back();
+      }
+      found.push_back(next);
+      std::push_heap(found.begin(), found.end(), before);
+    }
+  }
+  std::sort_heap(found.begin(), found.end(), before);
+  for (const Found& f : found) out.push_back(f.position);
+}
+
+void RunSearch::nearest_directions(const Vec3d& sensor, const Vec3f& direction, std::size_t k,
+                                   std::vector<float>& distance2) {
+  distance2.clear();
+  k = std::min(k, index_.finite());
+  if (k == 0) return;
+  const Vec3d axis = direction.cast<double>();
+  std::vector<Near> runs;
+  for (std::size_t r = 0; r < index_.size(); ++r) {
+    const RunIndex::Run& run = index_[r];
+    if (run.finite == 0) continue;
+    // The ball around the box is seen under the angle a, its middle at the angle b to the
+    // direction: what is in it is at the angle b - a at least.
+    const Vec3d low = run.low.cast<double>();
+    const Vec3d high = run.high.cast<double>();
+    const Vec3d to = (low + high) / 2 - sensor;
+    const double range = to.norm();
+    const double sine_a = range > 0 ? (high - low).norm() / (2 * range) : 1;
+    Near near{0, r};
+    if (sine_a < 1) {
+      const double cosine_a = std::sqrt(1 - sine_a * sine_a);
+      const double cosine_b = std::clamp(axis.dot(to) / range, -1.0, 1.0);
+      if (cosine_b < cosine_a) {
+        const double sine_b = std::sqrt(1 - cosine_b * cosine_b);
+        // Directions are rounded.
+        constexpr double kRounding = 1e-6;
+        const double chord2 = 2 - 2 * (cosine_b * cosine_a + sine_b * sine_a);
+        const double chord = std::max(0.0, std::sqrt(std::max(0.0, chord2)) - kRounding);
+        near.distance2 = static_cast<float>((1 - kRounding) * chord * chord);
+      }
+    }
+    runs.push_back(near);
+  }
+  std::make_heap(runs.begin(), runs.end(), further);
+  // A heap, the furthest first.
+  while (!runs.empty() && (distance2.size() < k || runs.front().distance2 < distance2[0])) {
+    const std::size_t run = runs.front().run;
+    std::pop_heap(runs.begin(), runs.end(), further);
+    runs.pop_back();
+    for (const Vec3f& p : read(run)) {
+      if (!p.allFinite()) continue;
+      const float next = (direction_from(sensor, p) - direction).squaredNorm();
+      if (distance2.size() == k) {
+        if (!(next < distance2[0])) continue;
+        std::pop_heap(distance2.begin(), distance2.end());
+        distance2.pop_back();
+      }
+      distance2.push_back(next);
+      std::push_heap(distance2.begin(), distance2.end());
+    }
+  }
+  std::sort_heap(distance2.begin(), distance2.end());
+}
+
+}  // namespace surfel

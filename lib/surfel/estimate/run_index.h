@@ -1,0 +1,104 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <surfel/base/export.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/types.h>
+#include <surfel/scene/surfel_ranges.h>
+
+namespace surfel {
+
+/// Points of a box, and of what lies no further than `reach` from it.
+struct Region {
+  Vec3f low, high;
+  float reach = 0;
+
+  /// Distance of a point from the box; inside less than zero, by the distance to the nearest side.
+  float outside(const Vec3f& p) const {
+    const Vec3f gap = (low - p).cwiseMax(p - high);
+    const float most = gap.maxCoeff();
+    return most <= 0 ? most : gap.cwiseMax(0.0F).norm();
+  }
+  /// Does the box with its reach touch another box?
+  bool touches(const Vec3f& other_low, const Vec3f& other_high) const {
+    constexpr float kRounding = 1 + 1e-5F;
+    const Vec3f gap = (low - other_high).cwiseMax(other_low - high).cwiseMax(0.0F);
+    return gap.norm() <= reach * kRounding;
+  }
+};
+
+/// Runs of consecutive points of a cloud, with their boxes: what is kept in memory of points that
+/// are not. 28 bytes a run.
+class SURFEL_API RunIndex {
+ public:
+  /// Points of a run; only the cloud's last one has fewer.
+  explicit RunIndex(std::size_t length) : length_(length) {}
+
+  struct Run {
+    Vec3f low, high;           ///< Box of the finite points.
+    std::uint32_t finite = 0;  ///< How many points are finite.
+  };
+
+  /// Adds the next runs of the cloud: all points of a piece.
+  void add(const Array<Vec3f>& piece);
+
+  std::size_t length() const { return length_; }
+  std::size_t size() const { return runs_.size(); }
+  std::size_t points() const { return points_; }
+  std::size_t finite() const { return finite_; }
+  const Run& operator[](std::size_t run) const { return runs_[run]; }
+  /// First point of a run, or the end of the last one.
+  std::size_t begin(std::size_t run) const { return std::min(run * length_, points_); }
+
+ private:
+  std::size_t length_;
+  std::size_t points_ = 0;
+  std::size_t finite_ = 0;
+  std::vector<Run> runs_;
+};
+
+/// The exact search for the points of a cloud that is not in memory, by its runs: for single
+/// queries, as a query reads some runs. The runs read last are kept, 256 of them.
+class SURFEL_API RunSearch {
+ public:
+  RunSearch(const SurfelRanges& cloud, const RunIndex& index)
+      : cloud_(cloud), index_(index), grid_(cloud.grid()) {}
+
+  /// Finds the k points nearest to a place, as NearestPlaces (place_sample.h) does.
+  void nearest(const Vec3f& place, std::size_t k, std::vector<Vec3f>& out);
+
+  /// Finds directions as NearestDirections (range_normals.h) does.
+  void nearest_directions(const Vec3d& sensor, const Vec3f& direction, std::size_t k,
+                          std::vector<float>& distance2);
+
+ private:
+  struct Near {
+    float distance2;  ///< No point of the run is nearer.
+    std::size_t run;
+  };
+  static bool further(const Near& a, const Near& b);
+  struct Found {
+    float distance2;
+    std::uint64_t code;
+    std::size_t index;
+    Vec3f position;
+  };
+  static bool before(const Found& a, const Found& b);
+  struct Kept {
+    std::size_t run;
+    Array<Vec3f> position;
+  };
+  const Array<Vec3f>& read(std::size_t run);
+
+  const SurfelRanges& cloud_;
+  const RunIndex& index_;
+  MortonGrid grid_;
+  std::vector<Kept> kept_;
+  std::size_t next_ = 0;  ///< The one of kept_ that is read over next.
+};
+
+}  // namespace surfel

@@ -1,0 +1,387 @@
+#include <cstring>
+#include <limits>
+#include <numeric>
+
+#include <gtest/gtest.h>
+#include <surfel/base/error.h>
+#include <surfel/base/morton.h>
+#include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
+#include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/place_sample.h>
+#include <surfel/estimate/run_index.h>
+#include <surfel/sample/generate.h>
+#include <surfel/sample/procedural_surface.h>
+
+#include "support/test_data.h"
+
+namespace surfel::test {
+namespace {
+
+/// The ranges of a cloud that is in memory.
+class MemoryRanges final : public SurfelRanges {
+ public:
+  explicit MemoryRanges(const SurfelCloud& cloud) : cloud_(cloud) {}
+  std::size_t size() const override { return cloud_.size(); }
+  SurfelCloud read(std::size_t begin, std::size_t end) const override {
+    Array<std::uint32_t> order(end - begin);
+    std::iota(order.begin(), order.end(), static_cast<std::uint32_t>(begin));
+    most_read = std::max(most_read.load(), order.size());
+    return cloud_.gathered(order);
+  }
+  MortonGrid grid() const override { return morton_grid(cloud_.position); }
+
+  mutable std::atomic<std::size_t> most_read = 0;
+
+ private:
+  const SurfelCloud& cloud_;
+};
+
+/// Puts the surfels together again.
+class Collector final : public SurfelSink {
+ public:
+  void begin(std::size_t count) override {
+    surfels = {};
+    blocks = 0;
+    announced = count;
+  }
+  void append(SurfelCloud more) override {
+    if (blocks++ == 0) {
+      surfels = std::move(more);
+      return;
+    }
+    std::vector<std::function<void()>> joins;
+    const auto join = [](auto& to, const auto& from) {
+      to.insert(to.end(), from.begin(), from.end());
+    };
+    join(surfels.position, more.position);
+    join(surfels.normal, more.normal);
+    join(surfels.variance, more.variance);
+    join(surfels.tangent, more.tangent);
+    join(surfels.variance_u, more.variance_u);
+    join(surfels.variance_v, more.variance_v);
+    join(surfels.area, more.area);
+    join(surfels.color, more.color);
+    ASSERT_EQ(surfels.extra.size(), more.extra.size());
+    for (std::size_t e = 0; e < more.extra.size(); ++e) {
+      ASSERT_EQ(surfels.extra[e].name, more.extra[e].name);
+      join(surfels.extra[e].data, more.extra[e].data);
+    }
+  }
+
+  SurfelCloud surfels;
+  std::size_t blocks = 0;
+  std::size_t announced = 0;
+};
+
+template <class T>
+bool same_bytes(const Array<T>& a, const Array<T>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+}
+
+/// Expects the blocks' surfels to be those of all points at once, byte for byte.
+void expect_same(const SurfelCloud& cloud, const EstimateOptions& options, std::size_t most_points,
+                 int threads = 2) {
+  SCOPED_TRACE(most_points);
+  set_thread_count(2);
+  EstimateReport whole_report;
+  const SurfelCloud whole = estimate_surfels(cloud, options, &whole_report);
+  set_thread_count(threads);
+  Collector collector;
+  EstimateReport report;
+  estimate_by_blocks(MemoryRanges(cloud), options, {.most_points = most_points}, collector,
+                     &report);
+  set_thread_count(0);
+  const SurfelCloud& surfels = collector.surfels;
+  EXPECT_EQ(collector.announced, whole.size());
+  ASSERT_EQ(surfels.size(), whole.size());
+  surfels.check_columns("");
+  EXPECT_TRUE(same_bytes(surfels.position, whole.position));
+  EXPECT_TRUE(same_bytes(surfels.normal, whole.normal));
+  EXPECT_TRUE(same_bytes(surfels.variance, whole.variance));
+  EXPECT_TRUE(same_bytes(surfels.tangent, whole.tangent));
+  EXPECT_TRUE(same_bytes(surfels.variance_u, whole.variance_u));
+  EXPECT_TRUE(same_bytes(surfels.variance_v, whole.variance_v));
+  EXPECT_TRUE(same_bytes(surfels.area, whole.area));
+  EXPECT_TRUE(same_bytes(surfels.color, whole.color));
+  ASSERT_EQ(surfels.extra.size(), whole.extra.size());
+  for (std::size_t e = 0; e < whole.extra.size(); ++e) {
+    EXPECT_EQ(surfels.extra[e].name, whole.extra[e].name);
+    EXPECT_TRUE(same_bytes(surfels.extra[e].data, whole.extra[e].data)) << whole.extra[e].name;
+  }
+  EXPECT_EQ(report.points, whole_report.points);
+  EXPECT_EQ(report.nonfinite, whole_report.nonfinite);
+  EXPECT_EQ(report.flagged, whole_report.flagged);
+  EXPECT_EQ(report.extended, whole_report.extended);
+  EXPECT_EQ(report.mean_neighbors, whole_report.mean_neighbors);
+  EXPECT_EQ(report.side_confidence, whole_report.side_confidence);
+  EXPECT_EQ(report.orientation.method, whole_report.orientation.method);
+  EXPECT_EQ(report.orientation.components, whole_report.orientation.components);
+  EXPECT_EQ(report.orientation.flipped, whole_report.orientation.flipped);
+  EXPECT_EQ(report.orientation.unknown, whole_report.orientation.unknown);
+  EXPECT_EQ(report.border, whole_report.border);
+  EXPECT_EQ(report.capped, whole_report.capped);
+  EXPECT_EQ(report.anisotropic, whole_report.anisotropic);
+}
+
+/// Points with colours, in the order of the curve.
+SurfelCloud sorted(const SurfelCloud& cloud) {
+  return cloud.gathered(morton_order(cloud.position));
+}
+
+SurfelCloud sorted_points(const std::string& kind, std::size_t count) {
+  GenerateOptions options;
+  options.count = count;
+  SurfelCloud cloud = generate_surfels(procedural_scene(kind, 1), options);
+  cloud.variance = {};
+  cloud.area = {};
+  cloud.uv = {};
+  cloud.dpdu = cloud.dpdv = {};
+  return sorted(cloud);
+}
+
+EstimateOptions up() {
+  EstimateOptions options;
+  options.orientation.method = Orientation::kUp;
+  return options;
+}
+
+/// A terrain with a part that is 64 times as dense, points that coincide, a hole, a line of points,
+/// one point far away and points that are nowhere.
+SurfelCloud uneven_points() {
+  SurfelCloud cloud = sorted_points("terrain", 20000);
+  const auto add = [&](const Vec3f& p) {
+    cloud.position.push_back(p);
+    cloud.normal.push_back(cloud.normal[0]);
+    cloud.color.push_back(cloud.color[0]);
+  };
+  const Bounds box = cloud.bounds();
+  const Vec3f middle = box.center().cast<float>();
+  const auto side = static_cast<float>((box.max - box.min).maxCoeff());
+  const auto random = [&](std::uint64_t i, std::uint64_t d) {
+    return static_cast<float>(random_uniform(3, i, d)) - 0.5F;
+  };
+  for (std::uint64_t i = 0; i < 6000; ++i) {
+    add(middle + side * Vec3f(0.1F * random(i, 0), 0.1F * random(i, 1), 0.001F * random(i, 2)));
+  }
+  for (int i = 0; i < 40; ++i) add(cloud.position[500]);
+  for (int i = 0; i < 20; ++i) add(cloud.position[static_cast<std::size_t>(600 + i)]);
+  for (int i = 0; i < 200; ++i) {
+    add(middle + side * Vec3f(0.001F * static_cast<float>(i), 0.3F, 0.5F));
+  }
+  add(middle + side * Vec3f(30, 20, 40));
+  add(middle + side * Vec3f(2, 0, 0));
+  cloud = sorted(cloud);
+  for (int i = 0; i < 3; ++i) {
+    add(Vec3f(std::numeric_limits<float>::quiet_NaN(), 0, 0));
+    std::swap(cloud.position.back(), cloud.position[static_cast<std::size_t>(5000 * i + 7)]);
+  }
+  return cloud;
+}
+
+TEST(EstimateBlocks, GiveTheSameBytesWhereverBlocksEnd) {
+  const SurfelCloud cloud = sorted_points("terrain", 30000);
+  for (const std::size_t most : {300, 2000, 9000, 1000000}) expect_same(cloud, up(), most);
+  expect_same(cloud, up(), 4096, 1);
+}
+
+TEST(EstimateBlocks, NeighborhoodsMayCrossManyBlocks) {
+  const SurfelCloud cloud = uneven_points();
+  for (const std::size_t most : {300, 3000, 12000}) expect_same(cloud, up(), most);
+  expect_same(cloud, up(), 2000, 1);
+}
+
+TEST(EstimateBlocks, AllLocalSidesWork) {
+  SurfelCloud cloud = sorted_points("sphere", 8000);
+  for (const Orientation method :
+       {Orientation::kUp, Orientation::kViewpoint, Orientation::kAlign, Orientation::kNone}) {
+    EstimateOptions options;
+    options.orientation.method = method;
+    if (method == Orientation::kViewpoint) options.orientation.viewpoint = Vec3d(0, 0, 3);
+    expect_same(cloud, options, 1500);
+  }
+  // What the cloud tells counts as well, by --orient auto too.
+  cloud.viewpoint = Viewpoint{Vec3d(1, 2, 3)};
+  expect_same(cloud, {}, 1500);
+  cloud.viewpoint.reset();
+  cloud.scan_viewpoints = {{Vec3d(4, 0, 0)}, {Vec3d(0, 4, 0)}};
+  ExtraProperty scan{"scan", ScalarType::kUint8, {}};
+  for (std::size_t i = 0; i < cloud.size(); ++i) scan.data.push_back(std::byte(i / 100 % 2));
+  cloud.extra.push_back(scan);
+  expect_same(cloud, {}, 1500);
+}
+
+TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
+  const SurfelCloud cloud = uneven_points();
+  EstimateOptions options = up();
+  options.normals.adaptive = true;
+  expect_same(cloud, options, 3000);
+  options = up();
+  options.normals.radius = 0.02 * (cloud.bounds().max - cloud.bounds().min).norm() / 40;
+  expect_same(cloud, options, 3000);
+  options = up();
+  options.normals.k = 40;
+  options.size.rule = VarianceRule::kMaxDistance;
+  expect_same(cloud, options, 3000);
+  options = up();
+  options.size.anisotropy = Anisotropy::kOn;
+  options.size.max_radius = 0;
+  expect_same(cloud, options, 3000);
+}
+
+TEST(EstimateBlocks, FewPointsWork) {
+  for (const std::size_t count : {1, 2, 5, 17, 40}) {
+    expect_same(sorted_points("sphere", 1000).gathered([&] {
+      Array<std::uint32_t> some(count);
+      std::iota(some.begin(), some.end(), 0U);
+      return some;
+    }()),
+                up(), 4);
+  }
+}
+
+/// Scan lines on a plane, ten times as far apart as their points.
+SurfelCloud scan_lines(std::size_t count, double apart) {
+  SurfelCloud cloud;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto line = static_cast<double>(i / 200);
+    const double along = static_cast<double>(i % 200) + random_uniform(5, i);
+    cloud.position.emplace_back(Vec3d(along, apart * line, 0).cast<float>());
+  }
+  return sorted(cloud);
+}
+
+TEST(EstimateBlocks, ScanLinesGetEllipses) {
+  const SurfelCloud cloud = scan_lines(20000, 10);
+  expect_same(cloud, up(), 2000);
+  Collector collector;
+  EstimateReport report;
+  estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 2000}, collector, &report);
+  EXPECT_TRUE(report.anisotropic);
+}
+
+TEST(EstimateBlocks, AWrongGuessOfEllipsesIsMended) {
+  // All lines lie between the runs that are probed.
+  SurfelCloud cloud = sorted_points("plane", 32 * 1024);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    Vec3f& p = cloud.position[i];
+    if (i / 1024 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
+  }
+  expect_same(cloud, up(), 1024);
+}
+
+TEST(EstimateBlocks, MemoryBoundsTheBlocksAndTheirHalos) {
+  const SurfelCloud cloud = sorted_points("terrain", 60000);
+  const MemoryRanges ranges(cloud);
+  Collector collector;
+  estimate_by_blocks(ranges, up(), {.memory = 4 << 20}, collector);
+  EXPECT_GT(collector.blocks, 5U);
+  EXPECT_TRUE(same_bytes(collector.surfels.normal, estimate_surfels(cloud, up()).normal));
+}
+
+TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
+  const SurfelCloud cloud = sorted_points("sphere", 3000);
+  const auto refused = [&](const EstimateOptions& options) {
+    Collector collector;
+    EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), options, {}, collector), Error);
+    EXPECT_EQ(collector.announced, 0U);
+    EXPECT_EQ(block_problems(options, false).size(), 1U);
+  };
+  for (const Orientation method :
+       {Orientation::kAuto, Orientation::kWinding, Orientation::kMst, Orientation::kOutward}) {
+    EstimateOptions options;
+    options.orientation.method = method;
+    refused(options);
+  }
+  EstimateOptions options = up();
+  options.voxels.emplace();
+  refused(options);
+  options = up();
+  options.smoothing.emplace();
+  refused(options);
+  options = up();
+  options.edges.emplace();
+  refused(options);
+  options = up();
+  options.outliers.emplace();
+  refused(options);
+  options = up();
+  options.search = SearchMethod::kFlann;
+  refused(options);
+  EXPECT_TRUE(block_problems({}, true).empty());
+  EXPECT_TRUE(block_problems(up(), false).empty());
+
+  Collector collector;
+  options = up();
+  EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), options, {.memory = 1000}, collector),
+               Error);
+  options.orientation.method = Orientation::kAlign;
+  SurfelCloud without = cloud;
+  without.normal[17] = Vec3f(0, 0, 0);
+  EXPECT_THROW(estimate_by_blocks(MemoryRanges(without), options, {}, collector), Error);
+  EXPECT_EQ(collector.announced, 0U);
+}
+
+TEST(EstimateBlocks, PointsWithoutOrderAreRefused) {
+  SurfelCloud cloud = sorted_points("sphere", 600000);
+  Array<std::uint32_t> order(cloud.size());
+  for (std::uint32_t i = 0; i < order.size(); ++i) {
+    order[i] = static_cast<std::uint32_t>((i * std::uint64_t{350377}) % order.size());
+  }
+  cloud = cloud.gathered(order);
+  Collector collector;
+  EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 2048}, collector),
+               Error);
+}
+
+TEST(PlaceSample, DependsOnThePlacesAlone) {
+  std::vector<Vec3f> points;
+  for (std::uint64_t i = 0; i < 200000; ++i) {
+    points.emplace_back(static_cast<float>(random_uniform(1, i, 0)),
+                        static_cast<float>(random_uniform(1, i, 1)), 0.0F);
+  }
+  const std::vector<Vec3f> sample = sample_places(points, 300);
+  ASSERT_EQ(sample.size(), 300U);
+  PlaceSample other(300);
+  std::vector<Vec3f> twice(points.rbegin(), points.rend());
+  twice.insert(twice.end(), points.begin(), points.begin() + 50000);
+  for (Vec3f& p : twice) p.z() = -0.0F;
+  for (std::size_t i = 0; i < twice.size(); i += 777) {
+    other.add(
+        std::span<const Vec3f>(twice).subspan(i, std::min<std::size_t>(777, twice.size() - i)));
+  }
+  EXPECT_EQ(other.places(), sample);
+  // It is spread evenly.
+  const auto left =
+      std::count_if(sample.begin(), sample.end(), [](const Vec3f& p) { return p.x() < 0.5F; });
+  EXPECT_NEAR(static_cast<double>(left), 150, 45);
+  EXPECT_EQ(sample_places(std::span(points).first(5), 300).size(), 5U);
+}
+
+TEST(RunSearch, FindsWhatASearchOfAllPointsFinds) {
+  // A lattice is full of points at equal distances.
+  SurfelCloud cloud;
+  for (int i = 0; i < 12 * 12 * 12; ++i) {
+    cloud.position.emplace_back(static_cast<float>(i % 12), static_cast<float>(i / 12 % 12),
+                                static_cast<float>(i / 144));
+  }
+  cloud.position.emplace_back(3.0F, 3.0F, 3.0F);
+  cloud = sorted(cloud);
+  RunIndex index(64);
+  index.add(cloud.position);
+  const MemoryRanges ranges(cloud);
+  RunSearch search(ranges, index);
+  const auto exact = make_neighbor_search(cloud.position);
+  auto expected = nearest_places(cloud.position, *exact);
+  std::vector<Vec3f> near, all;
+  for (std::size_t i = 0; i < cloud.size(); i += 7) {
+    search.nearest(cloud.position[i], 20, near);
+    expected(cloud.position[i], 20, all);
+    EXPECT_EQ(near, all);
+  }
+  search.nearest(Vec3f(0, 0, 0), 5000, near);
+  EXPECT_EQ(near.size(), cloud.size());
+}
+
+}  // namespace
+}  // namespace surfel::test
