@@ -12,6 +12,7 @@
 #   lod        the same with levels of detail, and growth from 1 to 32 million surfels (a few minutes, 5 GB of disk)
 #   files      reading and whole processes, beside cat
 #   memory     200 million surfels at --memory 2G (ten minutes, 8 GB of disk)
+#   scale      from LAS to levels of detail at --memory 2G: 10 and 100 million points (half an hour, 45 GB of disk)
 #   neighbors, estimate   beside FLANN, nanoflann, PCL
 #   gaussians  frames of trained splats, beside a plain loop
 #
@@ -23,7 +24,7 @@ out=docs/speed.md
 runs=3
 counts="1000000 4000000"
 prefix=()
-sections=(render lod files memory neighbors estimate gaussians)
+sections=(render lod files memory scale neighbors estimate gaussians)
 while getopts o:n:c:p: option; do
   case $option in
     o) out=$OPTARG ;;
@@ -199,6 +200,33 @@ section_memory() {
   times_row "200,000,000 surfels at --memory 2G, peak $((peak / 1000000)) MB" "$(best "$work/big.times" ms)" cat "$cat" x \
     "surfel-render big.ply --memory 2G --size 512x512 --from 0,0.36,1"
   rm "$work/big.ply"
+}
+
+# From LAS to levels of detail in bounded memory: time beside a tenth of the points, peak memory, and bytes written for
+# each that is read.
+section_scale() {
+  local count step peak scratch written from to words
+  local -A ms tool=([sort]="surfel-convert --sort curve" [estimate]="surfel-estimate --orient up" [lod]="surfel-lod")
+  local -A input=([sort]=points.las [estimate]=sorted.ply [lod]=surfels.ply) output=([sort]=sorted.ply [estimate]=surfels.ply [lod]=levels.ply)
+  field() { sed -n "s/^  \"$1\": \([0-9]*\).*/\1/p" "$work/scale.json"; }
+  for count in 10000000 100000000; do
+    "$bin/surfel-generate" terrain --no-uv --count $count -o "$work/terrain-$count.ply" --quiet
+    "$bin/surfel-convert" "$work/terrain-$count.ply" --keep-columns color -o "$work/points.las" --quiet
+    rm "$work/terrain-$count.ply"
+    for step in sort estimate lod; do
+      read -ra words <<< "${tool[$step]}"
+      from=${input[$step]} to=${output[$step]}
+      ms[$step.$count]=$(run "$bin/${words[0]}" "${words[@]:1}" "$work/$from" -o "$work/$to" --memory 2G --stats "$work/scale.json" --quiet)
+      ms[$step.$count]=${ms[$step.$count]#ms }
+      peak=$(field peak_memory_bytes) scratch=$(field scratch_bytes)
+      written=$(calc "(${scratch:-0} + $(stat -c %s "$work/$to")) / $(stat -c %s "$work/$from")" 1)
+      rm "$work/$from"
+      [[ $count = 100000000 ]] || continue
+      times_row "100,000,000 points, peak $((peak / 1000000)) MB, $written bytes written for each read" "${ms[$step.$count]}" \
+        "10,000,000 points" "${ms[$step.10000000]}" "x (10 is linear)" "${tool[$step]} $from -o $to --memory 2G"
+    done
+    rm "$work/levels.ply"
+  done
 }
 
 # k = 16 of all points, in random order and along the curve, beside FLANN and nanoflann.

@@ -145,14 +145,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--crease-angle", s.creases.crease_angle,
                  "Least angle between faces beside a crease, 10..90 degrees; with --clip");
   app.option_defaults()->group("Options");
-  tool::add_text(app, "--memory", "BYTES", "auto",
-                 "Memory for the points and all that is made of them, such as 512M or 2G; a binary "
-                 "PLY file in space-filling order may be larger: its surfels are made block by "
-                 "block, and are the same; auto = three quarters of what is free",
-                 [&s](const std::string& text) {
-                   s.memory.reset();
-                   if (text != "auto") s.memory = tool::parse_bytes("--memory", text);
-                 });
+  tool::add_memory(app, s.memory,
+                   "Memory for the points and all that is made of them; a binary PLY file in "
+                   "space-filling order (surfel-convert --sort curve) may be larger: its surfels "
+                   "are made block by block, and are the same");
 }
 
 /// Fills in where the scanner stood, which the file may tell; `cloud` are points of it.
@@ -438,7 +434,7 @@ int main(int argc, char** argv) {
                     {"crease_angle", "--crease-angle"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
-    const std::uint64_t memory = settings.memory.value_or(surfel::available_memory_bytes() / 4 * 3);
+    const std::uint64_t memory = surfel::memory_to_use(settings.memory);
     if (estimate_larger(tool, settings, memory)) return;
     require_room(settings, memory);
     estimate_in_memory(tool, settings);

@@ -48,14 +48,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
                  "How much more distances across the surface count than along it, 1..1000");
   app.option_defaults()->group("Options");
-  surfel::tool::add_text(
-      app, "--memory", "BYTES", "auto",
-      "Memory for surfels and their levels, such as 512M or 2G; a binary PLY file in "
-      "space-filling order may be larger; auto = three quarters of what is free",
-      [&s](const std::string& text) {
-        s.memory.reset();
-        if (text != "auto") s.memory = surfel::tool::parse_bytes("--memory", text);
-      });
+  surfel::tool::add_memory(
+      app, s.memory,
+      "Memory for surfels and their levels; a binary PLY file in space-filling "
+      "order (surfel-convert --sort curve) may be larger");
 }
 
 void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
@@ -136,7 +132,7 @@ void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
 
 void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
   surfel::HierarchyOptions options = s.hierarchy;
-  options.memory = s.memory.value_or(surfel::available_memory_bytes() / 4 * 3);
+  options.memory = surfel::memory_to_use(s.memory);
   surfel::LevelsWriter writer(s.output, tool.provenance(), tool.common().no_clobber);
   surfel::HierarchyReport levels;
   if (!make_levels_of_file(tool, s, options, writer, levels)) {
