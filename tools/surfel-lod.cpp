@@ -91,16 +91,17 @@ void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
 }
 
-/// Throws if a cloud does not fit into memory, in which it must be as it is in no order.
+/// Throws if a cloud takes more memory than it may, in which it must be.
 void require_room(const Settings& s, const surfel::SurfelCloud& cloud, std::size_t surfels,
                   std::uint64_t memory) {
-  // Beside the surfels their order, and the keys that it is sorted by.
-  constexpr std::size_t kOrder = 4 + 16;
+  // Beside the surfels there are their order, and two copies of the keys that it is sorted by.
+  constexpr std::size_t kOrder = sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
   const std::uint64_t bytes = std::uint64_t{surfels} * (surfel::row_bytes(cloud) + kOrder);
   if (bytes <= memory) return;
   surfel::throw_input(surfel::tool::shown_name(s.input),
-                      fmt::format("is not in space-filling order and takes {} MB in memory, of "
-                                  "which {} MB are allowed (--memory); {}",
+                      fmt::format("is no binary PLY in space-filling order, so that it must be "
+                                  "loaded, which takes {} MB of memory, and {} MB are allowed "
+                                  "(--memory); {}",
                                   (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
 }
 
@@ -125,7 +126,7 @@ void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
                            surfel::HierarchyReport& levels) {
   const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
   require_room(s, cloud, cloud.size(), options.memory);
-  options.memory -= cloud.size() * surfel::row_bytes(cloud);
+  options.memory -= cloud.size() * (surfel::row_bytes(cloud) + sizeof(std::uint32_t));
   surfel::build_hierarchy(surfel::OrderedCloud(cloud), options, writer, &levels,
                           surfel::tool::shown_name(s.input));
 }

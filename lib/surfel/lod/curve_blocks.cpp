@@ -12,7 +12,7 @@ namespace surfel {
 namespace {
 
 /// Surfels read at a time by one thread.
-constexpr std::size_t kPiece = std::size_t{1} << 16;
+constexpr std::size_t kPiece = std::size_t{1} << 14;
 /// Pieces that are held at a time, for the threads to share.
 constexpr std::size_t kPieces = 8;
 

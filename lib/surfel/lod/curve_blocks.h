@@ -28,12 +28,12 @@ struct CurveBlocks {
   bool in_order = true;  ///< False: the cloud is in another order, and there are no blocks.
 };
 
-/// Cuts a cloud into blocks of `most` surfels that can be drawn, and of a quarter as many at least
-/// (the last may have fewer). Each is cut off where the curve, within these bounds, enters the
-/// largest of its cells anew, at the last such place: blocks are as compact as cells of an octree
-/// are, however unlike the scales of the cloud. The blocks depend on the
-/// surfels that can be drawn, and on the grid, alone. Reads the surfels once, a few blocks at a
-/// time.
+/// Cuts a cloud into blocks of at most `most` surfels that can be drawn, and of a quarter as many
+/// at least (the last may have fewer). Within these bounds a block ends where the curve crosses the
+/// border of the largest cells, at the last such place: blocks are as compact as the cells of an
+/// octree, however unlike the scales of the cloud. The blocks depend on the surfels that can be
+/// drawn, and on the grid, alone. Reads the surfels once; at a time some 100,000 of them are in
+/// memory, and `most` positions.
 SURFEL_API CurveBlocks curve_blocks(const SurfelRanges& ranges, std::size_t most);
 
 }  // namespace surfel

@@ -312,16 +312,19 @@ std::size_t Hierarchy::blocks_at_once(const SurfelCloud& surfel, const SurfelClo
   const std::size_t row = row_bytes(drawn);
   std::size_t most = 0;
   for (const CurveBlock& block : blocks_) most = std::max(most, block.end - block.begin);
-  // Of the surfels of coarser levels, half as many as of the finest at most (two thirds of them in
-  // the first), two copies are there, and the finest is there as it was read and as it is written.
-  constexpr std::size_t kOrders = 6 * sizeof(float);
+  // The finest level is there as it was read and as it is written, with its order and the places
+  // that it was sorted by; the coarser ones, which have 1 / (reduction - 1) as many surfels, are
+  // there as they were merged and as they are written.
+  constexpr std::size_t kOrder = 2 * sizeof(std::uint32_t) + 4 * sizeof(float);
   const std::uint64_t each =
-      most * (row_bytes(surfel) + row + kOrders +
+      most * (row_bytes(surfel) + row + kOrder +
               (row + sizeof(MergeSurfel)) / static_cast<std::size_t>(options_.reduction - 1));
   const std::size_t roots =
       plan_.block_levels() < plan_.levels() ? plan_.level(plan_.block_levels() - 1).surfels : 0;
+  // A block has a place in each level. The levels above the roots have half as many surfels.
+  constexpr std::size_t kPlaces = 256;
   const std::uint64_t always = plan_.clusters() * sizeof(TreeCluster) +
-                               blocks_.size() * (sizeof(CurveBlock) + 256) +
+                               blocks_.size() * (sizeof(CurveBlock) + kPlaces) +
                                std::uint64_t{roots} * 3 / 2 * (row + sizeof(MergeSurfel));
   const auto threads = static_cast<std::size_t>(thread_count());
   // Few blocks would leave threads without work.

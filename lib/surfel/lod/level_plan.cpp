@@ -17,6 +17,22 @@ std::size_t clusters_of(std::size_t surfels) {
   return (surfels + kClusterSurfels - 1) / kClusterSurfels;
 }
 
+/// How many surfels and clusters a block has in a level.
+struct BlockSize {
+  std::size_t surfels, clusters;
+};
+
+/// \param count  surfels of the finest level
+BlockSize block_size(std::size_t count, std::size_t level, int reduction) {
+  BlockSize size{count, clusters_of(count)};
+  for (std::size_t l = 0; l < level; ++l) {
+    // All clusters but the last are full, and so are their children.
+    size.surfels = divided(size.surfels, reduction);
+    size.clusters = divided(size.clusters, reduction);
+  }
+  return size;
+}
+
 /// A block, or a cluster above the blocks.
 struct Node {
   std::uint32_t surfels = 0;
@@ -109,9 +125,8 @@ LevelPlan::LevelPlan(const std::vector<CurveBlock>& blocks, int reduction) : red
   // The roots of the blocks, and all levels above them.
   std::vector<std::vector<Node>> nodes(1);
   for (const CurveBlock& block : blocks) {
-    std::size_t surfels = block.count;
-    for (std::size_t l = 1; l < block_levels_; ++l) surfels = divided(surfels, reduction);
-    nodes[0].push_back({static_cast<std::uint32_t>(surfels), block.min, block.max, {}});
+    const BlockSize root = block_size(block.count, block_levels_ - 1, reduction);
+    nodes[0].push_back({static_cast<std::uint32_t>(root.surfels), block.min, block.max, {}});
   }
   while (nodes.back().size() > 1) {
     std::vector<Node> above = Grouping(nodes.back(), reduction).take();
@@ -164,14 +179,9 @@ void LevelPlan::place_levels(const std::vector<std::uint32_t>& order) {
       starts_[b * block_levels_ + l] = {
           static_cast<std::uint32_t>(level.first_surfel + level.surfels),
           static_cast<std::uint32_t>(level.first_cluster + level.clusters)};
-      std::size_t surfels = counts_[b];
-      std::size_t clusters = clusters_of(surfels);
-      for (std::size_t k = 0; k < l; ++k) {
-        surfels = divided(surfels, reduction_);
-        clusters = divided(clusters, reduction_);
-      }
-      level.surfels += surfels;
-      level.clusters += clusters;
+      const BlockSize size = block_size(counts_[b], l, reduction_);
+      level.surfels += size.surfels;
+      level.clusters += size.clusters;
     }
     next = {level.first_surfel + level.surfels, level.first_cluster + level.clusters, 0, 0};
   }
@@ -179,13 +189,10 @@ void LevelPlan::place_levels(const std::vector<std::uint32_t>& order) {
 
 std::vector<LevelPart> LevelPlan::block(std::size_t block) const {
   std::vector<LevelPart> parts;
-  std::size_t surfels = counts_[block];
-  std::size_t clusters = clusters_of(surfels);
   for (std::size_t l = 0; l < block_levels_; ++l) {
     const Start& start = starts_[block * block_levels_ + l];
-    parts.push_back({start.surfel, start.cluster, surfels, clusters});
-    surfels = divided(surfels, reduction_);
-    clusters = divided(clusters, reduction_);
+    const BlockSize size = block_size(counts_[block], l, reduction_);
+    parts.push_back({start.surfel, start.cluster, size.surfels, size.clusters});
   }
   return parts;
 }
