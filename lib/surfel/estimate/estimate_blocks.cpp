@@ -486,8 +486,18 @@ class BlockEstimator {
   /// the task has several points.
   std::optional<Loaded> load(const PointTask& task, const CloudBlock& block) const {
     Regions regions;
-    cut(task.points, block,
-        [&](std::span<const std::uint32_t> some) { regions.add(box_of(some, block)); });
+    if (task.needed.empty()) {
+      cut(task.points, block,
+          [&](std::span<const std::uint32_t> some) { regions.add(box_of(some, block)); });
+    } else {
+      // The points are few, and far from one another. Where the halo of a box was known around its
+      // neighbours, the halo of a point has to be wider.
+      for (const std::uint32_t i : task.points) {
+        Region region = box_of({&i, 1}, block);
+        region.reach *= 2;
+        regions.add(region);
+      }
+    }
     for (const Region& region : task.needed) regions.add(region);
     Array<std::uint8_t> wanted;
     wanted.assign(block.cloud.size(), 0);
@@ -649,22 +659,25 @@ class BlockEstimator {
     for (std::size_t i = 0; i < count; ++i) {
       if (wanted[i] != 0 && !search.certain(i)) rest.points.push_back(loaded.point[i]);
     }
-    if (!rest.points.empty()) rest.needed = needed_regions(loaded, search);
+    if (!rest.points.empty()) rest.needed = needed_regions(loaded, search, rest, block);
     return rest;
   }
 
   /// What has to be loaded for the uncertain points to become certain.
-  std::vector<Region> needed_regions(const Loaded& loaded, const HaloSearch& search) const {
-    /// A neighbourhood that reaches beyond this many times what is known may hold far too much.
-    constexpr float kMostGrowth = 4;
+  std::vector<Region> needed_regions(const Loaded& loaded, const HaloSearch& search,
+                                     const PointTask& uncertain, const CloudBlock& block) const {
     constexpr float kRounding = 1 + 1e-4F;
+    // A neighbourhood among the points that are known may hold far too much if it reaches further
+    // than halos do: where it ends is then found in the whole cloud.
+    float usual = 0;
+    for (const std::uint32_t i : uncertain.points) usual = std::max(usual, block.reach[i]);
     RunSearch exact(cloud_, index_);
     std::vector<Vec3f> near;
     std::vector<Region> out;
     for (const HaloSearch::Missing& missing : search.missing()) {
       const Vec3f& p = loaded.position[missing.point];
       float reach = missing.reach;
-      if (!(reach <= kMostGrowth * loaded.known[missing.point])) {
+      if (!(reach <= usual)) {
         exact.nearest(p, missing.most, near);
         reach = std::min(reach, (near.back() - p).norm());
       }
