@@ -111,7 +111,7 @@ TEST_F(SurfelLod, TakesTheMemoryThatItMayAndMakesTheSameOfIt) {
   const RunResult result = levels(unsorted, "10M");
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_TRUE(contains(result.errors, "surfel-convert --sort curve")) << result.errors;
-  EXPECT_TRUE(contains(levels(sorted, "1M").errors, "(--memory)"));
+  EXPECT_TRUE(contains(levels(sorted, "1M").errors, "and --memory is 1 MB"));
   EXPECT_EQ(levels(sorted, "much").exit_code, 2);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "out.ply"));
 }

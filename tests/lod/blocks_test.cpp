@@ -213,7 +213,7 @@ TEST(HierarchyBlocks, RefuseTooLittleMemoryAndOtherOrders) {
   const std::string message =
       message_of([&] { build_hierarchy(cloud, {.memory = 1 << 20}, nullptr, "cloud.ply"); });
   EXPECT_NE(message.find("cloud.ply: levels of its surfels take"), std::string::npos) << message;
-  EXPECT_NE(message.find("1 MB are allowed (--memory)"), std::string::npos) << message;
+  EXPECT_NE(message.find("and `memory` is 1 MB"), std::string::npos) << message;
 
   const TemporaryFolder folder;
   write_cloud(cloud, folder / "spiral.ply");

@@ -331,8 +331,8 @@ std::size_t Hierarchy::blocks_at_once(const SurfelCloud& surfel, const SurfelClo
   const bool many = blocks_.size() >= 4 * threads;
   if (options_.memory == 0) return many ? threads : 1;
   if (always + each > options_.memory) {
-    throw_input(name_, fmt::format("levels of its surfels take {} MB of memory, and {} MB are "
-                                   "allowed (--memory)",
+    throw_input(name_, fmt::format("levels of its surfels take {} MB of memory, and `memory` is "
+                                   "{} MB; give more",
                                    ((always + each) >> 20) + 1, options_.memory >> 20));
   }
   return many && (options_.memory - always) / each >= threads ? threads : 1;
