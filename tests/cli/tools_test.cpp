@@ -1,6 +1,7 @@
 // What holds for every tool: usage, bad input, bad output, interruption, number of threads.
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <sstream>
 
@@ -418,6 +419,47 @@ TEST(Tools, InterruptedWorkLeavesNoTemporary) {
     }
     EXPECT_EQ(entries(folder / ""), Words{});
   }
+}
+
+TEST(SurfelEstimate, CloudsLargerThanTheMemoryGetTheSameBytes) {
+  const TemporaryFolder folder;
+  const std::string points = folder / "points.ply";
+  // Generated surfels are in the order of a space-filling curve.
+  ASSERT_EQ(run({tool("surfel-generate"), "terrain", "--count", "60000", "--no-uv", "-o", points})
+                .exit_code,
+            0);
+  const auto estimate = [&](const std::string& input, const std::string& output,
+                            const Words& options) {
+    Words command{tool("surfel-estimate"), input, "-o", folder / output};
+    command.insert(command.end(), options.begin(), options.end());
+    return run(command);
+  };
+  for (const std::string side : {"up", "align"}) {
+    const Words orient{"--orient", side};
+    const Words in_blocks{"--orient", side, "--memory", "16M"};
+    ASSERT_EQ(estimate(points, "whole.ply", orient).exit_code, 0);
+    const RunResult blocks = estimate(points, "blocks.ply", in_blocks);
+    ASSERT_EQ(blocks.exit_code, 0) << blocks.errors;
+    EXPECT_EQ(read_text(folder / "blocks.ply"), read_text(folder / "whole.ply"));
+  }
+
+  const auto refused = [&](const std::string& input, const std::string& output,
+                           const Words& options, int exit_code, const std::string& message) {
+    Words more = options;
+    more.emplace_back("--memory");
+    more.emplace_back("16M");
+    const RunResult result = estimate(input, output, more);
+    EXPECT_EQ(result.exit_code, exit_code);
+    EXPECT_TRUE(contains(result.errors, message)) << result.errors;
+    EXPECT_FALSE(std::filesystem::exists(folder / output));
+  };
+  refused(points, "no.ply", {}, 2, "orient by up");
+  refused(points, "no.ply", {"--orient", "mst"}, 2, "orient by up");
+  refused(points, "no.ply", {"--orient", "up", "--voxel", "auto"}, 2, "averaging in voxels");
+  refused(points, "no.las", {"--orient", "up"}, 2, "give a .ply");
+  const std::string text = folder / "points.xyz";
+  ASSERT_EQ(run({tool("surfel-convert"), points, "-o", text}).exit_code, 0);
+  refused(text, "no.ply", {"--orient", "up"}, 1, "surfel-convert --sort curve");
 }
 
 TEST(SurfelEstimate, SearchesFindTheSameOrTellHowMuch) {

@@ -456,8 +456,13 @@ class BlockEstimator {
     const double k = normals.radius > 0 ? 0 : normals.adaptive ? normals.k_max : normals.k;
     const double spacings = kHaloSpacings * std::max(1.0, std::sqrt(k / 16));
     for (const Measured& box : boxes) {
-      const float spacing =
-          box.points.size() < kLeastTelling ? std::max(middle, box.spacing) : box.spacing;
+      // Boxes of few points, or of points in several corners, have no spacing of their own.
+      constexpr float kMostUneven = 4;
+      float spacing = box.spacing;
+      if (!told.empty()) {
+        spacing =
+            box.points.size() < kLeastTelling ? middle : std::min(spacing, kMostUneven * middle);
+      }
       const auto reach =
           static_cast<float>(spacings * static_cast<double>(spacing) + normals.radius);
       for (const std::uint32_t i : box.points) block.reach[i] = reach;
@@ -557,7 +562,6 @@ class BlockEstimator {
     append_own(task, regions, block, out);
     for (std::size_t p = before; p < parts.size(); ++p) out.append(parts[p].points);
     if (task.points.size() > 1 && (count > most_loaded_ || out.size() > most_loaded_)) {
-      if (task.needed.empty() && task.points.size() < most_loaded_ / kMostRead) refuse_disorder();
       return std::nullopt;
     }
     // All of the cloud is known.

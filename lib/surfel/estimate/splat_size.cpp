@@ -231,8 +231,16 @@ class Sizer {
         break;
       }
       k *= 2;
-      find_more(i, k, static_cast<float>(around.reach()), worker.more);
-      around = Neighborhood(worker.more);
+      if (worker.more.size() < std::min(k, search_.whole())) {
+        // Where 32 points do not suffice 64 hardly ever do: twice as many take one search less.
+        const bool ahead = doublings == 1;
+        constexpr double kRoot2 = std::numbers::sqrt2;
+        find_more(i, ahead ? 2 * k : k,
+                  static_cast<float>(ahead ? kRoot2 * around.reach() : around.reach()),
+                  worker.more);
+      }
+      around = Neighborhood(
+          std::span<const Neighbor>(worker.more).first(std::min(k, worker.more.size())));
     }
     if (!known || !around.bounds_cell()) {
       kind_[i] = CellKind::kBorder;

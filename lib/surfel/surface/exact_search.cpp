@@ -154,6 +154,8 @@ class Searcher {
   static constexpr float kLeafSlack = 1.2F;
   /// Up to this many keys counting all smaller ones is faster than sorting.
   static constexpr std::size_t kMostRanked = 96;
+  /// The same by lanes of a vector, once the keys that are not wanted have been parted off.
+  static constexpr std::size_t kMostRankedPerLane = 24;
 
   /// Leaves that k neighbours hardly ever need more of.
   std::size_t most_leaves() const { return 64 + k_; }
@@ -355,8 +357,11 @@ class Searcher {
       const auto end = key_.begin() + static_cast<std::ptrdiff_t>(count);
       const auto last = key_.begin() + static_cast<std::ptrdiff_t>(kept);
       if (last != end) std::nth_element(key_.begin(), last, end);
-      std::sort(key_.begin(), last);
-      return {key, kept};
+      if (kept > kMostRankedPerLane * hn::Lanes(hn::CappedTag<std::int64_t, kWidth / 2>())) {
+        std::sort(key_.begin(), last);
+        return {key, kept};
+      }
+      count = kept;
     }
     // The place of a key is the number of smaller keys. As signed numbers keys have the same order,
     // since the sign of a squared distance is clear, and more instruction sets compare signed ones.
