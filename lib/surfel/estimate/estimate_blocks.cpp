@@ -49,6 +49,9 @@ constexpr std::size_t kPointBytes = 330;
 /// close together need less than half of that.
 constexpr std::size_t kMostRead = 16;
 
+/// One point of so many may come before the one in front of it along the curve.
+constexpr std::size_t kMostMisplaced = 8;
+
 constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max();
 
 /// Points that are in memory for one pass, along the curve of the whole cloud.
@@ -151,7 +154,7 @@ class BlockEstimator {
         options_(options),
         name_(name),
         grid_(cloud.grid()),
-        index_(run_length(blocks)) {
+        index_(run_length(blocks), grid_) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
     shared_ = shared_neighbors(options_.normals);
@@ -263,6 +266,8 @@ class BlockEstimator {
     if (index_.finite() == 0) {
       throw_input(name_, "there is no point with finite coordinates; export the points again");
     }
+    // Files that others have sorted along a curve of their own are as good.
+    if (index_.misplaced() > index_.finite() / kMostMisplaced) refuse_disorder();
     sample_ = sample.places();
   }
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -14,16 +15,24 @@ void RunIndex::add(const Array<Vec3f>& piece) {
   const std::size_t first = runs_.size();
   const std::size_t count = (piece.size() + length_ - 1) / length_;
   runs_.resize(first + count);
+  std::atomic<std::size_t> misplaced = 0;
   parallel_each(count, kGrain, [&](std::size_t r) {
     Run run{Vec3f::Constant(kInfinity), Vec3f::Constant(-kInfinity)};
+    std::uint64_t before = 0;
+    std::size_t wrong = 0;
     for (std::size_t i = r * length_; i < std::min((r + 1) * length_, piece.size()); ++i) {
       if (!piece[i].allFinite()) continue;
       run.low = run.low.cwiseMin(piece[i]);
       run.high = run.high.cwiseMax(piece[i]);
       ++run.finite;
+      const std::uint64_t code = grid_.code(piece[i]);
+      if (code < before) ++wrong;
+      before = code;
     }
     runs_[first + r] = run;
+    misplaced += wrong;
   });
+  misplaced_ += misplaced;
   points_ += piece.size();
   for (std::size_t r = first; r < runs_.size(); ++r) finite_ += runs_[r].finite;
 }

@@ -35,8 +35,9 @@ struct Region {
 /// are not. 28 bytes a run.
 class SURFEL_API RunIndex {
  public:
-  /// Points of a run; only the cloud's last one has fewer.
-  explicit RunIndex(std::size_t length) : length_(length) {}
+  /// \param length  points of a run; only the cloud's last one has fewer.
+  /// \param grid    by which points are in order.
+  RunIndex(std::size_t length, const MortonGrid& grid) : length_(length), grid_(grid) {}
 
   struct Run {
     Vec3f low, high;           ///< Box of the finite points.
@@ -50,6 +51,8 @@ class SURFEL_API RunIndex {
   std::size_t size() const { return runs_.size(); }
   std::size_t points() const { return points_; }
   std::size_t finite() const { return finite_; }
+  /// Points of runs that come before the point in front of them along the curve.
+  std::size_t misplaced() const { return misplaced_; }
   const Run& operator[](std::size_t run) const { return runs_[run]; }
   /// First point of a run, or the end of the last one.
   std::size_t begin(std::size_t run) const { return std::min(run * length_, points_); }
@@ -58,6 +61,8 @@ class SURFEL_API RunIndex {
   std::size_t length_;
   std::size_t points_ = 0;
   std::size_t finite_ = 0;
+  std::size_t misplaced_ = 0;
+  MortonGrid grid_;
   std::vector<Run> runs_;
 };
 
