@@ -519,7 +519,6 @@ int main(int argc, char** argv) {
   tool.everyday({"--output", "--gaussians", "--ascii", "--sort", "--align", "--material", "--scale",
                  "--rotate", "--translate"},
                 {"surfel-convert lion.ply -o lion.splat",
-                 "surfel-convert lion.ply --scale 0.001 --rotate 1,0,0,90 -o upright.ply",
                  "surfel-convert city.laz --sort curve -o sorted.ply",
                  "surfel-convert front.ply back.ply --align -o whole.ply"});
   tool.files().reads({"surfels"});

@@ -431,7 +431,8 @@ int main(int argc, char** argv) {
                     {"edge", "--voxel"},
                     {"spacings", "--smooth-radius"},
                     {"order", "--smooth-order"},
-                    {"crease_angle", "--crease-angle"}});
+                    {"crease_angle", "--crease-angle"},
+                    {"grow_in_noise", "--noise"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const std::uint64_t memory = surfel::memory_to_use(settings.memory);

@@ -39,6 +39,7 @@ struct Command {
 const std::vector<Command>& commands() {
   static const std::vector<Command> all = {
       {"surfel-convert many.ply", "out.ply"},
+      {"surfel-convert many.ply --sort curve --memory 100000", "out.ply"},
       {"surfel-estimate many.ply", "out.ply"},
       {"surfel-texture many.ply --from colors --fit render", "out.ply"},
       {"surfel-group many.ply", "out.ply"},
@@ -46,6 +47,8 @@ const std::vector<Command>& commands() {
       {"surfel-simplify many.ply --count 200", "out.ply"},
       {"surfel-render many.ply --size 64", "out.png"},
       {"surfel-render many.ply --size 64 --method two-pass --memory 1M", "out.png"},
+      {"surfel-render many.ply --size 64 --tiles 1/2", "out.exr"},
+      {"surfel-join part.exr", "out.png"},
       {"surfel-render --mesh mesh.obj --size 16 --samples 1", "out.png"},
       {"surfel-from-mesh mesh.obj --count 300", "out.ply"},
       {"surfel-generate sphere --count 3000", "out.ply"},
@@ -69,7 +72,8 @@ class Faults : public testing::Test {
                "0 1 0 0 0 1 .2\n1 1 0 0 0 1 .2\n");
     write_text(folder_ / "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     for (const char* made : {"surfel-generate checker --size 8x8 -o a.png",
-                             "surfel-generate sphere --texture noise --count 3000 -o many.ply"}) {
+                             "surfel-generate sphere --texture noise --count 3000 -o many.ply",
+                             "surfel-render many.ply --size 32 --tiles 1/1 -o part.exr"}) {
       const RunResult result = run_here(made);
       ASSERT_EQ(result.exit_code, 0) << result.errors;
     }
@@ -176,7 +180,10 @@ TEST_F(Faults, AFileThatShrinksWhileItIsReadIsAnError) {
       }
       ++refused;
       EXPECT_EQ(result.exit_code, 1) << what;
-      EXPECT_TRUE(contains(result.errors, "many.ply: ")) << what;
+      // The file of what does not fit into memory may be the one that shrinks.
+      const bool named = contains(result.errors, "many.ply: ") ||
+                         contains(result.errors, "what was written beside it cannot be read");
+      EXPECT_TRUE(named) << what;
     }
     write_text(input, whole);
     EXPECT_GT(refused, 0) << command.words;

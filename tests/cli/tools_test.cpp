@@ -28,6 +28,7 @@ struct Inputs {
   std::string volume = folder / "volume.nrrd";
   std::string image = folder / "image.png";
   std::string other_image = folder / "other.png";
+  std::string part = folder / "part.exr";
 
   Inputs() {
     write_text(mesh,
@@ -36,6 +37,7 @@ struct Inputs {
     run({tool("surfel-generate"), "checker", "--size", "16x16", "--image", image, "--quiet"});
     run({tool("surfel-generate"), "noise", "--size", "16x16", "--image", other_image, "--quiet"});
     run({tool("surfel-from-mesh"), mesh, "--spacing", "0.05", "-o", surfels, "--quiet"});
+    run({tool("surfel-render"), surfels, "--size", "16", "--tiles", "1/1", "-o", part, "--quiet"});
     write_text(volume, "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 3 3\nencoding: raw\n\n" +
                            std::string(13, '\1') + "a" + std::string(13, '\1'));
   }
@@ -49,8 +51,8 @@ struct Inputs {
 struct Usage {
   std::string name;
   Words options;
-  std::string
-      input;  ///< "surfels", "mesh", "volume", "image" (with another one), "any"; "" for none.
+  std::string input;   ///< "surfels", "mesh", "volume", "image" (with another one), "part", "any";
+                       ///< "" for none.
   std::string output;  ///< Extension of the output; empty for none.
 };
 
@@ -69,6 +71,7 @@ const std::vector<Usage>& usages() {
       {"surfel-lod", {}, "surfels", ".ply"},
       {"surfel-simplify", {"--max-error", "0.05"}, "surfels", ".ply"},
       {"surfel-render", {"--size", "48x32"}, "surfels", ".png"},
+      {"surfel-join", {}, "part", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},
       {"surfel-chart",
@@ -82,6 +85,7 @@ const std::vector<Usage>& usages() {
 
 std::string good_input(const Usage& usage) {
   if (usage.input == "image") return Inputs::get().image;
+  if (usage.input == "part") return Inputs::get().part;
   if (usage.input == "volume") return Inputs::get().volume;
   return usage.input == "mesh" ? Inputs::get().mesh : Inputs::get().surfels;
 }

@@ -330,7 +330,7 @@ TEST(EstimateBlocks, PointsWithoutOrderAreRefused) {
   }
   cloud = cloud.gathered(order);
   Collector collector;
-  EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 2048}, collector),
+  EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 128}, collector),
                Error);
 }
 
@@ -367,7 +367,7 @@ TEST(RunSearch, FindsWhatASearchOfAllPointsFinds) {
   }
   cloud.position.emplace_back(3.0F, 3.0F, 3.0F);
   cloud = sorted(cloud);
-  RunIndex index(64, MemoryRanges(cloud).grid());
+  RunIndex index(64);
   index.add(cloud.position);
   const MemoryRanges ranges(cloud);
   RunSearch search(ranges, index);

@@ -464,8 +464,8 @@ void check_tiles(const CLI::App& app, const Settings& s) {
   }
   if (tool::lower_extension(s.output) != ".exr") {
     throw_usage(
-        fmt::format("--output is \"{}\", but parts of pictures are written as .exr, which "
-                    "surfel-join makes other formats of",
+        fmt::format("--output is \"{}\", but --tiles writes parts of pictures as EXR; give a "
+                    "name that ends in .exr, of which surfel-join makes other formats",
                     s.output));
   }
 }

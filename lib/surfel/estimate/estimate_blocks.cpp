@@ -49,8 +49,8 @@ constexpr std::size_t kPointBytes = 330;
 /// close together need less than half of that.
 constexpr std::size_t kMostRead = 16;
 
-/// One point of so many may come before the one in front of it along the curve.
-constexpr std::size_t kMostMisplaced = 8;
+/// Runs whose boxes meet the box of a run: along a curve through space there are some tens.
+constexpr std::size_t kMostMeeting = 64;
 
 constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max();
 
@@ -154,7 +154,7 @@ class BlockEstimator {
         options_(options),
         name_(name),
         grid_(cloud.grid()),
-        index_(run_length(blocks), grid_) {
+        index_(run_length(blocks)) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
     shared_ = shared_neighbors(options_.normals);
@@ -266,8 +266,8 @@ class BlockEstimator {
     if (index_.finite() == 0) {
       throw_input(name_, "there is no point with finite coordinates; export the points again");
     }
-    // Files that others have sorted along a curve of their own are as good.
-    if (index_.misplaced() > index_.finite() / kMostMisplaced) refuse_disorder();
+    // Any order will do by which what is near in the file is near in space.
+    if (index_.median_meeting() > std::max(kMostMeeting, index_.size() / 4)) refuse_disorder();
     sample_ = sample.places();
   }
 
@@ -308,7 +308,7 @@ class BlockEstimator {
         throw_input(name_, std::string(pixels ? "the points are a range image, whose"
                                               : "noise hides the surface: its") +
                                " normals can only be made with all points in memory; give more "
-                               "memory, or ignore noise (--noise ignore)");
+                               "memory, or have noise ignored (`grow_in_noise`)");
       }
     }
     scan_lines_ =

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -15,26 +14,35 @@ void RunIndex::add(const Array<Vec3f>& piece) {
   const std::size_t first = runs_.size();
   const std::size_t count = (piece.size() + length_ - 1) / length_;
   runs_.resize(first + count);
-  std::atomic<std::size_t> misplaced = 0;
   parallel_each(count, kGrain, [&](std::size_t r) {
     Run run{Vec3f::Constant(kInfinity), Vec3f::Constant(-kInfinity)};
-    std::uint64_t before = 0;
-    std::size_t wrong = 0;
     for (std::size_t i = r * length_; i < std::min((r + 1) * length_, piece.size()); ++i) {
       if (!piece[i].allFinite()) continue;
       run.low = run.low.cwiseMin(piece[i]);
       run.high = run.high.cwiseMax(piece[i]);
       ++run.finite;
-      const std::uint64_t code = grid_.code(piece[i]);
-      if (code < before) ++wrong;
-      before = code;
     }
     runs_[first + r] = run;
-    misplaced += wrong;
   });
-  misplaced_ += misplaced;
   points_ += piece.size();
   for (std::size_t r = first; r < runs_.size(); ++r) finite_ += runs_[r].finite;
+}
+
+std::size_t RunIndex::median_meeting() const {
+  constexpr std::size_t kProbes = 31;
+  std::vector<std::size_t> meeting;
+  for (std::size_t k = 0; k < std::min(kProbes, size()); ++k) {
+    const Run& probe = runs_[size() * k / std::min(kProbes, size())];
+    meeting.push_back(
+        static_cast<std::size_t>(std::count_if(runs_.begin(), runs_.end(), [&](const Run& run) {
+          return (run.low.array() <= probe.high.array()).all() &&
+                 (run.high.array() >= probe.low.array()).all();
+        })));
+  }
+  if (meeting.empty()) return 0;
+  const auto middle = meeting.begin() + static_cast<std::ptrdiff_t>(meeting.size() / 2);
+  std::nth_element(meeting.begin(), middle, meeting.end());
+  return *middle;
 }
 
 /// As the keys of exact_search.h by distance, then as morton_order().

@@ -35,9 +35,8 @@ struct Region {
 /// are not. 28 bytes a run.
 class SURFEL_API RunIndex {
  public:
-  /// \param length  points of a run; only the cloud's last one has fewer.
-  /// \param grid    by which points are in order.
-  RunIndex(std::size_t length, const MortonGrid& grid) : length_(length), grid_(grid) {}
+  /// Points of a run; only the cloud's last one has fewer.
+  explicit RunIndex(std::size_t length) : length_(length) {}
 
   struct Run {
     Vec3f low, high;           ///< Box of the finite points.
@@ -51,8 +50,9 @@ class SURFEL_API RunIndex {
   std::size_t size() const { return runs_.size(); }
   std::size_t points() const { return points_; }
   std::size_t finite() const { return finite_; }
-  /// Points of runs that come before the point in front of them along the curve.
-  std::size_t misplaced() const { return misplaced_; }
+  /// How many runs have boxes that meet the box of one of them, itself included: the median of
+  /// some.
+  std::size_t median_meeting() const;
   const Run& operator[](std::size_t run) const { return runs_[run]; }
   /// First point of a run, or the end of the last one.
   std::size_t begin(std::size_t run) const { return std::min(run * length_, points_); }
@@ -61,8 +61,6 @@ class SURFEL_API RunIndex {
   std::size_t length_;
   std::size_t points_ = 0;
   std::size_t finite_ = 0;
-  std::size_t misplaced_ = 0;
-  MortonGrid grid_;
   std::vector<Run> runs_;
 };
 

@@ -21,6 +21,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kGrain = std::size_t{1} << 14;
+constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 16;
 /// Bytes that a part collects before they go to the scratch file: the most, and the least.
 constexpr std::uint64_t kMostChunk = std::uint64_t{1} << 20;
 constexpr std::uint64_t kLeastChunk = std::uint64_t{1} << 14;
@@ -163,7 +164,7 @@ SortedCloudWriter::Impl::Impl(std::string to, CloudSurvey survey, const Position
       head(like.gathered({0})),
       writer(path, survey.count, {.no_clobber = options.no_clobber}),
       count(survey.count),
-      memory(std::max<std::uint64_t>(options.memory, std::uint64_t{1} << 20)) {
+      memory(std::max(options.memory, kLeastMemory)) {
   const CloudRecords made(like, {});
   stride = made.stride();
   place(survey, like);

@@ -30,7 +30,7 @@ class SURFEL_API PositionSample {
 };
 
 struct CloudSortOptions {
-  std::uint64_t memory = 0;  ///< Bytes that the surfels may take; a megabyte at least.
+  std::uint64_t memory = 0;  ///< Bytes that the surfels may take; 64 kB at least.
   bool no_clobber = false;
 };
 

@@ -486,7 +486,8 @@ SURFEL_API void surfel_image_plugin_read_exr_window(surfel::InputFile& file,
                                                     surfel::ExrWindow& window,
                                                     surfel::Image& image) {
   using namespace surfel;
-  if (!exr_size(file)) throw_input(file.name(), "is no EXR file");
+  if (!exr_size(file))
+    throw_input(file.name(), "is no EXR file; give parts of a picture, which are");
   const OpenedImage opened(std::move(file), path, most_megabytes());
   const OIIO::ImageSpec& spec = opened.input->spec();
   const std::string& name = opened.file.name();

@@ -41,7 +41,9 @@ std::pair<PartHeader, Image> read_part(const std::string& path) {
     }
   }
   if (!part) {
-    throw_input(name, "is no part of a picture; surfel-render --tiles I/N makes parts, as EXR");
+    throw_input(
+        name,
+        "is no part of a picture; surfel-render makes parts, as EXR, where `tiles` are asked for");
   }
   header.part = *part;
   const bool fits = part->parts <= PartNumber::most_parts(window.height);

@@ -8,6 +8,7 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/option_check.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/tree_records.h>
@@ -171,7 +172,8 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
                             memory >> 20,
                             why ? why
                                 : "consecutive ones do not lie close together, as streaming "
-                                  "wants; raise it, or sort them: surfel-convert --sort curve"));
+                                  "wants; raise it, or " +
+                                      range_advice(ply->name())));
   }
   if (has_levels) {
     surfels.emplace(source(), tree, options.columns, ply->name());
