@@ -71,6 +71,7 @@ void expect_the_whole(const std::string& file) {
     const std::size_t part = parts - 1 - k;
     const std::size_t begin = part * kRange;
     const SurfelCloud range = ranges->read(begin, std::min(whole.size(), begin + kRange));
+    EXPECT_EQ(bytes_of(ranges->positions(begin, begin + range.size())), bytes_of(range.position));
     EXPECT_EQ(range.origin, whole.origin);
     EXPECT_EQ(range.decimals, whole.decimals);
     EXPECT_EQ(range.double_positions, whole.double_positions);

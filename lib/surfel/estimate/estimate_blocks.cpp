@@ -123,6 +123,8 @@ class Regions {
 /// How far all points around a point of a region are known; below zero outside of its reach.
 float known_around(const Region& region, const Vec3f& p) {
   constexpr float kRounding = 1e-5F;
+  // Most points are far outside, which is told without their distance.
+  if ((region.low - p).cwiseMax(p - region.high).maxCoeff() > region.reach) return -1;
   const float outside = region.outside(p);
   if (outside > region.reach) return -1;
   return std::max(0.0F, region.reach - outside - kRounding * (region.reach + std::abs(outside)));
@@ -237,7 +239,9 @@ class BlockEstimator {
     bool all_told = true;
     for (std::size_t begin = 0; begin < cloud_.size(); begin += length) {
       const std::size_t end = std::min(begin + length, cloud_.size());
-      SurfelCloud piece = cloud_.read(begin, end);
+      const bool all_columns = begin == 0 || sensors_ || aligned();
+      SurfelCloud piece = all_columns ? cloud_.read(begin, end) : SurfelCloud();
+      if (!all_columns) piece.position = cloud_.positions(begin, end);
       if (begin == 0) {
         column_bytes_ = column_bytes(piece);
         told_once_ = piece.viewpoint.has_value();
@@ -548,8 +552,12 @@ class BlockEstimator {
     parallel_each(parts.size(), 1, [&](std::size_t p) {
       Part& part = parts[p];
       if (count > most_loaded_) return;
-      const SurfelCloud piece = cloud_.read(index_.begin(part.begin), index_.begin(part.end));
+      const std::size_t begin = index_.begin(part.begin);
+      const std::size_t end = index_.begin(part.end);
+      const bool directed = aligned() || to_sensors_;
+      const SurfelCloud piece = directed ? cloud_.read(begin, end) : SurfelCloud();
       const Array<Vec3f> previous = directions(piece);
+      const Array<Vec3f> alone = directed ? Array<Vec3f>() : cloud_.positions(begin, end);
       Vec3f low = index_[part.begin].low;
       Vec3f high = index_[part.begin].high;
       for (std::size_t r = part.begin; r < part.end; ++r) {
@@ -558,7 +566,7 @@ class BlockEstimator {
       }
       std::vector<const Region*> touched;
       regions.touching(low, high, touched);
-      append_within(touched, piece.position, previous, {}, part.points);
+      append_within(touched, directed ? piece.position : alone, previous, {}, part.points);
       count += part.points.size();
     });
 

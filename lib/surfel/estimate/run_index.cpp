@@ -65,7 +65,7 @@ const Array<Vec3f>& RunSearch::read(std::size_t run) {
   if (kept_.size() < kMostKept) kept_.emplace_back();
   Kept& place = kept_[next_];
   next_ = (next_ + 1) % kMostKept;
-  place = {run, cloud_.read(index_.begin(run), index_.begin(run + 1)).position};
+  place = {run, cloud_.positions(index_.begin(run), index_.begin(run + 1))};
   return place.position;
 }
 

@@ -48,6 +48,7 @@ class Reader {
   /// Places the points by their own bounds.
   SurfelCloud read(bool double_positions);
   SurfelCloud read(bool double_positions, const PointPlace& place);
+  Array<Vec3f> positions(const PointPlace& place);
   /// Measures the points without keeping them.
   PointPlace measure();
 
@@ -230,6 +231,13 @@ SurfelCloud Reader::read(bool double_positions, const PointPlace& place) {
   return finished(double_positions, place);
 }
 
+Array<Vec3f> Reader::positions(const PointPlace& place) {
+  add_vector<3>(kPosition, cloud_.position);
+  decoder_.set_origin(place.origin);
+  pass(columns_, nullptr);
+  return std::move(cloud_.position);
+}
+
 PointPlace Reader::measure() {
   Measures measures;
   pass({}, &measures);
@@ -321,6 +329,13 @@ struct RangeReader::Impl {
       : points(of),
         decoder(of.table(), of.file()),
         place(Reader(of.table(), decoder, of.file()).measure()) {}
+
+  RecordTable part(std::size_t begin, std::size_t end) const {
+    RecordTable out = points.table();
+    out.skip(begin);
+    out.count = end - begin;
+    return out;
+  }
 };
 
 RangeReader::RangeReader(const PointRecords& points) : impl_(std::make_unique<Impl>(points)) {}
@@ -330,13 +345,16 @@ const PointPlace& RangeReader::place() const { return impl_->place; }
 
 SurfelCloud RangeReader::read(std::size_t begin, std::size_t end) const {
   const PointRecords& points = impl_->points;
-  RecordTable part = points.table();
-  part.skip(begin);
-  part.count = end - begin;
+  const RecordTable part = impl_->part(begin, end);
   SurfelCloud range =
       Reader(part, impl_->decoder, points.file()).read(points.double_positions(), impl_->place);
   points.describe(range);
   return range;
+}
+
+Array<Vec3f> RangeReader::positions(std::size_t begin, std::size_t end) const {
+  const RecordTable part = impl_->part(begin, end);
+  return Reader(part, impl_->decoder, impl_->points.file()).positions(impl_->place);
 }
 
 }  // namespace surfel

@@ -80,6 +80,8 @@ class RangeReader {
   const PointPlace& place() const;
   /// The points [begin, end). Callable from any thread.
   SurfelCloud read(std::size_t begin, std::size_t end) const;
+  /// Their positions alone.
+  Array<Vec3f> positions(std::size_t begin, std::size_t end) const;
 
  private:
   struct Impl;

@@ -30,6 +30,9 @@ std::size_t CloudRanges::size() const { return impl_->points->table().count; }
 SurfelCloud CloudRanges::read(std::size_t begin, std::size_t end) const {
   return impl_->reader.read(begin, end);
 }
+Array<Vec3f> CloudRanges::positions(std::size_t begin, std::size_t end) const {
+  return impl_->reader.positions(begin, end);
+}
 const Bounds& CloudRanges::bounds() const { return impl_->reader.place().bounds; }
 const Vec3d& CloudRanges::origin() const { return impl_->reader.place().origin; }
 std::size_t CloudRanges::stride() const { return impl_->points->table().stride; }

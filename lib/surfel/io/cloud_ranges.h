@@ -24,6 +24,7 @@ class SURFEL_API CloudRanges final : public SurfelRanges {
   const std::string& name() const;  ///< Of the file, for messages.
   std::size_t size() const override;
   SurfelCloud read(std::size_t begin, std::size_t end) const override;
+  Array<Vec3f> positions(std::size_t begin, std::size_t end) const override;
   MortonGrid grid() const override;
   /// Of the finite positions, world coordinates.
   const Bounds& bounds() const;

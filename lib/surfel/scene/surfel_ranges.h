@@ -21,6 +21,10 @@ class SURFEL_API SurfelRanges {
   /// The surfels [begin, end), with all columns and all that holds for the whole cloud. The columns
   /// and the origin are the same for all ranges. Callable from any thread.
   virtual SurfelCloud read(std::size_t begin, std::size_t end) const = 0;
+  /// The positions of the surfels [begin, end), as read() has them. Callable from any thread.
+  virtual Array<Vec3f> positions(std::size_t begin, std::size_t end) const {
+    return read(begin, end).position;
+  }
   /// The grid around the finite positions, relative to the origin of the ranges: the one of
   /// morton_order().
   virtual MortonGrid grid() const = 0;
