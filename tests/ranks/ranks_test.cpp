@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <numeric>
@@ -51,7 +52,9 @@ TEST(RowBalance, TimesBecomeAlikeWithinAFewPictures) {
     for (const RowRange& range : rows) times.push_back(cost_of(range, kHeight));
     const double mean = std::accumulate(times.begin(), times.end(), 0.0) / kRanks;
     busiest = *std::max_element(times.begin(), times.end()) / mean;
-    if (picture == 0) EXPECT_GT(busiest, 2);
+    if (picture == 0) {
+      EXPECT_GT(busiest, 2);
+    }
     balance.learn(rows, times);
   }
   EXPECT_LT(busiest, 1.25);  // A row of tiles is a sixteenth of a rank's rows.
