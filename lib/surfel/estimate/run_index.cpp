@@ -29,10 +29,10 @@ void RunIndex::add(const Array<Vec3f>& piece) {
 }
 
 std::size_t RunIndex::median_meeting() const {
-  constexpr std::size_t kProbes = 31;
+  constexpr std::size_t kProbedRuns = 31;
   std::vector<std::size_t> meeting;
-  for (std::size_t k = 0; k < std::min(kProbes, size()); ++k) {
-    const Run& probe = runs_[size() * k / std::min(kProbes, size())];
+  for (std::size_t k = 0; k < std::min(kProbedRuns, size()); ++k) {
+    const Run& probe = runs_[size() * k / std::min(kProbedRuns, size())];
     meeting.push_back(
         static_cast<std::size_t>(std::count_if(runs_.begin(), runs_.end(), [&](const Run& run) {
           return (run.low.array() <= probe.high.array()).all() &&

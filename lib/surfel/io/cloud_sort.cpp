@@ -20,7 +20,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kGrain = std::size_t{1} << 14;
+constexpr std::size_t kSortGrain = std::size_t{1} << 14;
 constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 16;
 /// Bytes that a part collects before they go to the scratch file: the most, and the least.
 constexpr std::uint64_t kMostChunk = std::uint64_t{1} << 20;
@@ -218,7 +218,7 @@ void SortedCloudWriter::append(const SurfelCloud& piece) {
   if (made.stride() != w.stride) throw_input(w.path, "pieces of the cloud differ in their columns");
   w.records.resize(piece.size() * w.stride);
   w.part_of.resize(piece.size());
-  parallel_for(piece.size(), kGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(piece.size(), kSortGrain, [&](std::size_t begin, std::size_t end, int) {
     std::byte* const from = w.records.data() + begin * w.stride;
     made.encode(begin, end, from);
     for (std::size_t i = begin; i < end && !w.first.empty(); ++i) {
@@ -257,11 +257,12 @@ void SortedCloudWriter::Impl::write(Part& part) {
   }
   const Array<std::byte> from = read(part);
   Array<Vec3f> position(size);
-  parallel_each(size, kGrain, [&](std::size_t i) { position[i] = (*positions)(from.data(), i); });
+  parallel_each(size, kSortGrain,
+                [&](std::size_t i) { position[i] = (*positions)(from.data(), i); });
   const Array<std::uint32_t> order = morton_order(position, grid);
   position = {};
   Array<std::byte> sorted(size * stride);
-  parallel_each(size, kGrain, [&](std::size_t i) {
+  parallel_each(size, kSortGrain, [&](std::size_t i) {
     std::memcpy(sorted.data() + i * stride, from.data() + order[i] * stride, stride);
   });
   writer.append_records(head, sorted.data(), size);
