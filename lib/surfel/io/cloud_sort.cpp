@@ -122,8 +122,8 @@ struct SortedCloudWriter::Impl {
   Array<std::byte> records;  ///< Of a piece.
   std::vector<std::uint16_t> part_of;
 
-  Impl(std::string to, CloudSurvey survey, const PositionSample& sample, const SurfelCloud& like,
-       const CloudSortOptions& options);
+  Impl(std::string to, const CloudSurvey& survey, const PositionSample& sample,
+       const SurfelCloud& like, const CloudSortOptions& options);
   void place(const CloudSurvey& survey, const SurfelCloud& like);
   void cut(const PositionSample& sample, std::size_t parts_wanted);
   void put(Part& part, const std::byte* record);
@@ -158,8 +158,9 @@ void SortedCloudWriter::Impl::cut(const PositionSample& sample, std::size_t part
   }
 }
 
-SortedCloudWriter::Impl::Impl(std::string to, CloudSurvey survey, const PositionSample& sample,
-                              const SurfelCloud& like, const CloudSortOptions& options)
+SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
+                              const PositionSample& sample, const SurfelCloud& like,
+                              const CloudSortOptions& options)
     : path(std::move(to)),
       head(like.gathered({0})),
       writer(path, survey.count, {.no_clobber = options.no_clobber}),
@@ -201,10 +202,10 @@ void SortedCloudWriter::Impl::put(Part& part, const std::byte* record) {
   ++part.records;
 }
 
-SortedCloudWriter::SortedCloudWriter(std::string path, CloudSurvey survey,
+SortedCloudWriter::SortedCloudWriter(std::string path, const CloudSurvey& survey,
                                      const PositionSample& sample, const SurfelCloud& first,
                                      const CloudSortOptions& options)
-    : impl_(std::make_unique<Impl>(std::move(path), std::move(survey), sample, first, options)) {}
+    : impl_(std::make_unique<Impl>(std::move(path), survey, sample, first, options)) {}
 SortedCloudWriter::~SortedCloudWriter() = default;
 
 std::uint64_t SortedCloudWriter::scratch_bytes() const {

@@ -48,7 +48,7 @@ class SURFEL_API SortedCloudWriter {
   /// \param first   the first piece, settled: it decides on the columns and comments of the file.
   /// Throws Error(kUsage) for a target that is not written as binary PLY, Error(kIo) where it
   /// cannot be written, or where its disk has no room for it and the scratch file.
-  SortedCloudWriter(std::string path, CloudSurvey survey, const PositionSample& sample,
+  SortedCloudWriter(std::string path, const CloudSurvey& survey, const PositionSample& sample,
                     const SurfelCloud& first, const CloudSortOptions& options);
   ~SortedCloudWriter();
   SortedCloudWriter(const SortedCloudWriter&) = delete;
