@@ -76,7 +76,8 @@ class Collector final : public SurfelSink {
 
 template <class T>
 bool same_bytes(const Array<T>& a, const Array<T>& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+  if (a.size() != b.size()) return false;
+  return a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
 }
 
 /// Expects the blocks' surfels to be those of all points at once, byte for byte.
