@@ -142,8 +142,9 @@ TEST(Rows, OfSampledPicturesAreTheSame) {
       camera,
       [](const Camera& seen) {
         return supersample(seen, {.samples = 8, .lowpass = 1}, [](double x, double y, int) {
-          const float value = static_cast<float>(random_uniform(
-              1, static_cast<std::uint64_t>(4096 * x), static_cast<std::uint64_t>(4096 * y)));
+          const float value =
+              static_cast<float>(random_uniform(1, static_cast<std::uint64_t>(4096 * (x + 64)),
+                                                static_cast<std::uint64_t>(4096 * (y + 64))));
           return Rgba{value, 1 - value, 0.5F, 1};
         });
       },
