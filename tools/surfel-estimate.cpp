@@ -333,31 +333,6 @@ class Writer final : public surfel::SurfelSink {
   surfel::tool::NotFinite not_finite_;
 };
 
-[[noreturn]] void refuse_size(const Settings& s, std::uint64_t bytes, std::uint64_t memory) {
-  surfel::throw_input(
-      surfel::tool::shown_name(s.input),
-      fmt::format("takes {} MB in memory or more, of which {} MB are allowed (--memory); {}",
-                  bytes >> 20, memory >> 20, surfel::range_advice(s.input)));
-}
-
-/// Throws if a file has more points than fit into memory. The points of a file that is small enough
-/// for any format are not counted.
-void require_room(const Settings& s, std::uint64_t memory) {
-  // A compressed point takes three bytes or more, and 350 bytes in memory.
-  constexpr std::uint64_t kMostGrowth = 128;
-  std::error_code error;
-  const std::uint64_t size = std::filesystem::file_size(s.input, error);
-  if (error || size <= memory / kMostGrowth) return;
-  const surfel::CloudReader reader(s.input, s.part.options());
-  const std::size_t point_bytes = surfel::column_bytes(reader.first());
-  std::size_t points = 0;
-  reader.for_each([&](const surfel::SurfelCloud& piece) {
-    points += piece.size();
-    const std::uint64_t bytes = surfel::estimate_bytes(points, point_bytes);
-    if (bytes > memory) refuse_size(s, bytes, memory);
-  });
-}
-
 void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
   const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input, s.part.options());
   finish(s, cloud);
@@ -437,7 +412,10 @@ int main(int argc, char** argv) {
     check(tool.app(), settings);
     const std::uint64_t memory = surfel::memory_to_use(settings.memory);
     if (estimate_larger(tool, settings, memory)) return;
-    require_room(settings, memory);
+    surfel::tool::require_room(settings.input, settings.part.options(), memory,
+                               [](std::size_t points, const surfel::SurfelCloud& first) {
+                                 return surfel::estimate_bytes(points, surfel::column_bytes(first));
+                               });
     estimate_in_memory(tool, settings);
   });
 }

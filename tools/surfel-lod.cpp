@@ -1,5 +1,6 @@
 // surfel-lod: levels of detail, so that pictures cost what their pixels cost.
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -91,20 +92,6 @@ void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
 }
 
-/// Throws if a cloud takes more memory than it may, in which it must be.
-void require_room(const Settings& s, const surfel::SurfelCloud& cloud, std::size_t surfels,
-                  std::uint64_t memory) {
-  // Beside the surfels there are their order, and two copies of the keys that it is sorted by.
-  constexpr std::size_t kOrder = sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
-  const std::uint64_t bytes = std::uint64_t{surfels} * (surfel::row_bytes(cloud) + kOrder);
-  if (bytes <= memory) return;
-  surfel::throw_input(surfel::tool::shown_name(s.input),
-                      fmt::format("is no binary PLY in space-filling order, so that it must be "
-                                  "loaded, which takes {} MB of memory, and {} MB are allowed "
-                                  "(--memory); {}",
-                                  (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
-}
-
 /// Makes levels of the surfels of a file without loading it; false if that cannot be done.
 bool make_levels_of_file(surfel::tool::Tool& tool, const Settings& s,
                          const surfel::HierarchyOptions& options, surfel::LevelsWriter& writer,
@@ -112,21 +99,28 @@ bool make_levels_of_file(surfel::tool::Tool& tool, const Settings& s,
   if (s.input == "-") return false;
   const auto ranges = surfel::CloudRanges::open(s.input);
   if (!ranges) return false;
-  const surfel::SurfelCloud first = ranges->read(0, 1);
-  if (!surfel::build_hierarchy(*ranges, options, writer, &levels, s.input)) {
-    require_room(s, first, ranges->size(), options.memory);
-    return false;
-  }
-  surfel::tool::tell_finest(tool, s.input, first, ranges->size());
+  if (!surfel::build_hierarchy(*ranges, options, writer, &levels, s.input)) return false;
+  surfel::tool::tell_finest(tool, s.input, ranges->read(0, 1), ranges->size());
   return true;
+}
+
+/// Bytes of surfels that have been loaded, of their order, and of two copies of the keys that it is
+/// sorted by.
+std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first) {
+  constexpr std::size_t kOrder = sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
+  return std::uint64_t{surfels} * (surfel::row_bytes(first) + kOrder);
 }
 
 void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
                            surfel::HierarchyOptions options, surfel::LevelsWriter& writer,
                            surfel::HierarchyReport& levels) {
+  surfel::tool::require_room(s.input, {}, options.memory,
+                             [](std::size_t surfels, const surfel::SurfelCloud& first) {
+                               return bytes_in_memory(surfels, first);
+                             });
   const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
-  require_room(s, cloud, cloud.size(), options.memory);
-  options.memory -= cloud.size() * (surfel::row_bytes(cloud) + sizeof(std::uint32_t));
+  const std::uint64_t taken = bytes_in_memory(cloud.size(), cloud);
+  options.memory = std::max<std::uint64_t>(1, options.memory - std::min(options.memory, taken));
   surfel::build_hierarchy(surfel::OrderedCloud(cloud), options, writer, &levels,
                           surfel::tool::shown_name(s.input));
 }

@@ -6,7 +6,8 @@
 #
 # PICTURES is their number, as the options ask for (--turntable, --path-pictures). They are files in FILM.pictures, on
 # a disk that all nodes share. Where jobs have failed, the pictures that are missing are named, and the same command
-# makes these alone. What sbatch is to be told besides goes into SURFEL_SBATCH, such as "--mem=4G --time=30".
+# makes these alone; for other options remove the folder. What sbatch is to be told besides goes into SURFEL_SBATCH, such
+# as "--mem=4G --time=30".
 set -euo pipefail
 if [[ $# -lt 4 || ! $2 =~ ^[1-9][0-9]*$ || ! $3 =~ ^[1-9][0-9]*$ ]]; then
   sed -n '2,5s/^# \{0,1\}//p' "$0" >&2

@@ -5,8 +5,8 @@
 #   samples/slurm/picture.sh city.png 64 city-lod.ply --size 32768x16384 --from 0,-1,0.7
 #
 # The parts are files in PICTURE.parts, on a disk that all nodes share. Where jobs have failed, the last job names the
-# parts that are missing, and the same command makes these alone. What sbatch is to be told besides goes into
-# SURFEL_SBATCH, such as "--mem=4G --time=30 --cpus-per-task=8".
+# parts that are missing; the same command makes these, and leaves alone what it has made before. What sbatch is to be
+# told besides goes into SURFEL_SBATCH, such as "--mem=4G --time=30 --cpus-per-task=8".
 set -euo pipefail
 if [[ $# -lt 3 || ! $2 =~ ^[1-9][0-9]*$ ]]; then
   sed -n '2,5s/^# \{0,1\}//p' "$0" >&2
@@ -19,21 +19,11 @@ mkdir -p "$folder"
 # quoted WORD...: the words for a shell.
 quoted() { printf ' %q' "$@"; }
 
-numbers=1-$parts
-if compgen -G "$folder/*.exr" > /dev/null; then
-  numbers=$(surfel-join --missing "$folder"/*.exr) || numbers=1-$parts
-fi
-after=()
-if [[ -n $numbers ]]; then
-  # Damaged parts count as missing.
-  for number in ${numbers//,/ }; do rm -f "$folder/$number.exr"; done
-  array=$(sbatch --parsable "${options[@]}" --job-name=surfel-part --array="$numbers" --output="$folder/%a.log" --wrap \
-    "surfel-render$(quoted "$@") -o$(quoted "$folder")/\$SLURM_ARRAY_TASK_ID.exr \
-      --tiles \$SLURM_ARRAY_TASK_ID/$parts --threads \${SLURM_CPUS_PER_TASK:-1}")
-  after=(--dependency="afterany:${array%%;*}")
-fi
-sbatch "${options[@]}" --wait --job-name=surfel-join "${after[@]}" --output="$folder/join.log" --wrap \
-  "surfel-join$(quoted "$folder")/*.exr -o$(quoted "$picture")" > /dev/null || {
+array=$(sbatch --parsable "${options[@]}" --job-name=surfel-part --array="1-$parts" --output="$folder/%a.log" --wrap \
+  "surfel-render$(quoted "$@") -o$(quoted "$folder")/\$SLURM_ARRAY_TASK_ID-of-$parts.exr \
+    --tiles \$SLURM_ARRAY_TASK_ID/$parts --skip-existing --threads \${SLURM_CPUS_PER_TASK:-1}")
+sbatch "${options[@]}" --wait --job-name=surfel-join --dependency="afterany:${array%%;*}" --output="$folder/join.log" --wrap \
+  "surfel-join$(quoted "$folder")/*-of-$parts.exr -o$(quoted "$picture")" > /dev/null || {
   cat "$folder/join.log" >&2
   exit 1
 }

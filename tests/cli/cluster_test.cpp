@@ -61,18 +61,25 @@ TEST_F(Cluster, ParallelMakesThePictureAndRepairsIt) {
   expect_whole();
   // A part that is gone is made again, the others are left alone.
   fs::remove(picture_);
-  fs::remove(picture_ + ".parts/2.exr");
-  const auto time = fs::last_write_time(picture_ + ".parts/3.exr");
+  fs::remove(picture_ + ".parts/2-of-4.exr");
+  const auto time = fs::last_write_time(picture_ + ".parts/3-of-4.exr");
   const RunResult again = run_script(command);
   ASSERT_EQ(again.exit_code, 0) << again.errors;
-  EXPECT_EQ(fs::last_write_time(picture_ + ".parts/3.exr"), time);
+  EXPECT_EQ(fs::last_write_time(picture_ + ".parts/3-of-4.exr"), time);
+  expect_whole();
+  // Parts that other options made are no parts of this picture.
+  Words other = command;
+  other.insert(other.end(), {"--zoom", "1.5"});
+  ASSERT_EQ(run_script(other).exit_code, 0);
+  EXPECT_FALSE(read_text(picture_) == read_text(folder_ / "whole.png"));
+  ASSERT_EQ(run_script(command).exit_code, 0);
   expect_whole();
 }
 
 TEST_F(Cluster, ParallelFailsWhereAPartDoes) {
   if (find_program("parallel").empty()) return skip_without("parallel");
   // Nothing can be written to the place of a part.
-  fs::create_directories(picture_ + ".parts/2.exr");
+  fs::create_directories(picture_ + ".parts/2-of-4.exr");
   const RunResult made = run_script(
       {kSource + "/samples/parallel/picture.sh", picture_, "4", ball_, "--size", "80x90"});
   EXPECT_NE(made.exit_code, 0);
@@ -87,8 +94,8 @@ TEST_F(Cluster, SlurmMakesPicturesAndFilms) {
 cd {0}
 {1}/samples/slurm/picture.sh picture.png 3 'a ball.ply' --size 80x90
 cp picture.png first.png
-rm picture.png picture.png.parts/2.exr
-head -c 200 picture.png.parts/3.exr > cut.exr && mv cut.exr picture.png.parts/3.exr
+rm picture.png picture.png.parts/2-of-3.exr
+head -c 200 picture.png.parts/3-of-3.exr > cut.exr && mv cut.exr picture.png.parts/3-of-3.exr
 {1}/samples/slurm/picture.sh picture.png 3 'a ball.ply' --size 80x90
 if {1}/samples/slurm/picture.sh broken.png 2 nowhere.ply; then exit 1; fi
 {1}/samples/slurm/film.sh turn.mp4 5 2 'a ball.ply' --turntable 5 --size 64 --background white

@@ -97,6 +97,21 @@ TEST_F(Join, FailedPartsAreNamed) {
   EXPECT_EQ(join({"-o", folder_ / "joined.png"}).exit_code, 0);
 }
 
+TEST_F(Join, PartsThatAreThereAreMadeAgainWhereTheyAreNotTheSame) {
+  const auto again = [&](const Words& more) {
+    Words words{"-o", part(1), "--tiles", "1/3", "--skip-existing"};
+    words.insert(words.end(), more.begin(), more.end());
+    const RunResult made = render(words);
+    EXPECT_EQ(made.exit_code, 0) << made.errors;
+    return read_text(part(1));
+  };
+  const std::string first = again({});
+  EXPECT_FALSE(again({"--zoom", "2"}) == first);
+  EXPECT_TRUE(again({}) == first);
+  fs::resize_file(part(1), fs::file_size(part(1)) / 2);
+  EXPECT_TRUE(again({}) == first);
+}
+
 TEST_F(Join, PartsOfOtherPicturesAreRefused) {
   make_part(1);
   make_part(2);

@@ -69,7 +69,10 @@ void declare_camera(CLI::App& app, Settings& s) {
   add_text(app, "--frames", "A-B", "",
            "Of several pictures those from number A to number B, the first of which is 0",
            [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
-  app.add_flag("--skip-existing", s.skip_existing, "Leave pictures alone that are there already");
+  app.add_flag(
+      "--skip-existing", s.skip_existing,
+      "Leave pictures alone that are there already; parts of pictures where the same command "
+      "made them");
   add_text(app, "--tiles", "I/N", "",
            "The I-th of N parts of each picture, 1 the uppermost, as EXR: surfel-join makes one "
            "picture of all parts, which has the bytes that it has when it is made in one",

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <utility>
 
 #include <fmt/format.h>
@@ -11,6 +12,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/gaussian_join.h>
@@ -124,6 +126,28 @@ void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& c
         "the result to have them again)",
         shown_name(path), surfels, surfels + cloud.coarser_skipped));
   }
+}
+
+void require_room(const std::string& path, const CloudReadOptions& options, std::uint64_t memory,
+                  FunctionRef<std::uint64_t(std::size_t surfels, const SurfelCloud& first)> bytes) {
+  // A file that is small enough for any format is not looked at: a compressed surfel takes three
+  // bytes or more, and 350 in memory.
+  constexpr std::uint64_t kMostGrowth = 128;
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(path, error);
+  if (error || size <= memory / kMostGrowth) return;
+  const CloudReader reader(path, options);
+  const SurfelCloud first = reader.first();
+  std::size_t surfels = 0;
+  reader.for_each([&](const SurfelCloud& piece) {
+    surfels += piece.size();
+    const std::uint64_t needed = bytes(surfels, first);
+    if (needed <= memory) return;
+    throw_input(shown_name(path),
+                fmt::format("takes {} MB in memory or more, of which {} MB are allowed (--memory); "
+                            "{}",
+                            (needed >> 20) + 1, memory >> 20, range_advice(path)));
+  });
 }
 
 SurfelCloud read_finest(Tool& tool, const std::string& path, const CloudReadOptions& options) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/function_ref.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -55,6 +56,13 @@ void add_part(CLI::App& app, PartSettings& part);
 /// \param surfels  of the finest level
 void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
                  std::size_t surfels);
+
+/// Throws Error(kInput) naming a file that has more surfels than fit into the memory that they may
+/// take, and saying how to put it into an order that needs less. What reads piece by piece is
+/// counted until there are too many.
+/// \param bytes  what so many surfels take, with the columns that the first one has.
+void require_room(const std::string& path, const CloudReadOptions& options, std::uint64_t memory,
+                  FunctionRef<std::uint64_t(std::size_t surfels, const SurfelCloud& first)> bytes);
 
 /// Reads surfels for a tool that works on the finest level alone, and reports the time that takes
 /// (`load_ms`). Tells where a file has levels of detail, as they will be missing in the result.

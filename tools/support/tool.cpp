@@ -425,8 +425,8 @@ std::string Tool::provenance() const {
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
-        "threads",    "memory", "config",     "quiet",  "verbose", "progress",
-        "no-clobber", "stats",  "max-pixels", "output", "tiles",   "skip-existing"};
+        "threads", "memory",     "config", "quiet", "verbose",       "progress", "no-clobber",
+        "stats",   "max-pixels", "output", "tiles", "skip-existing", "frames"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;

@@ -630,7 +630,7 @@ class BlockEstimator {
     }
   }
 
-  /// Estimates the points that are loaded, and notes those of the block that are certain. Returns
+  /// Estimates the points that are loaded, and notes the block's points that are certain. Returns
   /// the others, with the regions that they need.
   PointTask estimate(const Loaded& loaded, CloudBlock& block) {
     const Array<Vec3f>& position = loaded.position;

@@ -47,9 +47,9 @@ SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_by
 /// and a halo: all points within a distance of it that suffices for nearly all of them, and is told
 /// from its density. A point of which that is not so (halo_search.h), as at the edges of gaps and
 /// far from all others, is estimated again with as much of the cloud around it as its
-/// neighbourhoods, and those of its neighbours, turn out to need. What is decided for the whole
-/// cloud is told from samples of it (place_sample.h), the same that estimate_surfels() looks at;
-/// that ellipses are worth it is guessed from some runs and counted on the way: after a wrong
+/// neighbourhoods, and its neighbours' neighbourhoods, turn out to need. What is decided for the
+/// whole cloud is told from samples of it (place_sample.h), the same that estimate_surfels() looks
+/// at; that ellipses are worth it is guessed from some runs and counted on the way: after a wrong
 /// guess, which a mixed cloud may cause, the blocks are made once more.
 ///
 /// In memory are 28 bytes for every 1024 points, a block, and a halo of about its size at most

@@ -13,9 +13,6 @@
 namespace surfel {
 namespace {
 
-/// Parts are made of whole rows of tiles: of as many pixels as renderers draw together.
-constexpr int kRowsTogether = 16;
-
 /// Names of the attributes of a part's file.
 constexpr char kPart[] = "surfelPart";
 constexpr char kMadeBy[] = "surfelMadeBy";
@@ -112,6 +109,16 @@ ImageWriteOptions part_options(const PartNumber& part, int height, const std::st
   options.metadata.emplace_back(kPart, fmt::format("{}/{}", part.number, part.parts));
   options.metadata.emplace_back(kMadeBy, made_by);
   return options;
+}
+
+bool part_is_there(const std::string& path, const PartNumber& part, const std::string& made_by) {
+  try {
+    const PartHeader header = read_part(path).first;
+    return header.part.number == part.number && header.part.parts == part.parts &&
+           header.made_by == made_by;
+  } catch (const Error&) {
+    return false;
+  }
 }
 
 void PictureJoin::add(const std::string& path) {

@@ -23,10 +23,10 @@ struct PartNumber {
   /// Of "3/8"; nullopt of anything else, such as "0/8" and "9/8".
   SURFEL_API static std::optional<PartNumber> parse(const std::string& text);
 
-  /// Most parts that a picture of so many rows has: rows of tiles are not divided.
+  /// Most parts that a picture of so many rows has, of kRowsTogether rows each.
   SURFEL_API static int most_parts(int height);
-  /// The rows of this part of a picture. Parts follow one another from the top, are as high as each
-  /// other but for 16 rows, and make up the picture. `parts` is most_parts(height) at most.
+  /// The rows of this part of a picture. Parts follow one another from the top, make up the
+  /// picture, and differ by kRowsTogether rows at most. `parts` is most_parts(height) at most.
   SURFEL_API RowRange rows(int height) const;
 };
 
@@ -47,6 +47,10 @@ SURFEL_API Image part_of(const Image& picture, const PartNumber& part);
 /// \param options  the picture's.
 SURFEL_API ImageWriteOptions part_options(const PartNumber& part, int height,
                                           const std::string& made_by, ImageWriteOptions options);
+
+/// Is there a file that holds this part, whole, and that was made so?
+SURFEL_API bool part_is_there(const std::string& path, const PartNumber& part,
+                              const std::string& made_by);
 
 /// Joins the parts of a picture.
 class SURFEL_API PictureJoin {

@@ -46,8 +46,8 @@ class SURFEL_API SurfelPartition {
   template <class Side>
   std::uint32_t divide(const Group& group, Side side);
 
-  /// What matters of a surfel, in so few bytes that those of some clusters stay in the first-level
-  /// cache.
+  /// What matters of a surfel, in so few bytes that the surfels of some clusters stay in the
+  /// first-level cache.
   struct Member {
     Vec3f position;
     float area;

@@ -14,9 +14,6 @@
 namespace surfel {
 namespace {
 
-/// Rows are shared in whole rows of tiles, which renderers draw together.
-constexpr int kRowsTogether = 16;
-
 std::optional<int> number_in_environment(const char* name) {
   const char* const value = std::getenv(name);
   if (!value) return std::nullopt;

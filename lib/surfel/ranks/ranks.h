@@ -27,7 +27,7 @@ class SURFEL_API Ranks {
  public:
   /// Joins the processes that were started with this one; null for a process alone. Throws
   /// Error(kIo) where the plug-in of MPI is not there, and Error(kUsage) where MPI joins fewer
-  /// processes than were started, as those of another MPI than the plug-in's.
+  /// processes than were started, as happens by the mpirun of another MPI than the plug-in's.
   static std::unique_ptr<Ranks> join();
 
   virtual ~Ranks() = default;

@@ -14,6 +14,8 @@ namespace surfel {
 
 class Shader;
 
+static_assert(kTileSize == kRowsTogether);
+
 /// Tiles along the side of `pixels` pixels.
 constexpr int tiles_along(int pixels) { return (pixels + kTileSize - 1) / kTileSize; }
 

@@ -13,6 +13,10 @@ struct RowRange {
   int begin, end;
 };
 
+/// Rows of pixels that renderers draw together, from the first one on: parts of pictures are made
+/// of as many, or of a multiple.
+inline constexpr int kRowsTogether = 16;
+
 /// Pinhole or orthographic camera without distortion. Camera space: x right, y down, z forward.
 /// A point p in camera space is seen at pixel coordinates (focal_x p.x / p.z + center_x,
 /// focal_y p.y / p.z + center_y), orthographic without the division; (0, 0) is the corner of the

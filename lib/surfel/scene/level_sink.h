@@ -22,8 +22,8 @@ class SURFEL_API LevelSink {
   /// \param surfels   of all levels
   /// \param clusters  of the tree
   virtual void begin(const SurfelCloud& like, std::size_t surfels, std::size_t clusters) = 0;
-  /// Takes the surfels [begin, end) of a part: those of the tree from `at` on. Several threads call
-  /// it at once.
+  /// Takes the surfels [begin, end) of a part, which are the tree's surfels from `at` on. Several
+  /// threads call it at once.
   virtual void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::size_t at) = 0;
   /// Comes once all surfels are there.
   virtual void finish(ClusterTree tree) = 0;
