@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
-#include <surfel/io/input_file.h>
 #include <surfel/io/picture_part.h>
 
 #include "tools/support/movie.h"
@@ -98,11 +97,16 @@ void write_picture(const Tool& tool, const Settings& s, surfel::PictureJoin& joi
 
 void write_film(const Tool& tool, const Settings& s) {
   const std::string extension = surfel::tool::lower_extension(s.files.front());
+  const surfel::ImageReader::Layout first = surfel::open_image(s.files.front())->layout();
   for (const std::string& file : s.files) {
-    const surfel::InputFile there(file);
-    if (surfel::tool::lower_extension(file) != extension) {
-      surfel::throw_input(file, fmt::format("is no {} file as {} is; join pictures of one format",
-                                            extension, s.files.front()));
+    const surfel::ImageReader::Layout layout = surfel::open_image(file)->layout();
+    if (surfel::tool::lower_extension(file) != extension || layout.width != first.width ||
+        layout.height != first.height) {
+      surfel::throw_input(
+          file,
+          fmt::format("is a picture of {}x{} pixels, and {} one of {}x{}; join pictures of "
+                      "one size and one format",
+                      layout.width, layout.height, s.files.front(), first.width, first.height));
     }
   }
   surfel::tool::Movie movie(s.output, s.fps, tool.common().no_clobber, extension);

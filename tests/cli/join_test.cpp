@@ -153,6 +153,21 @@ TEST_F(Join, PicturesBecomeAFilm) {
       {"-o", folder_ / "whole.mp4", "--turntable", "4", "--fps", "25", "--background", "white"});
   ASSERT_EQ(whole.exit_code, 0) << whole.errors;
   EXPECT_TRUE(read_text(folder_ / "turn.mp4") == read_text(folder_ / "whole.mp4"));
+
+  fs::remove(folder_ / "turn.mp4");
+  ASSERT_EQ(run({tool("surfel-render"), folder_ / "ball.ply", "--size", "40", "-o",
+                 folder_ / "frame_3.png"})
+                .exit_code,
+            0);
+  const RunResult mixed = run(words);
+  EXPECT_EQ(mixed.exit_code, 1);
+  EXPECT_NE(mixed.errors.find("frame_3.png: is a picture of 40x40 pixels"), std::string::npos)
+      << mixed.errors;
+  write_text(folder_ / "frame_3.png", "");
+  const RunResult empty = run(words);
+  EXPECT_EQ(empty.exit_code, 1);
+  EXPECT_NE(empty.errors.find("frame_3.png"), std::string::npos) << empty.errors;
+  EXPECT_FALSE(fs::exists(folder_ / "turn.mp4"));
 }
 
 }  // namespace
