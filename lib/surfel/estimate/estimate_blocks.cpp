@@ -16,6 +16,7 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/halo_regions.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/point_estimates.h>
@@ -77,57 +78,6 @@ Array<T> in_order(const Array<T>& values, const Array<std::uint32_t>& order) {
     parallel_each(order.size(), kLoadGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
   }
   return out;
-}
-
-/// Regions, in the order of a space-filling curve as far as possible, with the boxes of some
-/// consecutive ones.
-class Regions {
- public:
-  void add(const Region& region) {
-    if (region_.size() % kGroup == 0) group_.push_back(region);
-    Region& group = group_.back();
-    group.low = group.low.cwiseMin(region.low);
-    group.high = group.high.cwiseMax(region.high);
-    group.reach = std::max(group.reach, region.reach);
-    region_.push_back(region);
-  }
-
-  /// The regions that touch a box, or all points in it.
-  void touching(const Vec3f& low, const Vec3f& high, std::vector<const Region*>& out) const {
-    out.clear();
-    for (std::size_t g = 0; g < group_.size(); ++g) {
-      if (!group_[g].touches(low, high)) continue;
-      const std::size_t end = std::min((g + 1) * kGroup, region_.size());
-      for (std::size_t r = g * kGroup; r < end; ++r) {
-        if (region_[r].touches(low, high)) out.push_back(&region_[r]);
-      }
-    }
-  }
-  bool touch(const Vec3f& low, const Vec3f& high) const {
-    for (std::size_t g = 0; g < group_.size(); ++g) {
-      if (!group_[g].touches(low, high)) continue;
-      const std::size_t end = std::min((g + 1) * kGroup, region_.size());
-      for (std::size_t r = g * kGroup; r < end; ++r) {
-        if (region_[r].touches(low, high)) return true;
-      }
-    }
-    return false;
-  }
-
- private:
-  static constexpr std::size_t kGroup = 32;
-  std::vector<Region> region_;
-  std::vector<Region> group_;
-};
-
-/// How far all points around a point of a region are known; below zero outside of its reach.
-float known_around(const Region& region, const Vec3f& p) {
-  constexpr float kRounding = 1e-5F;
-  // Most points are far outside, which is told without their distance.
-  if ((region.low - p).cwiseMax(p - region.high).maxCoeff() > region.reach) return -1;
-  const float outside = region.outside(p);
-  if (outside > region.reach) return -1;
-  return std::max(0.0F, region.reach - outside - kRounding * (region.reach + std::abs(outside)));
 }
 
 /// Estimates of the points of a block, in the order of the file, and what they depend on.
@@ -486,7 +436,7 @@ class BlockEstimator {
       if (!position[i].allFinite()) continue;
       float known = -1;
       for (const Region* region : regions) {
-        known = std::max(known, known_around(*region, position[i]));
+        known = std::max(known, region->known_around(position[i]));
       }
       if (known < 0) continue;
       out.position.push_back(position[i]);
@@ -608,7 +558,7 @@ class BlockEstimator {
       cut(task.points, block, [&](std::span<const std::uint32_t> some) {
         const Region box = box_of(some, block);
         for (const std::uint32_t i : some) {
-          out.known[first + i] = known_around(box, block.cloud.position[i]);
+          out.known[first + i] = box.known_around(block.cloud.position[i]);
         }
       });
       return;

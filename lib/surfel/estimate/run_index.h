@@ -12,25 +12,6 @@
 
 namespace surfel {
 
-/// Points of a box, and of what lies no further than `reach` from it.
-struct Region {
-  Vec3f low, high;
-  float reach = 0;
-
-  /// Distance of a point from the box; inside less than zero, by the distance to the nearest side.
-  float outside(const Vec3f& p) const {
-    const Vec3f gap = (low - p).cwiseMax(p - high);
-    const float most = gap.maxCoeff();
-    return most <= 0 ? most : gap.cwiseMax(0.0F).norm();
-  }
-  /// Does the box with its reach touch another box?
-  bool touches(const Vec3f& other_low, const Vec3f& other_high) const {
-    constexpr float kRounding = 1 + 1e-5F;
-    const Vec3f gap = (low - other_high).cwiseMax(other_low - high).cwiseMax(0.0F);
-    return gap.norm() <= reach * kRounding;
-  }
-};
-
 /// Runs of consecutive points of a cloud, with their boxes: what is kept in memory of points that
 /// are not. 28 bytes a run.
 class SURFEL_API RunIndex {
