@@ -28,6 +28,7 @@
 
 #include "tools/support/gaussians.h"
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -50,6 +51,7 @@ struct Settings {
   std::string kept_columns;
   std::optional<int> epsg;
   bool sorted = false;  ///< In space-filling order, instead of the files'.
+  bool resume = false;  ///< Keep what an interrupted run has made.
   std::optional<std::uint64_t> memory;
 };
 
@@ -81,6 +83,7 @@ void declare_options(CLI::App& app, Settings& s) {
   add_memory(app, s.memory,
              "Of --sort curve: memory for surfels; what does not fit is sorted on the disk of the "
              "result, and takes as much again there meanwhile");
+  surfel::tool::add_resume(app, s.resume);
 
   add_part(app, s.part);
   app.option_defaults()->group("Scans of one surface, before they are joined");
@@ -208,8 +211,8 @@ void check(const CLI::App& app, Settings& s) {
                                                       "beside --transform"));
   }
   if (!s.sorted) {
-    surfel::tool::append(problems,
-                         surfel::tool::without_effect(app, {"--memory"}, "without --sort curve"));
+    surfel::tool::append(problems, surfel::tool::without_effect(app, {"--memory", "--resume"},
+                                                                "without --sort curve"));
   } else {
     surfel::tool::append(
         problems, surfel::tool::without_effect(app, {"--ascii", "--align"}, "beside --sort curve"));
@@ -229,10 +232,11 @@ void check(const CLI::App& app, Settings& s) {
     problems.push_back(s.output + ": --sort curve writes PLY alone; give a .ply");
   }
   if (writes_gaussians(s)) {
-    surfel::tool::append(problems,
-                         surfel::tool::without_effect(
-                             app, {"--ascii", "--keep-columns", "--epsg", "--sort", "--memory"},
-                             "on Gaussians, which have columns of their own"));
+    surfel::tool::append(
+        problems,
+        surfel::tool::without_effect(
+            app, {"--ascii", "--keep-columns", "--epsg", "--sort", "--memory", "--resume"},
+            "on Gaussians, which have columns of their own"));
   }
   surfel::tool::require_valid(problems);
 }
@@ -348,7 +352,9 @@ void begin_sort(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
                 std::optional<surfel::SortedCloudWriter>& sorter) {
   sorter.emplace(s.output, survey, sample, first,
                  surfel::CloudSortOptions{.memory = surfel::memory_to_use(s.memory),
-                                          .no_clobber = tool.common().no_clobber});
+                                          .no_clobber = tool.common().no_clobber,
+                                          .job = surfel::tool::job(tool, s.resume, s.inputs)});
+  surfel::tool::tell_resumed(tool, s.output, sorter->kept(), survey.count);
   const std::uint64_t bytes = sorter->scratch_bytes();
   tool.report()["scratch_bytes"] = bytes;
   if (bytes == 0) return;

@@ -17,8 +17,10 @@
 #include <surfel/estimate/estimate_blocks.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_ranges.h>
+#include <surfel/io/row_file.h>
 
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -39,6 +41,7 @@ struct Settings {
   surfel::EstimateOptions estimate;
   surfel::tool::PartSettings part;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+  bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
 const std::vector<std::pair<std::string, surfel::Orientation>>& orientations() {
@@ -149,6 +152,7 @@ void declare_options(CLI::App& app, Settings& s) {
                    "Memory for the points and all that is made of them; a binary PLY file in "
                    "space-filling order (surfel-convert --sort curve) may be larger: its surfels "
                    "are made block by block, and are the same");
+  tool::add_resume(app, s.resume);
 }
 
 /// Fills in where the scanner stood, which the file may tell; `cloud` are points of it.
@@ -302,34 +306,57 @@ void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
   count(r.capped, "are far from all others: their splats were cut to the neighbours' spacing");
 }
 
-/// Writes surfels as they are made.
+/// Writes surfels as they are made: PLY block by block, other formats in their order.
 class Writer final : public surfel::SurfelSink {
  public:
-  Writer(const surfel::tool::Tool& tool, std::string path) : tool_(tool), path_(std::move(path)) {}
-
-  void begin(std::size_t count) override {
-    writer_.reset();
-    not_finite_ = {};
-    writer_.emplace(path_, count,
-                    surfel::CloudWriteOptions{.no_clobber = tool_.common().no_clobber});
+  Writer(const surfel::tool::Tool& tool, std::string path, const std::string& job)
+      : tool_(tool), path_(std::move(path)) {
+    const std::string extension = surfel::tool::lower_extension(path_);
+    if (extension.empty() || extension == ".ply") {
+      rows_.emplace(path_, surfel::RowFileOptions{tool.common().no_clobber, job});
+    } else if (!job.empty()) {
+      surfel::throw_usage(path_ + ": --resume writes PLY alone; give a .ply");
+    }
   }
-  void append(surfel::SurfelCloud surfels) override {
-    surfels.provenance.push_back(tool_.provenance());
-    if (not_finite_.surfels == 0) surfel::tool::tell_lost_columns(tool_, surfels, path_);
+
+  void begin(const surfel::SurfelCloud& like, std::size_t count) override {
+    not_finite_ = {};
+    surfel::SurfelCloud described = like;
+    described.provenance.push_back(tool_.provenance());
+    surfel::tool::tell_lost_columns(tool_, described, path_);
+    count_ = count;
+    if (rows_) {
+      rows_->begin(described, count);
+      surfel::tool::tell_resumed(tool_, path_, rows_->rows_kept(), count);
+      return;
+    }
+    text_.reset();
+    text_.emplace(path_, count, surfel::CloudWriteOptions{.no_clobber = tool_.common().no_clobber});
+  }
+  void put(surfel::SurfelCloud surfels, std::size_t at) override {
     not_finite_.add(surfels);
-    writer_->append(surfels);
+    if (rows_) return rows_->put(surfels, 0, surfels.size(), at);
+    surfels.provenance.push_back(tool_.provenance());
+    text_->append(surfels);
   }
   /// Completes the file, and tells what of the input was not usable.
   void commit(const std::string& input) {
-    writer_->commit();
+    if (rows_) {
+      rows_->commit();
+    } else {
+      text_->commit();
+    }
     surfel::tool::tell_unusable_colors(tool_, input, not_finite_);
   }
-  std::size_t surfels() const { return not_finite_.surfels; }
+  surfel::Checkpoints* checkpoints() { return rows_ ? &*rows_ : nullptr; }
+  std::size_t surfels() const { return count_; }
 
  private:
   const surfel::tool::Tool& tool_;
   std::string path_;
-  std::optional<surfel::CloudWriter> writer_;
+  std::size_t count_ = 0;
+  std::optional<surfel::RowFile> rows_;
+  std::optional<surfel::CloudWriter> text_;
   surfel::tool::NotFinite not_finite_;
 };
 
@@ -359,10 +386,12 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   surfel::tool::tell_finest(tool, s.input, first, cloud.size());
   // What a process takes without any points.
   constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
-  Writer writer(tool, s.output);
+  Writer writer(tool, s.output, surfel::tool::job(tool, s.resume, {s.input}));
   surfel::EstimateReport estimate;
-  surfel::estimate_by_blocks(cloud, s.estimate, {.memory = memory - std::min(memory / 2, kProcess)},
-                             writer, &estimate, s.input);
+  surfel::estimate_by_blocks(
+      cloud, s.estimate,
+      {.memory = memory - std::min(memory / 2, kProcess), .checkpoints = writer.checkpoints()},
+      writer, &estimate, s.input);
   report(tool.report(), s.clip, estimate);
   warn(tool, s.input, s.clip, estimate);
   writer.commit(s.input);
@@ -370,9 +399,19 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   tool.wrote(s.output, fmt::format("{} surfels", writer.surfels()));
 }
 
-/// Estimates a file that is larger than the memory, if that can be done; false if its points, or
-/// the part of them that is asked for, have to fit.
+/// Estimates a file that is larger than the memory, or whose blocks are kept for a later run, if
+/// that can be done; false if its points, or the part of them that is asked for, have to fit.
 bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
+  if (s.resume) {
+    const auto cloud = s.part.whole() ? surfel::CloudRanges::open(s.input) : nullptr;
+    if (!cloud || cloud->size() == 0) {
+      surfel::throw_input(surfel::tool::shown_name(s.input),
+                          "--resume keeps blocks of whole files that are read in parts; " +
+                              surfel::range_advice(s.input));
+    }
+    estimate_in_blocks(tool, s, *cloud, cloud->read(0, 1), memory);
+    return true;
+  }
   if (!s.part.whole()) return false;
   std::error_code error;
   const std::uint64_t size = std::filesystem::file_size(s.input, error);

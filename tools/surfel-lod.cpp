@@ -18,6 +18,7 @@
 
 #include "tools/support/gaussians.h"
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -28,6 +29,7 @@ struct Settings {
   std::string output;
   surfel::HierarchyOptions hierarchy;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+  bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -53,6 +55,7 @@ void declare_options(CLI::App& app, Settings& s) {
       app, s.memory,
       "Memory for surfels and their levels; a binary PLY file in space-filling "
       "order (surfel-convert --sort curve) may be larger");
+  surfel::tool::add_resume(app, s.resume);
 }
 
 void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
@@ -73,7 +76,8 @@ void report(nlohmann::json& json, const surfel::GaussianHierarchyReport& r) {
 
 void add_levels_of_gaussians(surfel::tool::Tool& tool, const Settings& s) {
   surfel::tool::require_valid(surfel::tool::without_effect(
-      tool.app(), {"--normal-angle", "--sheet-weight", "--memory"}, "on Gaussians in space"));
+      tool.app(), {"--normal-angle", "--sheet-weight", "--memory", "--resume"},
+      "on Gaussians in space"));
   surfel::GaussianHierarchyReport levels;
   surfel::GaussianCloud result;
   {
@@ -128,11 +132,15 @@ void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
 void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
   surfel::HierarchyOptions options = s.hierarchy;
   options.memory = surfel::memory_to_use(s.memory);
-  surfel::LevelsWriter writer(s.output, tool.provenance(), tool.common().no_clobber);
+  surfel::LevelsWriter writer(
+      s.output, tool.provenance(),
+      {tool.common().no_clobber, surfel::tool::job(tool, s.resume, {s.input})});
+  options.checkpoints = &writer.file();
   surfel::HierarchyReport levels;
   if (!make_levels_of_file(tool, s, options, writer, levels)) {
     make_levels_in_memory(tool, s, options, writer, levels);
   }
+  surfel::tool::tell_resumed(tool, s.output, writer.file().rows_kept(), levels.surfels);
   writer.commit();
   surfel::tool::tell_left_out(tool, surfel::tool::shown_name(s.input), levels.dropped);
   report(tool.report(), levels);

@@ -1,13 +1,15 @@
 // A library to be loaded before a tool's others (LD_PRELOAD), which makes one call of the system
 // fail: FAULT_CALL names it, FAULT_NUMBER says which of its calls on files that the tool opened
 // (from 1 on), FAULT_ERROR is its errno, or 0 for a call that does a part of its work, or -1 for a
-// call before which the file is cut in half. The file FAULT_SEEN is made when the call comes. Of
-// pthread_create all calls fail from that number on, as they do at a limit.
+// call before which the file is cut in half, or -2 for a call that writes a part and after which
+// the process is killed. The file FAULT_SEEN is made when the call comes. Of pthread_create all
+// calls fail from that number on, as they do at a limit.
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
@@ -63,6 +65,10 @@ void cut_in_half(int descriptor) {
 /// What a call of `bytes` that fails returns, where whole(bytes) would do the work.
 template <class Whole>
 ssize_t part(std::size_t bytes, const Whole& whole) {
+  if (errno == -2) {
+    static_cast<void>(whole(bytes / 2));
+    static_cast<void>(raise(SIGKILL));
+  }
   return errno != 0 ? -1 : whole(std::max<std::size_t>(1, bytes / 2));
 }
 

@@ -27,7 +27,9 @@ constexpr bool kSanitized = false;
 
 struct Fault {
   const char* call;
-  int error;  ///< errno; 0: the call does half of its work; -1: half of the file is cut off before.
+  /// errno; 0: the call does half of its work; -1: half of the file is cut off before; -2: the call
+  /// does half of its work, and the process is killed.
+  int error;
 };
 
 /// How every tool is run, without its output, which is a PLY file, a picture or standard output.
@@ -187,6 +189,38 @@ TEST_F(Faults, AFileThatShrinksWhileItIsReadIsAnError) {
     }
     write_text(input, whole);
     EXPECT_GT(refused, 0) << command.words;
+  }
+}
+
+TEST_F(Faults, WorkThatIsKilledAtAnyMomentIsTakenUpAndHasTheSameBytes) {
+  const std::string seen = seen_ / "seen";
+  ASSERT_EQ(run_here("surfel-generate terrain --count 40000 --no-uv -o points.ply").exit_code, 0);
+  for (const std::string command : {"surfel-convert points.ply --sort curve --memory 600000",
+                                    "surfel-estimate points.ply --orient up --memory 2M",
+                                    "surfel-lod points.ply --reduction 9 --memory 64M"}) {
+    ASSERT_EQ(run_here(command + " -o right.ply").exit_code, 0) << command;
+    const std::string right = read_text(folder_ / "right.ply");
+    int kills = 0;
+    int taken_up = 0;
+    for (int run = 0;; ++run) {
+      ASSERT_LT(run, 300) << command;
+      // The journal is written by write(), rows by pwrite().
+      const Fault kill{run % 3 == 0 ? "write" : "pwrite", -2};
+      const RunResult result =
+          run_here(command + " --resume -o out.ply", fault(kill, 1 + run * 7 % 19, seen));
+      taken_up += contains(result.errors, "going on where an earlier run stopped") ? 1 : 0;
+      if (result.exit_code == 0) break;
+      ++kills;
+      EXPECT_FALSE(fs::exists(folder_ / "out.ply")) << command;
+    }
+    EXPECT_TRUE(read_text(folder_ / "out.ply") == right) << command;
+    EXPECT_GT(kills, 0) << command;
+    EXPECT_GT(taken_up, 0) << command;
+    fs::remove(folder_ / "out.ply");
+    fs::remove(folder_ / "right.ply");
+    EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished")) << command;
+    EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished-parts")) << command;
+    EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished-scratch")) << command;
   }
 }
 

@@ -8,11 +8,16 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/loaded_runs.h>
 #include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/run_index.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/row_file.h>
 #include <surfel/sample/generate.h>
 #include <surfel/sample/procedural_surface.h>
 
+#include "support/message_of.h"
+#include "support/run_tool.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -40,12 +45,13 @@ class MemoryRanges final : public SurfelRanges {
 /// Puts the surfels together again.
 class Collector final : public SurfelSink {
  public:
-  void begin(std::size_t count) override {
+  void begin(const SurfelCloud& /*like*/, std::size_t count) override {
     surfels = {};
     blocks = 0;
     announced = count;
   }
-  void append(SurfelCloud more) override {
+  void put(SurfelCloud more, std::size_t at) override {
+    EXPECT_EQ(at, surfels.size());
     if (blocks++ == 0) {
       surfels = std::move(more);
       return;
@@ -80,17 +86,19 @@ bool same_bytes(const Array<T>& a, const Array<T>& b) {
   return a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
 }
 
-/// Expects the blocks' surfels to be those of all points at once, byte for byte.
-void expect_same(const SurfelCloud& cloud, const EstimateOptions& options, std::size_t most_points,
-                 int threads = 2) {
-  SCOPED_TRACE(most_points);
-  set_thread_count(2);
-  EstimateReport whole_report;
-  const SurfelCloud whole = estimate_surfels(cloud, options, &whole_report);
-  set_thread_count(threads);
+/// Blocks of a test.
+struct Blocks {
+  std::size_t most_points;
+  int threads = 2;
+};
+
+void expect_same(const SurfelCloud& cloud, const EstimateOptions& options, const Blocks& blocks,
+                 const SurfelCloud& whole, const EstimateReport& whole_report) {
+  SCOPED_TRACE(blocks.most_points);
+  set_thread_count(blocks.threads);
   Collector collector;
   EstimateReport report;
-  estimate_by_blocks(MemoryRanges(cloud), options, {.most_points = most_points}, collector,
+  estimate_by_blocks(MemoryRanges(cloud), options, {.most_points = blocks.most_points}, collector,
                      &report);
   set_thread_count(0);
   const SurfelCloud& surfels = collector.surfels;
@@ -125,6 +133,14 @@ void expect_same(const SurfelCloud& cloud, const EstimateOptions& options, std::
   EXPECT_EQ(report.anisotropic, whole_report.anisotropic);
 }
 
+/// Expects the blocks' surfels to be those of all points at once, byte for byte.
+void expect_same(const SurfelCloud& cloud, const EstimateOptions& options,
+                 const std::vector<Blocks>& all) {
+  EstimateReport report;
+  const SurfelCloud whole = estimate_surfels(cloud, options, &report);
+  for (const Blocks& blocks : all) expect_same(cloud, options, blocks, whole, report);
+}
+
 /// Points with colours, in the order of the curve.
 SurfelCloud sorted(const SurfelCloud& cloud) {
   return cloud.gathered(morton_order(cloud.position));
@@ -150,7 +166,7 @@ EstimateOptions up() {
 /// A terrain with a part that is 64 times as dense, points that coincide, a hole, a line of points,
 /// one point far away and points that are nowhere.
 SurfelCloud uneven_points() {
-  SurfelCloud cloud = sorted_points("terrain", 20000);
+  SurfelCloud cloud = sorted_points("terrain", 9000);
   const auto add = [&](const Vec3f& p) {
     cloud.position.push_back(p);
     cloud.normal.push_back(cloud.normal[0]);
@@ -162,7 +178,7 @@ SurfelCloud uneven_points() {
   const auto random = [&](std::uint64_t i, std::uint64_t d) {
     return static_cast<float>(random_uniform(3, i, d)) - 0.5F;
   };
-  for (std::uint64_t i = 0; i < 6000; ++i) {
+  for (std::uint64_t i = 0; i < 4000; ++i) {
     add(middle + side * Vec3f(0.1F * random(i, 0), 0.1F * random(i, 1), 0.001F * random(i, 2)));
   }
   for (int i = 0; i < 40; ++i) add(cloud.position[500]);
@@ -175,21 +191,19 @@ SurfelCloud uneven_points() {
   cloud = sorted(cloud);
   for (int i = 0; i < 3; ++i) {
     add(Vec3f(std::numeric_limits<float>::quiet_NaN(), 0, 0));
-    std::swap(cloud.position.back(), cloud.position[static_cast<std::size_t>(5000 * i + 7)]);
+    std::swap(cloud.position.back(), cloud.position[static_cast<std::size_t>(4000 * i + 7)]);
   }
   return cloud;
 }
 
 TEST(EstimateBlocks, GiveTheSameBytesWhereverBlocksEnd) {
-  const SurfelCloud cloud = sorted_points("terrain", 30000);
-  for (const std::size_t most : {300, 2000, 9000, 1000000}) expect_same(cloud, up(), most);
-  expect_same(cloud, up(), 4096, 1);
+  const SurfelCloud cloud = sorted_points("terrain", 16000);
+  expect_same(cloud, up(), {{700}, {5000}, {1000000}, {4096, 1}});
 }
 
 TEST(EstimateBlocks, NeighborhoodsMayCrossManyBlocks) {
   const SurfelCloud cloud = uneven_points();
-  for (const std::size_t most : {300, 3000, 12000}) expect_same(cloud, up(), most);
-  expect_same(cloud, up(), 2000, 1);
+  expect_same(cloud, up(), {{500}, {4000}, {2000, 1}});
 }
 
 TEST(EstimateBlocks, AllLocalSidesWork) {
@@ -199,35 +213,35 @@ TEST(EstimateBlocks, AllLocalSidesWork) {
     EstimateOptions options;
     options.orientation.method = method;
     if (method == Orientation::kViewpoint) options.orientation.viewpoint = Vec3d(0, 0, 3);
-    expect_same(cloud, options, 1500);
+    expect_same(cloud, options, {{1500}});
   }
   // What the cloud tells counts as well, by --orient auto too.
   cloud.viewpoint = Viewpoint{Vec3d(1, 2, 3)};
-  expect_same(cloud, {}, 1500);
+  expect_same(cloud, {}, {{1500}});
   cloud.viewpoint.reset();
   cloud.scan_viewpoints = {{Vec3d(4, 0, 0)}, {Vec3d(0, 4, 0)}};
   ExtraProperty scan{"scan", ScalarType::kUint8, {}};
   for (std::size_t i = 0; i < cloud.size(); ++i) scan.data.push_back(std::byte(i / 100 % 2));
   cloud.extra.push_back(scan);
-  expect_same(cloud, {}, 1500);
+  expect_same(cloud, {}, {{1500}});
 }
 
 TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
   const SurfelCloud cloud = uneven_points();
   EstimateOptions options = up();
   options.normals.adaptive = true;
-  expect_same(cloud, options, 3000);
+  expect_same(cloud, options, {{3000}});
   options = up();
   options.normals.radius = 0.02 * (cloud.bounds().max - cloud.bounds().min).norm() / 40;
-  expect_same(cloud, options, 3000);
+  expect_same(cloud, options, {{3000}});
   options = up();
   options.normals.k = 40;
   options.size.rule = VarianceRule::kMaxDistance;
-  expect_same(cloud, options, 3000);
+  expect_same(cloud, options, {{3000}});
   options = up();
   options.size.anisotropy = Anisotropy::kOn;
   options.size.max_radius = 0;
-  expect_same(cloud, options, 3000);
+  expect_same(cloud, options, {{3000}});
 }
 
 TEST(EstimateBlocks, FewPointsWork) {
@@ -237,7 +251,7 @@ TEST(EstimateBlocks, FewPointsWork) {
       std::iota(some.begin(), some.end(), 0U);
       return some;
     }()),
-                up(), 4);
+                up(), {{4}});
   }
 }
 
@@ -253,8 +267,8 @@ SurfelCloud scan_lines(std::size_t count, double apart) {
 }
 
 TEST(EstimateBlocks, ScanLinesGetEllipses) {
-  const SurfelCloud cloud = scan_lines(20000, 10);
-  expect_same(cloud, up(), 2000);
+  const SurfelCloud cloud = scan_lines(10000, 10);
+  expect_same(cloud, up(), {{2000}});
   Collector collector;
   EstimateReport report;
   estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 2000}, collector, &report);
@@ -268,7 +282,7 @@ TEST(EstimateBlocks, AWrongGuessOfEllipsesIsMended) {
     Vec3f& p = cloud.position[i];
     if (i / 1024 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
   }
-  expect_same(cloud, up(), 1024);
+  expect_same(cloud, up(), {{1024}});
 }
 
 TEST(EstimateBlocks, MemoryBoundsTheBlocksAndTheirHalos) {
@@ -278,6 +292,57 @@ TEST(EstimateBlocks, MemoryBoundsTheBlocksAndTheirHalos) {
   estimate_by_blocks(ranges, up(), {.memory = 4 << 20}, collector);
   EXPECT_GT(collector.blocks, 5U);
   EXPECT_TRUE(same_bytes(collector.surfels.normal, estimate_surfels(cloud, up()).normal));
+}
+
+/// Writes surfels to a file.
+class FileSink final : public SurfelSink {
+ public:
+  explicit FileSink(RowFile& file) : file_(file) {}
+  void begin(const SurfelCloud& like, std::size_t count) override { file_.begin(like, count); }
+  void put(SurfelCloud surfels, std::size_t at) override {
+    if (left-- <= 0) throw Error(ErrorKind::kIo, "stopped");
+    ++made;
+    file_.put(surfels, 0, surfels.size(), at);
+  }
+  int left = 1000;  ///< Blocks that are taken before the run is stopped.
+  int made = 0;
+
+ private:
+  RowFile& file_;
+};
+
+TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "surfels.ply";
+  // Ellipses are guessed wrongly, so that all blocks are made twice.
+  SurfelCloud cloud = sorted_points("plane", 16 * 1024);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    Vec3f& p = cloud.position[i];
+    if (i / 1024 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
+  }
+  EstimateReport whole;
+  write_cloud(estimate_surfels(cloud, up(), &whole), folder / "whole.ply");
+  int made = 0;
+  for (const int blocks : {3, 4, 9, 5, 1000}) {
+    RowFile file(path, {.job = "surfels"});
+    FileSink sink(file);
+    sink.left = blocks;
+    EstimateReport report;
+    const bool stopped =
+        !message_of([&] {
+           estimate_by_blocks(MemoryRanges(cloud), up(),
+                              {.most_points = 1024, .checkpoints = &file}, sink, &report);
+         }).empty();
+    made += sink.made;
+    EXPECT_EQ(stopped, blocks < 1000);
+    if (stopped) continue;
+    file.commit();
+    EXPECT_EQ(report.mean_neighbors, whole.mean_neighbors);
+    EXPECT_EQ(report.side_confidence, whole.side_confidence);
+    EXPECT_EQ(report.border, whole.border);
+  }
+  EXPECT_LE(made, 32);
+  EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
 }
 
 TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
@@ -370,6 +435,7 @@ TEST(RunSearch, FindsWhatASearchOfAllPointsFinds) {
   cloud = sorted(cloud);
   RunIndex index(64);
   index.add(cloud.position);
+  index.finish();
   const MemoryRanges ranges(cloud);
   RunSearch search(ranges, index);
   const auto exact = make_neighbor_search(cloud.position);
@@ -382,6 +448,47 @@ TEST(RunSearch, FindsWhatASearchOfAllPointsFinds) {
   }
   search.nearest(Vec3f(0, 0, 0), 5000, near);
   EXPECT_EQ(near.size(), cloud.size());
+}
+
+TEST(LoadedRuns, KnowUpToTheNearestPointThatIsNotThere) {
+  SurfelCloud cloud;
+  for (std::uint64_t i = 0; i < 4000; ++i) {
+    const auto at = [&](std::uint64_t d) { return static_cast<float>(random_uniform(9, i, d)); };
+    cloud.position.emplace_back(at(0), at(1), 0.1F * at(2));
+  }
+  cloud = sorted(cloud);
+  constexpr std::size_t kRun = 50;
+  RunIndex index(kRun);
+  index.add(cloud.position);
+  index.finish();
+  LoadedRuns runs(index);
+  RunBox box;
+  box.add(Vec3f(0.4F, 0.4F, 0));
+  box.add(Vec3f(0.5F, 0.5F, 0.1F));
+  runs.add_near(box, 0.1F);
+  EXPECT_LT(runs.finite(), cloud.size());
+  Array<float> known(cloud.size());
+  for (std::size_t run = 0; run < index.size(); ++run) {
+    if (!runs.has(run)) continue;
+    runs.known_around(std::span<const Vec3f>(cloud.position).subspan(run * kRun, kRun),
+                      known.data() + run * kRun);
+    for (std::size_t i = run * kRun; i < (run + 1) * kRun; ++i) {
+      float nearest = std::numeric_limits<float>::infinity();
+      for (std::size_t j = 0; j < cloud.size(); ++j) {
+        if (!runs.has(j / kRun)) {
+          nearest = std::min(nearest, (cloud.position[i] - cloud.position[j]).norm());
+        }
+      }
+      EXPECT_LE(known[i], nearest);
+      if (box.distance2(cloud.position[i]) == 0) {
+        EXPECT_GE(known[i], 0.0999F);
+      }
+    }
+  }
+  for (std::size_t run = 0; run < index.size(); ++run) runs.add(run);
+  EXPECT_EQ(runs.finite(), cloud.size());
+  runs.known_around({cloud.position.data(), 1}, known.data());
+  EXPECT_EQ(known[0], std::numeric_limits<float>::infinity());
 }
 
 }  // namespace

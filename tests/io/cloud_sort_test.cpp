@@ -1,5 +1,6 @@
 #include <filesystem>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,7 +46,7 @@ SurfelCloud make_points(std::size_t count, const Vec3d& origin, bool double_posi
 }
 
 /// Sorts a file as surfel-convert does.
-void sort_file(const std::string& from, const std::string& to, std::uint64_t memory) {
+void sort_file(const std::string& from, const std::string& to, const CloudSortOptions& options) {
   const CloudReader reader(from);
   CloudSurvey survey(to);
   PositionSample sample;
@@ -57,8 +58,8 @@ void sort_file(const std::string& from, const std::string& to, std::uint64_t mem
   reader.for_each([&](SurfelCloud piece) {
     survey.settle(piece);
     if (!writer) {
-      writer.emplace(to, survey, sample, piece, CloudSortOptions{.memory = memory});
-      EXPECT_EQ(writer->scratch_bytes() == 0, memory > (std::uint64_t{1} << 30));
+      writer.emplace(to, survey, sample, piece, options);
+      EXPECT_EQ(writer->scratch_bytes() == 0, options.memory > (std::uint64_t{1} << 30));
     }
     writer->append(piece);
   });
@@ -66,16 +67,16 @@ void sort_file(const std::string& from, const std::string& to, std::uint64_t mem
 }
 
 constexpr std::uint64_t kMuch = std::uint64_t{1} << 32;
-constexpr std::uint64_t kLittle = std::uint64_t{4} << 20;
+constexpr std::uint64_t kLittle = std::uint64_t{2} << 20;
 
 TEST(CloudSort, TheOrderIsTheReadersAndTheBytesDoNotDependOnMemory) {
   const TemporaryFolder folder;
   for (const auto& [origin, doubles] :
        {std::pair{Vec3d(0, 0, 0), false}, {Vec3d(0, 0, 0), true}, {Vec3d(5e5, 4e6, 100), true}}) {
-    const SurfelCloud cloud = make_points(300'000, origin, doubles);
+    const SurfelCloud cloud = make_points(100'000, origin, doubles);
     write_cloud(cloud, folder / "points.ply");
-    sort_file(folder / "points.ply", folder / "memory.ply", kMuch);
-    sort_file(folder / "points.ply", folder / "disk.ply", kLittle);
+    sort_file(folder / "points.ply", folder / "memory.ply", {.memory = kMuch});
+    sort_file(folder / "points.ply", folder / "disk.ply", {.memory = kLittle});
     EXPECT_TRUE(read_text(folder / "memory.ply") == read_text(folder / "disk.ply")) << origin.x();
     const SurfelCloud sorted = read_cloud(folder / "disk.ply");
     const SurfelCloud read = read_cloud(folder / "points.ply");
@@ -94,7 +95,7 @@ TEST(CloudSort, PointsAtOnePlaceKeepTheirOrder) {
   SurfelCloud cloud = make_points(1000, {0, 0, 0}, false);
   std::fill(cloud.position.begin(), cloud.position.end(), Vec3f(1, 2, 3));
   write_cloud(cloud, folder / "points.ply");
-  sort_file(folder / "points.ply", folder / "sorted.ply", kMuch);
+  sort_file(folder / "points.ply", folder / "sorted.ply", {.memory = kMuch});
   EXPECT_EQ(read_cloud(folder / "sorted.ply").variance, cloud.variance);
 }
 
@@ -103,8 +104,8 @@ TEST(CloudSort, TooManyPointsAtOnePlaceAreRefused) {
   SurfelCloud cloud = make_points(200'000, {0, 0, 0}, false);
   std::fill(cloud.position.begin(), cloud.position.end(), Vec3f(1, 2, 3));
   write_cloud(cloud, folder / "points.ply");
-  const std::string message =
-      message_of([&] { sort_file(folder / "points.ply", folder / "sorted.ply", kLittle); });
+  const std::string message = message_of(
+      [&] { sort_file(folder / "points.ply", folder / "sorted.ply", {.memory = kLittle}); });
   EXPECT_NE(message.find("lie so near to each other"), std::string::npos) << message;
   EXPECT_FALSE(std::filesystem::exists(folder / "sorted.ply"));
   // Nothing is left beside it.
@@ -116,9 +117,73 @@ TEST(CloudSort, OtherFormatsAreRefused) {
   const SurfelCloud cloud = make_points(10, {0, 0, 0}, false);
   write_cloud(cloud, folder / "points.ply");
   EXPECT_NE(message_of([&] {
-              sort_file(folder / "points.ply", folder / "sorted.pcd", kMuch);
+              sort_file(folder / "points.ply", folder / "sorted.pcd", {.memory = kMuch});
             }).find("binary PLY"),
             std::string::npos);
+}
+
+TEST(CloudSort, GoesOnWhereAnEarlierRunStopped) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = make_points(60'000, {0, 0, 0}, false);
+  write_cloud(cloud, folder / "points.ply");
+  sort_file(folder / "points.ply", folder / "right.ply", {.memory = kMuch});
+  const SurfelCloud read = read_cloud(folder / "points.ply");
+  const std::string to = folder / "sorted.ply";
+  const CloudSortOptions options{
+      .memory = std::uint64_t{1} << 20, .job = "sort", .kept_bytes = std::uint64_t{1} << 16};
+  CloudSurvey survey(to);
+  survey.add(read);
+  PositionSample sample;
+  sample.add(read);
+  constexpr std::size_t kPiece = 1000;
+  const auto append = [&](SortedCloudWriter& writer, std::size_t begin, std::size_t end) {
+    for (std::size_t at = begin; at < end; at += kPiece) {
+      Array<std::uint32_t> some(kPiece);
+      std::iota(some.begin(), some.end(), static_cast<std::uint32_t>(at));
+      writer.append(read.gathered(some));
+    }
+  };
+  {
+    SortedCloudWriter writer(to, survey, sample, read, options);
+    append(writer, 0, 30'000);
+  }
+  std::uint64_t kept = 0;
+  {
+    SortedCloudWriter writer(to, survey, sample, read, options);
+    kept = writer.kept();
+    EXPECT_GT(kept, 20'000U);
+    EXPECT_LE(kept, 30'000U);
+    append(writer, 0, 50'000);
+  }
+  {
+    // A scratch file that was lost means to begin anew.
+    const std::string scratch = to + ".unfinished-scratch";
+    const std::string bytes = read_text(scratch);
+    write_text(scratch, bytes.substr(0, bytes.size() / 2));
+    EXPECT_EQ(SortedCloudWriter(to, survey, sample, read, options).kept(), 0U);
+  }
+  {
+    SortedCloudWriter writer(to, survey, sample, read, options);
+    append(writer, 0, 60'000);
+  }
+  // Bytes that were changed are noticed.
+  {
+    const std::string scratch = to + ".unfinished-scratch";
+    const std::string bytes = read_text(scratch);
+    std::string damaged = bytes;
+    damaged[damaged.size() / 2] ^= 1;
+    write_text(scratch, damaged);
+    SortedCloudWriter writer(to, survey, sample, read, options);
+    append(writer, 0, 60'000);
+    EXPECT_NE(message_of([&] { writer.commit(); }).find("is damaged"), std::string::npos);
+    write_text(scratch, bytes);
+  }
+  SortedCloudWriter writer(to, survey, sample, read, options);
+  EXPECT_GT(writer.kept(), kept);
+  append(writer, 0, 60'000);
+  writer.commit();
+  EXPECT_TRUE(read_text(to) == read_text(folder / "right.ply"));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder / ""), {}), 3);
 }
 
 TEST(CloudSort, SampleOfPositionsIsBounded) {

@@ -226,5 +226,52 @@ TEST(HierarchyBlocks, RefuseTooLittleMemoryAndOtherOrders) {
   EXPECT_THROW(CloudRanges::open(folder / "levels.ply"), Error);
 }
 
+TEST(HierarchyBlocks, FinishedBlocksAreKeptForALaterRun) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = sphere(60000);
+  write_cloud(cloud.gathered(morton_order(cloud.position)), folder / "sorted.ply");
+  const HierarchyOptions plain{.reduction = kReduction};
+  const std::string expected = levels_of_file(folder / "sorted.ply", folder / "whole.ply", plain);
+  const auto ranges = CloudRanges::open(folder / "sorted.ply");
+  const std::string to = folder / "levels.ply";
+
+  /// Fails once so many blocks are finished, as a run that is killed.
+  class Stopping final : public Checkpoints {
+   public:
+    Stopping(Checkpoints& to, int blocks) : to_(to), left_(blocks) {}
+    std::optional<std::string> finished(std::uint64_t part) override {
+      std::optional<std::string> state = to_.finished(part);
+      taken_ += state ? 1 : 0;
+      return state;
+    }
+    void finish(std::uint64_t part, std::span<const RowSpan> rows,
+                const std::string& state) override {
+      if (left_-- <= 0) throw Error(ErrorKind::kIo, "stopped");
+      to_.finish(part, rows, state);
+    }
+    int taken() const { return taken_; }
+
+   private:
+    Checkpoints& to_;
+    std::atomic<int> left_;
+    std::atomic<int> taken_{0};
+  };
+  const auto run = [&](int blocks, int expected_taken) {
+    LevelsWriter writer(to, {}, {.job = "levels"});
+    Stopping stopping(writer.file(), blocks);
+    HierarchyOptions options = plain;
+    options.checkpoints = &stopping;
+    options.memory = std::uint64_t{48} << 20;
+    const bool stopped = !message_of([&] { build_hierarchy(*ranges, options, writer); }).empty();
+    EXPECT_EQ(stopping.taken(), expected_taken);
+    if (!stopped) writer.commit();
+    return stopped;
+  };
+  EXPECT_TRUE(run(2, 0));
+  EXPECT_TRUE(run(1, 2));
+  EXPECT_FALSE(run(1000, 3));
+  EXPECT_TRUE(read_text(to) == expected);
+}
+
 }  // namespace
 }  // namespace surfel::test

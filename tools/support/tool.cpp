@@ -426,7 +426,7 @@ std::string Tool::provenance() const {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
         "threads", "memory",     "config", "quiet", "verbose",       "progress", "no-clobber",
-        "stats",   "max-pixels", "output", "tiles", "skip-existing", "frames"};
+        "stats",   "max-pixels", "output", "tiles", "skip-existing", "frames",   "resume"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;

@@ -189,8 +189,8 @@ bool synchronize(int descriptor) {
 
 }  // namespace
 
-OutputFile::OutputFile(std::string target, bool no_clobber)
-    : target_(std::move(target)), no_clobber_(no_clobber) {
+OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinished)
+    : target_(std::move(target)), no_clobber_(no_clobber), kept_(unfinished == Unfinished::kKept) {
   if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
   if (is_standard_output(target_)) require_standard_output();
   mode_t mode = 0666;
@@ -199,6 +199,9 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
   if (exists && S_ISDIR(status.st_mode)) throw_io(target_, "is a directory; name a file");
   // A device or a pipe (/dev/null, /dev/stdout) is written to, never replaced.
   copied_ = target_ == "-" || (exists && !S_ISREG(status.st_mode));
+  if (copied_ && kept_) {
+    throw_io(display_name(target_), "is no file whose parts can be kept for `resume`; name a file");
+  }
   if (copied_) {
     const char* folder = std::getenv("TMPDIR");
     temporary_ = temporary_pattern(std::string(folder && *folder ? folder : "/tmp") + "/");
@@ -214,21 +217,30 @@ OutputFile::OutputFile(std::string target, bool no_clobber)
     }
     target_ = follow_links(target_);
     if (split(target_).second.empty()) throw_io(target_, "is the name of a folder; name a file");
-    temporary_ = temporary_pattern(target_);
+    temporary_ = kept_ ? target_ + ".unfinished" : temporary_pattern(target_);
   }
-  remove_abandoned(split(temporary_).first);
-  descriptor_ = create_temporary(temporary_, mode);
+  if (kept_) {
+    descriptor_ = open(temporary_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, mode);
+    if (descriptor_ >= 0 && !lock(descriptor_) && errno == EWOULDBLOCK) {
+      close(descriptor_);
+      throw_io(target_, "is being made by another process");
+    }
+  } else {
+    remove_abandoned(split(temporary_).first);
+    descriptor_ = create_temporary(temporary_, mode);
+  }
   if (descriptor_ < 0) {
     throw_io(display_name(target_),
              "cannot be created: " + cause() + "; is the folder there and writable?");
   }
-  remember(temporary_);
+  if (!kept_) remember(temporary_);
   // The older file's permissions, whatever the umask.
   if (exists && !copied_) fchmod(descriptor_, mode);
 }
 
 OutputFile::~OutputFile() {
   if (descriptor_ >= 0) close(descriptor_);
+  if (kept_) return;
   if (!committed_) unlink(temporary_.c_str());
   forget(temporary_);
 }
@@ -248,6 +260,26 @@ void OutputFile::write_at(std::uint64_t offset, const void* data, std::size_t by
   write_on(bytes, display_name(target_), [&](std::size_t done) {
     return pwrite(descriptor_, from + done, bytes - done, static_cast<off_t>(offset + done));
   });
+}
+
+std::size_t OutputFile::read_at(std::uint64_t offset, void* to, std::size_t bytes) const {
+  auto* const out = static_cast<char*>(to);
+  std::size_t done = 0;
+  while (done < bytes) {
+    const ssize_t got =
+        pread(descriptor_, out + done, bytes - done, static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) throw_io(display_name(target_), "what was written cannot be read: " + cause());
+    if (got == 0) break;
+    done += static_cast<std::size_t>(got);
+  }
+  return done;
+}
+
+void OutputFile::clear() {
+  if (ftruncate(descriptor_, 0) != 0 || lseek(descriptor_, 0, SEEK_SET) != 0) {
+    throw_io(display_name(target_), "cannot be written: " + cause());
+  }
 }
 
 void OutputFile::commit() {

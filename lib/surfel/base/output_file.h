@@ -8,6 +8,14 @@
 
 namespace surfel {
 
+/// What becomes of the bytes of a run that ends before commit().
+enum class Unfinished {
+  kRemoved,
+  /// They stay beside the target as TARGET.unfinished, and the next OutputFile that keeps them goes
+  /// on with them.
+  kKept,
+};
+
 /// A file that appears whole or not at all: written to a temporary beside the target and renamed by
 /// commit(), once its bytes are on the disk. Destroyed without commit() (an exception, an
 /// interrupted run) it leaves no trace; the temporary of a process that was killed is removed by
@@ -19,8 +27,10 @@ class SURFEL_API OutputFile {
  public:
   /// Creates the temporary. Throws Error(kIo) naming file and cause: the folder does not exist, the
   /// target is a directory, is read-only, or is there already and `no_clobber` is set; standard
-  /// output is closed.
-  explicit OutputFile(std::string target, bool no_clobber = false);
+  /// output is closed. Where bytes are kept the target has to be a regular file, if it is there,
+  /// that no other process makes at the same time.
+  explicit OutputFile(std::string target, bool no_clobber = false,
+                      Unfinished unfinished = Unfinished::kRemoved);
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
@@ -34,6 +44,12 @@ class SURFEL_API OutputFile {
   std::uint64_t reserve(std::uint64_t bytes);
   /// Fills a part of what reserve() left. Callable from several threads at once. Throws as write().
   void write_at(std::uint64_t offset, const void* data, std::size_t bytes) const;
+
+  /// Reads what was written; returns the number of bytes that are there. Callable from several
+  /// threads at once.
+  std::size_t read_at(std::uint64_t offset, void* to, std::size_t bytes) const;
+  /// Drops all bytes; write() begins anew.
+  void clear();
 
   /// Name of the temporary, for libraries that want to open it themselves. It keeps the target's
   /// extension, by which image libraries choose the format.
@@ -50,6 +66,7 @@ class SURFEL_API OutputFile {
   std::string temporary_;
   int descriptor_ = -1;
   bool no_clobber_ = false;
+  bool kept_ = false;    ///< See Unfinished.
   bool copied_ = false;  ///< The target cannot be renamed to: commit() copies.
   bool committed_ = false;
 };

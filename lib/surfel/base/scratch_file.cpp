@@ -41,9 +41,12 @@ int open_nameless(const std::string& folder) {
 
 }  // namespace
 
-ScratchFile::ScratchFile(const std::string& beside)
-    : beside_(beside == "-" ? "standard output" : beside), folder_(folder_beside(beside)) {
-  descriptor_ = open_nameless(folder_);
+ScratchFile::ScratchFile(const std::string& beside, const std::string& name)
+    : beside_(beside == "-" ? "standard output" : beside),
+      folder_(folder_beside(beside)),
+      name_(name) {
+  descriptor_ = name.empty() ? open_nameless(folder_)
+                             : open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (descriptor_ < 0) {
     throw_io(beside_,
              "nothing can be written to its folder " + folder_ + ": " + std::strerror(errno));
@@ -56,6 +59,20 @@ std::uint64_t ScratchFile::free_bytes() const {
   struct statvfs status {};
   if (fstatvfs(descriptor_, &status) != 0) return std::numeric_limits<std::uint64_t>::max();
   return std::uint64_t{status.f_bavail} * status.f_frsize;
+}
+
+bool ScratchFile::keep(std::uint64_t bytes) {
+  const off_t size = lseek(descriptor_, 0, SEEK_END);
+  const auto end = static_cast<off_t>(bytes);
+  if (size < end || ftruncate(descriptor_, end) != 0 || lseek(descriptor_, end, SEEK_SET) != end) {
+    return false;
+  }
+  size_ = bytes;
+  return true;
+}
+
+void ScratchFile::remove() {
+  if (!name_.empty()) unlink(name_.c_str());
 }
 
 std::uint64_t ScratchFile::append(const void* data, std::size_t bytes) {

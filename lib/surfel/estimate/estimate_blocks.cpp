@@ -2,10 +2,12 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <optional>
 #include <span>
+#include <type_traits>
 
 #include <fmt/format.h>
 #include <surfel/base/bounds.h>
@@ -16,7 +18,7 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate_blocks.h>
-#include <surfel/estimate/halo_regions.h>
+#include <surfel/estimate/loaded_runs.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/point_estimates.h>
@@ -80,12 +82,19 @@ Array<T> in_order(const Array<T>& values, const Array<std::uint32_t>& order) {
   return out;
 }
 
+/// A box of points, and how wide the halo around it should be.
+struct Region {
+  RunBox box;
+  float reach = 0;
+};
+
 /// Estimates of the points of a block, in the order of the file, and what they depend on.
 struct CloudBlock {
   std::size_t begin_run = 0, end_run = 0;
-  SurfelCloud cloud;      ///< The block's finite points with all columns.
-  Array<Vec3f> previous;  ///< As Loaded has it.
-  Array<float> reach;     ///< Width of the halo around each point.
+  std::vector<std::size_t> run_points;  ///< First finite point of each run, and the end.
+  SurfelCloud cloud;                    ///< The block's finite points with all columns.
+  Array<Vec3f> previous;                ///< As Loaded has it.
+  Array<float> reach;                   ///< Width of the halo around each point.
   PointEstimates estimates;
   Array<std::uint8_t> turned;  ///< 1 where orientation turned the normal.
   std::size_t components = 0;
@@ -106,6 +115,7 @@ class BlockEstimator {
         options_(options),
         name_(name),
         grid_(cloud.grid()),
+        checkpoints_(blocks.checkpoints),
         index_(run_length(blocks)) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
@@ -141,16 +151,23 @@ class BlockEstimator {
     stage.end("probes");
     for (;;) {
       totals_ = {};
-      sink.begin(index_.finite());
+      sink.begin(first_surfel(), index_.finite());
       ProgressStage progress("estimating surfels", index_.points(), "points");
-      for (std::size_t run = 0; run < index_.size(); run += block_runs_) {
-        const std::size_t end = std::min(run + block_runs_, index_.size());
-        CloudBlock block = estimate(run, end);
-        count(block, totals_);
-        stage.end("estimates");
-        if (block.cloud.size() > 0) sink.append(surfels(block));
-        stage.end("surfels");
-        progress.add(index_.begin(end) - index_.begin(run));
+      Place at;
+      while (at.run < index_.size()) {
+        const std::size_t begin = at.run;
+        if (!restore(at)) {
+          const std::size_t end = std::min(begin + block_runs_, index_.size());
+          CloudBlock block = estimate(begin, end);
+          count(block, totals_);
+          stage.end("estimates");
+          const std::size_t size = block.cloud.size();
+          if (size > 0) sink.put(surfels(block), at.surfel);
+          at = {end, at.surfel + size};
+          keep(begin, at, size);
+          stage.end("surfels");
+        }
+        progress.add(index_.begin(at.run) - index_.begin(begin));
       }
       if (!decide_ellipses) break;
       const bool worth = worth_ellipses(totals_.elongated, index_.finite());
@@ -172,6 +189,38 @@ class BlockEstimator {
     std::uint64_t confidence = 0;
     Orientation method = Orientation::kNone;
   };
+
+  /// How far the work has come.
+  struct Place {
+    std::size_t run = 0;
+    std::size_t surfel = 0;
+  };
+  /// What a checkpoint keeps of all blocks up to it.
+  struct State {
+    Place next;
+    Totals totals;
+  };
+
+  /// Goes on behind a block that an earlier run made.
+  bool restore(Place& at) {
+    static_assert(std::is_trivially_copyable_v<State>);
+    if (!checkpoints_) return false;
+    const std::optional<std::string> kept = checkpoints_->finished(at.run);
+    State state;
+    if (!kept || kept->size() != sizeof(state)) return false;
+    std::memcpy(&state, kept->data(), sizeof(state));
+    at = state.next;
+    totals_ = state.totals;
+    return true;
+  }
+
+  void keep(std::size_t begin_run, const Place& next, std::size_t surfels) const {
+    if (!checkpoints_) return;
+    const State state{next, totals_};
+    const RowSpan rows{next.surfel - surfels, next.surfel};
+    checkpoints_->finish(begin_run, {&rows, 1},
+                         std::string(reinterpret_cast<const char*>(&state), sizeof(state)));
+  }
 
   static std::size_t run_length(const BlockOptions& blocks) {
     return blocks.most_points == 0 ? kRunLength : std::min(kRunLength, blocks.most_points);
@@ -216,6 +265,7 @@ class BlockEstimator {
       sample.add(piece.position);
       progress.add(end - begin);
     }
+    index_.finish();
     sensors_ = sensors_ && all_told;
     if (index_.finite() == 0) {
       throw_input(name_, "there is no point with finite coordinates; export the points again");
@@ -305,6 +355,10 @@ class BlockEstimator {
     CloudBlock block;
     block.begin_run = begin_run;
     block.end_run = end_run;
+    block.run_points.push_back(0);
+    for (std::size_t run = begin_run; run < end_run; ++run) {
+      block.run_points.push_back(block.run_points.back() + index_[run].finite);
+    }
     SurfelCloud all = cloud_.read(index_.begin(begin_run), index_.begin(end_run));
     Array<std::uint32_t> finite(all.size());
     std::size_t count = 0;
@@ -319,6 +373,13 @@ class BlockEstimator {
       block.cloud = all.gathered(finite);
     }
     block.previous = directions(block.cloud);
+    make_room(block);
+    return block;
+  }
+
+  /// Makes room for the estimates of a block's points.
+  void make_room(CloudBlock& block) const {
+    const std::size_t count = block.cloud.size();
     block.reach.resize(count);
     block.estimates.normals.normal.resize(count);
     block.estimates.normals.quality.resize(count);
@@ -329,7 +390,15 @@ class BlockEstimator {
       block.estimates.side_confidence.resize(count);
     }
     block.turned.resize(count);
-    return block;
+  }
+
+  /// A surfel with all columns that the result will have.
+  SurfelCloud first_surfel() const {
+    CloudBlock block;
+    block.cloud = cloud_.read(0, 1);
+    block.cloud.tree = {};
+    make_room(block);
+    return surfels(block);
   }
 
   CloudBlock estimate(std::size_t begin_run, std::size_t end_run) {
@@ -381,14 +450,13 @@ class BlockEstimator {
     halve(halve, points, kHighestBit);
   }
 
-  static Region box_of(std::span<const std::uint32_t> points, const CloudBlock& block) {
-    Region box{block.cloud.position[points[0]], block.cloud.position[points[0]], 0};
+  static Region region_of(std::span<const std::uint32_t> points, const CloudBlock& block) {
+    Region region;
     for (const std::uint32_t i : points) {
-      box.low = box.low.cwiseMin(block.cloud.position[i]);
-      box.high = box.high.cwiseMax(block.cloud.position[i]);
-      box.reach = std::max(box.reach, block.reach[i]);
+      region.box.add(block.cloud.position[i]);
+      region.reach = std::max(region.reach, block.reach[i]);
     }
-    return box;
+    return region;
   }
 
   /// Finds how wide the halo around each point of a block should be, by the spacing that the points
@@ -402,7 +470,7 @@ class BlockEstimator {
     std::vector<Measured> boxes;
     std::vector<float> told;
     cut(points, block, [&](std::span<const std::uint32_t> some) {
-      const Region box = box_of(some, block);
+      const RunBox box = region_of(some, block).box;
       Vec3f side = box.high - box.low;
       std::sort(side.begin(), side.end());
       const auto count = static_cast<float>(some.size());
@@ -428,66 +496,85 @@ class BlockEstimator {
     }
   }
 
-  /// Appends the points of `from` that lie in one of the regions.
-  static void append_within(const std::vector<const Region*>& regions, const Array<Vec3f>& position,
-                            const Array<Vec3f>& previous, std::span<const std::uint32_t> numbers,
-                            Loaded& out) {
-    for (std::size_t i = 0; i < position.size(); ++i) {
-      if (!position[i].allFinite()) continue;
-      float known = -1;
-      for (const Region* region : regions) {
-        known = std::max(known, region->known_around(position[i]));
+  /// The run of a block's point.
+  static std::size_t run_of(std::uint32_t point, const CloudBlock& block) {
+    const auto& first = block.run_points;
+    const auto next = std::upper_bound(first.begin(), first.end(), std::size_t{point});
+    return block.begin_run + static_cast<std::size_t>(next - first.begin()) - 1;
+  }
+
+  /// The runs that hold the points of the task, and their halo.
+  LoadedRuns wanted_runs(const PointTask& task, const CloudBlock& block) const {
+    LoadedRuns runs(index_);
+    for (const std::uint32_t i : task.points) runs.add(run_of(i, block));
+    if (task.needed.empty()) {
+      cut(task.points, block, [&](std::span<const std::uint32_t> some) {
+        const Region region = region_of(some, block);
+        runs.add_near(region.box, region.reach);
+      });
+    } else {
+      // The points are few, and far from one another. Where the halo of a box was known around its
+      // neighbours, the halo of a point has to be wider.
+      for (const std::uint32_t i : task.points) {
+        const Region region = region_of({&i, 1}, block);
+        runs.add_near(region.box, 2 * region.reach);
       }
-      if (known < 0) continue;
-      out.position.push_back(position[i]);
-      out.known.push_back(known);
-      if (!previous.empty()) out.previous.push_back(previous[i]);
-      out.point.push_back(numbers.empty() ? kHalo : numbers[i]);
     }
+    for (const Region& region : task.needed) runs.add_near(region.box, region.reach);
+    return runs;
+  }
+
+  /// Points of consecutive runs, which lie in the block or outside of it.
+  Loaded load(std::size_t begin_run, std::size_t end_run, const CloudBlock& block) const {
+    Loaded out;
+    if (begin_run >= block.begin_run && begin_run < block.end_run) {
+      const std::size_t begin = block.run_points[begin_run - block.begin_run];
+      const std::size_t end = block.run_points[end_run - block.begin_run];
+      const auto part = [&](const Array<Vec3f>& values) {
+        if (values.empty()) return Array<Vec3f>();
+        return Array<Vec3f>(values.begin() + static_cast<std::ptrdiff_t>(begin),
+                            values.begin() + static_cast<std::ptrdiff_t>(end));
+      };
+      out.position = part(block.cloud.position);
+      out.previous = part(block.previous);
+      out.point.resize(end - begin);
+      std::iota(out.point.begin(), out.point.end(), static_cast<std::uint32_t>(begin));
+      return out;
+    }
+    const std::size_t begin = index_.begin(begin_run);
+    const std::size_t end = index_.begin(end_run);
+    if (aligned() || to_sensors_) {
+      const SurfelCloud piece = cloud_.read(begin, end);
+      const Array<Vec3f> previous = directions(piece);
+      for (std::size_t i = 0; i < piece.size(); ++i) {
+        if (!piece.position[i].allFinite()) continue;
+        out.position.push_back(piece.position[i]);
+        if (!previous.empty()) out.previous.push_back(previous[i]);
+      }
+    } else {
+      out.position = cloud_.positions(begin, end);
+      std::erase_if(out.position, [](const Vec3f& p) { return !p.allFinite(); });
+    }
+    out.point.assign(out.position.size(), kHalo);
+    return out;
   }
 
   /// Loads the points of the task with their halo; none if there are more than the memory holds and
   /// the task has several points.
   std::optional<Loaded> load(const PointTask& task, const CloudBlock& block) const {
-    Regions regions;
-    if (task.needed.empty()) {
-      cut(task.points, block,
-          [&](std::span<const std::uint32_t> some) { regions.add(box_of(some, block)); });
-    } else {
-      // The points are few, and far from one another. Where the halo of a box was known around its
-      // neighbours, the halo of a point has to be wider.
-      for (const std::uint32_t i : task.points) {
-        Region region = box_of({&i, 1}, block);
-        region.reach *= 2;
-        regions.add(region);
-      }
-    }
-    for (const Region& region : task.needed) regions.add(region);
-    Array<std::uint8_t> wanted;
-    wanted.assign(block.cloud.size(), 0);
-    for (const std::uint32_t i : task.points) wanted[i] = 1;
-
-    // Runs that may have points in the halo, some consecutive ones at a time.
-    Array<std::uint8_t> near(index_.size());
-    parallel_each(index_.size(), 64, [&](std::size_t r) {
-      const RunIndex::Run& run = index_[r];
-      const bool own = r >= block.begin_run && r < block.end_run;
-      near[r] = !own && run.finite > 0 && regions.touch(run.low, run.high) ? 1 : 0;
-    });
+    const LoadedRuns runs = wanted_runs(task, block);
     struct Part {
       std::size_t begin, end;  ///< Runs.
       Loaded points;
     };
     constexpr std::size_t kMostRuns = 16;
     std::vector<Part> parts;
-    std::size_t before = 0;  // Parts before the block.
-    std::size_t read = 0;
+    std::size_t outside = 0;
     for (std::size_t r = 0; r < index_.size(); ++r) {
-      if (r == block.begin_run) before = parts.size();
-      if (near[r] == 0) continue;
-      read += index_[r].finite;
-      const bool follows = !parts.empty() && parts.back().end == r && r != block.end_run &&
-                           r - parts.back().begin < kMostRuns;
+      if (!runs.has(r)) continue;
+      if (r < block.begin_run || r >= block.end_run) outside += index_[r].finite;
+      const bool follows = !parts.empty() && parts.back().end == r && r != block.begin_run &&
+                           r != block.end_run && r - parts.back().begin < kMostRuns;
       if (follows) {
         parts.back().end = r + 1;
       } else {
@@ -495,42 +582,26 @@ class BlockEstimator {
       }
     }
     if (task.needed.empty() &&
-        read > kMostRead * std::max(block.cloud.size(), kMostRead * kRunLength)) {
+        outside > kMostRead * std::max(block.cloud.size(), kMostRead * kRunLength)) {
       refuse_disorder();
     }
-    std::atomic<std::size_t> count = 0;
+    if (task.points.size() > 1 && runs.finite() > most_loaded_) return std::nullopt;
     parallel_each(parts.size(), 1, [&](std::size_t p) {
       Part& part = parts[p];
-      if (count > most_loaded_) return;
-      const std::size_t begin = index_.begin(part.begin);
-      const std::size_t end = index_.begin(part.end);
-      const bool directed = aligned() || to_sensors_;
-      const SurfelCloud piece = directed ? cloud_.read(begin, end) : SurfelCloud();
-      const Array<Vec3f> previous = directions(piece);
-      const Array<Vec3f> alone = directed ? Array<Vec3f>() : cloud_.positions(begin, end);
-      Vec3f low = index_[part.begin].low;
-      Vec3f high = index_[part.begin].high;
-      for (std::size_t r = part.begin; r < part.end; ++r) {
-        low = low.cwiseMin(index_[r].low);
-        high = high.cwiseMax(index_[r].high);
+      part.points = load(part.begin, part.end, block);
+      Loaded& points = part.points;
+      points.known.resize(points.size());
+      for (std::size_t begin = 0; begin < points.size(); begin += kRegionPoints) {
+        const std::size_t count = std::min(kRegionPoints, points.size() - begin);
+        runs.known_around(std::span<const Vec3f>(points.position).subspan(begin, count),
+                          points.known.data() + begin);
       }
-      std::vector<const Region*> touched;
-      regions.touching(low, high, touched);
-      append_within(touched, directed ? piece.position : alone, previous, {}, part.points);
-      count += part.points.size();
     });
-
     Loaded out;
-    for (std::size_t p = 0; p < before; ++p) out.append(parts[p].points);
-    append_own(task, regions, block, out);
-    for (std::size_t p = before; p < parts.size(); ++p) out.append(parts[p].points);
-    if (task.points.size() > 1 && (count > most_loaded_ || out.size() > most_loaded_)) {
-      return std::nullopt;
-    }
-    // All of the cloud is known.
-    if (out.size() == index_.finite()) {
-      std::fill(out.known.begin(), out.known.end(), std::numeric_limits<float>::infinity());
-    }
+    for (const Part& part : parts) out.append(part.points);
+    Array<std::uint8_t> wanted;
+    wanted.assign(block.cloud.size(), 0);
+    for (const std::uint32_t i : task.points) wanted[i] = 1;
     for (std::uint32_t& i : out.point) {
       if (i != kHalo && wanted[i] == 0) i = kHalo;
     }
@@ -544,40 +615,6 @@ class BlockEstimator {
                 "consecutive points do not lie close together, as surfels that are made "
                 "block by block need it; " +
                     range_advice(name_));
-  }
-
-  /// Appends the points of the block itself that lie in the regions.
-  void append_own(const PointTask& task, const Regions& regions, const CloudBlock& block,
-                  Loaded& out) const {
-    const std::size_t count = block.cloud.size();
-    Array<std::uint32_t> number(count);
-    std::iota(number.begin(), number.end(), 0U);
-    if (task.points.size() == count) {  // Each is in the region that it made.
-      const std::size_t first = out.known.size();
-      out.append({block.cloud.position, Array<float>(count), block.previous, number});
-      cut(task.points, block, [&](std::span<const std::uint32_t> some) {
-        const Region box = box_of(some, block);
-        for (const std::uint32_t i : some) {
-          out.known[first + i] = box.known_around(block.cloud.position[i]);
-        }
-      });
-      return;
-    }
-    std::vector<const Region*> touched;
-    for (std::size_t begin = 0; begin < count; begin += kRunLength) {
-      const std::size_t end = std::min(begin + kRunLength, count);
-      const std::span<const std::uint32_t> some =
-          std::span<const std::uint32_t>(number).subspan(begin, end - begin);
-      const Region box = box_of(some, block);
-      regions.touching(box.low, box.high, touched);
-      if (touched.empty()) continue;
-      const auto part = [&](const Array<Vec3f>& values) {
-        return values.empty() ? Array<Vec3f>()
-                              : Array<Vec3f>(values.begin() + static_cast<std::ptrdiff_t>(begin),
-                                             values.begin() + static_cast<std::ptrdiff_t>(end));
-      };
-      append_within(touched, part(block.cloud.position), part(block.previous), some, out);
-    }
   }
 
   /// Estimates the points that are loaded, and notes the block's points that are certain. Returns
@@ -648,7 +685,7 @@ class BlockEstimator {
         exact.nearest(p, missing.most, near);
         reach = std::min(reach, (near.back() - p).norm());
       }
-      out.push_back({p, p, kRounding * reach + std::numeric_limits<float>::min()});
+      out.push_back({{p, p}, kRounding * reach + std::numeric_limits<float>::min()});
     }
     return out;
   }
@@ -709,6 +746,7 @@ class BlockEstimator {
   EstimateOptions options_;
   const std::string& name_;
   MortonGrid grid_;
+  Checkpoints* checkpoints_;
   RunIndex index_;
   std::vector<Vec3f> sample_;
   std::size_t shared_ = 0;        ///< Neighbours that are kept for all stages.

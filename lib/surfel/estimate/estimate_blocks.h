@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/scene/surfel_ranges.h>
@@ -14,7 +15,8 @@ namespace surfel {
 struct BlockOptions {
   /// Bytes that the work may take, what the process has already and what the sink takes excluded.
   std::uint64_t memory = std::uint64_t{1} << 30;
-  std::size_t most_points = 0;  ///< Points of a block; 0 = as many as the memory holds.
+  std::size_t most_points = 0;         ///< Points of a block; 0 = as many as the memory holds.
+  Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
 };
 
 /// Where surfels go that are made block by block.
@@ -25,9 +27,11 @@ class SurfelSink {
   SurfelSink(const SurfelSink&) = delete;
   SurfelSink& operator=(const SurfelSink&) = delete;
 
-  /// Announces how many surfels will be appended. What was appended before an earlier call is void.
-  virtual void begin(std::size_t count) = 0;
-  virtual void append(SurfelCloud surfels) = 0;
+  /// Announces how many surfels will come, and the columns that they will have. What came after an
+  /// earlier call is void.
+  virtual void begin(const SurfelCloud& like, std::size_t count) = 0;
+  /// Takes the next surfels, which are the result's from `at` on.
+  virtual void put(SurfelCloud surfels, std::size_t at) = 0;
 };
 
 /// Why surfels cannot be estimated block by block with these options: one sentence each, empty if

@@ -10,22 +10,24 @@ namespace surfel {
 
 void RunIndex::add(const Array<Vec3f>& piece) {
   constexpr std::size_t kGrain = 16;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const std::size_t first = runs_.size();
   const std::size_t count = (piece.size() + length_ - 1) / length_;
   runs_.resize(first + count);
   parallel_each(count, kGrain, [&](std::size_t r) {
-    Run run{Vec3f::Constant(kInfinity), Vec3f::Constant(-kInfinity)};
+    Run run;
     for (std::size_t i = r * length_; i < std::min((r + 1) * length_, piece.size()); ++i) {
       if (!piece[i].allFinite()) continue;
-      run.low = run.low.cwiseMin(piece[i]);
-      run.high = run.high.cwiseMax(piece[i]);
+      run.box.add(piece[i]);
       ++run.finite;
     }
     runs_[first + r] = run;
   });
   points_ += piece.size();
   for (std::size_t r = first; r < runs_.size(); ++r) finite_ += runs_[r].finite;
+}
+
+void RunIndex::finish() {
+  tree_ = Tree(runs_.size(), [&](std::size_t run) { return runs_[run].box; });
 }
 
 std::size_t RunIndex::median_meeting() const {
@@ -35,8 +37,7 @@ std::size_t RunIndex::median_meeting() const {
     const Run& probe = runs_[size() * k / std::min(kProbedRuns, size())];
     meeting.push_back(
         static_cast<std::size_t>(std::count_if(runs_.begin(), runs_.end(), [&](const Run& run) {
-          return (run.low.array() <= probe.high.array()).all() &&
-                 (run.high.array() >= probe.low.array()).all();
+          return run.box.distance2(probe.box) == 0;
         })));
   }
   if (meeting.empty()) return 0;
@@ -73,19 +74,12 @@ void RunSearch::nearest(const Vec3f& place, std::size_t k, std::vector<Vec3f>& o
   out.clear();
   k = std::min(k, index_.finite());
   if (k == 0) return;
-  std::vector<Near> runs;
-  for (std::size_t r = 0; r < index_.size(); ++r) {
-    const RunIndex::Run& run = index_[r];
-    if (run.finite == 0) continue;
-    const Vec3f gap = (run.low - place).cwiseMax(place - run.high).cwiseMax(0.0F);
-    runs.push_back({gap.squaredNorm(), r});
-  }
-  std::make_heap(runs.begin(), runs.end(), further);
   std::vector<Found> found;  // A heap, the furthest first, of k points at most.
-  while (!runs.empty() && (found.size() < k || runs.front().distance2 <= found[0].distance2)) {
-    const std::size_t run = runs.front().run;
-    std::pop_heap(runs.begin(), runs.end(), further);
-    runs.pop_back();
+  const auto can_hold = [&](float distance2) {
+    return found.size() < k || distance2 <= found[0].distance2;
+  };
+  const auto take = [&](std::size_t run) {
+    if (index_[run].finite == 0 || !can_hold(index_[run].box.distance2(place))) return;
     const Array<Vec3f>& position = read(run);
     for (std::size_t i = 0; i < position.size(); ++i) {
       const Vec3f& p = position[i];
@@ -101,7 +95,10 @@ void RunSearch::nearest(const Vec3f& place, std::size_t k, std::vector<Vec3f>& o
       found.push_back(next);
       std::push_heap(found.begin(), found.end(), before);
     }
-  }
+  };
+  index_.tree().search(
+      [&](const RunBox& box) { return box.distance2(place); },
+      [&](const RunBox&, std::size_t, float distance2) { return can_hold(distance2); }, take);
   std::sort_heap(found.begin(), found.end(), before);
   for (const Found& f : found) out.push_back(f.position);
 }
@@ -118,8 +115,8 @@ void RunSearch::nearest_directions(const Vec3d& sensor, const Vec3f& direction, 
     if (run.finite == 0) continue;
     // The ball around the box is seen under the angle a, its middle at the angle b to the
     // direction: what is in it is at the angle b - a at least.
-    const Vec3d low = run.low.cast<double>();
-    const Vec3d high = run.high.cast<double>();
+    const Vec3d low = run.box.low.cast<double>();
+    const Vec3d high = run.box.high.cast<double>();
     const Vec3d to = (low + high) / 2 - sensor;
     const double range = to.norm();
     const double sine_a = range > 0 ? (high - low).norm() / (2 * range) : 1;

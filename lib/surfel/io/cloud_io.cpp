@@ -664,21 +664,6 @@ void CloudWriter::append(const SurfelCloud& piece) {
   w.written += piece.size();
 }
 
-void CloudWriter::append_records(const SurfelCloud& like, const std::byte* records,
-                                 std::size_t count) {
-  Impl& w = *impl_;
-  if (w.format != CloudFormat::kPly || w.text()) {
-    throw_usage(w.path + ": records are appended to binary PLY alone");
-  }
-  const CloudRecords made(like, {});
-  if (w.columns.empty()) {
-    w.columns = made.columns();
-    w.file->write(w.header(like));
-  }
-  w.file->write(records, count * made.stride());
-  w.written += count;
-}
-
 void CloudWriter::commit() {
   if (impl_->las) return impl_->las->commit();
   if (impl_->written != impl_->count) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/base/crc32c.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -16,6 +17,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_sort.h>
 #include <surfel/io/cloud_to_records.h>
+#include <surfel/io/row_file.h>
 
 namespace surfel {
 namespace {
@@ -31,6 +33,8 @@ constexpr std::uint64_t kSortBytes = sizeof(Vec3f) + 2 * sizeof(std::uint64_t) +
 /// Parts are cut by a sample, and this much smaller than memory allows.
 constexpr std::uint64_t kSpare = 2;
 constexpr std::uint64_t kMostParts = 4096;
+/// Checkpoints of the distribution have numbers from here on, parts of the curve smaller ones.
+constexpr std::uint64_t kDistribution = std::uint64_t{1} << 32;
 
 /// A place along the curve.
 struct CurvePlace {
@@ -81,9 +85,11 @@ class RecordPositions {
 struct Part {
   struct Extent {
     std::uint64_t offset;
-    std::size_t bytes;
+    std::uint64_t bytes;
+    std::uint64_t checksum;
   };
   std::vector<Extent> extents;
+  std::size_t kept_extents = 0;  ///< Those that a checkpoint has.
   Array<std::byte> tail;
   std::size_t tail_bytes = 0;
   std::uint64_t records = 0;
@@ -109,7 +115,7 @@ void PositionSample::add(const SurfelCloud& piece) {
 struct SortedCloudWriter::Impl {
   std::string path;
   SurfelCloud head;  ///< A surfel with all columns of the file.
-  CloudWriter writer;
+  std::optional<RowFile> file;
   std::uint64_t count;
   std::uint64_t memory;
   std::size_t stride = 0;
@@ -119,7 +125,13 @@ struct SortedCloudWriter::Impl {
   std::vector<CurvePlace> first;  ///< Of each part but the first: where it begins.
   std::vector<Part> parts;
   std::optional<ScratchFile> scratch;
-  Array<std::byte> records;  ///< Of a piece.
+  bool resumable;
+  std::uint64_t kept_bytes;
+  std::uint64_t taken = 0;             ///< Records that were appended.
+  std::uint64_t distributed = 0;       ///< Records that an earlier run had distributed.
+  std::uint64_t checkpoints = 0;       ///< How many the distribution has made.
+  std::uint64_t since_checkpoint = 0;  ///< Bytes.
+  Array<std::byte> records;            ///< Of a piece.
   std::vector<std::uint16_t> part_of;
 
   Impl(std::string to, const CloudSurvey& survey, const PositionSample& sample,
@@ -127,8 +139,11 @@ struct SortedCloudWriter::Impl {
   void place(const CloudSurvey& survey, const SurfelCloud& like);
   void cut(const PositionSample& sample, std::size_t parts_wanted);
   void put(Part& part, const std::byte* record);
+  void flush(Part& part);
+  void keep_distribution();
+  void restore_distribution();
   Array<std::byte> read(Part& part) const;
-  void write(Part& part);
+  void write(Part& part, std::uint64_t at);
   std::uint64_t bytes_to_sort(std::uint64_t surfels) const {
     return surfels * (2 * stride + kSortBytes);
   }
@@ -163,9 +178,10 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
                               const CloudSortOptions& options)
     : path(std::move(to)),
       head(like.gathered({0})),
-      writer(path, survey.count, {.no_clobber = options.no_clobber}),
       count(survey.count),
-      memory(std::max(options.memory, kLeastMemory)) {
+      memory(std::max(options.memory, kLeastMemory)),
+      resumable(!options.job.empty()),
+      kept_bytes(options.kept_bytes) {
   const CloudRecords made(like, {});
   stride = made.stride();
   place(survey, like);
@@ -173,8 +189,18 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
   if (bytes_to_sort(count) > memory) {
     const std::uint64_t wanted = kSpare * bytes_to_sort(count) / memory + 1;
     cut(sample, static_cast<std::size_t>(std::min(wanted, kMostParts)));
-    scratch.emplace(path);
-    const std::uint64_t needed = 2 * count * stride;
+  }
+  // Where parts end depends on the memory.
+  file.emplace(path,
+               RowFileOptions{options.no_clobber,
+                              resumable ? fmt::format("{}; {} parts", options.job, first.size())
+                                        : std::string()});
+  file->begin(head, count);
+  parts.resize(first.size() + 1);
+  if (bytes_to_sort(count) > memory) {
+    scratch.emplace(path, resumable ? path + ".unfinished-scratch" : std::string());
+    restore_distribution();
+    const std::uint64_t needed = 2 * count * stride - scratch->size() - file->rows_kept() * stride;
     if (scratch->free_bytes() < needed) {
       throw_io(path, fmt::format("sorting {} surfels takes {:.3g} GB on its disk, half of which "
                                  "is free again after it, and {:.3g} GB are left; make room, or "
@@ -183,7 +209,6 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
                                  static_cast<double>(scratch->free_bytes()) / 1e9));
     }
   }
-  parts.resize(first.size() + 1);
   const std::uint64_t chunk = std::clamp(memory / (4 * parts.size()), kLeastChunk, kMostChunk);
   for (Part& part : parts) {
     part.tail.resize(scratch ? std::max<std::uint64_t>(1, chunk / stride) * stride
@@ -191,11 +216,60 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
   }
 }
 
+/// Writes what a part has collected to the scratch file.
+void SortedCloudWriter::Impl::flush(Part& part) {
+  if (part.tail_bytes == 0) return;
+  const std::span<const std::byte> bytes(part.tail.data(), part.tail_bytes);
+  const std::uint64_t checksum = resumable ? crc32c(bytes) : 0;
+  part.extents.push_back({scratch->append(bytes.data(), bytes.size()), bytes.size(), checksum});
+  since_checkpoint += bytes.size();
+  part.tail_bytes = 0;
+}
+
+/// Keeps what has been distributed for a later run: the extents since the checkpoint before.
+void SortedCloudWriter::Impl::keep_distribution() {
+  if (!resumable || !scratch) return;
+  std::vector<std::uint64_t> state{taken, 0};
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    Part& part = parts[k];
+    flush(part);
+    for (; part.kept_extents < part.extents.size(); ++part.kept_extents) {
+      const Part::Extent& extent = part.extents[part.kept_extents];
+      state.insert(state.end(), {k, extent.offset, extent.bytes, extent.checksum});
+    }
+  }
+  state[1] = scratch->size();
+  file->finish(kDistribution + checkpoints++, {},
+               {reinterpret_cast<const char*>(state.data()), state.size() * sizeof(state[0])});
+  since_checkpoint = 0;
+}
+
+/// Goes on where an earlier run stopped to distribute, if what it wrote is still there.
+void SortedCloudWriter::Impl::restore_distribution() {
+  std::uint64_t scratch_bytes = 0;
+  while (const std::optional<std::string> kept = file->finished(kDistribution + checkpoints)) {
+    std::vector<std::uint64_t> state(kept->size() / sizeof(std::uint64_t));
+    std::memcpy(state.data(), kept->data(), state.size() * sizeof(state[0]));
+    for (std::size_t at = 2; at < state.size(); at += 4) {
+      Part& part = parts[state[at]];
+      part.extents.push_back({state[at + 1], state[at + 2], state[at + 3]});
+      part.records += state[at + 2] / stride;
+      ++part.kept_extents;
+    }
+    distributed = state[0];
+    scratch_bytes = state[1];
+    ++checkpoints;
+  }
+  if (scratch->keep(scratch_bytes)) return;
+  scratch->keep(0);
+  parts.assign(parts.size(), {});
+  distributed = checkpoints = 0;
+}
+
 void SortedCloudWriter::Impl::put(Part& part, const std::byte* record) {
   if (part.tail_bytes == part.tail.size()) {
     if (!scratch) throw_input(path, "more surfels come than were promised");
-    part.extents.push_back({scratch->append(part.tail.data(), part.tail_bytes), part.tail_bytes});
-    part.tail_bytes = 0;
+    flush(part);
   }
   std::memcpy(part.tail.data() + part.tail_bytes, record, stride);
   part.tail_bytes += stride;
@@ -212,9 +286,18 @@ std::uint64_t SortedCloudWriter::scratch_bytes() const {
   return impl_->scratch ? impl_->count * impl_->stride : 0;
 }
 
+std::uint64_t SortedCloudWriter::kept() const {
+  return std::max(impl_->distributed, impl_->file->rows_kept());
+}
+
 void SortedCloudWriter::append(const SurfelCloud& piece) {
   Impl& w = *impl_;
   piece.check_columns(w.path);
+  // What an earlier run distributed is passed over.
+  const auto skipped = static_cast<std::size_t>(
+      std::min<std::uint64_t>(piece.size(), w.distributed - std::min(w.distributed, w.taken)));
+  w.taken += piece.size();
+  if (skipped == piece.size()) return;
   const CloudRecords made(piece, {});
   if (made.stride() != w.stride) throw_input(w.path, "pieces of the cloud differ in their columns");
   w.records.resize(piece.size() * w.stride);
@@ -228,9 +311,10 @@ void SortedCloudWriter::append(const SurfelCloud& piece) {
       w.part_of[i] = static_cast<std::uint16_t>(next - w.first.begin());
     }
   });
-  for (std::size_t i = 0; i < piece.size(); ++i) {
+  for (std::size_t i = skipped; i < piece.size(); ++i) {
     w.put(w.parts[w.first.empty() ? 0 : w.part_of[i]], w.records.data() + i * w.stride);
   }
+  if (w.since_checkpoint >= w.kept_bytes) w.keep_distribution();
 }
 
 /// All records of a part, which it then has no more.
@@ -240,6 +324,11 @@ Array<std::byte> SortedCloudWriter::Impl::read(Part& part) const {
   std::byte* to = all.data();
   for (const Part::Extent& extent : part.extents) {
     scratch->read_at(extent.offset, to, extent.bytes);
+    if (resumable && extent.checksum != crc32c({to, extent.bytes})) {
+      throw_io(path,
+               "what an earlier run left beside it is damaged; remove its files .unfinished, "
+               ".unfinished-parts and .unfinished-scratch, and begin anew");
+    }
     to += extent.bytes;
   }
   std::memcpy(to, part.tail.data(), part.tail_bytes);
@@ -247,8 +336,8 @@ Array<std::byte> SortedCloudWriter::Impl::read(Part& part) const {
   return all;
 }
 
-/// Sorts a part, and writes it.
-void SortedCloudWriter::Impl::write(Part& part) {
+/// Sorts a part, and writes it as the rows from `at` on.
+void SortedCloudWriter::Impl::write(Part& part, std::uint64_t at) {
   const auto size = static_cast<std::size_t>(part.records);
   if (size == 0) return;
   if (bytes_to_sort(size) > memory) {
@@ -266,20 +355,30 @@ void SortedCloudWriter::Impl::write(Part& part) {
   parallel_each(size, kSortGrain, [&](std::size_t i) {
     std::memcpy(sorted.data() + i * stride, from.data() + order[i] * stride, stride);
   });
-  writer.append_records(head, sorted.data(), size);
+  file->put_records(sorted.data(), size, at);
 }
 
 void SortedCloudWriter::commit() {
   Impl& w = *impl_;
   w.records = {};
   w.part_of = {};
-  ProgressStage stage("sorting", w.count, "surfels");
-  for (Part& part : w.parts) {
-    const std::uint64_t records = part.records;
-    w.write(part);
-    stage.add(records);
+  if (w.taken != w.count) {
+    throw_input(w.path, fmt::format("{} surfels were promised and {} came", w.count, w.taken));
   }
-  w.writer.commit();
+  w.keep_distribution();
+  ProgressStage stage("sorting", w.count, "surfels");
+  std::uint64_t at = 0;
+  for (std::size_t k = 0; k < w.parts.size(); ++k) {
+    const RowSpan rows{at, at + w.parts[k].records};
+    if (!w.file->finished(k)) {
+      w.write(w.parts[k], at);
+      w.file->finish(k, {&rows, 1}, {});
+    }
+    at = rows.end;
+    stage.add(rows.end - rows.begin);
+  }
+  w.file->commit();
+  if (w.scratch) w.scratch->remove();
 }
 
 }  // namespace surfel

@@ -32,6 +32,11 @@ class SURFEL_API PositionSample {
 struct CloudSortOptions {
   std::uint64_t memory = 0;  ///< Bytes that the surfels may take; 64 kB at least.
   bool no_clobber = false;
+  /// As RowFileOptions has it. A run that goes on reads the cloud again, and writes no surfel
+  /// twice.
+  std::string job = {};
+  /// Bytes that are distributed at most before what was done is kept for a later run.
+  std::uint64_t kept_bytes = std::uint64_t{1} << 28;
 };
 
 /// Writes a cloud as binary PLY, its surfels in the order of morton_order(), as a reader of the
@@ -56,6 +61,8 @@ class SURFEL_API SortedCloudWriter {
 
   /// Bytes that the scratch file will take; 0 where everything is sorted in memory.
   std::uint64_t scratch_bytes() const;
+  /// Surfels that earlier runs have distributed, or written.
+  std::uint64_t kept() const;
   /// Takes the next surfels, settled. Throws Error(kIo), and Error(kInput) as CloudWriter does.
   void append(const SurfelCloud& piece);
   /// Sorts and completes the file. Throws Error(kIo), and Error(kInput) where so many surfels lie

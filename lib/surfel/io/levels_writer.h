@@ -1,9 +1,9 @@
 #pragma once
 
-#include <memory>
 #include <string>
 
 #include <surfel/base/export.h>
+#include <surfel/io/row_file.h>
 #include <surfel/scene/level_sink.h>
 
 namespace surfel {
@@ -11,20 +11,21 @@ namespace surfel {
 /// Writes levels of detail to binary PLY as write_cloud() would, without holding them in memory.
 class SURFEL_API LevelsWriter final : public LevelSink {
  public:
-  /// Opens a file, as OutputFile does; "-" is standard output.
+  /// Opens a file, as RowFile does.
   /// \param provenance  a line for SurfelCloud::provenance; empty: none
-  LevelsWriter(std::string path, std::string provenance, bool no_clobber = false);
-  ~LevelsWriter() override;
+  LevelsWriter(const std::string& path, std::string provenance, const RowFileOptions& options = {});
 
   void begin(const SurfelCloud& like, std::size_t surfels, std::size_t clusters) override;
   void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::size_t at) override;
   void finish(ClusterTree tree) override;
   /// Completes the file: until then there is none.
-  void commit();
+  void commit() { file_.commit(); }
+  /// The file, which keeps what has been finished.
+  RowFile& file() { return file_; }
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::string provenance_;
+  RowFile file_;
 };
 
 }  // namespace surfel

@@ -2,9 +2,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <span>
+#include <type_traits>
 #include <utility>
 
 #include <fmt/format.h>
@@ -291,6 +294,10 @@ class Hierarchy {
  private:
   std::size_t blocks_at_once(const SurfelCloud& surfel, const SurfelCloud& drawn) const;
   void make_block(std::size_t block);
+  bool restore_block(std::size_t block, const std::vector<LevelPart>& parts);
+  void keep_block(std::size_t block, const std::vector<LevelPart>& parts) const;
+  template <class Visit>
+  static void visit_state(auto& hierarchy, const std::vector<LevelPart>& parts, const Visit& visit);
   void keep_root(const BlockLevels& block, const SurfelCloud& surfels, const LevelPart& part);
   void make_upper(std::size_t number);
   void describe(HierarchyReport& report) const;
@@ -362,9 +369,63 @@ void Hierarchy::merge(HierarchyReport& report) {
   }
 }
 
+/// Calls visit(bytes, count) for all that blocks leave in memory of one of them.
+template <class Visit>
+void Hierarchy::visit_state(auto& hierarchy, const std::vector<LevelPart>& parts,
+                            const Visit& visit) {
+  static_assert(std::is_trivially_destructible_v<MergeSurfel>);
+  const auto visit_rows = [&](auto& values, std::size_t begin, std::size_t count) {
+    visit(values.data() + begin, count * sizeof(values[0]));
+  };
+  for (const LevelPart& part : parts)
+    visit_rows(hierarchy.tree_, part.first_cluster, part.clusters);
+  if (hierarchy.merged_.empty()) return;
+  const LevelPlan& plan = hierarchy.plan_;
+  const LevelPart& root = parts.back();
+  const std::size_t at = root.first_surfel - plan.level(plan.block_levels() - 1).first_surfel;
+  visit_rows(hierarchy.merged_, at, root.surfels);
+  SurfelCloud::visit_columns(hierarchy.roots_, [&](auto& column) {
+    if (!column.empty()) visit_rows(column, at, root.surfels);
+  });
+  for (auto& extra : hierarchy.roots_.extra) {
+    const std::size_t size = scalar_size(extra.type);
+    visit_rows(extra.data, at * size, root.surfels * size);
+  }
+}
+
+/// Takes over a block that an earlier run made.
+bool Hierarchy::restore_block(std::size_t number, const std::vector<LevelPart>& parts) {
+  if (!options_.checkpoints) return false;
+  const std::optional<std::string> state = options_.checkpoints->finished(number);
+  if (!state) return false;
+  std::size_t bytes = 0;
+  visit_state(*this, parts, [&](void*, std::size_t count) { bytes += count; });
+  if (bytes != state->size()) return false;
+  const char* from = state->data();
+  visit_state(*this, parts, [&](void* to, std::size_t count) {
+    std::memcpy(to, from, count);
+    from += count;
+  });
+  return true;
+}
+
+void Hierarchy::keep_block(std::size_t number, const std::vector<LevelPart>& parts) const {
+  if (!options_.checkpoints) return;
+  std::vector<RowSpan> rows;
+  for (const LevelPart& part : parts) {
+    rows.push_back({part.first_surfel, part.first_surfel + part.surfels});
+  }
+  std::string state;
+  visit_state(*this, parts, [&](const void* bytes, std::size_t count) {
+    state.append(static_cast<const char*>(bytes), count);
+  });
+  options_.checkpoints->finish(number, rows, state);
+}
+
 void Hierarchy::make_block(std::size_t number) {
-  const SurfelCloud cloud = read_block(ranges_, blocks_[number]);
   const std::vector<LevelPart> parts = plan_.block(number);
+  if (restore_block(number, parts)) return;
+  const SurfelCloud cloud = read_block(ranges_, blocks_[number]);
   const BlockLevels block(cloud, parts.size(), options_);
   const SurfelCloud surfels = block.surfels();
   std::size_t at = 0;
@@ -382,6 +443,7 @@ void Hierarchy::make_block(std::size_t number) {
     }
   }
   if (!merged_.empty()) keep_root(block, surfels, parts.back());
+  keep_block(number, parts);
 }
 
 /// Keeps a block's coarsest level, to be merged further.

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
 #include <surfel/scene/level_sink.h>
@@ -23,6 +24,7 @@ struct HierarchyOptions {
   /// Bytes that may be taken, besides what the source and the sink hold; 0: no limit. The result
   /// does not depend on it.
   std::uint64_t memory = 0;
+  Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
 
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };

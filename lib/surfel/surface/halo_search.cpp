@@ -30,7 +30,7 @@ void HaloSearch::check(std::size_t i, std::span<const Neighbor> found, std::size
   constexpr float kRounding = 1 + 1e-5F;
   const bool all = found.size() == std::min(most, whole_);
   float reach = std::sqrt(all ? found.back().distance2 : limit2) * kRounding;
-  if (!(reach < known_[i])) {
+  if (!(reach < known_[i]) && std::isfinite(known_[i])) {
     set(i, kUncertain);
     if (all) reach = std::min(reach, std::sqrt(limit2) * kRounding);
     // Only queries at this point write here, one at a time.

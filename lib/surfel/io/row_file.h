@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include <surfel/base/checkpoints.h>
+#include <surfel/base/export.h>
+#include <surfel/scene/cluster_tree.h>
+#include <surfel/scene/surfel_cloud.h>
+
+namespace surfel {
+
+struct RowFileOptions {
+  bool no_clobber = false;
+  /// What is made of what, in words that differ where the result would. If there are any, a run
+  /// that ends early leaves FILE.unfinished and FILE.unfinished-parts, with which the next run of
+  /// the same job goes on.
+  std::string job = {};
+};
+
+/// A binary PLY file whose rows are written in any order, part by part, without holding them in
+/// memory: the bytes that write_cloud() writes of all rows together.
+class SURFEL_API RowFile final : public Checkpoints {
+ public:
+  /// Opens a file, as OutputFile does; "-" is standard output, where nothing can be kept.
+  explicit RowFile(const std::string& path, const RowFileOptions& options = {});
+  ~RowFile() override;
+
+  /// Begins the file. What was written after an earlier call is void.
+  /// \param like      a row or some with the columns of all, and what holds for the whole cloud
+  /// \param clusters  of the tree that finish_tree() will write
+  void begin(const SurfelCloud& like, std::uint64_t rows, std::uint64_t clusters = 0);
+  std::size_t stride() const;  ///< Bytes of a row.
+  /// Writes the rows [begin, end) of a cloud as the file's rows from `at` on. Several threads may
+  /// call it at once, as they may the next one.
+  void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::uint64_t at);
+  /// The same for rows that are records already.
+  void put_records(const std::byte* records, std::size_t count, std::uint64_t at);
+  void put_tree(const ClusterTree& tree);
+  /// Completes the file: until then there is none.
+  void commit();
+
+  // Without a job nothing is kept.
+  std::optional<std::string> finished(std::uint64_t part) override;
+  void finish(std::uint64_t part, std::span<const RowSpan> rows, const std::string& state) override;
+  /// Rows that earlier runs have made.
+  std::uint64_t rows_kept() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace surfel

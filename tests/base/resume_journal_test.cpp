@@ -1,0 +1,127 @@
+#include <filesystem>
+
+#include <gtest/gtest.h>
+#include <surfel/base/output_file.h>
+#include <surfel/base/resume_journal.h>
+
+#include "support/message_of.h"
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+using Entries = std::vector<std::string>;
+
+TEST(ResumeJournal, EntriesOfTheSameJobComeBack) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "journal";
+  const std::string zeros(3, '\0');
+  {
+    ResumeJournal journal(path);
+    EXPECT_EQ(journal.open("job"), Entries{});
+    journal.add("one");
+    journal.add(zeros);
+    journal.add("");
+  }
+  {
+    ResumeJournal journal(path);
+    EXPECT_EQ(journal.open("job"), (Entries{"one", zeros, ""}));
+    journal.add("four");
+  }
+  EXPECT_EQ(ResumeJournal(path).open("job"), (Entries{"one", zeros, "", "four"}));
+  EXPECT_EQ(ResumeJournal(path).open("other job"), Entries{});
+  EXPECT_EQ(ResumeJournal(path).open("job"), Entries{});
+  ResumeJournal journal(path);
+  journal.remove();
+  EXPECT_FALSE(std::filesystem::exists(path));
+  journal.remove();
+}
+
+TEST(ResumeJournal, IsReadUpToTheFirstEntryThatIsNotWhole) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "journal";
+  {
+    ResumeJournal journal(path);
+    journal.open("job");
+    for (const char* entry : {"first", "second", "third"}) journal.add(entry);
+  }
+  const std::string whole = read_text(path);
+  for (std::size_t size = 0; size <= whole.size(); ++size) {
+    write_text(path, whole.substr(0, size));
+    const Entries entries = ResumeJournal(path).open("job");
+    const Entries all{"first", "second", "third"};
+    ASSERT_LE(entries.size(), all.size());
+    EXPECT_TRUE(std::equal(entries.begin(), entries.end(), all.begin())) << size;
+    EXPECT_EQ(entries.size() == all.size(), size == whole.size());
+    // What is added next is whole again.
+    ResumeJournal journal(path);
+    journal.open("job");
+    journal.add("next");
+    EXPECT_EQ(ResumeJournal(path).open("job").size(), entries.size() + 1);
+  }
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    std::string damaged = whole;
+    damaged[at] ^= 1;
+    write_text(path, damaged);
+    EXPECT_LT(ResumeJournal(path).open("job").size(), 3U) << at;
+  }
+}
+
+TEST(ResumeJournal, AFileThatCannotBeWrittenIsAnError) {
+  EXPECT_NE(message_of([] {
+              ResumeJournal("/no/folder/journal").open("job");
+            }).find("/no/folder/journal: cannot be written"),
+            std::string::npos);
+}
+
+TEST(FileMark, ChangesWithTheFile) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "file";
+  const std::string bytes(std::size_t{6} << 20, 'a');
+  write_text(path, bytes);
+  const auto time = std::filesystem::last_write_time(path);
+  const std::string mark = file_mark(path);
+  EXPECT_EQ(file_mark(path), mark);
+  std::string changed = bytes;
+  changed.back() = 'b';
+  write_text(path, changed);
+  std::filesystem::last_write_time(path, time);
+  EXPECT_NE(file_mark(path), mark);
+  write_text(path, bytes);
+  std::filesystem::last_write_time(path, time);
+  EXPECT_EQ(file_mark(path), mark);
+  std::filesystem::last_write_time(path, time + std::chrono::seconds(1));
+  EXPECT_NE(file_mark(path), mark);
+  EXPECT_NE(message_of([] { file_mark("/no/file"); }).find("/no/file: cannot be read"),
+            std::string::npos);
+}
+
+TEST(OutputFile, KeepsTheBytesOfAnUnfinishedFile) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "file";
+  write_text(path, "old");
+  {
+    OutputFile file(path, false, Unfinished::kKept);
+    file.write("begun");
+    EXPECT_NE(
+        message_of([&] { OutputFile(path, false, Unfinished::kKept); }).find("another process"),
+        std::string::npos);
+  }
+  EXPECT_EQ(read_text(path), "old");
+  EXPECT_EQ(read_text(path + ".unfinished"), "begun");
+  {
+    OutputFile file(path, false, Unfinished::kKept);
+    std::string there(9, '.');
+    EXPECT_EQ(file.read_at(0, there.data(), there.size()), 5U);
+    EXPECT_EQ(there, "begun....");
+    file.write_at(5, " and done", 9);
+    file.commit();
+  }
+  EXPECT_EQ(read_text(path), "begun and done");
+  EXPECT_FALSE(std::filesystem::exists(path + ".unfinished"));
+  EXPECT_NE(message_of([] { OutputFile("-", false, Unfinished::kKept); }).find("`resume`"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace surfel::test

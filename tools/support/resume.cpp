@@ -1,0 +1,33 @@
+#include "tools/support/resume.h"
+
+#include <fmt/format.h>
+#include <surfel/base/error.h>
+#include <surfel/base/resume_journal.h>
+
+namespace surfel::tool {
+
+void add_resume(CLI::App& app, bool& value) {
+  app.add_flag(
+      "--resume", value,
+      "Keep what an interrupted run has made, as FILE.unfinished beside the result, and go "
+      "on with it: the same command again ends with the same bytes");
+}
+
+std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs) {
+  if (!resume) return {};
+  std::string job = tool.provenance();
+  for (const std::string& input : inputs) {
+    if (input == "-") throw_usage("--resume reads its input again; name a file");
+    job += "\n" + input + " " + file_mark(input);
+  }
+  return job;
+}
+
+void tell_resumed(const Tool& tool, const std::string& path, std::uint64_t kept,
+                  std::uint64_t rows) {
+  if (kept == 0) return;
+  tool.note(fmt::format("{}: going on where an earlier run stopped, which made {} of {} surfels",
+                        path, kept, rows));
+}
+
+}  // namespace surfel::tool

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "tools/support/tool.h"
+
+namespace surfel::tool {
+
+/// Declares --resume.
+void add_resume(CLI::App& app, bool& value);
+
+/// What a run makes of which files, by which a later run knows that it may go on with what this one
+/// left: the options that matter, and the files' sizes, times and checksums. Empty without --resume.
+/// Throws Error(kUsage) for standard input, which cannot be read again.
+std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs);
+
+/// Tells how much of a result earlier runs have made, if they have.
+void tell_resumed(const Tool& tool, const std::string& path, std::uint64_t kept,
+                  std::uint64_t rows);
+
+}  // namespace surfel::tool
