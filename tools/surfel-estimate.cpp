@@ -18,9 +18,11 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_ranges.h>
 #include <surfel/io/row_file.h>
+#include <surfel/ranks/ranks.h>
 
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
+#include "tools/support/run_ranks.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -309,13 +311,15 @@ void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
 /// Writes surfels as they are made: PLY block by block, other formats in their order.
 class Writer final : public surfel::SurfelSink {
  public:
-  Writer(const surfel::tool::Tool& tool, std::string path, const std::string& job)
+  Writer(const surfel::tool::Tool& tool, std::string path, const std::string& job,
+         surfel::Ranks* ranks)
       : tool_(tool), path_(std::move(path)) {
     const std::string extension = surfel::tool::lower_extension(path_);
     if (extension.empty() || extension == ".ply") {
-      rows_.emplace(path_, surfel::RowFileOptions{tool.common().no_clobber, job});
-    } else if (!job.empty()) {
-      surfel::throw_usage(path_ + ": --resume writes PLY alone; give a .ply");
+      rows_.emplace(path_, surfel::RowFileOptions{tool.common().no_clobber, job, ranks});
+    } else if (!job.empty() || ranks) {
+      surfel::throw_usage(path_ + ": " + (ranks ? "several processes write" : "--resume writes") +
+                          " PLY alone; give a .ply");
     }
   }
 
@@ -374,7 +378,8 @@ void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
 }
 
 void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::CloudRanges& cloud,
-                        const surfel::SurfelCloud& first, std::uint64_t memory) {
+                        const surfel::SurfelCloud& first, std::uint64_t memory,
+                        surfel::Ranks* ranks) {
   const std::string extension = surfel::tool::lower_extension(s.output);
   if (extension == ".las" || extension == ".laz") {
     surfel::throw_usage(fmt::format(
@@ -386,7 +391,7 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   surfel::tool::tell_finest(tool, s.input, first, cloud.size());
   // What a process takes without any points.
   constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
-  Writer writer(tool, s.output, surfel::tool::job(tool, s.resume, {s.input}));
+  Writer writer(tool, s.output, surfel::tool::job(tool, s.resume, {s.input}), ranks);
   surfel::EstimateReport estimate;
   surfel::estimate_by_blocks(
       cloud, s.estimate,
@@ -399,17 +404,20 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   tool.wrote(s.output, fmt::format("{} surfels", writer.surfels()));
 }
 
-/// Estimates a file that is larger than the memory, or whose blocks are kept for a later run, if
-/// that can be done; false if its points, or the part of them that is asked for, have to fit.
-bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
-  if (s.resume) {
+/// Estimates a file that is larger than the memory, or whose blocks are kept for a later run or
+/// shared with other processes, if that can be done; false if its points, or the part of them that
+/// is asked for, have to fit.
+bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory,
+                     surfel::Ranks* ranks) {
+  if (s.resume || ranks) {
     const auto cloud = s.part.whole() ? surfel::CloudRanges::open(s.input) : nullptr;
     if (!cloud || cloud->size() == 0) {
       surfel::throw_input(surfel::tool::shown_name(s.input),
-                          "--resume keeps blocks of whole files that are read in parts; " +
+                          std::string(ranks ? "several processes share" : "--resume keeps") +
+                              " blocks of whole files that are read in parts; " +
                               surfel::range_advice(s.input));
     }
-    estimate_in_blocks(tool, s, *cloud, cloud->read(0, 1), memory);
+    estimate_in_blocks(tool, s, *cloud, cloud->read(0, 1), memory, ranks);
     return true;
   }
   if (!s.part.whole()) return false;
@@ -421,7 +429,7 @@ bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory
   if (!cloud || cloud->size() == 0) return false;
   const surfel::SurfelCloud first = cloud->read(0, 1);
   if (surfel::estimate_bytes(cloud->size(), surfel::column_bytes(first)) <= memory) return false;
-  estimate_in_blocks(tool, s, *cloud, first, memory);
+  estimate_in_blocks(tool, s, *cloud, first, memory, ranks);
   return true;
 }
 
@@ -447,10 +455,10 @@ int main(int argc, char** argv) {
                     {"order", "--smooth-order"},
                     {"crease_angle", "--crease-angle"},
                     {"grow_in_noise", "--noise"}});
-  return tool.run(argc, argv, [&] {
+  return surfel::tool::run_ranks(tool, argc, argv, [&](surfel::Ranks* ranks) {
     check(tool.app(), settings);
     const std::uint64_t memory = surfel::memory_to_use(settings.memory);
-    if (estimate_larger(tool, settings, memory)) return;
+    if (estimate_larger(tool, settings, memory, ranks)) return;
     surfel::tool::require_room(settings.input, settings.part.options(), memory,
                                [](std::size_t points, const surfel::SurfelCloud& first) {
                                  return surfel::estimate_bytes(points, surfel::column_bytes(first));

@@ -19,6 +19,7 @@
 #include "tools/support/gaussians.h"
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
+#include "tools/support/run_ranks.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -129,19 +130,21 @@ void make_levels_in_memory(surfel::tool::Tool& tool, const Settings& s,
                           surfel::tool::shown_name(s.input));
 }
 
-void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s) {
+void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s, surfel::Ranks* ranks) {
   surfel::HierarchyOptions options = s.hierarchy;
   options.memory = surfel::memory_to_use(s.memory);
   surfel::LevelsWriter writer(
       s.output, tool.provenance(),
-      {tool.common().no_clobber, surfel::tool::job(tool, s.resume, {s.input})});
+      {tool.common().no_clobber, surfel::tool::job(tool, s.resume, {s.input}), ranks});
   options.checkpoints = &writer.file();
+  options.peers = ranks;
   surfel::HierarchyReport levels;
   if (!make_levels_of_file(tool, s, options, writer, levels)) {
     make_levels_in_memory(tool, s, options, writer, levels);
   }
   surfel::tool::tell_resumed(tool, s.output, writer.file().rows_kept(), levels.surfels);
   writer.commit();
+  if (ranks && ranks->rank() > 0) return;
   surfel::tool::tell_left_out(tool, surfel::tool::shown_name(s.input), levels.dropped);
   report(tool.report(), levels);
   tool.report()["blocks"] = levels.blocks;
@@ -164,10 +167,14 @@ int main(int argc, char** argv) {
        "surfel-lod trained.splat -o levels.ply"});
   tool.files().reads({"surfels"});
   tool.files().writes("--output", surfel::tool::Writes::kLevels);
-  return tool.run(argc, argv, [&] {
+  return surfel::tool::run_ranks(tool, argc, argv, [&](surfel::Ranks* ranks) {
     surfel::tool::require_valid(s.hierarchy.problems());
-    const auto add_levels =
-        surfel::holds_gaussians(s.input) ? add_levels_of_gaussians : add_levels_of_surfels;
-    add_levels(tool, s);
+    if (!surfel::holds_gaussians(s.input)) return add_levels_of_surfels(tool, s, ranks);
+    if (ranks) {
+      surfel::throw_usage(
+          "levels of Gaussians are made by one process; start surfel-lod without "
+          "mpirun");
+    }
+    add_levels_of_gaussians(tool, s);
   });
 }

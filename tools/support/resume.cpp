@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/resume_journal.h>
+#include <surfel/ranks/ranks.h>
 
 namespace surfel::tool {
 
@@ -15,6 +16,9 @@ void add_resume(CLI::App& app, bool& value) {
 
 std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs) {
   if (!resume) return {};
+  if (started_rank().count > 1) {
+    throw_usage("--resume is for one process; leave it out, or start the tool without mpirun");
+  }
   std::string job = tool.provenance();
   for (const std::string& input : inputs) {
     if (input == "-") throw_usage("--resume reads its input again; name a file");

@@ -16,7 +16,8 @@ struct RowSpan {
 };
 
 /// Keeps the parts of a long work that are finished, so that the work can be taken up where it was
-/// interrupted. Parts are numbered as the work likes, but by the same numbers in every run.
+/// interrupted. Parts are numbered as the work likes, but by the same numbers in every run. A part
+/// without rows is something that the work has found out.
 class SURFEL_API Checkpoints {
  public:
   Checkpoints() = default;

@@ -190,7 +190,15 @@ bool synchronize(int descriptor) {
 }  // namespace
 
 OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinished)
-    : target_(std::move(target)), no_clobber_(no_clobber), kept_(unfinished == Unfinished::kKept) {
+    : target_(std::move(target)), no_clobber_(no_clobber), unfinished_(unfinished) {
+  if (unfinished_ == Unfinished::kElsewhere) {
+    temporary_ = target_;
+    descriptor_ = open(target_.c_str(), O_RDWR | O_CLOEXEC);
+    if (descriptor_ >= 0) return;
+    throw_io(target_, "cannot be opened, which another process writes: " + cause() +
+                          "; do all machines have its folder?");
+  }
+  const bool kept = unfinished_ == Unfinished::kKept;
   if (target_.empty()) throw_io("", "the name of a file to write is empty; name a file");
   if (is_standard_output(target_)) require_standard_output();
   mode_t mode = 0666;
@@ -199,7 +207,7 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
   if (exists && S_ISDIR(status.st_mode)) throw_io(target_, "is a directory; name a file");
   // A device or a pipe (/dev/null, /dev/stdout) is written to, never replaced.
   copied_ = target_ == "-" || (exists && !S_ISREG(status.st_mode));
-  if (copied_ && kept_) {
+  if (copied_ && kept) {
     throw_io(display_name(target_), "is no file whose parts can be kept for `resume`; name a file");
   }
   if (copied_) {
@@ -217,9 +225,9 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
     }
     target_ = follow_links(target_);
     if (split(target_).second.empty()) throw_io(target_, "is the name of a folder; name a file");
-    temporary_ = kept_ ? target_ + ".unfinished" : temporary_pattern(target_);
+    temporary_ = kept ? target_ + ".unfinished" : temporary_pattern(target_);
   }
-  if (kept_) {
+  if (kept) {
     descriptor_ = open(temporary_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, mode);
     if (descriptor_ >= 0 && !lock(descriptor_) && errno == EWOULDBLOCK) {
       close(descriptor_);
@@ -233,14 +241,14 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
     throw_io(display_name(target_),
              "cannot be created: " + cause() + "; is the folder there and writable?");
   }
-  if (!kept_) remember(temporary_);
+  if (!kept) remember(temporary_);
   // The older file's permissions, whatever the umask.
   if (exists && !copied_) fchmod(descriptor_, mode);
 }
 
 OutputFile::~OutputFile() {
   if (descriptor_ >= 0) close(descriptor_);
-  if (kept_) return;
+  if (unfinished_ != Unfinished::kRemoved) return;
   if (!committed_) unlink(temporary_.c_str());
   forget(temporary_);
 }

@@ -14,6 +14,9 @@ enum class Unfinished {
   /// They stay beside the target as TARGET.unfinished, and the next OutputFile that keeps them goes
   /// on with them.
   kKept,
+  /// They are another process's: the target is the temporary of an OutputFile that is open there,
+  /// and this process writes parts of it.
+  kElsewhere,
 };
 
 /// A file that appears whole or not at all: written to a temporary beside the target and renamed by
@@ -66,7 +69,7 @@ class SURFEL_API OutputFile {
   std::string temporary_;
   int descriptor_ = -1;
   bool no_clobber_ = false;
-  bool kept_ = false;    ///< See Unfinished.
+  Unfinished unfinished_;
   bool copied_ = false;  ///< The target cannot be renamed to: commit() copies.
   bool committed_ = false;
 };

@@ -91,7 +91,7 @@ std::string file_mark(const std::string& path) {
   std::string piece(kPiece, '\0');
   for (std::uint64_t k = 0; k < kPieces && k * kPiece < size; ++k) {
     const std::uint64_t at =
-        size <= kPieces * kPiece ? k * kPiece : (size - kPiece) / (kPieces - 1) * k;
+        size <= kPieces * kPiece ? k * kPiece : (size - kPiece) * k / (kPieces - 1);
     const ssize_t got = pread(file, piece.data(), kPiece, static_cast<off_t>(at));
     if (got > 0) pieces.append(piece, 0, static_cast<std::size_t>(got));
   }

@@ -55,6 +55,9 @@ constexpr std::size_t kMostRead = 16;
 /// Runs whose boxes meet the box of a run: along a curve through space there are some tens.
 constexpr std::size_t kMostMeeting = 64;
 
+/// Number of the checkpoint that says whether ellipses are worth it; blocks have smaller ones.
+constexpr std::uint64_t kEllipses = std::numeric_limits<std::uint64_t>::max();
+
 constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max();
 
 /// Points that are in memory for one pass, along the curve of the whole cloud.
@@ -116,6 +119,7 @@ class BlockEstimator {
         name_(name),
         grid_(cloud.grid()),
         checkpoints_(blocks.checkpoints),
+        peers_(blocks.peers),
         index_(run_length(blocks)) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
@@ -147,7 +151,11 @@ class BlockEstimator {
         options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kAuto;
     ellipses_ =
         options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kOn;
-    if (decide_ellipses) ellipses_ = guess_ellipses();
+    if (decide_ellipses) {
+      const std::optional<std::string> known =
+          checkpoints_ ? checkpoints_->finished(kEllipses) : std::nullopt;
+      ellipses_ = known ? *known == "worth it" : guess_ellipses();
+    }
     stage.end("probes");
     for (;;) {
       totals_ = {};
@@ -156,8 +164,10 @@ class BlockEstimator {
       Place at;
       while (at.run < index_.size()) {
         const std::size_t begin = at.run;
-        if (!restore(at)) {
-          const std::size_t end = std::min(begin + block_runs_, index_.size());
+        const std::size_t end = std::min(begin + block_runs_, index_.size());
+        if (!mine(begin)) {
+          for (; at.run < end; ++at.run) at.surfel += index_[at.run].finite;
+        } else if (!restore(at)) {
           CloudBlock block = estimate(begin, end);
           count(block, totals_);
           stage.end("estimates");
@@ -169,10 +179,12 @@ class BlockEstimator {
         }
         progress.add(index_.begin(at.run) - index_.begin(begin));
       }
+      if (peers_) add_up();
       if (!decide_ellipses) break;
       const bool worth = worth_ellipses(totals_.elongated, index_.finite());
       if (worth == ellipses_) break;
       ellipses_ = worth;
+      if (checkpoints_) checkpoints_->finish(kEllipses, {}, worth ? "worth it" : "not worth it");
     }
     fill(report);
   }
@@ -189,6 +201,34 @@ class BlockEstimator {
     std::uint64_t confidence = 0;
     Orientation method = Orientation::kNone;
   };
+
+  /// Is a block this process's?
+  bool mine(std::size_t begin_run) const {
+    if (!peers_) return true;
+    const auto block = begin_run / block_runs_;
+    return block % static_cast<std::size_t>(peers_->count()) ==
+           static_cast<std::size_t>(peers_->rank());
+  }
+
+  /// Adds the totals of all processes.
+  void add_up() {
+    static_assert(std::is_trivially_copyable_v<Totals>);
+    const std::vector<std::vector<Totals>> all = gather_lists(peers_, std::vector<Totals>{totals_});
+    totals_ = all[0][0];
+    for (std::size_t rank = 1; rank < all.size(); ++rank) {
+      const Totals& more = all[rank][0];
+      for (std::size_t f = 0; f < kPointFlags; ++f) totals_.flagged[f] += more.flagged[f];
+      totals_.neighbors += more.neighbors;
+      totals_.extended += more.extended;
+      totals_.flipped += more.flipped;
+      totals_.unknown += more.unknown;
+      totals_.border += more.border;
+      totals_.capped += more.capped;
+      totals_.elongated += more.elongated;
+      totals_.confidence += more.confidence;
+      totals_.components = std::max(totals_.components, more.components);
+    }
+  }
 
   /// How far the work has come.
   struct Place {
@@ -747,6 +787,7 @@ class BlockEstimator {
   const std::string& name_;
   MortonGrid grid_;
   Checkpoints* checkpoints_;
+  Peers* peers_;
   RunIndex index_;
   std::vector<Vec3f> sample_;
   std::size_t shared_ = 0;        ///< Neighbours that are kept for all stages.

@@ -7,6 +7,7 @@
 
 #include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
+#include <surfel/base/peers.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/scene/surfel_ranges.h>
 
@@ -17,6 +18,9 @@ struct BlockOptions {
   std::uint64_t memory = std::uint64_t{1} << 30;
   std::size_t most_points = 0;         ///< Points of a block; 0 = as many as the memory holds.
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
+  /// Processes among which the blocks are shared, which all call estimate_by_blocks() with the same
+  /// arguments; null: this one alone. The sink of each gets the surfels of its blocks.
+  Peers* peers = nullptr;
 };
 
 /// Where surfels go that are made block by block.

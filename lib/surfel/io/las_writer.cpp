@@ -32,8 +32,8 @@ namespace {
 constexpr std::size_t kMostBlockBytes = 65535;
 constexpr std::uint32_t kChunkPoints = 50000;  ///< As LASzip's own, which readers are made for.
 
-/// Bytes of a header or block, little-endian.
-class Bytes {
+/// FieldBytes of a header or block, little-endian.
+class FieldBytes {
  public:
   template <class T>
   void add(T value) {
@@ -253,7 +253,7 @@ class LasWriter::Impl {
   std::string extra_descriptions() const {
     // By ScalarType.
     constexpr unsigned char kTypes[] = {2, 1, 4, 3, 6, 5, 9, 10};
-    Bytes bytes;
+    FieldBytes bytes;
     for (const Extra& extra : extra_) {
       bytes.add(std::uint16_t{0});
       bytes.add(kTypes[static_cast<std::size_t>(extra.column.type)]);
@@ -429,7 +429,7 @@ class LasWriter::Impl {
   std::string header() const {
     const bool narrow_count =
         !extended() && survey_.count <= std::numeric_limits<std::uint32_t>::max();
-    Bytes out;
+    FieldBytes out;
     out.add_text("LASF", 4);
     out.add(std::uint16_t{0});
     out.add(global_encoding());
@@ -489,7 +489,7 @@ class LasWriter::Impl {
   std::optional<LasStorage> las_;
   std::vector<RecordColumn> columns_;
   int format_ = 0;
-  std::size_t record_ = 0;  ///< Bytes of a point.
+  std::size_t record_ = 0;  ///< FieldBytes of a point.
   std::array<RecordColumn, 3> position_;
   std::vector<RecordColumn> colors_;
   std::vector<Filled> filled_;
@@ -497,7 +497,7 @@ class LasWriter::Impl {
   bool returns_ = false;  ///< A column tells the number of the return.
   Vec3d scale_;
   Vec3d offset_;
-  Bytes blocks_;
+  FieldBytes blocks_;
   std::uint32_t block_count_ = 0;
   Counts counts_;
   Array<std::byte> points_;  ///< Made, and not written yet.

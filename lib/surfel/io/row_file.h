@@ -9,6 +9,7 @@
 
 #include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
+#include <surfel/base/peers.h>
 #include <surfel/scene/cluster_tree.h>
 #include <surfel/scene/surfel_cloud.h>
 
@@ -20,13 +21,18 @@ struct RowFileOptions {
   /// that ends early leaves FILE.unfinished and FILE.unfinished-parts, with which the next run of
   /// the same job goes on.
   std::string job = {};
+  /// Processes that write the file together, each some parts: all of them call begin() and commit()
+  /// with the same arguments, and the first one's file is what the others write to, on a disk that
+  /// all share. Null: this process alone. Without a job.
+  Peers* peers = nullptr;
 };
 
 /// A binary PLY file whose rows are written in any order, part by part, without holding them in
 /// memory: the bytes that write_cloud() writes of all rows together.
 class SURFEL_API RowFile final : public Checkpoints {
  public:
-  /// Opens a file, as OutputFile does; "-" is standard output, where nothing can be kept.
+  /// Opens a file, as OutputFile does; "-" is standard output, where nothing can be kept. Throws
+  /// Error(kUsage) for names of other formats.
   explicit RowFile(const std::string& path, const RowFileOptions& options = {});
   ~RowFile() override;
 
@@ -44,7 +50,8 @@ class SURFEL_API RowFile final : public Checkpoints {
   /// Completes the file: until then there is none.
   void commit();
 
-  // Without a job nothing is kept.
+  // Without a job nothing is kept. Parts with rows are there once begin() has been called with the
+  // columns that they were written with, and are void with other columns; all others always.
   std::optional<std::string> finished(std::uint64_t part) override;
   void finish(std::uint64_t part, std::span<const RowSpan> rows, const std::string& state) override;
   /// Rows that earlier runs have made.

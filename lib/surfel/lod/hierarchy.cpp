@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 
@@ -294,8 +295,12 @@ class Hierarchy {
  private:
   std::size_t blocks_at_once(const SurfelCloud& surfel, const SurfelCloud& drawn) const;
   void make_block(std::size_t block);
+  std::string state(const std::vector<LevelPart>& parts) const;
+  bool set_state(const std::vector<LevelPart>& parts, std::string_view state);
   bool restore_block(std::size_t block, const std::vector<LevelPart>& parts);
   void keep_block(std::size_t block, const std::vector<LevelPart>& parts) const;
+  bool mine(std::size_t block) const;
+  void gather_blocks();
   template <class Visit>
   static void visit_state(auto& hierarchy, const std::vector<LevelPart>& parts, const Visit& visit);
   void keep_root(const BlockLevels& block, const SurfelCloud& surfels, const LevelPart& part);
@@ -359,7 +364,7 @@ void Hierarchy::merge(HierarchyReport& report) {
   }
   ProgressStage stage("merging levels of detail", plan_.level(0).surfels, "surfels");
   const auto make = [&](std::size_t b) {
-    make_block(b);
+    if (mine(b)) make_block(b);
     stage.add(blocks_[b].count);
   };
   if (report.blocks_at_once == 1) {
@@ -367,6 +372,7 @@ void Hierarchy::merge(HierarchyReport& report) {
   } else {
     parallel_each(blocks_.size(), 1, make);
   }
+  if (options_.peers) gather_blocks();
 }
 
 /// Calls visit(bytes, count) for all that blocks leave in memory of one of them.
@@ -393,20 +399,33 @@ void Hierarchy::visit_state(auto& hierarchy, const std::vector<LevelPart>& parts
   }
 }
 
-/// Takes over a block that an earlier run made.
-bool Hierarchy::restore_block(std::size_t number, const std::vector<LevelPart>& parts) {
-  if (!options_.checkpoints) return false;
-  const std::optional<std::string> state = options_.checkpoints->finished(number);
-  if (!state) return false;
+/// All that blocks leave in memory of one of them.
+std::string Hierarchy::state(const std::vector<LevelPart>& parts) const {
+  std::string state;
+  visit_state(*this, parts, [&](const void* bytes, std::size_t count) {
+    state.append(static_cast<const char*>(bytes), count);
+  });
+  return state;
+}
+
+/// Takes over what another run or process made of a block; false if it is not of this block's size.
+bool Hierarchy::set_state(const std::vector<LevelPart>& parts, std::string_view state) {
   std::size_t bytes = 0;
   visit_state(*this, parts, [&](void*, std::size_t count) { bytes += count; });
-  if (bytes != state->size()) return false;
-  const char* from = state->data();
+  if (bytes != state.size()) return false;
+  const char* from = state.data();
   visit_state(*this, parts, [&](void* to, std::size_t count) {
     std::memcpy(to, from, count);
     from += count;
   });
   return true;
+}
+
+/// Takes over a block that an earlier run made.
+bool Hierarchy::restore_block(std::size_t number, const std::vector<LevelPart>& parts) {
+  if (!options_.checkpoints) return false;
+  const std::optional<std::string> state = options_.checkpoints->finished(number);
+  return state && set_state(parts, *state);
 }
 
 void Hierarchy::keep_block(std::size_t number, const std::vector<LevelPart>& parts) const {
@@ -415,11 +434,37 @@ void Hierarchy::keep_block(std::size_t number, const std::vector<LevelPart>& par
   for (const LevelPart& part : parts) {
     rows.push_back({part.first_surfel, part.first_surfel + part.surfels});
   }
-  std::string state;
-  visit_state(*this, parts, [&](const void* bytes, std::size_t count) {
-    state.append(static_cast<const char*>(bytes), count);
-  });
-  options_.checkpoints->finish(number, rows, state);
+  options_.checkpoints->finish(number, rows, state(parts));
+}
+
+/// Is a block this process's?
+bool Hierarchy::mine(std::size_t block) const {
+  if (!options_.peers) return true;
+  return block % static_cast<std::size_t>(options_.peers->count()) ==
+         static_cast<std::size_t>(options_.peers->rank());
+}
+
+/// Hands the first process what blocks of others leave in memory.
+void Hierarchy::gather_blocks() {
+  Peers& peers = *options_.peers;
+  const auto count = static_cast<std::size_t>(peers.count());
+  // So many blocks at a time, each process one: a block's state is some megabytes.
+  for (std::size_t first = 0; first < blocks_.size(); first += count) {
+    std::vector<Bytes> to(count);
+    const std::size_t own = first + static_cast<std::size_t>(peers.rank());
+    if (own < blocks_.size() && peers.rank() > 0) {
+      const std::string bytes = state(plan_.block(own));
+      append_values(bytes.data(), bytes.size(), to[0]);
+    }
+    const std::vector<Bytes> from = peers.exchange(std::move(to));
+    for (std::size_t rank = 1; peers.rank() == 0 && rank < count && first + rank < blocks_.size();
+         ++rank) {
+      const auto* const bytes = reinterpret_cast<const char*>(from[rank].data());
+      if (!set_state(plan_.block(first + rank), {bytes, from[rank].size()})) {
+        throw_input(name_, "processes do not agree on its blocks; give all the same file");
+      }
+    }
+  }
 }
 
 void Hierarchy::make_block(std::size_t number) {
@@ -496,6 +541,7 @@ void Hierarchy::make_upper(std::size_t number) {
 }
 
 void Hierarchy::join(HierarchyReport& report) {
+  if (options_.peers && options_.peers->rank() > 0) return;
   for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l);
   // Moments are areas times squared distances, which overflow long before the lengths do.
   if (!tree_problem(tree_, plan_.surfels()).empty()) {

@@ -7,6 +7,7 @@
 
 #include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
+#include <surfel/base/peers.h>
 #include <surfel/base/timing.h>
 #include <surfel/scene/level_sink.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -25,6 +26,10 @@ struct HierarchyOptions {
   /// does not depend on it.
   std::uint64_t memory = 0;
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
+  /// Processes among which the blocks are shared, which all call build_hierarchy() with the same
+  /// arguments; null: this one alone. The sink of each gets the surfels of its blocks, the first
+  /// one's also the levels above, and the tree.
+  Peers* peers = nullptr;
 
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };

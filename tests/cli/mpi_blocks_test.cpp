@@ -1,0 +1,105 @@
+// Surfels and levels of detail whose blocks several processes share, by mpirun.
+
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <surfel/chart/process.h>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class MpiBlocks : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (find_program("mpirun").empty()) {
+      ASSERT_EQ(std::getenv("CI"), nullptr) << "mpirun is not installed";
+      GTEST_SKIP() << "mpirun is not installed";
+    }
+    const RunResult made =
+        run({tool("surfel-generate"), "terrain", "--count", "60000", "--no-uv", "-o", points_});
+    ASSERT_EQ(made.exit_code, 0) << made.errors;
+  }
+  RunResult run_ranks(int ranks, const std::string& name, const Words& options) const {
+    Words words{"env",
+                "OMPI_ALLOW_RUN_AS_ROOT=1",
+                "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
+                "OMPI_MCA_rmaps_base_oversubscribe=1",
+                "mpirun",
+                "-n",
+                std::to_string(ranks),
+                tool(name),
+                points_,
+                "--threads",
+                "1"};
+    words.insert(words.end(), options.begin(), options.end());
+    return run(words);
+  }
+
+  TemporaryFolder folder_;
+  std::string points_ = folder_ / "points.ply";
+  std::string out_ = folder_ / "out.ply";
+};
+
+TEST_F(MpiBlocks, AnyNumberOfProcessesMakesTheSameBytes) {
+  const auto expect_same = [&](const std::string& name, const Words& options) {
+    Words alone{tool(name), points_, "-o", folder_ / "alone.ply"};
+    alone.insert(alone.end(), options.begin(), options.end());
+    ASSERT_EQ(run(alone).exit_code, 0);
+    for (const int ranks : {2, 3}) {
+      Words shared = options;
+      shared.insert(shared.end(), {"-o", out_, "--stats", folder_ / "stats.json"});
+      const RunResult together = run_ranks(ranks, name, shared);
+      ASSERT_EQ(together.exit_code, 0) << together.errors;
+      EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << name << ", " << ranks;
+      // One process speaks for all.
+      EXPECT_EQ(together.errors.find("out.ply: "), together.errors.rfind("out.ply: "));
+      EXPECT_TRUE(contains(together.errors, "out.ply: ")) << together.errors;
+      fs::remove(out_);
+    }
+  };
+  expect_same("surfel-estimate", {"--orient", "up", "--memory", "4M"});
+  expect_same("surfel-lod", {"--reduction", "9"});
+}
+
+TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
+  const auto expect_refused = [&](const std::string& name, const Words& options,
+                                  const std::string& message) {
+    const RunResult result = run_ranks(2, name, options);
+    EXPECT_NE(result.exit_code, 0);
+    EXPECT_TRUE(contains(result.errors, message)) << result.errors;
+    EXPECT_FALSE(fs::exists(out_));
+  };
+  expect_refused("surfel-estimate", {"--orient", "up", "-o", folder_ / "out.xyz"},
+                 "several processes write PLY alone");
+  expect_refused("surfel-estimate", {"--orient", "up", "--resume", "-o", out_},
+                 "--resume is for one process");
+  expect_refused("surfel-estimate", {"--orient", "mst", "-o", out_}, "block by block");
+  expect_refused("surfel-lod", {"--resume", "-o", out_}, "--resume is for one process");
+}
+
+TEST_F(MpiBlocks, AProcessThatFailsEndsTheRunAndOlderFilesStay) {
+  write_text(out_, "old");
+  const std::string whole = read_text(points_);
+  write_text(points_, whole.substr(0, whole.size() - 100));
+  for (const char* name : {"surfel-estimate", "surfel-lod"}) {
+    Words options{"-o", out_};
+    if (std::string_view(name) == "surfel-estimate")
+      options.insert(options.end(), {"--orient", "up"});
+    const RunResult result = run_ranks(2, name, options);
+    EXPECT_NE(result.exit_code, 0) << name;
+    EXPECT_TRUE(contains(result.errors, "points.ply: ")) << result.errors;
+    EXPECT_EQ(read_text(out_), "old") << name;
+  }
+  EXPECT_EQ(entries(folder_ / "").size(), 2U);
+}
+
+}  // namespace
+}  // namespace surfel::test
