@@ -1,6 +1,6 @@
 #include <algorithm>
 #include <array>
-#include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -33,7 +33,9 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kLoadGrain = 1 << 14;
+/// Points of a run: the most, and the least.
 constexpr std::size_t kRunLength = 1024;
+constexpr std::size_t kLeastRun = 64;
 /// Points that are read at once for the index.
 constexpr std::size_t kIndexPiece = std::size_t{256} * kRunLength;
 /// Points that one region is made of: a box with fewer is tighter, and there are more of them.
@@ -120,7 +122,7 @@ class BlockEstimator {
         grid_(cloud.grid()),
         checkpoints_(blocks.checkpoints),
         peers_(blocks.peers),
-        index_(run_length(blocks)) {
+        index_(run_length(cloud, blocks)) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
     shared_ = shared_neighbors(options_.normals);
@@ -141,7 +143,7 @@ class BlockEstimator {
     } else {
       most_loaded_ = std::numeric_limits<std::size_t>::max();
     }
-    block_runs_ = std::max<std::size_t>(1, points / run_length(blocks));
+    block_runs_ = std::max<std::size_t>(1, points / index_.length());
     decide();
   }
 
@@ -237,6 +239,7 @@ class BlockEstimator {
   };
   /// What a checkpoint keeps of all blocks up to it.
   struct State {
+    std::uint64_t run_length;
     Place next;
     Totals totals;
   };
@@ -249,6 +252,7 @@ class BlockEstimator {
     State state;
     if (!kept || kept->size() != sizeof(state)) return false;
     std::memcpy(&state, kept->data(), sizeof(state));
+    if (state.run_length != index_.length()) return false;
     at = state.next;
     totals_ = state.totals;
     return true;
@@ -256,14 +260,25 @@ class BlockEstimator {
 
   void keep(std::size_t begin_run, const Place& next, std::size_t surfels) const {
     if (!checkpoints_) return;
-    const State state{next, totals_};
+    const State state{index_.length(), next, totals_};
     const RowSpan rows{next.surfel - surfels, next.surfel};
     checkpoints_->finish(begin_run, {&rows, 1},
                          std::string(reinterpret_cast<const char*>(&state), sizeof(state)));
   }
 
-  static std::size_t run_length(const BlockOptions& blocks) {
-    return blocks.most_points == 0 ? kRunLength : std::min(kRunLength, blocks.most_points);
+  /// Points of a run. Halos are whole runs, which have to be small beside a block; their index has
+  /// to be small beside the memory.
+  static std::size_t run_length(const SurfelRanges& cloud, const BlockOptions& blocks) {
+    if (blocks.most_points > 0) return std::min(kRunLength, blocks.most_points);
+    constexpr std::size_t kRunsOfBlock = 64;
+    constexpr std::size_t kShareOfIndex = 8;
+    const std::uint64_t point_bytes =
+        kPointBytes + 2 * (cloud.size() > 0 ? column_bytes(cloud.read(0, 1)) : 0);
+    const std::uint64_t of_block = blocks.memory / point_bytes / kRunsOfBlock;
+    const std::uint64_t of_index = cloud.size() * sizeof(RunIndex::Run) * kShareOfIndex /
+                                   std::max<std::uint64_t>(1, blocks.memory);
+    return std::bit_floor(static_cast<std::size_t>(
+        std::clamp<std::uint64_t>(std::max(of_block, of_index), kLeastRun, kRunLength)));
   }
 
   bool aligned() const { return options_.orientation.method == Orientation::kAlign; }

@@ -52,18 +52,20 @@ SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_by
 /// estimate_surfels() makes of all its points at once, whatever the size of the blocks.
 ///
 /// A block is a range of consecutive points. Its neighbourhoods are searched for among its points
-/// and a halo: all points within a distance of it that suffices for nearly all of them, and is told
-/// from its density. A point of which that is not so (halo_search.h), as at the edges of gaps and
-/// far from all others, is estimated again with as much of the cloud around it as its
-/// neighbourhoods, and its neighbours' neighbourhoods, turn out to need. What is decided for the
-/// whole cloud is told from samples of it (place_sample.h), the same that estimate_surfels() looks
-/// at; that ellipses are worth it is guessed from some runs and counted on the way: after a wrong
-/// guess, which a mixed cloud may cause, the blocks are made once more.
+/// and a halo: all runs of consecutive points (run_index.h) that come within a distance of it that
+/// suffices for nearly all of them, and is told from its density. A point of which that is not so
+/// (halo_search.h), as at the edges of gaps and far from all others, is estimated again with as
+/// much of the cloud around it as its neighbourhoods, and its neighbours' neighbourhoods, turn out
+/// to need. What is decided for the whole cloud is told from samples of it (place_sample.h), the
+/// same that estimate_surfels() looks at; that ellipses are worth it is guessed from some runs and
+/// counted on the way: after a wrong guess, which a mixed cloud may cause, the blocks are made once
+/// more.
 ///
-/// In memory are 28 bytes for every 1024 points, a block, and a halo of about its size at most
-/// (parts of a block are made one by one if need be). The cloud is read once, for the boxes of its
-/// runs, and then block by block; with a cloud whose consecutive points do not lie close to one
-/// another halos would be most of it, and Error(kInput) is thrown that starts with `name`.
+/// In memory are 30 bytes for every 1024 points (fewer, down to 64, where blocks are small), a
+/// block, and a halo of about its size at most (parts of a block are made one by one if need be).
+/// The cloud is read once, for the boxes of its runs, and then block by block; with a cloud whose
+/// consecutive points do not lie close to one another halos would be most of it, and Error(kInput)
+/// is thrown that starts with `name`.
 ///
 /// Throws Error(kUsage) for block_problems(), and as estimate_surfels() does otherwise.
 SURFEL_API void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& options,

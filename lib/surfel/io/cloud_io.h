@@ -119,9 +119,6 @@ class SURFEL_API CloudWriter {
   /// Throws Error(kInput) if a later piece has other columns or positions that need another type,
   /// or if a cloud with levels of detail is written in more than one piece.
   void append(const SurfelCloud& piece);
-  /// Writes surfels whose records have been made already, as CloudRecords makes them of clouds with
-  /// the columns of `like`, which decides as the first piece does. Binary PLY alone.
-  void append_records(const SurfelCloud& like, const std::byte* records, std::size_t count);
   /// Completes the file. Throws Error(kInput) unless `count` surfels were written.
   void commit();
 
