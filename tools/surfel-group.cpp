@@ -346,15 +346,15 @@ void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
 }
 
 /// Bytes that splats take while all of them are divided at once, or, for more than
-/// surfel::kGroupBlock splats, block by block in memory.
+/// surfel::kMostGroupedAtOnce splats, block by block in memory.
 std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first,
                               const Settings& s) {
-  // The graph has some 40 ends of edges a splat; coverage some 30 corners of its cell.
-  constexpr std::size_t kGraph = 500;
+  // The graph has some 20 ends of edges a splat; coverage some 30 corners of its cell.
+  constexpr std::size_t kGraph = 350;
   constexpr std::size_t kCells = 500;
   const std::size_t row = surfel::row_bytes(first);
   const std::size_t grouped = s.cover ? kGraph + kCells : kGraph;
-  if (surfels > surfel::kGroupBlock && s.grouping.groups == 0 && !s.cover) {
+  if (surfels > surfel::kMostGroupedAtOnce && s.grouping.groups == 0 && !s.cover) {
     constexpr std::size_t kOrder = 8 + 2 * sizeof(std::uint64_t);
     return surfels * (row + kOrder) + surfel::group_block_bytes(surfels, row);
   }
@@ -381,11 +381,11 @@ bool group_larger(surfel::tool::Tool& tool, const Settings& s, std::uint64_t mem
         "groups as it takes");
   }
   const std::uint64_t least =
-      ranges->size() > surfel::kGroupBlock
+      ranges->size() > surfel::kMostGroupedAtOnce
           ? surfel::group_block_bytes(ranges->size(), surfel::row_bytes(first))
           : bytes;
   if (least > memory) {
-    refuse(fmt::format("block by block it takes {} MB: give as much", (least >> 20) + 1));
+    refuse(fmt::format("give {} MB at least", (least >> 20) + 1));
   }
   group_file(tool, s, *ranges, bytes, memory);
   return true;

@@ -80,7 +80,7 @@ TEST(GroupBlocks, TheResultDoesNotDependOnThreads) {
 }
 
 TEST(GroupBlocks, ManySplatsAreGroupedByBlocksInMemory) {
-  const SurfelCloud cloud = test::sphere_cloud(kGroupBlock + 4464, 6);
+  const SurfelCloud cloud = test::sphere_cloud(kMostGroupedAtOnce + 500, 2);
   GroupingReport report;
   const Array<std::uint16_t> group = make_groups(cloud, {}, &report);
   const auto ordered = groups_of(OrderedCloud(cloud), {}, kGroupBlock);

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
@@ -17,6 +18,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kRunLength = 1024;
+constexpr std::size_t kHaloGrain = 64;
 /// Surfels that are read at once for the index.
 constexpr std::size_t kIndexPiece = 64 * kRunLength;
 
@@ -40,6 +42,7 @@ struct SplatRun {
   bool empty() const { return !(low.x() <= high.x()); }
   /// False only if no splat of this run overlaps a splat of the other one.
   bool may_overlap(const SplatRun& other) const {
+    if (empty() || other.empty()) return false;
     constexpr float kRounding = 1 + 1e-5F;
     const Vec3f gap = (low - other.high).cwiseMax(other.low - high).cwiseMax(0.0F);
     return gap.norm() <= (reach + other.reach) * kRounding;
@@ -70,6 +73,34 @@ std::vector<SplatRun> runs_of(const SurfelCloud& cloud, const OverlapOptions& op
   });
   return runs;
 }
+
+/// Finds out which splats, and runs of splats, may overlap those of a block. A curve through space
+/// jumps: boxes of some consecutive splats may be as large as the cloud, those of the splats are
+/// not.
+class BlockSplats {
+ public:
+  BlockSplats(const SurfelCloud& block, const OverlapOptions& options) : splat_(block.size()) {
+    parallel_each(block.size(), kRunLength,
+                  [&](std::size_t i) { splat_[i] = run_of(block, i, options); });
+    tree_ = {splat_.size(), [&](std::size_t i) { return splat_[i]; }};
+  }
+
+  bool may_overlap(const SplatRun& other) const {
+    if (other.empty()) return false;
+    bool found = false;
+    tree_.for_each_leaf([&](const SplatRun& run) { return !found && run.may_overlap(other); },
+                        [&](std::size_t leaf) {
+                          tree_.for_each_item(leaf, [&](std::size_t i) {
+                            found = found || splat_[i].may_overlap(other);
+                          });
+                        });
+    return found;
+  }
+
+ private:
+  Array<SplatRun> splat_;
+  BoxTree<SplatRun, 8, 4> tree_;
+};
 
 /// The columns that tell which splats overlap.
 SurfelCloud overlap_columns(const SurfelCloud& cloud, const OverlapOptions& options) {
@@ -134,22 +165,20 @@ class BlockGrouping {
 
   Around with_neighbors(const SurfelCloud& block, std::size_t begin) const {
     const std::size_t end = begin + block.size();
-    const std::vector<SplatRun> own = runs_of(block, options_.overlap);
-    SplatRun all;
-    for (const SplatRun& run : own) all.add(run);
-    const auto meets = [&](const SplatRun& other) {
-      return !other.empty() && all.may_overlap(other) &&
-             std::any_of(own.begin(), own.end(),
-                         [&](const SplatRun& run) { return run.may_overlap(other); });
-    };
+    const BlockSplats own(block, options_.overlap);
+    const auto meets = [&](const SplatRun& other) { return own.may_overlap(other); };
     Around out;
     std::vector<SurfelCloud> parts;
     const auto take_halo = [&](std::size_t from, std::size_t to) {
       if (from >= to) return;
       const SurfelCloud piece = cloud_.read(from, to);
+      Array<std::uint8_t> near(piece.size());
+      parallel_each(piece.size(), kHaloGrain, [&](std::size_t i) {
+        near[i] = meets(run_of(piece, i, options_.overlap)) ? 1 : 0;
+      });
       Array<std::uint32_t> rows;
       for (std::size_t i = 0; i < piece.size(); ++i) {
-        if (!meets(run_of(piece, i, options_.overlap))) continue;
+        if (near[i] == 0) continue;
         rows.push_back(static_cast<std::uint32_t>(i));
         out.number.push_back(from + i);
       }
@@ -226,8 +255,8 @@ class BlockGrouping {
 }  // namespace
 
 std::uint64_t group_block_bytes(std::size_t surfels, std::size_t row_bytes) {
-  // A splat's place in the graph, some 40 ends of edges, twice, and its part of what is around.
-  constexpr std::uint64_t kInGraph = 500;
+  // A splat's place in the graph, some 20 ends of edges, twice, and its part of what is around.
+  constexpr std::uint64_t kInGraph = 350;
   return surfels * sizeof(std::uint16_t) + surfels / kRunLength * sizeof(SplatRun) +
          kGroupBlock * (kInGraph + 3 * row_bytes);
 }

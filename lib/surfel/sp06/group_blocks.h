@@ -11,6 +11,8 @@
 
 namespace surfel {
 
+/// More splats than that are divided into groups block by block, whatever the memory.
+inline constexpr std::size_t kMostGroupedAtOnce = std::size_t{1} << 18;
 /// Surfels of a block that group_by_blocks() divides into groups at a time, at most.
 inline constexpr std::size_t kGroupBlock = std::size_t{1} << 16;
 
@@ -25,7 +27,7 @@ SURFEL_API std::uint64_t group_block_bytes(std::size_t surfels, std::size_t row_
 /// blocks before, their groups are taken already, and a splat takes the first group that none of
 /// its neighbours has; where they lie in later blocks, they count for the degree, by which
 /// GroupingOptions::order sorts the splats of the block. The result depends neither on the memory
-/// nor on threads: the blocks are the same for all. It may have a group more than one colouring of
+/// nor on threads: the blocks are the same for all. It may have more groups than one colouring of
 /// all splats, see docs/groups.md.
 ///
 /// \param options  `groups` is 0.

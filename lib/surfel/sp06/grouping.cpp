@@ -41,7 +41,7 @@ Array<std::uint16_t> make_groups(const SurfelCloud& cloud, const GroupingOptions
   GroupingReport own;
   GroupingReport& r = report ? *report : own;
   r = {};
-  if (options.groups == 0 && cloud.size() > kGroupBlock) {
+  if (options.groups == 0 && cloud.size() > kMostGroupedAtOnce) {
     return groups_by_blocks(cloud, options, r, name);
   }
   const OverlapGraph graph = make_overlap_graph(cloud, options.overlap, &r.times, name);
