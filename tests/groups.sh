@@ -185,6 +185,21 @@ TEXT
   "${first[@]}" "$tools/group_table" coloring "$work/million.ply" 1.2 5
   cat <<'TEXT'
 
+## Blocks
+
+Up to 262,144 splats are divided at once, more in blocks of 65,536 along a Morton curve, whatever the memory ([scale.md](scale.md)). Groups that it takes, in blocks and all at once (degrees are the same):
+
+| surfels | points | order | c = 1.0, blocks | at once | c = 0.6, blocks | at once |
+|---|---|---|---|---|---|---|
+| dragon | 1100000 | largest-first | 27 | 27 | 11 | 11 |
+| dragon | 1100000 | smallest-last | 25 | 24 | | |
+| dragon | 1100000 | dsatur | 24 | 25 | 10 | 10 |
+| armadillo | 303000 | largest-first | 14 | 14 | 7 | 6 |
+| armadillo | 303000 | smallest-last | 14 | 11 | | |
+| armadillo | 303000 | dsatur | 14 | 13 | 6 | 6 |
+
+The other tables are of all splats at once.
+
 ## A fixed number of groups
 
 Overlap within groups as a share of the area of all discs.

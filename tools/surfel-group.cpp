@@ -1,12 +1,20 @@
 // surfel-group: groups in which no two surfels overlap.
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/function_ref.h>
+#include <surfel/base/memory.h>
+#include <surfel/io/cloud_ranges.h>
+#include <surfel/scene/cloud_rows.h>
 #include <surfel/sp06/coverage.h>
+#include <surfel/sp06/group_blocks.h>
 #include <surfel/sp06/grouping.h>
 
 #include "tools/support/options.h"
@@ -20,6 +28,7 @@ struct Settings {
   std::string output;
   bool print_table = false;
   double max_memory_gb = 0;
+  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
   surfel::GroupingOptions grouping;
   std::optional<surfel::CoverMethod> cover;
   surfel::CoverageOptions coverage;
@@ -89,6 +98,9 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
                  "solution for comparison; 0 = none");
   app.option_defaults()->group("Options");
+  tool::add_memory(app, s.memory,
+                   "Memory for surfels; a binary PLY file in space-filling order (surfel-convert "
+                   "--sort curve) may be larger, without --groups and --cover");
 }
 
 /// Adds a problem for each given option that has no effect beside the others.
@@ -229,17 +241,19 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
   }
 }
 
-/// Prints a row of SP06, table 1, for the cloud.
-void print_table(const surfel::SurfelCloud& cloud, const Settings& s, nlohmann::json& json) {
+/// Prints a row of SP06, table 1.
+/// \param group  divides the splats by some options
+void print_table(
+    std::size_t surfels, const Settings& s, nlohmann::json& json,
+    surfel::FunctionRef<surfel::GroupingReport(const surfel::GroupingOptions&)> group) {
   std::string head = "| surfels | points |";
   std::string row =
-      fmt::format("| {} | {} |", std::filesystem::path(s.input).stem().string(), cloud.size());
+      fmt::format("| {} | {} |", std::filesystem::path(s.input).stem().string(), surfels);
   std::string rule = "|---|---|";
   for (const double overlap : {1.0, 0.8, 0.6, 0.4}) {
     surfel::GroupingOptions options = s.grouping;
     options.overlap.overlap = overlap;
-    surfel::GroupingReport r;
-    surfel::make_groups(cloud, options, &r, s.input);
+    const surfel::GroupingReport r = group(options);
     head += fmt::format(" c = {:.1f} |", overlap);
     rule += "---|";
     row += fmt::format(" {} / {} / {:.1f} |", r.groups, r.max_degree, r.mean_degree);
@@ -250,6 +264,133 @@ void print_table(const surfel::SurfelCloud& cloud, const Settings& s, nlohmann::
   surfel::tool::print(head + "\n" + rule + "\n" + row + "\n");
 }
 
+void tell_groups(const surfel::GroupingReport& grouping, const Settings& s,
+                 const surfel::tool::Tool& tool) {
+  if (grouping.unusable == 0) return;
+  tool.note(
+      fmt::format("{}: {} of {} splats have no finite position or no positive variance: "
+                  "they are in group 0 and will not be drawn",
+                  s.input, grouping.unusable, grouping.splats));
+}
+
+/// What the written file holds.
+std::string grouped_surfels(std::size_t surfels, const surfel::GroupingReport& grouping) {
+  std::string what =
+      fmt::format("{} surfels in {} groups, of which each overlaps {:.1f} others, at most {}",
+                  surfels, grouping.groups, grouping.mean_degree, grouping.max_degree);
+  if (grouping.overlap) {
+    what += fmt::format(", and within their groups {:.3g} % of their area",
+                        100 * grouping.overlap->overlap_area / grouping.overlap->disc_area);
+  }
+  return what;
+}
+
+void group_in_memory(surfel::tool::Tool& tool, const Settings& s) {
+  surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input);
+  if (s.print_table) {
+    print_table(cloud.size(), s, tool.report(), [&](const surfel::GroupingOptions& options) {
+      surfel::GroupingReport r;
+      surfel::make_groups(cloud, options, &r, s.input);
+      return r;
+    });
+  }
+  if (s.output.empty()) return;
+  surfel::GroupingReport grouping;
+  surfel::group_splats(cloud, s.grouping, &grouping, s.input);
+  report(tool.report(), grouping);
+  tell_groups(grouping, s, tool);
+  if (s.cover) cover(cloud, s, tool, tool.report()["coverage"]);
+  surfel::tool::write_result(tool, cloud, s.output);
+  tool.wrote(s.output, grouped_surfels(cloud.size(), grouping));
+}
+
+[[noreturn]] void refuse_disorder(const Settings& s, std::uint64_t bytes, std::uint64_t memory) {
+  surfel::throw_input(
+      s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), and is "
+                           "not in space-filling order; {}",
+                           (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
+}
+
+/// Groups surfels that stay in their file, block by block.
+void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::CloudRanges& ranges,
+                std::uint64_t bytes, std::uint64_t memory) {
+  if (!s.output.empty()) surfel::tool::require_piecewise_format(s.output, s.input);
+  surfel::tool::tell_finest(tool, s.input, ranges.read(0, 1), ranges.size());
+  surfel::GroupingOptions grouping = s.grouping;
+  if (grouping.overlap.max_memory == 0) grouping.overlap.max_memory = memory / 2;
+  if (s.print_table) {
+    print_table(ranges.size(), s, tool.report(), [&](surfel::GroupingOptions options) {
+      options.overlap.max_memory = grouping.overlap.max_memory;
+      surfel::GroupingReport r;
+      if (!surfel::group_by_blocks(
+              ranges, options, [](std::size_t, const surfel::SurfelCloud&) {}, &r, s.input)) {
+        refuse_disorder(s, bytes, memory);
+      }
+      return r;
+    });
+  }
+  if (s.output.empty()) return;
+  surfel::tool::PieceWriter writer(tool, s.output,
+                                   surfel::tool::survey_of(ranges, s.output, surfel::kGroupBlock));
+  surfel::GroupingReport r;
+  const auto write = [&](std::size_t, surfel::SurfelCloud block) {
+    writer.append(std::move(block));
+  };
+  if (!surfel::group_by_blocks(ranges, grouping, write, &r, s.input)) {
+    refuse_disorder(s, bytes, memory);
+  }
+  report(tool.report(), r);
+  tell_groups(r, s, tool);
+  writer.commit();
+  tool.wrote(s.output, grouped_surfels(ranges.size(), r));
+}
+
+/// Bytes that splats take while all of them are divided at once, or, for more than
+/// surfel::kMostGroupedAtOnce splats, block by block in memory.
+std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first,
+                              const Settings& s) {
+  // The graph has some 20 ends of edges a splat; coverage some 30 corners of its cell.
+  constexpr std::size_t kGraph = 350;
+  constexpr std::size_t kCells = 500;
+  const std::size_t row = surfel::row_bytes(first);
+  const std::size_t grouped = s.cover ? kGraph + kCells : kGraph;
+  if (surfels > surfel::kMostGroupedAtOnce && s.grouping.groups == 0 && !s.cover) {
+    constexpr std::size_t kOrder = 8 + 2 * sizeof(std::uint64_t);
+    return surfels * (row + kOrder) + surfel::group_block_bytes(surfels, row);
+  }
+  return surfels * (row + grouped);
+}
+
+/// Groups a file that is larger than the memory, if that can be done; false if it has to fit.
+bool group_larger(surfel::tool::Tool& tool, const Settings& s, std::uint64_t memory) {
+  if (!surfel::tool::may_not_fit(s.input, memory)) return false;
+  const auto ranges = surfel::CloudRanges::open(s.input);
+  if (!ranges || ranges->size() == 0) return false;
+  const surfel::SurfelCloud first = ranges->read(0, 1);
+  const std::uint64_t bytes = bytes_in_memory(ranges->size(), first, s);
+  if (bytes <= memory) return false;
+  const auto refuse = [&](const std::string& reason) {
+    surfel::throw_input(s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed "
+                                             "(--memory); {}",
+                                             (bytes >> 20) + 1, memory >> 20, reason));
+  };
+  if (s.cover) refuse("--cover needs all surfels at once; give more memory, or leave it out");
+  if (s.grouping.groups > 0) {
+    refuse(
+        "--groups needs all surfels at once; give more memory, or leave it out for as few "
+        "groups as it takes");
+  }
+  const std::uint64_t least =
+      ranges->size() > surfel::kMostGroupedAtOnce
+          ? surfel::group_block_bytes(ranges->size(), surfel::row_bytes(first))
+          : bytes;
+  if (least > memory) {
+    refuse(fmt::format("give {} MB at least", (least >> 20) + 1));
+  }
+  group_file(tool, s, *ranges, bytes, memory);
+  return true;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -258,7 +399,7 @@ int main(int argc, char** argv) {
   Settings settings;
   declare_options(tool.app(), settings);
   tool.everyday({"--output", "--groups", "--cover", "--cover-target", "--order", "--overlap",
-                 "--cutoff", "--print-table"},
+                 "--cutoff", "--print-table", "--memory"},
                 {"surfel-group lion.ply -o grouped.ply",
                  "surfel-group lion.ply --groups 4 --cover enlarge-each -o grouped.ply",
                  "surfel-group lion.ply --print-table"});
@@ -267,29 +408,12 @@ int main(int argc, char** argv) {
   tool.name_fields({{"target", "--cover-target"}, {"fixed_point_iterations", "--fixed-point"}});
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
-    surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, settings.input);
-    if (settings.print_table) print_table(cloud, settings, tool.report());
-    if (settings.output.empty()) return;
-
-    surfel::GroupingReport grouping;
-    surfel::group_splats(cloud, settings.grouping, &grouping, settings.input);
-    report(tool.report(), grouping);
-    if (grouping.unusable > 0) {
-      tool.note(
-          fmt::format("{}: {} of {} splats have no finite position or no positive variance: "
-                      "they are in group 0 and will not be drawn",
-                      settings.input, grouping.unusable, grouping.splats));
-    }
-
-    if (settings.cover) cover(cloud, settings, tool, tool.report()["coverage"]);
-    surfel::tool::write_result(tool, cloud, settings.output);
-    std::string what =
-        fmt::format("{} surfels in {} groups, of which each overlaps {:.1f} others, at most {}",
-                    cloud.size(), grouping.groups, grouping.mean_degree, grouping.max_degree);
-    if (grouping.overlap) {
-      what += fmt::format(", and within their groups {:.3g} % of their area",
-                          100 * grouping.overlap->overlap_area / grouping.overlap->disc_area);
-    }
-    tool.wrote(settings.output, what);
+    const std::uint64_t memory = surfel::memory_to_use(settings.memory);
+    if (group_larger(tool, settings, memory)) return;
+    surfel::tool::require_room(settings.input, {}, memory,
+                               [&](std::size_t surfels, const surfel::SurfelCloud& first) {
+                                 return bytes_in_memory(surfels, first, settings);
+                               });
+    group_in_memory(tool, settings);
   });
 }

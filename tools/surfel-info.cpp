@@ -1,13 +1,19 @@
 // surfel-info: what is in a file of surfels, Gaussians, a mesh, a volume or an image, and is it
 // sound.
 
-#include <array>
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/intake/intake.h>
@@ -20,13 +26,14 @@
 #include <surfel/io/volume_io.h>
 #include <surfel/measure/cloud_needs.h>
 #include <surfel/measure/cloud_statistics.h>
+#include <surfel/measure/cloud_summary.h>
 #include <surfel/measure/gaussian_statistics.h>
 #include <surfel/measure/mesh_statistics.h>
 #include <surfel/measure/mesh_topology.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/measure/volume_statistics.h>
 #include <surfel/render/render_options.h>
-#include <surfel/scene/clips.h>
+#include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
@@ -40,6 +47,12 @@ namespace {
 
 using surfel::tool::Tool;
 using Json = nlohmann::ordered_json;
+
+struct Settings {
+  surfel::CloudStatisticsOptions statistics;
+  surfel::tool::PartSettings part;
+  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+};
 
 Json describe(const surfel::Vec3d& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -67,9 +80,14 @@ Json describe(const surfel::ViewGuess& view) {
 }
 
 /// The command to run next: raw points become surfels, and surfels a picture.
-std::string next_command(const surfel::SurfelCloud& cloud, const std::string& file,
+std::string next_command(const surfel::CloudSummary& summary, const std::string& file,
                          const surfel::CloudReadOptions& part) {
-  if (!surfel::has_variance(cloud)) return surfel::estimate_command(cloud, file, part);
+  const surfel::SurfelCloud& cloud = summary.like;
+  if (!surfel::has_variance(cloud)) {
+    surfel::SurfelCloud told = cloud;
+    if (!summary.tells_sensors) told.scan_viewpoints.clear();
+    return surfel::estimate_command(told, file, part);
+  }
   const std::string command = surfel::picture_command(file);
   const double fitted = cloud.basis_cutoff.value_or(surfel::RenderOptions().cutoff);
   if (fitted == surfel::RenderOptions().cutoff) return command;
@@ -77,9 +95,9 @@ std::string next_command(const surfel::SurfelCloud& cloud, const std::string& fi
 }
 
 /// What surfels can be coloured by, with the spread of the values.
-Json describe_attributes(const surfel::SurfelCloud& cloud, const surfel::Vec3d& up) {
+Json describe(const std::vector<std::pair<std::string, surfel::AttributeSummary>>& summaries) {
   Json attributes = Json::array();
-  for (const auto& [name, s] : surfel::summarize_attributes(cloud, up)) {
+  for (const auto& [name, s] : summaries) {
     Json item = {{"name", name}, {"missing", s.missing}};
     if (s.count > 0) {
       item.update({{"min", s.min},
@@ -104,10 +122,43 @@ Json describe_viewpoint(const surfel::SurfelCloud& cloud) {
   return views;
 }
 
-Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& part,
-                    const surfel::CloudStatisticsOptions& options) {
-  const surfel::SurfelCloud cloud = surfel::read_cloud(file, part);
-  const surfel::CloudStatistics s = surfel::cloud_statistics(cloud, options);
+/// Surfels of a piece of a file, so that a piece takes an eighth of the memory.
+std::size_t piece_size(std::uint64_t memory, std::size_t row_bytes) {
+  constexpr std::uint64_t kLeast = 1 << 12;
+  constexpr std::uint64_t kMost = 1 << 18;
+  return std::clamp(memory / 8 / surfel::summary_bytes(1, 2 * row_bytes), kLeast, kMost);
+}
+
+/// Summarises a file, in pieces where it does not fit into the memory.
+surfel::CloudSummary summarize(const std::string& file, const Settings& s) {
+  const std::uint64_t memory = surfel::memory_to_use(s.memory);
+  const surfel::CloudReadOptions part = s.part.options();
+  const auto bytes = [](std::uint64_t surfels, const surfel::SurfelCloud& first) {
+    return surfel::summary_bytes(surfels, surfel::row_bytes(first));
+  };
+  if (surfel::tool::may_not_fit(file, memory)) {
+    if (surfel::CloudReader::reads_pieces(file)) {
+      const surfel::CloudReader reader(file, part);
+      const surfel::SurfelCloud first = reader.first();
+      if (bytes(reader.size(), first) > memory) {
+        const std::size_t most = piece_size(memory, surfel::row_bytes(first));
+        return surfel::summarize_cloud(
+            [&](surfel::FunctionRef<void(const surfel::SurfelCloud&)> visit) {
+              reader.for_each_placed(most, [&](const surfel::SurfelCloud& piece) { visit(piece); });
+            },
+            s.statistics, file, memory);
+      }
+    } else {
+      surfel::tool::require_room(file, part, memory, bytes);
+    }
+  }
+  return surfel::summarize_cloud(surfel::read_cloud(file, part), s.statistics, file);
+}
+
+Json describe_cloud(const std::string& file, const Settings& settings) {
+  const surfel::CloudSummary summary = summarize(file, settings);
+  const surfel::SurfelCloud& cloud = summary.like;
+  const surfel::CloudStatistics& s = summary.statistics;
   Json properties = Json::array();
   for (const auto& [name, type] : surfel::cloud_properties(cloud)) {
     properties.push_back({{"name", name}, {"type", type}});
@@ -119,7 +170,7 @@ Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& par
   out["origin"] = describe(cloud.origin);
   out["spacing"] = describe(s.spacing);
   out["coincident_share"] = s.coincident_share;
-  out["cutoff"] = options.cutoff;
+  out["cutoff"] = settings.statistics.cutoff;
   out["radius"] = describe(s.radius);
   out["coverage"] = describe(s.coverage);
   out["nonfinite_positions"] = s.nonfinite_positions;
@@ -128,29 +179,21 @@ Json describe_cloud(const std::string& file, const surfel::CloudReadOptions& par
   out["non_unit_normals"] = s.non_unit_normals;
   out["nonfinite_values"] = s.nonfinite_values;
   out["negative_variances"] = s.negative_variances;
-  std::array<std::size_t, 3> by_lines{};
-  std::size_t cut_off = 0;
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    ++by_lines[static_cast<std::size_t>(surfel::count_half_planes(cloud, i))];
-    cut_off += surfel::is_cut_off(cloud, i) ? 1 : 0;
-  }
-  out["clipped_by_one_line"] = by_lines[1];
-  out["clipped_by_two_lines"] = by_lines[2];
-  out["clipped_at_center"] = cut_off;
-  const surfel::ViewGuess view = surfel::guess_view(surfel::sample_surface(cloud),
-                                                    {.up = cloud.up, .viewpoint = cloud.viewpoint});
-  out["view"] = describe(view);
+  out["clipped_by_one_line"] = summary.by_lines[1];
+  out["clipped_by_two_lines"] = summary.by_lines[2];
+  out["clipped_at_center"] = summary.cut_off;
+  out["view"] = describe(summary.view);
   out["viewpoint"] = describe_viewpoint(cloud);
   out["basis_cutoff"] = cloud.basis_cutoff ? Json(*cloud.basis_cutoff) : Json(nullptr);
   out["provenance"] = cloud.provenance;
   out["comments"] = cloud.comments;
-  out["attributes"] = describe_attributes(cloud, view.up);
+  out["attributes"] = describe(summary.attributes);
   out["needs"] = Json::array();
-  for (const surfel::CloudNeed& need : surfel::cloud_needs(cloud, s, options, file)) {
+  for (const surfel::CloudNeed& need : summary.needs) {
     out["needs"].push_back(
         {{"topic", need.topic}, {"measure", need.measure}, {"command", need.command}});
   }
-  out["next"] = next_command(cloud, file, part);
+  out["next"] = next_command(summary, file, settings.part.options());
   return out;
 }
 
@@ -316,13 +359,12 @@ Json describe_volume(const std::string& file) {
                        surfel::shell_file(std::filesystem::path(file).stem().string() + ".ply"))}};
 }
 
-Json describe_file(const std::string& file, const surfel::CloudReadOptions& part,
-                   const surfel::CloudStatisticsOptions& options, Tool& tool) {
+Json describe_file(const std::string& file, const Settings& settings, Tool& tool) {
   const surfel::FileKind kind = surfel::file_kind(file);
   if (kind != surfel::FileKind::kCloud) {
-    surfel::tool::require_valid(
-        surfel::tool::without_effect(tool.app(), {"--columns", "--level", "--bounds", "--every"},
-                                     "on meshes, Gaussians, volumes and images"));
+    surfel::tool::require_valid(surfel::tool::without_effect(
+        tool.app(), {"--columns", "--level", "--bounds", "--every", "--memory"},
+        "on meshes, Gaussians, volumes and images"));
   }
   switch (kind) {
     case surfel::FileKind::kMesh:
@@ -336,7 +378,7 @@ Json describe_file(const std::string& file, const surfel::CloudReadOptions& part
     case surfel::FileKind::kCloud:
       break;
   }
-  return describe_cloud(file, part, options);
+  return describe_cloud(file, settings);
 }
 
 /// A value for people: "mean 0.01, min 0.008" for an object, "1 2 3" for numbers.
@@ -411,28 +453,31 @@ int main(int argc, char** argv) {
       "sound, what surfels need, and the command to run next.");
   std::string file;
   bool json = false;
-  surfel::CloudStatisticsOptions options;
-  surfel::tool::PartSettings part;
+  Settings settings;
+  surfel::CloudStatisticsOptions& options = settings.statistics;
   tool.app()
       .add_option("file", file,
                   "Surfels, trained splats, mesh or image (- = surfels from standard input)")
       ->required();
   tool.app().add_flag("--json", json, "Print JSON");
-  surfel::tool::add_part(tool.app(), part);
+  surfel::tool::add_part(tool.app(), settings.part);
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
   tool.app().add_option("--samples", options.samples,
                         "Surfels whose spacing and coverage are measured, >= 1");
   tool.app().add_option("--seed", options.seed, "Choice of these surfels");
-  tool.everyday({"--json", "--cutoff", "--samples"},
+  surfel::tool::add_memory(tool.app(), settings.memory,
+                           "Memory for surfels: a larger file, but for PLY and PCD as text, PCD "
+                           "compressed and standard input, is read in pieces, several times");
+  tool.everyday({"--json", "--cutoff", "--samples", "--memory"},
                 {"surfel-info lion.ply", "surfel-info lion.obj", "surfel-info lion.ply --json"});
   tool.reads_images();
   tool.files().reads({"file"});
   return tool.run(argc, argv, [&] {
     std::vector<std::string> problems = options.problems();
-    surfel::tool::append(problems, part.options().problems());
+    surfel::tool::append(problems, settings.part.options().problems());
     surfel::tool::require_valid(problems);
-    const Json description = describe_file(file, part.options(), options, tool);
+    const Json description = describe_file(file, settings, tool);
     const auto replace = Json::error_handler_t::replace;
     surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
                              : for_people(description));

@@ -2,14 +2,23 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/memory.h>
 #include <surfel/base/progress.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/io/gaussian_io.h>
+#include <surfel/io/spooled_writer.h>
+#include <surfel/scene/cloud_rows.h>
 #include <surfel/simplify/simplify.h>
+#include <surfel/simplify/simplify_blocks.h>
 #include <surfel/simplify/simplify_gaussians.h>
 
 #include "tools/support/gaussians.h"
@@ -24,6 +33,7 @@ struct Settings {
   std::string output;
   std::optional<double> factor;
   surfel::SimplifyOptions simplify;
+  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -64,6 +74,9 @@ void declare_options(CLI::App& app, Settings& s) {
                  "and colours fit, there");
   app.option_defaults()->group("Options");
   app.add_option("--seed", s.simplify.seed, "Seed of the pattern");
+  surfel::tool::add_memory(app, s.memory,
+                           "Memory for surfels; a binary PLY file in space-filling order "
+                           "(surfel-convert --sort curve) may be larger");
 }
 
 void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
@@ -127,7 +140,7 @@ void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
   surfel::tool::require_valid(
       surfel::tool::without_effect(tool.app(),
                                    {"--max-error", "--unit-deviation", "--light", "--normal-angle",
-                                    "--sheet-weight", "--cutoff", "--seed"},
+                                    "--sheet-weight", "--cutoff", "--seed", "--memory"},
                                    "on Gaussians in space"));
   if (!s.factor && !s.simplify.count) {
     surfel::throw_usage("give --count or --factor: how many Gaussians are to be left");
@@ -156,12 +169,18 @@ void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
           done.merged));
 }
 
-void simplify_surfels(surfel::tool::Tool& tool, Settings& s) {
-  surfel::tool::require_format(s.output, surfel::tool::Writes::kSurfels);
-  if (s.factor) {
-    s.simplify.count = 1;  // Until it is known how many surfels there are.
-  }
-  surfel::tool::require_valid(s.simplify.problems());
+/// What the written file holds.
+std::string simplified_surfels(const surfel::SimplifyReport& done) {
+  return fmt::format(
+      "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
+      "shape {:.3g} of {:.3g} units)",
+      done.result, done.surfels,
+      done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
+      done.error.total(), done.error.color, done.error.shading, done.error.shape,
+      done.unit_deviation);
+}
+
+void simplify_in_memory(surfel::tool::Tool& tool, Settings& s) {
   const std::string name = surfel::tool::shown_name(s.input);
   surfel::SimplifyReport done;
   surfel::SurfelCloud result;
@@ -175,15 +194,74 @@ void simplify_surfels(surfel::tool::Tool& tool, Settings& s) {
   report(tool.report(), done);
   tell(tool, name, s, done);
   surfel::tool::write_result(tool, result, s.output);
-  tool.wrote(
-      s.output,
-      fmt::format(
-          "{} of {} surfels{}, error {:.3g} (colour {:.3g}, shading {:.3g}, "
-          "shape {:.3g} of {:.3g} units)",
-          done.result, done.surfels,
-          done.mirrored > 0 ? fmt::format(" and {} mirrored beyond edges", done.mirrored) : "",
-          done.error.total(), done.error.color, done.error.shading, done.error.shape,
-          done.unit_deviation));
+  tool.wrote(s.output, simplified_surfels(done));
+}
+
+/// Simplifies surfels that stay in their file, block by block.
+void simplify_file(surfel::tool::Tool& tool, Settings& s, const surfel::CloudRanges& ranges,
+                   std::uint64_t bytes, std::uint64_t memory) {
+  surfel::tool::tell_finest(tool, s.input, ranges.read(0, 1), ranges.size());
+  if (s.factor) s.simplify.count = count_of(s, ranges.size());
+  surfel::SpooledWriter writer(s.output, tool.common().no_clobber);
+  surfel::SimplifyReport done;
+  const auto write = [&](surfel::SurfelCloud block) {
+    block.provenance.push_back(tool.provenance());
+    writer.append(block);
+  };
+  if (!surfel::simplify_by_blocks(ranges, s.simplify, write, &done, s.input)) {
+    surfel::throw_input(
+        s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), and is "
+                             "not in space-filling order; {}",
+                             (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
+  }
+  report(tool.report(), done);
+  tell(tool, s.input, s, done);
+  writer.commit();
+  tool.wrote(s.output, simplified_surfels(done));
+}
+
+/// Bytes of surfels that are simplified in memory: at once, or block by block.
+std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first) {
+  const std::size_t row = surfel::row_bytes(first);
+  if (surfels <= surfel::kMostAtOnce) return surfel::simplify_bytes(surfels, row);
+  constexpr std::size_t kOrder = sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
+  return surfels * (2 * std::uint64_t{row} + kOrder) + surfel::simplify_block_bytes(row);
+}
+
+/// Simplifies a file that is larger than the memory, if that can be done; false if it has to fit.
+bool simplify_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
+  if (!surfel::tool::may_not_fit(s.input, memory)) return false;
+  const auto ranges = surfel::CloudRanges::open(s.input);
+  if (!ranges || ranges->size() == 0) return false;
+  const surfel::SurfelCloud first = ranges->read(0, 1);
+  const std::uint64_t bytes = bytes_in_memory(ranges->size(), first);
+  if (bytes <= memory) return false;
+  const std::uint64_t least = ranges->size() <= surfel::kMostAtOnce
+                                  ? bytes
+                                  : surfel::simplify_block_bytes(surfel::row_bytes(first));
+  if (least > memory) {
+    surfel::throw_input(
+        s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory): give "
+                             "as much",
+                             (least >> 20) + 1, memory >> 20));
+  }
+  simplify_file(tool, s, *ranges, bytes, memory);
+  return true;
+}
+
+void simplify_surfels(surfel::tool::Tool& tool, Settings& s) {
+  surfel::tool::require_format(s.output, surfel::tool::Writes::kSurfels);
+  if (s.factor) {
+    s.simplify.count = 1;  // Until it is known how many surfels there are.
+  }
+  surfel::tool::require_valid(s.simplify.problems());
+  const std::uint64_t memory = surfel::memory_to_use(s.memory);
+  if (simplify_larger(tool, s, memory)) return;
+  surfel::tool::require_room(s.input, {}, memory,
+                             [](std::size_t surfels, const surfel::SurfelCloud& first) {
+                               return bytes_in_memory(surfels, first);
+                             });
+  simplify_in_memory(tool, s);
 }
 
 }  // namespace
@@ -194,11 +272,11 @@ int main(int argc, char** argv) {
                           "or Gaussians that look the same from afar.");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday(
-      {"--output", "--count", "--factor", "--max-error", "--light", "--normal-angle", "--cutoff"},
-      {"surfel-simplify lion.ply --count 20k -o few.ply",
-       "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
-       "surfel-simplify trained.ply --factor 10 -o tenth.ply"});
+  tool.everyday({"--output", "--count", "--factor", "--max-error", "--light", "--normal-angle",
+                 "--cutoff", "--memory"},
+                {"surfel-simplify lion.ply --count 20k -o few.ply",
+                 "surfel-simplify lion.ply --max-error 0.02 -o few.ply",
+                 "surfel-simplify trained.ply --factor 10 -o tenth.ply"});
   tool.files().reads({"surfels"});
   // What may be written depends on the input.
   tool.files().writes("--output", surfel::tool::Writes::kAny);

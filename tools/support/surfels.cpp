@@ -128,25 +128,43 @@ void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& c
   }
 }
 
-void require_room(const std::string& path, const CloudReadOptions& options, std::uint64_t memory,
-                  FunctionRef<std::uint64_t(std::size_t surfels, const SurfelCloud& first)> bytes) {
-  // A file that is small enough for any format is not looked at: a compressed surfel takes three
-  // bytes or more, and 350 in memory.
-  constexpr std::uint64_t kMostGrowth = 128;
+namespace {
+
+/// Bytes of a file; 0 where that is not known.
+std::uint64_t bytes_of(const std::string& path) {
   std::error_code error;
   const std::uint64_t size = std::filesystem::file_size(path, error);
-  if (error || size <= memory / kMostGrowth) return;
+  return error ? 0 : size;
+}
+
+[[noreturn]] void refuse_larger(const std::string& path, std::uint64_t needed,
+                                std::uint64_t memory) {
+  throw_input(
+      shown_name(path),
+      fmt::format("takes {} MB in memory or more, of which {} MB are allowed (--memory); {}",
+                  (needed >> 20) + 1, memory >> 20, range_advice(path)));
+}
+
+}  // namespace
+
+bool may_not_fit(const std::string& path, std::uint64_t memory) {
+  // A compressed surfel takes three bytes or more, and 350 in memory.
+  constexpr std::uint64_t kMostGrowth = 128;
+  return bytes_of(path) > memory / kMostGrowth;
+}
+
+void require_room(const std::string& path, const CloudReadOptions& options, std::uint64_t memory,
+                  FunctionRef<std::uint64_t(std::size_t surfels, const SurfelCloud& first)> bytes) {
+  if (!may_not_fit(path, memory)) return;
+  const std::uint64_t size = bytes_of(path);
+  if (size > memory && !CloudReader::reads_pieces(path)) refuse_larger(path, size, memory);
   const CloudReader reader(path, options);
   const SurfelCloud first = reader.first();
   std::size_t surfels = 0;
   reader.for_each([&](const SurfelCloud& piece) {
     surfels += piece.size();
     const std::uint64_t needed = bytes(surfels, first);
-    if (needed <= memory) return;
-    throw_input(shown_name(path),
-                fmt::format("takes {} MB in memory or more, of which {} MB are allowed (--memory); "
-                            "{}",
-                            (needed >> 20) + 1, memory >> 20, range_advice(path)));
+    if (needed > memory) refuse_larger(path, needed, memory);
   });
 }
 
@@ -177,6 +195,39 @@ void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
   cloud.provenance.push_back(tool.provenance());
   tell_lost_columns(tool, cloud, path);
   write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii});
+}
+
+void require_piecewise_format(const std::string& output, const std::string& input) {
+  const std::string extension = lower_extension(output);
+  if (extension != ".las" && extension != ".laz") return;
+  throw_usage(
+      fmt::format("{}: {} does not fit into memory, and LAS files are not written before all "
+                  "surfels are known; "
+                  "give a .ply",
+                  output, shown_name(input)));
+}
+
+CloudSurvey survey_of(const SurfelRanges& ranges, const std::string& output, std::size_t piece) {
+  CloudSurvey survey(output);
+  for (std::size_t begin = 0; begin < ranges.size(); begin += piece) {
+    survey.add(ranges.read(begin, std::min(begin + piece, ranges.size())));
+  }
+  return survey;
+}
+
+PieceWriter::PieceWriter(const Tool& tool, std::string path, const CloudSurvey& survey)
+    : tool_(tool),
+      path_(std::move(path)),
+      survey_(survey),
+      writer_(path_, static_cast<std::size_t>(survey.count),
+              CloudWriteOptions{.no_clobber = tool.common().no_clobber}) {}
+
+void PieceWriter::append(SurfelCloud piece) {
+  survey_.settle(piece);
+  piece.provenance.push_back(tool_.provenance());
+  if (!begun_) tell_lost_columns(tool_, piece, path_);
+  begun_ = true;
+  writer_.append(piece);
 }
 
 void write_picture(const Tool& tool, const Image& image, const std::string& path) {

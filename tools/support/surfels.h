@@ -8,8 +8,10 @@
 
 #include <surfel/base/function_ref.h>
 #include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_survey.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_cloud.h>
+#include <surfel/scene/surfel_ranges.h>
 #include <surfel/scene/usable_surfels.h>
 
 #include "tools/support/tool.h"
@@ -57,9 +59,12 @@ void add_part(CLI::App& app, PartSettings& part);
 void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,
                  std::size_t surfels);
 
+/// False for files that fit into the memory whatever is in them, and for standard input.
+bool may_not_fit(const std::string& path, std::uint64_t memory);
+
 /// Throws Error(kInput) naming a file that has more surfels than fit into the memory that they may
 /// take, and saying how to put it into an order that needs less. What reads piece by piece is
-/// counted until there are too many.
+/// counted until there are too many; another file that is larger than the memory is not opened.
 /// \param bytes  what so many surfels take, with the columns that the first one has.
 void require_room(const std::string& path, const CloudReadOptions& options, std::uint64_t memory,
                   FunctionRef<std::uint64_t(std::size_t surfels, const SurfelCloud& first)> bytes);
@@ -77,6 +82,30 @@ void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::st
 /// Writes the surfels that a tool made, with its line of provenance; `ascii` makes PLY a text.
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
                   bool ascii = false);
+
+/// Throws Error(kUsage) for LAS files, which are not written before all surfels are known, where an
+/// input does not fit into memory.
+void require_piecewise_format(const std::string& output, const std::string& input);
+
+/// The survey of surfels that keep their places. \param piece  surfels that are read at a time
+CloudSurvey survey_of(const SurfelRanges& ranges, const std::string& output, std::size_t piece);
+
+/// Writes surfels that a tool makes piece by piece, as write_result() writes them at once.
+class PieceWriter {
+ public:
+  /// \param survey  of all pieces
+  PieceWriter(const Tool& tool, std::string path, const CloudSurvey& survey);
+  void append(SurfelCloud piece);
+  /// Completes the file.
+  void commit() { writer_.commit(); }
+
+ private:
+  const Tool& tool_;
+  std::string path_;
+  CloudSurvey survey_;
+  CloudWriter writer_;
+  bool begun_ = false;
+};
 
 /// Writes a picture that a tool made, and tells its size.
 void write_picture(const Tool& tool, const Image& image, const std::string& path);

@@ -161,6 +161,9 @@ void Reader::add_columns() {
 PointPlace Reader::place_of(const Measures& measures) const {
   const Bounds box = measures.box();
   require_float_extent(box, file_);
+  if (table_.said_bounds && !counts_decimals() && about_the_same(*table_.said_bounds, box)) {
+    return {box, origin_for(*table_.said_bounds, table_.stepped), {}};
+  }
   const std::vector<int>& decimals = measures.decimals;
   if (decimals.empty()) return place_points(box, table_.stepped, {});
   return place_points(box, table_.stepped, *std::max_element(decimals.begin(), decimals.end()));
@@ -211,16 +214,10 @@ SurfelCloud Reader::read(bool double_positions) {
   decoder_.set_origin(place.origin);
   Measures measures;
   pass(columns_, &measures);
-  const bool as_said = table_.said_bounds && !counts_decimals() &&
-                       about_the_same(*table_.said_bounds, measures.box());
-  if (as_said) {
-    require_float_extent(measures.box(), file_);
-  } else {
-    const Vec3d assumed = place.origin;
-    place = place_of(measures);
-    decoder_.set_origin(place.origin);
-    if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
-  }
+  const Vec3d assumed = place.origin;
+  place = place_of(measures);
+  decoder_.set_origin(place.origin);
+  if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
   return finished(double_positions, place);
 }
 
@@ -292,7 +289,12 @@ std::size_t PieceReader::first(std::size_t part) const {
   return table.blocks ? table.blocks->first(part) : std::min(part * kReadBlock, table.count);
 }
 
-SurfelCloud PieceReader::read(std::size_t begin, std::size_t end) const {
+PointPlace PieceReader::measure() const {
+  const PointRecords& points = impl_->points;
+  return Reader(points.table(), impl_->decoder, points.file()).measure();
+}
+
+SurfelCloud PieceReader::read(std::size_t begin, std::size_t end, const PointPlace* place) const {
   RecordTable part = impl_->points.table();
   Array<std::byte> records;
   part.said_bounds.reset();
@@ -314,8 +316,9 @@ SurfelCloud PieceReader::read(std::size_t begin, std::size_t end) const {
     part.skip(first(begin));
     part.count = first(end) - first(begin);
   }
-  SurfelCloud piece =
-      Reader(part, impl_->decoder, impl_->points.file()).read(impl_->points.double_positions());
+  Reader reader(part, impl_->decoder, impl_->points.file());
+  const bool double_positions = impl_->points.double_positions();
+  SurfelCloud piece = place ? reader.read(double_positions, *place) : reader.read(double_positions);
   impl_->points.describe(piece);
   return piece;
 }

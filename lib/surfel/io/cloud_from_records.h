@@ -48,8 +48,8 @@ struct PointPlace {
 /// \param decimals  the most decimals of the coordinates where they are doubles; else unset.
 PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<int>& decimals);
 
-/// Points of a file piece by piece. The columns are the same for all pieces; each piece has an
-/// origin of its own. Keeps a reference to the points. Internal to the io module.
+/// Points of a file piece by piece. The columns are the same for all pieces. Keeps a reference to
+/// the points. Internal to the io module.
 class PieceReader {
  public:
   explicit PieceReader(const PointRecords& points);
@@ -60,7 +60,10 @@ class PieceReader {
   /// How many parts the file has, of some thousand points each, which can be read together.
   std::size_t parts() const;
   std::size_t first(std::size_t part) const;  ///< Points before a part; of part parts() all.
-  SurfelCloud read(std::size_t begin, std::size_t end) const;  ///< The points of some parts.
+  /// The points of some parts. \param place  null: they get an origin of their own.
+  SurfelCloud read(std::size_t begin, std::size_t end, const PointPlace* place = nullptr) const;
+  /// Where PointRecords::read_all() places the points; reads all coordinates.
+  PointPlace measure() const;
 
  private:
   struct Impl;

@@ -483,10 +483,15 @@ struct CloudReader::Impl {
   CloudReadOptions options;
   std::unique_ptr<PointRecords> points;
   std::unique_ptr<PieceReader> pieces;
-  SurfelCloud whole;  ///< Of a file that is not read in pieces.
+  SurfelCloud whole;                ///< Of a file that is not read in pieces.
+  std::optional<PointPlace> place;  ///< Of all points, once they were measured.
 
   std::size_t size() const { return pieces ? pieces->first(pieces->parts()) : whole.size(); }
-  void for_each(FunctionRef<void(SurfelCloud&& piece)> visit) const;
+  /// \param at  where the pieces are placed; null: each by itself
+  void for_each(std::size_t most, const PointPlace* at,
+                FunctionRef<void(SurfelCloud&& piece)> visit) const;
+  void visit_asked_for(std::size_t most, const PointPlace* at,
+                       FunctionRef<void(SurfelCloud piece)> visit) const;
 };
 
 /// Do offsets from the piece's origin tell all steps of a LAS file apart?
@@ -497,22 +502,21 @@ bool keeps_steps(const SurfelCloud& piece) {
          ((box.max - box.min).array() / piece.las->scale.array()).abs().maxCoeff() < 0x1p24;
 }
 
-void CloudReader::Impl::for_each(FunctionRef<void(SurfelCloud&& piece)> visit) const {
-  constexpr std::size_t kPiece = std::size_t{1} << 18;  // Points, roughly.
+void CloudReader::Impl::for_each(std::size_t most, const PointPlace* at,
+                                 FunctionRef<void(SurfelCloud&& piece)> visit) const {
   if (!pieces) {
-    for (std::size_t begin = 0; begin < whole.size(); begin += kPiece) {
-      Array<std::uint32_t> order(std::min(kPiece, whole.size() - begin));
+    for (std::size_t begin = 0; begin < whole.size(); begin += most) {
+      Array<std::uint32_t> order(std::min(most, whole.size() - begin));
       std::iota(order.begin(), order.end(), static_cast<std::uint32_t>(begin));
       visit(whole.gathered(order));
     }
     return;
   }
-  std::size_t most = kPiece;
   for (std::size_t begin = 0; begin < pieces->parts();) {
     std::size_t end = begin + 1;
     while (end < pieces->parts() && pieces->first(end + 1) - pieces->first(begin) <= most) ++end;
-    SurfelCloud piece = pieces->read(begin, end);
-    if (end - begin > 1 && !keeps_steps(piece)) {
+    SurfelCloud piece = pieces->read(begin, end, at);
+    if (!at && end - begin > 1 && !keeps_steps(piece)) {
       most = piece.size() / 2;
       continue;
     }
@@ -544,20 +548,53 @@ SurfelCloud CloudReader::first() const {
   return pieces.read(part, part + 1).gathered(order);
 }
 
-void CloudReader::for_each(FunctionRef<void(SurfelCloud piece)> visit) const {
+void CloudReader::Impl::visit_asked_for(std::size_t most, const PointPlace* at,
+                                        FunctionRef<void(SurfelCloud piece)> visit) const {
   std::uint64_t inside = 0;
-  ProgressStage stage("reading " + impl_->name, impl_->size(), "points");
-  impl_->for_each([&](SurfelCloud&& piece) {
+  ProgressStage stage("reading " + name, size(), "points");
+  for_each(most, at, [&](SurfelCloud&& piece) {
     const std::size_t count = piece.size();
-    if (takes_all(impl_->options)) {
+    if (takes_all(options)) {
       visit(std::move(piece));
     } else {
-      const Array<std::uint32_t> order = asked_for(piece, impl_->options, inside);
+      const Array<std::uint32_t> order = asked_for(piece, options, inside);
       if (!order.empty()) visit(piece.gathered(order));
     }
     stage.add(count);
   });
-  if (!takes_all(impl_->options) && inside == 0) throw_nothing_inside(impl_->name);
+  if (!takes_all(options) && inside == 0) throw_nothing_inside(name);
+}
+
+void CloudReader::for_each(FunctionRef<void(SurfelCloud piece)> visit) const {
+  constexpr std::size_t kPiece = std::size_t{1} << 18;
+  impl_->visit_asked_for(kPiece, nullptr, visit);
+}
+
+void CloudReader::for_each_placed(std::size_t most,
+                                  FunctionRef<void(SurfelCloud piece)> visit) const {
+  if (impl_->pieces && !impl_->place) impl_->place = impl_->pieces->measure();
+  impl_->visit_asked_for(most, impl_->place ? &*impl_->place : nullptr, visit);
+}
+
+std::uint64_t CloudReader::size() const { return impl_->size(); }
+
+bool CloudReader::reads_pieces(const std::string& path) {
+  InputFile input(path);
+  if (!input.regular()) return false;
+  if (LasHeader::matches(input.head(4)) || E57Header::matches(input.head(8))) return true;
+  if (is_expe(input)) return false;
+  if (PlyFile::matches(input.head(4))) {
+    const PlyFile ply(std::move(input));
+    return stores_records(ply) && !needs_all_points(ply);
+  }
+  if (PcdFile::matches(input.head(PcdFile::kMatched))) {
+    // Binary bodies stay in the file, compressed and text bodies do not.
+    const std::span<const std::byte> head = input.head(PcdFile::kMatched);
+    const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+    const std::size_t body = text.find("\nDATA binary");
+    return body != std::string_view::npos && !text.substr(body).starts_with("\nDATA binary_");
+  }
+  return is_xyz_name(path);
 }
 
 namespace {

@@ -70,6 +70,15 @@ class SURFEL_API CloudReader {
   /// how many bits the colours of a LAS file have, is right from the second call on. Throws as
   /// read_cloud() does.
   void for_each(FunctionRef<void(SurfelCloud piece)> visit) const;
+  /// As for_each(), with the values that read_cloud() gives the surfels: all pieces have its
+  /// origin. Reads all coordinates when it is called for the first time, which tells the origin.
+  /// \param most  surfels of a piece, >= 1; a piece has more only where the file has larger blocks.
+  void for_each_placed(std::size_t most, FunctionRef<void(SurfelCloud piece)> visit) const;
+
+  /// Points of the file, before the options leave some out.
+  std::uint64_t size() const;
+  /// Is a file read piece by piece, and not held in memory? Throws Error(kIo).
+  static bool reads_pieces(const std::string& path);
 
  private:
   struct Impl;

@@ -6,6 +6,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/measure/cloud_needs.h>
+#include <surfel/measure/rank_selection.h>
 #include <surfel/scene/surfel_variance.h>
 
 namespace surfel {
@@ -22,9 +23,10 @@ constexpr double kCutoffs[] = {1, 1.5, 2, 3, 4};
 
 class Needs {
  public:
-  Needs(const SurfelCloud& cloud, const CloudStatistics& statistics,
-        const CloudStatisticsOptions& options, const std::string& file)
-      : cloud_(cloud), s_(statistics), options_(options), file_(shell_file(file)) {}
+  Needs(const CloudFacts& facts, const CloudStatistics& statistics,
+        const CloudStatisticsOptions& options, const std::string& file,
+        FunctionRef<double(const CloudStatisticsOptions& options)> holes)
+      : facts_(facts), s_(statistics), options_(options), file_(shell_file(file)), holes_(holes) {}
 
   std::vector<CloudNeed> find() {
     flaws();
@@ -64,19 +66,19 @@ class Needs {
   }
 
   void columns() {
-    if (cloud_.normal.empty()) {
+    if (!facts_.normals) {
       add("normals", "none: surfels look at the eye, and are not shaded", estimate());
     } else if (share(s_.zero_normals) > kFew) {
       add("normals", fmt::format("{:.2g} % are unknown", 100 * share(s_.zero_normals)), estimate());
     }
-    if (!has_variance(cloud_)) {
+    if (!facts_.variances) {
       add("variance", "none: surfels have no size, and cannot be drawn", estimate());
     }
-    if (cloud_.render_color() != nullptr) return;
-    if (!cloud_.uv.empty()) {
+    if (facts_.render_colors) return;
+    if (facts_.uv) {
       add("colors", "none, but u, v: drawn in light grey until an image is put on",
           fmt::format("surfel-texture {} --image IMAGE -o OUT", file_));
-    } else if (cloud_.color.empty()) {
+    } else if (!facts_.colors) {
       add("colors", "none: drawn in light grey",
           fmt::format("surfel-texture {} --mesh MESH --image IMAGE -o OUT", file_));
     }
@@ -87,8 +89,7 @@ class Needs {
     at.cutoff = cutoff;
     // Whether a hundredth is open needs fewer cells than how much is.
     at.samples = std::max<std::size_t>(1, at.samples / 4);
-    const CloudStatistics s = cloud_statistics(cloud_, at);
-    return s.coverage ? s.coverage->hole_share : 1;
+    return holes_(at);
   }
 
   void coverage() {
@@ -129,11 +130,8 @@ class Needs {
   }
 
   void areas() {
-    if (!s_.coverage || cloud_.area.empty()) return;
-    double sum = 0;
-    for (const float area : cloud_.area) sum += area;
-    const double mean = sum / static_cast<double>(cloud_.size());
-    const double factor = mean / s_.coverage->cell_area_mean;
+    if (!s_.coverage || !facts_.area_mean) return;
+    const double factor = *facts_.area_mean / s_.coverage->cell_area_mean;
     if (!std::isfinite(factor) || (factor < kAreaFactor && factor > 1 / kAreaFactor)) return;
     add("area",
         fmt::format("{:.3g} times that of the surfels' cells: so is the sum of kernels, which "
@@ -144,66 +142,128 @@ class Needs {
 
   /// Would discs of the same area do?
   void ellipses() {
-    if (!cloud_.anisotropic() || cloud_.empty()) return;
-    std::vector<double> error;
-    std::size_t long_ones = 0;
-    for (std::size_t i = 0; i < cloud_.size(); ++i) {
-      const double u = cloud_.variance_u[i];
-      const double v = cloud_.variance_v[i];
-      if (!(u > 0 && v > 0)) continue;
-      // Half axes are as the roots of the variances; the disc's is their geometric mean.
-      const double off = portable::pow(std::max(u, v) / std::min(u, v), 0.25) - 1;
-      if (!std::isfinite(off)) continue;
-      error.push_back(off);
-      long_ones += off > kRound ? 1 : 0;
-    }
-    if (error.empty() ||
-        static_cast<double>(long_ones) > kFewEllipses * static_cast<double>(error.size())) {
-      return;
-    }
-    const Distribution d = distribution(std::move(error));
+    const auto most = kFewEllipses * static_cast<double>(facts_.ellipses);
+    if (facts_.ellipses == 0 || static_cast<double>(facts_.long_ellipses) > most) return;
     add("anisotropy",
         fmt::format("not needed: half axes are within {:.2g} % of a disc's for 95 % of the "
                     "surfels, {:.2g} % for the longest",
-                    100 * d.percentile_95, 100 * d.max),
+                    100 * facts_.ellipse_percentile_95, 100 * facts_.ellipse_most),
         fmt::format("surfel-estimate {} --anisotropy off -o OUT", file_));
   }
 
   void drawing() {
-    if (cloud_.basis_cutoff && *cloud_.basis_cutoff != options_.cutoff) {
-      add("cutoff", fmt::format("coefficients were fitted for {:g}", *cloud_.basis_cutoff),
-          fmt::format("surfel-render {} --cutoff {:g}", file_, *cloud_.basis_cutoff));
+    if (facts_.basis_cutoff && *facts_.basis_cutoff != options_.cutoff) {
+      add("cutoff", fmt::format("coefficients were fitted for {:g}", *facts_.basis_cutoff),
+          fmt::format("surfel-render {} --cutoff {:g}", file_, *facts_.basis_cutoff));
     }
-    const auto see_through = static_cast<std::size_t>(
-        std::count_if(cloud_.alpha.begin(), cloud_.alpha.end(), [](float a) { return a < 0.99F; }));
-    if (share(see_through) > kFew) {
+    if (share(facts_.see_through) > kFew) {
       add("layers",
           fmt::format("{:.2g} % of the surfels are see-through: surfaces behind each other need a "
                       "layer each",
-                      100 * share(see_through)),
+                      100 * share(facts_.see_through)),
           fmt::format("surfel-render {} --layers 8", file_));
     }
     const double per_pixel = static_cast<double>(s_.count) / kPicturePixels;
-    if (per_pixel > 1 && cloud_.coarser_skipped == 0 && has_variance(cloud_)) {
+    if (per_pixel > 1 && facts_.coarser_skipped == 0 && facts_.variances) {
       add("lod",
           fmt::format("{:.2g} surfels a pixel of 512x512, and one level of detail", per_pixel),
           fmt::format("surfel-lod {} -o OUT", file_));
     }
   }
 
-  const SurfelCloud& cloud_;
+  const CloudFacts& facts_;
   const CloudStatistics& s_;
   const CloudStatisticsOptions& options_;
   const std::string file_;  ///< As a word for a shell.
+  FunctionRef<double(const CloudStatisticsOptions& options)> holes_;
   std::vector<CloudNeed> found_;
 };
 
+/// How far the half axes of an ellipse are from the disc's of the same area, relative; NaN where it
+/// is none.
+double elongation(const SurfelCloud& cloud, std::size_t i) {
+  const double u = cloud.variance_u[i];
+  const double v = cloud.variance_v[i];
+  if (!(u > 0 && v > 0)) return std::nan("");
+  // Half axes are as the roots of the variances; the disc's is their geometric mean.
+  const double off = portable::pow(std::max(u, v) / std::min(u, v), 0.25) - 1;
+  return std::isfinite(off) ? off : std::nan("");
+}
+
 }  // namespace
+
+struct CloudFactCounter::Impl {
+  CloudFacts facts;
+  std::size_t surfels = 0;
+  double area = 0;
+  bool areas = false;
+  bool chosen = false;
+  RankSelection elongations;
+};
+
+CloudFactCounter::CloudFactCounter() : impl_(std::make_unique<Impl>()) {}
+CloudFactCounter::~CloudFactCounter() = default;
+
+void CloudFactCounter::add(const SurfelCloud& piece) {
+  CloudFacts& facts = impl_->facts;
+  facts.normals = !piece.normal.empty();
+  facts.variances = has_variance(piece);
+  facts.render_colors = piece.render_color() != nullptr;
+  facts.colors = !piece.color.empty();
+  facts.uv = !piece.uv.empty();
+  facts.basis_cutoff = piece.basis_cutoff;
+  facts.coarser_skipped = piece.coarser_skipped;
+  impl_->surfels += piece.size();
+  impl_->areas = !piece.area.empty();
+  for (const float area : piece.area) impl_->area += area;
+  facts.see_through += static_cast<std::size_t>(
+      std::count_if(piece.alpha.begin(), piece.alpha.end(), [](float a) { return a < 0.99F; }));
+  if (!piece.anisotropic()) return;
+  for (std::size_t i = 0; i < piece.size(); ++i) {
+    const double off = elongation(piece, i);
+    if (std::isnan(off)) continue;
+    facts.ellipse_most = std::max(facts.ellipse_most, static_cast<float>(off));
+    facts.long_ellipses += off > kRound ? 1 : 0;
+    impl_->elongations.count(static_cast<float>(off));
+  }
+}
+
+void CloudFactCounter::look(const SurfelCloud& piece) {
+  if (impl_->elongations.size() == 0) return;
+  if (!impl_->chosen) impl_->elongations.choose({rank_of(0.95, impl_->elongations.size())});
+  impl_->chosen = true;
+  for (std::size_t i = 0; i < piece.size(); ++i) {
+    const double off = elongation(piece, i);
+    if (!std::isnan(off)) impl_->elongations.look(static_cast<float>(off));
+  }
+}
+
+CloudFacts CloudFactCounter::facts() {
+  CloudFacts out = impl_->facts;
+  if (impl_->areas) out.area_mean = impl_->area / static_cast<double>(impl_->surfels);
+  out.ellipses = impl_->elongations.size();
+  if (out.ellipses > 0) out.ellipse_percentile_95 = impl_->elongations.value(0);
+  return out;
+}
+
+std::vector<CloudNeed> cloud_needs(
+    const CloudFacts& facts, const CloudStatistics& statistics,
+    const CloudStatisticsOptions& options, const std::string& file,
+    FunctionRef<double(const CloudStatisticsOptions& options)> holes) {
+  require_usable(options);
+  return Needs(facts, statistics, options, file, holes).find();
+}
 
 std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud, const CloudStatistics& statistics,
                                    const CloudStatisticsOptions& options, const std::string& file) {
-  require_usable(options);
-  return Needs(cloud, statistics, options, file).find();
+  CloudFactCounter counter;
+  counter.add(cloud);
+  counter.look(cloud);
+  return cloud_needs(counter.facts(), statistics, options, file,
+                     [&](const CloudStatisticsOptions& at) {
+                       const CloudStatistics s = cloud_statistics(cloud, at);
+                       return s.coverage ? s.coverage->hole_share : 1;
+                     });
 }
 
 }  // namespace surfel

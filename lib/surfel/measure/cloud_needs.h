@@ -1,9 +1,13 @@
 #pragma once
 
+#include <cstddef>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/scene/surfel_cloud.h>
 
@@ -14,6 +18,39 @@ struct CloudNeed {
   std::string topic;    ///< One word: normals, variance, colors, holes, ...
   std::string measure;  ///< The finding, with its figure.
   std::string command;  ///< The command that mends it.
+};
+
+/// What needs are told from beside statistics.
+struct CloudFacts {
+  bool normals = false;  ///< There is such a column, as below.
+  bool variances = false;
+  bool render_colors = false;  ///< Colours or coefficients.
+  bool colors = false;
+  bool uv = false;
+  std::optional<double> area_mean;
+  std::size_t ellipses = 0;         ///< Usable ones; 0 where there are no ellipses.
+  std::size_t long_ellipses = 0;    ///< Less round than kRound.
+  float ellipse_percentile_95 = 0;  ///< Half axes from those of the disc of the same area,
+  float ellipse_most = 0;           ///< relative.
+  std::size_t see_through = 0;      ///< Surfels of an opacity below 0.99.
+  std::optional<double> basis_cutoff;
+  std::size_t coarser_skipped = 0;
+};
+
+/// Finds the facts of a cloud whose pieces are handed on twice in their order: to add() and, once
+/// it has had all of them, to look().
+class SURFEL_API CloudFactCounter {
+ public:
+  CloudFactCounter();
+  ~CloudFactCounter();
+
+  void add(const SurfelCloud& piece);
+  void look(const SurfelCloud& piece);
+  CloudFacts facts();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 /// Needs that can be told from measures alone:
@@ -33,6 +70,12 @@ SURFEL_API std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud,
                                               const CloudStatistics& statistics,
                                               const CloudStatisticsOptions& options,
                                               const std::string& file);
+/// The needs of a cloud that need not be in memory.
+/// \param holes  measures the share of holes with other options
+SURFEL_API std::vector<CloudNeed> cloud_needs(
+    const CloudFacts& facts, const CloudStatistics& statistics,
+    const CloudStatisticsOptions& options, const std::string& file,
+    FunctionRef<double(const CloudStatisticsOptions& options)> holes);
 
 /// Holes up to this share are not worth mentioning: real surfaces have some.
 inline constexpr double kFewHoles = 2e-3;

@@ -21,7 +21,9 @@ struct Distribution {
   double max = 0;
 };
 
-/// Spread of one value or more; the percentiles are the values of rank floor(p (n - 1) + 1/2).
+/// Rank of the value below which a share of `count` values is: floor(share (count - 1) + 1/2).
+SURFEL_API std::size_t rank_of(double share, std::size_t count);
+/// Spread of one value or more; the percentiles are the values of rank_of().
 SURFEL_API Distribution distribution(std::vector<double> values);
 
 struct CloudStatisticsOptions {

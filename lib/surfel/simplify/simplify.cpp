@@ -3,6 +3,7 @@
 #include <numeric>
 #include <utility>
 
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
@@ -11,9 +12,13 @@
 #include <surfel/sample/cut_search.h>
 #include <surfel/sample/poisson_disk.h>
 #include <surfel/scene/clips.h>
+#include <surfel/scene/cloud_rows.h>
+#include <surfel/scene/surfel_ranges.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/simplify/simplified_cloud.h>
 #include <surfel/simplify/simplify.h>
+#include <surfel/simplify/simplify_block.h>
+#include <surfel/simplify/simplify_blocks.h>
 #include <surfel/surface/neighbor_search.h>
 #include <surfel/texture/kernel_overlap.h>
 #include <surfel/texture/reach_tree.h>
@@ -60,9 +65,10 @@ void drop_unused_lines(SurfelCloud& cloud) {
 
 class Simplifier {
  public:
+  /// \param whole  null unless the cloud is a block of it
   Simplifier(const SurfelCloud& cloud, const SimplifyOptions& options, SimplifyReport& report,
-             const std::string& name)
-      : options_(options), report_(report) {
+             const std::string& name, const SimplifiedWhole* whole = nullptr)
+      : options_(options), report_(report), of_(whole) {
     take_usable(cloud, name);
   }
 
@@ -72,7 +78,7 @@ class Simplifier {
     SimplifiedCloud best = options_.count ? with_count(tree) : with_error(tree);
     report_.mirrored = best.image_of.size();
     report_.result = best.cloud.size() - report_.mirrored;
-    drop_unused_lines(best.cloud);
+    if (!of_) drop_unused_lines(best.cloud);
     for (std::size_t c = 0; c < best.clusters.size(); ++c) {
       const std::size_t members = best.clusters.members(c).size();
       if (members > 1) report_.merged += members;
@@ -80,6 +86,30 @@ class Simplifier {
     report_.error = best.error;
     report_.uncovered = best.uncovered;
     return std::move(best.cloud);
+  }
+
+  BlockDetail detail(const std::string& name) {
+    look(name);
+    const DetailTree tree = make_tree();
+    BlockDetail out{original_.cloud.size(), original_.total_area, {}, {}};
+    // A tree's price is of the squared error of its own surface.
+    const double to_own = of_->total_area / original_.total_area;
+    const std::vector<double> prices = compared_prices();
+    for (const double price : prices) {
+      const double own = price * to_own;
+      const bool all_kept =
+          !out.samples.empty() && out.samples.back() >= static_cast<double>(out.surfels);
+      if (all_kept || (own > tree.highest_price() && !out.samples.empty())) {
+        // Prices beyond those that tell choices apart change nothing.
+        out.samples.push_back(out.samples.back());
+        out.error2.push_back(out.error2.back());
+      } else {
+        const DetailTree::Cut cut = tree.cut(own);
+        out.samples.push_back(cut.samples);
+        out.error2.push_back(cut.error() * cut.error());
+      }
+    }
+    return out;
   }
 
  private:
@@ -105,6 +135,7 @@ class Simplifier {
 
   const SimplifyOptions& options_;
   SimplifyReport& report_;
+  const SimplifiedWhole* of_;
   Timer timer_;
   OriginalCloud original_;
   SurfelCloud whole_;  ///< The original and its mirror images; empty where it has none.
@@ -191,7 +222,7 @@ void Simplifier::look(const std::string& name) {
   for (std::size_t i = 0; i < original_.cloud.size(); ++i) {
     sum += original_.area[i] * std::abs(original_.shown.color[i].head<3>().mean());
   }
-  original_.brightness = sum / original_.total_area;
+  original_.brightness = of_ ? of_->brightness : sum / original_.total_area;
   stage("look");
 }
 
@@ -237,6 +268,16 @@ SimplifiedCloud Simplifier::as_it_is() const {
   SimplifiedCloud all;
   all.cloud = whole_.empty() ? original_.cloud : whole_;
   all.image_of = original_.edges.image_of;
+  if (!of_) return all;
+  // The columns that blocks get which are merged.
+  if (all.cloud.area.empty()) {
+    all.cloud.area = original_.area;
+    for (const std::uint32_t i : all.image_of) all.cloud.area.push_back(original_.area[i]);
+  }
+  if (all.cloud.render_color() != nullptr) {
+    if (all.cloud.coefficient.empty()) all.cloud.coefficient = all.cloud.color;
+    all.cloud.basis_cutoff = options_.cutoff;
+  }
   return all;
 }
 
@@ -352,9 +393,7 @@ std::vector<std::string> SimplifyOptions::problems() const {
   return found;
 }
 
-SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
-                             SimplifyReport* report, const std::string& name) {
-  require_usable(options);
+void require_simplifiable(const SurfelCloud& cloud, const std::string& name) {
   cloud.check_columns(name);
   if (cloud.empty()) throw_input(name, "holds no surfel");
   if (cloud.normal.empty()) {
@@ -365,10 +404,52 @@ SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& op
                 "the surfels have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");
   }
+}
+
+std::vector<double> compared_prices() {
+  constexpr double kHighest = 6;  // Natural logarithms: of 400, and of 1e-20.
+  constexpr double kLowest = -46;
+  constexpr double kStep = 0.5;
+  std::vector<double> prices;
+  for (double price = kHighest; price >= kLowest; price -= kStep) {
+    prices.push_back(portable::exp(price));
+  }
+  return prices;
+}
+
+BlockDetail block_detail(const SurfelCloud& block, const SimplifyOptions& options,
+                         const SimplifiedWhole& whole, const std::string& name) {
+  SimplifyReport unused;
+  return Simplifier(block, options, unused, name, &whole).detail(name);
+}
+
+SurfelCloud simplify_block(const SurfelCloud& block, const SimplifyOptions& options,
+                           const SimplifiedWhole& whole, SimplifyReport& report,
+                           const std::string& name) {
+  return Simplifier(block, options, report, name, &whole).run(name);
+}
+
+SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
+                             SimplifyReport* report, const std::string& name) {
+  require_usable(options);
+  require_simplifiable(cloud, name);
   SimplifyReport own;
   SimplifyReport& r = report ? *report : own;
   r = {};
-  return Simplifier(cloud, options, r, name).run(name);
+  if (cloud.size() <= kMostAtOnce) return Simplifier(cloud, options, r, name).run(name);
+  std::vector<SurfelCloud> blocks;
+  simplify_by_blocks(
+      OrderedCloud(cloud), options, [&](SurfelCloud block) { blocks.push_back(std::move(block)); },
+      &r, name);
+  std::size_t surfels = 0;
+  for (const SurfelCloud& block : blocks) surfels += block.size();
+  SurfelCloud out = cloud_of_rows(blocks.front(), surfels);
+  std::size_t at = 0;
+  for (const SurfelCloud& block : blocks) {
+    copy_rows(block, 0, block.size(), out, at);
+    at += block.size();
+  }
+  return out;
 }
 
 }  // namespace surfel

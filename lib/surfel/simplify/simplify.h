@@ -88,8 +88,9 @@ struct SimplifyReport {
 /// position; group, group_radius and source are left out. Surfels come out along a Morton curve,
 /// and mirror images (surfels whose centres half-planes cut off) behind them. Throws Error(kUsage)
 /// for bad options, Error(kInput), its message starting with `name`, if there is no usable surfel,
-/// or no column of normals or variances. Does not depend on the number of threads, nor on the order
-/// of the surfels.
+/// or no column of normals or variances. Of more than kMostAtOnce surfels blocks along the curve
+/// are simplified one by one (simplify_blocks.h). Does not depend on the number of threads, nor on
+/// the order of the surfels.
 SURFEL_API SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& options,
                                         SimplifyReport* report = nullptr,
                                         const std::string& name = {});

@@ -166,8 +166,6 @@ class FirstFree {
   std::vector<std::uint32_t> taken_by_;
 };
 
-constexpr std::uint32_t kUncolored = 0xffffffff;  ///< No colour has this number.
-
 /// Which colours a vertex' neighbours have: a bit for each of 0..degree; the few above, which a
 /// neighbour of higher degree may have, are looked for among the neighbours.
 class NeighborColors {
@@ -236,20 +234,28 @@ Array<std::uint32_t> coloring_order(const OverlapGraph& graph, ColoringOrder ord
   return largest_first(graph);
 }
 
-Coloring greedy_coloring(const OverlapGraph& graph, const Array<std::uint32_t>& order,
-                         std::uint32_t max_colors, const std::string& name) {
+std::uint32_t color_greedily(const OverlapGraph& graph, const Array<std::uint32_t>& order,
+                             std::uint32_t max_colors, std::vector<std::uint32_t>& color,
+                             const std::string& name) {
   FirstFree first_free(graph.max_degree());
-  std::vector<std::uint32_t> color(graph.size(), kUncolored);
-  Coloring coloring;
+  std::uint32_t colors = 0;
   for (const std::uint32_t v : order) {
     color[v] = first_free(graph, v, color);
-    coloring.colors = std::max(coloring.colors, color[v] + 1);
-    if (coloring.colors > max_colors) {
+    colors = std::max(colors, color[v] + 1);
+    if (colors > max_colors) {
       throw_input(name, fmt::format("more than {} groups are needed, which the column 'group' "
                                     "cannot number; lower `overlap` or `cutoff`, or fix `groups`",
                                     max_colors));
     }
   }
+  return colors;
+}
+
+Coloring greedy_coloring(const OverlapGraph& graph, const Array<std::uint32_t>& order,
+                         std::uint32_t max_colors, const std::string& name) {
+  std::vector<std::uint32_t> color(graph.size(), kUncolored);
+  Coloring coloring;
+  coloring.colors = color_greedily(graph, order, max_colors, color, name);
   coloring.color.resize(graph.size());
   std::copy(color.begin(), color.end(), coloring.color.begin());
   return coloring;

@@ -2,6 +2,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
@@ -31,6 +33,17 @@ struct Coloring {
 /// the graph alone. O(vertices + edges), DSATUR O(edges log vertices); 16 bytes a vertex, DSATUR
 /// another 8 and a bit an edge. Sequential.
 SURFEL_API Array<std::uint32_t> coloring_order(const OverlapGraph& graph, ColoringOrder order);
+
+/// The colour of vertices that have none.
+constexpr std::uint32_t kUncolored = 0xffffffff;
+
+/// Greedy colouring of some vertices: each, in that order, takes the smallest colour that no
+/// neighbour has. The colours of all other vertices, of which some may be kUncolored, stay as they
+/// are. Returns one more than the largest colour that was taken. Throws as greedy_coloring() does.
+SURFEL_API std::uint32_t color_greedily(const OverlapGraph& graph,
+                                        const Array<std::uint32_t>& order, std::uint32_t max_colors,
+                                        std::vector<std::uint32_t>& color,
+                                        const std::string& name = {});
 
 /// Greedy colouring: every vertex, in that order, takes the smallest colour that no neighbour has.
 /// At most max_degree + 1 colours. O(vertices + edges). Throws Error(kInput) starting with `name`

@@ -1,6 +1,9 @@
 #include <fmt/format.h>
+#include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/stage_timer.h>
+#include <surfel/scene/surfel_ranges.h>
+#include <surfel/sp06/group_blocks.h>
 #include <surfel/sp06/grouping.h>
 
 namespace surfel {
@@ -14,12 +17,33 @@ std::vector<std::string> GroupingOptions::problems() const {
   return found;
 }
 
+namespace {
+
+Array<std::uint16_t> groups_by_blocks(const SurfelCloud& cloud, const GroupingOptions& options,
+                                      GroupingReport& report, const std::string& name) {
+  const OrderedCloud ordered(cloud);
+  const Array<std::uint32_t> order = morton_order(cloud.position);
+  Array<std::uint16_t> group(cloud.size());
+  group_by_blocks(
+      ordered, options,
+      [&](std::size_t begin, const SurfelCloud& block) {
+        for (std::size_t i = 0; i < block.size(); ++i) group[order[begin + i]] = block.group[i];
+      },
+      &report, name);
+  return group;
+}
+
+}  // namespace
+
 Array<std::uint16_t> make_groups(const SurfelCloud& cloud, const GroupingOptions& options,
                                  GroupingReport* report, const std::string& name) {
   require_usable(options);
   GroupingReport own;
   GroupingReport& r = report ? *report : own;
   r = {};
+  if (options.groups == 0 && cloud.size() > kMostGroupedAtOnce) {
+    return groups_by_blocks(cloud, options, r, name);
+  }
   const OverlapGraph graph = make_overlap_graph(cloud, options.overlap, &r.times, name);
   StageTimer stages(r.times);
   const Array<std::uint32_t> order = coloring_order(graph, options.order);

@@ -95,18 +95,17 @@ struct Part {
     if (is_category(kind)) add_category(static_cast<std::int64_t>(value), 1);
     if (chosen) sample.push_back(value);
   }
+  void add(const Part& part) {
+    count += part.count;
+    missing += part.missing;
+    min = std::min(min, part.min);
+    max = std::max(max, part.max);
+    for (const auto& [number, surfels] : part.categories) add_category(number, surfels);
+    sample.insert(sample.end(), part.sample.begin(), part.sample.end());
+  }
 };
 
-AttributeSummary summed_up(const std::vector<Part>& parts) {
-  Part all;
-  for (const Part& part : parts) {
-    all.count += part.count;
-    all.missing += part.missing;
-    all.min = std::min(all.min, part.min);
-    all.max = std::max(all.max, part.max);
-    for (const auto& [number, surfels] : part.categories) all.add_category(number, surfels);
-    all.sample.insert(all.sample.end(), part.sample.begin(), part.sample.end());
-  }
+AttributeSummary summed_up(Part all) {
   AttributeSummary summary;
   summary.count = all.count;
   summary.missing = all.missing;
@@ -225,13 +224,36 @@ void AttributeValues::values(std::size_t begin, std::size_t end, const RenderClo
 }
 
 AttributeSummary AttributeValues::summary(std::size_t begin, std::size_t end) const {
+  AttributeSurvey survey(end - begin);
+  survey.add(*this, begin, end);
+  return survey.summary();
+}
+
+struct AttributeSurvey::Impl {
+  double chosen;          ///< Share of the surfels that percentiles are taken of.
+  std::size_t added = 0;  ///< Surfels.
+  Part all;
+};
+
+AttributeSurvey::AttributeSurvey(std::size_t total) : impl_(std::make_unique<Impl>()) {
+  impl_->chosen = static_cast<double>(kSampled) / static_cast<double>(std::max(total, kSampled));
+  // About as many are chosen; a vector that grows would take twice as much.
+  impl_->all.sample.reserve(std::min(total, kSampled + kSampled / 64));
+}
+AttributeSurvey::~AttributeSurvey() = default;
+AttributeSurvey::AttributeSurvey(AttributeSurvey&&) noexcept = default;
+
+void AttributeSurvey::add(const AttributeValues& values, std::size_t begin, std::size_t end) {
+  values.add_to(*this, begin, end);
+}
+
+void AttributeValues::add_to(AttributeSurvey& to, std::size_t begin, std::size_t end) const {
+  AttributeSurvey::Impl& survey = *to.impl_;
   const std::size_t total = end - begin;
-  const double chosen =
-      static_cast<double>(kSampled) / static_cast<double>(std::max(total, kSampled));
   std::vector<Part> parts((total + RenderCloud::kBlock - 1) / RenderCloud::kBlock);
   struct Worker {
     RenderCloud rows;
-    std::vector<double> values = std::vector<double>(RenderCloud::kBlock);
+    std::vector<double> value = std::vector<double>(RenderCloud::kBlock);
   };
   PerWorker<Worker> workers;
   parallel_for(total, RenderCloud::kBlock, [&](std::size_t first, std::size_t last, int w) {
@@ -242,21 +264,32 @@ AttributeSummary AttributeValues::summary(std::size_t begin, std::size_t end) co
     Part& part = parts[first / RenderCloud::kBlock];
     UnusableSurfels ignored;
     for (std::size_t i = 0; i < last - first; ++i) {
-      if (rows.usable(i, ignored)) part.add(value[i], kind_, random_uniform(0, first + i) < chosen);
+      if (!rows.usable(i, ignored)) continue;
+      part.add(value[i], kind_, random_uniform(0, survey.added + first + i) < survey.chosen);
     }
   });
-  return summed_up(parts);
+  for (const Part& part : parts) survey.all.add(part);
+  survey.added += total;
+}
+
+AttributeSummary AttributeSurvey::summary() { return summed_up(std::move(impl_->all)); }
+
+std::vector<std::string> measured_attributes(const SurfelCloud& cloud) {
+  const CloudSource source(cloud, "", CloudSource::Sizes::kAny);
+  std::vector<std::string> names = AttributeValues::names(source);
+  std::erase_if(names, [&](const std::string& name) {
+    if (AttributeValues::of_size(name) && !has_variance(cloud)) return true;
+    return AttributeValues(source, name, Vec3d::UnitZ(), "").kind() == AttributeKind::kNormal;
+  });
+  return names;
 }
 
 std::vector<std::pair<std::string, AttributeSummary>> summarize_attributes(const SurfelCloud& cloud,
                                                                            const Vec3d& up) {
   const CloudSource source(cloud, "", CloudSource::Sizes::kAny);
   std::vector<std::pair<std::string, AttributeSummary>> all;
-  for (const std::string& name : AttributeValues::names(source)) {
-    if (AttributeValues::of_size(name) && !has_variance(cloud)) continue;
-    const AttributeValues values(source, name, up, "");
-    if (values.kind() == AttributeKind::kNormal) continue;
-    all.emplace_back(name, values.summary(0, source.size()));
+  for (const std::string& name : measured_attributes(cloud)) {
+    all.emplace_back(name, AttributeValues(source, name, up, "").summary(0, source.size()));
   }
   return all;
 }

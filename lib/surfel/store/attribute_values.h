@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -43,6 +44,8 @@ struct AttributeSummary {
   SURFEL_API std::pair<double, double> robust_range() const;
 };
 
+class AttributeSurvey;
+
 /// An attribute of the surfels of a source, which must outlive it.
 class SURFEL_API AttributeValues {
  public:
@@ -79,6 +82,9 @@ class SURFEL_API AttributeValues {
   AttributeSummary summary(std::size_t begin, std::size_t end) const;
 
  private:
+  friend class AttributeSurvey;
+  void add_to(AttributeSurvey& to, std::size_t begin, std::size_t end) const;
+
   enum class Origin : std::uint8_t { kPosition, kNormal, kRadius, kSpacing, kDensity, kColumn };
   const SurfelSource& source_;
   std::string name_;
@@ -88,8 +94,29 @@ class SURFEL_API AttributeValues {
   std::size_t column_ = 0;  ///< Of kColumn.
 };
 
-/// All attributes of a cloud but `normal`, with their values; attributes of size only where the
-/// surfels have variances.
+/// The summary of an attribute of surfels that come piece by piece.
+class SURFEL_API AttributeSurvey {
+ public:
+  /// \param total  number of surfels that will be added
+  explicit AttributeSurvey(std::size_t total);
+  ~AttributeSurvey();
+  AttributeSurvey(AttributeSurvey&&) noexcept;
+
+  /// Adds surfels [begin, end) of a source, which come after all that were added before.
+  void add(const AttributeValues& values, std::size_t begin, std::size_t end);
+  /// As AttributeValues::summary() of all surfels at once; to be called once.
+  AttributeSummary summary();
+
+ private:
+  friend class AttributeValues;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Names of all attributes of a cloud but `normal`; attributes of size only where the surfels have
+/// variances.
+SURFEL_API std::vector<std::string> measured_attributes(const SurfelCloud& cloud);
+/// The summaries of measured_attributes().
 SURFEL_API std::vector<std::pair<std::string, AttributeSummary>> summarize_attributes(
     const SurfelCloud& cloud, const Vec3d& up);
 

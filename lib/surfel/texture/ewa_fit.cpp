@@ -66,7 +66,11 @@ class EwaFit {
     const std::vector<ChartTask> tasks = plan_charts();
     timer.end("charts");
 
-    load_maps(tasks);
+    if (!level_.empty()) report_.levels = *std::max_element(level_.begin(), level_.end()) + 1;
+    if (!textures_.loaded) {
+      request_maps(tasks);
+      for (TextureMap& map : textures_.maps) map.load();
+    }
     report_.alpha = std::any_of(textures_.maps.begin(), textures_.maps.end(),
                                 [](const TextureMap& map) { return map.has_alpha(); });
     timer.end("pyramid");
@@ -77,6 +81,11 @@ class EwaFit {
     fit_charts(tasks);
     cloud_.basis_cutoff.reset();
     timer.end("filter");
+  }
+
+  void request() {
+    survey();
+    request_maps(plan_charts());
   }
 
  private:
@@ -201,6 +210,7 @@ class EwaFit {
         continue;
       }
       ++report_.charts_too_large;
+      report_.too_large.push_back(chart);
       for (std::size_t i = begin[chart]; i < begin[chart + 1]; ++i) chart_[order_[i]] = kUnmasked;
     }
     return tasks;
@@ -208,8 +218,7 @@ class EwaFit {
 
   bool unmasked(std::size_t k) const { return chart_.empty() || chart_[k] == kUnmasked; }
 
-  void load_maps(const std::vector<ChartTask>& tasks) {
-    if (!level_.empty()) report_.levels = *std::max_element(level_.begin(), level_.end()) + 1;
+  void request_maps(const std::vector<ChartTask>& tasks) {
     parallel_for(cloud_.size(), kSurfelGrain, [&](std::size_t begin, std::size_t end, int) {
       for (std::size_t k = begin; k < end; ++k) {
         if (!cloud_.uv[k].allFinite()) continue;
@@ -229,7 +238,6 @@ class EwaFit {
       textures_.maps[map_index(order_[task.begin])].request(
           {box.first_x, box.first_x + box.width, box.first_y, box.first_y + box.height});
     }
-    for (TextureMap& map : textures_.maps) map.load();
   }
 
   void store(std::size_t k, const TextureSample& sample) {
@@ -344,6 +352,11 @@ EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const Texture
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
              TextureFitReport& report, PointColors* points) {
   EwaFit(cloud, textures, options, report, points).run();
+}
+
+void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options) {
+  TextureFitReport unused;
+  EwaFit(cloud, textures, options, unused, nullptr).request();
 }
 
 }  // namespace surfel

@@ -36,4 +36,7 @@ EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const Texture
 void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
              TextureFitReport& report, PointColors* points = nullptr);
 
+/// Requests what fit_ewa() will sample, of all maps, and loads none.
+void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options);
+
 }  // namespace surfel

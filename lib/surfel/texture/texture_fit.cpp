@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -41,8 +43,8 @@ void check_columns_present(const SurfelCloud& cloud, const std::string& name) {
   check_kernels_present(cloud, name);
 }
 
-void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
-                     const std::string& name) {
+void check_materials(const SurfelCloud& cloud, const TextureSet& textures, const std::string& name,
+                     std::size_t first) {
   if (textures.maps.empty()) throw_usage("there is no texture");
   const std::size_t materials = textures.map_of_material.size();
   if (materials == 0 || cloud.empty()) return;
@@ -54,9 +56,11 @@ void check_materials(const SurfelCloud& cloud, const TextureSet& textures,
   }
   const auto largest = std::max_element(cloud.material.begin(), cloud.material.end());
   if (*largest >= materials) {
-    throw_input(name, fmt::format("surfel {} has material {}, but the mesh has {}; give the mesh "
-                                  "that the surfels were sampled from",
-                                  largest - cloud.material.begin(), *largest, materials));
+    throw_input(name,
+                fmt::format("surfel {} has material {}, but the mesh has {}; give the mesh "
+                            "that the surfels were sampled from",
+                            first + static_cast<std::size_t>(largest - cloud.material.begin()),
+                            *largest, materials));
   }
 }
 
@@ -177,9 +181,46 @@ std::vector<std::string> TextureFitOptions::problems() const {
   return found;
 }
 
-void check_textured(const SurfelCloud& cloud, const TextureSet& textures, const std::string& name) {
+void check_textured(const SurfelCloud& cloud, const TextureSet& textures, const std::string& name,
+                    std::size_t first) {
   check_columns_present(cloud, name);
-  check_materials(cloud, textures, name);
+  check_materials(cloud, textures, name, first);
+}
+
+void TextureFitReport::add(const TextureFitReport& more) {
+  if (more.surfels == 0) return;
+  if (surfels == 0) {
+    coefficient_min = more.coefficient_min;
+    coefficient_max = more.coefficient_max;
+  }
+  coefficient_min = coefficient_min.cwiseMin(more.coefficient_min);
+  coefficient_max = coefficient_max.cwiseMax(more.coefficient_max);
+  surfels += more.surfels;
+  without_uv += more.without_uv;
+  without_kernel += more.without_kernel;
+  widened += more.widened;
+  charts = more.charts;
+  std::vector<std::uint32_t> all;
+  std::set_union(too_large.begin(), too_large.end(), more.too_large.begin(), more.too_large.end(),
+                 std::back_inserter(all));
+  too_large = std::move(all);
+  charts_too_large = too_large.size();
+  outside_charts += more.outside_charts;
+  levels = std::max(levels, more.levels);
+  alpha = more.alpha;
+  for (const auto& [stage, milliseconds] : more.times.stages()) times.add(stage, milliseconds);
+}
+
+void request_kernels(SurfelCloud& piece, TextureSet& textures, const TextureFitOptions& options,
+                     const std::string& name, std::size_t first) {
+  require_usable(options);
+  check_textured(piece, textures, name, first);
+  request_ewa(piece, textures, options);
+}
+
+void load_requested(TextureSet& textures) {
+  for (TextureMap& map : textures.maps) map.load();
+  textures.loaded = true;
 }
 
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,

@@ -130,6 +130,8 @@ struct TextureSet {
   /// By material: the surfels' own colours multiply the map's. Empty: none.
   std::vector<bool> multiplied{};
   ColorLight light = ColorLight::kReflectance;  ///< What the colours that surfels get are.
+  /// The maps are loaded for all kernels to come (load_requested()).
+  bool loaded = false;
 
   bool takes_colors(std::size_t material) const {
     return material < multiplied.size() && multiplied[material];
@@ -143,27 +145,41 @@ struct TextureSet {
 };
 
 /// Figures of a fit, and the numbers of unusual surfels.
-struct TextureFitReport {
+struct SURFEL_API TextureFitReport {
   std::size_t surfels = 0;
   std::size_t without_uv = 0;      ///< uv not finite: given the image's mean colour.
   std::size_t without_kernel = 0;  ///< Derivatives or variance unusable: colour at the point.
   std::size_t widened = 0;         ///< Kernels beyond max_aspect.
   std::size_t charts = 0;
   std::size_t charts_too_large = 0;  ///< Not masked: they repeat the image more than four times.
-  std::size_t outside_charts = 0;    ///< Surfels whose uv is on no chart: filtered without one.
-  int levels = 0;                    ///< Largest number of pyramid levels used.
-  bool alpha = false;                ///< The alpha column was written.
+  std::vector<std::uint32_t> too_large{};  ///< Numbers of these charts, ascending.
+  std::size_t outside_charts = 0;        ///< Surfels whose uv is on no chart: filtered without one.
+  int levels = 0;                        ///< Largest number of pyramid levels used.
+  bool alpha = false;                    ///< The alpha column was written.
   std::optional<SystemReport> system{};  ///< Figures of the system of kGram and kRender.
   /// Least and largest coefficients over all surfels, by channel.
   Vec3f coefficient_min{0, 0, 0};
   Vec3f coefficient_max{0, 0, 0};
   StageTimes times;
+
+  /// Adds the figures of a fit of further surfels of the same cloud; kEwa alone.
+  void add(const TextureFitReport& more);
 };
 
 /// Throws Error(kInput) with a message that starts with `name` where a cloud lacks columns that the
 /// kernels of textures need, or has a material without a map.
+/// \param first  number of the first surfel in its file, for messages
 SURFEL_API void check_textured(const SurfelCloud& cloud, const TextureSet& textures,
-                               const std::string& name);
+                               const std::string& name, std::size_t first = 0);
+
+/// For clouds that come piece by piece: announces the kernels of a piece to the maps. Once all are
+/// announced and load_requested() was called, fit_texture() by kEwa gives the surfels of a piece
+/// what it gives them in the whole cloud. Throws as fit_texture() does.
+/// \param first  number of the piece's first surfel in the file, for messages
+SURFEL_API void request_kernels(SurfelCloud& piece, TextureSet& textures,
+                                const TextureFitOptions& options, const std::string& name,
+                                std::size_t first);
+SURFEL_API void load_requested(TextureSet& textures);
 
 /// Writes the coefficients (and, if an image has any, alpha) of the surfels; all other columns stay
 /// as they are. Throws Error(kUsage) where the options are not usable, Error(kInput) with a message
