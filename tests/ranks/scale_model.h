@@ -407,10 +407,12 @@ inline SharedPicture share_picture(const TiledCloud& cloud, const Camera& camera
     picture.flight_bytes = std::max(picture.flight_bytes,
                                     sizes.flight * surfels[to] + sizes.columns * own_surfels[to]);
   }
-  // Subtrees are alike where tiles are; the clusters above them are held by all that refine them.
+  // Subtrees are alike where tiles are. The clusters above them are a third as many, and neighbours
+  // that are dealt to different processes have all of these held by each.
   const double subtrees_each = std::ceil(static_cast<double>(dealing.subtrees) / processes);
   const double each = static_cast<double>(cloud.clusters()) / static_cast<double>(dealing.subtrees);
-  picture.held_bytes = sizes.held * (subtrees_each * each + subtrees_each / 3);
+  picture.held_bytes =
+      sizes.held * (subtrees_each * each + static_cast<double>(dealing.subtrees) / 3);
   picture.gather_seconds =
       sizes.pixel * camera.width * camera.height / machines.bandwidth + machines.latency;
   return picture;

@@ -157,7 +157,7 @@ TEST(SharePicture, TurnsSpreadNearViewsAndRangesDoNot) {
   const TiledCloud cloud{levels.tree, 6};
   constexpr int kProcesses = 64;
   const Dealing dealing = deal(cloud, kProcesses);
-  EXPECT_EQ(dealing.subtrees, 1024U);
+  EXPECT_EQ(dealing.subtrees, cloud.tiles());
   const Camera camera = camera_over(cloud, 2 * cloud.side().maxCoeff(), 640, 1024);
   const TiledCut cut = TiledCutter(cloud, camera, 1, 1.5, dealing).cut();
   const auto imbalance = [&](DealtBy by) {

@@ -74,7 +74,7 @@ struct TreePart {
 /// kSubtreesEach for each, else the finest. \param clusters  of each level, coarsest first.
 /// \return  the level's place in `clusters`.
 SURFEL_API std::size_t dealt_level(std::span<const std::size_t> clusters, int processes);
-inline constexpr std::size_t kSubtreesEach = 16;
+inline constexpr std::size_t kSubtreesEach = 256;
 
 /// The process that the i-th of the subtrees is dealt to. Neighbours along the curve go to
 /// different processes, so that what any camera sees is spread over all.
