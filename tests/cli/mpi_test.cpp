@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -46,6 +47,28 @@ class Mpi : public testing::Test {
     return run(words);
   }
 
+  /// Gives the surfels levels of detail.
+  void make_levels() {
+    const std::string plain = terrain_;
+    terrain_ = folder_ / "levels.ply";
+    const RunResult made = run({tool("surfel-lod"), plain, "-o", terrain_});
+    ASSERT_EQ(made.exit_code, 0) << made.errors;
+  }
+  /// Compares what so many processes make with what one makes.
+  void expect_same_bytes(const std::vector<int>& counts, const Words& options,
+                         const Words& of_processes) {
+    const RunResult alone = run(command(folder_ / "alone.exr", options));
+    ASSERT_EQ(alone.exit_code, 0) << alone.errors;
+    Words more = options;
+    more.insert(more.end(), of_processes.begin(), of_processes.end());
+    for (const int ranks : counts) {
+      const RunResult together = run_ranks(ranks, command(folder_ / "together.exr", more));
+      ASSERT_EQ(together.exit_code, 0) << together.errors;
+      EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"))
+          << ranks << " ranks " << fmt::format("{}", fmt::join(more, " "));
+    }
+  }
+
   TemporaryFolder folder_;
   std::string terrain_ = folder_ / "terrain.ply";
 };
@@ -84,6 +107,86 @@ TEST_F(Mpi, ProcessorsMayDiffer) {
   const RunResult together = run(words);
   ASSERT_EQ(together.exit_code, 0) << together.errors;
   EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
+}
+
+TEST_F(Mpi, RowsOfLevelsOfDetailHaveTheSameBytes) {
+  make_levels();
+  expect_same_bytes({3}, {"--zoom", "3"}, {"--share", "rows"});
+  expect_same_bytes({2}, {"--lod-error", "8"}, {});
+}
+
+TEST_F(Mpi, SharedSurfelsHaveTheSameBytes) {
+  make_levels();
+  expect_same_bytes({1, 2, 3, 4}, {}, {"--share", "surfels"});
+  expect_same_bytes({3}, {"--shading", "phong", "--relief", "occlusion", "--lod-error", "4"},
+                    {"--share", "surfels"});
+  expect_same_bytes({2}, {"--zoom", "4", "--progressive", "2"}, {"--share", "surfels"});
+}
+
+TEST_F(Mpi, SharedSurfelsAreReported) {
+  make_levels();
+  const std::string report = folder_ / "stats.json";
+  const RunResult made = run_ranks(
+      2, command(folder_ / "a.exr", {"--share", "surfels", "--stats", report, "--turntable", "1"}));
+  ASSERT_EQ(made.exit_code, 0) << made.errors;
+  EXPECT_NE(read_text(report).find("\"sent_bytes\""), std::string::npos);
+  EXPECT_NE(read_text(report).find("\"shared\": true"), std::string::npos);
+}
+
+TEST_F(Mpi, ProcessorsThatShareSurfelsMayDiffer) {
+  make_levels();
+  ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
+  Words words = mpirun();
+  const Words parts = command(folder_ / "together.exr", {"--share", "surfels"});
+  for (const char* instructions : {"sse4", "scalar", "avx2"}) {
+    words.insert(words.end(),
+                 {"-n", "1", "-x", fmt::format("SURFEL_INSTRUCTIONS={}", instructions)});
+    words.insert(words.end(), parts.begin(), parts.end());
+    words.emplace_back(":");
+  }
+  words.pop_back();
+  const RunResult together = run(words);
+  ASSERT_EQ(together.exit_code, 0) << together.errors;
+  EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
+}
+
+TEST_F(Mpi, SharedFilesThatAreCutShortAreRefused) {
+  make_levels();
+  const std::string bytes = read_text(terrain_);
+  write_text(terrain_, bytes.substr(0, bytes.size() - 5000));
+  write_text(folder_ / "old.exr", "old");
+  const RunResult failed = run_ranks(2, command(folder_ / "old.exr", {"--share", "surfels"}));
+  EXPECT_EQ(failed.exit_code, 1) << failed.errors;
+  EXPECT_NE(failed.errors.find("levels.ply"), std::string::npos) << failed.errors;
+  EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
+}
+
+TEST_F(Mpi, AProcessThatIsKilledEndsTheSharing) {
+  make_levels();
+  write_text(folder_ / "old.exr", "old");
+  Words words = mpirun();
+  words.insert(words.end(), {"-n", "2"});
+  for (const std::string& word : command(folder_ / "old.exr", {"--share", "surfels"})) {
+    words.push_back(word);
+  }
+  words.insert(words.end(), {":", "-n", "1", "sh", "-c", "kill -9 $$"});
+  const RunResult failed = run(words);
+  EXPECT_NE(failed.exit_code, 0);
+  EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
+}
+
+TEST_F(Mpi, WhatCannotBeSharedIsRefused) {
+  const RunResult plain = run_ranks(2, command(folder_ / "a.exr", {"--share", "surfels"}));
+  EXPECT_EQ(plain.exit_code, 1) << plain.errors;
+  EXPECT_NE(plain.errors.find("surfel-lod"), std::string::npos) << plain.errors;
+  make_levels();
+  const RunResult alone = run(command(folder_ / "a.exr", {"--share", "rows"}));
+  EXPECT_EQ(alone.exit_code, 2) << alone.errors;
+  EXPECT_NE(alone.errors.find("mpirun"), std::string::npos) << alone.errors;
+  const RunResult finest =
+      run_ranks(2, command(folder_ / "a.exr", {"--share", "surfels", "--lod", "off"}));
+  EXPECT_EQ(finest.exit_code, 2) << finest.errors;
+  EXPECT_FALSE(fs::exists(folder_ / "a.exr"));
 }
 
 TEST_F(Mpi, FilmsAndReportsAreWrittenOnce) {

@@ -8,6 +8,7 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
+#include <surfel/ranks/shared_renderer.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/lens_picture.h>
 #include <surfel/truth/reference.h>
@@ -44,7 +45,7 @@ Paint paint_bounded(std::shared_ptr<Renderer> renderer, const std::string& name)
 
 /// The renderer of surfels that the settings choose, with these options.
 Paint surfel_painter(const Settings& s, const RenderOptions& options, const LoadedCloud& loaded,
-                     const Scene& scene) {
+                     const Scene& scene, Peers* peers) {
   const RenderCloud& surfels = loaded.surfels();
   if (s.reference) {
     return paint_bounded(std::make_shared<ReferenceRenderer>(surfels, scene, options, s.rays),
@@ -54,28 +55,18 @@ Paint surfel_painter(const Settings& s, const RenderOptions& options, const Load
     return paint_bounded(std::make_shared<SourceEwaRenderer>(surfels, scene, options),
                          tool::shown_name(s.inputs.front()));
   }
+  if (loaded.part()) {
+    const auto shared = std::make_shared<SharedRenderer>(loaded, *peers, scene, options);
+    return [shared](const Camera& camera, FrameStatistics& statistics,
+                    const std::function<void(double)>&) {
+      return shared->render(camera, &statistics);
+    };
+  }
   const auto renderer = std::make_shared<Renderer>(loaded.store(), scene, options);
   return [renderer](const Camera& camera, FrameStatistics& statistics,
                     const std::function<void(double)>&) {
     return renderer->render(camera, &statistics);
   };
-}
-
-/// Adds what is counted of one picture to the numbers of several.
-void add_up(const FrameStatistics& one, FrameStatistics& all) {
-  all.milliseconds += one.milliseconds;
-  all.clusters += one.clusters;
-  all.splats += one.splats;
-  all.exact_splats += one.exact_splats;
-  all.thinned_splats += one.thinned_splats;
-  all.geometry_passes = std::max(all.geometry_passes, one.geometry_passes);
-  all.fragments += one.fragments;
-  all.merged += one.merged;
-  all.late_weight_share = std::max(all.late_weight_share, one.late_weight_share);
-  all.groups = one.groups;
-  all.culled += one.culled;
-  all.peeled_layers = std::max(all.peeled_layers, one.peeled_layers);
-  all.unpeeled_pixels += one.unpeeled_pixels;
 }
 
 }  // namespace
@@ -92,14 +83,15 @@ Scene load_scene(tool::Tool& tool, const Settings& s) {
   return scene;
 }
 
-std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene) {
+std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene,
+                                Peers* peers) {
   std::vector<Paint> steps;
   for (int step = s.progressive - 1; step > 0; --step) {
     RenderOptions coarse = s.render;
     coarse.lod_error = std::min(1000.0, std::ldexp(s.render.lod_pixels(), step));
-    steps.push_back(surfel_painter(s, coarse, surfels, scene));
+    steps.push_back(surfel_painter(s, coarse, surfels, scene, peers));
   }
-  steps.push_back(surfel_painter(s, s.render, surfels, scene));
+  steps.push_back(surfel_painter(s, s.render, surfels, scene, peers));
   return steps;
 }
 
@@ -117,7 +109,7 @@ Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene&
   const auto draw = [&](const Camera& camera) {
     FrameStatistics one;
     Image image = paint(camera, one, progress);
-    add_up(one, statistics);
+    statistics.add(one);
     return image;
   };
   const std::array<float, 4>& color = s.render.background;

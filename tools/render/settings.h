@@ -15,6 +15,7 @@
 #include <surfel/scene/camera_path.h>
 #include <surfel/scene/framing.h>
 #include <surfel/sp06/methods.h>
+#include <surfel/store/cloud_loader.h>
 #include <surfel/texture/texture_source.h>
 #include <surfel/truth/reference.h>
 
@@ -79,6 +80,7 @@ struct Settings {
   bool reference = false;
   ReferenceOptions rays;
   std::optional<std::uint64_t> memory;
+  LevelShare share = LevelShare::kAuto;  ///< Of processes that mpirun has started.
   std::string mesh;
   TextureSourceOptions texture;
   tool::NormalMapSettings normals;

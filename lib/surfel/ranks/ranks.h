@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/peers.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>
 
@@ -18,25 +19,19 @@ namespace surfel {
 struct StartedRank {
   int rank = 0;
   int count = 1;
+  bool by_mpirun = false;  ///< mpirun has started this process, though maybe no other.
 };
 SURFEL_API StartedRank started_rank();
 
 /// The processes that run together, one of which this is. All of them call the functions below in
 /// the same order.
-class SURFEL_API Ranks {
+class SURFEL_API Ranks : public Peers {
  public:
   /// Joins the processes that were started with this one; null for a process alone. Throws
   /// Error(kIo) where the plug-in of MPI is not there, and Error(kUsage) where MPI joins fewer
   /// processes than were started, as happens by the mpirun of another MPI than the plug-in's.
   static std::unique_ptr<Ranks> join();
 
-  virtual ~Ranks() = default;
-  Ranks() = default;
-  Ranks(const Ranks&) = delete;
-  Ranks& operator=(const Ranks&) = delete;
-
-  virtual int rank() const = 0;
-  virtual int count() const = 0;
   /// The values of all processes, by rank.
   virtual std::vector<double> all(double value) = 0;
   /// Completes the picture of rank 0 by the rows of the other processes.

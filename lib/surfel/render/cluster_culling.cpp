@@ -117,37 +117,38 @@ std::vector<VisibleCluster> ClusterCulling::cull(const Camera& camera, const Ban
     });
     for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
   }
-  std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
-    return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
-  });
+  std::sort(all.begin(), all.end(), drawn_before);
   return all;
 }
 
-double ClusterCulling::mean_share(std::span<const VisibleCluster> clusters) const {
+double ClusterCulling::share(const VisibleCluster& visible) const {
+  const Cluster& cluster = cloud_.clusters()[visible.index];
+  // The square around the sphere, as if it were as far away as its nearest point.
+  const Vec3f p = center_in_camera(cluster);
+  const float radius = cluster.radius + disc_radius(cluster);
+  const float z = view_.orthographic ? 1.0F : p.z() - radius;
+  if (!(z > 0)) return 1;
+  const auto length = [&](int axis, float focal, float center, float first, float last) {
+    const float at = center + focal * p[axis] / (view_.orthographic ? 1.0F : p.z());
+    const float reach = focal * radius / z;
+    return std::max(0.0F, std::min(last, at + reach) - std::max(first, at - reach));
+  };
+  const float y0 = view_.clip_y0;
+  const float y1 = view_.clip_y1;
+  return length(0, view_.focal_x, view_.center_x, 0, view_.clip_x1) / view_.clip_x1 *
+         length(1, view_.focal_y, view_.center_y, y0, y1) / (y1 - y0);
+}
+
+double mean_of_sample(std::size_t count, FunctionRef<double(std::size_t)> value) {
   constexpr std::size_t kSample = 64;
-  const std::size_t sample = std::min(kSample, clusters.size());
+  const std::size_t sample = std::min(kSample, count);
   double sum = 0;
-  for (std::size_t i = 0; i < sample; ++i) {
-    const Cluster& cluster = cloud_.clusters()[clusters[i * clusters.size() / sample].index];
-    // The square around the sphere, as if it were as far away as its nearest point.
-    const Vec3f p = center_in_camera(cluster);
-    const float radius = cluster.radius + disc_radius(cluster);
-    const float z = view_.orthographic ? 1.0F : p.z() - radius;
-    if (!(z > 0)) {
-      sum += 1;
-      continue;
-    }
-    const auto length = [&](int axis, float focal, float center, float first, float last) {
-      const float at = center + focal * p[axis] / (view_.orthographic ? 1.0F : p.z());
-      const float reach = focal * radius / z;
-      return std::max(0.0F, std::min(last, at + reach) - std::max(first, at - reach));
-    };
-    const float y0 = view_.clip_y0;
-    const float y1 = view_.clip_y1;
-    sum += length(0, view_.focal_x, view_.center_x, 0, view_.clip_x1) / view_.clip_x1 *
-           length(1, view_.focal_y, view_.center_y, y0, y1) / (y1 - y0);
-  }
+  for (std::size_t i = 0; i < sample; ++i) sum += value(i * count / sample);
   return sample == 0 ? 0 : sum / static_cast<double>(sample);
+}
+
+double ClusterCulling::mean_share(std::span<const VisibleCluster> clusters) const {
+  return mean_of_sample(clusters.size(), [&](std::size_t i) { return share(clusters[i]); });
 }
 
 Vec3f ClusterCulling::center_in_camera(const Cluster& cluster) const {

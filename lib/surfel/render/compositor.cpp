@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/compositor.h>
 #include <surfel/render/tile_raster.h>
@@ -39,6 +41,27 @@ class ABufferMethod final : public CompositingMethod {
 };
 
 }  // namespace
+
+void FrameStatistics::add(const FrameStatistics& other) {
+  milliseconds += other.milliseconds;
+  for (const auto& [stage, time] : other.stages.stages()) stages.add(stage, time);
+  clusters += other.clusters;
+  splats += other.splats;
+  exact_splats += other.exact_splats;
+  thinned_splats += other.thinned_splats;
+  geometry_passes = std::max(geometry_passes, other.geometry_passes);
+  fragments += other.fragments;
+  merged += other.merged;
+  late_weight_share = std::max(late_weight_share, other.late_weight_share);
+  groups = other.groups;
+  culled += other.culled;
+  peeled_layers = std::max(peeled_layers, other.peeled_layers);
+  unpeeled_pixels += other.unpeeled_pixels;
+  sent_bytes += other.sent_bytes;
+  most_received_bytes += other.most_received_bytes;
+  most_held_clusters = std::max(most_held_clusters, other.most_held_clusters);
+  exchanges += other.exchanges;
+}
 
 Fragment Compositor::Worker::behind(int /*pixel*/) const { return {}; }
 

@@ -51,6 +51,13 @@ class SURFEL_API Renderer {
   /// surface). Throws Error(kUsage) for a camera that is not usable.
   Image render(const Camera& camera, FrameStatistics* statistics = nullptr);
 
+  /// The rules of the (first) list that surfels become splats by: with them ClusterCulling finds
+  /// the clusters that a picture shows.
+  const SplatListOptions& list_options() const;
+  /// Rows that are looked at to draw the camera's rows: all clusters that reach into them are
+  /// needed.
+  RowRange rows_seen(const Camera& camera) const;
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -115,7 +115,7 @@ SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const Rende
   }
   materials_fade_ = std::any_of(scene.materials.begin(), scene.materials.end(),
                                 [](const Material& m) { return m.opacity != 1; });
-  if (!cloud.tree().empty()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
+  if (cloud.has_levels()) covering_ = covering_variance(options.lod_pixels(), lists.lowpass);
 }
 
 /// The factor on a surfel's standard deviations that gives its disc the radius that its group asks

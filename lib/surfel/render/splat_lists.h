@@ -38,6 +38,7 @@ class SplatLists {
   SplatLists(const RenderCloud& cloud, const Scene& scene, const RenderOptions& options,
              const ABufferLayout& layout, const SplatListOptions& lists);
 
+  const SplatListOptions& options() const { return lists_; }
   /// Begins a band: the clusters that reach into it, nearest first, ties by index.
   std::vector<VisibleCluster> cull(const Camera& camera, const Band& band) {
     return culling_.cull(camera, band);

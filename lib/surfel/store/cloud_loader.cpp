@@ -41,16 +41,11 @@ const RecordTable* binary_records(PlyFile& ply) {
 
 /// Surfels [first, second) of the coarsest level of detail that has as many as a sample holds, or
 /// else of the finest.
-std::pair<std::size_t, std::size_t> sampled_level(const ClusterTree& tree) {
-  std::size_t begin = 0;
-  for (std::size_t c = 0; c < tree.size(); ++c) {
-    const bool level_ends = c + 1 == tree.size() || tree[c + 1].level != tree[c].level;
-    if (!level_ends) continue;
-    const std::size_t end = tree[c].end;
-    if (end - begin >= SurfaceSampler::kPoints || c + 1 == tree.size()) return {begin, end};
-    begin = end;
-  }
-  return {0, 0};
+std::pair<std::size_t, std::size_t> sampled_level(std::span<const TreeLevel> levels) {
+  const auto enough = std::find_if(levels.begin(), levels.end() - 1, [](const TreeLevel& level) {
+    return level.end_surfel - level.first_surfel >= SurfaceSampler::kPoints;
+  });
+  return {enough->first_surfel, enough->end_surfel};
 }
 
 /// Throws if a cloud has surfels, but none that can be drawn.
@@ -67,11 +62,13 @@ void require_drawable(const RenderCloud& surfels, const std::string& name) {
 
 struct LoadedCloud::Impl {
   CloudLoadOptions options;
-  // Each of the next five members may refer to the ones before it.
+  // Each of the next seven members may refer to the ones before it.
   std::optional<PlyFile> ply;
   std::unique_ptr<RecordSource> records;
   std::unique_ptr<SurfelSource> wrapped;  ///< Null: the records themselves.
-  ClusterTree tree;
+  ClusterTree tree;               ///< Whole; empty where there are no levels, or but a part.
+  std::optional<TreePart> part;   ///< Where peers share the levels.
+  std::vector<TreeLevel> levels;  ///< Of the tree, or of that of which there is a part.
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
@@ -86,13 +83,15 @@ struct LoadedCloud::Impl {
   void load_cloud(const SurfelCloud& cloud, const std::string& name);
   bool open_records();
   std::size_t wanted() const;
-  std::size_t batch(std::uint64_t memory) const;
+  std::uint64_t memory_bytes() const;
+  static std::size_t batch(std::uint64_t memory, std::uint64_t index);
   std::uint64_t index_bytes() const;
   const char* why_in_memory() const;
   SurfelSource& source() const { return wrapped ? *wrapped : *records; }
   void make_stream(std::uint64_t memory);
   void take_header(const SurfelCloud& header, const SurfelSource& from);
-  void wrap(SurfelSource& inner, const ClusterTree& levels);
+  void wrap(SurfelSource& inner);
+  bool shares(std::size_t clusters, std::size_t rows) const;
   void sample_resident();
 };
 
@@ -101,7 +100,7 @@ const char* LoadedCloud::Impl::why_in_memory() const {
   if (!options.may_stream || options.columns.groups) {
     return "what is asked for wants all of them at once; raise it, or use `method` abuffer";
   }
-  if (tree.empty() && source().attributes().source && !options.columns.copies) {
+  if (levels.empty() && source().attributes().source && !options.columns.copies) {
     return "copies of splats are found among all of them at once; raise it, or render the surfels "
            "as they were before surfel-group";
   }
@@ -113,31 +112,67 @@ bool LoadedCloud::Impl::open_records() {
   const RecordTable* table = binary_records(*ply);
   if (!table) return false;
   if (!ply->header().find(kTreeElement)) {
+    if (options.peers && options.share == LevelShare::kPart) {
+      throw_input(ply->name(),
+                  "has no levels of detail, which `share` surfels divides; run "
+                  "surfel-lod on it, or share rows");
+    }
     records = std::make_unique<RecordSource>(*table, ply->name());
     return true;
   }
-  TreeRecords levels = tree_from_records(ply->scalars(kTreeElement), table->count, ply->name());
-  records = std::make_unique<RecordSource>(*table, ply->name(), levels.reach.front());
-  tree = recentered_tree(std::move(levels), records->origin());
+  const RecordTable& clusters = ply->scalars(kTreeElement);
+  if (shares(clusters.count, table->count)) {
+    TreePartRecords mine = tree_part_from_records(clusters, table->count, ply->name(),
+                                                  options.peers->rank(), options.peers->count());
+    records = std::make_unique<RecordSource>(*table, ply->name(), mine.records.reach.front());
+    part = std::move(mine.part);
+    part->tree = recentered_tree(std::move(mine.records), records->origin());
+    levels = part->levels;
+    return true;
+  }
+  TreeRecords all = tree_from_records(clusters, table->count, ply->name());
+  records = std::make_unique<RecordSource>(*table, ply->name(), all.reach.front());
+  tree = recentered_tree(std::move(all), records->origin());
+  levels = levels_of(tree);
   return true;
+}
+
+/// Does this process hold a part of a tree of so many clusters, over so many rows of surfels? All peers decide alike.
+bool LoadedCloud::Impl::shares(std::size_t clusters, std::size_t rows) const {
+  const bool possible =
+      options.peers && options.columns.levels && options.may_stream && !options.columns.groups;
+  if (!possible || options.share == LevelShare::kWhole) return false;
+  if (options.share == LevelShare::kPart) return true;
+  const std::uint64_t memory = memory_bytes();
+  const bool fits = rows <= memory / kSurfelBytes ||
+                    batch(memory, clusters * kStreamedClusterBytes) >= kLeastBatch;
+  const int small = fits ? 0 : 1;
+  return greatest_of(options.peers, small) > 0;
 }
 
 /// Number of surfels of the levels that are asked for.
 std::size_t LoadedCloud::Impl::wanted() const {
-  if (tree.empty() || options.columns.levels) return source().size();
-  return source().size() - tree[first_leaf(tree)].begin;
+  if (levels.empty() || options.columns.levels) return source().size();
+  return source().size() - levels.back().first_surfel;
 }
 
 /// Bytes that a stream's clusters take.
 std::uint64_t LoadedCloud::Impl::index_bytes() const {
-  const std::size_t clusters =
-      tree.empty() ? source().size() / RenderCloud::kClusterSize : tree.size();
+  const std::size_t clusters = part             ? part->tree.size()
+                               : levels.empty() ? source().size() / RenderCloud::kClusterSize
+                                                : tree.size();
   return clusters * kStreamedClusterBytes;
 }
 
-/// Surfels that a stream may have in memory at a time: a power of two.
-std::size_t LoadedCloud::Impl::batch(std::uint64_t memory) const {
-  const std::uint64_t left = memory > index_bytes() ? memory - index_bytes() : 0;
+/// Bytes that the surfels and their pictures may take.
+std::uint64_t LoadedCloud::Impl::memory_bytes() const {
+  return options.memory.value_or(available_memory_bytes() / 4 * 3);
+}
+
+/// Surfels that a stream may have in memory at a time, beside the index of its clusters: a power of
+/// two.
+std::size_t LoadedCloud::Impl::batch(std::uint64_t memory, std::uint64_t index) {
+  const std::uint64_t left = memory > index ? memory - index : 0;
   return std::bit_floor((left - left / kPicturePart) / kFlightBytes);
 }
 
@@ -149,19 +184,20 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   SurfelCloud header;
   read_comments(ply->header().comments, ply->name(), header);
   take_header(header, *records);
-  has_levels = !tree.empty();
+  has_levels = !levels.empty();
   if (options.sample && has_levels) {
-    const auto [begin, end] = sampled_level(tree);
+    const auto [begin, end] = sampled_level(levels);
     sample = CloudStream::sample(source(), begin, end);
   }
-  wrap(*records, tree);
+  wrap(*records);
   const std::uint64_t available = available_memory_bytes();
-  const std::uint64_t memory = options.memory.value_or(available / 4 * 3);
+  const std::uint64_t memory = memory_bytes();
   const char* why = why_in_memory();
   const bool fits = wanted() <= memory / kSurfelBytes;
   // Levels of detail stay in the file even if they fit, because a picture needs few of them.
-  const bool few = has_levels && options.columns.levels && batch(memory) >= kLeastBatch;
-  if (!why && (few || !fits)) make_stream(memory);
+  const bool few =
+      has_levels && options.columns.levels && batch(memory, index_bytes()) >= kLeastBatch;
+  if (!why && (few || !fits || part)) make_stream(memory);
   if (stream) {
     if (options.sample && !has_levels) sample = CloudStream::sample(source(), 0, source().size());
     return true;
@@ -187,7 +223,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
 }
 
 void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
-  const std::size_t flight = batch(memory);
+  const std::size_t flight = batch(memory, index_bytes());
   if (flight < kLeastBatch) {
     const std::uint64_t streamed =
         index_bytes() + kLeastBatch * kFlightBytes * kPicturePart / (kPicturePart - 1);
@@ -198,7 +234,12 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
                             wanted(), memory >> 20, (least >> 20) + 1));
   }
   const std::uint64_t picture = (memory - index_bytes()) / kPicturePart;
-  if (has_levels) {
+  if (part) {
+    // As much again is for what the peers send.
+    const std::size_t half = std::max<std::size_t>(RenderCloud::kClusterSize, flight / 2);
+    stream = CloudStream::make(source(), *part, *options.peers,
+                               {.batch = half, .picture_bytes = picture}, ply->name());
+  } else if (has_levels) {
     stream = CloudStream::make(source(), tree, options.columns.levels,
                                {.batch = flight, .picture_bytes = picture}, ply->name());
   } else {
@@ -220,7 +261,7 @@ void LoadedCloud::Impl::take_header(const SurfelCloud& header, const SurfelSourc
 }
 
 /// Lets the caller put another source in place of one.
-void LoadedCloud::Impl::wrap(SurfelSource& inner, const ClusterTree& levels) {
+void LoadedCloud::Impl::wrap(SurfelSource& inner) {
   if (!options.wrap) return;
   const auto take_sample = [&] {
     const auto [begin, end] =
@@ -228,7 +269,7 @@ void LoadedCloud::Impl::wrap(SurfelSource& inner, const ClusterTree& levels) {
     return CloudStream::sample(inner, begin, end);
   };
   wrapped = options.wrap({.source = inner,
-                          .first_finest = levels.empty() ? 0 : levels[first_leaf(levels)].begin,
+                          .first_finest = levels.empty() ? 0 : levels.back().first_surfel,
                           .viewpoint = viewpoint,
                           .up = up,
                           .sample = take_sample});
@@ -249,10 +290,14 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
   }
-  has_levels = !cloud.tree.empty();
+  if (options.peers && options.share == LevelShare::kPart) {
+    throw_input(name, "`share` surfels needs levels of detail in binary PLY; run surfel-lod on it");
+  }
+  levels = levels_of(cloud.tree);
+  has_levels = !levels.empty();
   CloudSource all(cloud, name);
   take_header(cloud, all);
-  wrap(all, cloud.tree);
+  wrap(all);
   SurfelSource& drawn = wrapped ? *wrapped : all;
   if (has_levels) {
     surfels.emplace(drawn, cloud.tree, options.columns, name);
@@ -262,7 +307,7 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
   wrapped.reset();
   if (!has_levels) return sample_resident();
   if (!options.sample) return;
-  const auto [begin, end] = sampled_level(cloud.tree);
+  const auto [begin, end] = sampled_level(levels);
   sample = CloudStream::sample(all, begin, end);
 }
 
@@ -310,5 +355,6 @@ const std::optional<Vec3d>& LoadedCloud::up() const { return impl_->up; }
 ColorLight LoadedCloud::color_light() const { return impl_->color_light; }
 const SurfaceSample& LoadedCloud::sample() const { return impl_->sample; }
 bool LoadedCloud::has_levels() const { return impl_->has_levels; }
+const TreePart* LoadedCloud::part() const { return impl_->part ? &*impl_->part : nullptr; }
 
 }  // namespace surfel

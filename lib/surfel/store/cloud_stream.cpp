@@ -62,8 +62,24 @@ std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const Clust
   const std::size_t skipped = source.size() - cloud.size_;
   for (const Cluster& cluster : cloud.clusters_) stream->surfel_.push_back(skipped + cluster.begin);
   stream->attributes_ = source.attributes();
-  stream->attributes_.alpha =
-      stream->attributes_.alpha && stream->finest_transparent(skipped + cloud.first_finest_);
+  stream->attributes_.alpha = stream->attributes_.alpha && stream->finest_transparent(tree);
+  stream->allocate();
+  return stream;
+}
+
+std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const TreePart& part,
+                                               Peers& peers, const CloudStreamOptions& options,
+                                               const std::string& name) {
+  std::unique_ptr<CloudStream> stream(new CloudStream(source, options, name));
+  stream->from_tree_ = true;
+  stream->cloud_.origin_ = source.origin();
+  stream->cloud_.take_part(part, peers);
+  for (const Cluster& cluster : stream->cloud_.clusters_) stream->surfel_.push_back(cluster.begin);
+  stream->attributes_ = source.attributes();
+  if (stream->attributes_.alpha) {
+    const int here = stream->finest_transparent(part.tree) ? 1 : 0;
+    stream->attributes_.alpha = greatest_of(&peers, here) > 0;
+  }
   stream->allocate();
   return stream;
 }
@@ -133,16 +149,23 @@ const RenderCloud& CloudStream::read(std::size_t begin, std::size_t end, RenderC
   return rows;
 }
 
-/// Is the alpha of some surfel from `first` on below 1?
-bool CloudStream::finest_transparent(std::size_t first) const {
+/// Is the alpha of some surfel of the finest level below 1?
+bool CloudStream::finest_transparent(const ClusterTree& tree) const {
+  const auto leaves = std::span(tree).subspan(first_leaf(tree));
   PerWorker<RenderCloud> workers;
   std::atomic<bool> found = false;
-  parallel_for(source_.size() - first, RenderCloud::kBlock,
-               [&](std::size_t begin, std::size_t end, int w) {
-                 if (found) return;
-                 const RenderCloud& rows = read(first + begin, first + end, workers[w]);
-                 if (rows.totals(0, end - begin).transparent) found = true;
-               });
+  parallel_for(leaves.size(), kRunLength, [&](std::size_t begin, std::size_t end, int w) {
+    // Clusters of a part of a tree need not follow one another in the file.
+    while (begin < end && !found) {
+      std::size_t last = begin + 1;
+      while (last < end && leaves[last].begin == leaves[last - 1].end) ++last;
+      const std::size_t first = leaves[begin].begin;
+      const std::size_t count = leaves[last - 1].end - first;
+      const RenderCloud& rows = read(first, first + count, workers[w]);
+      if (rows.totals(0, count).transparent) found = true;
+      begin = last;
+    }
+  });
   return found;
 }
 

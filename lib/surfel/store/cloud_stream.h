@@ -45,6 +45,12 @@ class SURFEL_API CloudStream final : public ClusterStore {
                                            bool levels, const CloudStreamOptions& options,
                                            const std::string& name);
 
+  /// Streams a part of the levels of a source, whose other parts the peers stream; all of them call
+  /// it together. The cloud tells size and extent of the whole, for which all ask together.
+  static std::unique_ptr<CloudStream> make(SurfelSource& source, const TreePart& part, Peers& peers,
+                                           const CloudStreamOptions& options,
+                                           const std::string& name);
+
   /// A sample of surfels [begin, end) of a source, which reads them once.
   static SurfaceSample sample(const SurfelSource& source, std::size_t begin, std::size_t end);
   /// Do the surfels have one colour? Some thousand are looked at, spread evenly; true where there
@@ -77,7 +83,7 @@ class SURFEL_API CloudStream final : public ClusterStore {
   CloudStream(SurfelSource& source, const CloudStreamOptions& options, const std::string& name);
   const RenderCloud& read(std::size_t begin, std::size_t end, RenderCloud& rows) const;
   bool make_index();
-  bool finest_transparent(std::size_t first) const;
+  bool finest_transparent(const ClusterTree& tree) const;
   void allocate();
   void drop_unusable(RenderCloud& rows, std::size_t begin, std::size_t& end,
                      UnusableSurfels& dropped) const;
