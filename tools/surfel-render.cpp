@@ -36,6 +36,7 @@
 #include "tools/render/surfels.h"
 #include "tools/render/views.h"
 #include "tools/support/movie.h"
+#include "tools/support/run_ranks.h"
 #include "tools/support/tool.h"
 
 using namespace surfel::render_tool;
@@ -313,12 +314,9 @@ int main(int argc, char** argv) {
   tool.files().writes("--keep", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"y_down", "--normal-y"}});
   std::vector<char*> words = with_output(argc, argv);
-  if (surfel::started_rank().rank > 0) tool.follow();
-  std::unique_ptr<surfel::Ranks> ranks;
-  const int code = tool.run(static_cast<int>(words.size()), words.data(), [&] {
+  const auto body = [&](surfel::Ranks* ranks) {
     settle(tool.app(), s);
-    if (surfel::started_rank().count > 1) check_ranks(tool, s);
-    ranks = surfel::Ranks::join();
+    if (ranks) check_ranks(tool, s);
     const bool leads = !ranks || ranks->rank() == 0;
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
@@ -342,7 +340,7 @@ int main(int argc, char** argv) {
     if (s.map) tool.files().write_also("the world file", surfel::world_file_name(s.output));
     Subject subject;
     const bool gaussians = draws_gaussians(tool.app(), s);
-    load(tool, s, scene, asked, gaussians, ranks.get(), subject);
+    load(tool, s, scene, asked, gaussians, ranks, subject);
     if (subject.loaded && !subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
       choose_light(tool, s, *subject.loaded, named || subject.legend);
@@ -352,9 +350,8 @@ int main(int argc, char** argv) {
     const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
                                      : subject.mesh
                                          ? std::vector{subject.mesh->paint()}
-                                         : surfel_steps(s, *subject.loaded, scene, ranks.get());
-    std::vector<std::string> files =
-        draw(tool, s, subject, scene, steps, views, shots, ranks.get());
+                                         : surfel_steps(s, *subject.loaded, scene, ranks);
+    std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots, ranks);
     if (!leads) return;
     if (movie) {
       movie->join();
@@ -363,8 +360,6 @@ int main(int argc, char** argv) {
     const surfel::Camera& first = views[shots.front().number].camera;
     if (s.map) write_world_file(tool, s, first);
     tell(tool, s, first, shots.size(), files);
-  });
-  // The other processes wait for this one.
-  if (code != surfel::tool::kDone && ranks) ranks->abort(code);
-  return code;
+  };
+  return surfel::tool::run_ranks(tool, static_cast<int>(words.size()), words.data(), body);
 }

@@ -6,11 +6,10 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/scratch_file.h>
-#include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/file_kind.h>
+#include <surfel/io/row_file.h>
 #include <surfel/io/spooled_writer.h>
-#include <surfel/scene/cloud_rows.h>
 
 namespace surfel {
 namespace {
@@ -48,11 +47,12 @@ SpooledWriter::~SpooledWriter() = default;
 void SpooledWriter::append(const SurfelCloud& piece) {
   Impl& w = *impl_;
   piece.check_columns(w.path);
+  if (piece.size() == 0) return;
   const CloudRecords records(piece, {});
   if (w.columns.empty()) {
     w.columns = records.columns();
     w.stride = records.stride();
-    w.like = cloud_of_rows(piece, 0);
+    w.like = piece.gathered({0});
   }
   const bool same =
       std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
@@ -76,15 +76,16 @@ std::size_t SpooledWriter::surfels() const { return impl_->count; }
 
 void SpooledWriter::commit() {
   Impl& w = *impl_;
-  CloudWriter writer(w.path, w.count, {.no_clobber = w.no_clobber});
+  RowFile file(w.path, {.no_clobber = w.no_clobber});
+  file.begin(w.like, w.count);
   Array<std::byte> bytes;
   for (std::size_t first = 0; first < w.count; first += kSpooledRows) {
     const std::size_t count = std::min(kSpooledRows, w.count - first);
     bytes.resize(count * w.stride);
     w.scratch.read_at(first * w.stride, bytes.data(), bytes.size());
-    writer.append_records(w.like, bytes.data(), count);
+    file.put_records(bytes.data(), count, first);
   }
-  writer.commit();
+  file.commit();
 }
 
 }  // namespace surfel
