@@ -47,12 +47,15 @@ SpooledWriter::~SpooledWriter() = default;
 
 void SpooledWriter::append(const SurfelCloud& piece) {
   Impl& w = *impl_;
+  if (piece.empty()) return;
   piece.check_columns(w.path);
   const CloudRecords records(piece, {});
   if (w.columns.empty()) {
     w.columns = records.columns();
     w.stride = records.stride();
-    w.like = cloud_of_rows(piece, 0);
+    // A cloud without surfels would have no columns.
+    w.like = cloud_of_rows(piece, 1);
+    copy_rows(piece, 0, 1, w.like, 0);
   }
   const bool same =
       std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
