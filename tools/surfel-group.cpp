@@ -1,5 +1,6 @@
 // surfel-group: groups in which no two surfels overlap.
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -345,29 +346,36 @@ void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
   tool.wrote(s.output, grouped_surfels(ranges.size(), r));
 }
 
-/// Bytes that splats take while all of them are divided at once, or, for more than
-/// surfel::kMostGroupedAtOnce splats, block by block in memory.
-std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first,
-                              const Settings& s) {
+/// Are many splats divided block by block?
+bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
+
+/// Bytes that splats take while all of them are divided at once ...
+std::uint64_t at_once(std::size_t surfels, const surfel::SurfelCloud& first, const Settings& s) {
   // The graph has some 20 ends of edges a splat; coverage some 30 corners of its cell.
   constexpr std::size_t kGraph = 350;
   constexpr std::size_t kCells = 500;
-  const std::size_t row = surfel::row_bytes(first);
   const std::size_t grouped = s.cover ? kGraph + kCells : kGraph;
-  if (surfels > surfel::kMostGroupedAtOnce && s.grouping.groups == 0 && !s.cover) {
-    constexpr std::size_t kOrder = 8 + 2 * sizeof(std::uint64_t);
-    return surfels * (row + kOrder) + surfel::group_block_bytes(surfels, row);
-  }
-  return surfels * (row + grouped);
+  return std::uint64_t{surfels} * (surfel::row_bytes(first) + grouped);
+}
+/// ... and block by block in memory.
+std::uint64_t by_blocks(std::size_t surfels, const surfel::SurfelCloud& first) {
+  constexpr std::size_t kOrder = 2 * sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
+  const std::size_t row = surfel::row_bytes(first);
+  return std::uint64_t{surfels} * (row + kOrder) + surfel::group_block_bytes(surfels, row);
 }
 
-/// Groups a file that is larger than the memory, if that can be done; false if it has to fit.
-bool group_larger(surfel::tool::Tool& tool, const Settings& s, std::uint64_t memory) {
+/// Groups a file that is larger than the memory, if that can be done. False if the file fits; unset
+/// if that is not known of a file that has to.
+std::optional<bool> group_larger(surfel::tool::Tool& tool, const Settings& s,
+                                 std::uint64_t memory) {
   if (!surfel::tool::may_not_fit(s.input, memory)) return false;
   const auto ranges = surfel::CloudRanges::open(s.input);
-  if (!ranges || ranges->size() == 0) return false;
+  if (!ranges) return std::nullopt;
+  if (ranges->size() == 0) return false;
   const surfel::SurfelCloud first = ranges->read(0, 1);
-  const std::uint64_t bytes = bytes_in_memory(ranges->size(), first, s);
+  const bool blocks = ranges->size() > surfel::kMostGroupedAtOnce && can_divide(s);
+  const std::uint64_t bytes =
+      blocks ? by_blocks(ranges->size(), first) : at_once(ranges->size(), first, s);
   if (bytes <= memory) return false;
   const auto refuse = [&](const std::string& reason) {
     surfel::throw_input(s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed "
@@ -381,9 +389,7 @@ bool group_larger(surfel::tool::Tool& tool, const Settings& s, std::uint64_t mem
         "groups as it takes");
   }
   const std::uint64_t least =
-      ranges->size() > surfel::kMostGroupedAtOnce
-          ? surfel::group_block_bytes(ranges->size(), surfel::row_bytes(first))
-          : bytes;
+      blocks ? surfel::group_block_bytes(ranges->size(), surfel::row_bytes(first)) : bytes;
   if (least > memory) {
     refuse(fmt::format("give {} MB at least", (least >> 20) + 1));
   }
@@ -409,11 +415,16 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(tool.app(), settings);
     const std::uint64_t memory = surfel::memory_to_use(settings.memory);
-    if (group_larger(tool, settings, memory)) return;
-    surfel::tool::require_room(settings.input, {}, memory,
-                               [&](std::size_t surfels, const surfel::SurfelCloud& first) {
-                                 return bytes_in_memory(surfels, first, settings);
-                               });
+    const std::optional<bool> done = group_larger(tool, settings, memory);
+    if (done == true) return;
+    if (!done) {
+      // There may be more surfels than have been counted, which blocks need less for.
+      surfel::tool::require_room(
+          settings.input, {}, memory, [&](std::size_t surfels, const surfel::SurfelCloud& first) {
+            const std::uint64_t all = at_once(surfels, first, settings);
+            return can_divide(settings) ? std::min(all, by_blocks(surfels, first)) : all;
+          });
+    }
     group_in_memory(tool, settings);
   });
 }

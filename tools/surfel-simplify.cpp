@@ -220,25 +220,31 @@ void simplify_file(surfel::tool::Tool& tool, Settings& s, const surfel::CloudRan
   tool.wrote(s.output, simplified_surfels(done));
 }
 
-/// Bytes of surfels that are simplified in memory: at once, or block by block.
-std::uint64_t bytes_in_memory(std::size_t surfels, const surfel::SurfelCloud& first) {
-  const std::size_t row = surfel::row_bytes(first);
-  if (surfels <= surfel::kMostAtOnce) return surfel::simplify_bytes(surfels, row);
+/// Bytes of surfels that are simplified in memory, at once ...
+std::uint64_t at_once(std::size_t surfels, const surfel::SurfelCloud& first) {
+  return surfel::simplify_bytes(surfels, surfel::row_bytes(first));
+}
+/// ... and block by block.
+std::uint64_t by_blocks(std::size_t surfels, const surfel::SurfelCloud& first) {
   constexpr std::size_t kOrder = sizeof(std::uint32_t) + 2 * sizeof(std::uint64_t);
-  return surfels * (2 * std::uint64_t{row} + kOrder) + surfel::simplify_block_bytes(row);
+  const std::uint64_t row = surfel::row_bytes(first);
+  return surfels * (2 * row + kOrder) + surfel::simplify_block_bytes(row);
 }
 
-/// Simplifies a file that is larger than the memory, if that can be done; false if it has to fit.
-bool simplify_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
+/// Simplifies a file that is larger than the memory, if that can be done. False if the file fits;
+/// unset if that is not known of a file that has to.
+std::optional<bool> simplify_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
   if (!surfel::tool::may_not_fit(s.input, memory)) return false;
   const auto ranges = surfel::CloudRanges::open(s.input);
-  if (!ranges || ranges->size() == 0) return false;
+  if (!ranges) return std::nullopt;
+  if (ranges->size() == 0) return false;
   const surfel::SurfelCloud first = ranges->read(0, 1);
-  const std::uint64_t bytes = bytes_in_memory(ranges->size(), first);
+  const bool blocks = ranges->size() > surfel::kMostAtOnce;
+  const std::uint64_t bytes =
+      blocks ? by_blocks(ranges->size(), first) : at_once(ranges->size(), first);
   if (bytes <= memory) return false;
-  const std::uint64_t least = ranges->size() <= surfel::kMostAtOnce
-                                  ? bytes
-                                  : surfel::simplify_block_bytes(surfel::row_bytes(first));
+  const std::uint64_t least =
+      blocks ? surfel::simplify_block_bytes(surfel::row_bytes(first)) : bytes;
   if (least > memory) {
     surfel::throw_input(
         s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory): give "
@@ -256,11 +262,15 @@ void simplify_surfels(surfel::tool::Tool& tool, Settings& s) {
   }
   surfel::tool::require_valid(s.simplify.problems());
   const std::uint64_t memory = surfel::memory_to_use(s.memory);
-  if (simplify_larger(tool, s, memory)) return;
-  surfel::tool::require_room(s.input, {}, memory,
-                             [](std::size_t surfels, const surfel::SurfelCloud& first) {
-                               return bytes_in_memory(surfels, first);
-                             });
+  const std::optional<bool> done = simplify_larger(tool, s, memory);
+  if (done == true) return;
+  if (!done) {
+    // There may be more surfels than have been counted, which blocks need less for.
+    surfel::tool::require_room(
+        s.input, {}, memory, [](std::size_t surfels, const surfel::SurfelCloud& first) {
+          return std::min(at_once(surfels, first), by_blocks(surfels, first));
+        });
+  }
   simplify_in_memory(tool, s);
 }
 

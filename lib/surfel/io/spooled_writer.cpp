@@ -46,8 +46,8 @@ SpooledWriter::~SpooledWriter() = default;
 
 void SpooledWriter::append(const SurfelCloud& piece) {
   Impl& w = *impl_;
+  if (piece.empty()) return;
   piece.check_columns(w.path);
-  if (piece.size() == 0) return;
   const CloudRecords records(piece, {});
   if (w.columns.empty()) {
     w.columns = records.columns();

@@ -213,7 +213,7 @@ class BlockSimplifier {
 
 std::uint64_t simplify_bytes(std::size_t surfels, std::size_t row_bytes) {
   // The look of the surfels, and the system of equations of the result.
-  constexpr std::uint64_t kSystem = 1200;
+  constexpr std::uint64_t kSystem = 900;
   return surfels * (kSystem + 3 * std::uint64_t{row_bytes});
 }
 
