@@ -11,6 +11,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/render/render_options.h>
 #include <surfel/scene/framing.h>
+#include <surfel/store/cloud_loader.h>
 
 #include "ranks/scale_model.h"
 
@@ -49,8 +50,32 @@ void print_row(const std::string& name, const SharedPicture& p, int processes) {
       1e3 * p.gather_seconds);
 }
 
+/// Bytes that processes send for a picture of the file itself, whose rows are not balanced yet:
+/// surfel-render --from 0.3,0.5,1 --size 1920x1080 --share surfels.
+void print_small(const std::string& path, const SurfelCloud& file) {
+  const LoadedCloud loaded(path, {.columns = {.levels = true}});
+  CameraOptions options;
+  options.from = Vec3d(0.3, 0.5, 1);
+  options.width = 1920;
+  options.height = 1080;
+  const Camera camera = make_camera(options, loaded.surfels().extent());
+  const TiledCloud one{file.tree, 0};
+  const RenderOptions render;
+  for (const int processes : {2, 4, 8}) {
+    const Dealing dealing = deal(one, processes);
+    const TiledCut cut =
+        TiledCutter(one, camera, render.lod_pixels(), std::sqrt(2 * render.cutoff), dealing).cut();
+    const SharedPicture p =
+        share_picture(one, camera, cut, dealing, processes, {}, {}, DealtBy::kTurns, 1);
+    fmt::print("{} processes: {} clusters, {:.1f} MB sent, {:.1f} MB received by one at most\n",
+               processes, p.drawn_clusters, p.exchange.bytes / 1e6, p.most_received / 1e6);
+  }
+  fmt::print("\n");
+}
+
 void run(const std::string& path, int processes) {
   const SurfelCloud file = read_cloud(path, {.levels = true});
+  print_small(path, file);
   const auto finest =
       static_cast<double>(file.tree.back().end - file.tree[first_leaf(file.tree)].begin);
   const TiledCloud cloud{file.tree,

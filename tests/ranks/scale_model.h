@@ -287,15 +287,15 @@ struct Machines {
   double latency = 20e-6;     ///< Seconds.
   double disk = 5e8;          ///< Bytes a second that a process reads.
   double look_at = 2e-7;      ///< Seconds for a cluster that is culled or refined.
-  double send = 6e-8;         ///< Seconds for a surfel that is decoded, packed and taken over.
-  double draw = 5e-7;         ///< Seconds for a surfel that is drawn.
-  double pixel = 5e-8;        ///< Seconds for a pixel.
+  double send = 3e-7;         ///< Seconds for a surfel that is decoded, packed and taken over.
+  double draw = 2e-7;         ///< Seconds for a surfel that is drawn.
+  double pixel = 2e-7;        ///< Seconds for a pixel.
 };
 
 /// Bytes of what is held, sent and read.
 struct Sizes {
   double record = 60;   ///< Of a surfel in the file.
-  double columns = 56;  ///< Of a surfel in a message, and in memory.
+  double columns = 60;  ///< Of a surfel in a message, and in memory.
   double header = 60;   ///< Of a cluster in a message.
   double held = 280;    ///< Of a cluster of the tree that a process holds.
   double flight = 512;  ///< Of a surfel that is being drawn.
@@ -321,11 +321,11 @@ struct SharedPicture {
 enum class DealtBy : std::uint8_t { kTurns, kRanges };
 
 /// A picture by so many processes, once rows have been balanced over some pictures of one view.
-/// \param margin  rows above and below its own that a process looks at.
+/// \param pictures  of that view, of which this is the last.
 inline SharedPicture share_picture(const TiledCloud& cloud, const Camera& camera,
                                    const TiledCut& cut, const Dealing& dealing, int processes,
                                    const Machines& machines = {}, const Sizes& sizes = {},
-                                   DealtBy by = DealtBy::kTurns, int margin = 48) {
+                                   DealtBy by = DealtBy::kTurns, int pictures = 4) {
   const auto count = static_cast<std::size_t>(processes);
   const auto owner = [&](std::uint64_t subtree) {
     return by == DealtBy::kTurns ? static_cast<std::size_t>(dealt_to(subtree, processes))
@@ -338,8 +338,8 @@ inline SharedPicture share_picture(const TiledCloud& cloud, const Camera& camera
   std::vector<double> surfels;
   std::vector<double> times;
   std::vector<double> own_surfels(count);
-  constexpr int kPictures = 4;
-  for (int i = 0; i < kPictures; ++i) {
+  constexpr int kMargin = 48;  // Rows beyond its own that a process looks at.
+  for (int i = 0; i < pictures; ++i) {
     const std::vector<RowRange> rows = balance.rows(camera.height);
     std::vector<std::size_t> with_rows;
     for (std::size_t r = 0; r < count; ++r) {
@@ -353,9 +353,9 @@ inline SharedPicture share_picture(const TiledCloud& cloud, const Camera& camera
       own_surfels[from] += c.surfels;
       const auto first =
           std::partition_point(with_rows.begin(), with_rows.end(),
-                               [&](std::size_t r) { return rows[r].end + margin <= c.first_row; });
+                               [&](std::size_t r) { return rows[r].end + kMargin <= c.first_row; });
       for (auto to = first; to != with_rows.end(); ++to) {
-        if (rows[*to].begin - margin >= c.end_row) break;
+        if (rows[*to].begin - kMargin >= c.end_row) break;
         sent[from][*to] += sizes.header + sizes.columns * c.surfels;
         surfels[*to] += c.surfels;
       }
@@ -363,11 +363,11 @@ inline SharedPicture share_picture(const TiledCloud& cloud, const Camera& camera
     times.assign(count, 0);
     for (const std::size_t r : with_rows) {
       const int seen =
-          std::min(camera.height, rows[r].end + margin) - std::max(0, rows[r].begin - margin);
+          std::min(camera.height, rows[r].end + kMargin) - std::max(0, rows[r].begin - kMargin);
       times[r] = machines.draw * surfels[r] + machines.pixel * camera.width * seen;
     }
     picture.drawing = static_cast<int>(with_rows.size());
-    if (i + 1 < kPictures) balance.learn(rows, times);
+    if (i + 1 < pictures) balance.learn(rows, times);
   }
   picture.drawn_surfels = std::accumulate(own_surfels.begin(), own_surfels.end(), 0.0);
 
