@@ -393,10 +393,11 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
   Writer writer(tool, s.output, surfel::tool::job(tool, s.resume, {s.input}), ranks);
   surfel::EstimateReport estimate;
-  surfel::estimate_by_blocks(
-      cloud, s.estimate,
-      {.memory = memory - std::min(memory / 2, kProcess), .checkpoints = writer.checkpoints()},
-      writer, &estimate, s.input);
+  surfel::estimate_by_blocks(cloud, s.estimate,
+                             {.memory = memory - std::min(memory / 2, kProcess),
+                              .checkpoints = s.resume ? writer.checkpoints() : nullptr,
+                              .peers = ranks},
+                             writer, &estimate, s.input);
   report(tool.report(), s.clip, estimate);
   warn(tool, s.input, s.clip, estimate);
   writer.commit(s.input);

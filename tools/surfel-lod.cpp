@@ -136,7 +136,7 @@ void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s, surfel::
   surfel::LevelsWriter writer(
       s.output, tool.provenance(),
       {tool.common().no_clobber, surfel::tool::job(tool, s.resume, {s.input}), ranks});
-  options.checkpoints = &writer.file();
+  if (s.resume) options.checkpoints = &writer.file();
   options.peers = ranks;
   surfel::HierarchyReport levels;
   if (!make_levels_of_file(tool, s, options, writer, levels)) {
