@@ -17,14 +17,14 @@ namespace surfel {
 
 struct SURFEL_API SimplifyOptions {
   /// Largest SimplifyError::total() allowed, > 0. Either `max_error` or `count` is set.
-  std::optional<double> max_error;
-  std::optional<std::size_t> count;  ///< Number of surfels to keep, >= 1.
+  std::optional<double> max_error = {};
+  std::optional<std::size_t> count = {};  ///< Number of surfels to keep, >= 1.
   /// Distance from the surface, scene units, > 0, that counts as much as black against white.
   /// Unset: 1/30 of the bounding box's diagonal.
-  std::optional<double> unit_deviation;
+  std::optional<double> unit_deviation = {};
   /// Strength of the light that pictures will have, 0..100: by how much a normal's error tells.
   double light = 1;
-  SheetRules sheets;       ///< Which surfels may be merged.
+  SheetRules sheets = {};  ///< Which surfels may be merged.
   double cutoff = 1;       ///< Cutoff of the renderer for which the surface closes and colours fit,
                            ///< 0.1..16.
   std::uint64_t seed = 1;  ///< Chooses the order in which surfels are looked at.
