@@ -56,6 +56,10 @@ class Counter {
     }
     out_.like = cloud_of_rows(piece, 1);
     copy_rows(*from, row, row + 1, out_.like, 0);
+    // What the file holds besides is not the surfels' own, and is not copied with them.
+    out_.like.coarser_skipped = piece.coarser_skipped;
+    out_.like.unmeasured_skipped = piece.unmeasured_skipped;
+    out_.like.skipped_elements = piece.skipped_elements;
   }
 
   CloudSurvey survey_{".ply"};
