@@ -23,7 +23,7 @@ constexpr double kCutoffs[] = {1, 1.5, 2, 3, 4};
 
 class Needs {
  public:
-  Needs(const CloudFacts& facts, const CloudStatistics& statistics,
+  Needs(const MeasuredFacts& facts, const CloudStatistics& statistics,
         const CloudStatisticsOptions& options, const std::string& file,
         FunctionRef<double(const CloudStatisticsOptions& options)> holes)
       : facts_(facts), s_(statistics), options_(options), file_(shell_file(file)), holes_(holes) {}
@@ -171,7 +171,7 @@ class Needs {
     }
   }
 
-  const CloudFacts& facts_;
+  const MeasuredFacts& facts_;
   const CloudStatistics& s_;
   const CloudStatisticsOptions& options_;
   const std::string file_;  ///< As a word for a shell.
@@ -193,7 +193,7 @@ double elongation(const SurfelCloud& cloud, std::size_t i) {
 }  // namespace
 
 struct CloudFactCounter::Impl {
-  CloudFacts facts;
+  MeasuredFacts facts;
   std::size_t surfels = 0;
   double area = 0;
   bool areas = false;
@@ -205,7 +205,7 @@ CloudFactCounter::CloudFactCounter() : impl_(std::make_unique<Impl>()) {}
 CloudFactCounter::~CloudFactCounter() = default;
 
 void CloudFactCounter::add(const SurfelCloud& piece) {
-  CloudFacts& facts = impl_->facts;
+  MeasuredFacts& facts = impl_->facts;
   facts.normals = !piece.normal.empty();
   facts.variances = has_variance(piece);
   facts.render_colors = piece.render_color() != nullptr;
@@ -238,8 +238,8 @@ void CloudFactCounter::look(const SurfelCloud& piece) {
   }
 }
 
-CloudFacts CloudFactCounter::facts() {
-  CloudFacts out = impl_->facts;
+MeasuredFacts CloudFactCounter::facts() {
+  MeasuredFacts out = impl_->facts;
   if (impl_->areas) out.area_mean = impl_->area / static_cast<double>(impl_->surfels);
   out.ellipses = impl_->elongations.size();
   if (out.ellipses > 0) out.ellipse_percentile_95 = impl_->elongations.value(0);
@@ -247,7 +247,7 @@ CloudFacts CloudFactCounter::facts() {
 }
 
 std::vector<CloudNeed> cloud_needs(
-    const CloudFacts& facts, const CloudStatistics& statistics,
+    const MeasuredFacts& facts, const CloudStatistics& statistics,
     const CloudStatisticsOptions& options, const std::string& file,
     FunctionRef<double(const CloudStatisticsOptions& options)> holes) {
   require_usable(options);

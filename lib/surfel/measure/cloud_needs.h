@@ -21,7 +21,7 @@ struct CloudNeed {
 };
 
 /// What needs are told from beside statistics.
-struct CloudFacts {
+struct MeasuredFacts {
   bool normals = false;  ///< There is such a column, as below.
   bool variances = false;
   bool render_colors = false;  ///< Colours or coefficients.
@@ -46,7 +46,7 @@ class SURFEL_API CloudFactCounter {
 
   void add(const SurfelCloud& piece);
   void look(const SurfelCloud& piece);
-  CloudFacts facts();
+  MeasuredFacts facts();
 
  private:
   struct Impl;
@@ -73,7 +73,7 @@ SURFEL_API std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud,
 /// The needs of a cloud that need not be in memory.
 /// \param holes  measures the share of holes with other options
 SURFEL_API std::vector<CloudNeed> cloud_needs(
-    const CloudFacts& facts, const CloudStatistics& statistics,
+    const MeasuredFacts& facts, const CloudStatistics& statistics,
     const CloudStatisticsOptions& options, const std::string& file,
     FunctionRef<double(const CloudStatisticsOptions& options)> holes);
 

@@ -18,8 +18,8 @@ constexpr std::size_t kQueryGrain = 64;
 /// Measures the coverage around one surfel after the other.
 class CoverageProbe {
  public:
-  CoverageProbe(const SurfelCloud& cloud, const CloudStatisticsOptions& options, const Discs& discs,
-                const NeighborSearch& neighbors)
+  CoverageProbe(const SurfelCloud& cloud, const CloudStatisticsOptions& options,
+                const MeasuredDiscs& discs, const NeighborSearch& neighbors)
       : cloud_(cloud), options_(options), discs_(discs), neighbors_(neighbors) {
     std::vector<float> radius(discs.radius.begin(), discs.radius.end());
     largest_radius_ = *std::max_element(radius.begin(), radius.end());
@@ -61,13 +61,13 @@ class CoverageProbe {
  private:
   const SurfelCloud& cloud_;
   const CloudStatisticsOptions& options_;
-  const Discs& discs_;
+  const MeasuredDiscs& discs_;
   const NeighborSearch& neighbors_;
   float largest_radius_ = 0;
   std::optional<DiscsAround> around_;  ///< Where the radii differ much.
 };
 
-void measure_spacing(const Discs& discs, const NeighborSearch& neighbors,
+void measure_spacing(const MeasuredDiscs& discs, const NeighborSearch& neighbors,
                      const std::vector<std::size_t>& queries, CloudStatistics& out) {
   if (discs.position.size() < 2) return;
   std::vector<double> distance(queries.size());
@@ -90,7 +90,7 @@ void measure_spacing(const Discs& discs, const NeighborSearch& neighbors,
 }
 
 void measure_coverage(const SurfelCloud& cloud, const CloudStatisticsOptions& options,
-                      const Discs& discs, const NeighborSearch& neighbors,
+                      const MeasuredDiscs& discs, const NeighborSearch& neighbors,
                       const std::vector<std::size_t>& queries, CloudStatistics& out) {
   if (cloud.normal.empty() || !has_variance(cloud)) return;
   const CoverageProbe probe(cloud, options, discs, neighbors);
@@ -139,7 +139,7 @@ CloudStatistics cloud_statistics(const SurfelCloud& cloud, const CloudStatistics
   CloudStatistics out;
   count_flaws(cloud, out);
   out.bounds = cloud.bounds();
-  const Discs discs = finite_discs(cloud, options.cutoff);
+  const MeasuredDiscs discs = finite_discs(cloud, options.cutoff);
   if (!discs.radius.empty()) {
     out.radius = distribution({discs.radius.begin(), discs.radius.end()});
   }

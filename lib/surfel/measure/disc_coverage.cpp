@@ -57,8 +57,8 @@ void count_flaws(const SurfelCloud& cloud, CloudStatistics& out) {
   }
 }
 
-Discs finite_discs(const SurfelCloud& cloud, double cutoff) {
-  Discs discs;
+MeasuredDiscs finite_discs(const SurfelCloud& cloud, double cutoff) {
+  MeasuredDiscs discs;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     if (!finite(cloud.position[i])) continue;
     discs.position.push_back(cloud.position[i]);
@@ -68,7 +68,7 @@ Discs finite_discs(const SurfelCloud& cloud, double cutoff) {
   return discs;
 }
 
-DiscsAround::DiscsAround(const Discs& discs, float largest_radius)
+DiscsAround::DiscsAround(const MeasuredDiscs& discs, float largest_radius)
     : discs_(discs), reach_(discs.radius), order_(morton_order(discs.position)) {
   // A place over a disc is no further from its plane and from its axis than the radius.
   for (float& r : reach_) r = std::min(r * std::numbers::sqrt2_v<float>, largest_radius);

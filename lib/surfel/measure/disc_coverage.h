@@ -60,20 +60,20 @@ inline float disc_radius(const SurfelCloud& cloud, std::size_t i, double cutoff)
 }
 
 /// The surfels with finite positions, which spacing and coverage are measured of.
-struct Discs {
+struct MeasuredDiscs {
   Array<Vec3f> position;
   Array<std::uint32_t> surfel;  ///< Index into the cloud.
   Array<float> radius;          ///< sqrt(2 c max variance); empty without variances.
 };
 
-Discs finite_discs(const SurfelCloud& cloud, double cutoff);
+MeasuredDiscs finite_discs(const SurfelCloud& cloud, double cutoff);
 
 /// Finds discs that may lie over places near a place by the radius of each, so that small ones
 /// around a large one do not all count.
 class DiscsAround {
  public:
   /// \param largest_radius  of all discs of the cloud
-  DiscsAround(const Discs& discs, float largest_radius);
+  DiscsAround(const MeasuredDiscs& discs, float largest_radius);
 
   /// The discs that may lie over places in the ball; false if there are more than kMostDiscs.
   bool within(const Vec3f& center, double radius, std::vector<Neighbor>& out) const;
@@ -97,7 +97,7 @@ class DiscsAround {
     }
   };
 
-  const Discs& discs_;
+  const MeasuredDiscs& discs_;
   Array<float> reach_;
   Array<std::uint32_t> order_;
   BoxTree<Box, 4, 2> tree_;

@@ -53,7 +53,8 @@ struct OpenCell {
 /// \param before  discs of the pieces before
 template <class Tell>
 void take_nearest(std::vector<NearDisc>& list, std::span<const Neighbor> found,
-                  std::uint64_t before, const Discs& discs, std::size_t most, const Tell& tell) {
+                  std::uint64_t before, const MeasuredDiscs& discs, std::size_t most,
+                  const Tell& tell) {
   const std::size_t old = list.size();
   for (const Neighbor& next : found) {
     const std::uint64_t index = before + next.index;
@@ -121,7 +122,7 @@ class SampledCells {
     std::uint64_t surfels = 0;
     std::uint64_t discs = 0;
     pieces_([&](const SurfelCloud& piece) {
-      const Discs found = finite_discs(piece, options_.cutoff);
+      const MeasuredDiscs found = finite_discs(piece, options_.cutoff);
       if (!found.position.empty()) body(piece, found, surfels, discs);
       surfels += piece.size();
       discs += found.position.size();
@@ -131,7 +132,7 @@ class SampledCells {
     return static_cast<float>(largest_radius + open.cell->radius) * kReachRounding;
   }
   /// Which points of a sample's cell a disc of a piece covers.
-  std::uint16_t covered(std::size_t q, const SurfelCloud& piece, const Discs& discs,
+  std::uint16_t covered(std::size_t q, const SurfelCloud& piece, const MeasuredDiscs& discs,
                         std::uint32_t j) const;
   void count_discs(float largest_radius, bool unlike);
   std::vector<std::size_t> chosen_cells(std::vector<CellCoverage>& cells) const;
@@ -149,7 +150,7 @@ class SampledCells {
 void SampledCells::find_samples() {
   const std::vector<std::size_t> picked = sampled(finite_, options_.samples, options_.seed);
   samples_.reserve(picked.size());
-  for_discs([&](const SurfelCloud& piece, const Discs& discs, std::uint64_t surfels,
+  for_discs([&](const SurfelCloud& piece, const MeasuredDiscs& discs, std::uint64_t surfels,
                 std::uint64_t before) {
     while (samples_.size() < picked.size() &&
            picked[samples_.size()] < before + discs.position.size()) {
@@ -164,7 +165,8 @@ void SampledCells::find_samples() {
 void SampledCells::find_neighbors(bool normals) {
   constexpr std::size_t kMost = kCellNeighbors + 1;
   std::vector<std::vector<NearDisc>> near(samples_.size());
-  for_discs([&](const SurfelCloud& piece, const Discs& discs, std::uint64_t, std::uint64_t before) {
+  for_discs([&](const SurfelCloud& piece, const MeasuredDiscs& discs, std::uint64_t,
+                std::uint64_t before) {
     const auto search = make_neighbor_search(discs.position);
     const PieceBox box(discs.position);
     parallel_for(samples_.size(), kSampleGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -208,8 +210,8 @@ void SampledCells::measure_spacing(CloudStatistics& out) {
   out.spacing = distribution(std::move(spacing_));
 }
 
-std::uint16_t SampledCells::covered(std::size_t q, const SurfelCloud& piece, const Discs& discs,
-                                    std::uint32_t j) const {
+std::uint16_t SampledCells::covered(std::size_t q, const SurfelCloud& piece,
+                                    const MeasuredDiscs& discs, std::uint32_t j) const {
   std::uint16_t out = 0;
   for (int point = 0; point < kPointsPerCell; ++point) {
     const bool over = covers(piece, discs.surfel[j], discs.radius[j], options_.cutoff,
@@ -222,31 +224,32 @@ std::uint16_t SampledCells::covered(std::size_t q, const SurfelCloud& piece, con
 /// Counts the discs that may lie over the cells and, where they are not too many, what they cover.
 /// \param unlike  The radii differ much.
 void SampledCells::count_discs(float largest_radius, bool unlike) {
-  for_discs([&](const SurfelCloud& piece, const Discs& discs, std::uint64_t, std::uint64_t) {
-    const auto search = unlike ? nullptr : make_neighbor_search(discs.position);
-    std::optional<DiscsAround> around;
-    if (unlike) around.emplace(discs, largest_radius);
-    parallel_for(cells_.size(), kSampleGrain, [&](std::size_t begin, std::size_t end, int) {
-      std::vector<Neighbor> near;
-      for (std::size_t q = begin; q < end; ++q) {
-        OpenCell& open = cells_[q];
-        if (!open.cell || open.found > kMostDiscs) continue;
-        const Vec3f& center = samples_[q].position;
-        if (around) {
-          around->within(center, open.cell->radius, near);
-        } else {
-          search->within(center, reach(open, largest_radius), kMostDiscs + 1, near);
-        }
-        open.found += near.size();
-        if (open.found > kMostDiscs) continue;
-        for (const Neighbor& neighbor : near) {
-          const std::uint16_t over = covered(q, piece, discs, neighbor.index);
-          open.covered = static_cast<std::uint16_t>(open.covered | over);
-          open.overlap += static_cast<std::uint64_t>(std::popcount(over));
-        }
-      }
-    });
-  });
+  for_discs(
+      [&](const SurfelCloud& piece, const MeasuredDiscs& discs, std::uint64_t, std::uint64_t) {
+        const auto search = unlike ? nullptr : make_neighbor_search(discs.position);
+        std::optional<DiscsAround> around;
+        if (unlike) around.emplace(discs, largest_radius);
+        parallel_for(cells_.size(), kSampleGrain, [&](std::size_t begin, std::size_t end, int) {
+          std::vector<Neighbor> near;
+          for (std::size_t q = begin; q < end; ++q) {
+            OpenCell& open = cells_[q];
+            if (!open.cell || open.found > kMostDiscs) continue;
+            const Vec3f& center = samples_[q].position;
+            if (around) {
+              around->within(center, open.cell->radius, near);
+            } else {
+              search->within(center, reach(open, largest_radius), kMostDiscs + 1, near);
+            }
+            open.found += near.size();
+            if (open.found > kMostDiscs) continue;
+            for (const Neighbor& neighbor : near) {
+              const std::uint16_t over = covered(q, piece, discs, neighbor.index);
+              open.covered = static_cast<std::uint16_t>(open.covered | over);
+              open.overlap += static_cast<std::uint64_t>(std::popcount(over));
+            }
+          }
+        });
+      });
 }
 
 /// Fills in the cells of the rounds that are measured; returns those of them that have too many
@@ -276,7 +279,8 @@ std::vector<std::size_t> SampledCells::chosen_cells(std::vector<CellCoverage>& c
 void SampledCells::measure_nearest(std::span<const std::size_t> crowded, float largest_radius,
                                    std::vector<CellCoverage>& cells) const {
   std::vector<std::vector<NearDisc>> nearest(crowded.size());
-  for_discs([&](const SurfelCloud& piece, const Discs& discs, std::uint64_t, std::uint64_t before) {
+  for_discs([&](const SurfelCloud& piece, const MeasuredDiscs& discs, std::uint64_t,
+                std::uint64_t before) {
     const auto search = make_neighbor_search(discs.position);
     parallel_each(crowded.size(), 1, [&](std::size_t k) {
       const std::size_t q = crowded[k];
