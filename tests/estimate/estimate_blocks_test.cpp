@@ -330,8 +330,8 @@ TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
     EstimateReport report;
     const bool stopped =
         !message_of([&] {
-           estimate_by_blocks(MemoryRanges(cloud), up(),
-                              {.most_points = 512, .checkpoints = &file}, sink, &report);
+           estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 512, .checkpoints = &file},
+                              sink, &report);
          }).empty();
     made += sink.made;
     EXPECT_EQ(stopped, blocks < 1000);

@@ -14,8 +14,8 @@ namespace surfel::tool {
 void add_resume(CLI::App& app, bool& value);
 
 /// What a run makes of which files, by which a later run knows that it may go on with what this one
-/// left: the options that matter, and the files' sizes, times and checksums. Empty without --resume.
-/// Throws Error(kUsage) for standard input, which cannot be read again.
+/// left: the options that matter, and the files' sizes, times and checksums. Empty without
+/// --resume. Throws Error(kUsage) for standard input, which cannot be read again.
 std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs);
 
 /// Tells how much of a result earlier runs have made, if they have.

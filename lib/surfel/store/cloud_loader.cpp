@@ -137,7 +137,8 @@ bool LoadedCloud::Impl::open_records() {
   return true;
 }
 
-/// Does this process hold a part of a tree of so many clusters, over so many rows of surfels? All peers decide alike.
+/// Does this process hold a part of a tree of so many clusters, over so many rows of surfels? All
+/// peers decide alike.
 bool LoadedCloud::Impl::shares(std::size_t clusters, std::size_t rows) const {
   const bool possible =
       options.peers && options.columns.levels && options.may_stream && !options.columns.groups;
