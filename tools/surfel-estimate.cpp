@@ -19,6 +19,7 @@
 #include <surfel/io/cloud_ranges.h>
 #include <surfel/io/row_file.h>
 #include <surfel/ranks/ranks.h>
+#include <surfel/scene/cloud_rows.h>
 
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
@@ -270,6 +271,10 @@ void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
     if (points > 0) tool.note(fmt::format("{}: {} of {} points {}", input, points, r.points, what));
   };
   count(r.nonfinite, "are not finite: removed");
+  if (r.unusable_colors > 0) {
+    tool.note(fmt::format("{}: {} of {} colours are not finite: such surfels will not be drawn",
+                          input, r.unusable_colors, r.points));
+  }
   count(r.without_normal, "have no usable normal to align with: their side follows the others'");
   count(r.outliers, "are outliers: removed");
   if (r.voxel_edge > 0) {
@@ -324,7 +329,6 @@ class Writer final : public surfel::SurfelSink {
   }
 
   void begin(const surfel::SurfelCloud& like, std::size_t count) override {
-    not_finite_ = {};
     surfel::SurfelCloud described = like;
     described.provenance.push_back(tool_.provenance());
     surfel::tool::tell_lost_columns(tool_, described, path_);
@@ -338,19 +342,17 @@ class Writer final : public surfel::SurfelSink {
     text_.emplace(path_, count, surfel::CloudWriteOptions{.no_clobber = tool_.common().no_clobber});
   }
   void put(surfel::SurfelCloud surfels, std::size_t at) override {
-    not_finite_.add(surfels);
     if (rows_) return rows_->put(surfels, 0, surfels.size(), at);
     surfels.provenance.push_back(tool_.provenance());
     text_->append(surfels);
   }
-  /// Completes the file, and tells what of the input was not usable.
-  void commit(const std::string& input) {
+  /// Completes the file.
+  void commit() {
     if (rows_) {
       rows_->commit();
     } else {
       text_->commit();
     }
-    surfel::tool::tell_unusable_colors(tool_, input, not_finite_);
   }
   surfel::Checkpoints* checkpoints() { return rows_ ? &*rows_ : nullptr; }
   std::size_t surfels() const { return count_; }
@@ -361,7 +363,6 @@ class Writer final : public surfel::SurfelSink {
   std::size_t count_ = 0;
   std::optional<surfel::RowFile> rows_;
   std::optional<surfel::CloudWriter> text_;
-  surfel::tool::NotFinite not_finite_;
 };
 
 void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
@@ -370,7 +371,6 @@ void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
   surfel::EstimateReport estimate;
   surfel::SurfelCloud surfels = surfel::estimate_surfels(cloud, s.estimate, &estimate, s.input);
   report(tool.report(), s.clip, estimate);
-  surfel::tool::tell_unusable_colors(tool, s.input, cloud);
   warn(tool, s.input, s.clip, estimate);
   surfel::tool::write_result(tool, surfels, s.output);
   tool.report()["surfels"] = surfels.size();
@@ -400,7 +400,7 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
                              writer, &estimate, s.input);
   report(tool.report(), s.clip, estimate);
   warn(tool, s.input, s.clip, estimate);
-  writer.commit(s.input);
+  writer.commit();
   tool.report()["surfels"] = writer.surfels();
   tool.wrote(s.output, fmt::format("{} surfels", writer.surfels()));
 }
@@ -429,7 +429,7 @@ bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory
   const auto cloud = surfel::CloudRanges::open(s.input);
   if (!cloud || cloud->size() == 0) return false;
   const surfel::SurfelCloud first = cloud->read(0, 1);
-  if (surfel::estimate_bytes(cloud->size(), surfel::column_bytes(first)) <= memory) return false;
+  if (surfel::estimate_bytes(cloud->size(), surfel::row_bytes(first)) <= memory) return false;
   estimate_in_blocks(tool, s, *cloud, first, memory, ranks);
   return true;
 }
@@ -462,7 +462,7 @@ int main(int argc, char** argv) {
     if (estimate_larger(tool, settings, memory, ranks)) return;
     surfel::tool::require_room(settings.input, settings.part.options(), memory,
                                [](std::size_t points, const surfel::SurfelCloud& first) {
-                                 return surfel::estimate_bytes(points, surfel::column_bytes(first));
+                                 return surfel::estimate_bytes(points, surfel::row_bytes(first));
                                });
     estimate_in_memory(tool, settings);
   });

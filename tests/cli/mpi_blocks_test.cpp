@@ -1,14 +1,11 @@
 // Surfels and levels of detail whose blocks several processes share, by mpirun.
 
-#include <csignal>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 
-#include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <surfel/chart/process.h>
 
+#include "support/mpi_test_base.h"
 #include "support/run_tool.h"
 
 namespace surfel::test {
@@ -16,31 +13,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class MpiBlocks : public testing::Test {
+class MpiBlocks : public MpiTest {
  protected:
   void SetUp() override {
-    if (find_program("mpirun").empty()) {
-      ASSERT_EQ(std::getenv("CI"), nullptr) << "mpirun is not installed";
-      GTEST_SKIP() << "mpirun is not installed";
-    }
+    MpiTest::SetUp();
+    if (IsSkipped() || HasFatalFailure()) return;
     const RunResult made =
         run({tool("surfel-generate"), "terrain", "--count", "60000", "--no-uv", "-o", points_});
     ASSERT_EQ(made.exit_code, 0) << made.errors;
   }
-  RunResult run_ranks(int ranks, const std::string& name, const Words& options) const {
-    Words words{"env",
-                "OMPI_ALLOW_RUN_AS_ROOT=1",
-                "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
-                "OMPI_MCA_rmaps_base_oversubscribe=1",
-                "mpirun",
-                "-n",
-                std::to_string(ranks),
-                tool(name),
-                points_,
-                "--threads",
-                "1"};
+  RunResult run_together(int ranks, const std::string& name, const Words& options) const {
+    Words words{tool(name), points_, "--threads", "1"};
     words.insert(words.end(), options.begin(), options.end());
-    return run(words);
+    return run_ranks(ranks, words);
   }
 
   TemporaryFolder folder_;
@@ -56,7 +41,7 @@ TEST_F(MpiBlocks, AnyNumberOfProcessesMakesTheSameBytes) {
     for (const int ranks : {2, 3}) {
       Words shared = options;
       shared.insert(shared.end(), {"-o", out_, "--stats", folder_ / "stats.json"});
-      const RunResult together = run_ranks(ranks, name, shared);
+      const RunResult together = run_together(ranks, name, shared);
       ASSERT_EQ(together.exit_code, 0) << together.errors;
       EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << name << ", " << ranks;
       // One process speaks for all.
@@ -69,10 +54,26 @@ TEST_F(MpiBlocks, AnyNumberOfProcessesMakesTheSameBytes) {
   expect_same("surfel-lod", {"--reduction", "9"});
 }
 
+TEST_F(MpiBlocks, ProcessorsMayDiffer) {
+  for (const char* name : {"surfel-estimate", "surfel-lod"}) {
+    Words command{tool(name), points_};
+    if (std::string_view(name) == "surfel-estimate") {
+      command.insert(command.end(), {"--orient", "up", "--memory", "4M"});
+    }
+    Words alone = command;
+    alone.insert(alone.end(), {"-o", folder_ / "alone.ply"});
+    ASSERT_EQ(run(alone).exit_code, 0);
+    command.insert(command.end(), {"-o", out_});
+    const RunResult together = run_mixed({"sse4", "scalar"}, command);
+    ASSERT_EQ(together.exit_code, 0) << together.errors;
+    EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << name;
+  }
+}
+
 TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
   const auto expect_refused = [&](const std::string& name, const Words& options,
                                   const std::string& message) {
-    const RunResult result = run_ranks(2, name, options);
+    const RunResult result = run_together(2, name, options);
     EXPECT_NE(result.exit_code, 0);
     EXPECT_TRUE(contains(result.errors, message)) << result.errors;
     EXPECT_FALSE(fs::exists(out_));
@@ -93,7 +94,7 @@ TEST_F(MpiBlocks, AProcessThatFailsEndsTheRunAndOlderFilesStay) {
     Words options{"-o", out_};
     if (std::string_view(name) == "surfel-estimate")
       options.insert(options.end(), {"--orient", "up"});
-    const RunResult result = run_ranks(2, name, options);
+    const RunResult result = run_together(2, name, options);
     EXPECT_NE(result.exit_code, 0) << name;
     EXPECT_TRUE(contains(result.errors, "points.ply: ")) << result.errors;
     EXPECT_EQ(read_text(out_), "old") << name;

@@ -1,7 +1,6 @@
 // Pictures that several processes make together, by mpirun.
 
 #include <csignal>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 #include <gtest/gtest.h>
 #include <surfel/chart/process.h>
 
+#include "support/mpi_test_base.h"
 #include "support/run_tool.h"
 #include "support/test_data.h"
 
@@ -18,21 +18,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Mpi : public testing::Test {
+class Mpi : public MpiTest {
  protected:
   void SetUp() override {
-    if (find_program("mpirun").empty()) {
-      ASSERT_EQ(std::getenv("CI"), nullptr) << "mpirun is not installed";
-      GTEST_SKIP() << "mpirun is not installed";
-    }
+    MpiTest::SetUp();
+    if (IsSkipped() || HasFatalFailure()) return;
     const RunResult made =
         run({tool("surfel-generate"), "terrain", "--count", "20000", "--no-uv", "-o", terrain_});
     ASSERT_EQ(made.exit_code, 0) << made.errors;
-  }
-  /// The words before each process's command.
-  static Words mpirun() {
-    return {"env", "OMPI_ALLOW_RUN_AS_ROOT=1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
-            "OMPI_MCA_rmaps_base_oversubscribe=1", "mpirun"};
   }
   Words command(const std::string& output, const Words& more = {}) const {
     Words words{tool("surfel-render"), terrain_, "--size", "120x100",
@@ -40,13 +33,6 @@ class Mpi : public testing::Test {
     words.insert(words.end(), more.begin(), more.end());
     return words;
   }
-  static RunResult run_ranks(int ranks, const Words& command) {
-    Words words = mpirun();
-    words.insert(words.end(), {"-n", std::to_string(ranks)});
-    words.insert(words.end(), command.begin(), command.end());
-    return run(words);
-  }
-
   /// Gives the surfels levels of detail.
   void make_levels() {
     const std::string plain = terrain_;
@@ -95,16 +81,7 @@ TEST_F(Mpi, AnyNumberOfProcessesMakesTheSameBytes) {
 
 TEST_F(Mpi, ProcessorsMayDiffer) {
   ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
-  Words words = mpirun();
-  const Words parts = command(folder_ / "together.exr");
-  for (const char* instructions : {"sse4", "scalar"}) {
-    words.insert(words.end(),
-                 {"-n", "1", "-x", fmt::format("SURFEL_INSTRUCTIONS={}", instructions)});
-    words.insert(words.end(), parts.begin(), parts.end());
-    words.emplace_back(":");
-  }
-  words.pop_back();
-  const RunResult together = run(words);
+  const RunResult together = run_mixed({"sse4", "scalar"}, command(folder_ / "together.exr"));
   ASSERT_EQ(together.exit_code, 0) << together.errors;
   EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
 }
@@ -136,16 +113,8 @@ TEST_F(Mpi, SharedSurfelsAreReported) {
 TEST_F(Mpi, ProcessorsThatShareSurfelsMayDiffer) {
   make_levels();
   ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
-  Words words = mpirun();
-  const Words parts = command(folder_ / "together.exr", {"--share", "surfels"});
-  for (const char* instructions : {"sse4", "scalar", "avx2"}) {
-    words.insert(words.end(),
-                 {"-n", "1", "-x", fmt::format("SURFEL_INSTRUCTIONS={}", instructions)});
-    words.insert(words.end(), parts.begin(), parts.end());
-    words.emplace_back(":");
-  }
-  words.pop_back();
-  const RunResult together = run(words);
+  const RunResult together = run_mixed({"sse4", "scalar", "avx2"},
+                                       command(folder_ / "together.exr", {"--share", "surfels"}));
   ASSERT_EQ(together.exit_code, 0) << together.errors;
   EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
 }

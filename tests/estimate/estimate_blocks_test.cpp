@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 #include <numeric>
@@ -19,6 +21,7 @@
 #include "support/message_of.h"
 #include "support/run_tool.h"
 #include "support/test_data.h"
+#include "support/thread_peers.h"
 
 namespace surfel::test {
 namespace {
@@ -343,6 +346,48 @@ TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
   }
   EXPECT_EQ(made, 64);
   EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
+}
+
+TEST(EstimateBlocks, PeersShareTheBlocksWhateverMemoryEachHas) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "surfels.ply";
+  const SurfelCloud cloud = sorted_points("terrain", 20000);
+  write_cloud(estimate_surfels(cloud, up()), folder / "whole.ply");
+  constexpr int kPeers = 3;
+  std::array<int, kPeers> made{};
+  EstimateReport report;
+  run_peers(kPeers, [&](ThreadPeers& self) {
+    RowFile file(path, {.peers = &self});
+    FileSink sink(file);
+    EstimateReport mine;
+    // By blocks of another size each they would leave some out.
+    const std::uint64_t memory = std::uint64_t{3U + static_cast<unsigned>(self.rank())} << 20;
+    estimate_by_blocks(MemoryRanges(cloud), up(), {.memory = memory, .peers = &self}, sink, &mine);
+    file.commit();
+    made[static_cast<std::size_t>(self.rank())] = sink.made;
+    if (self.rank() == 2) report = mine;
+  });
+  EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
+  const auto [least, most] = std::minmax_element(made.begin(), made.end());
+  EXPECT_GT(*least, 0);
+  EXPECT_LE(*most, *least + 1);
+  EstimateReport whole;
+  estimate_surfels(cloud, up(), &whole);
+  EXPECT_EQ(report.mean_neighbors, whole.mean_neighbors);
+  EXPECT_EQ(report.border, whole.border);
+}
+
+TEST(EstimateBlocks, ColorsThatAreNotFiniteAreCounted) {
+  SurfelCloud cloud = sorted_points("sphere", 3000);
+  cloud.color[5].x() = std::numeric_limits<float>::quiet_NaN();
+  cloud.color[2999].y() = std::numeric_limits<float>::infinity();
+  EstimateReport whole;
+  estimate_surfels(cloud, up(), &whole);
+  EXPECT_EQ(whole.unusable_colors, 2U);
+  Collector collector;
+  EstimateReport report;
+  estimate_by_blocks(MemoryRanges(cloud), up(), {.most_points = 512}, collector, &report);
+  EXPECT_EQ(report.unusable_colors, 2U);
 }
 
 TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {

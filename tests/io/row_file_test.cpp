@@ -116,6 +116,14 @@ TEST_F(RowFiles, PartsWithOtherColumnsAreRefused) {
   other.normal = {};
   EXPECT_NE(message_of([&] { file.put(other, 0, 1, 0); }).find("differ in their columns"),
             std::string::npos);
+  // So are columns of other names that take as many bytes.
+  SurfelCloud named = cloud_;
+  named.extra.push_back({"one", ScalarType::kUint8, Array<std::byte>(kRows)});
+  file.begin(named, kRows);
+  file.put(named, 0, 1, 0);
+  named.extra.front().name = "other";
+  EXPECT_NE(message_of([&] { file.put(named, 0, 1, 0); }).find("differ in their columns"),
+            std::string::npos);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // Levels of detail that are made in several blocks.
 
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <numeric>
@@ -17,6 +18,7 @@
 #include "render/scenes.h"
 #include "support/message_of.h"
 #include "support/run_tool.h"
+#include "support/thread_peers.h"
 
 namespace surfel::test {
 namespace {
@@ -270,6 +272,52 @@ TEST(HierarchyBlocks, FinishedBlocksAreKeptForALaterRun) {
   EXPECT_TRUE(run(2, 0));
   EXPECT_TRUE(run(1, 2));
   EXPECT_FALSE(run(1000, 3));
+  EXPECT_TRUE(read_text(to) == expected);
+}
+
+TEST(HierarchyBlocks, PeersShareThem) {
+  const TemporaryFolder folder;
+  const SurfelCloud cloud = sphere(80000);
+  write_cloud(cloud.gathered(morton_order(cloud.position)), folder / "sorted.ply");
+  const HierarchyOptions plain{.reduction = kReduction};
+  const std::string expected = levels_of_file(folder / "sorted.ply", folder / "whole.ply", plain);
+  const auto ranges = CloudRanges::open(folder / "sorted.ply");
+  const std::string to = folder / "levels.ply";
+
+  /// Counts the surfels that a process writes.
+  class Counting final : public LevelSink {
+   public:
+    explicit Counting(LevelSink& to) : to_(to) {}
+    void begin(const SurfelCloud& like, std::size_t surfels, std::size_t clusters) override {
+      all = surfels;
+      to_.begin(like, surfels, clusters);
+    }
+    void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::size_t at) override {
+      written += end - begin;
+      to_.put(part, begin, end, at);
+    }
+    void finish(ClusterTree tree) override { to_.finish(std::move(tree)); }
+    std::atomic<std::size_t> written = 0;
+    std::size_t all = 0;
+
+   private:
+    LevelSink& to_;
+  };
+  std::atomic<std::size_t> written = 0;
+  std::atomic<std::size_t> all = 0;
+  run_peers(3, [&](ThreadPeers& self) {
+    LevelsWriter writer(to, {}, {.peers = &self});
+    Counting counting(writer);
+    HierarchyOptions options = plain;
+    options.peers = &self;
+    EXPECT_TRUE(build_hierarchy(*ranges, options, counting));
+    writer.commit();
+    EXPECT_LT(counting.written, counting.all / 2);
+    EXPECT_GT(counting.written, 0U);
+    written += counting.written;
+    all = counting.all;
+  });
+  EXPECT_EQ(written, all);
   EXPECT_TRUE(read_text(to) == expected);
 }
 

@@ -51,19 +51,6 @@ void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& 
   }
 }
 
-void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud) {
-  NotFinite found;
-  found.surfels = cloud.size();
-  found.colors = not_finite(cloud.color);
-  tell_unusable_colors(tool, path, found);
-}
-
-void tell_unusable_colors(const Tool& tool, const std::string& path, const NotFinite& found) {
-  if (found.colors == 0) return;
-  tool.note(fmt::format("{}: {} of {} colours are not finite: such surfels will not be drawn",
-                        shown_name(path), found.colors, found.surfels));
-}
-
 void NotFinite::add(const SurfelCloud& cloud) {
   surfels += cloud.size();
   positions += not_finite(cloud.position);

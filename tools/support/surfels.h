@@ -23,10 +23,6 @@ std::string shown_name(const std::string& path);
 
 /// Tells which elements of a file, such as faces, are not used.
 void tell_skipped(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
-/// Tells how many colours of an input are not finite, where nothing else is kept of it as it is.
-void tell_unusable_colors(const Tool& tool, const std::string& path, const SurfelCloud& cloud);
-struct NotFinite;
-void tell_unusable_colors(const Tool& tool, const std::string& path, const NotFinite& found);
 /// How many values of a cloud are NaN or infinite.
 struct NotFinite {
   std::size_t surfels = 0;

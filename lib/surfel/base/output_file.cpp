@@ -208,7 +208,8 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
   // A device or a pipe (/dev/null, /dev/stdout) is written to, never replaced.
   copied_ = target_ == "-" || (exists && !S_ISREG(status.st_mode));
   if (copied_ && kept) {
-    throw_io(display_name(target_), "is no file whose parts can be kept for `resume`; name a file");
+    throw_usage(display_name(target_) +
+                " is no file whose parts can be kept for `resume`; name a file");
   }
   if (copied_) {
     const char* folder = std::getenv("TMPDIR");

@@ -70,6 +70,16 @@ T greatest_of(Peers* peers, const T& mine) {
   return greatest;
 }
 
+/// The least of the peers' values.
+template <class T>
+T least_of(Peers* peers, const T& mine) {
+  T least = mine;
+  for (const std::vector<T>& values : gather_lists(peers, std::vector<T>{mine})) {
+    least = std::min(least, values.front());
+  }
+  return least;
+}
+
 /// The sum of the peers' values.
 template <class T>
 T sum_of(Peers* peers, const T& mine) {

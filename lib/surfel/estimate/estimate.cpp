@@ -256,6 +256,7 @@ SurfelCloud estimate_surfels(const SurfelCloud& cloud, const EstimateOptions& op
   StageTimer stage(r.times);
   OrderedPoints points = finite_points(cloud, name);
   r.nonfinite = cloud.size() - points.order.size();
+  r.unusable_colors = unusable_colors(cloud);
   if (options.orientation.method == Orientation::kAlign) {
     r.without_normal = without_normal(cloud, points, name);
   }

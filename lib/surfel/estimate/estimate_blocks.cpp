@@ -10,21 +10,19 @@
 #include <type_traits>
 
 #include <fmt/format.h>
-#include <surfel/base/bounds.h>
 #include <surfel/base/error.h>
-#include <surfel/base/median.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate_blocks.h>
-#include <surfel/estimate/loaded_runs.h>
+#include <surfel/estimate/halo_loader.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/point_estimates.h>
 #include <surfel/estimate/range_normals.h>
 #include <surfel/estimate/run_index.h>
-#include <surfel/io/cloud_ranges.h>
+#include <surfel/scene/cloud_rows.h>
 #include <surfel/surface/exact_search.h>
 #include <surfel/surface/halo_search.h>
 #include <surfel/surface/neighbor_lists.h>
@@ -38,78 +36,21 @@ constexpr std::size_t kRunLength = 1024;
 constexpr std::size_t kLeastRun = 64;
 /// Points that are read at once for the index.
 constexpr std::size_t kIndexPiece = std::size_t{256} * kRunLength;
-/// Points that one region is made of: a box with fewer is tighter, and there are more of them.
-constexpr std::size_t kRegionPoints = 512;
-/// Points of a region that tell their spacing.
-constexpr std::size_t kLeastTelling = 32;
-/// Width of halos in spacings, for neighbourhoods of 16: cells are mostly known from 32 points,
-/// which reach 3.2 spacings, and their normals from 16 more, which reach 2.3. The rest is for
-/// uneven points: of a fractal terrain 1 in 3000 is estimated again.
-constexpr double kHaloSpacings = 8;
 /// Runs from which it is guessed whether ellipses are worth it.
 constexpr std::size_t kProbes = 16;
 /// Bytes that the estimate of a point takes with its place in the search, besides its columns.
 constexpr std::size_t kPointBytes = 330;
-/// Points that are read for halos at most, by the points of a block: consecutive points that lie
-/// close together need less than half of that.
-constexpr std::size_t kMostRead = 16;
-
 /// Runs whose boxes meet the box of a run: along a curve through space there are some tens.
 constexpr std::size_t kMostMeeting = 64;
 
 /// Number of the checkpoint that says whether ellipses are worth it; blocks have smaller ones.
 constexpr std::uint64_t kEllipses = std::numeric_limits<std::uint64_t>::max();
 
-constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max();
-
-/// Points that are in memory for one pass, along the curve of the whole cloud.
-struct Loaded {
-  Array<Vec3f> position;
-  Array<float> known;          ///< As HaloSearch has it.
-  Array<Vec3f> previous;       ///< Directions for orient_normals(); empty where it needs none.
-  Array<std::uint32_t> point;  ///< Number among the block's points, or kHalo.
-
-  std::size_t size() const { return position.size(); }
-  void append(const Loaded& more) {
-    position.insert(position.end(), more.position.begin(), more.position.end());
-    known.insert(known.end(), more.known.begin(), more.known.end());
-    previous.insert(previous.end(), more.previous.begin(), more.previous.end());
-    point.insert(point.end(), more.point.begin(), more.point.end());
-  }
-};
-
-template <class T>
-Array<T> in_order(const Array<T>& values, const Array<std::uint32_t>& order) {
-  Array<T> out(values.size());
-  if (!values.empty()) {
-    parallel_each(order.size(), kLoadGrain, [&](std::size_t i) { out[i] = values[order[i]]; });
-  }
-  return out;
-}
-
-/// A box of points, and how wide the halo around it should be.
-struct Region {
-  RunBox box;
-  float reach = 0;
-};
-
-/// Estimates of the points of a block, in the order of the file, and what they depend on.
-struct CloudBlock {
-  std::size_t begin_run = 0, end_run = 0;
-  std::vector<std::size_t> run_points;  ///< First finite point of each run, and the end.
-  SurfelCloud cloud;                    ///< The block's finite points with all columns.
-  Array<Vec3f> previous;                ///< As Loaded has it.
-  Array<float> reach;                   ///< Width of the halo around each point.
+/// Estimates of the points of a block, in the order of the file.
+struct CloudBlock : BlockPoints {
   PointEstimates estimates;
   Array<std::uint8_t> turned;  ///< 1 where orientation turned the normal.
   std::size_t components = 0;
-};
-
-/// Points of a block that are estimated in one pass, along the curve, and regions that earlier
-/// passes found to be needed.
-struct PointTask {
-  Array<std::uint32_t> points;
-  std::vector<Region> needed;
 };
 
 class BlockEstimator {
@@ -129,22 +70,33 @@ class BlockEstimator {
     read_index();
     const std::uint64_t point_bytes = kPointBytes + 2 * column_bytes_;
     const std::uint64_t index_bytes = index_.size() * sizeof(RunIndex::Run);
-    most_loaded_ = static_cast<std::size_t>((blocks.memory - std::min(blocks.memory, index_bytes)) /
-                                            point_bytes);
+    auto most_loaded = static_cast<std::size_t>(
+        (blocks.memory - std::min(blocks.memory, index_bytes)) / point_bytes);
     std::size_t points = blocks.most_points;
     if (points == 0) {
       // The halo takes its part.
-      points = std::min(most_loaded_ / 10 * 7, kMostBlock);
+      points = std::min(most_loaded / 10 * 7, kMostBlock);
       if (points < kRunLength) {
         throw_usage(fmt::format(
             "{} bytes of memory are too few to estimate {} points: give at least {} bytes",
             blocks.memory, index_.points(), index_bytes + 2 * kRunLength * point_bytes));
       }
     } else {
-      most_loaded_ = std::numeric_limits<std::size_t>::max();
+      most_loaded = std::numeric_limits<std::size_t>::max();
     }
     block_runs_ = std::max<std::size_t>(1, points / index_.length());
     decide();
+    const NormalOptions& normals = options_.normals;
+    HaloOptions halo{.radius = normals.radius, .most_points = most_loaded};
+    if (normals.radius > 0) {
+      halo.neighbors = 0;
+    } else {
+      halo.neighbors = normals.adaptive ? normals.k_max : normals.k;
+    }
+    if (aligned() || to_sensors_) {
+      halo.directions = [this](const SurfelCloud& piece) { return directions(piece); };
+    }
+    halos_.emplace(cloud_, index_, std::move(halo), name_);
   }
 
   void run(SurfelSink& sink, EstimateReport& report, StageTimer& stage) {
@@ -199,7 +151,7 @@ class BlockEstimator {
   struct Totals {
     std::array<std::size_t, kPointFlags> flagged{};
     std::size_t neighbors = 0, extended = 0, flipped = 0, unknown = 0;
-    std::size_t border = 0, capped = 0, elongated = 0, components = 0;
+    std::size_t border = 0, capped = 0, elongated = 0, components = 0, unusable_colors = 0;
     std::uint64_t confidence = 0;
     Orientation method = Orientation::kNone;
   };
@@ -227,6 +179,7 @@ class BlockEstimator {
       totals_.border += more.border;
       totals_.capped += more.capped;
       totals_.elongated += more.elongated;
+      totals_.unusable_colors += more.unusable_colors;
       totals_.confidence += more.confidence;
       totals_.components = std::max(totals_.components, more.components);
     }
@@ -273,7 +226,7 @@ class BlockEstimator {
     constexpr std::size_t kRunsOfBlock = 64;
     constexpr std::size_t kShareOfIndex = 8;
     const std::uint64_t point_bytes =
-        kPointBytes + 2 * (cloud.size() > 0 ? column_bytes(cloud.read(0, 1)) : 0);
+        kPointBytes + 2 * (cloud.size() > 0 ? row_bytes(cloud.read(0, 1)) : 0);
     const std::uint64_t of_block = blocks.memory / point_bytes / kRunsOfBlock;
     const std::uint64_t of_index = cloud.size() * sizeof(RunIndex::Run) * kShareOfIndex /
                                    std::max<std::uint64_t>(1, blocks.memory);
@@ -297,7 +250,7 @@ class BlockEstimator {
       SurfelCloud piece = all_columns ? cloud_.read(begin, end) : SurfelCloud();
       if (!all_columns) piece.position = cloud_.positions(begin, end);
       if (begin == 0) {
-        column_bytes_ = column_bytes(piece);
+        column_bytes_ = row_bytes(piece);
         told_once_ = piece.viewpoint.has_value();
         sensors_ = !piece.scan_viewpoints.empty();
         sensor_ = options_.normals.sensor.value_or(Vec3d(0, 0, 0)) - piece.origin;
@@ -326,7 +279,7 @@ class BlockEstimator {
       throw_input(name_, "there is no point with finite coordinates; export the points again");
     }
     // Any order will do by which what is near in the file is near in space.
-    if (index_.median_meeting() > std::max(kMostMeeting, index_.size() / 4)) refuse_disorder();
+    if (index_.median_meeting() > std::max(kMostMeeting, index_.size() / 4)) refuse_disorder(name_);
     sample_ = sample.places();
   }
 
@@ -458,14 +411,14 @@ class BlockEstimator {
 
   CloudBlock estimate(std::size_t begin_run, std::size_t end_run) {
     CloudBlock block = read_block(begin_run, end_run);
-    std::vector<PointTask> tasks(1);
+    std::vector<HaloTask> tasks(1);
     tasks[0].points = morton_order(block.cloud.position, grid_);
     if (tasks[0].points.empty()) return block;
-    measure_reach(tasks[0].points, block);
+    halos_->measure_reach(tasks[0].points, block);
     while (!tasks.empty()) {
-      const PointTask task = std::move(tasks.back());
+      const HaloTask task = std::move(tasks.back());
       tasks.pop_back();
-      const std::optional<Loaded> loaded = load(task, block);
+      const std::optional<HaloPoints> loaded = halos_->load(task, block);
       if (!loaded) {
         // Halves along the curve need fewer points each.
         const std::size_t half = task.points.size() / 2;
@@ -474,7 +427,7 @@ class BlockEstimator {
         tasks.push_back({Array<std::uint32_t>(task.points.begin(), middle), task.needed});
         continue;
       }
-      PointTask rest = estimate(*loaded, block);
+      HaloTask rest = estimate(*loaded, block);
       if (rest.points.empty()) continue;
       rest.needed.insert(rest.needed.end(), task.needed.begin(), task.needed.end());
       tasks.push_back(std::move(rest));
@@ -482,199 +435,9 @@ class BlockEstimator {
     return block;
   }
 
-  /// Calls body(points) with the points of a block, which are given along the curve, in boxes of
-  /// kRegionPoints at most.
-  template <class Body>
-  void cut(std::span<const std::uint32_t> points, const CloudBlock& block, const Body& body) const {
-    const auto code = [&](std::uint32_t i) { return grid_.code(block.cloud.position[i]); };
-    const auto halve = [&](auto& self, std::span<const std::uint32_t> some, int bit) -> void {
-      if (some.empty()) return;
-      if (some.size() <= kRegionPoints) {
-        body(some);
-        return;
-      }
-      auto middle = some.begin() + static_cast<std::ptrdiff_t>(some.size() / 2);
-      if (bit >= 0) {
-        middle = std::partition_point(some.begin(), some.end(),
-                                      [&](std::uint32_t i) { return (code(i) >> bit & 1) == 0; });
-      }
-      self(self, some.first(static_cast<std::size_t>(middle - some.begin())), bit - 1);
-      self(self, some.subspan(static_cast<std::size_t>(middle - some.begin())), bit - 1);
-    };
-    constexpr int kHighestBit = 62;
-    halve(halve, points, kHighestBit);
-  }
-
-  static Region region_of(std::span<const std::uint32_t> points, const CloudBlock& block) {
-    Region region;
-    for (const std::uint32_t i : points) {
-      region.box.add(block.cloud.position[i]);
-      region.reach = std::max(region.reach, block.reach[i]);
-    }
-    return region;
-  }
-
-  /// Finds how wide the halo around each point of a block should be, by the spacing that the points
-  /// of a box have on a surface or on a line.
-  void measure_reach(std::span<const std::uint32_t> points, CloudBlock& block) const {
-    std::fill(block.reach.begin(), block.reach.end(), 0.0F);
-    struct Measured {
-      std::span<const std::uint32_t> points;
-      float spacing;
-    };
-    std::vector<Measured> boxes;
-    std::vector<float> told;
-    cut(points, block, [&](std::span<const std::uint32_t> some) {
-      const RunBox box = region_of(some, block).box;
-      Vec3f side = box.high - box.low;
-      std::sort(side.begin(), side.end());
-      const auto count = static_cast<float>(some.size());
-      const float spacing = std::max(std::sqrt(side[2] * side[1] / count), side[2] / count);
-      boxes.push_back({some, spacing});
-      if (some.size() >= kLeastTelling) told.push_back(spacing);
-    });
-    const float middle = told.empty() ? 0 : median(told);
-    const NormalOptions& normals = options_.normals;
-    const double k = normals.radius > 0 ? 0 : normals.adaptive ? normals.k_max : normals.k;
-    const double spacings = kHaloSpacings * std::max(1.0, std::sqrt(k / 16));
-    for (const Measured& box : boxes) {
-      // Boxes of few points, or of points in several corners, have no spacing of their own.
-      constexpr float kMostUneven = 4;
-      float spacing = box.spacing;
-      if (!told.empty()) {
-        spacing =
-            box.points.size() < kLeastTelling ? middle : std::min(spacing, kMostUneven * middle);
-      }
-      const auto reach =
-          static_cast<float>(spacings * static_cast<double>(spacing) + normals.radius);
-      for (const std::uint32_t i : box.points) block.reach[i] = reach;
-    }
-  }
-
-  /// The run of a block's point.
-  static std::size_t run_of(std::uint32_t point, const CloudBlock& block) {
-    const auto& first = block.run_points;
-    const auto next = std::upper_bound(first.begin(), first.end(), std::size_t{point});
-    return block.begin_run + static_cast<std::size_t>(next - first.begin()) - 1;
-  }
-
-  /// The runs that hold the points of the task, and their halo.
-  LoadedRuns wanted_runs(const PointTask& task, const CloudBlock& block) const {
-    LoadedRuns runs(index_);
-    for (const std::uint32_t i : task.points) runs.add(run_of(i, block));
-    if (task.needed.empty()) {
-      cut(task.points, block, [&](std::span<const std::uint32_t> some) {
-        const Region region = region_of(some, block);
-        runs.add_near(region.box, region.reach);
-      });
-    } else {
-      // The points are few, and far from one another. Where the halo of a box was known around its
-      // neighbours, the halo of a point has to be wider.
-      for (const std::uint32_t i : task.points) {
-        const Region region = region_of({&i, 1}, block);
-        runs.add_near(region.box, 2 * region.reach);
-      }
-    }
-    for (const Region& region : task.needed) runs.add_near(region.box, region.reach);
-    return runs;
-  }
-
-  /// Points of consecutive runs, which lie in the block or outside of it.
-  Loaded load(std::size_t begin_run, std::size_t end_run, const CloudBlock& block) const {
-    Loaded out;
-    if (begin_run >= block.begin_run && begin_run < block.end_run) {
-      const std::size_t begin = block.run_points[begin_run - block.begin_run];
-      const std::size_t end = block.run_points[end_run - block.begin_run];
-      const auto part = [&](const Array<Vec3f>& values) {
-        if (values.empty()) return Array<Vec3f>();
-        return Array<Vec3f>(values.begin() + static_cast<std::ptrdiff_t>(begin),
-                            values.begin() + static_cast<std::ptrdiff_t>(end));
-      };
-      out.position = part(block.cloud.position);
-      out.previous = part(block.previous);
-      out.point.resize(end - begin);
-      std::iota(out.point.begin(), out.point.end(), static_cast<std::uint32_t>(begin));
-      return out;
-    }
-    const std::size_t begin = index_.begin(begin_run);
-    const std::size_t end = index_.begin(end_run);
-    if (aligned() || to_sensors_) {
-      const SurfelCloud piece = cloud_.read(begin, end);
-      const Array<Vec3f> previous = directions(piece);
-      for (std::size_t i = 0; i < piece.size(); ++i) {
-        if (!piece.position[i].allFinite()) continue;
-        out.position.push_back(piece.position[i]);
-        if (!previous.empty()) out.previous.push_back(previous[i]);
-      }
-    } else {
-      out.position = cloud_.positions(begin, end);
-      std::erase_if(out.position, [](const Vec3f& p) { return !p.allFinite(); });
-    }
-    out.point.assign(out.position.size(), kHalo);
-    return out;
-  }
-
-  /// Loads the points of the task with their halo; none if there are more than the memory holds and
-  /// the task has several points.
-  std::optional<Loaded> load(const PointTask& task, const CloudBlock& block) const {
-    const LoadedRuns runs = wanted_runs(task, block);
-    struct Part {
-      std::size_t begin, end;  ///< Runs.
-      Loaded points;
-    };
-    constexpr std::size_t kMostRuns = 16;
-    std::vector<Part> parts;
-    std::size_t outside = 0;
-    for (std::size_t r = 0; r < index_.size(); ++r) {
-      if (!runs.has(r)) continue;
-      if (r < block.begin_run || r >= block.end_run) outside += index_[r].finite;
-      const bool follows = !parts.empty() && parts.back().end == r && r != block.begin_run &&
-                           r != block.end_run && r - parts.back().begin < kMostRuns;
-      if (follows) {
-        parts.back().end = r + 1;
-      } else {
-        parts.push_back({r, r + 1, {}});
-      }
-    }
-    if (task.needed.empty() &&
-        outside > kMostRead * std::max(block.cloud.size(), kMostRead * kRunLength)) {
-      refuse_disorder();
-    }
-    if (task.points.size() > 1 && runs.finite() > most_loaded_) return std::nullopt;
-    parallel_each(parts.size(), 1, [&](std::size_t p) {
-      Part& part = parts[p];
-      part.points = load(part.begin, part.end, block);
-      Loaded& points = part.points;
-      points.known.resize(points.size());
-      for (std::size_t begin = 0; begin < points.size(); begin += kRegionPoints) {
-        const std::size_t count = std::min(kRegionPoints, points.size() - begin);
-        runs.known_around(std::span<const Vec3f>(points.position).subspan(begin, count),
-                          points.known.data() + begin);
-      }
-    });
-    Loaded out;
-    for (const Part& part : parts) out.append(part.points);
-    Array<std::uint8_t> wanted;
-    wanted.assign(block.cloud.size(), 0);
-    for (const std::uint32_t i : task.points) wanted[i] = 1;
-    for (std::uint32_t& i : out.point) {
-      if (i != kHalo && wanted[i] == 0) i = kHalo;
-    }
-    const Array<std::uint32_t> order = morton_order(out.position, grid_);
-    return Loaded{in_order(out.position, order), in_order(out.known, order),
-                  in_order(out.previous, order), in_order(out.point, order)};
-  }
-
-  [[noreturn]] void refuse_disorder() const {
-    throw_input(name_,
-                "consecutive points do not lie close together, as surfels that are made "
-                "block by block need it; " +
-                    range_advice(name_));
-  }
-
   /// Estimates the points that are loaded, and notes the block's points that are certain. Returns
   /// the others, with the regions that they need.
-  PointTask estimate(const Loaded& loaded, CloudBlock& block) {
+  HaloTask estimate(const HaloPoints& loaded, CloudBlock& block) {
     const Array<Vec3f>& position = loaded.position;
     const std::size_t count = loaded.size();
     Array<std::uint8_t> wanted(count);
@@ -714,7 +477,7 @@ class BlockEstimator {
       block.turned[to] =
           known && (std::signbit(normals.normal[i].x()) ? 1 : 0) != negative[i] ? 1 : 0;
     });
-    PointTask rest;
+    HaloTask rest;
     for (std::size_t i = 0; i < count; ++i) {
       if (wanted[i] != 0 && !search.certain(i)) rest.points.push_back(loaded.point[i]);
     }
@@ -723,8 +486,8 @@ class BlockEstimator {
   }
 
   /// What has to be loaded for the uncertain points to become certain.
-  std::vector<Region> needed_regions(const Loaded& loaded, const HaloSearch& search,
-                                     const PointTask& uncertain, const CloudBlock& block) const {
+  std::vector<HaloRegion> needed_regions(const HaloPoints& loaded, const HaloSearch& search,
+                                         const HaloTask& uncertain, const CloudBlock& block) const {
     constexpr float kRounding = 1 + 1e-4F;
     // A neighbourhood among the points that are known may hold far too much if it reaches further
     // than halos do: where it ends is then found in the whole cloud.
@@ -732,7 +495,7 @@ class BlockEstimator {
     for (const std::uint32_t i : uncertain.points) usual = std::max(usual, block.reach[i]);
     RunSearch exact(cloud_, index_);
     std::vector<Vec3f> near;
-    std::vector<Region> out;
+    std::vector<HaloRegion> out;
     for (const HaloSearch::Missing& missing : search.missing()) {
       const Vec3f& p = loaded.position[missing.point];
       float reach = missing.reach;
@@ -766,6 +529,7 @@ class BlockEstimator {
       totals.elongated += elongated(e.sizes.of[i], kind) ? 1 : 0;
     }
     totals.confidence += sum_of_confidences(e.side_confidence);
+    totals.unusable_colors += unusable_colors(block.cloud);
     totals.components = std::max(totals.components, block.components);
   }
 
@@ -781,6 +545,7 @@ class BlockEstimator {
   void fill(EstimateReport& r) const {
     r.points = index_.points();
     r.nonfinite = index_.points() - index_.finite();
+    r.unusable_colors = totals_.unusable_colors;
     r.flagged = totals_.flagged;
     r.extended = totals_.extended;
     r.mean_neighbors =
@@ -804,10 +569,10 @@ class BlockEstimator {
   Checkpoints* checkpoints_;
   Peers* peers_;
   RunIndex index_;
+  std::optional<HaloLoader> halos_;  ///< Once it is decided what the points need.
   std::vector<Vec3f> sample_;
   std::size_t shared_ = 0;        ///< Neighbours that are kept for all stages.
   std::size_t column_bytes_ = 0;  ///< Bytes of a point's columns.
-  std::size_t most_loaded_ = 0;   ///< Points that the memory holds.
   std::size_t block_runs_ = 0;    ///< Runs of a block.
   std::size_t without_normal_ = 0;
   bool told_once_ = false;   ///< The cloud tells a viewpoint for all points.
@@ -850,15 +615,6 @@ std::vector<std::string> block_problems(const EstimateOptions& options, bool tol
   return found;
 }
 
-std::size_t column_bytes(const SurfelCloud& cloud) {
-  std::size_t bytes = 0;
-  SurfelCloud::visit_columns(cloud, [&](const auto& column) {
-    if (!column.empty()) bytes += sizeof(column[0]);
-  });
-  for (const ExtraProperty& extra : cloud.extra) bytes += scalar_size(extra.type);
-  return bytes;
-}
-
 std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes) {
   // The cloud, and the surfels with their normals, sizes and properties, are in memory at once.
   constexpr std::uint64_t kSurfelBytes = 40;
@@ -871,7 +627,10 @@ void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& option
   require_usable(options);
   EstimateReport r;
   StageTimer stage(r.times);
-  BlockEstimator(cloud, options, blocks, name).run(sink, r, stage);
+  // Processes that had different blocks would leave some out.
+  BlockOptions agreed = blocks;
+  agreed.memory = least_of(blocks.peers, blocks.memory);
+  BlockEstimator(cloud, options, agreed, name).run(sink, r, stage);
   if (report) *report = std::move(r);
 }
 

@@ -14,7 +14,8 @@
 namespace surfel {
 
 struct BlockOptions {
-  /// Bytes that the work may take, what the process has already and what the sink takes excluded.
+  /// Bytes that the work may take, what the process has already and what the sink takes excluded;
+  /// of several processes the least counts.
   std::uint64_t memory = std::uint64_t{1} << 30;
   std::size_t most_points = 0;         ///< Points of a block; 0 = as many as the memory holds.
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
@@ -42,10 +43,8 @@ class SurfelSink {
 /// they can. `told` is whether the cloud tells a viewpoint, of itself or of its scans.
 SURFEL_API std::vector<std::string> block_problems(const EstimateOptions& options, bool told);
 
-/// Bytes that the columns of a point take in memory.
-SURFEL_API std::size_t column_bytes(const SurfelCloud& cloud);
 /// Bytes that estimate_surfels() takes for a cloud of so many points whose columns take
-/// `point_bytes` each, the cloud and the surfels included.
+/// `point_bytes` each (row_bytes()), the cloud and the surfels included.
 SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_bytes);
 
 /// Makes surfels of a cloud that need not be in memory: the same ones, in the same order, as

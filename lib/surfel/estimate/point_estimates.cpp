@@ -47,6 +47,12 @@ std::size_t shared_neighbors(const NormalOptions& normals) {
   return std::max(least, static_cast<std::size_t>(std::min(normals.k, kMostShared)));
 }
 
+std::size_t unusable_colors(const SurfelCloud& cloud) {
+  return count_where(cloud.color.size(), [&](std::size_t i) {
+    return cloud.position[i].allFinite() && !cloud.color[i].allFinite();
+  });
+}
+
 std::uint64_t sum_of_confidences(const Array<float>& confidence) {
   std::uint64_t sum = 0;
   for (const float c : confidence) sum += static_cast<std::uint64_t>(c * 0x1p32F);

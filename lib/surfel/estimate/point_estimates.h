@@ -33,6 +33,9 @@ inline Vec3f direction_to_sensor(const Vec3d& sensor, const Vec3d& origin, const
   return to.cast<float>();
 }
 
+/// Points with finite coordinates whose colour is not finite.
+std::size_t unusable_colors(const SurfelCloud& cloud);
+
 /// Sum of confidences, 0..1 each, in units of 2^-32: whole numbers, so that the order in which
 /// points come does not matter.
 std::uint64_t sum_of_confidences(const Array<float>& confidence);

@@ -682,12 +682,8 @@ void CloudWriter::append(const SurfelCloud& piece) {
     w.columns = records.columns();
     w.file->write(w.header(piece));
   }
-  const bool same =
-      std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
-                 records.columns().end(), [](const RecordColumn& a, const RecordColumn& b) {
-                   return a.name == b.name && a.type == b.type;
-                 });
-  if (!same) throw_input(w.path, "pieces of the cloud differ in their columns");
+  if (!same_columns(w.columns, records.columns()))
+    throw_input(w.path, "pieces of the cloud differ in their columns");
   if (w.format == CloudFormat::kObj) {
     write_text(
         piece.size(),

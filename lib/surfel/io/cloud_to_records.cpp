@@ -198,6 +198,13 @@ void CloudRecords::add_extra(const ExtraProperty& property) {
   });
 }
 
+bool same_columns(const std::vector<RecordColumn>& a, const std::vector<RecordColumn>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const RecordColumn& x, const RecordColumn& y) {
+                      return x.name == y.name && x.type == y.type;
+                    });
+}
+
 CloudRecords::CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& options)
     : cloud_(cloud) {
   add_position(options.for_text);

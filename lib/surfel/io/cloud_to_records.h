@@ -21,6 +21,9 @@ struct CloudRecordOptions {
   bool for_text = false;
 };
 
+/// Have records the same columns, so that they may stand in one file?
+bool same_columns(const std::vector<RecordColumn>& a, const std::vector<RecordColumn>& b);
+
 /// A cloud's columns as a file's records, made range by range. Internal to the library.
 class CloudRecords {
  public:

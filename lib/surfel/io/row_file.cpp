@@ -46,6 +46,7 @@ struct RowFile::Impl {
   Vec3d origin{0, 0, 0};
   std::uint64_t rows = 0;
   std::uint64_t rows_at = 0;  ///< Where they begin in the file.
+  std::vector<RecordColumn> columns;
   std::size_t stride = 0;
   std::uint64_t header = 0;                           ///< Checksum of the header.
   std::vector<std::string> entries;                   ///< Of earlier runs.
@@ -59,12 +60,12 @@ struct RowFile::Impl {
     if (options.job.empty()) return;
     journal.emplace(file->temporary() + "-parts");
     entries = journal->open(options.job);
-    for (const std::string& entry : entries) take(entry, false);
+    std::erase_if(entries, [&](const std::string& entry) { return take(entry, false); });
   }
   bool follows() const { return options.peers && options.peers->rank() > 0; }
   void share();
   std::uint64_t checksum(const RowSpan& span) const;
-  void take(const std::string& entry, bool with_rows);
+  bool take(const std::string& entry, bool with_rows);
 };
 
 /// Tells the other processes which file they write to.
@@ -93,19 +94,20 @@ std::uint64_t RowFile::Impl::checksum(const RowSpan& span) const {
 }
 
 /// Takes over a part that an earlier run made: one with rows, if these are there, or one without.
-void RowFile::Impl::take(const std::string& entry, bool with_rows) {
+/// Did it?
+bool RowFile::Impl::take(const std::string& entry, bool with_rows) {
   KeptPart head{};
-  if (entry.size() < sizeof(head)) return;
+  if (entry.size() < sizeof(head)) return false;
   std::memcpy(&head, entry.data(), sizeof(head));
   const std::size_t room = (entry.size() - sizeof(head)) / sizeof(KeptSpan);
-  if (head.spans > room || (head.spans > 0) != with_rows) return;
-  if (with_rows && head.header != header) return;
+  if (head.spans > room || (head.spans > 0) != with_rows) return false;
+  if (with_rows && head.header != header) return false;
   std::uint64_t count = 0;
   for (std::size_t s = 0; s < head.spans; ++s) {
     KeptSpan span{};
     std::memcpy(&span, entry.data() + sizeof(head) + s * sizeof(span), sizeof(span));
-    if (span.rows.begin > span.rows.end || span.rows.end > rows) return;
-    if (span.checksum != checksum(span.rows)) return;
+    if (span.rows.begin > span.rows.end || span.rows.end > rows) return false;
+    if (span.checksum != checksum(span.rows)) return false;
     count += span.rows.end - span.rows.begin;
   }
   const bool is_new =
@@ -113,6 +115,7 @@ void RowFile::Impl::take(const std::string& entry, bool with_rows) {
           .insert_or_assign(head.part, entry.substr(sizeof(head) + head.spans * sizeof(KeptSpan)))
           .second;
   if (is_new) rows_kept += count;
+  return true;
 }
 
 RowFile::RowFile(const std::string& path, const RowFileOptions& options) {
@@ -133,11 +136,13 @@ void RowFile::begin(const SurfelCloud& like, std::uint64_t rows, std::uint64_t c
   f.origin = like.origin;
   f.rows = rows;
   f.rows_at = header.size();
+  f.columns = records.columns();
   f.stride = records.stride();
   f.header = crc32c(std::as_bytes(std::span(header.data(), header.size())));
   f.parts.clear();
   f.rows_kept = 0;
-  for (const std::string& entry : f.entries) f.take(entry, true);
+  // States may take as much memory as the result of the work: they are there once.
+  std::erase_if(f.entries, [&](const std::string& entry) { return f.take(entry, true); });
   if (!f.follows()) {
     if (f.rows_kept == 0) f.file->clear();
     f.file->write_at(0, header.data(), header.size());
@@ -149,7 +154,7 @@ std::size_t RowFile::stride() const { return impl_->stride; }
 
 void RowFile::put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::uint64_t at) {
   const CloudRecords records(part, {});
-  if (records.stride() != impl_->stride) {
+  if (!same_columns(impl_->columns, records.columns())) {
     throw_input(impl_->name, "parts of the cloud differ in their columns");
   }
   parallel_for(end - begin, kRowGrain, [&](std::size_t first, std::size_t last, int) {

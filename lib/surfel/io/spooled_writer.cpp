@@ -54,12 +54,8 @@ void SpooledWriter::append(const SurfelCloud& piece) {
     w.stride = records.stride();
     w.like = piece.gathered({0});
   }
-  const bool same =
-      std::equal(w.columns.begin(), w.columns.end(), records.columns().begin(),
-                 records.columns().end(), [](const RecordColumn& a, const RecordColumn& b) {
-                   return a.name == b.name && a.type == b.type;
-                 });
-  if (!same) throw_input(w.path, "pieces of the cloud differ in their columns");
+  if (!same_columns(w.columns, records.columns()))
+    throw_input(w.path, "pieces of the cloud differ in their columns");
   Array<std::byte> bytes;
   for (std::size_t first = 0; first < piece.size(); first += kSpooledRows) {
     const std::size_t count = std::min(kSpooledRows, piece.size() - first);

@@ -30,7 +30,7 @@ struct MeasuredFacts {
   std::optional<double> area_mean;
   std::size_t ellipses = 0;         ///< Usable ones; 0 where there are no ellipses.
   std::size_t long_ellipses = 0;    ///< Less round than kRound.
-  float ellipse_percentile_95 = 0;  ///< Half axes from those of the disc of the same area,
+  float ellipse_percentile_95 = 0;  ///< Half axes from the radius of the disc of the same area,
   float ellipse_most = 0;           ///< relative.
   std::size_t see_through = 0;      ///< Surfels of an opacity below 0.99.
   std::optional<double> basis_cutoff;

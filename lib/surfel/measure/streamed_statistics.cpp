@@ -252,8 +252,8 @@ void SampledCells::count_discs(float largest_radius, bool unlike) {
       });
 }
 
-/// Fills in the cells of the rounds that are measured; returns those of them that have too many
-/// discs over them for all to be counted.
+/// Fills in the cells of the rounds that are measured; returns the cells among them that have too
+/// many discs over them for all to be counted.
 std::vector<std::size_t> SampledCells::chosen_cells(std::vector<CellCoverage>& cells) const {
   std::vector<std::size_t> crowded;
   std::size_t looked_at = 0;

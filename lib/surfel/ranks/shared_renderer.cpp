@@ -94,8 +94,7 @@ int SharedRenderer::parts_of(const Camera& camera, std::span<const RowRange> row
     other.rows = range;
     return range.begin < range.end ? renderer_.rows_seen(other) : RowRange{0, 0};
   };
-  const auto most = static_cast<std::size_t>(
-      greatest_of(&peers_, -static_cast<std::int64_t>(store_.batch_clusters())) * -1);
+  const std::size_t most = least_of(&peers_, store_.batch_clusters());
   int parts = 1;
   // A single row of tiles is not divided further, whatever it shows.
   int tallest = 1;

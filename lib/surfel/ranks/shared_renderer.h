@@ -39,7 +39,6 @@ class SURFEL_API SharedRenderer {
   Image render(const Camera& camera, FrameStatistics* statistics = nullptr);
 
  private:
-  struct Drawn;
   PictureLoad load_of(std::span<const VisibleCluster> visible);
   std::vector<RowRange> rows_of_all(const RowRange& rows);
   int parts_of(const Camera& camera, std::span<const RowRange> rows,

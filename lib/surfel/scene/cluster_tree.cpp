@@ -29,7 +29,7 @@ std::string cluster_problem(const TreeCluster& c, std::size_t i, std::size_t nex
   return {};
 }
 
-/// What is wrong with where a cluster's children are; those of the clusters before it end at
+/// What is wrong with where a cluster's children are; the children of the clusters before it end at
 /// `next_child`.
 std::string children_problem(const TreeCluster& c, std::size_t i, std::size_t next_child,
                              std::size_t clusters) {

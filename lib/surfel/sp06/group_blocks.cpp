@@ -54,7 +54,7 @@ float reach_of(const SurfelCloud& cloud, std::size_t i, const OverlapOptions& op
   return static_cast<float>(options.overlap) * splat_radius(cloud, i, options.cutoff);
 }
 
-/// A splat as a run. Where splats may overlap as they like, those of no reach are still usable.
+/// A splat as a run. Where splats may overlap as they like, splats of no reach are usable, too.
 SplatRun run_of(const SurfelCloud& cloud, std::size_t i, const OverlapOptions& options) {
   SplatRun run;
   if (splat_radius(cloud, i, options.cutoff) > 0) {
@@ -74,9 +74,9 @@ std::vector<SplatRun> runs_of(const SurfelCloud& cloud, const OverlapOptions& op
   return runs;
 }
 
-/// Finds out which splats, and runs of splats, may overlap those of a block. A curve through space
-/// jumps: boxes of some consecutive splats may be as large as the cloud, those of the splats are
-/// not.
+/// Finds out which splats, and runs of splats, may overlap the splats of a block. A curve through
+/// space jumps: boxes of some consecutive splats may be as large as the cloud, the boxes of single
+/// splats are not.
 class BlockSplats {
  public:
   BlockSplats(const SurfelCloud& block, const OverlapOptions& options) : splat_(block.size()) {

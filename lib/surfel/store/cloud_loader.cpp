@@ -68,7 +68,7 @@ struct LoadedCloud::Impl {
   std::unique_ptr<SurfelSource> wrapped;  ///< Null: the records themselves.
   ClusterTree tree;               ///< Whole; empty where there are no levels, or but a part.
   std::optional<TreePart> part;   ///< Where peers share the levels.
-  std::vector<TreeLevel> levels;  ///< Of the tree, or of that of which there is a part.
+  std::vector<TreeLevel> levels;  ///< Of the whole tree, also where there is but a part.
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
