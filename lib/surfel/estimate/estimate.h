@@ -34,8 +34,8 @@ struct EstimateOptions {
 };
 
 struct EstimateReport {
-  std::size_t points = 0;     ///< Points of the cloud as it came.
-  std::size_t nonfinite = 0;  ///< Points removed: NaN or infinite coordinates.
+  std::size_t points = 0;           ///< Points of the cloud as it came.
+  std::size_t nonfinite = 0;        ///< Points removed: NaN or infinite coordinates.
   std::size_t unusable_colors = 0;  ///< Finite points whose colour is not finite.
   /// Points with kAlign whose given normal is zero or not finite: their side is the surface's.
   std::size_t without_normal = 0;
