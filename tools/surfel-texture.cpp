@@ -19,241 +19,25 @@
 #include <surfel/io/cloud_ranges.h>
 #include <surfel/io/cloud_survey.h>
 #include <surfel/io/mesh_io.h>
-#include <surfel/render/renderer.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/triangle_mesh.h>
-#include <surfel/surface/coverage_threshold.h>
 #include <surfel/texture/normal_fit.h>
 #include <surfel/texture/normal_maps.h>
 #include <surfel/texture/surface_lookup.h>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
-#include "tools/support/color.h"
 #include "tools/support/normal_maps.h"
 #include "tools/support/options.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
+#include "tools/texture/settings.h"
 
 namespace {
 
-enum class From { kTexture, kColors };
-
-struct Settings {
-  std::string input;
-  std::string output;
-  std::string mesh;
-  surfel::TextureSourceOptions source;
-  std::string solid_name;
-  surfel::SolidTextureOptions solid;  ///< But for pattern and frequency, which the name has.
-  surfel::TextureFitOptions fit;
-  surfel::tool::NormalMapSettings normals;
-  std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
-  bool no_charts = false;
-  From from = From::kTexture;
-  std::optional<Eigen::Vector2d> bounds;
-};
-
-/// Options of the least-squares fits.
-void declare_systems(CLI::App& app, Settings& s) {
-  using namespace surfel;
-  app.option_defaults()->group("Systems of equations (--fit gram, render)");
-  tool::add_choice(app, "--solver", s.fit.solver,
-                   {{"cg", FitSolver::kConjugateGradients},
-                    {"ldlt", FitSolver::kLdlt},
-                    {"ceres", FitSolver::kCeres}},
-                   "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
-                   "for small systems; ceres = least squares by Ceres, to compare with, for small "
-                   "systems");
-  app.add_option("--tolerance", s.fit.tolerance,
-                 "Of cg: relative residual; of ceres and --robust: relative change of the "
-                 "coefficients in the last step; 1e-14..0.1");
-  tool::add_text(app, "--lambda", "X", "auto",
-                 "Weight of the distance to ewa's coefficients by the system's mean diagonal, "
-                 "0..1e6, or auto: render 0.03 (from colors 0.5), gram what keeps the condition "
-                 "below 1e6 and lets cg converge",
-                 [&s](const std::string& text) {
-                   if (text == "auto") {
-                     s.fit.lambda.reset();
-                   } else {
-                     s.fit.lambda = tool::parse_numbers("--lambda", text, 1).front();
-                   }
-                 });
-  tool::add_vector(app, "--bounds", s.bounds,
-                   "Of cg: keep coefficients within these two, such as 0,1");
-  tool::add_choice(
-      app, "--right-side", s.fit.right_side,
-      {{"published", GramRightSide::kPublished}, {"normalised", GramRightSide::kNormalised}},
-      "Of --fit gram, the c of R w = c: published = the integrals of SS01 (11), the "
-      "optimum for the plain sum of all kernels, the default; normalised = by the "
-      "kernels' sum, by which the renderer divides, the only one of --from colors");
-  app.add_option("--cutoff", s.fit.cutoff,
-                 "Of --fit render: the --cutoff that surfel-render is going to use, 0.1..16");
-  app.add_option(
-      "--points", s.fit.points,
-      "Of --fit render: points of the surface a surfel that are fitted, 1..256; default: "
-      "6, 12 with --refine-variance");
-  tool::add_text(app, "--robust", "X", "",
-                 "Of --fit render: residuals longer than this, linear R G B, are outliers and "
-                 "count by their length instead of its square (Huber's loss), > 0, or auto: twice "
-                 "the median residual",
-                 [&s](const std::string& text) {
-                   s.fit.robust = true;
-                   if (text == "auto") {
-                     s.fit.robust_scale.reset();
-                   } else {
-                     s.fit.robust_scale = tool::parse_numbers("--robust", text, 1).front();
-                   }
-                 });
-  app.add_flag(
-      "--refine-variance", s.fit.refine_variance,
-      "Of --fit render: fit the surfels' variances together with the coefficients, "
-      "standard deviations within 1/2..2 of what they were; takes about 0.5 ms of one core "
-      "a surfel");
-  app.option_defaults()->group("Options");
-}
-
-/// Options of solid textures.
-void declare_solid(CLI::App& app, Settings& s) {
-  using namespace surfel;
-  app.option_defaults()->group("Solid textures (--solid)");
-  app.add_option(
-      "--solid", s.solid_name,
-      "Texture that fills space and needs no uv: checker, noise, marble, wood, each also "
-      "as NAME:FREQUENCY, features (cubes, blots, veins, rings) along the diagonal of "
-      "the surfels' bounds; default: checker 16, noise 12, marble 9, wood 32");
-  app.add_option("--feature-size", s.solid.feature_size,
-                 "Size of a feature in scene units, instead of a frequency, > 0");
-  tool::add_vector(app, "--center", s.solid.center,
-                   "Where the centre of the pattern's block lies, world coordinates; default: "
-                   "centre of the surfels' bounds");
-  app.add_option("--octaves", s.solid.octaves,
-                 "Of noise, marble and wood: octaves of the noise, 1..16");
-  app.add_option("--seed", s.solid.seed, "Of noise, marble and wood: chooses the noise");
-  tool::add_color(app, "--dark", s.solid.dark,
-                  "Dark colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
-  tool::add_color(app, "--light", s.solid.light,
-                  "Light colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
-  app.option_defaults()->group("Options");
-}
-
-void declare_options(CLI::App& app, Settings& s) {
-  using namespace surfel;
-  app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
-      ->required();
-  app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
-  app.add_option("--image", s.source.image,
-                 "Image file, or checker, siemens, noise, each also as NAME:FREQUENCY; default: "
-                 "the images of the mesh's materials");
-  app.add_option("--mesh", s.mesh,
-                 "The mesh that the surfels were sampled from: its materials' images, and its "
-                 "charts, beyond whose borders no kernel takes colour");
-  app.add_flag("--no-charts", s.no_charts, "Let kernels take colour from beyond their chart");
-  tool::add_choice(
-      app, "--wrap", s.source.wrap,
-      {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
-      "What lies beyond the image's borders; default: as the mesh's materials say, else repeat");
-  tool::add_choice(app, "--from", s.from, {{"texture", From::kTexture}, {"colors", From::kColors}},
-                   "What the coefficients are fitted to: an image, or the surfels' own colours");
-  tool::add_choice(app, "--fit", s.fit.kind,
-                   {{"ewa", TextureFitKind::kEwa},
-                    {"gram", TextureFitKind::kGram},
-                    {"render", TextureFitKind::kRender}},
-                   "How coefficients are found: ewa = view-independent EWA; gram = R w = c, the "
-                   "least squares of the plain sum of all kernels; render = least squares for what "
-                   "surfel-render "
-                   "makes of them: the sharpest under magnification");
-  app.add_option("--reconstruction", s.fit.reconstruction,
-                 "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16");
-  app.add_option("--prefilter", s.fit.prefilter,
-                 "With --fit ewa: variance of the kernel that filters the texture, by the "
-                 "surfel's own, 1/16..4. 1 is as published; 0.5 is sharper where surfels are less "
-                 "than a pixel apart or magnified, and noisier where they are far away");
-  app.add_option("--max-aspect", s.fit.max_aspect,
-                 "Kernels longer than this many times their width are widened, 1..10000");
-  app.add_flag("--exact", s.fit.exact,
-               "Sum over the image's own texels whatever it takes, instead of a pyramid's");
-
-  declare_solid(app, s);
-  app.option_defaults()->group("Normals");
-  tool::add_normal_maps(app, s.normals);
-  declare_systems(app, s);
-  tool::add_memory(app, s.memory,
-                   "Memory for surfels; a binary PLY file may be larger with --fit ewa, and is "
-                   "textured block by block");
-}
-
-/// Completes the options of the solid texture, if there is one, and adds what is wrong with them.
-void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& problems) {
-  using surfel::tool::append;
-  using surfel::tool::without_effect;
-  if (s.solid_name.empty()) {
-    append(problems,
-           without_effect(
-               app, {"--feature-size", "--center", "--octaves", "--seed", "--dark", "--light"},
-               "without --solid"));
-    return;
-  }
-  const surfel::SolidTextureOptions named = surfel::solid_texture_options(s.solid_name);
-  s.solid.pattern = named.pattern;
-  s.solid.frequency = named.frequency;
-  append(problems, s.solid.problems());
-  append(problems, without_effect(app,
-                                  {"--image", "--no-charts", "--wrap", "--reconstruction",
-                                   "--prefilter", "--max-aspect", "--exact"},
-                                  "with --solid"));
-  if (s.normals.maps.empty()) append(problems, without_effect(app, {"--mesh"}, "with --solid"));
-  if (named.pattern == surfel::SolidPattern::kChecker) {
-    append(problems, without_effect(app, {"--octaves", "--seed"}, "with --solid checker"));
-  }
-  if (s.from == From::kColors) {
-    problems.emplace_back("--solid and --from colors do not go together; leave one out");
-  }
-}
-
-/// Refuses options of fits where there are no colours to be fitted.
-void refuse_fits(const CLI::App& app) {
-  surfel::tool::require_valid(surfel::tool::without_effect(
-      app,
-      {"--fit", "--prefilter", "--solver", "--tolerance", "--lambda", "--bounds", "--cutoff",
-       "--points", "--robust", "--refine-variance", "--right-side"},
-      "with normals alone"));
-}
-
-void check(const CLI::App& app, Settings& s) {
-  std::vector<std::string> problems = s.fit.problems();
-  check_solid(app, s, problems);
-  const auto refuse = [&](const std::vector<std::string>& options, const std::string& where) {
-    surfel::tool::append(problems, surfel::tool::without_effect(app, options, where));
-  };
-  if (s.fit.kind == surfel::TextureFitKind::kEwa) {
-    refuse({"--solver", "--tolerance", "--lambda", "--bounds"}, "with --fit ewa");
-  }
-  if (s.fit.kind != surfel::TextureFitKind::kRender) {
-    refuse({"--cutoff", "--points"}, "without --fit render");
-  }
-  if (s.from == From::kColors) {
-    refuse({"--image", "--mesh", "--no-charts", "--wrap", "--reconstruction", "--prefilter",
-            "--max-aspect", "--exact", "--points", "--refine-variance"},
-           "with --from colors");
-    refuse(surfel::tool::normal_map_options(), "with --from colors");
-    if (s.fit.kind == surfel::TextureFitKind::kEwa) {
-      problems.emplace_back(
-          "--from colors is for --fit gram and render: ewa leaves them as they are");
-    }
-  } else if (s.source.image.empty() && s.mesh.empty() && s.solid_name.empty()) {
-    if (s.normals.maps.empty()) {
-      problems.emplace_back(
-          "there is neither --image nor --mesh nor --solid, nor a --normal-map or --bump alone; "
-          "give "
-          "one");
-    }
-    refuse_fits(app);
-  }
-  surfel::tool::append(problems, s.normals.maps.problems());
-  surfel::tool::require_valid(problems);
-}
+using surfel::texture_tool::From;
+using surfel::texture_tool::Settings;
 
 /// Refuses a mesh that no surfel lies on, and tells where only some do. Where they lie on it, as
 /// nearly always, a few thousand surfels show it.
@@ -495,7 +279,7 @@ void texture_in_memory(surfel::tool::Tool& tool, Settings& s) {
     tell_fit(make_fit(cloud, surface, s, tool), !cloud.area.empty(), s, tool);
     if (s.from != From::kColors) surfel::show_coefficients(cloud);
   } else {
-    refuse_fits(tool.app());
+    surfel::texture_tool::refuse_fits(tool.app());
   }
   if (normals) {
     tell_normals(surfel::fit_normals(cloud, *normals, s.fit, s.input), cloud.size(), s, tool);
@@ -526,7 +310,7 @@ class BlockTexturing {
     normals_ = load_normals(tool_.app(), s_, surface);
     colors_ = fits_colors(s_, surface);
     if (!colors_) {
-      refuse_fits(tool_.app());
+      surfel::texture_tool::refuse_fits(tool_.app());
     } else if (!s_.solid_name.empty()) {
       solid_ = make_solid(s_, ranges_.bounds(), tool_);
     } else {
@@ -696,7 +480,7 @@ int main(int argc, char** argv) {
   surfel::tool::Tool tool("surfel-texture",
                           "Gives surfels the coefficients w_k of a texture, filtered for each.");
   Settings settings;
-  declare_options(tool.app(), settings);
+  surfel::texture_tool::declare_options(tool.app(), settings);
   tool.everyday(
       {"--output", "--image", "--mesh", "--fit", "--from", "--cutoff", "--solid", "--normal-map",
        "--bump", "--bump-scale", "--memory"},
@@ -708,9 +492,7 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"robust_scale", "--robust"}, {"y_down", "--normal-y"}});
   return tool.run(argc, argv, [&] {
-    if (settings.bounds) settings.fit.bounds = {settings.bounds->x(), settings.bounds->y()};
-    check(tool.app(), settings);
-    settings.fit.coverage = surfel::coverage_threshold(settings.fit.cutoff);
+    surfel::texture_tool::settle(tool.app(), settings);
     const std::uint64_t memory = surfel::memory_to_use(settings.memory);
     if (texture_larger(tool, settings, memory)) return;
     surfel::tool::require_room(settings.input, {}, memory,
