@@ -277,7 +277,7 @@ TEST(HierarchyBlocks, FinishedBlocksAreKeptForALaterRun) {
 
 TEST(HierarchyBlocks, PeersShareThem) {
   const TemporaryFolder folder;
-  const SurfelCloud cloud = sphere(80000);
+  const SurfelCloud cloud = sphere(120000);
   write_cloud(cloud.gathered(morton_order(cloud.position)), folder / "sorted.ply");
   const HierarchyOptions plain{.reduction = kReduction};
   const std::string expected = levels_of_file(folder / "sorted.ply", folder / "whole.ply", plain);
