@@ -413,6 +413,7 @@ bool estimate_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory
   if (s.resume || ranks) {
     const auto cloud = s.part.whole() ? surfel::CloudRanges::open(s.input) : nullptr;
     if (!cloud || cloud->size() == 0) {
+      surfel::CloudReader(s.input, s.part.options()).first();  // Says why no file is read.
       surfel::throw_input(surfel::tool::shown_name(s.input),
                           std::string(ranks ? "several processes share" : "--resume keeps") +
                               " blocks of whole files that are read in parts; " +

@@ -12,26 +12,32 @@ namespace {
 
 using Entries = std::vector<std::string>;
 
+Entries entries_of(const std::string& path, const std::string& job) {
+  return ResumeJournal(path, job).take_entries();
+}
+
 TEST(ResumeJournal, EntriesOfTheSameJobComeBack) {
   const TemporaryFolder folder;
   const std::string path = folder / "journal";
   const std::string zeros(3, '\0');
   {
-    ResumeJournal journal(path);
-    EXPECT_EQ(journal.open("job"), Entries{});
-    journal.add("one");
-    journal.add(zeros);
-    journal.add("");
+    ResumeJournal journal(path, "job");
+    EXPECT_EQ(journal.take_entries(), Entries{});
+    EXPECT_FALSE(std::filesystem::exists(path));
+    for (const std::string& entry : {std::string("one"), zeros, std::string()}) journal.add(entry);
   }
   {
-    ResumeJournal journal(path);
-    EXPECT_EQ(journal.open("job"), (Entries{"one", zeros, ""}));
+    ResumeJournal journal(path, "job");
+    EXPECT_EQ(journal.take_entries(), (Entries{"one", zeros, ""}));
     journal.add("four");
   }
-  EXPECT_EQ(ResumeJournal(path).open("job"), (Entries{"one", zeros, "", "four"}));
-  EXPECT_EQ(ResumeJournal(path).open("other job"), Entries{});
-  EXPECT_EQ(ResumeJournal(path).open("job"), Entries{});
-  ResumeJournal journal(path);
+  // A run of another job that ends before it has done anything changes nothing.
+  EXPECT_EQ(entries_of(path, "other job"), Entries{});
+  EXPECT_EQ(entries_of(path, "job"), (Entries{"one", zeros, "", "four"}));
+  ResumeJournal(path, "other job").add("five");
+  EXPECT_EQ(entries_of(path, "job"), Entries{});
+  ResumeJournal journal(path, "other job");
+  EXPECT_EQ(journal.take_entries(), Entries{"five"});
   journal.remove();
   EXPECT_FALSE(std::filesystem::exists(path));
   journal.remove();
@@ -41,35 +47,33 @@ TEST(ResumeJournal, IsReadUpToTheFirstEntryThatIsNotWhole) {
   const TemporaryFolder folder;
   const std::string path = folder / "journal";
   {
-    ResumeJournal journal(path);
-    journal.open("job");
+    ResumeJournal journal(path, "job");
     for (const char* entry : {"first", "second", "third"}) journal.add(entry);
   }
   const std::string whole = read_text(path);
   for (std::size_t size = 0; size <= whole.size(); ++size) {
     write_text(path, whole.substr(0, size));
-    const Entries entries = ResumeJournal(path).open("job");
+    ResumeJournal journal(path, "job");
+    const Entries entries = journal.take_entries();
     const Entries all{"first", "second", "third"};
     ASSERT_LE(entries.size(), all.size());
     EXPECT_TRUE(std::equal(entries.begin(), entries.end(), all.begin())) << size;
     EXPECT_EQ(entries.size() == all.size(), size == whole.size());
     // What is added next is whole again.
-    ResumeJournal journal(path);
-    journal.open("job");
     journal.add("next");
-    EXPECT_EQ(ResumeJournal(path).open("job").size(), entries.size() + 1);
+    EXPECT_EQ(entries_of(path, "job").size(), entries.size() + 1);
   }
   for (std::size_t at = 0; at < whole.size(); ++at) {
     std::string damaged = whole;
     damaged[at] ^= 1;
     write_text(path, damaged);
-    EXPECT_LT(ResumeJournal(path).open("job").size(), 3U) << at;
+    EXPECT_LT(entries_of(path, "job").size(), 3U) << at;
   }
 }
 
 TEST(ResumeJournal, AFileThatCannotBeWrittenIsAnError) {
   EXPECT_NE(message_of([] {
-              ResumeJournal("/no/folder/journal").open("job");
+              ResumeJournal("/no/folder/journal", "job").add("entry");
             }).find("/no/folder/journal: cannot be written"),
             std::string::npos);
 }

@@ -71,6 +71,18 @@ TEST_F(RowFiles, ALaterRunGoesOn) {
   EXPECT_FALSE(std::filesystem::exists(path_ + ".unfinished-parts"));
 }
 
+TEST_F(RowFiles, ARunThatEndsBeforeAnyPartChangesNothing) {
+  { RowFile(path_, {.job = "job"}); }
+  EXPECT_EQ(entries(folder_ / "").size(), 1U);
+  {
+    RowFile file(path_, {.job = "job"});
+    write(file, {3, 0});
+  }
+  { RowFile(path_, {.job = "another job"}); }
+  RowFile file(path_, {.job = "job"});
+  EXPECT_EQ(write(file, {0, 3}), 2);
+}
+
 TEST_F(RowFiles, RowsThatAreNotAsTheyWereAreMadeAgain) {
   const RowFileOptions options{.job = "job"};
   {

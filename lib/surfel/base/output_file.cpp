@@ -248,6 +248,12 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
 }
 
 OutputFile::~OutputFile() {
+  // Nothing is kept of a run that has written nothing.
+  struct stat status {};
+  if (unfinished_ == Unfinished::kKept && !committed_ && fstat(descriptor_, &status) == 0 &&
+      status.st_size == 0) {
+    unlink(temporary_.c_str());
+  }
   if (descriptor_ >= 0) close(descriptor_);
   if (unfinished_ != Unfinished::kRemoved) return;
   if (!committed_) unlink(temporary_.c_str());

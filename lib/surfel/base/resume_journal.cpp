@@ -2,6 +2,7 @@
 #include <cerrno>
 #include <cstring>
 #include <span>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -35,39 +36,41 @@ ResumeJournal::~ResumeJournal() {
   if (descriptor_ >= 0) close(descriptor_);
 }
 
-std::vector<std::string> ResumeJournal::open(const std::string& job) {
-  if (descriptor_ >= 0) close(descriptor_);
+ResumeJournal::ResumeJournal(std::string path, std::string job)
+    : path_(std::move(path)), job_(std::move(job)) {
   const std::string text = whole_file(path_);
-  std::vector<std::string> entries;
-  std::size_t at = 0;
-  while (text.size() - at >= sizeof(EntryHead)) {
+  while (text.size() - whole_ >= sizeof(EntryHead)) {
     EntryHead head{};
-    std::memcpy(&head, text.data() + at, sizeof(head));
-    if (head.bytes > text.size() - at - sizeof(head)) break;
-    std::string entry = text.substr(at + sizeof(head), head.bytes);
+    std::memcpy(&head, text.data() + whole_, sizeof(head));
+    if (head.bytes > text.size() - whole_ - sizeof(head)) break;
+    std::string entry = text.substr(whole_ + sizeof(head), head.bytes);
     if (head.checksum != checksum_of(entry)) break;
-    if (at == 0 && entry != job) break;
-    at += sizeof(head) + head.bytes;
-    entries.push_back(std::move(entry));
+    if (whole_ > 0) {
+      entries_.push_back(std::move(entry));
+    } else if (entry != job_) {
+      break;
+    }
+    whole_ += sizeof(head) + head.bytes;
   }
-  descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
-  if (descriptor_ < 0 || ftruncate(descriptor_, static_cast<off_t>(at)) != 0 ||
-      lseek(descriptor_, 0, SEEK_END) < 0) {
-    fail(path_);
-  }
-  if (entries.empty()) {
-    add(job);
-  } else {
-    entries.erase(entries.begin());
-  }
-  return entries;
 }
 
-void ResumeJournal::add(const std::string& entry) {
+void ResumeJournal::write(const std::string& entry) {
   const EntryHead head{entry.size(), checksum_of(entry)};
   std::string bytes(reinterpret_cast<const char*>(&head), sizeof(head));
   bytes += entry;
   write_all(descriptor_, bytes.data(), bytes.size(), path_);
+}
+
+void ResumeJournal::add(const std::string& entry) {
+  if (descriptor_ < 0) {
+    descriptor_ = open(path_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor_ < 0 || ftruncate(descriptor_, static_cast<off_t>(whole_)) != 0 ||
+        lseek(descriptor_, 0, SEEK_END) < 0) {
+      fail(path_);
+    }
+    if (whole_ == 0) write(job_);
+  }
+  write(entry);
 }
 
 void ResumeJournal::remove() {

@@ -1,7 +1,8 @@
 #pragma once
 
-#include <cstdint>
+#include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -13,21 +14,27 @@ namespace surfel {
 /// first entry that is not whole, as a run that was killed leaves one.
 class SURFEL_API ResumeJournal {
  public:
-  explicit ResumeJournal(std::string path) : path_(std::move(path)) {}
+  /// Reads the entries that earlier runs of the same job have added; a file that is not there, or
+  /// of another job, has none, and stays as it is until add().
+  ResumeJournal(std::string path, std::string job);
   ~ResumeJournal();
   ResumeJournal(const ResumeJournal&) = delete;
   ResumeJournal& operator=(const ResumeJournal&) = delete;
 
-  /// Opens the file, and hands on its entries if they are of the same job; else begins it anew.
-  /// Throws Error(kIo) where the file cannot be written.
-  std::vector<std::string> open(const std::string& job);
-  /// Adds an entry. Throws Error(kIo).
+  /// The entries of earlier runs, which are handed out once.
+  std::vector<std::string> take_entries() { return std::move(entries_); }
+  /// Adds an entry. Throws Error(kIo) where the file cannot be written.
   void add(const std::string& entry);
   /// Removes the file, if there is one.
   void remove();
 
  private:
+  void write(const std::string& entry);
+
   std::string path_;
+  std::string job_;
+  std::vector<std::string> entries_;
+  std::size_t whole_ = 0;  ///< Bytes of the entries that are whole; 0: of another job, or none.
   int descriptor_ = -1;
 };
 

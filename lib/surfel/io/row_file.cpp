@@ -58,8 +58,8 @@ struct RowFile::Impl {
     if (follows()) return;
     file.emplace(path, o.no_clobber, o.job.empty() ? Unfinished::kRemoved : Unfinished::kKept);
     if (options.job.empty()) return;
-    journal.emplace(file->temporary() + "-parts");
-    entries = journal->open(options.job);
+    journal.emplace(file->temporary() + "-parts", options.job);
+    entries = journal->take_entries();
     std::erase_if(entries, [&](const std::string& entry) { return take(entry, false); });
   }
   bool follows() const { return options.peers && options.peers->rank() > 0; }
