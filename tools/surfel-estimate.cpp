@@ -395,6 +395,7 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   surfel::EstimateReport estimate;
   surfel::estimate_by_blocks(cloud, s.estimate,
                              {.memory = memory - std::min(memory / 2, kProcess),
+                              .beside = s.output,
                               .checkpoints = s.resume ? writer.checkpoints() : nullptr,
                               .peers = ranks},
                              writer, &estimate, s.input);

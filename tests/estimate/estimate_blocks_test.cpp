@@ -229,6 +229,25 @@ TEST(EstimateBlocks, AllLocalSidesWork) {
   expect_same(cloud, {}, {{1500}});
 }
 
+TEST(EstimateBlocks, SidesByWindingAreOfTheWholeSurface) {
+  // Tiles end within blocks, and blocks within tiles.
+  EstimateOptions options;
+  for (const std::size_t tile_points : {std::size_t{1} << 18, std::size_t{3000}}) {
+    SCOPED_TRACE(tile_points);
+    options.orientation.tile_points = tile_points;
+    expect_same(sorted_points("sphere", 12000), options, {{1500}, {5000, 1}});
+    expect_same(sorted(uneven_points()), options, {{4000}});
+  }
+  const SurfelCloud sphere = sorted_points("sphere", 12000);
+  Collector collector;
+  EstimateReport report;
+  estimate_by_blocks(MemoryRanges(sphere), options, {.most_points = 4096}, collector, &report);
+  EXPECT_EQ(report.orientation.components, 1U);
+  for (std::size_t i = 0; i < sphere.size(); ++i) {
+    ASSERT_GT(collector.surfels.normal[i].dot(sphere.normal[i]), 0) << i;
+  }
+}
+
 TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
   const SurfelCloud cloud = uneven_points();
   EstimateOptions options = up();
@@ -396,10 +415,9 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
     Collector collector;
     EXPECT_THROW(estimate_by_blocks(MemoryRanges(cloud), options, {}, collector), Error);
     EXPECT_EQ(collector.announced, 0U);
-    EXPECT_EQ(block_problems(options, false).size(), 1U);
+    EXPECT_EQ(block_problems(options).size(), 1U);
   };
-  for (const Orientation method :
-       {Orientation::kAuto, Orientation::kWinding, Orientation::kMst, Orientation::kOutward}) {
+  for (const Orientation method : {Orientation::kMst, Orientation::kOutward}) {
     EstimateOptions options;
     options.orientation.method = method;
     refused(options);
@@ -419,8 +437,8 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
   options = up();
   options.search = SearchMethod::kFlann;
   refused(options);
-  EXPECT_TRUE(block_problems({}, true).empty());
-  EXPECT_TRUE(block_problems(up(), false).empty());
+  EXPECT_TRUE(block_problems({}).empty());
+  EXPECT_TRUE(block_problems(up()).empty());
 
   Collector collector;
   options = up();

@@ -131,7 +131,11 @@ struct TwoSquares {
       }
     }
   }
-  WindingSides sides() const { return winding_sides(position, normal, area, sheets); }
+  WindingSides sides() const {
+    WindingDipoles points(winding_grid(position.size(), position, area));
+    points.add(position, normal, area, sheets);
+    return winding_sides(points);
+  }
 };
 
 TEST(WindingSides, SidesGoOnAcrossGapsAndTurnAroundRims) {

@@ -22,6 +22,7 @@
 #include <surfel/estimate/point_estimates.h>
 #include <surfel/estimate/range_normals.h>
 #include <surfel/estimate/run_index.h>
+#include <surfel/estimate/stored_sides.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/surface/exact_search.h>
 #include <surfel/surface/halo_search.h>
@@ -63,6 +64,7 @@ class BlockEstimator {
         grid_(cloud.grid()),
         checkpoints_(blocks.checkpoints),
         peers_(blocks.peers),
+        beside_(blocks.beside),
         index_(run_length(cloud, blocks)) {
     grow_in_noise_ = options_.normals.grow_in_noise && !(options_.normals.radius > 0);
     options_.normals.grow_in_noise = false;
@@ -86,6 +88,7 @@ class BlockEstimator {
     }
     block_runs_ = std::max<std::size_t>(1, points / index_.length());
     decide();
+    if (winding_) require_room_for_tiles(blocks, index_bytes);
     const NormalOptions& normals = options_.normals;
     HaloOptions halo{.radius = normals.radius, .most_points = most_loaded};
     if (normals.radius > 0) {
@@ -93,14 +96,20 @@ class BlockEstimator {
     } else {
       halo.neighbors = normals.adaptive ? normals.k_max : normals.k;
     }
-    if (aligned() || to_sensors_) {
-      halo.directions = [this](const SurfelCloud& piece) { return directions(piece); };
+    if (aligned() || to_sensors_ || winding_) {
+      halo.directions = [this](const SurfelCloud& piece, std::size_t run) {
+        return directions(piece, run);
+      };
     }
     halos_.emplace(cloud_, index_, std::move(halo), name_);
   }
 
   void run(SurfelSink& sink, EstimateReport& report, StageTimer& stage) {
     stage.end("index");
+    if (winding_) {
+      find_sides();
+      stage.end("sides");
+    }
     const bool decide_ellipses =
         options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kAuto;
     ellipses_ =
@@ -293,7 +302,7 @@ class BlockEstimator {
       throw_usage((name_.empty() ? "the cloud" : name_) +
                   " does not say where its scanner stood; give the `viewpoint`");
     }
-    require_no_problems(block_problems(options_, told));
+    require_no_problems(block_problems(options_));
     if (aligned() && without_normal_ > 0) {
       throw_input(name_, fmt::format("{} of {} points have no normal to be aligned with: their "
                                      "side follows the others', which only works in memory; orient "
@@ -301,8 +310,16 @@ class BlockEstimator {
                                      "memory",
                                      without_normal_, index_.finite()));
     }
-    to_sensors_ = !orientation.viewpoint && (orientation.method == Orientation::kViewpoint ||
-                                             orientation.method == Orientation::kAuto);
+    winding_ = orientation.method == Orientation::kWinding ||
+               (orientation.method == Orientation::kAuto && !orientation.viewpoint && !told);
+    if (winding_ && peers_) {
+      throw_usage(
+          "sides by winding are found by one process alone: orient by up, viewpoint, align "
+          "or none, or start one process");
+    }
+    to_sensors_ =
+        !winding_ && !orientation.viewpoint &&
+        (orientation.method == Orientation::kViewpoint || orientation.method == Orientation::kAuto);
     RunSearch search(cloud_, index_);
     const auto nearest = [&](const Vec3f& place, std::size_t k, std::vector<Vec3f>& out) {
       search.nearest(place, k, out);
@@ -331,6 +348,38 @@ class BlockEstimator {
     if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
   }
 
+  void require_room_for_tiles(const BlockOptions& blocks, std::uint64_t index_bytes) const {
+    const std::uint64_t needed =
+        index_bytes + StoredSides::bytes(index_.finite(), options_.orientation.tile_points);
+    if (blocks.most_points == 0 && blocks.memory < needed) {
+      throw_usage(
+          fmt::format("{} bytes of memory are too few to find the sides of {} points by "
+                      "winding: give at least {} bytes, or orient by another method",
+                      blocks.memory, index_.finite(), needed));
+    }
+  }
+
+  /// Finds the side of every point by the winding number, in a pass of its own over all blocks.
+  void find_sides() {
+    RunSearch search(cloud_, index_);
+    sides_.emplace(
+        index_, options_.orientation.tile_points, sample_,
+        [&](const Vec3f& place, std::size_t k, std::vector<Vec3f>& out) {
+          search.nearest(place, k, out);
+        },
+        beside_);
+    ProgressStage progress("finding sides", index_.points(), "points");
+    normals_only_ = true;
+    for (std::size_t begin = 0; begin < index_.size(); begin += block_runs_) {
+      const std::size_t end = std::min(begin + block_runs_, index_.size());
+      const CloudBlock block = estimate(begin, end);
+      sides_->add(block.cloud.position, block.estimates.normals.normal);
+      progress.add(index_.begin(end) - index_.begin(begin));
+    }
+    normals_only_ = false;
+    sides_->finish();
+  }
+
   /// Are ellipses worth it in some runs, spread evenly?
   bool guess_ellipses() {
     Totals totals;
@@ -345,8 +394,9 @@ class BlockEstimator {
     return worth_ellipses(totals.elongated, points);
   }
 
-  /// The directions that orient_normals() needs of some points.
-  Array<Vec3f> directions(const SurfelCloud& piece) const {
+  /// The directions that orient_normals(), or turn_to_sides(), needs of the points from a run on.
+  Array<Vec3f> directions(const SurfelCloud& piece, std::size_t run) const {
+    if (winding_) return normals_only_ ? Array<Vec3f>() : sides_->of(piece.position, run);
     if (aligned()) return piece.normal;
     if (!to_sensors_) return {};
     Array<Vec3d> sensors;
@@ -374,13 +424,17 @@ class BlockEstimator {
       if (all.position[i].allFinite()) finite[count++] = i;
     }
     finite.resize(count);
+    const Array<Vec3f> previous = directions(all, begin_run);
+    if (!previous.empty()) {
+      block.previous.resize(count);
+      for (std::size_t i = 0; i < count; ++i) block.previous[i] = previous[finite[i]];
+    }
     if (count == all.size()) {
       all.tree = {};  // As gathered() does.
       block.cloud = std::move(all);
     } else {
       block.cloud = all.gathered(finite);
     }
-    block.previous = directions(block.cloud);
     make_room(block);
     return block;
   }
@@ -448,26 +502,40 @@ class BlockEstimator {
     HaloSearch search(lists, position, loaded.known, index_.finite(), wanted);
 
     NormalEstimate normals = estimate_normals(position, search, options_.normals);
+    PointEstimates& out = block.estimates;
+    const auto note = [&](const auto& keep) {
+      parallel_each(count, kLoadGrain, [&](std::size_t i) {
+        if (wanted[i] != 0 && search.certain(i)) keep(i, loaded.point[i]);
+      });
+      return uncertain(loaded, search, wanted, block);
+    };
+    if (normals_only_) {
+      return note(
+          [&](std::size_t i, std::size_t to) { out.normals.normal[to] = normals.normal[i]; });
+    }
     search.next_stage();
     Array<std::uint8_t> negative(count);
     parallel_each(count, kLoadGrain, [&](std::size_t i) {
       negative[i] = std::signbit(normals.normal[i].x()) ? 1 : 0;
     });
     Array<float> confidence;
-    const OrientationReport sides =
-        orient_normals(position, block.cloud.origin, search, loaded.previous, options_.orientation,
-                       normals.normal, &confidence);
-    totals_.method = sides.method;
-    block.components = std::max(block.components, sides.components);
+    if (winding_) {
+      turn_to_sides(position, search, loaded.previous, normals.normal, &confidence);
+      totals_.method = Orientation::kWinding;
+      block.components = sides_->parts();
+    } else {
+      const OrientationReport sides =
+          orient_normals(position, block.cloud.origin, search, loaded.previous,
+                         options_.orientation, normals.normal, &confidence);
+      totals_.method = sides.method;
+      block.components = std::max(block.components, sides.components);
+    }
     const bool oriented = options_.orientation.method != Orientation::kNone;
     const auto sized = [&] { search.next_stage(); };
     const SplatSizes sizes = estimate_splat_sizes(position, normals.normal, oriented, search,
                                                   options_.size, {wanted, scan_lines_, sized});
 
-    PointEstimates& out = block.estimates;
-    parallel_each(count, kLoadGrain, [&](std::size_t i) {
-      if (wanted[i] == 0 || !search.certain(i)) return;
-      const std::uint32_t to = loaded.point[i];
+    return note([&](std::size_t i, std::size_t to) {
       out.normals.normal[to] = normals.normal[i];
       out.normals.quality[to] = normals.quality[i];
       if (!confidence.empty()) out.side_confidence[to] = confidence[i];
@@ -477,8 +545,13 @@ class BlockEstimator {
       block.turned[to] =
           known && (std::signbit(normals.normal[i].x()) ? 1 : 0) != negative[i] ? 1 : 0;
     });
+  }
+
+  /// The wanted points that are not certain, with what they need.
+  HaloTask uncertain(const HaloPoints& loaded, const HaloSearch& search,
+                     const Array<std::uint8_t>& wanted, const CloudBlock& block) const {
     HaloTask rest;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t i = 0; i < loaded.size(); ++i) {
       if (wanted[i] != 0 && !search.certain(i)) rest.points.push_back(loaded.point[i]);
     }
     if (!rest.points.empty()) rest.needed = needed_regions(loaded, search, rest, block);
@@ -568,6 +641,7 @@ class BlockEstimator {
   MortonGrid grid_;
   Checkpoints* checkpoints_;
   Peers* peers_;
+  std::string beside_;
   RunIndex index_;
   std::optional<HaloLoader> halos_;  ///< Once it is decided what the points need.
   std::vector<Vec3f> sample_;
@@ -575,9 +649,12 @@ class BlockEstimator {
   std::size_t column_bytes_ = 0;  ///< Bytes of a point's columns.
   std::size_t block_runs_ = 0;    ///< Runs of a block.
   std::size_t without_normal_ = 0;
-  bool told_once_ = false;   ///< The cloud tells a viewpoint for all points.
-  bool sensors_ = false;     ///< Each point tells its sensor.
-  bool to_sensors_ = false;  ///< Normals look to what the cloud tells.
+  bool told_once_ = false;     ///< The cloud tells a viewpoint for all points.
+  bool sensors_ = false;       ///< Each point tells its sensor.
+  bool to_sensors_ = false;    ///< Normals look to what the cloud tells.
+  bool winding_ = false;       ///< Sides are told by the winding number: find_sides().
+  bool normals_only_ = false;  ///< In the pass that finds sides.
+  std::optional<StoredSides> sides_;
   bool grow_in_noise_ = false;
   Vec3d sensor_{0, 0, 0};   ///< Where the points may have been seen from.
   bool at_sensor_ = false;  ///< A point is there.
@@ -588,7 +665,7 @@ class BlockEstimator {
 
 }  // namespace
 
-std::vector<std::string> block_problems(const EstimateOptions& options, bool told) {
+std::vector<std::string> block_problems(const EstimateOptions& options) {
   std::vector<std::string> found;
   const auto refuse = [&](bool asked_for, const char* what) {
     if (asked_for) {
@@ -602,15 +679,11 @@ std::vector<std::string> block_problems(const EstimateOptions& options, bool tol
   refuse(options.edges.has_value(), "looking for `edges`");
   refuse(options.search != SearchMethod::kExact, "a `search` other than exact");
   const OrientationOptions& orientation = options.orientation;
-  const bool by_winding =
-      orientation.method == Orientation::kAuto && !orientation.viewpoint && !told;
-  if (by_winding || orientation.method == Orientation::kWinding ||
-      orientation.method == Orientation::kMst || orientation.method == Orientation::kOutward) {
+  if (orientation.method == Orientation::kMst || orientation.method == Orientation::kOutward) {
     found.emplace_back(
-        "sides that follow from the whole surface (winding, mst, outward; auto, where no viewpoint "
-        "is known) cannot be found block by block: orient by up (lidar from the air), viewpoint "
-        "(of "
-        "scanners), align (to given normals) or none, or let all points fit into memory");
+        "sides that follow from edge to edge (mst, outward) cannot be found block by block: orient "
+        "by winding, up (lidar from the air), viewpoint (of scanners), align (to given normals) or "
+        "none, or let all points fit into memory");
   }
   return found;
 }

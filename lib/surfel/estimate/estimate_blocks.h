@@ -17,7 +17,10 @@ struct BlockOptions {
   /// Bytes that the work may take, what the process has already and what the sink takes excluded;
   /// of several processes the least counts.
   std::uint64_t memory = std::uint64_t{1} << 30;
-  std::size_t most_points = 0;         ///< Points of a block; 0 = as many as the memory holds.
+  std::size_t most_points = 0;  ///< Points of a block; 0 = as many as the memory holds.
+  /// What kWinding finds before the surfels are made, 16 bytes a point, waits on a scratch file on
+  /// the disk of this file; see ScratchFile.
+  std::string beside = {};
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
   /// Processes among which the blocks are shared, which all call estimate_by_blocks() with the same
   /// arguments; null: this one alone. The sink of each gets the surfels of its blocks.
@@ -40,8 +43,8 @@ class SurfelSink {
 };
 
 /// Why surfels cannot be estimated block by block with these options: one sentence each, empty if
-/// they can. `told` is whether the cloud tells a viewpoint, of itself or of its scans.
-SURFEL_API std::vector<std::string> block_problems(const EstimateOptions& options, bool told);
+/// they can.
+SURFEL_API std::vector<std::string> block_problems(const EstimateOptions& options);
 
 /// Bytes that estimate_surfels() takes for a cloud of so many points whose columns take
 /// `point_bytes` each (row_bytes()), the cloud and the surfels included.

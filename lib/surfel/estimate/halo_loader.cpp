@@ -169,7 +169,7 @@ HaloPoints HaloLoader::read(std::size_t begin_run, std::size_t end_run,
   const std::size_t end = index_.begin(end_run);
   if (options_.directions) {
     const SurfelCloud piece = cloud_.read(begin, end);
-    const Array<Vec3f> previous = options_.directions(piece);
+    const Array<Vec3f> previous = options_.directions(piece, begin_run);
     for (std::size_t i = 0; i < piece.size(); ++i) {
       if (!piece.position[i].allFinite()) continue;
       out.position.push_back(piece.position[i]);

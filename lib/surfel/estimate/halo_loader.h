@@ -63,8 +63,9 @@ struct HaloOptions {
   int neighbors = 16;           ///< Of the neighbourhoods of normals; 0: those have a radius.
   double radius = 0;            ///< Of these neighbourhoods, scene units.
   std::size_t most_points = 0;  ///< Points that the memory holds.
-  /// The directions that orient_normals() needs of points; empty where it needs none.
-  std::function<Array<Vec3f>(const SurfelCloud& points)> directions = {};
+  /// The directions that orient_normals() or turn_to_sides() needs of all points from a run on;
+  /// empty where they need none.
+  std::function<Array<Vec3f>(const SurfelCloud& points, std::size_t run)> directions = {};
 };
 
 /// Loads points of a cloud that is not in memory with a halo: the runs of points around them.

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -10,10 +10,10 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/orientation.h>
-#include <surfel/estimate/point_sheets.h>
+#include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/spanning_forest.h>
 #include <surfel/estimate/surface_edges.h>
-#include <surfel/estimate/winding_sides.h>
+#include <surfel/estimate/winding_tiles.h>
 
 namespace surfel {
 namespace {
@@ -238,40 +238,6 @@ std::vector<bool> align(const Array<Vec3f>& previous, Array<Vec3f>& normal) {
   return given;
 }
 
-/// Cells that a sheet needs for the winding number to tell its side.
-constexpr double kSheetCells = 4;
-
-/// Surface that each point stands for: the nearest points lie in a circle around it, and each has
-/// its share of the circle's area.
-Array<float> point_areas(const Array<Vec3f>& position, const NeighborSearch& search) {
-  const NeighborRows rows = search.rows(kOrientationNeighbors + 1);
-  Array<float> area(position.size());
-  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
-    const std::span<const std::uint32_t> near = rows.of(i);
-    area[i] = (position[near.back()] - position[i]).squaredNorm() * std::numbers::pi_v<float> /
-              static_cast<float>(near.size());
-  });
-  return area;
-}
-
-/// Turns normals by the winding number; returns the number of parts.
-/// \param confidence  null, or set to each sheet's certainty
-std::size_t turn_by_winding(const Array<Vec3f>& position, const NeighborSearch& search,
-                            Array<Vec3f>& normal, Array<float>* confidence) {
-  const std::size_t count = position.size();
-  const PointSheets sheets = cut_sheets(
-      position, search, static_cast<std::size_t>(kSheetCells * winding_cell_points(count)), normal);
-  const WindingSides sides = winding_sides(position, normal, point_areas(position, search), sheets);
-  if (confidence) confidence->assign(count, 0);
-  parallel_each(count, kOrientationGrain, [&](std::size_t i) {
-    if (sheets.of[i] == PointSheets::kNone) return;
-    const WindingSides::Sheet& sheet = sides.sheet[sheets.of[i]];
-    if (sheet.turned != sides.part[sheet.part].turned) normal[i] = -normal[i];
-    if (confidence) (*confidence)[i] = sheet.certainty;
-  });
-  return sides.part.size();
-}
-
 /// Multiplies confidences by how far the edges to the nearest points agree with each normal's side.
 void multiply_agreement(const Array<Vec3f>& position, const NeighborSearch& search,
                         const Array<Vec3f>& normal, Array<float>& confidence) {
@@ -295,6 +261,38 @@ void multiply_agreement(const Array<Vec3f>& position, const NeighborSearch& sear
   });
 }
 
+/// The side of each point by the winding number, as WindingTiles::side() has it; returns the number
+/// of parts.
+std::size_t winding_sides_of(const Array<Vec3f>& position, const NeighborSearch& search,
+                             std::size_t tile_points, Array<Vec3f>& normal) {
+  const std::size_t count = position.size();
+  std::optional<WindingGrid> grid;
+  if (count > tile_points) {
+    auto nearest = nearest_places(position, search);
+    grid = sampled_grid(count, sample_places(position, kWindingSample), nearest);
+  }
+  WindingTiles tiles(count, grid);
+  Array<std::uint32_t> sheet;
+  if (!grid) {
+    sheet = tiles.add(position, search, normal);
+  } else {
+    sheet.resize(count);
+    for (std::size_t begin = 0; begin < count; begin += tile_points) {
+      const auto from = static_cast<std::ptrdiff_t>(begin);
+      const auto to = static_cast<std::ptrdiff_t>(std::min(begin + tile_points, count));
+      const Array<Vec3f> places(position.begin() + from, position.begin() + to);
+      Array<Vec3f> normals(normal.begin() + from, normal.begin() + to);
+      const Array<std::uint32_t> some = tiles.add(places, normals);
+      std::copy(some.begin(), some.end(), sheet.begin() + from);
+      std::copy(normals.begin(), normals.end(), normal.begin() + from);
+    }
+  }
+  tiles.finish();
+  parallel_each(count, kOrientationGrain,
+                [&](std::size_t i) { normal[i] = tiles.side(normal[i], sheet[i]); });
+  return tiles.sides().part.size();
+}
+
 }  // namespace
 
 std::vector<std::string> OrientationOptions::problems() const {
@@ -302,7 +300,21 @@ std::vector<std::string> OrientationOptions::problems() const {
   if (viewpoint && !viewpoint->allFinite())
     found.emplace_back("`viewpoint` must be three finite numbers");
   if (!up.allFinite() || up.isZero(0)) found.emplace_back("`up` must be finite and not zero");
+  if (tile_points == 0) found.emplace_back("`tile_points` must be at least 1");
   return found;
+}
+
+void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
+                   const Array<Vec3f>& side, Array<Vec3f>& normal, Array<float>* confidence) {
+  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
+    if (normal[i].dot(side[i]) < 0) normal[i] = -normal[i];
+  });
+  if (!confidence) return;
+  confidence->resize(position.size());
+  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
+    (*confidence)[i] = side[i].isZero(0) ? 0 : certainty_of(side[i]);
+  });
+  multiply_agreement(position, search, normal, *confidence);
 }
 
 OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
@@ -346,10 +358,12 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
       });
       break;
     }
-    case Orientation::kWinding:
-      report.components = turn_by_winding(position, search, normal, confidence);
-      if (confidence) multiply_agreement(position, search, normal, *confidence);
+    case Orientation::kWinding: {
+      Array<Vec3f> side = normal;
+      report.components = winding_sides_of(position, search, options.tile_points, side);
+      turn_to_sides(position, search, side, normal, confidence);
       break;
+    }
     case Orientation::kMst:
     case Orientation::kOutward:
     case Orientation::kAlign: {

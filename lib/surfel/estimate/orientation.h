@@ -31,7 +31,9 @@ struct OrientationOptions {
   Orientation method = Orientation::kAuto;
   /// World coordinates. Unset: the viewpoint that the cloud tells, or each of its scans.
   std::optional<Vec3d> viewpoint = {};
-  Vec3d up{0, 0, 1};                                     ///< Any length but zero.
+  Vec3d up{0, 0, 1};  ///< Any length but zero.
+  /// Points whose sheets are cut at once by kWinding; more points are more tiles.
+  std::size_t tile_points = std::size_t{1} << 18;
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
@@ -62,7 +64,7 @@ struct OrientationReport {
 /// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
 ///
 /// kWinding cuts the points into sheets first, of winding_cell_points() times four points at least
-/// (point_sheets.h), and turns whole sheets.
+/// (point_sheets.h), tile by tile (winding_tiles.h), and turns whole sheets.
 ///
 /// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.
 /// \param search    searches `position`.
@@ -81,5 +83,12 @@ SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const 
                                             const Array<Vec3f>& previous,
                                             const OrientationOptions& options, Array<Vec3f>& normal,
                                             Array<float>* confidence = nullptr);
+
+/// Turns normals to sides that are known, as kWinding does in the end.
+/// \param side  by point: a vector on the normal's side, see WindingTiles::side(); zero: unknown.
+/// \param confidence  if not null, as orient_normals() has it with kWinding.
+SURFEL_API void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
+                              const Array<Vec3f>& side, Array<Vec3f>& normal,
+                              Array<float>* confidence = nullptr);
 
 }  // namespace surfel

@@ -10,10 +10,8 @@
 #include <utility>
 
 #include <surfel/base/group_by_key.h>
-#include <surfel/base/median.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/radix_sort.h>
 #include <surfel/estimate/dipole_energies.h>
 #include <surfel/estimate/spanning_forest.h>
 #include <surfel/estimate/winding_sides.h>
@@ -21,11 +19,7 @@
 namespace surfel {
 namespace {
 
-constexpr std::size_t kWindingGrain = 4096;
 constexpr std::size_t kBlockGrain = 16;
-/// Cells along a side of the finest grid. Points further away lie at its border.
-constexpr int kLevels = 21;
-constexpr double kCells = 1 << kLevels;
 /// Blocks are the cells two levels up. Dipoles of a block and of those around it meet.
 constexpr int kBlockLevels = 2;
 /// Dipoles of a block that meet others, the largest: a few sheets' at least.
@@ -51,24 +45,6 @@ constexpr std::size_t kMostEnclosing = 4096;
 /// Places of a part that must be inside of another, at most.
 constexpr std::size_t kPlaces = 16;
 constexpr int kDescentRounds = 50;
-
-/// Points of one sheet in one cell. Lengths in finest cells.
-struct Dipole {
-  Vec3d center{0, 0, 0};
-  Vec3d moment{0, 0, 0};  ///< Sum of areas times normals.
-  double area = 0;
-  double volume = 0;  ///< Sum of moments times positions.
-  std::uint64_t cell = 0;
-  std::uint32_t sheet = 0;
-
-  void add(const Dipole& other, bool opposed) {
-    const double sum = area + other.area;
-    if (sum > 0) center += (other.center - center) * (other.area / sum);
-    moment += opposed ? Vec3d(-other.moment) : other.moment;
-    volume += opposed ? -other.volume : other.volume;
-    area = sum;
-  }
-};
 
 /// Energy between two sheets, a < b, if both stay as they are.
 struct Coupling {
@@ -121,19 +97,20 @@ struct Surroundings {
 
 class WindingSolver {
  public:
-  WindingSolver(const Array<Vec3f>& position, const Array<Vec3f>& normal, const Array<float>& area,
-                const PointSheets& sheets)
-      : position_(position), normal_(normal), area_(area), sheets_(sheets), sets_(sheets.count) {}
+  explicit WindingSolver(const WindingDipoles& points)
+      : count_(points.sheets()),
+        cell_(points.grid().cell),
+        finest_(points.sorted()),
+        sets_(count_) {}
 
   WindingSides run() {
-    make_finest();
-    std::vector<Dipole> dipoles = finest_;
-    for (int level = 0; level + kBlockLevels < kLevels; ++level) {
+    std::vector<WindingDipole> dipoles = finest_;
+    for (int level = 0; level + kBlockLevels < WindingGrid::kLevels; ++level) {
       if (coarse_.empty() || coarse_.size() > kMostEnclosing) {
         coarse_ = dipoles;
         coarse_level_ = level;
       }
-      if (sheets_.count < 2 || !couple(dipoles, level)) break;
+      if (count_ < 2 || !couple(dipoles, level)) break;
       coarsen(dipoles);
     }
     join();
@@ -142,84 +119,15 @@ class WindingSolver {
   }
 
  private:
-  /// Sums the points of each cell and sheet.
-  void make_finest() {
-    const std::size_t count = position_.size();
-    std::vector<float> sample;
-    const std::size_t step = count / 65536 + 1;
-    for (std::size_t i = 0; i < count; i += step) {
-      if (area_[i] > 0) sample.push_back(area_[i]);
-    }
-    if (sample.empty()) return;
-    cell_ = std::sqrt(winding_cell_points(count) * static_cast<double>(median(sample)));
-    if (!(cell_ > 0)) return;
-    // Half of the points lie on either side of the origin, wherever stray points are.
-    for (int d = 0; d < 3; ++d) {
-      for (std::size_t i = 0, k = 0; k < sample.size(); i += step) {
-        if (area_[i] > 0) sample[k++] = position_[i][d];
-      }
-      origin_[d] = static_cast<double>(median(sample));
-    }
-    Array<std::uint64_t> keys(count);
-    parallel_each(count, kWindingGrain, [&](std::size_t i) {
-      const Vec3d p = place(i);
-      keys[i] = morton_code(static_cast<std::uint32_t>(p.x()), static_cast<std::uint32_t>(p.y()),
-                            static_cast<std::uint32_t>(p.z()));
-    });
-    const Array<std::uint32_t> order = sort_keys(keys);
-    // Each range sums the cells that begin in it.
-    std::vector<std::vector<Dipole>> found((count + kWindingGrain - 1) / kWindingGrain);
-    parallel_for(count, kWindingGrain, [&](std::size_t begin, std::size_t end, int) {
-      std::vector<Dipole>& out = found[begin / kWindingGrain];
-      while (begin > 0 && begin < end && keys[begin] == keys[begin - 1]) ++begin;
-      while (begin < end) {
-        std::size_t next = begin;
-        const std::size_t first = out.size();
-        for (; next < count && keys[next] == keys[begin]; ++next)
-          add(order[next], keys[begin], first, out);
-        std::sort(out.begin() + static_cast<std::ptrdiff_t>(first), out.end(),
-                  [](const Dipole& a, const Dipole& b) { return a.sheet < b.sheet; });
-        begin = next;
-      }
-    });
-    for (const std::vector<Dipole>& some : found) {
-      finest_.insert(finest_.end(), some.begin(), some.end());
-    }
-  }
-
-  /// Adds a point to the dipoles of its cell, which come from `first` on.
-  void add(std::uint32_t i, std::uint64_t code, std::size_t first, std::vector<Dipole>& out) const {
-    if (sheets_.of[i] == PointSheets::kNone || !(area_[i] > 0)) return;
-    Dipole one;
-    one.center = place(i);
-    one.area = static_cast<double>(area_[i]) / (cell_ * cell_);
-    one.moment = one.area * normal_[i].cast<double>();
-    one.volume = one.moment.dot(one.center);
-    one.cell = code;
-    one.sheet = sheets_.of[i];
-    const auto same = std::find_if(out.begin() + static_cast<std::ptrdiff_t>(first), out.end(),
-                                   [&](const Dipole& d) { return d.sheet == one.sheet; });
-    if (same == out.end()) {
-      out.push_back(one);
-    } else {
-      same->add(one, false);
-    }
-  }
-
-  /// Place of a point in finest cells, within the grid.
-  Vec3d place(std::size_t i) const {
-    const Vec3d p = (position_[i].cast<double>() - origin_) / cell_ + Vec3d::Constant(kCells / 2);
-    return p.cwiseMax(0).cwiseMin(kCells - 1);
-  }
-
   /// Merges the dipoles of each sheet in each cell of the next level.
-  static void coarsen(std::vector<Dipole>& dipoles) {
-    std::vector<Dipole> out;
-    std::vector<Dipole> cell;
+  static void coarsen(std::vector<WindingDipole>& dipoles) {
+    std::vector<WindingDipole> out;
+    std::vector<WindingDipole> cell;
     const auto flush = [&] {
-      std::stable_sort(cell.begin(), cell.end(),
-                       [](const Dipole& a, const Dipole& b) { return a.sheet < b.sheet; });
-      for (const Dipole& d : cell) {
+      std::stable_sort(
+          cell.begin(), cell.end(),
+          [](const WindingDipole& a, const WindingDipole& b) { return a.sheet < b.sheet; });
+      for (const WindingDipole& d : cell) {
         if (!out.empty() && out.back().cell == d.cell && out.back().sheet == d.sheet) {
           out.back().add(d, false);
         } else {
@@ -228,7 +136,7 @@ class WindingSolver {
       }
       cell.clear();
     };
-    for (const Dipole& d : dipoles) {
+    for (const WindingDipole& d : dipoles) {
       const std::uint64_t code = d.cell >> 3;
       if (!cell.empty() && cell.front().cell != code) flush();
       cell.push_back(d);
@@ -239,10 +147,10 @@ class WindingSolver {
   }
 
   /// The blocks of a level, ascending by code; of crowded ones the largest dipoles.
-  std::vector<CellBlock> blocks_of(const std::vector<Dipole>& dipoles, int level) const {
-    std::vector<double> sheet_area(sheets_.count);
-    std::vector<Vec3d> moment(sheets_.count, Vec3d(0, 0, 0));
-    for (const Dipole& d : dipoles) {
+  std::vector<CellBlock> blocks_of(const std::vector<WindingDipole>& dipoles, int level) const {
+    std::vector<double> sheet_area(count_);
+    std::vector<Vec3d> moment(count_, Vec3d(0, 0, 0));
+    for (const WindingDipole& d : dipoles) {
       sheet_area[d.sheet] += d.area;
       moment[d.sheet] += d.moment;
     }
@@ -273,7 +181,7 @@ class WindingSolver {
   }
 
   /// Adds the energies between sheets on a level. Returns whether there are coarser levels.
-  bool couple(const std::vector<Dipole>& dipoles, int level) {
+  bool couple(const std::vector<WindingDipole>& dipoles, int level) {
     const std::vector<CellBlock> blocks = blocks_of(dipoles, level);
     const bool last = blocks.size() <= kLastBlocks;
     PerWorker<Surroundings> scratch;
@@ -295,8 +203,9 @@ class WindingSolver {
   }
 
   /// Finds the dipoles in and around a block; false if all are of one sheet.
-  static bool gather(const std::vector<Dipole>& dipoles, const std::vector<CellBlock>& blocks,
-                     std::size_t b, int level, Surroundings& near) {
+  static bool gather(const std::vector<WindingDipole>& dipoles,
+                     const std::vector<CellBlock>& blocks, std::size_t b, int level,
+                     Surroundings& near) {
     const CellBlock& block = blocks[b];
     bool alone = block.sheet != PointSheets::kNone;
     near.entry.clear();
@@ -306,7 +215,7 @@ class WindingSolver {
       const std::uint32_t x = at[0] + n % 3 - 1;
       const std::uint32_t y = at[1] + n / 3 % 3 - 1;
       const std::uint32_t z = at[2] + n / 9 - 1;
-      if (std::max({x, y, z}) >= (1U << kLevels)) continue;
+      if (std::max({x, y, z}) >= (1U << WindingGrid::kLevels)) continue;
       const std::uint64_t code = morton_code(x, y, z);
       const auto other = std::lower_bound(
           blocks.begin(), blocks.end(), code,
@@ -323,7 +232,7 @@ class WindingSolver {
     const double length = std::ldexp(1.0, -level);
     const Vec3d corner = (1 << kBlockLevels) * Vec3d(at[0], at[1], at[2]);
     for (std::size_t k = 0; k < near.entry.size(); ++k) {
-      const Dipole& d = dipoles[near.entry[k].dipole()];
+      const WindingDipole& d = dipoles[near.entry[k].dipole()];
       const Vec3f c = (d.center * length - corner).cast<float>();
       const Vec3f m = (d.moment * (length * length)).cast<float>();
       near.dipole.x[k] = c.x();
@@ -367,7 +276,7 @@ class WindingSolver {
 
   static std::array<std::uint32_t, 3> coordinates(std::uint64_t code) {
     std::array<std::uint32_t, 3> out{};
-    for (unsigned bit = 0; bit < unsigned{kLevels}; ++bit) {
+    for (unsigned bit = 0; bit < unsigned{WindingGrid::kLevels}; ++bit) {
       for (unsigned d = 0; d < 3; ++d) {
         out[d] |= static_cast<std::uint32_t>(code >> (3 * bit + d) & 1) << bit;
       }
@@ -394,12 +303,12 @@ class WindingSolver {
       double area = 0;
       bool closed() const { return moment.norm() <= (1 - kClosed) * area; }
     };
-    std::vector<Vector> vector(sheets_.count);
-    for (const Dipole& d : finest_) {
+    std::vector<Vector> vector(count_);
+    for (const WindingDipole& d : finest_) {
       vector[d.sheet].moment += d.moment;
       vector[d.sheet].area += d.area;
     }
-    std::vector<std::unordered_map<std::uint32_t, Value>> near(sheets_.count);
+    std::vector<std::unordered_map<std::uint32_t, Value>> near(count_);
     std::priority_queue<Best> queue;
     const auto push = [&](std::uint32_t a, std::uint32_t b, const Value& v) {
       if (std::abs(v.sum) > kLeastConsensus * v.size) {
@@ -438,20 +347,19 @@ class WindingSolver {
         push(kept, k, sum);
       }
     }
-    turned_.resize(sheets_.count);
-    for (std::uint32_t k = 0; k < sheets_.count; ++k) turned_[k] = sets_.find(k).opposed ? 1 : 0;
+    turned_.resize(count_);
+    for (std::uint32_t k = 0; k < count_; ++k) turned_[k] = sets_.find(k).opposed ? 1 : 0;
   }
 
   /// Turns single sheets as long as that takes energy away, and tells how certain each is.
   void descend() {
-    std::vector<double> energy(sheets_.count);  // Of each sheet with all others.
-    const Grouped<std::uint32_t> of =
-        group_by_key<std::uint32_t>(sheets_.count, [&](const auto& add) {
-          for (std::uint32_t k = 0; k < couplings_.size(); ++k) {
-            add(couplings_[k].a, k);
-            add(couplings_[k].b, k);
-          }
-        });
+    std::vector<double> energy(count_);  // Of each sheet with all others.
+    const Grouped<std::uint32_t> of = group_by_key<std::uint32_t>(count_, [&](const auto& add) {
+      for (std::uint32_t k = 0; k < couplings_.size(); ++k) {
+        add(couplings_[k].a, k);
+        add(couplings_[k].b, k);
+      }
+    });
     const auto term = [&](const Coupling& c) {
       return turned_[c.a] == turned_[c.b] ? c.sum : -c.sum;
     };
@@ -461,7 +369,7 @@ class WindingSolver {
     }
     for (int round = 0; round < kDescentRounds; ++round) {
       bool any = false;
-      for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+      for (std::uint32_t k = 0; k < count_; ++k) {
         if (!(energy[k] > 0)) continue;
         any = true;
         energy[k] = -energy[k];
@@ -473,13 +381,13 @@ class WindingSolver {
       }
       if (!any) break;
     }
-    std::vector<double> size(sheets_.count);
+    std::vector<double> size(count_);
     for (const Coupling& c : couplings_) {
       size[c.a] += std::abs(c.sum);
       size[c.b] += std::abs(c.sum);
     }
-    certainty_.resize(sheets_.count);
-    for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+    certainty_.resize(count_);
+    for (std::uint32_t k = 0; k < count_; ++k) {
       certainty_[k] =
           size[k] > 0 ? static_cast<float>(std::clamp(-energy[k] / size[k], 0.0, 1.0)) : 1;
     }
@@ -488,9 +396,9 @@ class WindingSolver {
   /// The parts of sheets that were joined, and their sides.
   WindingSides parts() {
     WindingSides out;
-    out.sheet.resize(sheets_.count);
-    std::vector<std::uint32_t> number(sheets_.count, PointSheets::kNone);
-    for (std::uint32_t k = 0; k < sheets_.count; ++k) {
+    out.sheet.resize(count_);
+    std::vector<std::uint32_t> number(count_, PointSheets::kNone);
+    for (std::uint32_t k = 0; k < count_; ++k) {
       const SignedSets::Root root = sets_.find(k);
       if (number[root.index] == PointSheets::kNone) {
         number[root.index] = static_cast<std::uint32_t>(out.part.size());
@@ -498,14 +406,14 @@ class WindingSolver {
       }
       out.sheet[k] = {number[root.index], turned_[k] != 0, certainty_[k]};
     }
-    std::vector<Dipole> whole(out.part.size());
-    for (const Dipole& d : finest_) {
+    std::vector<WindingDipole> whole(out.part.size());
+    for (const WindingDipole& d : finest_) {
       const WindingSides::Sheet& sheet = out.sheet[d.sheet];
       whole[sheet.part].add(d, sheet.turned);
     }
     const std::vector<bool> within = cavities(out, whole);
     for (std::size_t n = 0; n < whole.size(); ++n) {
-      const Dipole& d = whole[n];
+      const WindingDipole& d = whole[n];
       out.part[n].area = d.area * cell_ * cell_;
       out.part[n].closed = d.area > 0 ? 1 - d.moment.norm() / d.area : 0;
       // Of open parts a volume says little, and most of the area looks one way.
@@ -517,7 +425,7 @@ class WindingSolver {
   }
 
   /// Which parts are within an odd number of others.
-  std::vector<bool> cavities(const WindingSides& sides, const std::vector<Dipole>& whole) {
+  std::vector<bool> cavities(const WindingSides& sides, const std::vector<WindingDipole>& whole) {
     std::vector<bool> within(whole.size());
     if (whole.size() < 2) return within;
     std::vector<std::uint32_t> largest(whole.size());
@@ -527,8 +435,9 @@ class WindingSolver {
     });
     if (largest.size() > kMostEnclosing) largest.resize(kMostEnclosing);
     if (coarse_.size() > kMostEnclosing) {
-      std::stable_sort(coarse_.begin(), coarse_.end(),
-                       [](const Dipole& a, const Dipole& b) { return a.area > b.area; });
+      std::stable_sort(
+          coarse_.begin(), coarse_.end(),
+          [](const WindingDipole& a, const WindingDipole& b) { return a.area > b.area; });
       coarse_.resize(kMostEnclosing);
     }
     std::vector<std::vector<std::uint32_t>> of(whole.size());  // Coarse dipoles of each part.
@@ -537,8 +446,8 @@ class WindingSolver {
     }
     std::vector<std::vector<Vec3d>> places(whole.size());
     std::vector<std::size_t> seen(whole.size()), dipoles(whole.size());
-    for (const Dipole& d : finest_) ++dipoles[sides.sheet[d.sheet].part];
-    for (const Dipole& d : finest_) {
+    for (const WindingDipole& d : finest_) ++dipoles[sides.sheet[d.sheet].part];
+    for (const WindingDipole& d : finest_) {
       const std::uint32_t n = sides.sheet[d.sheet].part;
       const std::size_t step = (dipoles[n] + kPlaces - 1) / kPlaces;
       if (seen[n]++ % step == step / 2) places[n].push_back(d.center);
@@ -554,7 +463,7 @@ class WindingSolver {
         for (const Vec3d& place : places[n]) {
           double winding = 0;
           for (const std::uint32_t i : of[other]) {
-            const Dipole& d = coarse_[i];
+            const WindingDipole& d = coarse_[i];
             const Vec3d to = d.center - place;
             const double r2 = to.squaredNorm() + eps * eps;
             const bool opposed = sides.sheet[d.sheet].turned;
@@ -569,32 +478,19 @@ class WindingSolver {
     return within;
   }
 
-  const Array<Vec3f>& position_;
-  const Array<Vec3f>& normal_;
-  const Array<float>& area_;
-  const PointSheets& sheets_;
+  std::uint32_t count_;  ///< Sheets.
+  double cell_;          ///< Edge of the finest cells, units.
+  std::vector<WindingDipole> finest_;
   SignedSets sets_;
-  double cell_ = 0;        ///< Edge of the finest cells, units.
-  Vec3d origin_{0, 0, 0};  ///< The middle of the grid.
   std::vector<Coupling> couplings_;
   std::vector<std::uint8_t> turned_;  ///< Sheets.
   std::vector<float> certainty_;
-  std::vector<Dipole> finest_;
-  std::vector<Dipole> coarse_;  ///< The dipoles of the finest level with few.
+  std::vector<WindingDipole> coarse_;  ///< The dipoles of the finest level with few.
   int coarse_level_ = 0;
 };
 
 }  // namespace
 
-double winding_cell_points(std::size_t count) {
-  // Below 4 points' areas a cell holds one or two, and above 40,000 dipoles, or twice as many in
-  // noise, the time would show.
-  return std::max(4.0, static_cast<double>(count) / 25000);
-}
-
-WindingSides winding_sides(const Array<Vec3f>& position, const Array<Vec3f>& normal,
-                           const Array<float>& area, const PointSheets& sheets) {
-  return WindingSolver(position, normal, area, sheets).run();
-}
+WindingSides winding_sides(const WindingDipoles& points) { return WindingSolver(points).run(); }
 
 }  // namespace surfel

@@ -5,8 +5,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/base/types.h>
-#include <surfel/estimate/point_sheets.h>
+#include <surfel/estimate/winding_dipoles.h>
 
 namespace surfel {
 
@@ -29,10 +28,6 @@ struct WindingSides {
   std::vector<Sheet> sheet;
 };
 
-/// Points' areas in a cell of the finest level: so many that there are some 60,000 dipoles at most.
-/// Sheets are seen that have a few cells.
-SURFEL_API double winding_cell_points(std::size_t count);
-
 /// Finds the sides of sheets by the winding number. Points with areas and normals are dipoles: the
 /// gradient of their winding number w is the vector field of the normals without its rotation. A
 /// closed surface whose normals agree has none: w is 1 inside and 0 outside [Xu et al. 2023; Lin et
@@ -53,9 +48,7 @@ SURFEL_API double winding_cell_points(std::size_t count);
 /// of their volume; parts within an odd number of others, which bound cavities, into it. Of parts
 /// that enclose less than half a ball does, most of the area looks up.
 ///
-/// \param area  surface that each point stands for, unit^2.
-/// Takes about 100 bytes a point. The result does not depend on the number of threads.
-SURFEL_API WindingSides winding_sides(const Array<Vec3f>& position, const Array<Vec3f>& normal,
-                                      const Array<float>& area, const PointSheets& sheets);
+/// Takes about 1 kB a dipole. The result does not depend on the number of threads.
+SURFEL_API WindingSides winding_sides(const WindingDipoles& points);
 
 }  // namespace surfel
