@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <surfel/estimate/loaded_runs.h>
 
@@ -10,6 +11,42 @@ namespace {
 // Distances between boxes round.
 constexpr float kUp = 1 + 1e-5F;
 constexpr float kDown = 1 - 1e-5F;
+
+/// Distances, a little less for rounding, from places to the nearest of some boxes. Halves of the
+/// places, which follow a curve through space, have fewer and fewer boxes that may be the nearest.
+void nearest_distances(std::span<const Vec3f> places, std::span<const RunBox> boxes,
+                       float* distance) {
+  constexpr std::size_t kFewPlaces = 8;
+  constexpr std::size_t kFewBoxes = 4;
+  if (places.size() <= kFewPlaces || boxes.size() <= kFewBoxes) {
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      float least2 = std::numeric_limits<float>::infinity();
+      for (const RunBox& box : boxes) least2 = std::min(least2, box.distance2(places[i]));
+      distance[i] = kDown * std::sqrt(least2);
+    }
+    return;
+  }
+  std::vector<RunBox> near;
+  std::vector<float> distance2(boxes.size());
+  const std::size_t half = places.size() / 2;
+  for (const auto& [begin, end] :
+       {std::pair(std::size_t{0}, half), std::pair(half, places.size())}) {
+    const std::span<const Vec3f> some = places.subspan(begin, end - begin);
+    RunBox around;
+    for (const Vec3f& place : some) around.add(place);
+    float nearest2 = std::numeric_limits<float>::infinity();
+    for (std::size_t b = 0; b < boxes.size(); ++b) {
+      distance2[b] = boxes[b].distance2(around);
+      nearest2 = std::min(nearest2, distance2[b]);
+    }
+    const float most = kUp * (std::sqrt(nearest2) + (around.high - around.low).norm());
+    near.clear();
+    for (std::size_t b = 0; b < boxes.size(); ++b) {
+      if (distance2[b] <= most * most) near.push_back(boxes[b]);
+    }
+    nearest_distances(some, near, distance + begin);
+  }
+}
 
 }  // namespace
 
@@ -59,11 +96,7 @@ void LoadedRuns::known_around(std::span<const Vec3f> places, float* known) const
       if (missing(run) && near(index_[run].box)) around.push_back(index_[run].box);
     });
   });
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    float least2 = kInfinity;
-    for (const RunBox& other : around) least2 = std::min(least2, other.distance2(places[i]));
-    known[i] = kDown * std::sqrt(least2);
-  }
+  nearest_distances(places, around, known);
 }
 
 }  // namespace surfel
