@@ -83,6 +83,7 @@ TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
   expect_refused("surfel-estimate", {"--orient", "up", "--resume", "-o", out_},
                  "--resume is for one process");
   expect_refused("surfel-estimate", {"--orient", "mst", "-o", out_}, "block by block");
+  expect_refused("surfel-estimate", {"-o", out_}, "sides by winding are found by one process");
   expect_refused("surfel-lod", {"--resume", "-o", out_}, "--resume is for one process");
 }
 

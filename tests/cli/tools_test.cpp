@@ -457,13 +457,32 @@ TEST(SurfelEstimate, CloudsLargerThanTheMemoryGetTheSameBytes) {
     EXPECT_TRUE(contains(result.errors, message)) << result.errors;
     EXPECT_FALSE(std::filesystem::exists(folder / output));
   };
-  refused(points, "no.ply", {}, 2, "orient by up");
-  refused(points, "no.ply", {"--orient", "mst"}, 2, "orient by up");
+  refused(points, "no.ply", {}, 2, "too few to find the sides of 60000 points");
+  refused(points, "no.ply", {"--orient", "mst"}, 2, "orient by winding");
   refused(points, "no.ply", {"--orient", "up", "--voxel", "auto"}, 2, "averaging in voxels");
   refused(points, "no.las", {"--orient", "up"}, 2, "give a .ply");
   const std::string text = folder / "points.xyz";
   ASSERT_EQ(run({tool("surfel-convert"), points, "-o", text}).exit_code, 0);
   refused(text, "no.ply", {"--orient", "up"}, 1, "surfel-convert --sort curve");
+}
+
+TEST(SurfelEstimate, SidesOfTheWholeSurfaceAreFoundBeyondTheMemory) {
+  const TemporaryFolder folder;
+  const std::string points = folder / "points.ply";
+  ASSERT_EQ(run({tool("surfel-generate"), "sphere", "--count", "400000", "--no-uv", "-o", points})
+                .exit_code,
+            0);
+  const Words command{tool("surfel-estimate"), points, "-o"};
+  const auto estimate = [&](const std::string& output, const Words& options) {
+    Words words = command;
+    words.push_back(folder / output);
+    words.insert(words.end(), options.begin(), options.end());
+    return run(words);
+  };
+  ASSERT_EQ(estimate("whole.ply", {}).exit_code, 0);
+  const RunResult blocks = estimate("blocks.ply", {"--memory", "130M", "--resume"});
+  ASSERT_EQ(blocks.exit_code, 0) << blocks.errors;
+  EXPECT_TRUE(read_text(folder / "blocks.ply") == read_text(folder / "whole.ply"));
 }
 
 TEST(SurfelEstimate, SearchesFindTheSameOrTellHowMuch) {

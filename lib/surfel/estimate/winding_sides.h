@@ -48,7 +48,7 @@ struct WindingSides {
 /// of their volume; parts within an odd number of others, which bound cavities, into it. Of parts
 /// that enclose less than half a ball does, most of the area looks up.
 ///
-/// Takes about 1 kB a dipole. The result does not depend on the number of threads.
+/// Takes about 400 bytes a dipole. The result does not depend on the number of threads.
 SURFEL_API WindingSides winding_sides(const WindingDipoles& points);
 
 }  // namespace surfel
