@@ -43,11 +43,11 @@ StoredSides::StoredSides(const RunIndex& index, std::size_t tile_points,
 
 std::uint64_t StoredSides::bytes(std::size_t points, std::size_t tile_points) {
   // A point of a tile is searched for and cut into sheets; a dipole is kept, sorted and merged.
-  constexpr std::uint64_t kPointBytes = 200;
+  constexpr std::uint64_t kTilePointBytes = 200;
   constexpr std::uint64_t kDipoleBytes = 400;
   const auto dipoles =
       static_cast<std::uint64_t>(2 * static_cast<double>(points) / winding_cell_points(points));
-  return std::min(points, tile_points) * kPointBytes + dipoles * kDipoleBytes;
+  return std::min(points, tile_points) * kTilePointBytes + dipoles * kDipoleBytes;
 }
 
 void StoredSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal) {
