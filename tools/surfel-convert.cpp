@@ -427,7 +427,11 @@ class JoinedFiles {
     for (std::size_t k = 0; k < readers_.size(); ++k) {
       readers_[k]->for_each([&](surfel::SurfelCloud piece) {
         const auto changed = [&] {
+          const std::optional<surfel::LasStorage> steps = piece.las;
           surfel::SurfelCloud out = joiner.joined(first_ + k, std::move(piece));
+          // A store has steps of its own for no file: each file's coordinates stay multiples of
+          // its.
+          if (first_ > 0) out.las = steps;
           changes_.apply(out);
           return out;
         };

@@ -20,8 +20,9 @@ int highest_difference(Real a, Real b) {
   using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;
   constexpr int kDigits = std::numeric_limits<Real>::digits - 1;  // Stored in the low bits.
   constexpr int kSign = 8 * sizeof(Real) - 1;
-  const auto u = std::bit_cast<Bits>(a);
-  const auto v = std::bit_cast<Bits>(b);
+  // A zero with a sign becomes one without.
+  const auto u = std::bit_cast<Bits>(a + Real{0});
+  const auto v = std::bit_cast<Bits>(b + Real{0});
   if ((u ^ v) >> kSign != 0) return kSignsDiffer;
   const auto exponent = [](Bits bits) {
     return static_cast<int>(bits >> kDigits & ((Bits{1} << (kSign - kDigits)) - 1));
