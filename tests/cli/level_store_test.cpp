@@ -71,6 +71,30 @@ TEST_F(SurfelStore, AddingHasTheFilesOfMakingAtOnce) {
   EXPECT_TRUE(store_files(store_) == store_files(parts.whole));
 }
 
+TEST_F(SurfelStore, CoordinatesOfLasStayMultiplesOfTheirSteps) {
+  const auto convert = [&](const std::string& from, const std::string& to, const Words& options) {
+    Words command{tool("surfel-convert"), from, "-o", folder_ / to, "--quiet"};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return folder_ / to;
+  };
+  const std::string all = convert(Parts::get().all, "all.las",
+                                  {"--scale", "500", "--translate", "636000.12,849000.7,400"});
+  const std::string west =
+      convert(all, "west.las", {"--bounds", "-1e7,-1e7,-1e7,636100.1234567,1e7,1e7"});
+  const std::string east =
+      convert(all, "east.las", {"--bounds", "636100.1234567,-1e7,-1e7,1e7,1e7,1e7"});
+  ASSERT_EQ(read_cloud(west).size() + read_cloud(east).size(), read_cloud(all).size());
+  for (const auto& [from, store] : {std::pair{all, "whole"}, std::pair{east, "store"}}) {
+    const RunResult made =
+        run({tool("surfel-lod"), from, "-o", (folder_ / store) + "/", "--quiet"});
+    ASSERT_EQ(made.exit_code, 0) << made.errors;
+  }
+  convert(west, "store/", {"--append"});
+  EXPECT_TRUE(store_files(store_) == store_files(folder_ / "whole"));
+}
+
 TEST_F(SurfelStore, IsReadAsTheOneFileThatItStandsFor) {
   const Parts& parts = Parts::get();
   const std::string file = folder_ / "whole.ply";

@@ -440,7 +440,7 @@ void StoreVersion::check_columns(const SurfelCloud& surfels) {
   }
   if (const auto column = lacking(layout, layout_); column != layout.columns.end()) {
     throw_input(name_, fmt::format("the surfels have a column {}, which the store {} has not; "
-                                   "leave it out by surfel-convert --keep-columns",
+                                   "keep the others alone, by surfel-convert",
                                    column->name, folder_.path()));
   }
   if (!same_columns(layout.columns, layout_.columns)) {
