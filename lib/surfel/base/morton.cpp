@@ -1,9 +1,9 @@
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <utility>
 
+#include <surfel/base/binary_digits.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/radix_sort.h>
@@ -13,21 +13,6 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 16;
 constexpr float kInf = std::numeric_limits<float>::infinity();
-
-/// Place of the highest binary digit in which two floats differ, counted from the lowest that
-/// floats have; digits of negative numbers count as inverted, so that numbers of different signs
-/// differ above all digits. -1 where the two are equal.
-int highest_difference(float a, float b) {
-  if (a == b) return -1;
-  constexpr int kDigits = std::numeric_limits<float>::digits - 1;  // Stored in the low bits.
-  const auto u = std::bit_cast<std::uint32_t>(a);
-  const auto v = std::bit_cast<std::uint32_t>(b);
-  if ((u ^ v) >> 31 != 0) return std::numeric_limits<int>::max();
-  const auto exponent = [](std::uint32_t bits) { return static_cast<int>(bits >> kDigits & 0xff); };
-  // Numbers below the least normal one have the exponent 0 and no leading one beside the bits.
-  if (exponent(u) != exponent(v)) return std::max(exponent(u), exponent(v)) + kDigits;
-  return std::max(exponent(u), 1) + std::bit_width(u ^ v) - 1;
-}
 
 /// The axis in which two points differ at the highest digit, the later one where digits are alike,
 /// and that digit.

@@ -96,8 +96,10 @@ double number_of(const std::string& digits) {
   return value;
 }
 
-/// The name of a file, without folder and extension, with another end.
-std::string named_after(const std::string& path, const std::string& end) {
+/// The name of a file or folder, without the folder that it is in and without extension, with
+/// another end.
+std::string named_after(std::string path, const std::string& end) {
+  while (path.size() > 1 && path.ends_with('/')) path.pop_back();
   const std::size_t name = path.rfind('/') + 1;
   const std::size_t dot = path.rfind('.');
   const bool extension = dot != std::string::npos && dot > name;

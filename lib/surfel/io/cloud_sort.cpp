@@ -2,12 +2,14 @@
 #include <array>
 #include <cstring>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/crc32c.h>
+#include <surfel/base/curve_cell.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -39,30 +41,33 @@ constexpr std::uint64_t kDistribution = std::uint64_t{1} << 32;
 /// A place along the curve.
 struct CurvePlace {
   std::uint64_t code;
-  Vec3f position;
+  Vec3d position;
 
+  /// A place along the curve through a grid.
   CurvePlace(const Vec3f& p, const MortonGrid& grid)
       : code(p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max()),
-        position(p) {}
+        position(p.cast<double>()) {}
+  /// A place along the curve through all of space.
+  explicit CurvePlace(const Vec3d& p) : code(0), position(p) {}
   /// As morton_order() orders points; what is not finite comes last.
   bool operator<(const CurvePlace& other) const {
     if (code != other.code) return code < other.code;
-    return position.allFinite() && before_on_curve(position, other.position);
+    return position.allFinite() && before_in_space(position, other.position);
   }
 };
 
 /// Where positions stand in records.
 class RecordPositions {
  public:
-  RecordPositions(const CloudRecords& records, const Vec3d& origin)
-      : stride_(records.stride()), origin_(origin) {
+  explicit RecordPositions(const CloudRecords& records) : stride_(records.stride()) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const RecordColumn& column = records.columns()[axis];
       offset_[axis] = column.offset;
       doubles_ = column.type == ScalarType::kFloat64;
     }
   }
-  Vec3f operator()(const std::byte* records, std::size_t i) const {
+  /// In world coordinates.
+  Vec3d operator()(const std::byte* records, std::size_t i) const {
     const std::byte* const record = records + i * stride_;
     Vec3d p;
     for (int axis = 0; axis < 3; ++axis) {
@@ -70,12 +75,11 @@ class RecordPositions {
       p[axis] = doubles_ ? load_scalar<double, false>(at)
                          : static_cast<double>(load_scalar<float, false>(at));
     }
-    return (p - origin_).cast<float>();
+    return p;
   }
 
  private:
   std::size_t stride_;
-  Vec3d origin_;
   std::array<std::size_t, 3> offset_{};
   bool doubles_ = false;
 };
@@ -122,6 +126,7 @@ struct SortedCloudWriter::Impl {
   Vec3d origin{0, 0, 0};
   MortonGrid grid;
   std::optional<RecordPositions> positions;
+  bool all_space;
   std::vector<CurvePlace> first;  ///< Of each part but the first: where it begins.
   std::vector<Part> parts;
   std::optional<ScratchFile> scratch;
@@ -144,6 +149,11 @@ struct SortedCloudWriter::Impl {
   void restore_distribution();
   Array<std::byte> read(Part& part) const;
   void write(Part& part, std::uint64_t at);
+  Vec3f placed(const Vec3d& world) const { return (world - origin).cast<float>(); }
+  CurvePlace place_of(const Vec3d& world) const {
+    return all_space ? CurvePlace(world) : CurvePlace(placed(world), grid);
+  }
+  Array<std::uint32_t> order_of(const std::byte* from, std::size_t size) const;
   std::uint64_t bytes_to_sort(std::uint64_t surfels) const {
     return surfels * (2 * stride + kSortBytes);
   }
@@ -163,7 +173,7 @@ void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud
 void SortedCloudWriter::Impl::cut(const PositionSample& sample, std::size_t parts_wanted) {
   std::vector<CurvePlace> places;
   places.reserve(sample.positions().size());
-  for (const Vec3d& p : sample.positions()) places.emplace_back((p - origin).cast<float>(), grid);
+  for (const Vec3d& p : sample.positions()) places.push_back(place_of(p));
   std::sort(places.begin(), places.end());
   for (std::size_t k = 1; k < parts_wanted; ++k) {
     const std::size_t i = places.size() * k / parts_wanted;
@@ -180,12 +190,13 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
       head(like.gathered({0})),
       count(survey.count),
       memory(std::max(options.memory, kLeastMemory)),
+      all_space(options.all_space),
       resumable(!options.job.empty()),
       kept_bytes(options.kept_bytes) {
   const CloudRecords made(like, {});
   stride = made.stride();
   place(survey, like);
-  positions.emplace(made, origin);
+  positions.emplace(made);
   if (bytes_to_sort(count) > memory) {
     const std::uint64_t wanted = kSpare * bytes_to_sort(count) / memory + 1;
     cut(sample, static_cast<std::size_t>(std::min(wanted, kMostParts)));
@@ -306,7 +317,7 @@ void SortedCloudWriter::append(const SurfelCloud& piece) {
     std::byte* const from = w.records.data() + begin * w.stride;
     made.encode(begin, end, from);
     for (std::size_t i = begin; i < end && !w.first.empty(); ++i) {
-      const CurvePlace place((*w.positions)(from, i - begin), w.grid);
+      const CurvePlace place = w.place_of((*w.positions)(from, i - begin));
       const auto next = std::upper_bound(w.first.begin(), w.first.end(), place);
       w.part_of[i] = static_cast<std::uint16_t>(next - w.first.begin());
     }
@@ -336,6 +347,23 @@ Array<std::byte> SortedCloudWriter::Impl::read(Part& part) const {
   return all;
 }
 
+/// The order of records along the curve.
+Array<std::uint32_t> SortedCloudWriter::Impl::order_of(const std::byte* from,
+                                                       std::size_t size) const {
+  if (!all_space) {
+    Array<Vec3f> position(size);
+    parallel_each(size, kSortGrain,
+                  [&](std::size_t i) { position[i] = placed((*positions)(from, i)); });
+    return morton_order(position, grid);
+  }
+  Array<std::uint32_t> order(size);
+  std::iota(order.begin(), order.end(), 0U);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return before_in_space((*positions)(from, a), (*positions)(from, b));
+  });
+  return order;
+}
+
 /// Sorts a part, and writes it as the rows from `at` on.
 void SortedCloudWriter::Impl::write(Part& part, std::uint64_t at) {
   const auto size = static_cast<std::size_t>(part.records);
@@ -346,11 +374,7 @@ void SortedCloudWriter::Impl::write(Part& part, std::uint64_t at) {
                                   size, static_cast<double>(bytes_to_sort(size)) / 1e6));
   }
   const Array<std::byte> from = read(part);
-  Array<Vec3f> position(size);
-  parallel_each(size, kSortGrain,
-                [&](std::size_t i) { position[i] = (*positions)(from.data(), i); });
-  const Array<std::uint32_t> order = morton_order(position, grid);
-  position = {};
+  const Array<std::uint32_t> order = order_of(from.data(), size);
   Array<std::byte> sorted(size * stride);
   parallel_each(size, kSortGrain, [&](std::size_t i) {
     std::memcpy(sorted.data() + i * stride, from.data() + order[i] * stride, stride);

@@ -231,9 +231,13 @@ Array<std::byte> tree_to_records(std::span<const TreeCluster> tree, const Vec3d&
   return bytes;
 }
 
+TreeRecords clusters_from_records(const RecordTable& table, const std::string& file) {
+  return TreeReader(table, file).read(0, table.count);
+}
+
 TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                               const std::string& file) {
-  TreeRecords out = TreeReader(table, file).read(0, table.count);
+  TreeRecords out = clusters_from_records(table, file);
   if (const std::string problem = tree_problem(out.tree, surfels); !problem.empty()) {
     throw_broken(file, problem);
   }

@@ -21,6 +21,7 @@
 #include <surfel/lod/cluster_levels.h>
 #include <surfel/lod/curve_blocks.h>
 #include <surfel/lod/hierarchy.h>
+#include <surfel/lod/level_columns.h>
 #include <surfel/lod/level_plan.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/lod/surfel_partition.h>
@@ -73,32 +74,6 @@ void bound_cone(ClusterBounds& bounds, std::span<const TreeCluster> children) {
   if (cosine <= kWidestCone) return;
   bounds.cone_axis = axis;
   bounds.cone_cosine = cosine;
-}
-
-/// The columns that all levels have, of surfels of a cloud: anisotropic variances, areas, levels.
-SurfelCloud level_columns(const SurfelCloud& cloud, const Array<std::uint32_t>& source) {
-  SurfelCloud out = cloud.gathered(source);
-  const std::size_t size = source.size();
-  // The positions of merged surfels are no floats in the world.
-  out.double_positions = out.double_positions || !out.origin.isZero();
-  const bool round = !cloud.anisotropic();
-  if (round) {
-    out.tangent.resize(size);
-    out.variance_u = out.variance;
-    out.variance_v = std::move(out.variance);
-  }
-  out.variance = {};
-  const bool without_area = cloud.area.empty();
-  if (without_area) out.area.resize(size);
-  out.level.assign(size, 0);
-  parallel_each(size, kGrain, [&](std::size_t i) {
-    if (round) {
-      const bool oriented = !out.normal.empty() && !out.normal[i].isZero();
-      out.tangent[i] = oriented ? Vec3f(out.normal[i].unitOrthogonal()) : Vec3f::UnitX();
-    }
-    if (without_area) out.area[i] = root_of_determinant(cloud, source[i]);
-  });
-  return out;
 }
 
 /// Gives row i of a cloud with level_columns() what a merged surfel has.
@@ -278,16 +253,49 @@ SurfelCloud read_block(const SurfelRanges& ranges, const CurveBlock& block) {
   return cloud.gathered(order);
 }
 
-class Hierarchy {
+/// The levels above blocks, or above whole trees, and the tree that they make up.
+class JoinedLevels {
+ public:
+  JoinedLevels(const std::vector<CurveBlock>& blocks, const HierarchyOptions& options,
+               LevelSink& sink, const std::string& name)
+      : options_(options),
+        sink_(sink),
+        name_(name),
+        plan_(blocks, options.reduction, static_cast<std::size_t>(options.least_levels)) {}
+
+ protected:
+  void begin(const SurfelCloud& drawn, bool with_roots);
+  void join(HierarchyReport& report, std::size_t level_below);
+
+  const HierarchyOptions& options_;
+  LevelSink& sink_;
+  const std::string& name_;
+  LevelPlan plan_;
+  ClusterTree tree_;
+  SurfelCloud roots_;          ///< The coarsest level of all blocks; empty where it is the root.
+  Array<MergeSurfel> merged_;  ///< The coarsest level so far, above the blocks or theirs.
+
+ private:
+  void make_upper(std::size_t number, std::size_t level_below);
+  void describe(HierarchyReport& report) const;
+};
+
+/// \param drawn  a surfel with level_columns()
+void JoinedLevels::begin(const SurfelCloud& drawn, bool with_roots) {
+  sink_.begin(drawn, plan_.surfels(), plan_.clusters());
+  tree_.resize(plan_.clusters());
+  if (!with_roots) return;
+  const std::size_t roots = plan_.level(plan_.block_levels() - 1).surfels;
+  roots_ = cloud_of_rows(drawn, roots);
+  merged_.resize(roots);
+}
+
+/// The levels of a cloud, made block by block.
+class Hierarchy : public JoinedLevels {
  public:
   Hierarchy(const SurfelRanges& ranges, const std::vector<CurveBlock>& blocks,
             const HierarchyOptions& options, LevelSink& sink, const std::string& name)
-      : ranges_(ranges),
-        blocks_(blocks),
-        options_(options),
-        sink_(sink),
-        name_(name),
-        plan_(blocks, options.reduction) {}
+      : JoinedLevels(blocks, options, sink, name), ranges_(ranges), blocks_(blocks) {}
 
   void merge(HierarchyReport& report);
   void join(HierarchyReport& report);
@@ -304,18 +312,9 @@ class Hierarchy {
   template <class Visit>
   static void visit_state(auto& hierarchy, const std::vector<LevelPart>& parts, const Visit& visit);
   void keep_root(const BlockLevels& block, const SurfelCloud& surfels, const LevelPart& part);
-  void make_upper(std::size_t number);
-  void describe(HierarchyReport& report) const;
 
   const SurfelRanges& ranges_;
   const std::vector<CurveBlock>& blocks_;
-  const HierarchyOptions& options_;
-  LevelSink& sink_;
-  const std::string& name_;
-  LevelPlan plan_;
-  ClusterTree tree_;
-  SurfelCloud roots_;          ///< The coarsest level of all blocks; empty where it is the root.
-  Array<MergeSurfel> merged_;  ///< The coarsest level so far, above the blocks or theirs.
 };
 
 /// How many blocks the threads may work on at the same time: one, on which they work together, or
@@ -355,13 +354,7 @@ void Hierarchy::merge(HierarchyReport& report) {
   const SurfelCloud drawn = level_columns(surfel, {0});
   report.blocks = blocks_.size();
   report.blocks_at_once = blocks_at_once(surfel, drawn);
-  sink_.begin(drawn, plan_.surfels(), plan_.clusters());
-  tree_.resize(plan_.clusters());
-  if (plan_.block_levels() < plan_.levels()) {
-    const std::size_t roots = plan_.level(plan_.block_levels() - 1).surfels;
-    roots_ = cloud_of_rows(drawn, roots);
-    merged_.resize(roots);
-  }
+  begin(drawn, plan_.block_levels() < plan_.levels());
   ProgressStage stage("merging levels of detail", plan_.level(0).surfels, "surfels");
   const auto make = [&](std::size_t b) {
     if (mine(b)) make_block(b);
@@ -504,7 +497,8 @@ void Hierarchy::keep_root(const BlockLevels& block, const SurfelCloud& surfels,
 }
 
 /// Makes a level above the blocks.
-void Hierarchy::make_upper(std::size_t number) {
+/// \param level_below  to be added to the levels of its surfels
+void JoinedLevels::make_upper(std::size_t number, std::size_t level_below) {
   const std::vector<LevelPlan::Upper>& clusters = plan_.upper(number);
   const LevelPart& level = plan_.level(number);
   const LevelPart& finer = plan_.level(number - 1);
@@ -535,14 +529,13 @@ void Hierarchy::make_upper(std::size_t number) {
   for (std::size_t i = 0; i < source.size(); ++i) source[i] = surfels[i].source;
   SurfelCloud part = level_columns(roots_, source);
   parallel_each(surfels.size(), kGrain,
-                [&](std::size_t i) { write_merged(part, i, surfels[i], number); });
+                [&](std::size_t i) { write_merged(part, i, surfels[i], number + level_below); });
   sink_.put(part, 0, part.size(), level.first_surfel);
   merged_ = std::move(surfels);
 }
 
-void Hierarchy::join(HierarchyReport& report) {
-  if (options_.peers && options_.peers->rank() > 0) return;
-  for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l);
+void JoinedLevels::join(HierarchyReport& report, std::size_t level_below) {
+  for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l, level_below);
   // Moments are areas times squared distances, which overflow long before the lengths do.
   if (!tree_problem(tree_, plan_.surfels()).empty()) {
     throw_input(name_,
@@ -553,7 +546,7 @@ void Hierarchy::join(HierarchyReport& report) {
   sink_.finish(std::move(tree_));
 }
 
-void Hierarchy::describe(HierarchyReport& report) const {
+void JoinedLevels::describe(HierarchyReport& report) const {
   for (std::size_t l = 0; l < plan_.levels(); ++l) {
     const LevelPart& level = plan_.level(l);
     double spacing2 = 0;
@@ -566,6 +559,59 @@ void Hierarchy::describe(HierarchyReport& report) const {
   }
   report.surfels = plan_.surfels();
   report.clusters = plan_.clusters();
+}
+
+void Hierarchy::join(HierarchyReport& report) {
+  if (options_.peers && options_.peers->rank() > 0) return;
+  JoinedLevels::join(report, 0);
+}
+
+/// The levels above trees that are there already.
+class TreeJoiner : public JoinedLevels {
+ public:
+  using JoinedLevels::JoinedLevels;
+
+  void take(const SurfelCloud& surfels, const ClusterTree& trees);
+  void join(HierarchyReport& report, std::size_t trees_level) {
+    JoinedLevels::join(report, trees_level);
+  }
+  /// The place of each tree among the finest clusters.
+  std::size_t place(std::size_t tree) const {
+    return plan_.block(tree).front().first_cluster - plan_.level(0).first_cluster;
+  }
+};
+
+/// Takes the roots of the trees, and puts them into their places.
+void TreeJoiner::take(const SurfelCloud& surfels, const ClusterTree& trees) {
+  begin(level_columns(surfels, {0}), true);
+  const LevelPart& leaves = plan_.level(0);
+  for (std::size_t t = 0; t < trees.size(); ++t) {
+    const LevelPart part = plan_.block(t).front();
+    const std::size_t at = part.first_surfel - leaves.first_surfel;
+    TreeCluster& cluster = tree_[part.first_cluster];
+    cluster = trees[t];
+    cluster.begin = static_cast<std::uint32_t>(part.first_surfel);
+    cluster.end = static_cast<std::uint32_t>(part.first_surfel + part.surfels);
+    cluster.first_child = cluster.child_count = cluster.level = 0;
+    copy_rows(surfels, trees[t].begin, trees[t].end, roots_, at);
+    double area = 0;
+    double area2 = 0;
+    for (std::size_t i = 0; i < part.surfels; ++i) {
+      MergeSurfel& s = merged_[at + i];
+      s = merge_surfel(surfels, static_cast<std::uint32_t>(trees[t].begin + i));
+      s.source = static_cast<std::uint32_t>(at + i);
+      area += s.area;
+      area2 += static_cast<double>(s.area) * s.area;
+    }
+    // Files have no sides of the pieces of merged surfels: all are taken to be as much longer than
+    // a square's as the cluster's spacing says.
+    const double squared = portable::squared(static_cast<double>(cluster.spacing));
+    const double longer = area2 > 0 ? squared * area / area2 : 1;
+    for (std::size_t i = 0; i < part.surfels; ++i) {
+      merged_[at + i].extent2 = static_cast<float>(merged_[at + i].area * longer);
+    }
+  }
+  sink_.put(roots_, 0, roots_.size(), leaves.first_surfel);
 }
 
 /// Levels in memory.
@@ -587,6 +633,7 @@ class LevelsInMemory final : public LevelSink {
 std::vector<std::string> HierarchyOptions::problems() const {
   std::vector<std::string> found = sheets.problems();
   check_option(found, reduction >= 2 && reduction <= 16, "reduction", reduction, "in 2..16");
+  check_option(found, least_levels >= 1, "least_levels", least_levels, ">= 1");
   return found;
 }
 
@@ -627,6 +674,26 @@ SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& op
   LevelsInMemory sink;
   build_hierarchy(OrderedCloud(cloud), options, sink, report, name);
   return std::move(sink.cloud);
+}
+
+std::vector<std::size_t> join_hierarchies(const SurfelCloud& surfels, const ClusterTree& roots,
+                                          std::size_t roots_level, const HierarchyOptions& options,
+                                          LevelSink& sink, HierarchyReport* report,
+                                          const std::string& name) {
+  require_usable(options);
+  std::vector<CurveBlock> trees;
+  for (const TreeCluster& root : roots) {
+    trees.push_back({root.begin, root.end, root.end - root.begin, root.reach_min, root.reach_max});
+  }
+  HierarchyReport own;
+  HierarchyReport& r = report ? *report : own;
+  r = {};
+  TreeJoiner joiner(trees, options, sink, name);
+  joiner.take(surfels, roots);
+  joiner.join(r, roots_level);
+  std::vector<std::size_t> places;
+  for (std::size_t t = 0; t < trees.size(); ++t) places.push_back(joiner.place(t));
+  return places;
 }
 
 }  // namespace surfel
